@@ -1,0 +1,1 @@
+"""Estimators: a model, a filter and a policy; one file each, found by name."""

@@ -1,0 +1,1 @@
+"""Filters: arithmetic on arrays, generic over models. No time, no input or output, no configuration."""

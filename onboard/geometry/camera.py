@@ -1,0 +1,73 @@
+"""The pinhole camera: where it sits on the vehicle, and what it sees.
+
+Camera frame as in Oh & Johnson: X forward along the optical axis, Y right, Z down. An image point is
+(Y_c/X_c, Z_c/X_c); times the focal length and from the principal point it is in pixels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from onboard.geometry.rotations import Array, matrix_from_euler
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Camera:
+    """A camera on a vehicle. `R_bc` (3, 3) camera to body; `r_FC_b` (3,) m; intrinsics in pixels."""
+
+    name: str
+    f_px: float
+    width_px: float
+    height_px: float
+    R_bc: Array
+    r_FC_b: Array
+    sigma_px: float = 1.0
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of one image coordinate, in units of the focal length."""
+        return self.sigma_px / self.f_px
+
+
+def make_camera(
+    *,
+    name: str = "front",
+    f_px: float,
+    width_px: float,
+    height_px: float,
+    mount_rpy_deg: ArrayLike = (0.0, 0.0, 0.0),
+    mount_offset: ArrayLike = (0.0, 0.0, 0.0),
+    sigma_px: float = 1.0,
+) -> Camera:
+    """Camera from its mount: ZYX angles body to camera in degrees ([0, 15, 0] looks 15 degrees UP), offset in
+    metres, body FRD."""
+    roll, pitch, yaw = np.radians(np.asarray(mount_rpy_deg, dtype=float))
+    return Camera(
+        name=name,
+        f_px=f_px,
+        width_px=width_px,
+        height_px=height_px,
+        R_bc=matrix_from_euler(roll, pitch, yaw),
+        r_FC_b=np.asarray(mount_offset, dtype=float),
+        sigma_px=sigma_px,
+    )
+
+
+def project(r_c: ArrayLike) -> Array:
+    """Image points (..., 2) of positions (..., 3) in the camera frame; NaN for what lies behind the lens."""
+    r = np.asarray(r_c, dtype=float)
+    x = r[..., 0:1]
+    return np.asarray(np.where(x > 1e-9, r[..., 1:3] / np.where(x > 1e-9, x, 1.0), np.nan))
+
+
+def pixels_from_points(points: ArrayLike, camera: Camera) -> Array:
+    """Pixel coordinates (u right, v down, from the image's upper left corner) of image points (..., 2)."""
+    centre = np.array([camera.width_px / 2, camera.height_px / 2])
+    return np.asarray(np.asarray(points, dtype=float) * camera.f_px + centre)
+
+
+def in_view(points: ArrayLike, camera: Camera) -> bool:
+    """Whether all image points (..., 2) fall inside the image."""
+    p = np.abs(np.asarray(points, dtype=float)) * camera.f_px
+    return bool(np.all(p[..., 0] <= camera.width_px / 2) and np.all(p[..., 1] <= camera.height_px / 2))

@@ -1,0 +1,58 @@
+"""WGS-84: latitude, longitude and height above the ellipsoid; ECEF; and a local NED frame at an origin."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from onboard.geometry.rotations import Array
+
+A = 6378137.0
+F = 1 / 298.257223563
+E2 = F * (2 - F)
+
+
+def ecef_from_geodetic(lat_deg: float, lon_deg: float, height: float) -> Array:
+    """Position (3,) in e, m, of WGS-84 degrees and metres above the ellipsoid."""
+    lat, lon = np.radians([lat_deg, lon_deg])
+    n = A / np.sqrt(1 - E2 * np.sin(lat) ** 2)
+    return np.array(
+        [
+            (n + height) * np.cos(lat) * np.cos(lon),
+            (n + height) * np.cos(lat) * np.sin(lon),
+            (n * (1 - E2) + height) * np.sin(lat),
+        ]
+    )
+
+
+def geodetic_from_ecef(r_e: ArrayLike) -> tuple[float, float, float]:
+    """(lat_deg, lon_deg, height m) of r_e (3,): Bowring's start and three Newton-like sweeps, exact to
+    nanometres from the Earth's surface to orbit; at the poles the longitude is 0 by convention."""
+    x, y, z = np.asarray(r_e, dtype=float)
+    p = float(np.hypot(x, y))
+    b = A * (1 - F)
+    theta = np.arctan2(z * A, p * b)
+    for _ in range(3):
+        lat = np.arctan2(z + E2 / (1 - F) ** 2 * b * np.sin(theta) ** 3, p - E2 * A * np.cos(theta) ** 3)
+        theta = np.arctan2((1 - F) * np.sin(lat), np.cos(lat))
+    n = A / np.sqrt(1 - E2 * np.sin(lat) ** 2)
+    # of the two height formulas, the one that does not divide by a vanishing cosine or sine
+    height = p / np.cos(lat) - n if abs(lat) < np.pi / 4 else z / np.sin(lat) - n * (1 - E2)
+    return float(np.degrees(lat)), float(np.degrees(np.arctan2(y, x))), float(height)
+
+
+def rotation_ne(lat_deg: float, lon_deg: float) -> Array:
+    """R_ne (3, 3): components in e into components in NED at that latitude and longitude."""
+    lat, lon = np.radians([lat_deg, lon_deg])
+    sl, cl, so, co = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    return np.array([[-sl * co, -sl * so, cl], [-so, co, 0.0], [-cl * co, -cl * so, -sl]])
+
+
+def ned_from_geodetic(geodetic: tuple[float, float, float], origin: tuple[float, float, float]) -> Array:
+    """r_OP_n (3,), m, of a point and an origin, both (lat_deg, lon_deg, height)."""
+    difference = ecef_from_geodetic(*geodetic) - ecef_from_geodetic(*origin)
+    return np.asarray(rotation_ne(origin[0], origin[1]) @ difference)
+
+
+def geodetic_from_ned(r_OP_n: ArrayLike, origin: tuple[float, float, float]) -> tuple[float, float, float]:
+    """(lat_deg, lon_deg, height) of a point at r_OP_n (3,), m, from an origin (lat_deg, lon_deg, height)."""
+    r_e = ecef_from_geodetic(*origin) + rotation_ne(origin[0], origin[1]).T @ np.asarray(r_OP_n, dtype=float)
+    return geodetic_from_ecef(r_e)

@@ -1,0 +1,107 @@
+"""Rotations: unit quaternions (Hamilton, scalar first), matrices, and ZYX Euler angles, in radians."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap_angle(angle: ArrayLike) -> Array:
+    """Angle(s) in [-pi, pi)."""
+    return (np.asarray(angle, dtype=float) + np.pi) % (2 * np.pi) - np.pi
+
+
+def matrix_from_quaternion(q_nb: ArrayLike) -> Array:
+    """R_nb (..., 3, 3) from q_nb (..., 4); q need not be exactly of unit length, only not zero."""
+    q = np.asarray(q_nb, dtype=float)
+    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+
+
+def quaternion_from_matrix(R_nb: ArrayLike) -> Array:
+    """q_nb (4,) with non-negative scalar part from R_nb (3, 3), by Shepperd's method (largest pivot)."""
+    m = np.asarray(R_nb, dtype=float)
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    k = np.array(
+        [
+            [trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
+            [m[2, 1] - m[1, 2], m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
+            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], m[1, 2] + m[2, 1]],
+            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1]],
+        ]
+    )
+    pivot = int(np.argmax(np.diag(k)))
+    q = k[pivot] + np.eye(4)[pivot]
+    q = q / np.linalg.norm(q)
+    return np.asarray(-q if q[0] < 0 else q)
+
+
+def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> Array:
+    """q_nb (4,) of the ZYX sequence: yaw about down, then pitch, then roll."""
+    cr, sr = np.cos(roll / 2), np.sin(roll / 2)
+    cp, sp = np.cos(pitch / 2), np.sin(pitch / 2)
+    cy, sy = np.cos(yaw / 2), np.sin(yaw / 2)
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )
+
+
+def euler_from_quaternion(q_nb: ArrayLike) -> tuple[float, float, float]:
+    """(roll, pitch, yaw) of q_nb; pitch in [-pi/2, pi/2]."""
+    m = matrix_from_quaternion(q_nb)
+    roll = float(np.arctan2(m[2, 1], m[2, 2]))
+    pitch = float(np.arcsin(np.clip(-m[2, 0], -1.0, 1.0)))
+    yaw = float(np.arctan2(m[1, 0], m[0, 0]))
+    return roll, pitch, yaw
+
+
+def matrix_from_euler(roll: float, pitch: float, yaw: float) -> Array:
+    """R_nb (3, 3) of the ZYX sequence."""
+    return matrix_from_quaternion(quaternion_from_euler(roll, pitch, yaw))
+
+
+def quaternion_product(p: ArrayLike, q: ArrayLike) -> Array:
+    """Hamilton product: q_ac = quaternion_product(q_ab, q_bc). Shapes (4,)."""
+    pw, px, py, pz = np.asarray(p, dtype=float)
+    qw, qx, qy, qz = np.asarray(q, dtype=float)
+    return np.array(
+        [
+            pw * qw - px * qx - py * qy - pz * qz,
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+        ]
+    )
+
+
+def quaternion_from_vector(phi: ArrayLike) -> Array:
+    """Rotation by |phi| radians about phi (3,)."""
+    phi = np.asarray(phi, dtype=float)
+    angle = float(np.linalg.norm(phi))
+    # sin(x/2)/x tends to 1/2: exact to double precision below 1e-8
+    scale = 0.5 if angle < 1e-8 else np.sin(angle / 2) / angle
+    return np.concatenate([[np.cos(angle / 2)], scale * phi])
+
+
+def slerp(q0: ArrayLike, q1: ArrayLike, fraction: float) -> Array:
+    """The quaternion a `fraction` of the shorter way from q0 to q1; shapes (4,)."""
+    a, b = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
+    cosine = float(a @ b)
+    if cosine < 0:
+        b, cosine = -b, -cosine
+    # below 1e-6 rad apart the great circle is a straight line to double precision
+    if cosine > 1 - 1e-12:
+        q = a + fraction * (b - a)
+        return np.asarray(q / np.linalg.norm(q))
+    angle = np.arccos(min(cosine, 1.0))
+    return np.asarray((np.sin((1 - fraction) * angle) * a + np.sin(fraction * angle) * b) / np.sin(angle))

@@ -1,0 +1,1 @@
+"""Links: where bytes come in and go out."""

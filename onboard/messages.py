@@ -1,0 +1,347 @@
+"""Every typed record that crosses a boundary: between stages, processes, or the wire and the filters.
+
+Records are frozen and keyword-only, hold tuples rather than arrays, and are SI throughout. Frames stand in
+the names (see `onboard.geometry`). `t_ns` is when a thing was TRUE: as decoded, on the clock that stamped it
+(`clock`); after `onboard.clocks`, on the autopilot's boot clock, the one time base of the program.
+`t_recv_ns` is when its bytes arrived, on this computer's clock. Both are integer nanoseconds.
+"""
+
+from enum import StrEnum
+
+import msgspec
+
+Vec3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+ImagePoint = tuple[float, float]
+
+
+class Record(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all boundary records."""
+
+
+class Clock(StrEnum):
+    """Which clock stamped a message."""
+
+    BOOT = "boot"  # the autopilot's time since boot
+    HOST = "host"  # this computer's clock, the one that also stamps arrivals
+    NONE = "none"  # not stamped: true when it arrived, as nearly as we know
+
+
+class Encoding(StrEnum):
+    """How a link's bytes are to be read."""
+
+    MAVLINK = "mavlink"  # whole MAVLink frames in each datagram (UDP, .tlog)
+    MAVLINK_STREAM = "mavlink_stream"  # MAVLink frames cut anywhere (TCP, serial)
+    POINTS = "points"  # one JSON `CameraPoints` (Zenoh)
+
+
+class Datagram(Record, frozen=True, kw_only=True):
+    """Bytes as they arrived on a link; what a recording holds."""
+
+    channel: str
+    encoding: Encoding
+    t_recv_ns: int
+    data: bytes
+
+
+# ---------------------------------------------------------------------------------- from the vehicle
+
+
+class Message(Record, frozen=True, kw_only=True):
+    """What every decoded message carries: its times and its sender."""
+
+    t_ns: int
+    t_recv_ns: int
+    clock: Clock = Clock.BOOT
+    system: int = 1
+    component: int = 1
+
+
+class Heartbeat(Message, frozen=True, kw_only=True):
+    """HEARTBEAT. `vehicle_type` and `autopilot` are MAV_TYPE and MAV_AUTOPILOT numbers."""
+
+    vehicle_type: int
+    autopilot: int
+    armed: bool
+    status: int
+
+
+class SystemTime(Message, frozen=True, kw_only=True):
+    """SYSTEM_TIME: boot time beside the autopilot's idea of Unix time (0 when unknown)."""
+
+    unix_ns: int
+
+
+class TimeSync(Message, frozen=True, kw_only=True):
+    """TIMESYNC. `tc1_ns` is 0 in a request; a reply echoes the request's `ts1_ns`."""
+
+    tc1_ns: int
+    ts1_ns: int
+
+
+class Attitude(Message, frozen=True, kw_only=True):
+    """ATTITUDE_QUATERNION or ATTITUDE: body to NED (Hamilton, scalar first) and body rates, rad/s."""
+
+    q_nb: Quaternion
+    omega_b: Vec3
+
+
+class LocalPosition(Message, frozen=True, kw_only=True):
+    """LOCAL_POSITION_NED: the vehicle F relative to its EKF origin O, m and m/s, NED."""
+
+    r_OF_n: Vec3
+    v_F_n: Vec3
+
+
+class GlobalPosition(Message, frozen=True, kw_only=True):
+    """GLOBAL_POSITION_INT: WGS-84 degrees, metres above mean sea level and above home, m/s NED."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_msl: float
+    height: float
+    v_F_n: Vec3
+    heading_rad: float | None
+
+
+class GpsFix(Message, frozen=True, kw_only=True):
+    """GPS_RAW_INT: a raw fix. Speeds in m/s, course in rad, accuracies in m (None when not given)."""
+
+    fix_type: int
+    satellites: int | None
+    lat_deg: float
+    lon_deg: float
+    alt_msl: float
+    ground_speed: float | None
+    course_rad: float | None
+    h_acc: float | None
+    v_acc: float | None
+
+
+class Imu(Message, frozen=True, kw_only=True):
+    """HIGHRES_IMU, SCALED_IMU or RAW_IMU: specific force (m/s^2) and angular rate (rad/s), body FRD."""
+
+    f_b: Vec3
+    omega_b: Vec3
+
+
+class ActuatorOutputs(Message, frozen=True, kw_only=True):
+    """SERVO_OUTPUT_RAW: pulse widths in microseconds, 0 where unused."""
+
+    pwm_us: tuple[int, ...]
+
+
+class TargetPoints(Message, frozen=True, kw_only=True):
+    """Three points of one aircraft in one image.
+
+    Each point is (Y_c/X_c, Z_c/X_c): position in the image plane of a pinhole camera with unit focal length,
+    lens distortion removed, positive right and positive down. `sigma` holds, for the center, left and right
+    point, the standard deviation of each coordinate in the same unit; None: the configured pixel noise.
+    """
+
+    camera: str
+    target: str = "leader"
+    center: ImagePoint
+    left: ImagePoint
+    right: ImagePoint
+    sigma: Vec3 | None = None
+
+
+class Pixel(Record, frozen=True, kw_only=True):
+    """A labelled point in an image: u right, v down, pixels; `sigma_px` of each coordinate if known."""
+
+    u_px: float
+    v_px: float
+    sigma_px: float | None = None
+
+
+class Intrinsics(Record, frozen=True, kw_only=True):
+    """Pinhole intrinsics in pixels, of the image the pixels are given in (already undistorted)."""
+
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+
+
+class CameraPoints(Record, frozen=True, kw_only=True):
+    """What a vision process publishes, one per image, as JSON: `t_ns` is the time of exposure on `clock`."""
+
+    t_ns: int
+    clock: Clock
+    camera: str
+    intrinsics: Intrinsics
+    center: Pixel
+    left: Pixel
+    right: Pixel
+    target: str = "leader"
+
+
+class Command(Message, frozen=True, kw_only=True):
+    """COMMAND_LONG or COMMAND_INT: a MAV_CMD number and its seven parameters."""
+
+    target_system: int
+    target_component: int
+    command: int
+    params: tuple[float, float, float, float, float, float, float]
+
+
+class CommandAck(Message, frozen=True, kw_only=True):
+    """COMMAND_ACK: MAV_RESULT of a MAV_CMD; `target_*` is who had asked."""
+
+    target_system: int
+    target_component: int
+    command: int
+    result: int
+
+
+class StatusText(Message, frozen=True, kw_only=True):
+    """STATUSTEXT: severity (0 emergency .. 7 debug) and text."""
+
+    severity: int
+    text: str
+
+
+# ------------------------------------------------------------------------------------- to the outside
+
+
+class Lifecycle(StrEnum):
+    """What an estimator is doing."""
+
+    SEARCHING = "searching"  # nothing seen yet, or nothing for longer than the reset timeout
+    INITIALISING = "initialising"  # images seen, not yet enough that agree
+    TRACKING = "tracking"  # fused within the coasting time
+    COASTING = "coasting"  # predicting; still within the validity timeout
+    LOST = "lost"  # predicting beyond the validity timeout: not to be used
+
+
+class Verdict(StrEnum):
+    """What became of one measurement, and why."""
+
+    FUSED = "fused"
+    FUSED_LATE = "fused_late"  # older than a measurement fused before it: rewound and replayed
+    INITIALISING = "initialising"  # held, to start a track
+    GATED = "gated"  # its NIS exceeds the gate
+    DUPLICATE = "duplicate"  # same camera, same time stamp as one fused before
+    TOO_OLD = "too_old"  # older than the rewind horizon
+    TOO_NEW = "too_new"  # stamped after now
+    NOT_FINITE = "not_finite"  # NaN or infinity in it
+    DEGENERATE = "degenerate"  # geometry no camera gives, such as wingtips that coincide
+    NO_POSE = "no_pose"  # our own pose at its time is not known
+    NUMERICAL = "numerical"  # the filter could not use it without losing its covariance
+
+
+class MeasurementReport(Record, frozen=True, kw_only=True):
+    """What one measurement said, what was expected, and what became of it. Angles in rad, points as in
+    `TargetPoints`; fields are None where the verdict was reached before they could be computed."""
+
+    source: str
+    t_ns: int
+    t_recv_ns: int
+    verdict: Verdict
+    components: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    measured: tuple[float, ...] | None = None
+    predicted: tuple[float, ...] | None = None
+    innovation: tuple[float, ...] | None = None
+    innovation_sigma: tuple[float, ...] | None = None
+    nis: float | None = None
+    gate: float | None = None
+    points: tuple[ImagePoint, ...] | None = None
+    predicted_points: tuple[ImagePoint, ...] | None = None
+
+
+class Estimate(Record, frozen=True, kw_only=True):
+    """One estimate of one target by one estimator. `mean` and `covariance` are None before a track exists;
+    `valid` says whether a consumer may act on it. `frame` is that of the vector components."""
+
+    name: str
+    target: str
+    sequence: int
+    t_ns: int
+    state: Lifecycle
+    valid: bool
+    reason: str
+    frame: str
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+    mean: tuple[float, ...] | None
+    covariance: tuple[tuple[float, ...], ...] | None
+    age: float | None  # seconds from the last fused measurement to t_ns
+    reset_count: int
+    measurement: MeasurementReport | None = None
+
+
+class OwnPose(Record, frozen=True, kw_only=True):
+    """Our own vehicle as the autopilot sees it, on the one time base: NED from its EKF origin."""
+
+    t_ns: int
+    r_OF_n: Vec3
+    v_F_n: Vec3
+    a_F_n: Vec3
+    q_nb: Quaternion
+
+
+class StreamHealth(Record, frozen=True, kw_only=True):
+    """One message stream: how many, how often (Hz, over the last seconds), how long ago (s)."""
+
+    count: int
+    rate: float
+    age: float
+
+
+class SinkHealth(Record, frozen=True, kw_only=True):
+    """One sink: records handed on, dropped because its queue was full, restarts after a failure."""
+
+    sent: int = 0
+    dropped: int = 0
+    restarts: int = 0
+    error: str = ""
+
+
+class Health(Record, frozen=True, kw_only=True):
+    """How the program itself is doing. `clock_offset_ns` is host clock minus boot clock."""
+
+    t_ns: int
+    t_recv_ns: int
+    uptime: float
+    autopilot: str
+    autopilot_reboots: int
+    clock_source: str
+    clock_offset_ns: int | None
+    round_trip: float | None
+    streams: dict[str, StreamHealth]
+    states: dict[str, Lifecycle]
+    verdicts: dict[str, int]
+    rejected: dict[str, int]
+    sinks: dict[str, SinkHealth]
+
+
+class Truth(Record, frozen=True, kw_only=True):
+    """What a simulator knows and an estimator never may. Boot clock; NED; the leader relative to the
+    follower, the size (wingspan, m), Oh & Johnson's a_lat and a_long (m/s^2), and both absolute poses."""
+
+    t_ns: int
+    r_FL_n: Vec3
+    v_FL_n: Vec3
+    size: float
+    a_lat: float
+    a_long: float
+    r_OF_n: Vec3
+    v_F_n: Vec3
+    a_F_n: Vec3
+    q_nF: Quaternion
+    r_OL_n: Vec3
+    q_nL: Quaternion
+
+
+class SimStatus(Record, frozen=True, kw_only=True):
+    """What a simulator has sent so far, so that losses can be counted: images by camera, frames by name."""
+
+    t_ns: int
+    images: int
+    frames: int
+    finished: bool
+
+
+Output = Estimate | OwnPose

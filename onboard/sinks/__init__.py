@@ -1,0 +1,1 @@
+"""Sinks: where records go, each behind its own bounded queue."""

@@ -1,0 +1,1 @@
+"""Studies: one file per paper; what it claims, what we measure."""

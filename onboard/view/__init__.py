@@ -1,0 +1,1 @@
+"""The live view: a client of the published records."""

@@ -1,0 +1,170 @@
+"""Records -> MAVLink 2 frames: what the daemon says to an autopilot, and what simlink says as one."""
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.geometry.rotations import euler_from_quaternion
+from onboard.messages import (
+    ActuatorOutputs,
+    Attitude,
+    Command,
+    CommandAck,
+    GlobalPosition,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    LocalPosition,
+    Message,
+    StatusText,
+    SystemTime,
+    TargetPoints,
+    TimeSync,
+)
+
+BODY_FRD: Final = 12
+GPS_RAW_INT_HDOP: Final = 121  # a typical 1.21, in hundredths
+
+
+class MavlinkEncoder:
+    """Encoder of one sender: (system, component) and its running sequence number."""
+
+    def __init__(self, system: int, component: int) -> None:
+        self._mav = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+
+    def encode(self, message: Message) -> bytes:
+        """The frame(s) of one record; TargetPoints makes three LANDING_TARGETs.
+
+        Raises KeyError for a record type that has no MAVLink form.
+        """
+        return b"".join(self._pack(m) for m in ENCODE[type(message)](message))
+
+    def attitude_euler(self, message: Attitude) -> bytes:
+        """ATTITUDE (Euler angles), for receivers that do not read ATTITUDE_QUATERNION."""
+        roll, pitch, yaw = euler_from_quaternion(message.q_nb)
+        boot_ms = message.t_ns // 1_000_000
+        return self._pack(dialect.MAVLink_attitude_message(boot_ms, roll, pitch, yaw, *message.omega_b))
+
+    def _pack(self, m: Any) -> bytes:
+        data: bytes = m.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return data
+
+
+def _ms(m: Message) -> int:
+    return m.t_ns // 1_000_000 % 2**32
+
+
+def _usec(m: Message) -> int:
+    return m.t_ns // 1000
+
+
+def _hundredths_of_degree(angle: float | None) -> int:
+    return 65535 if angle is None else round(math.degrees(angle) % 360 * 100) % 36000
+
+
+def _heartbeat(m: Any) -> list[Any]:
+    mode = dialect.MAV_MODE_FLAG_SAFETY_ARMED if m.armed else 0
+    return [dialect.MAVLink_heartbeat_message(m.vehicle_type, m.autopilot, mode, 0, m.status, 3)]
+
+
+def _system_time(m: Any) -> list[Any]:
+    return [dialect.MAVLink_system_time_message(m.unix_ns // 1000, _ms(m))]
+
+
+def _time_sync(m: Any) -> list[Any]:
+    return [dialect.MAVLink_timesync_message(m.tc1_ns, m.ts1_ns)]
+
+
+def _attitude(m: Any) -> list[Any]:
+    return [dialect.MAVLink_attitude_quaternion_message(_ms(m), *m.q_nb, *m.omega_b)]
+
+
+def _local_position(m: Any) -> list[Any]:
+    return [dialect.MAVLink_local_position_ned_message(_ms(m), *m.r_OF_n, *m.v_F_n)]
+
+
+def _global_position(m: Any) -> list[Any]:
+    lat, lon = round(m.lat_deg * 1e7), round(m.lon_deg * 1e7)
+    vx, vy, vz = (round(v * 100) for v in m.v_F_n)
+    heading = _hundredths_of_degree(m.heading_rad)
+    alt, height = round(m.alt_msl * 1000), round(m.height * 1000)
+    return [
+        dialect.MAVLink_global_position_int_message(_ms(m), lat, lon, alt, height, vx, vy, vz, heading),
+    ]
+
+
+def _gps_fix(m: Any) -> list[Any]:
+    return [
+        dialect.MAVLink_gps_raw_int_message(
+            _usec(m),
+            m.fix_type,
+            round(m.lat_deg * 1e7),
+            round(m.lon_deg * 1e7),
+            round(m.alt_msl * 1000),
+            GPS_RAW_INT_HDOP,
+            65535,
+            65535 if m.ground_speed is None else round(m.ground_speed * 100),
+            _hundredths_of_degree(m.course_rad),
+            255 if m.satellites is None else m.satellites,
+            round(m.alt_msl * 1000),
+            0 if m.h_acc is None else round(m.h_acc * 1000),
+            0 if m.v_acc is None else round(m.v_acc * 1000),
+        )
+    ]
+
+
+def _imu(m: Any) -> list[Any]:
+    unknown = [0.0] * 7
+    updated = 0b111111  # accelerometer and gyro fields
+    return [dialect.MAVLink_highres_imu_message(_usec(m), *m.f_b, *m.omega_b, *unknown, updated)]
+
+
+def _actuator_outputs(m: Any) -> list[Any]:
+    pwm = list(m.pwm_us) + [0] * (16 - len(m.pwm_us))
+    return [dialect.MAVLink_servo_output_raw_message(_usec(m) % 2**32, 0, *pwm)]
+
+
+def _target_points(m: Any) -> list[Any]:
+    base = 0 if m.target == "leader" else 3 * int(m.target.rsplit("/", 1)[1])
+    return [
+        dialect.MAVLink_landing_target_message(
+            _usec(m), base + label, BODY_FRD, math.atan(y), math.atan(z), 0.0, 0.0, 0.0
+        )
+        for label, (y, z) in enumerate((m.center, m.left, m.right))
+    ]
+
+
+def _command(m: Any) -> list[Any]:
+    return [
+        dialect.MAVLink_command_long_message(m.target_system, m.target_component, m.command, 0, *m.params)
+    ]
+
+
+def _command_ack(m: Any) -> list[Any]:
+    return [
+        dialect.MAVLink_command_ack_message(m.command, m.result, 0, 0, m.target_system, m.target_component)
+    ]
+
+
+def _status_text(m: Any) -> list[Any]:
+    return [dialect.MAVLink_statustext_message(m.severity, m.text.encode("ascii", "replace")[:50])]
+
+
+ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
+    Heartbeat: _heartbeat,
+    SystemTime: _system_time,
+    TimeSync: _time_sync,
+    Attitude: _attitude,
+    LocalPosition: _local_position,
+    GlobalPosition: _global_position,
+    GpsFix: _gps_fix,
+    Imu: _imu,
+    ActuatorOutputs: _actuator_outputs,
+    TargetPoints: _target_points,
+    Command: _command,
+    CommandAck: _command_ack,
+    StatusText: _status_text,
+}

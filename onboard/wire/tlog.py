@@ -1,0 +1,69 @@
+"""Recordings of MAVLink as ground stations write them (.tlog): 8 bytes of big-endian Unix microseconds, then
+one frame, over and over."""
+
+import struct
+from collections.abc import Iterator
+from typing import Final
+
+from onboard.messages import Datagram, Encoding
+
+MAGIC_V2: Final = 0xFD
+MAGIC_V1: Final = 0xFE
+SIGNED: Final = 0x01
+LONGEST: Final = 8 + 280 + 13
+EARLIEST_US: Final = 0
+LATEST_US: Final = 4_102_444_800_000_000  # the year 2100
+
+
+class NotALogError(ValueError):
+    """The file does not start as a .tlog does."""
+
+
+def frame_length(data: memoryview, at: int) -> int | None:
+    """Length of the frame that starts at `at`, None if none does or its header is cut off."""
+    if at + 3 > len(data):
+        return None
+    if data[at] == MAGIC_V2:
+        return 12 + data[at + 1] + (13 if data[at + 2] & SIGNED else 0)
+    if data[at] == MAGIC_V1:
+        return 8 + data[at + 1]
+    return None
+
+
+def read_tlog(data: bytes, channel: str = "tlog") -> Iterator[tuple[Datagram | None, int]]:
+    """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch that is no record.
+
+    Raises NotALogError at once when the first bytes are no record.
+    """
+    view = memoryview(data)
+    if not _record_at(view, 0):
+        raise NotALogError("this is no .tlog: it does not begin with a time stamp and a MAVLink frame")
+    at, lost = 0, False
+    while at + 8 < len(view):
+        length = frame_length(view, at + 8) if _record_at(view, at) else None
+        if length is None or at + 8 + length > len(view):
+            at += 1
+            lost = True
+            continue
+        if lost:
+            yield None, at
+            lost = False
+        (t_us,) = struct.unpack_from(">Q", view, at)
+        frame = bytes(view[at + 8 : at + 8 + length])
+        at += 8 + length
+        yield Datagram(channel=channel, encoding=Encoding.MAVLINK, t_recv_ns=t_us * 1000, data=frame), at
+    if lost or at < len(view):
+        yield None, len(view)
+
+
+def _record_at(view: memoryview, at: int) -> bool:
+    """Whether a plausible time stamp and a frame's first byte stand at `at`."""
+    if at + 9 > len(view) or view[at + 8] not in (MAGIC_V1, MAGIC_V2):
+        return False
+    (t_us,) = struct.unpack_from(">Q", view, at)
+    return bool(EARLIEST_US <= t_us < LATEST_US)
+
+
+def tlog_record(t_recv_ns: int, frame: bytes) -> bytes:
+    """The bytes of one record."""
+    return struct.pack(">Q", t_recv_ns // 1000) + frame

@@ -1,0 +1,1 @@
+"""A SITL-style source of MAVLink and camera streams, with truth."""
