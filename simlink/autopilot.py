@@ -1,0 +1,234 @@
+"""An autopilot's side of one MAVLink link, without the link: what to send when, and what to answer.
+
+Intervals are those of this link only, as on a real autopilot. All times are on the boot clock.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Final
+
+from onboard.geometry.geodesy import geodetic_from_ned
+from onboard.messages import (
+    ActuatorOutputs,
+    Attitude,
+    Clock,
+    Command,
+    CommandAck,
+    GlobalPosition,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    LocalPosition,
+    Message,
+    SystemTime,
+    TimeSync,
+)
+from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink_encode import MavlinkEncoder
+from simlink.scenario import Vehicle
+from simlink.sensors import Reading
+from simlink.world import STEP_NS, G
+
+SET_MESSAGE_INTERVAL: Final = 511
+REQUEST_MESSAGE: Final = 512
+ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
+VEHICLE_TYPE: Final = {"fixed_wing": 1, "quadrotor": 2}  # MAV_TYPE
+AUTOPILOT: Final = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
+ACTIVE: Final = 4  # MAV_STATE
+FIX_3D: Final = 3
+HOVER_PWM_US: Final = 1500
+PWM_PER_G: Final = 400
+
+HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 2, 24, 31
+LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, HIGHRES_IMU = 32, 33, 36, 105
+
+
+class Autopilot:
+    """One link's session. `unix_epoch_ns` is Unix time at boot."""
+
+    def __init__(self, vehicle: Vehicle, unix_epoch_ns: int) -> None:
+        self._vehicle = vehicle
+        self._unix_epoch_ns = unix_epoch_ns
+        self._default = _default_intervals(vehicle)
+        self._interval = dict(self._default)  # ns; 0: not sent
+        self._due = dict.fromkeys(self._interval, 0)
+        self._latest: Reading | None = None
+        self._make: dict[int, Callable[[int, Reading], Message]] = {
+            GPS_RAW_INT: self._gps,
+            ATTITUDE_QUATERNION: _attitude,
+            LOCAL_POSITION_NED: _local_position,
+            GLOBAL_POSITION_INT: self._global_position,
+            SERVO_OUTPUT_RAW: _servo,
+            HIGHRES_IMU: _imu,
+        }
+
+    def due(self, t_ns: int, reading: Reading | None) -> list[Message]:
+        """What is to be sent at `t_ns`, once per step of the world; before the flight there is no reading,
+        and only HEARTBEAT and SYSTEM_TIME are sent."""
+        self._latest = reading
+        messages = []
+        for number, interval in self._interval.items():
+            if interval == 0 or t_ns < self._due[number]:
+                continue
+            message = self._message(number, t_ns)
+            if message is None:
+                continue
+            messages.append(message)
+            # from the due time, so that the rate holds on average; from now after a pause
+            due = self._due[number] + interval
+            self._due[number] = due if due > t_ns else t_ns + interval
+        return messages
+
+    def answer(self, message: Message, t_ns: int) -> list[Message]:
+        """Replies to a message that came in at `t_ns`."""
+        if isinstance(message, TimeSync) and message.tc1_ns == 0:
+            return [TimeSync(t_ns=t_ns, t_recv_ns=t_ns, tc1_ns=t_ns, ts1_ns=message.ts1_ns)]
+        if not isinstance(message, Command):
+            return []
+        ours = (self._vehicle.system, self._vehicle.component)
+        if message.target_system not in (0, ours[0]) or message.target_component not in (0, ours[1]):
+            return []
+        result, replies = self._execute(message, t_ns)
+        ack = CommandAck(
+            t_ns=t_ns,
+            t_recv_ns=t_ns,
+            target_system=message.system,
+            target_component=message.component,
+            command=message.command,
+            result=result,
+        )
+        return [ack, *replies]
+
+    def _execute(self, command: Command, t_ns: int) -> tuple[int, list[Message]]:
+        """MAV_RESULT of a command, and the messages it asks for."""
+        if command.command not in (SET_MESSAGE_INTERVAL, REQUEST_MESSAGE):
+            return UNSUPPORTED, []
+        number = command.params[0]
+        if number not in self._interval:
+            return DENIED, []
+        if command.command == REQUEST_MESSAGE:
+            message = self._message(int(number), t_ns)
+            return (ACCEPTED, [message]) if message is not None else (FAILED, [])
+        interval_us = command.params[1]
+        if not math.isfinite(interval_us) or interval_us < -1:
+            return DENIED, []
+        self._set_interval(int(number), interval_us, t_ns)
+        return ACCEPTED, []
+
+    def _set_interval(self, number: int, interval_us: float, t_ns: int) -> None:
+        if interval_us == 0:
+            self._interval[number] = self._default[number]
+        elif interval_us < 0:
+            self._interval[number] = 0
+        else:
+            self._interval[number] = max(round(interval_us * 1000), STEP_NS)
+        self._due[number] = t_ns
+
+    def _message(self, number: int, t_ns: int) -> Message | None:
+        """The message of that number now; None while the flight has not begun and it has no content."""
+        if number == HEARTBEAT:
+            kind, autopilot = VEHICLE_TYPE[self._vehicle.type], AUTOPILOT[self._vehicle.autopilot]
+            return Heartbeat(
+                t_ns=t_ns,
+                t_recv_ns=t_ns,
+                vehicle_type=kind,
+                autopilot=autopilot,
+                armed=True,
+                status=ACTIVE,
+            )
+        if number == SYSTEM_TIME:
+            return SystemTime(t_ns=t_ns, t_recv_ns=t_ns, unix_ns=self._unix_epoch_ns + t_ns)
+        if self._latest is None:
+            return None
+        return self._make[number](t_ns, self._latest)
+
+    def _gps(self, t_ns: int, reading: Reading) -> Message:
+        lat_deg, lon_deg, height = geodetic_from_ned(reading.gps_r_OF_n, self._vehicle.origin)
+        north, east, _ = reading.gps_v_F_n
+        return GpsFix(
+            t_ns=t_ns,
+            t_recv_ns=t_ns,
+            fix_type=FIX_3D,
+            satellites=14,
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
+            alt_msl=height,
+            ground_speed=math.hypot(north, east),
+            course_rad=math.atan2(east, north),
+            h_acc=1.5,
+            v_acc=2.0,
+        )
+
+    def _global_position(self, t_ns: int, reading: Reading) -> Message:
+        r_OF_n = reading.position_r_OF_n
+        lat_deg, lon_deg, height = geodetic_from_ned(r_OF_n, self._vehicle.origin)
+        w, x, y, z = reading.q_nb
+        heading = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        return GlobalPosition(
+            t_ns=t_ns,
+            t_recv_ns=t_ns,
+            lat_deg=lat_deg,
+            lon_deg=lon_deg,
+            alt_msl=height,
+            height=-r_OF_n[2],
+            v_F_n=reading.position_v_F_n,
+            heading_rad=heading,
+        )
+
+
+def _default_intervals(vehicle: Vehicle) -> dict[int, int]:
+    """Nanoseconds between messages by message number, in the order they are sent in one step."""
+    rates = vehicle.rates
+    table = {
+        HEARTBEAT: rates.heartbeat,
+        SYSTEM_TIME: rates.system_time,
+        HIGHRES_IMU: rates.imu,
+        ATTITUDE_QUATERNION: rates.attitude,
+        LOCAL_POSITION_NED: rates.local_position,
+        GLOBAL_POSITION_INT: rates.global_position,
+        GPS_RAW_INT: rates.gps,
+        SERVO_OUTPUT_RAW: rates.servo,
+    }
+    return {number: round(1e9 / rate) if rate > 0 else 0 for number, rate in table.items()}
+
+
+def _attitude(t_ns: int, reading: Reading) -> Message:
+    return Attitude(t_ns=t_ns, t_recv_ns=t_ns, q_nb=reading.q_nb, omega_b=reading.omega_b)
+
+
+def _local_position(t_ns: int, reading: Reading) -> Message:
+    return LocalPosition(t_ns=t_ns, t_recv_ns=t_ns, r_OF_n=reading.position_r_OF_n, v_F_n=reading.position_v_F_n)
+
+
+def _imu(t_ns: int, reading: Reading) -> Message:
+    return Imu(t_ns=t_ns, t_recv_ns=t_ns, f_b=reading.imu_f_b, omega_b=reading.imu_omega_b)
+
+
+def _servo(t_ns: int, reading: Reading) -> Message:
+    """Four equal outputs that follow the load factor: enough to watch, not a motor model."""
+    load = -reading.imu_f_b[2] / G
+    pwm = min(max(round(HOVER_PWM_US + PWM_PER_G * (load - 1.0)), 1000), 2000)
+    return ActuatorOutputs(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.BOOT, pwm_us=(pwm,) * 4)
+
+
+class AutopilotLink:
+    """A session with its bytes: frames out, bytes in. `stream` for TCP, where frames may be cut anywhere."""
+
+    def __init__(self, vehicle: Vehicle, unix_epoch_ns: int, *, stream: bool) -> None:
+        self._autopilot = Autopilot(vehicle, unix_epoch_ns)
+        self._encoder = MavlinkEncoder(vehicle.system, vehicle.component)
+        self._decoder = MavlinkDecoder(stream=stream)
+
+    def send(self, t_ns: int, reading: Reading | None) -> list[bytes]:
+        """The frames due at `t_ns`."""
+        return self._encode(self._autopilot.due(t_ns, reading))
+
+    def receive(self, data: bytes, t_ns: int) -> list[bytes]:
+        """The frames that answer `data`, which came in at `t_ns`. Bad bytes are ignored."""
+        replies: list[bytes] = []
+        for message in self._decoder.decode(data, t_ns):
+            replies += self._encode(self._autopilot.answer(message, t_ns))
+        return replies
+
+    def _encode(self, messages: Iterable[Message]) -> list[bytes]:
+        return [self._encoder.encode(message) for message in messages]

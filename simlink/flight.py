@@ -1,0 +1,96 @@
+"""A whole flight as arrays, for studies: no MAVLink, no quantisation, no transport."""
+
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from onboard.messages import Vec3
+from simlink.camera import CameraSensor, Points
+from simlink.scenario import Scenario
+from simlink.sensors import add, readings, steps_of, white
+from simlink.world import STEPS_PER_SECOND, State, difference, states, true_size
+
+Array = npt.NDArray[np.float64]
+NAV_RATE = 50
+
+
+class TruthArrays(NamedTuple):
+    """The truth at N times; n is NED, relative vectors are leader minus follower. m, m/s, m/s^2."""
+
+    r_FL_n: Array  # (N, 3)
+    v_FL_n: Array  # (N, 3)
+    a_lat: Array  # (N,)
+    a_long: Array  # (N,)
+    r_OF_n: Array  # (N, 3)
+    v_F_n: Array  # (N, 3)
+    a_F_n: Array  # (N, 3)
+    q_nF: Array  # (N, 4)
+    q_nL: Array  # (N, 4)
+
+
+class Flight(NamedTuple):
+    """One run. Times are seconds of flight; N nav samples at 50 Hz, M images at the camera's rate.
+
+    `nav_*` is what the follower's navigation system reports (errors as in the scenario), `image_points`
+    holds (Y_c/X_c, Z_c/X_c) of center, left and right point, NaN where no image was registered.
+    """
+
+    size: float  # true size of this run, m
+    nav_t: Array  # (N,)
+    nav_v_F_n: Array  # (N, 3)
+    nav_a_F_n: Array  # (N, 3)
+    nav_q_nb: Array  # (N, 4)
+    nav_truth: TruthArrays
+    image_t: Array  # (M,) exposure
+    image_t_delivered: Array  # (M,)
+    image_points: Array  # (M, 3, 2)
+    image_truth: TruthArrays
+
+
+def fly(scenario: Scenario, seed: int, duration: float | None = None) -> Flight:
+    """The arrays of one run of `duration` s (None: the scenario's), both ends included."""
+    size = true_size(scenario, seed)
+    camera = CameraSensor(scenario, seed, size)
+    errors = scenario.nav
+    acceleration = white(seed, "nav.acceleration", errors.acceleration_white, errors.acceleration_bias)
+    steps = steps_of(scenario.duration if duration is None else duration)
+    nav: list[tuple[State, Vec3, Vec3, tuple[float, ...]]] = []
+    images: list[tuple[State, Points | None]] = []
+    exposure, period = 0.0, 1.0 / scenario.camera.rate
+    for state, reading in islice(readings(scenario, seed, states(scenario, seed)), steps + 1):
+        if state.step % (STEPS_PER_SECOND // NAV_RATE) == 0:
+            a_F_n = add(state.a_F_n, next(acceleration))
+            nav.append((state, reading.v_F_n, a_F_n, reading.q_nb))
+        if state.t >= exposure - 1e-9:
+            exposure += period
+            images.append((state, camera.expose(state)))
+    image_t = np.array([state.t for state, _ in images])
+    nothing = ((np.nan, np.nan),) * 3
+    return Flight(
+        size=size,
+        nav_t=np.array([row[0].t for row in nav]),
+        nav_v_F_n=np.array([row[1] for row in nav]),
+        nav_a_F_n=np.array([row[2] for row in nav]),
+        nav_q_nb=np.array([row[3] for row in nav]),
+        nav_truth=_truth([row[0] for row in nav]),
+        image_t=image_t,
+        image_t_delivered=image_t + scenario.camera.latency,
+        image_points=np.array([points or nothing for _, points in images]),
+        image_truth=_truth([state for state, _ in images]),
+    )
+
+
+def _truth(rows: list[State]) -> TruthArrays:
+    return TruthArrays(
+        r_FL_n=np.array([difference(s.r_OL_n, s.r_OF_n) for s in rows]),
+        v_FL_n=np.array([difference(s.v_L_n, s.v_F_n) for s in rows]),
+        a_lat=np.array([s.a_lat for s in rows]),
+        a_long=np.array([s.a_long for s in rows]),
+        r_OF_n=np.array([s.r_OF_n for s in rows]),
+        v_F_n=np.array([s.v_F_n for s in rows]),
+        a_F_n=np.array([s.a_F_n for s in rows]),
+        q_nF=np.array([s.q_nF for s in rows]),
+        q_nL=np.array([s.q_nL for s in rows]),
+    )

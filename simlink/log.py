@@ -1,0 +1,64 @@
+"""A run as fast as possible into files: a .tlog of everything the vehicle says, and a CSV of the truth."""
+
+import gzip
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO, Final
+
+from onboard.messages import Truth
+from onboard.wire.tlog import tlog_record
+from simlink.scenario import Scenario
+from simlink.simulation import datagrams
+
+COLUMNS: Final = (
+    "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m,"
+    "a_lat_m_s2,a_long_m_s2,leader_q_w,leader_q_x,leader_q_y,leader_q_z"
+)
+
+
+def write_log(
+    scenario: Scenario,
+    seed: int,
+    duration: float,
+    tlog: Path,
+    truth: Path | None,
+    progress: Callable[[float], None] = lambda _: None,
+) -> tuple[int, int]:
+    """(frames, truth rows) written. The same seed gives the same bytes, compressed or not (names in .gz).
+
+    `progress` is called with the seconds of flight done. Raises OSError when a file cannot be written.
+    """
+    frames = rows = 0
+    start_ns: int | None = None
+    with ExitStack() as stack:
+        out = stack.enter_context(_open(tlog, stack))
+        table = None if truth is None else stack.enter_context(_open(truth, stack))
+        if table is not None:
+            table.write(f"{COLUMNS}\n".encode())
+        for item in datagrams(scenario, seed, duration, camera="mavlink"):
+            if not isinstance(item, Truth):
+                out.write(tlog_record(item.t_recv_ns, item.data))
+                frames += 1
+                continue
+            start_ns = item.t_ns if start_ns is None else start_ns
+            progress((item.t_ns - start_ns) * 1e-9)
+            if table is not None:
+                table.write(truth_row(item).encode())
+                rows += 1
+    return frames, rows
+
+
+def truth_row(truth: Truth) -> str:
+    """One line of the CSV; its columns are `COLUMNS`."""
+    numbers = (*truth.r_FL_n, *truth.v_FL_n, truth.size, truth.a_lat, truth.a_long, *truth.q_nL)
+    return f"{truth.t_ns * 1e-9:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + "\n"
+
+
+def _open(path: Path, stack: ExitStack) -> IO[bytes]:
+    """The file, or a compressor onto it without a name or a time in its header: bytes depend on data only."""
+    file: IO[bytes] = path.open("wb")
+    if path.suffix != ".gz":
+        return file
+    stack.enter_context(file)
+    return gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0)  # type: ignore[return-value]  # it is one in all but name

@@ -1,0 +1,268 @@
+"""Scenarios: TOML files -> frozen records. SI throughout; the defaults are the reference formation flight.
+
+The reference is that of Oh & Johnson (relative motion by vision), in feet in the paper and in metres here:
+a leader at 70 ft/s in a steady right turn of 8 ft/s^2, the follower 90 ft behind, 10 ft to the right and 5 ft
+below. `scenarios/formation.toml` writes every default out; the other files name only what differs.
+"""
+
+import math
+import re
+import tomllib
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from onboard.messages import Record, Vec3
+
+SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
+
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+Probability = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Rate = Annotated[float, msgspec.Meta(ge=0, le=200)]
+
+
+class ScenarioError(ValueError):
+    """A scenario that does not exist or does not hold; one line that names the file and the key."""
+
+
+class Wave(Record, frozen=True, kw_only=True):
+    """mean + amplitude sin(2 pi t / period + phase): a profile with a derivative everywhere."""
+
+    mean: float = 0.0
+    amplitude: float = 0.0
+    period: Positive = 20.0
+    phase_deg: float = 0.0
+
+
+class Pulse(Record, frozen=True, kw_only=True):
+    """A raised-cosine bump of height `change` from `start` to `end` (s): out and back, smooth at both ends."""
+
+    start: NotNegative
+    end: Positive
+    change: float
+
+
+class Interval(Record, frozen=True, kw_only=True):
+    """From `start` to `end`, in seconds of flight."""
+
+    start: NotNegative
+    end: Positive
+
+
+class GaussMarkov(Record, frozen=True, kw_only=True):
+    """An exponentially correlated error: standard deviation (unit in the owner's name), correlation time s."""
+
+    sigma: NotNegative = 0.0
+    time: Positive = 10.0
+
+
+class Leader(Record, frozen=True, kw_only=True):
+    """The aircraft ahead: a point mass with a size, a bank and a heading that wobble about coordinated flight.
+
+    `a_lat` is positive to the right, `a_long` positive up and normal to the velocity (m/s^2, Oh & Johnson).
+    The size of a run is `size` (1 + size_sigma_percent / 100 N(0, 1)).
+    """
+
+    size: Positive = 2.667
+    size_sigma_percent: NotNegative = 2.0
+    speed: Positive = 21.336
+    speed_pulses: tuple[Pulse, ...] = ()
+    a_lat: Wave = Wave(mean=2.4384)
+    a_long: Wave = Wave()
+    course_deg: float = 0.0
+    climb_deg: float = 0.0
+    height: float = 100.0
+    bank_wobble_deg: GaussMarkov = GaussMarkov(sigma=2.0, time=1.0)
+    heading_wobble_deg: GaussMarkov = GaussMarkov(sigma=2.0, time=3.0)
+
+
+class Follower(Record, frozen=True, kw_only=True):
+    """Our vehicle: it keeps a slot in the leader's path axes (forward along the course, right, down; m)."""
+
+    slot: Vec3 = (-27.432, 3.048, 1.524)
+    wander: Vec3 = (0.9144, 0.9144, 0.3048)
+    wander_period: tuple[Positive, Positive, Positive] = (11.0, 7.0, 5.0)
+    slot_pulses: tuple[Pulse, ...] = ()  # added to the forward component
+    position_gain: Positive = 1.0  # 1/s^2
+    velocity_gain: Positive = 2.0  # 1/s
+
+
+class Camera(Record, frozen=True, kw_only=True):
+    """The camera and the vision process behind it. `mount_rpy_deg` ZYX body to camera, [0, 15, 0] looks up."""
+
+    name: str = "front"
+    rate: Annotated[float, msgspec.Meta(gt=0, le=200)] = 25.0
+    f_px: Positive = 554.256
+    width_px: Positive = 640.0
+    height_px: Positive = 480.0
+    mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)
+    mount_offset: Vec3 = (0.0, 0.0, 0.0)
+    sigma_px: NotNegative = 1.0
+    p_lose: Probability = 0.02  # registered -> not, per image
+    p_regain: Probability = 0.38  # not registered -> registered, per image
+    latency: NotNegative = 0.02  # s, from exposure to delivery
+    wrong_blob: Probability = 0.0  # per registered image
+    blob_span_px: tuple[Positive, Positive] = (10.0, 150.0)
+    blackouts: tuple[Interval, ...] = ()
+
+
+class Nav(Record, frozen=True, kw_only=True):
+    """Errors of the autopilot's own state estimate, per axis, and how old its contents are."""
+
+    attitude_deg: GaussMarkov = GaussMarkov(time=10.0)
+    velocity: GaussMarkov = GaussMarkov(time=5.0)
+    position: GaussMarkov = GaussMarkov(time=10.0)
+    acceleration_white: NotNegative = 0.0  # m/s^2, only in `simlink.flight.fly`
+    acceleration_bias: NotNegative = 0.0  # m/s^2, drawn once a run, only in `simlink.flight.fly`
+    position_delay: NotNegative = 0.0  # s: LOCAL_POSITION_NED is that much older than its stamp
+
+
+class ImuErrors(Record, frozen=True, kw_only=True):
+    """White noise per sample and a bias drawn once a run, per axis."""
+
+    accel_white: NotNegative = 0.02  # m/s^2
+    gyro_white: NotNegative = 0.002  # rad/s
+    accel_bias: NotNegative = 0.0
+    gyro_bias: NotNegative = 0.0
+
+
+class Gps(Record, frozen=True, kw_only=True):
+    """Raw fixes: correlated position error per axis (m), white velocity error (m/s), age at the stamp (s)."""
+
+    position: GaussMarkov = GaussMarkov(sigma=1.0, time=30.0)
+    velocity_white: NotNegative = 0.1
+    delay: NotNegative = 0.0
+
+
+class Rates(Record, frozen=True, kw_only=True):
+    """What the autopilot sends unasked, Hz; 0: only on request."""
+
+    heartbeat: Rate = 1.0
+    system_time: Rate = 2.0
+    attitude: Rate = 50.0
+    local_position: Rate = 50.0
+    global_position: Rate = 10.0
+    gps: Rate = 5.0
+    imu: Rate = 100.0
+    servo: Rate = 10.0
+
+
+class Vehicle(Record, frozen=True, kw_only=True):
+    """Who our vehicle says it is on MAVLink. `origin`: WGS-84 degrees and metres, of the local frame."""
+
+    type: Literal["fixed_wing", "quadrotor"] = "fixed_wing"
+    autopilot: Literal["ardupilot", "px4"] = "ardupilot"
+    system: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
+    component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
+    origin: tuple[float, float, float] = (47.397742, 8.545594, 488.0)
+    boot: NotNegative = 40.0  # s on the boot clock when the flight begins
+    rates: Rates = Rates()
+
+
+class Scenario(Record, frozen=True, kw_only=True):
+    """One flight. `repeat`: pulses and blackouts come again every so many seconds of an endless flight."""
+
+    name: str = "formation"
+    description: str = ""
+    duration: Positive = 60.0
+    repeat: Positive = 60.0
+    leader: Leader = Leader()
+    follower: Follower = Follower()
+    camera: Camera = Camera()
+    nav: Nav = Nav()
+    imu: ImuErrors = ImuErrors()
+    gps: Gps = Gps()
+    vehicle: Vehicle = Vehicle()
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Names of the scenarios that come with the package."""
+    return tuple(sorted(path.stem for path in SCENARIO_FOLDER.glob("*.toml")))
+
+
+def load_scenario(name_or_path: str) -> Scenario:
+    """The scenario of that name, or in that .toml file.
+
+    Raises ScenarioError when there is none, or when it does not hold.
+    """
+    if name_or_path.endswith(".toml"):
+        path = Path(name_or_path)
+    elif name_or_path in scenario_names():
+        path = SCENARIO_FOLDER / f"{name_or_path}.toml"
+    else:
+        known = ", ".join(scenario_names())
+        raise ScenarioError(f"no scenario {name_or_path!r}; known: {known}, or the path of a .toml file")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ScenarioError(f"{path}: {reason}") from error
+    return parse_scenario(text, path.stem, str(path))
+
+
+def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
+    """Scenario of TOML text. Raises ScenarioError, which begins with `source` and names the key."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{source}: {error}") from error
+    data.setdefault("name", name)
+    for path, value in _numbers(data, ""):
+        if not math.isfinite(value):
+            raise ScenarioError(f"{source}: {path} must be finite, not {value}")
+    try:
+        scenario = msgspec.convert(data, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{source}: {_explain(str(error))}") from error
+    _check(scenario, source)
+    return scenario
+
+
+def _check(s: Scenario, source: str) -> None:
+    """What single fields cannot say. Raises ScenarioError."""
+    for key, intervals in (
+        ("leader.speed_pulses", s.leader.speed_pulses),
+        ("follower.slot_pulses", s.follower.slot_pulses),
+        ("camera.blackouts", s.camera.blackouts),
+    ):
+        for interval in intervals:
+            if not interval.start < interval.end <= s.repeat:
+                raise ScenarioError(f"{source}: {key}: needs start < end <= repeat ({s.repeat:g} s)")
+    # the path axes have no direction at a standstill
+    if s.leader.speed + sum(min(p.change, 0.0) for p in s.leader.speed_pulses) < 1.0:
+        raise ScenarioError(f"{source}: leader.speed_pulses: the leader must keep at least 1 m/s")
+    if s.camera.blob_span_px[0] > s.camera.blob_span_px[1]:
+        raise ScenarioError(f"{source}: camera.blob_span_px: the smaller number comes first")
+
+
+def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
+    """Every float in nested tables and lists, with its dotted key."""
+    if isinstance(value, float):
+        yield path, value
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _numbers(inner, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from _numbers(inner, f"{path}[{i}]")
+
+
+def _explain(error: str) -> str:
+    """msgspec's message; for an unknown key, with the known ones of that table."""
+    unknown = re.fullmatch(r"Object contains unknown field `(.+?)`(?: - at `\$\.?(.*)`)?", error)
+    if unknown is None:
+        return error.replace("`$.", "`")
+    key, path = unknown[1], unknown[2] or ""
+    table: Any = Scenario
+    for part in re.findall(r"[^.\[\]]+", re.sub(r"\[[^\]]*\]", "", path)):
+        table = typing.get_type_hints(table)[part]
+        if isinstance(table, types.GenericAlias):  # tuple[Pulse, ...]
+            table = typing.get_args(table)[0]
+    known = ", ".join(field.name for field in msgspec.structs.fields(table))
+    where = f"[{path}]" if path else "the top level"
+    return f"unknown key {key!r} in {where}; known: {known}"

@@ -1,0 +1,90 @@
+"""What the autopilot believes: its state estimate, its IMU and its GPS, each with the scenario's errors."""
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from onboard.messages import Quaternion, Vec3
+from simlink import attitude
+from simlink.noise import gauss_markov, normals
+from simlink.scenario import GaussMarkov, Scenario
+from simlink.world import DT, STEPS_PER_SECOND, State
+
+
+class Reading(NamedTuple):
+    """The vehicle's own sensors and estimate at one step, all stamped with that step; SI, frames as named.
+
+    The delayed streams (`position_*`, `gps_*`) hold what was true their delay earlier, as real ones do.
+    """
+
+    q_nb: Quaternion
+    omega_b: Vec3
+    v_F_n: Vec3  # the estimate of now, for studies
+    position_r_OF_n: Vec3
+    position_v_F_n: Vec3
+    imu_f_b: Vec3
+    imu_omega_b: Vec3
+    gps_r_OF_n: Vec3
+    gps_v_F_n: Vec3
+
+
+def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[tuple[State, Reading]]:
+    """Each state of the world with what the vehicle's own sensors say about it."""
+    nav, imu, gps = scenario.nav, scenario.imu, scenario.gps
+    tilt = _errors(seed, "nav.attitude", nav.attitude_deg, math.pi / 180)
+    speed = _errors(seed, "nav.velocity", nav.velocity)
+    place = _errors(seed, "nav.position", nav.position)
+    gps_place = _errors(seed, "gps.position", gps.position)
+    gps_speed = white(seed, "gps.velocity", gps.velocity_white)
+    accel = white(seed, "imu.accel", imu.accel_white, imu.accel_bias)
+    gyro = white(seed, "imu.gyro", imu.gyro_white, imu.gyro_bias)
+    position_steps, gps_steps = steps_of(nav.position_delay), steps_of(gps.delay)
+    past: deque[tuple[Vec3, Vec3, Vec3]] = deque(maxlen=max(position_steps, gps_steps) + 1)
+    for state in world:
+        v_F_n = add(state.v_F_n, next(speed))
+        past.append((add(state.r_OF_n, next(place)), v_F_n, state.r_OF_n))
+        # before the first delay has passed, the oldest there is
+        r_then, v_then, _ = past[max(-1 - position_steps, -len(past))]
+        r_gps = past[max(-1 - gps_steps, -len(past))][2]
+        yield (
+            state,
+            Reading(
+                q_nb=attitude.product(state.q_nF, attitude.from_vector(*next(tilt))),
+                omega_b=state.omega_b,
+                v_F_n=v_F_n,
+                position_r_OF_n=r_then,
+                position_v_F_n=v_then,
+                imu_f_b=add(state.f_b, next(accel)),
+                imu_omega_b=add(state.omega_b, next(gyro)),
+                gps_r_OF_n=add(r_gps, next(gps_place)),
+                gps_v_F_n=add(state.v_F_n, next(gps_speed)),
+            ),
+        )
+
+
+def steps_of(seconds: float) -> int:
+    """The whole number of world steps nearest to a duration."""
+    return round(seconds * STEPS_PER_SECOND)
+
+
+def add(a: Vec3, b: Vec3) -> Vec3:
+    """a + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _errors(seed: int, name: str, process: GaussMarkov, unit: float = 1.0) -> Iterator[Vec3]:
+    """Three independent Gauss-Markov errors, one sample per world step; sigma in `unit`s."""
+    x, y, z = (
+        gauss_markov(normals(seed, f"{name}.{axis}"), process.sigma * unit, process.time, DT) for axis in "xyz"
+    )
+    return zip(x, y, z, strict=True)
+
+
+def white(seed: int, name: str, sigma: float, bias_sigma: float = 0.0) -> Iterator[Vec3]:
+    """Endless triples of independent white errors, about a bias drawn once."""
+    b = normals(seed, f"{name}.bias")
+    bx, by, bz = bias_sigma * next(b), bias_sigma * next(b), bias_sigma * next(b)
+    z = normals(seed, name)
+    while True:
+        yield bx + sigma * next(z), by + sigma * next(z), bz + sigma * next(z)

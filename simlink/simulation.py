@@ -1,0 +1,130 @@
+"""One run: the world, its sensors and its camera, tick by tick. Deterministic in scenario and seed.
+
+Four ways in, from the raw to the real:
+
+    flight.fly(scenario, seed, duration) arrays, nothing quantised: for studies
+    ticks(scenario, seed, boot_ns)       endless steps of 5 ms: what the server paces
+    simulate(scenario, seed, duration)   records with their times, as a link would carry them
+    datagrams(scenario, seed, duration)  bytes with arrival times: what `Pipeline.feed` takes
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from itertools import islice
+from typing import Final, Literal, NamedTuple
+
+from onboard.messages import CameraPoints, Datagram, Encoding, Message, TargetPoints, Truth
+from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.points import encode_points
+from onboard.wire.tlog import frame_length
+from simlink.autopilot import Autopilot
+from simlink.camera import CameraSensor, Image, camera_points, target_points
+from simlink.noise import uniforms
+from simlink.scenario import Scenario
+from simlink.sensors import Reading, readings, steps_of
+from simlink.world import STEP_NS, State, states, true_size, truth_record
+
+CameraLink = Literal["zenoh", "mavlink", "none"]
+CAMERA_COMPONENT: Final = 191
+EPOCH_NS: Final = 1_735_689_600 * 10**9  # 2025-01-01: Unix time at boot where no real clock is asked
+TRANSPORT_NS: Final = 1_000_000
+JITTER_NS: Final = 1_000_000
+
+
+class Tick(NamedTuple):
+    """One step of a run. `truth` at exposures only; `images` are those delivered now."""
+
+    t_ns: int  # boot clock
+    state: State
+    reading: Reading
+    truth: Truth | None
+    images: tuple[Image, ...]
+
+
+class Event(NamedTuple):
+    """A record that leaves the simulated vehicle at `t_ns` (boot clock)."""
+
+    t_ns: int
+    message: Message | CameraPoints | Truth
+
+
+def boot_ns_of(scenario: Scenario) -> int:
+    """The boot clock when the flight begins, on the grid of steps."""
+    return steps_of(scenario.vehicle.boot) * STEP_NS
+
+
+def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
+    """The run, 200 ticks per second, without end. The flight begins at boot time `boot_ns`."""
+    size = true_size(scenario, seed)
+    camera = CameraSensor(scenario, seed, size)
+    period_ns, latency_ns = round(1e9 / scenario.camera.rate), round(scenario.camera.latency * 1e9)
+    next_exposure = boot_ns
+    on_the_way: deque[Image] = deque()
+    for state, reading in readings(scenario, seed, states(scenario, seed)):
+        t_ns = boot_ns + state.step * STEP_NS
+        truth = None
+        if t_ns >= next_exposure:
+            next_exposure += period_ns
+            truth = truth_record(state, size, t_ns)
+            points = camera.expose(state)
+            if points is not None:
+                on_the_way.append(Image(t_ns, points))
+        delivered = []
+        while on_the_way and on_the_way[0].t_ns + latency_ns <= t_ns:
+            delivered.append(on_the_way.popleft())
+        yield Tick(t_ns, state, reading, truth, tuple(delivered))
+
+
+def simulate(
+    scenario: Scenario, seed: int, duration: float | None = None, camera: CameraLink = "zenoh"
+) -> Iterator[Event]:
+    """Everything the vehicle says in `duration` s (None: the scenario's), in order, and the truth between.
+
+    Images are CameraPoints, or TargetPoints with `camera` "mavlink"; nothing is quantised yet.
+    """
+    autopilot = Autopilot(scenario.vehicle, EPOCH_NS)
+    steps = steps_of(scenario.duration if duration is None else duration)
+    for tick in islice(ticks(scenario, seed, boot_ns_of(scenario)), steps + 1):
+        if tick.truth is not None:
+            yield Event(tick.t_ns, tick.truth)
+        for message in autopilot.due(tick.t_ns, tick.reading):
+            yield Event(tick.t_ns, message)
+        for image in tick.images:
+            if camera == "zenoh":
+                yield Event(tick.t_ns, camera_points(image, scenario.camera))
+            elif camera == "mavlink":
+                yield Event(tick.t_ns, target_points(image, scenario.camera))
+
+
+def datagrams(
+    scenario: Scenario, seed: int, duration: float | None = None, camera: CameraLink = "zenoh"
+) -> Iterator[Datagram | Truth]:
+    """`simulate` as bytes: one MAVLink frame (channel "autopilot", images "camera") or one JSON document
+    (channel "points") per Datagram, arriving 1-2 ms after it left, never out of order; truth between."""
+    vehicle = scenario.vehicle
+    encoder = MavlinkEncoder(vehicle.system, vehicle.component)
+    vision = MavlinkEncoder(vehicle.system, CAMERA_COMPONENT)
+    jitter = uniforms(seed, "transport")
+    t_recv_ns = 0
+    for t_ns, message in simulate(scenario, seed, duration, camera):
+        if isinstance(message, Truth):
+            yield message
+            continue
+        t_recv_ns = max(t_recv_ns, EPOCH_NS + t_ns + TRANSPORT_NS + int(JITTER_NS * next(jitter)))
+        if isinstance(message, CameraPoints):
+            frames, channel, encoding = [encode_points(message)], "points", Encoding.POINTS
+        elif isinstance(message, TargetPoints):
+            frames, channel, encoding = split_frames(vision.encode(message)), "camera", Encoding.MAVLINK
+        else:
+            frames, channel, encoding = [encoder.encode(message)], "autopilot", Encoding.MAVLINK
+        for frame in frames:
+            yield Datagram(channel=channel, encoding=encoding, t_recv_ns=t_recv_ns, data=frame)
+
+
+def split_frames(data: bytes) -> list[bytes]:
+    """The single MAVLink frames of whole frames in a row."""
+    view, frames, at = memoryview(data), [], 0
+    while (length := frame_length(view, at)) is not None:
+        frames.append(data[at : at + length])
+        at += length
+    return frames

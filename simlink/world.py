@@ -1,0 +1,131 @@
+"""The truth: two aircraft, step by step, with dynamics of their own (nothing here comes from a filter's model).
+
+`states` is endless and depends on the scenario and the seed alone. The follower flies coordinated: heading
+along its course, pitch along its path, bank atan(a_right / g). The leader does the same, with bank and heading
+wobbling about that. Frames are those of `onboard.geometry`.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from onboard.messages import Quaternion, Truth, Vec3
+from simlink import attitude
+from simlink.motion import Rates, advance, make_motion
+from simlink.noise import gauss_markov, normals, uniforms
+from simlink.scenario import Scenario
+
+G = 9.80665
+STEPS_PER_SECOND = 200
+STEP_NS = 1_000_000_000 // STEPS_PER_SECOND
+DT = 1.0 / STEPS_PER_SECOND
+
+
+class State(NamedTuple):
+    """The world at `step` * 5 ms of flight. SI; n is NED at the scenario's origin O."""
+
+    step: int
+    t: float
+    r_OL_n: Vec3
+    v_L_n: Vec3
+    a_L_n: Vec3
+    q_nL: Quaternion
+    a_lat: float
+    a_long: float
+    r_OF_n: Vec3
+    v_F_n: Vec3
+    a_F_n: Vec3
+    q_nF: Quaternion
+    omega_b: Vec3  # mean body rate over the step that ends here (of the first step: zero)
+    f_b: Vec3  # specific force R_bn (a_F_n - g_n)
+
+
+def true_size(scenario: Scenario, seed: int) -> float:
+    """The leader's size in this run, m: the nominal one and its draw."""
+    sigma = scenario.leader.size_sigma_percent / 100
+    return scenario.leader.size * (1.0 + sigma * next(normals(seed, "leader.size")))
+
+
+def states(scenario: Scenario, seed: int) -> Iterator[State]:
+    """The world, 200 states per second of flight, without end."""
+    phase = uniforms(seed, "follower.wander")
+    turn = 2 * math.pi
+    f, y = make_motion(scenario, (turn * next(phase), turn * next(phase), turn * next(phase)))
+    bank, heading = _wobbles(scenario, seed)
+    step, q_before = 0, None
+    while True:
+        t = step / STEPS_PER_SECOND
+        rates = f(t, y)
+        r_F_n, v_F_n = (y[5], y[6], y[7]), (y[8], y[9], y[10])
+        q_nF = coordinated(v_F_n, rates.a_F_n)
+        specific = (rates.a_F_n[0], rates.a_F_n[1], rates.a_F_n[2] - G)
+        yield State(
+            step=step,
+            t=t,
+            r_OL_n=(y[2], y[3], y[4]),
+            v_L_n=rates.v_L_n,
+            a_L_n=rates.a_L_n,
+            q_nL=_leader_attitude(y[0], y[1], rates, next(bank), next(heading)),
+            a_lat=rates.a_lat,
+            a_long=rates.a_long,
+            r_OF_n=r_F_n,
+            v_F_n=v_F_n,
+            a_F_n=rates.a_F_n,
+            q_nF=q_nF,
+            omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, q_nF),
+            f_b=attitude.to_b(q_nF, specific),
+        )
+        y = advance(f, t, y, rates, DT)
+        step, q_before = step + 1, q_nF
+
+
+def _wobbles(scenario: Scenario, seed: int) -> tuple[Iterator[float], Iterator[float]]:
+    """The leader's bank and heading errors, rad, one per step."""
+    b, h = scenario.leader.bank_wobble_deg, scenario.leader.heading_wobble_deg
+    return (
+        gauss_markov(normals(seed, "leader.bank"), math.radians(b.sigma), b.time, DT),
+        gauss_markov(normals(seed, "leader.heading"), math.radians(h.sigma), h.time, DT),
+    )
+
+
+def _leader_attitude(
+    course: float, climb: float, rates: Rates, bank_error: float, heading_error: float
+) -> Quaternion:
+    return attitude.from_euler(math.atan(rates.a_lat / G) + bank_error, climb, course + heading_error)
+
+
+def coordinated(v_n: Vec3, a_n: Vec3) -> Quaternion:
+    """q_nb of coordinated flight: heading along the course, pitch along the path, bank atan(a_right / g)."""
+    horizontal = math.hypot(v_n[0], v_n[1])
+    right = (a_n[1] * v_n[0] - a_n[0] * v_n[1]) / horizontal if horizontal > 0 else 0.0
+    pitch = math.atan2(-v_n[2], horizontal)
+    return attitude.from_euler(math.atan(right / G), pitch, math.atan2(v_n[1], v_n[0]))
+
+
+def body_rate(q_before: Quaternion, q_now: Quaternion) -> Vec3:
+    """Mean rate over one step, rad/s, body axes: what a gyro that integrates its angle reports."""
+    x, y, z = attitude.to_vector(attitude.product(attitude.conjugate(q_before), q_now))
+    return x * STEPS_PER_SECOND, y * STEPS_PER_SECOND, z * STEPS_PER_SECOND
+
+
+def truth_record(s: State, size: float, t_ns: int) -> Truth:
+    """What is published as the truth at boot time `t_ns`."""
+    return Truth(
+        t_ns=t_ns,
+        r_FL_n=difference(s.r_OL_n, s.r_OF_n),
+        v_FL_n=difference(s.v_L_n, s.v_F_n),
+        size=size,
+        a_lat=s.a_lat,
+        a_long=s.a_long,
+        r_OF_n=s.r_OF_n,
+        v_F_n=s.v_F_n,
+        a_F_n=s.a_F_n,
+        q_nF=s.q_nF,
+        r_OL_n=s.r_OL_n,
+        q_nL=s.q_nL,
+    )
+
+
+def difference(a: Vec3, b: Vec3) -> Vec3:
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
