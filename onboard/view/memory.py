@@ -1,0 +1,33 @@
+"""What the view remembers between records: the neighbours in time that a picture needs, and nothing else."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from onboard.messages import MeasurementReport, OwnPose, Truth
+from onboard.view.motion import Track
+
+NEVER = -(10**18)
+
+
+@dataclass(eq=False)
+class Memory:
+    """The latest of everything; `due` holds, by name, when something was last drawn."""
+
+    own: OwnPose | None = None
+    truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=100))
+    waiting: deque[Track] = field(default_factory=lambda: deque(maxlen=200))  # for the truth of their time
+    report: MeasurementReport | None = None
+    t_image_ns: int = NEVER
+    drawn_ns: dict[str, int] = field(default_factory=dict)
+    shown: dict[str, str] = field(default_factory=dict)  # by strip, the state it shows
+    trail: dict[str, tuple[float, ...]] = field(default_factory=dict)  # by trail, where it ends
+    rates: set[str] = field(default_factory=set)  # streams whose curve has its name
+    error: float | None = None  # distance of the last estimate from the truth, m
+
+    def due(self, name: str, t_ns: int, hz: float) -> bool:
+        """Whether to draw this at t_ns, at no more than `hz`; notes it when so."""
+        # a tenth of slack, or a stream at just this rate would lose every other record to its jitter
+        if t_ns - self.drawn_ns.get(name, NEVER) < 0.9e9 / hz:
+            return False
+        self.drawn_ns[name] = t_ns
+        return True

@@ -1,0 +1,116 @@
+"""From records to the quantities a view shows. Pure functions; NED, metres, seconds, radians."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from onboard.geometry.rotations import Array, matrix_from_quaternion, quaternion_from_euler
+from onboard.messages import Estimate, OwnPose, Truth
+
+COMPONENTS = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")
+
+
+class Track(NamedTuple):
+    """An estimate as arrays: mean (9,) in the order of COMPONENTS, covariance (9, 9); NaN where not estimated."""
+
+    t_ns: int
+    mean: Array
+    covariance: Array
+
+    @property
+    def r(self) -> Array:
+        """Leader relative to follower, (3,) m."""
+        return self.mean[:3]
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation of every component, (9,)."""
+        return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+
+
+def track_of(estimate: Estimate) -> Track | None:
+    """The track in an estimate; None if it has none, or if its relative position is not finite."""
+    if estimate.mean is None or estimate.covariance is None:
+        return None
+    order = {name: i for i, name in enumerate(estimate.components)}
+    if any(name not in order for name in COMPONENTS[:3]):
+        return None
+    known = [k for k, name in enumerate(COMPONENTS) if name in order]
+    source = [order[COMPONENTS[k]] for k in known]
+    mean, covariance = np.full(9, np.nan), np.full((9, 9), np.nan)
+    mean[known] = np.asarray(estimate.mean, dtype=float)[source]
+    covariance[np.ix_(known, known)] = np.asarray(estimate.covariance, dtype=float)[np.ix_(source, source)]
+    if not (np.all(np.isfinite(mean[:3])) and np.all(np.isfinite(covariance[:3, :3]))):
+        return None
+    return Track(t_ns=estimate.t_ns, mean=mean, covariance=covariance)
+
+
+class Sight(NamedTuple):
+    """Along the line of sight: range m, its sigma m, closing speed m/s (positive when closing), and the larger
+    sigma across, m."""
+
+    range: float
+    sigma: float
+    closing: float
+    sigma_across: float
+
+
+def sight(track: Track) -> Sight:
+    """Range, closing speed and their uncertainty of a track."""
+    distance = float(np.linalg.norm(track.r))
+    u = track.r / max(distance, 1e-6)
+    P = track.covariance[:3, :3]
+    across = np.eye(3) - np.outer(u, u)
+    return Sight(
+        range=distance,
+        sigma=float(np.sqrt(max(float(u @ P @ u), 0.0))),
+        closing=float(-u @ track.mean[3:6]),
+        sigma_across=float(np.sqrt(max(np.linalg.eigvalsh(across @ P @ across)[-1], 0.0))),
+    )
+
+
+def ellipsoid(P: Array, sigmas: float) -> tuple[Array, Array]:
+    """Half axes (3,), m, and rotation matrix (3, 3) of the `sigmas`-sigma ellipsoid of P (3, 3)."""
+    values, vectors = np.linalg.eigh(P)
+    if np.linalg.det(vectors) < 0:  # eigenvectors have no sign; a rotation has
+        vectors[:, 0] = -vectors[:, 0]
+    return sigmas * np.sqrt(np.clip(values, 0.0, None)), vectors
+
+
+def course_quaternion(v_n: ArrayLike) -> Array:
+    """Attitude (4,) of something flying straight along v_n (3,), wings level: what is known without more."""
+    north, east, down = np.asarray(v_n, dtype=float)
+    return quaternion_from_euler(
+        0.0, float(np.arctan2(-down, np.hypot(north, east))), float(np.arctan2(east, north))
+    )
+
+
+def heading_quaternion(q_nb: ArrayLike) -> Array:
+    """The yaw of q_nb alone, (4,): level axes that turn with the nose."""
+    m = matrix_from_quaternion(q_nb)
+    return quaternion_from_euler(0.0, 0.0, float(np.arctan2(m[1, 0], m[0, 0])))
+
+
+def own_position(pose: OwnPose, t_ns: int) -> Array:
+    """Our position r_OF_n (3,) at t_ns, carried on at constant velocity from the latest pose."""
+    dt = np.clip((t_ns - pose.t_ns) * 1e-9, -0.5, 0.5)
+    return np.asarray(pose.r_OF_n, dtype=float) + dt * np.asarray(pose.v_F_n, dtype=float)
+
+
+def truth_vector(truth: Truth) -> Array:
+    """Truth (9,) in the order of COMPONENTS."""
+    return np.array([*truth.r_FL_n, *truth.v_FL_n, truth.size, truth.a_lat, truth.a_long])
+
+
+def truth_at(history: Sequence[Truth], t_ns: int, longest_gap_ns: int = 200_000_000) -> Array | None:
+    """Truth (9,) at t_ns, linear between its neighbours in time-ordered `history`; None outside, or in a gap."""
+    for before, after in zip(reversed(list(history)[:-1]), reversed(list(history)[1:]), strict=True):
+        if before.t_ns <= t_ns <= after.t_ns:
+            span = after.t_ns - before.t_ns
+            if span > longest_gap_ns or span == 0:
+                return None
+            weight = (t_ns - before.t_ns) / span
+            return np.asarray((1 - weight) * truth_vector(before) + weight * truth_vector(after))
+    return None

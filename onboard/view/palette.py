@@ -1,0 +1,46 @@
+"""Colours: one meaning each, the same in every panel. RGB, or RGBA where something must shine through."""
+
+from onboard.messages import Lifecycle, Verdict
+
+Colour = tuple[int, int, int] | tuple[int, int, int, int]
+
+ESTIMATE: Colour = (64, 190, 255)
+BAND: Colour = (38, 104, 140)
+TRUTH: Colour = (240, 240, 240)
+OWN: Colour = (255, 184, 77)
+GATE: Colour = (190, 70, 70)
+GRID: Colour = (60, 66, 72)
+FAINT: Colour = (110, 118, 126)
+AXES: tuple[Colour, Colour, Colour] = ((255, 120, 110), (120, 220, 120), (130, 160, 255))
+
+GREEN: Colour = (70, 190, 105)
+AMBER: Colour = (245, 170, 50)
+RED: Colour = (235, 75, 75)
+VIOLET: Colour = (160, 130, 255)
+GREY: Colour = (105, 110, 115)
+DARK: Colour = (60, 63, 66)
+
+STATES: dict[str, Colour] = {
+    Lifecycle.SEARCHING: GREY,
+    Lifecycle.INITIALISING: VIOLET,
+    Lifecycle.TRACKING: GREEN,
+    Lifecycle.COASTING: AMBER,
+    Lifecycle.LOST: RED,
+}
+
+NO_IMAGE = "no image"
+
+VERDICTS: dict[str, Colour] = {
+    Verdict.FUSED: GREEN,
+    Verdict.FUSED_LATE: (60, 170, 160),
+    Verdict.INITIALISING: VIOLET,
+    Verdict.GATED: RED,
+    Verdict.DUPLICATE: GREY,
+    Verdict.TOO_OLD: AMBER,
+    Verdict.TOO_NEW: AMBER,
+    Verdict.NOT_FINITE: (220, 90, 180),
+    Verdict.DEGENERATE: (220, 90, 180),
+    Verdict.NO_POSE: AMBER,
+    Verdict.NUMERICAL: (220, 90, 180),
+    NO_IMAGE: DARK,
+}

@@ -1,0 +1,175 @@
+"""What does not change during a flight: shapes, colours, names of curves. Logged once, without a time.
+
+The scene's origin is the follower F, its axes are NED, so that what matters stays in front of the eye while
+both aircraft cross the country. Below it, `scene/ground` is at the EKF origin O and carries the trails.
+"""
+
+import numpy as np
+
+from onboard.geometry.camera import Camera
+from onboard.geometry.rotations import quaternion_from_matrix
+from onboard.view import palette, shapes
+from onboard.view.sdk import rr
+
+SCENE = "scene"
+HEADING = f"{SCENE}/heading"  # level, turns with our nose: the chase view's frame
+FOLLOWER = f"{SCENE}/follower"
+CAMERA = f"{FOLLOWER}/camera"
+LEADER = f"{SCENE}/leader"
+LEADER_TRUTH = f"{SCENE}/leader_truth"
+UNCERTAINTY = f"{SCENE}/uncertainty"
+LEADER_VELOCITY = f"{SCENE}/leader_velocity"
+OWN_VELOCITY = f"{SCENE}/own_velocity"
+SIGHT_LINE = f"{SCENE}/sight_line"
+DROP_LINE = f"{SCENE}/drop_line"
+TAG = f"{SCENE}/tag"
+GRID = f"{SCENE}/grid"
+GROUND = f"{SCENE}/ground"
+TRAILS = {name: f"{GROUND}/trail_{name}" for name in ("own", "estimate", "truth")}
+
+# everything with a place that records give; not to be drawn before they have
+MOVING = (
+    HEADING, FOLLOWER, LEADER, LEADER_TRUTH, UNCERTAINTY, LEADER_VELOCITY, OWN_VELOCITY, GRID, GROUND,
+)  # fmt: skip
+
+SIGMAS = 3.0
+GRID_CELL = 10.0
+FOLLOWER_SPAN = 1.6  # m, of the glyph: nothing tells us the real one
+VELOCITY_SCALE = 0.3  # s: a velocity arrow shows the way flown in this time
+
+# curves of each plot entity: (name, colour, width)
+Curve = tuple[str, palette.Colour, float]
+BAND: list[Curve] = [("+3σ", palette.BAND, 1.0), ("-3σ", palette.BAND, 1.0)]
+
+
+def with_band(name: str = "estimate", colour: palette.Colour = palette.ESTIMATE) -> list[Curve]:
+    """Curves of a quantity and its band."""
+    return [(name, colour, 2.0), *BAND]
+
+
+AXIS_NAMES = ("north", "east", "down")
+TRUTH_CURVE: list[Curve] = [("truth", palette.TRUTH, 1.2)]
+
+PLOTS: dict[str, list[Curve]] = {
+    "plots/range/estimate": with_band(),
+    "plots/range/truth": TRUTH_CURVE,
+    "plots/range_error": with_band("error"),
+    "plots/size/estimate": with_band(),
+    "plots/size/truth": TRUTH_CURVE,
+    **{f"plots/error/{axis}": with_band("error") for axis in AXIS_NAMES},
+    **{f"plots/velocity/{axis}/estimate": with_band() for axis in AXIS_NAMES},
+    **{f"plots/velocity/{axis}/truth": TRUTH_CURVE for axis in AXIS_NAMES},
+    **{f"plots/acceleration/{axis}/estimate": with_band() for axis in ("lateral", "longitudinal")},
+    **{f"plots/acceleration/{axis}/truth": TRUTH_CURVE for axis in ("lateral", "longitudinal")},
+    "plots/innovation/gate": [("+3σ", palette.GATE, 1.0), ("-3σ", palette.GATE, 1.0)],
+    "plots/nis/gate": [("gate", palette.GATE, 1.5)],
+    "plots/age": [("age of last image fused", palette.AMBER, 1.5)],
+}
+
+
+def log_curves(stream: "rr.RecordingStream", entity: str, curves: list[Curve]) -> None:
+    """Names, colours and widths of the curves of one plot entity."""
+    style = rr.SeriesLines(
+        names=[name for name, _, _ in curves],
+        colors=[colour for _, colour, _ in curves],
+        widths=[width for _, _, width in curves],
+    )
+    stream.log(entity, style, static=True)
+
+
+def log_plots(stream: "rr.RecordingStream") -> None:
+    """The style of every plot and of the two strips of states."""
+    for entity, curves in PLOTS.items():
+        log_curves(stream, entity, curves)
+    points = rr.SeriesPoints(names="NIS", colors=palette.ESTIMATE, marker_sizes=2.5)
+    stream.log("plots/nis/value", points, static=True)
+    for entity, colours in (("strip/track", palette.STATES), ("strip/image", palette.VERDICTS)):
+        names = [str(name) for name in colours]
+        style = rr.StateConfiguration(
+            values=names, labels=[n.replace("_", " ").upper() for n in names], colors=list(colours.values())
+        )
+        stream.log(entity, style, static=True)
+
+
+def log_mesh(stream: "rr.RecordingStream", entity: str, mesh: shapes.Mesh, colour: palette.Colour) -> None:
+    """A shape in one colour."""
+    body = rr.Mesh3D(vertex_positions=mesh.vertices, vertex_normals=mesh.normals, albedo_factor=colour)
+    stream.log(entity, body, static=True)
+
+
+def log_lines(
+    stream: "rr.RecordingStream", entity: str, strips: list[np.ndarray], colour: palette.Colour, width: float
+) -> None:
+    """Lines of a width in screen points, whatever the scale they are drawn at."""
+    lines = rr.LineStrips3D(strips, colors=colour, radii=rr.Radius.ui_points(width))
+    stream.log(entity, lines, static=True)
+
+
+def log_camera(stream: "rr.RecordingStream", camera: Camera) -> None:
+    """Where the camera sits, what it can see, and the frame of its image."""
+    q = quaternion_from_matrix(camera.R_bc)
+    mount = rr.Transform3D(translation=camera.r_FC_b, quaternion=rr.Quaternion(xyzw=q[[1, 2, 3, 0]]))
+    lens = rr.Pinhole(
+        focal_length=camera.f_px,
+        width=camera.width_px,
+        height=camera.height_px,
+        principal_point=(camera.width_px / 2, camera.height_px / 2),
+        camera_xyz=rr.ViewCoordinates.FRD,
+        image_plane_distance=5.0,
+        color=palette.FAINT,
+        line_width=1.5,
+    )
+    stream.log(CAMERA, mount, lens, static=True)
+    w, h = camera.width_px, camera.height_px
+    frame = [[(0, 0), (w, 0), (w, h), (0, h), (0, 0)]]
+    cross = [[(w / 2 - 8, h / 2), (w / 2 + 8, h / 2)], [(w / 2, h / 2 - 8), (w / 2, h / 2 + 8)]]
+    lines = rr.LineStrips2D(frame + cross, colors=palette.FAINT, radii=rr.Radius.ui_points(0.7))
+    stream.log(f"{CAMERA}/frame", lines, static=True)
+
+
+def log_image_styles(stream: "rr.RecordingStream") -> None:
+    """Sizes of what is drawn into the image; positions and colours come with the records."""
+    small, hair = rr.Radius.ui_points(3.5), rr.Radius.ui_points(0.8)
+    stream.log(f"{CAMERA}/measured", rr.Points2D.from_fields(radii=small, draw_order=30.0), static=True)
+    predicted = rr.Ellipses2D.from_fields(colors=palette.ESTIMATE, line_radii=hair, draw_order=20.0)
+    stream.log(f"{CAMERA}/predicted", predicted, static=True)
+    for name, colour in (("measured_wing", palette.FAINT), ("predicted_wing", palette.ESTIMATE)):
+        lines = rr.LineStrips2D.from_fields(colors=colour, radii=hair, draw_order=10.0)
+        stream.log(f"{CAMERA}/{name}", lines, static=True)
+    stream.log(f"{CAMERA}/verdict", rr.Points2D.from_fields(radii=0.0, show_labels=True), static=True)
+
+
+def log_aircraft(stream: "rr.RecordingStream") -> None:
+    """The shapes of both aircraft, their arrows, the uncertainty, the grid and the style of the trails."""
+    log_mesh(stream, f"{LEADER}/shape", shapes.aeroplane(), palette.ESTIMATE)
+    log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.8)
+    log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.quadrotor(), palette.OWN)
+    stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
+    for entity, colour in ((LEADER_VELOCITY, palette.ESTIMATE), (OWN_VELOCITY, palette.OWN)):
+        arrow = rr.Arrows3D(vectors=[(1, 0, 0)], colors=colour, radii=rr.Radius.ui_points(1.2))
+        stream.log(f"{entity}/arrow", arrow, static=True)
+    ball = rr.Ellipsoids3D(
+        half_sizes=[(1, 1, 1)],
+        colors=(*palette.ESTIMATE[:3], 70),
+        fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
+        line_radii=rr.Radius.ui_points(0.6),
+    )
+    stream.log(f"{UNCERTAINTY}/ellipsoid", ball, static=True)
+    log_lines(stream, f"{GRID}/lines", shapes.grid(GRID_CELL, 8), palette.GRID, 0.5)
+    colours = {"own": palette.OWN, "estimate": palette.ESTIMATE, "truth": palette.TRUTH}
+    for name, entity in TRAILS.items():
+        width = rr.Radius.ui_points(0.6 if name == "truth" else 1.2)
+        stream.log(entity, rr.LineStrips3D.from_fields(colors=colours[name], radii=width), static=True)
+    for entity, colour in ((SIGHT_LINE, palette.FAINT), (DROP_LINE, palette.ESTIMATE)):
+        stream.log(entity, rr.LineStrips3D.from_fields(colors=colour, radii=rr.Radius.ui_points(0.6)), static=True)
+    stream.log(TAG, rr.Points3D.from_fields(radii=0.0, show_labels=True), static=True)
+
+
+def log_static(stream: "rr.RecordingStream", camera: Camera) -> None:
+    """Everything that does not change."""
+    for entity in (SCENE, HEADING):
+        stream.log(entity, rr.ViewCoordinates.FRD, static=True)
+    log_aircraft(stream)
+    log_camera(stream, camera)
+    log_image_styles(stream)
+    log_plots(stream)

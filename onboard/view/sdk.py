@@ -1,0 +1,16 @@
+"""Rerun, or a clear word about how to get it. The rest of the package takes `rr` and `rrb` from here."""
+
+__all__ = ["MissingRerunError", "rr", "rrb"]
+
+
+class MissingRerunError(ImportError):
+    """The optional dependency of the live view is not installed."""
+
+
+try:
+    import rerun as rr
+    import rerun.blueprint as rrb
+except ModuleNotFoundError as error:
+    raise MissingRerunError(
+        f"the live view needs Rerun, which is not installed ({error}): pip install wingline[view]"
+    ) from error

@@ -1,0 +1,103 @@
+"""Shapes of the things drawn: triangles and lines in body axes (FRD), metres for a span of one metre."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from onboard.geometry.rotations import Array
+
+
+class Mesh(NamedTuple):
+    """Triangles: vertices (3 n, 3), three to a triangle and none shared, and their normals (3 n, 3)."""
+
+    vertices: Array
+    normals: Array
+
+
+def flat_mesh(triangles: ArrayLike) -> Mesh:
+    """Mesh with one normal per triangle of triangles (n, 3, 3): edges look sharp and need no material."""
+    t = np.asarray(triangles, dtype=float)
+    normals = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return Mesh(vertices=t.reshape(-1, 3), normals=np.repeat(normals, 3, axis=0))
+
+
+def merge(*meshes: Mesh) -> Mesh:
+    """One mesh of several."""
+    return Mesh(
+        vertices=np.concatenate([m.vertices for m in meshes]),
+        normals=np.concatenate([m.normals for m in meshes]),
+    )
+
+
+def plate(outline: ArrayLike, thickness: ArrayLike) -> Mesh:
+    """Convex polygon outline (n, 3) thickened by the vector `thickness` (3,), half to either side."""
+    points, half = np.asarray(outline, dtype=float), np.asarray(thickness, dtype=float) / 2
+    top, bottom = points + half, points - half
+    n = len(points)
+    triangles = [[top[0], top[i], top[i + 1]] for i in range(1, n - 1)]
+    triangles += [[bottom[0], bottom[i + 1], bottom[i]] for i in range(1, n - 1)]
+    for i in range(n):
+        j = (i + 1) % n
+        triangles += [[top[i], bottom[i], bottom[j]], [top[i], bottom[j], top[j]]]
+    return flat_mesh(np.array(triangles))
+
+
+def spindle(x: ArrayLike, radius: ArrayLike, sides: int = 10) -> Mesh:
+    """Body of revolution about the forward axis: radii (n,) at stations x (n,)."""
+    angle = np.linspace(0, 2 * np.pi, sides + 1)
+    ring = np.stack([np.zeros_like(angle), np.cos(angle), np.sin(angle)], axis=1)
+    rings = [np.array([a, 0, 0]) + r * ring for a, r in zip(np.asarray(x), np.asarray(radius), strict=True)]
+    triangles = []
+    for front, back in pairwise(rings):
+        for i in range(sides):
+            triangles += [[front[i], back[i], back[i + 1]], [front[i], back[i + 1], front[i + 1]]]
+    return flat_mesh(np.array(triangles))
+
+
+WING = [(0.07, 0, 0), (-0.04, 0.5, 0), (-0.12, 0.5, 0), (-0.15, 0, 0), (-0.12, -0.5, 0), (-0.04, -0.5, 0)]
+TAILPLANE = [(-0.42, 0, 0), (-0.48, 0.19, 0), (-0.54, 0.19, 0), (-0.54, -0.19, 0), (-0.48, -0.19, 0)]
+FIN = [(-0.38, 0, 0), (-0.5, 0, -0.18), (-0.56, 0, -0.18), (-0.54, 0, 0)]
+
+
+def aeroplane() -> Mesh:
+    """A fixed-wing aircraft of span 1, its origin at the middle of the wing."""
+    return merge(
+        plate(WING, (0, 0, 0.025)),
+        plate(TAILPLANE, (0, 0, 0.02)),
+        plate(FIN, (0, 0.02, 0)),
+        spindle([0.42, 0.38, 0.25, 0.05, -0.2, -0.55], [0.0, 0.035, 0.06, 0.065, 0.045, 0.012]),
+    )
+
+
+def aeroplane_outline() -> list[Array]:
+    """Line strips of the same aircraft, to lay over it."""
+    closed = [np.array([*part, part[0]], dtype=float) for part in (WING, TAILPLANE, FIN)]
+    return [*closed, np.array([(0.42, 0, 0), (-0.55, 0, 0)], dtype=float)]
+
+
+def quadrotor() -> Mesh:
+    """A quadrotor of span 1 (rotor tip to rotor tip, across), its nose forward."""
+    parts = [spindle([0.24, 0.18, 0.0, -0.2, -0.24], [0.0, 0.09, 0.11, 0.08, 0.0], sides=8)]
+    angle = np.linspace(0, 2 * np.pi, 17)[:-1]
+    disc = 0.19 * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    for x, y in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        hub = np.array([0.31 * x, 0.31 * y, -0.05])
+        across = np.array([-0.02 * y, 0.02 * x, 0])
+        parts.append(plate([across, hub + across, hub - across, -across], (0, 0, 0.03)))
+        parts.append(plate(hub + disc, (0, 0, 0.012)))
+    return merge(*parts)
+
+
+def grid(cell: float, cells: int) -> list[Array]:
+    """Lines of a square horizontal grid, `cells` to either side of the origin, `cell` metres apart."""
+    lines = []
+    steps = np.arange(-cells, cells + 1) * cell
+    for k in steps:
+        # a piece per cell: of a line that ends behind the eye, the viewer draws the near part far too wide
+        for a, b in pairwise(steps):
+            lines.append(np.array([(k, a, 0), (k, b, 0)], dtype=float))
+            lines.append(np.array([(a, k, 0), (b, k, 0)], dtype=float))
+    return lines

@@ -1,0 +1,112 @@
+"""Records into the 3-D scene: places, attitudes, trails. NED metres, the follower at the origin."""
+
+import numpy as np
+
+from onboard.geometry.rotations import Array, quaternion_from_matrix
+from onboard.messages import Estimate, OwnPose, Truth
+from onboard.view import palette, scene, words
+from onboard.view.columns import HIDDEN, LEVEL, Columns, Pose, lines_3d, poses, tags
+from onboard.view.memory import Memory
+from onboard.view.motion import (
+    Track,
+    course_quaternion,
+    ellipsoid,
+    heading_quaternion,
+    own_position,
+    sight,
+)
+
+SCENE_HZ = 25.0
+TRAIL_HZ = 5.0
+ORIGIN = (0.0, 0.0, 0.0)
+ONE = (1.0, 1.0, 1.0)
+FRESH_NS = 500_000_000  # an attitude from the truth older than this says nothing
+NO_LINE = np.zeros((0, 3))
+
+
+def hide_everything(columns: Columns, t_ns: int) -> None:
+    """Nothing has a place before its first record."""
+    for entity in scene.MOVING:
+        columns.add(poses, entity, t_ns, HIDDEN)
+
+
+def extend_trail(columns: Columns, memory: Memory, name: str, t_ns: int, position: Array) -> None:
+    """One more piece of a trail, from where it ended to `position`, (3,) m from the EKF origin."""
+    if not memory.due(f"trail {name}", t_ns, TRAIL_HZ):
+        return
+    end = memory.trail.get(name)
+    memory.trail[name] = tuple(float(x) for x in position)
+    if end is not None:
+        columns.add(lines_3d, scene.TRAILS[name], t_ns, np.array([end, position], dtype=float))
+
+
+def arrow(origin: Array, v_n: Array) -> Pose:
+    """Where an arrow of unit length goes to show the velocity v_n (3,)."""
+    return Pose(origin, course_quaternion(v_n), np.full(3, scene.VELOCITY_SCALE * float(np.linalg.norm(v_n))))
+
+
+def draw_own(columns: Columns, memory: Memory, pose: OwnPose) -> None:
+    """Our attitude, our velocity, and the ground passing below."""
+    t_ns, position = pose.t_ns, np.asarray(pose.r_OF_n, dtype=float)
+    if not (np.all(np.isfinite(position)) and np.all(np.isfinite(pose.q_nb)) and np.all(np.isfinite(pose.v_F_n))):
+        return
+    memory.own = pose
+    if not memory.due("own", t_ns, SCENE_HZ):
+        return
+    columns.add(poses, scene.FOLLOWER, t_ns, Pose(ORIGIN, pose.q_nb, ONE))
+    columns.add(poses, scene.HEADING, t_ns, Pose(ORIGIN, heading_quaternion(pose.q_nb), ONE))
+    columns.add(poses, scene.OWN_VELOCITY, t_ns, arrow(np.zeros(3), np.asarray(pose.v_F_n, dtype=float)))
+    columns.add(poses, scene.GROUND, t_ns, Pose(-position, LEVEL, ONE))
+    # the grid is endless, so a whole number of cells may be left out
+    shift = -np.mod(position, scene.GRID_CELL)
+    columns.add(poses, scene.GRID, t_ns, Pose((shift[0], shift[1], 0.0), LEVEL, ONE))
+    extend_trail(columns, memory, "own", t_ns, position)
+
+
+def draw_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
+    """The leader as it really is: an outline over the estimate."""
+    r = np.asarray(truth.r_FL_n, dtype=float)
+    if not (np.all(np.isfinite(r)) and memory.due("truth", truth.t_ns, SCENE_HZ)):
+        return
+    columns.add(poses, scene.LEADER_TRUTH, truth.t_ns, Pose(r, truth.q_nL, np.full(3, truth.size)))
+    extend_trail(columns, memory, "truth", truth.t_ns, np.asarray(truth.r_OL_n, dtype=float))
+
+
+def leader_attitude(memory: Memory, t_ns: int, v_L_n: Array) -> Array:
+    """The truth's, when a simulator tells; else wings level along the course, which is all we estimate."""
+    if memory.truths and abs(t_ns - memory.truths[-1].t_ns) < FRESH_NS:
+        return np.asarray(memory.truths[-1].q_nL, dtype=float)
+    return course_quaternion(v_L_n if np.all(np.isfinite(v_L_n)) else np.array([1.0, 0.0, 0.0]))
+
+
+def hide_leader(columns: Columns, t_ns: int) -> None:
+    """Take away what showed a track that is no more."""
+    for entity in (scene.LEADER, scene.UNCERTAINTY, scene.LEADER_VELOCITY):
+        columns.add(poses, entity, t_ns, HIDDEN)
+    for entity in (scene.SIGHT_LINE, scene.DROP_LINE):
+        columns.add(lines_3d, entity, t_ns, NO_LINE)
+
+
+def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, track: Track | None) -> None:
+    """The estimated leader, its uncertainty, its velocity, and lines that tie it to us and to the grid."""
+    t_ns = estimate.t_ns
+    if not memory.due("leader", t_ns, SCENE_HZ):
+        return
+    if track is None:
+        hide_leader(columns, t_ns)
+        return
+    v_F_n = np.zeros(3) if memory.own is None else np.asarray(memory.own.v_F_n, dtype=float)
+    v_L_n, r = v_F_n + track.mean[3:6], track.r
+    span = track.mean[6] if np.isfinite(track.mean[6]) else 1.0
+    columns.add(poses, scene.LEADER, t_ns, Pose(r, leader_attitude(memory, t_ns, v_L_n), np.full(3, span)))
+    if np.all(np.isfinite(v_L_n)):
+        columns.add(poses, scene.LEADER_VELOCITY, t_ns, arrow(r, v_L_n))
+    half_axes, axes = ellipsoid(track.covariance[:3, :3], scene.SIGMAS)
+    columns.add(poses, scene.UNCERTAINTY, t_ns, Pose(r, quaternion_from_matrix(axes), half_axes))
+    columns.add(lines_3d, scene.SIGHT_LINE, t_ns, np.array([np.zeros(3), r]))
+    columns.add(lines_3d, scene.DROP_LINE, t_ns, np.array([r, [r[0], r[1], 0.0]]))
+    if memory.due("tag", t_ns, 5.0):
+        text = words.tag(estimate, sight(track))
+        columns.add(tags, scene.TAG, t_ns, (r, palette.STATES[estimate.state], text))
+    if memory.own is not None:
+        extend_trail(columns, memory, "estimate", t_ns, own_position(memory.own, t_ns) + r)

@@ -1,0 +1,137 @@
+"""The live view: records in, a Rerun recording out, to a viewer, to a file, or to both."""
+
+import os
+import subprocess
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from onboard.geometry.camera import Camera
+from onboard.messages import Estimate, Health, OwnPose, Truth
+from onboard.view import image, palette, plots, scene, space, words
+from onboard.view.columns import Columns, texts
+from onboard.view.layout import blueprint
+from onboard.view.memory import Memory
+from onboard.view.motion import sight, track_of
+from onboard.view.sdk import rr
+from onboard.view.viewer import free_port, start_viewer
+
+BATCH_NS = 100_000_000
+STATUS_HZ = 4.0
+RESTART_NS = 5_000_000_000  # a time that far back is another boot, not a late record
+
+
+class View:
+    """Draws records as they come. Not for the daemon's own process: Rerun may block its caller.
+
+    `rrd` names a recording to write; `grpc_port` a port on 127.0.0.1 to serve viewers from (0: any free one);
+    `spawn` opens the packaged viewer on it if there is a display, and it is for the user to close. With a server
+    or a viewer, `url` says where. `memory_limit` bounds what the server keeps for viewers that come late.
+    Raises `ValueError` if there is nowhere to draw to.
+    """
+
+    def __init__(
+        self,
+        *,
+        camera: Camera,
+        rrd: Path | None = None,
+        grpc_port: int | None = None,
+        spawn: bool = False,
+        memory_limit: str = "256MiB",
+        application_id: str = "onboard",
+        estimator: str = "leader",
+    ) -> None:
+        if rrd is None and grpc_port is None and not spawn:
+            raise ValueError("a view needs somewhere to draw to: rrd, grpc_port or spawn")
+        self._camera, self._estimator = camera, estimator
+        self._columns, self._memory = Columns(), Memory()
+        self._t_first_ns: int | None = None
+        self._t_flush_ns = 0
+        self._closed = False
+        self.url: str | None = None
+        self.viewer: subprocess.Popen[bytes] | None = None
+        sinks: list[rr.GrpcServerSink | rr.FileSink] = []
+        if rrd is not None:
+            rrd.parent.mkdir(parents=True, exist_ok=True)
+            sinks.append(rr.FileSink(os.fspath(rrd)))
+        if grpc_port is not None or spawn:
+            # 127.0.0.1 and nothing else: what Rerun serves, anybody who reaches the port may read
+            server = rr.GrpcServerSink("127.0.0.1", grpc_port or free_port(), server_memory_limit=memory_limit)
+            self.url = str(server.uri)
+            sinks.append(server)
+        self._stream = rr.RecordingStream(application_id)
+        self._stream.set_sinks(*sinks, default_blueprint=blueprint(camera))
+        scene.log_static(self._stream, camera)
+        if spawn and self.url is not None:
+            self.viewer = start_viewer(self.url)
+
+    def show(self, record: Estimate | OwnPose | Truth | Health) -> None:
+        """Draw one record. Records of other kinds, and of other estimators, are none of the view's business."""
+        if self._closed:
+            raise ValueError("this view is closed")
+        if not isinstance(record, Estimate | OwnPose | Truth | Health):
+            return
+        self._keep_time(record.t_ns)
+        match record:
+            case Estimate():
+                if record.name == self._estimator:
+                    self._show_estimate(record)
+            case OwnPose():
+                space.draw_own(self._columns, self._memory, record)
+            case Truth():
+                self._memory.truths.append(record)
+                space.draw_truth(self._columns, self._memory, record)
+                plots.plot_truth(self._columns, record)
+                plots.plot_errors(self._columns, self._memory)
+            case Health():
+                plots.plot_health(self._columns, self._memory, record, self._stream)
+                self._columns.add(texts, "health", record.t_ns, words.health(record))
+
+    def close(self) -> None:
+        """Send what is left and finish the file, which has no index before that. May be called twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self._columns.flush(self._stream)
+        self._stream.flush(timeout_sec=10.0)
+        self._stream.disconnect()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _keep_time(self, t_ns: int) -> None:
+        """Flush what a batch's worth of flight has gathered; begin anew when the autopilot has."""
+        if self._t_first_ns is None or t_ns < self._t_flush_ns - RESTART_NS:
+            self._memory = Memory()
+            self._t_first_ns = self._t_flush_ns = t_ns
+            space.hide_everything(self._columns, t_ns)
+        if t_ns - self._t_flush_ns >= BATCH_NS:
+            self._columns.flush(self._stream)
+            self._t_flush_ns = t_ns
+
+    def _show_estimate(self, estimate: Estimate) -> None:
+        columns, memory, t_ns = self._columns, self._memory, estimate.t_ns
+        track = track_of(estimate)
+        space.draw_leader(columns, memory, estimate, track)
+        plots.plot_track(columns, memory, t_ns, track)
+        plots.plot_errors(columns, memory)
+        plots.plot_age(columns, estimate)
+        plots.plot_state(columns, memory, "track", t_ns, estimate.state)
+        report = estimate.measurement
+        if report is not None:
+            memory.report, memory.t_image_ns = report, t_ns
+            image.draw_image(columns, memory, self._camera, report, track)
+            plots.plot_report(columns, memory, report, self._stream)
+            plots.plot_state(columns, memory, "image", report.t_ns, report.verdict)
+        elif t_ns - memory.t_image_ns > image.STALE_NS:
+            image.clear_image(columns, memory, self._camera, t_ns)
+            plots.plot_state(columns, memory, "image", t_ns, palette.NO_IMAGE)
+        if memory.due("status", t_ns, STATUS_HZ):
+            seen = None if track is None else sight(track)
+            text = words.status(estimate, track, seen, memory.report, memory.error)
+            columns.add(texts, "status", t_ns, text)

@@ -1,0 +1,126 @@
+"""The packaged desktop viewer: opened on a display, or without one to take a picture."""
+
+import os
+import socket
+import subprocess
+import tempfile
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+
+class ViewerError(RuntimeError):
+    """The viewer could not be started, or could not draw."""
+
+
+def free_port() -> int:
+    """A TCP port of 127.0.0.1 that nobody listens on just now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def viewer_path() -> Path:
+    """The viewer in the wheel: the `rerun` command beside it is a script that would survive its own end."""
+    spec = find_spec("rerun_cli")
+    for folder in (spec.submodule_search_locations or []) if spec else []:
+        for name in ("rerun", "rerun.exe"):
+            if (path := Path(folder) / name).exists():
+                return path
+    raise ViewerError("this rerun-sdk comes without its viewer; install the wheel from PyPI")
+
+
+def has_display() -> bool:
+    """Whether a window could be opened here."""
+    return os.name == "nt" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def start_viewer(url: str) -> "subprocess.Popen[bytes] | None":
+    """Open the viewer on a server; None if there is no display to open it on."""
+    if not has_display():
+        return None
+    # by itself the viewer would listen on every interface
+    command = [str(viewer_path()), url, "--bind", "127.0.0.1", "--port", str(free_port()), "--hide-welcome-screen"]
+    return subprocess.Popen(  # noqa: S603  (a program of our own environment, by its full path)
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+
+
+def screenshot(
+    source: str | Path,
+    png: Path,
+    *,
+    at: float | None = None,
+    size: tuple[int, int] = (1400, 900),
+    timeout: float = 90.0,
+) -> None:
+    """Picture of a recording (a file, or the URL of a server) as the viewer shows it, without a screen.
+
+    `at` is the time shown, s since boot; None: the end. Needs Vulkan, which mesa's software driver provides.
+    Raises `FileNotFoundError` if the file is not there, `ViewerError` with the viewer's own last words if it
+    cannot draw.
+    """
+    is_url = "://" in str(source)
+    if not is_url and not Path(source).is_file():
+        raise FileNotFoundError(f"no such recording: {source}")
+    target = str(source) if is_url else str(Path(source).resolve())
+    port = free_port()
+    command = [
+        str(viewer_path()), "--headless", "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen",
+        "--window-size", f"{size[0]}x{size[1]}", target,
+    ]  # fmt: skip
+    deadline = time.monotonic() + timeout
+    with tempfile.TemporaryFile() as log:
+        process = subprocess.Popen(  # noqa: S603  (as above)
+            command, stdout=log, stderr=log, env={**os.environ, "RERUN_APP_ONLY": "true"}
+        )
+        try:
+            _take(process, port, png.resolve(), at, deadline)
+        except (ViewerError, RuntimeError, ConnectionError) as error:
+            log.seek(0)
+            said = log.read().decode(errors="replace").strip()[-800:]
+            raise ViewerError(
+                f"no picture of {source}: {error}\n{said}\n"
+                "(without a graphics card, Debian's mesa-vulkan-drivers draws in software)"
+            ) from error
+        finally:
+            process.terminate()
+            try:
+                process.wait(5)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait(5)
+
+
+def _take(process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | None, deadline: float) -> None:
+    """Wait until the viewer listens and has loaded everything, go to the time, and let it paint twice."""
+    from rerun.experimental import ViewerClient  # noqa: PLC0415  (drags in a query engine)
+
+    def wait(what: str) -> None:
+        if process.poll() is not None:
+            raise ViewerError(f"the viewer ended with code {process.returncode} while {what}")
+        if time.monotonic() > deadline:
+            raise ViewerError(f"gave up while {what}")
+        time.sleep(0.2)
+
+    while True:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                break
+        wait("waiting for the viewer to listen")
+    client = ViewerClient.connect(f"rerun+http://127.0.0.1:{port}/proxy")
+    while True:
+        try:
+            state = client.get_state()
+            loaded = not state.loading and any(r.timelines for r in state.recordings)
+        except RuntimeError:
+            loaded = False
+        if loaded:
+            break
+        wait("loading the recording")
+    if at is not None:
+        client.set_time("boot_time", duration=at, play_state="paused")
+    client.take_screenshot(max_size=64)  # the first painting lays out; views appear in the second
+    time.sleep(1.0)
+    png.parent.mkdir(parents=True, exist_ok=True)
+    png.write_bytes(client.take_screenshot())

@@ -1,0 +1,79 @@
+"""The state in words: what a pilot reads, and what somebody on the ground looks up."""
+
+import math
+
+from onboard.messages import Estimate, Health, MeasurementReport
+from onboard.view.motion import Sight, Track
+
+
+def nis_words(report: MeasurementReport | None) -> str:
+    """Whether the last image agreed with the track."""
+    if report is None or report.nis is None or report.gate is None:
+        return "NIS –"
+    return f"NIS {'ok' if report.nis <= report.gate else 'TOO HIGH'} ({report.nis:.1f} of {report.gate:.1f})"
+
+
+def headline(estimate: Estimate, track: Track | None, seen: Sight | None) -> str:
+    """One line: state, range, closing speed, size. The ± are one standard deviation."""
+    state = estimate.state.upper()
+    if track is None or seen is None:
+        return f"{state} · no track"
+    closing = f"closing {seen.closing:.1f}" if seen.closing >= 0 else f"opening {-seen.closing:.1f}"
+    words = f"{state} · range {seen.range:.1f} ± {seen.sigma:.1f} m · {closing} m/s"
+    size, sigma = track.mean[6], track.sigma[6]
+    return words if math.isnan(size) else f"{words} · size {size:.2f} ± {sigma:.2f} m"
+
+
+def tag(estimate: Estimate, seen: Sight) -> str:
+    """What stands beside the leader in the 3-D view."""
+    return f"{estimate.state.upper()}  {seen.range:.1f} ± {seen.sigma:.1f} m"
+
+
+def verdict_label(report: MeasurementReport) -> str:
+    """What stands in the image: what became of it, and by how much."""
+    name = report.verdict.replace("_", " ").upper()
+    if report.nis is None or report.gate is None:
+        return name
+    return f"{name} · NIS {report.nis:.1f} of {report.gate:.1f}"
+
+
+def status(
+    estimate: Estimate,
+    track: Track | None,
+    seen: Sight | None,
+    report: MeasurementReport | None,
+    error: float | None,
+) -> str:
+    """The status panel, Markdown; `report` is the last image's, `error` the distance to the truth, m, if known."""
+    rows = [f"## {estimate.state.upper()}" + ("" if estimate.valid else " · not valid"), ""]
+    if track is None or seen is None:
+        rows.append("No track yet.")
+    else:
+        closing = "closing" if seen.closing >= 0 else "opening"
+        rows += [
+            f"### range {seen.range:.1f} ± {seen.sigma:.1f} m",
+            f"### {closing} {abs(seen.closing):.1f} m/s",
+            f"### size {track.mean[6]:.2f} ± {track.sigma[6]:.2f} m",
+        ]
+        if error is not None:
+            rows.append(f"{error:.2f} m from the truth")
+    age = "–" if estimate.age is None else f"{estimate.age:.2f} s ago"
+    rows += ["", f"{nis_words(report)}  ·  last image fused {age}", ""]
+    if estimate.reason:
+        rows += [f"*{estimate.reason}*", ""]
+    return "\n".join([*rows, "± is one standard deviation"])
+
+
+def health(record: Health) -> str:
+    """The health panel, Markdown."""
+    rows = [f"**{record.autopilot}**, up {record.uptime:.0f} s, clock from {record.clock_source or '–'}"]
+    if record.round_trip is not None:
+        rows[0] += f", round trip {record.round_trip * 1e3:.1f} ms"
+    rows += ["", "| stream | Hz | age s | count |", "|---|---:|---:|---:|"]
+    rows += [f"| {name} | {s.rate:.1f} | {s.age:.2f} | {s.count} |" for name, s in sorted(record.streams.items())]
+    for title, table in (("images", record.verdicts), ("rejected", record.rejected)):
+        if table:
+            rows += ["", f"{title}: " + " · ".join(f"{name} {n}" for name, n in sorted(table.items()))]
+    rows += ["", "| sink | sent | dropped | restarts |", "|---|---:|---:|---:|"]
+    rows += [f"| {n} {s.error} | {s.sent} | {s.dropped} | {s.restarts} |" for n, s in sorted(record.sinks.items())]
+    return "\n".join(rows)
