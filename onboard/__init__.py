@@ -1,1 +1,14 @@
-"""The companion-computer daemon."""
+"""The companion-computer daemon. The flow, start to end; every arrow is one function call:
+
+    bytes on a link                  links/        -> Datagram(channel, t_recv_ns, data)
+    -> messages, in SI units         wire/         MavlinkDecoder.decode, points.decode_points
+    -> on one time base              clocks.py     Clocks.align: t_ns = when it was true, boot clock
+    -> our own pose and motion       ownship.py    Ownship.receive; pose_at the image's own time
+    -> the estimate                  estimators/   rewind if late, predict, gate, update, predict to now
+    -> Estimate, OwnPose             sinks/        Zenoh, recorder; the view is a client of what they publish
+
+`pipeline.Pipeline.feed(datagram)` IS the program: no clock, no socket, no thread, so a recorded flight gives
+the same bytes again. `daemon.py` puts it together with links and sinks for a flight, `replay.py` for a log.
+"""
+
+__version__ = "0.1.0"

@@ -1,0 +1,132 @@
+"""One time base: the autopilot's boot clock, in nanoseconds.
+
+Each message leaves here with `t_ns` = when it was true on that clock: its stamp, less the known delay of its
+source (stamps lie: field data show a LOCAL_POSITION_NED 20-25 ms older than it says). Stamps of this
+computer's clock (camera, Unix time) are carried over by the offset between the two clocks, from TIMESYNC
+where there are replies, else from the fastest of the last seconds' messages.
+
+A stamp that does not fit is held against its neighbours: when the boot clock runs on and only the arrival
+time has jumped, our own clock was set, and nothing is lost; when the boot clock itself has gone back, and the
+next few messages agree, the autopilot has rebooted; a lone odd stamp is rejected.
+"""
+
+from collections import Counter
+from typing import Final
+
+import msgspec
+
+from onboard.messages import Clock, Message, TimeSync
+
+JUMP_NS: Final = 1_000_000_000
+CONTINUES_NS: Final = 5_000_000_000
+CONFIRM: Final = 5
+WINDOW_NS: Final = 10_000_000_000
+LONGEST_ROUND_TRIP_NS: Final = 200_000_000
+OUR_TAG: Final = 191  # the last three digits of the ts1 in our own TIMESYNC requests
+
+
+def tagged(now_ns: int) -> int:
+    """A request's ts1: the time, to the microsecond, marked as ours."""
+    return now_ns - now_ns % 1000 + OUR_TAG
+
+
+class Clocks:
+    """The offset host clock - boot clock, and the boot clock's continuity. All times in ns."""
+
+    def __init__(self) -> None:
+        self.reboots = 0
+        self.rejected: Counter[str] = Counter()
+        self.source = "none"
+        self.round_trip_ns: int | None = None
+        self._newest_stamp: int | None = None
+        self._base = 0  # host - boot as it was at the last message: coarse, for continuity only
+        self._odd: list[int] = []  # offsets of the last stamps that did not fit
+        self._own_replies = False
+        self._fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), a window's running minimum
+        self._synced: list[tuple[int, int, int]] = []  # (round trip, t_recv, host - boot)
+
+    @property
+    def offset_ns(self) -> int | None:
+        """Host clock minus boot clock, None before anything has come."""
+        if self._synced:
+            return min(self._synced)[2]
+        if self._fastest:
+            return min(offset for _, offset in self._fastest)
+        return None
+
+    def align(self, message: Message, delay_ns: int = 0) -> Message | None:
+        """The message with `t_ns` on the boot clock, less its delay. None, counted, where there is no telling."""
+        if message.clock is Clock.BOOT:
+            if not self._continues(message.t_ns, message.t_recv_ns):
+                return None
+            t_ns = message.t_ns
+        else:
+            offset = self.offset_ns
+            if offset is None:
+                self.rejected["no_time_base"] += 1
+                return None
+            t_ns = message.t_ns - offset
+        return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
+
+    def receive_reply(self, message: TimeSync) -> None:
+        """Learn from a TIMESYNC reply. Those to others' requests, which autopilots forward, are told by the tag
+        in our own ts1; where a log holds no tagged one, any reply that could be the recorder's is used."""
+        if message.tc1_ns == 0:
+            return  # somebody's request
+        round_trip = message.t_recv_ns - message.ts1_ns
+        ours = message.ts1_ns % 1000 == OUR_TAG
+        if not 0 <= round_trip <= LONGEST_ROUND_TRIP_NS or (self._own_replies and not ours):
+            self.rejected["timesync_not_ours"] += 1
+            return
+        if ours and not self._own_replies:
+            self._own_replies = True
+            self._synced.clear()
+        offset = (message.ts1_ns + message.t_recv_ns) // 2 - message.tc1_ns
+        self._synced = [s for s in self._synced if message.t_recv_ns - s[1] < WINDOW_NS]
+        self._synced.append((round_trip, message.t_recv_ns, offset))
+        self.source = "timesync"
+        self.round_trip_ns = min(self._synced)[0]
+
+    def _continues(self, stamp: int, t_recv: int) -> bool:
+        """Whether a boot stamp fits; on the way the offset follows, and a reboot is noticed."""
+        offset = t_recv - stamp
+        if self._newest_stamp is None:
+            self._restart(stamp, offset, t_recv)
+            return True
+        fits = abs(offset - self._base) < JUMP_NS
+        runs_on = -JUMP_NS < stamp - self._newest_stamp < CONTINUES_NS
+        if not fits and not runs_on:
+            return self._confirm_reboot(stamp, offset, t_recv)
+        if not fits:
+            # the boot clock runs on and the arrival does not: this computer's clock was set
+            self._fastest.clear()
+            self._synced.clear()
+            self.rejected["host_clock_steps"] += 1
+        self._odd.clear()
+        self._base = offset
+        self._newest_stamp = max(self._newest_stamp, stamp)
+        self._fastest = [f for f in self._fastest if t_recv - f[0] < WINDOW_NS and f[1] < offset]
+        self._fastest.append((t_recv, offset))
+        if not self._synced:
+            self.source = "arrival"
+        return True
+
+    def _confirm_reboot(self, stamp: int, offset: int, t_recv: int) -> bool:
+        """Hold a stamp that fits nothing until enough others agree with it; then start anew from it."""
+        self._odd = [o for o in self._odd if abs(o - offset) < JUMP_NS]
+        self._odd.append(offset)
+        if len(self._odd) < CONFIRM:
+            self.rejected["odd_stamp"] += 1
+            return False
+        self.reboots += 1
+        self._restart(stamp, offset, t_recv)
+        return True
+
+    def _restart(self, stamp: int, offset: int, t_recv: int) -> None:
+        self._newest_stamp = stamp
+        self._base = offset
+        self._odd.clear()
+        self._synced.clear()
+        self._fastest = [(t_recv, offset)]
+        self.round_trip_ns = None
+        self.source = "arrival"

@@ -1,0 +1,232 @@
+"""Configuration: TOML -> frozen records. An unknown key is an error that names it and those that are known.
+
+Keys carry their units. `--set KEY=VALUE` puts one value over the file's, with VALUE read as TOML.
+"""
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from onboard.estimators import known, load
+from onboard.geometry.camera import Camera, make_camera
+from onboard.messages import (
+    Attitude,
+    GlobalPosition,
+    GpsFix,
+    Imu,
+    LocalPosition,
+    Message,
+    Record,
+    TargetPoints,
+    Vec3,
+)
+
+ARDUPILOT: Final = 3
+
+
+class ConfigError(ValueError):
+    """The configuration cannot be used; the message is one line that says where and why."""
+
+
+class LinkConfig(Record, frozen=True, kw_only=True):
+    """`[[link]]`: a name, and udpin:HOST:PORT, udpout:, tcp:, tcpin: or serial:DEVICE:BAUD."""
+
+    name: str
+    url: str
+    autopilot: bool = True  # heartbeats, TIMESYNC and requests for message rates go out on it
+
+
+class AutopilotConfig(Record, frozen=True, kw_only=True):
+    """`[autopilot]`: whose vehicle this is, and what we ask of it."""
+
+    system: int = 0  # its MAVLink system id; 0: that of the first autopilot heard
+    component: int = 191  # our own component id (MAV_COMP_ID_ONBOARD_COMPUTER)
+    request_rates: bool = True
+    rates_hz: dict[str, float] = msgspec.field(
+        default_factory=lambda: {
+            "ATTITUDE_QUATERNION": 50.0,
+            "LOCAL_POSITION_NED": 50.0,
+            "HIGHRES_IMU": 100.0,
+            "GLOBAL_POSITION_INT": 10.0,
+            "GPS_RAW_INT": 10.0,
+        }
+    )
+
+
+class CameraConfig(Record, frozen=True, kw_only=True):
+    """`[camera]`: the mount and the lens. Points in pixels bring their own intrinsics with them."""
+
+    name: str = "front"
+    f_px: float = 554.256
+    width_px: float = 640.0
+    height_px: float = 480.0
+    sigma_px: float = 1.0  # standard deviation of each image coordinate
+    mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
+    mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
+
+
+class DelayConfig(Record, frozen=True, kw_only=True):
+    """`[delay]`: how much older than its stamp each source is, s. None: what is known of the autopilot."""
+
+    attitude_s: float | None = None
+    imu_s: float | None = None
+    local_position_s: float | None = None
+    global_position_s: float | None = None
+    gps_s: float | None = None
+    camera_s: float | None = None
+
+
+class OwnshipConfig(Record, frozen=True, kw_only=True):
+    """`[ownship]`"""
+
+    max_extrapolation_s: float = 0.1  # how far beyond its newest sample our own pose may be carried on
+    max_lead_s: float = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
+
+
+class ZenohConfig(Record, frozen=True, kw_only=True):
+    """`[zenoh]`: nothing leaves this computer unless an address here says so."""
+
+    enabled: bool = True
+    vehicle: str = "1"
+    mode: str = "router"
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    connect: tuple[str, ...] = ()
+    config_file: str | None = None  # a Zenoh JSON5 file, for TLS and users
+
+
+class RecorderConfig(Record, frozen=True, kw_only=True):
+    """`[recorder]`: raw bytes as they came, and every estimate, in an MCAP file."""
+
+    path: str | None = None
+
+
+class Config(Record, frozen=True, kw_only=True):
+    """Everything the daemon and the replay are told. `estimator` holds each estimator's own Config."""
+
+    link: tuple[LinkConfig, ...] = ()
+    autopilot: AutopilotConfig = AutopilotConfig()
+    camera: CameraConfig = CameraConfig()
+    delay: DelayConfig = DelayConfig()
+    ownship: OwnshipConfig = OwnshipConfig()
+    estimator: dict[str, Any] = msgspec.field(default_factory=dict)
+    zenoh: ZenohConfig = ZenohConfig()
+    recorder: RecorderConfig = RecorderConfig()
+
+    def camera_model(self) -> Camera:
+        """The camera as geometry knows it."""
+        c = self.camera
+        return make_camera(
+            name=c.name,
+            f_px=c.f_px,
+            width_px=c.width_px,
+            height_px=c.height_px,
+            mount_rpy_deg=c.mount_rpy_deg,
+            mount_offset=c.mount_offset_m,
+            sigma_px=c.sigma_px,
+        )
+
+
+def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], int]:
+    """Delay of each message type, ns. Where not configured: measured on ArduPilot 4.7, whose positions are
+    20-25 ms and whose GPS is 95 ms older than its stamp; for other autopilots 0."""
+    ardupilot = autopilot == ARDUPILOT
+
+    def ns(configured: float | None, for_ardupilot: float) -> int:
+        value = configured if configured is not None else (for_ardupilot if ardupilot else 0.0)
+        return round(value * 1e9)
+
+    return {
+        Attitude: ns(delay.attitude_s, 0.0),
+        Imu: ns(delay.imu_s, 0.0),
+        LocalPosition: ns(delay.local_position_s, 0.0225),
+        GlobalPosition: ns(delay.global_position_s, 0.0225),
+        GpsFix: ns(delay.gps_s, 0.095),
+        TargetPoints: ns(delay.camera_s, 0.0),
+    }
+
+
+def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
+    """The configuration of a TOML file (None: the defaults, with the leader estimator) and `--set` overrides.
+
+    Raises ConfigError.
+    """
+    table: dict[str, Any] = {"estimator": {"leader": {}}}
+    if path is not None:
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path} is not TOML: {error}") from error
+    for override in overrides:
+        _put(table, override)
+    return parse_config(table)
+
+
+def parse_config(table: dict[str, Any]) -> Config:
+    """The configuration of a table as TOML gives it. Raises ConfigError."""
+    estimators = table.get("estimator", {})
+    config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
+    if not isinstance(estimators, dict):
+        raise ConfigError("`estimator` must be a table of tables, such as [estimator.leader]")
+    sections = {}
+    for name, section in estimators.items():
+        if name not in known():
+            raise ConfigError(f"unknown key estimator.{name}{_among(name, known())}")
+        module = load(name)
+        sections[name] = _convert(section, module.Config, f"estimator.{name}")
+        try:
+            module.Estimator(sections[name], config.camera_model())
+        except ValueError as error:
+            raise ConfigError(f"estimator.{name}: {error}") from error
+    return msgspec.structs.replace(config, estimator=sections)
+
+
+def _put(table: dict[str, Any], override: str) -> None:
+    """Put KEY=VALUE into a nested table."""
+    key, equals, text = override.partition("=")
+    if not equals or not key.strip():
+        raise ConfigError(f"--set {override!r}: must be KEY=VALUE, such as camera.f_px=554.3")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()  # a bare word is a string
+    *path, last = key.strip().split(".")
+    for part in path:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"--set {override!r}: `{part}` holds a value, not a table")
+    table[last] = value
+
+
+def _convert(table: Any, kind: type[Any], at: str) -> Any:
+    """A table as a record, strictly; errors name the key by its full path."""
+    if not isinstance(table, dict):
+        raise ConfigError(f"`{at}` must be a table, not {table!r}")
+    _check_keys(table, kind, at)
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        text, _, path = str(error).partition(" - at `$")
+        where = f"{at}{path.rstrip('`')}".lstrip(".") or at
+        raise ConfigError(f"{where}: {text[0].lower()}{text[1:]}") from error
+
+
+def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
+    """Raise for a key that `kind` does not have, here or in the tables below."""
+    fields = {field.name: field.type for field in msgspec.structs.fields(kind)}
+    for key, value in table.items():
+        path = f"{at}.{key}".lstrip(".")
+        if key not in fields:
+            raise ConfigError(f"unknown key {path}{_among(key, tuple(fields))}")
+        if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):
+            _check_keys(value, fields[key], path)
+
+
+def _among(key: str, names: tuple[str, ...]) -> str:
+    near = difflib.get_close_matches(key, names, n=1)
+    hint = f" (did you mean {near[0]}?)" if near else ""
+    return f"{hint}; known: {', '.join(names)}"

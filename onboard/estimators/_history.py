@@ -1,0 +1,95 @@
+"""Late measurements: a short history of beliefs, rewound to a measurement's own time and replayed.
+
+Nodes stand at every navigation sample and every measurement of the last fraction of a second. A measurement
+goes in where it belongs in time, whenever it arrives, and what came after it is done again, so that a late
+measurement gives the same belief as one in order. A node reached with extrapolated own motion is provisional:
+it is done again once the motion is known. Measurements that were gated stay in, to be judged again.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from onboard.filters.unscented import Belief
+from onboard.ownship import Ownship
+
+Advance = Callable[[Belief, int, int, Ownship], Belief]
+Fuse = Callable[[Belief, Any, Ownship], tuple[Belief, Any]]
+
+
+class Node(NamedTuple):
+    """A belief at a time; after a measurement if there is one; final unless own motion was extrapolated."""
+
+    t_ns: int
+    belief: Belief
+    measurement: Any | None
+    final: bool
+
+
+class History:
+    """Beliefs of one track. `advance(belief, t0_ns, t1_ns, ownship)` predicts; `fuse(belief, measurement,
+    ownship)` updates and says what came of it. Both must be pure; what they raise passes through."""
+
+    def __init__(self, t_ns: int, belief: Belief, *, horizon_ns: int, advance: Advance, fuse: Fuse) -> None:
+        self._nodes = [Node(t_ns, belief, None, True)]
+        self._horizon_ns = horizon_ns
+        self._advance = advance
+        self._fuse = fuse
+
+    def reaches(self, t_ns: int) -> bool:
+        """Whether a measurement of that time can still be put in."""
+        return t_ns >= self._nodes[0].t_ns
+
+    def insert(self, t_ns: int, measurement: Any, ownship: Ownship) -> Any:
+        """Put a measurement in where it belongs (it must reach) and redo what came after; what `fuse` said."""
+        after = bisect_right([n.t_ns for n in self._nodes], t_ns)
+        later = self._nodes[after:]
+        del self._nodes[after:]
+        outcome = self._append(t_ns, measurement, ownship)
+        self._redo(later, ownship)
+        return outcome
+
+    def settle(self, ownship: Ownship) -> None:
+        """New own motion is known: redo what was provisional, come up to the newest sample, forget the old."""
+        for i, node in enumerate(self._nodes):
+            if not node.final and ownship.knows(node.t_ns):
+                later = self._nodes[i:]
+                del self._nodes[i:]
+                self._redo(later, ownship)
+                break
+        if ownship.nav_times:
+            self._pass_samples(ownship.nav_times[-1] + 1, ownship)
+        oldest = self._nodes[-1].t_ns - self._horizon_ns
+        keep = max(bisect_right([n.t_ns for n in self._nodes], oldest) - 1, 0)
+        del self._nodes[:keep]
+
+    def belief_at(self, t_ns: int, ownship: Ownship) -> tuple[int, Belief]:
+        """The newest belief, predicted to t_ns (not back: the time it holds for comes with it)."""
+        newest = self._nodes[-1]
+        if t_ns <= newest.t_ns:
+            return newest.t_ns, newest.belief
+        return t_ns, self._advance(newest.belief, newest.t_ns, t_ns, ownship)
+
+    def _redo(self, nodes: list[Node], ownship: Ownship) -> None:
+        for node in nodes:
+            if node.measurement is not None:
+                self._append(node.t_ns, node.measurement, ownship)
+
+    def _append(self, t_ns: int, measurement: Any, ownship: Ownship) -> Any:
+        self._pass_samples(t_ns, ownship)
+        newest = self._nodes[-1]
+        prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
+        belief, outcome = self._fuse(prior, measurement, ownship)
+        self._nodes.append(Node(t_ns, belief, measurement, ownship.knows(t_ns)))
+        return outcome
+
+    def _pass_samples(self, until_ns: int, ownship: Ownship) -> None:
+        """Nodes at the navigation samples after the newest node and before `until_ns`."""
+        times = ownship.nav_times
+        newest = self._nodes[-1]
+        for t_ns in times[bisect_right(times, newest.t_ns) :]:
+            if t_ns >= until_ns:
+                break
+            belief = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
+            newest = Node(t_ns, belief, None, True)
+            self._nodes.append(newest)

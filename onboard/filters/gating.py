@@ -1,0 +1,33 @@
+"""Chi-square gates, and the consistency figures NIS and NEES with their bounds."""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from onboard.geometry.rotations import Array
+
+
+@lru_cache(maxsize=64)
+def chi_square_threshold(probability: float, degrees: int) -> float:
+    """The value that a chi-square variable of `degrees` stays below with `probability`."""
+    from scipy.special import gammaincinv  # noqa: PLC0415 - a third of a second that replay --help need not pay
+
+    return float(2.0 * gammaincinv(degrees / 2.0, probability))
+
+
+def mean_bounds(degrees: int, samples: int, probability: float = 0.95) -> tuple[float, float]:
+    """Bounds that the mean of `samples` independent chi-square variables of `degrees` keeps with
+    `probability`. Correlated samples (NEES of one run) scatter more: use the number of runs."""
+    if samples < 1:
+        return (float("nan"), float("nan"))
+    tail = (1 - probability) / 2
+    low = chi_square_threshold(tail, degrees * samples) / samples
+    return low, chi_square_threshold(1 - tail, degrees * samples) / samples
+
+
+def normalised_squared(error: ArrayLike, covariance: ArrayLike) -> Array:
+    """NEES (or NIS): error^T covariance^-1 error, for error (..., n) and covariance (..., n, n)."""
+    e = np.asarray(error, dtype=float)
+    solved = np.linalg.solve(np.asarray(covariance, dtype=float), e[..., None])[..., 0]
+    return np.asarray(np.sum(e * solved, axis=-1))

@@ -1,0 +1,204 @@
+"""Our own vehicle over the last seconds: its pose, interpolated at any time, and its motion between two times.
+
+Attitude comes from one stream and position and velocity from another, each at its own rate and with its own
+stamps; both are kept as short histories on the boot clock. Velocity is linear between two samples, so the
+acceleration over a step is exactly the velocity's difference: integrated, it gives the velocity back, and no
+accelerometer bias can part the two.
+"""
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.geometry.rotations import (
+    Array,
+    matrix_from_quaternion,
+    quaternion_from_vector,
+    quaternion_product,
+    slerp,
+)
+from onboard.messages import Attitude, GlobalPosition, LocalPosition, Message, OwnPose
+
+HISTORY_NS: Final = 5_000_000_000
+FALLBACK_NS: Final = 1_000_000_000  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
+
+
+class NavSample(NamedTuple):
+    """Position from O and velocity of F, in n."""
+
+    r: Array
+    v: Array
+
+
+class Pose(NamedTuple):
+    """Attitude, position and velocity at one time."""
+
+    R_nb: Array
+    q_nb: Array
+    r_OF_n: Array
+    v_F_n: Array
+
+
+class Step(NamedTuple):
+    """`dt` seconds with no navigation sample between: F's velocity at both ends and its constant slope, in n."""
+
+    dt: float
+    v0: Array
+    v1: Array
+    a: Array
+
+
+class Ownship:
+    """Histories of attitude and navigation. `now_ns` is the newest stamp seen, before any delay is taken off:
+    the time that estimates are predicted to."""
+
+    def __init__(self, *, max_extrapolation: float) -> None:
+        self.now_ns = 0
+        self.nav_times: list[int] = []
+        self._max_extrapolation_ns = round(max_extrapolation * 1e9)
+        self._nav: list[NavSample] = []
+        self._attitude_times: list[int] = []
+        self._attitudes: list[tuple[Array, Array]] = []
+        self._last_local_ns = -FALLBACK_NS
+        self.rejected: dict[str, int] = {}
+
+    def receive(self, message: Message, stamp_ns: int) -> bool:
+        """Take one message, true at `message.t_ns` and stamped `stamp_ns` before its delay was taken off.
+        True if it brought a new navigation sample."""
+        if isinstance(message, Attitude):
+            self._add_attitude(message, stamp_ns)
+            return False
+        if isinstance(message, LocalPosition):
+            self._last_local_ns = stamp_ns
+            return self._add_nav(message, np.array(message.r_OF_n), np.array(message.v_F_n), stamp_ns)
+        if isinstance(message, GlobalPosition) and stamp_ns - self._last_local_ns > FALLBACK_NS:
+            # no local origin yet: velocity and height are known, horizontal position is not needed
+            height = np.array([0.0, 0.0, -message.height])
+            return self._add_nav(message, height, np.array(message.v_F_n), stamp_ns)
+        return False
+
+    def pose_at(self, t_ns: int) -> Pose | None:
+        """The pose at a time, interpolated; extrapolated by the newest rates for a short while after the newest
+        sample; None where it is not known."""
+        q = self._attitude_at(t_ns)
+        nav = self._nav_at(t_ns)
+        if q is None or nav is None:
+            return None
+        return Pose(matrix_from_quaternion(q), q, nav.r, nav.v)
+
+    def knows(self, t_ns: int) -> bool:
+        """Whether pose and motion at a time are interpolated, so that nothing to come can change them."""
+        return bool(
+            self.nav_times
+            and self._attitude_times
+            and t_ns <= self.nav_times[-1]
+            and t_ns <= self._attitude_times[-1]
+        )
+
+    def steps(self, t0_ns: int, t1_ns: int) -> Iterator[Step]:
+        """The way from t0 to t1, cut at every navigation sample between."""
+        first = bisect_right(self.nav_times, t0_ns)
+        last = bisect_left(self.nav_times, t1_ns)
+        cuts = [t0_ns, *self.nav_times[first:last], t1_ns]
+        for a, b in pairwise(cuts):
+            if b > a:
+                dt = (b - a) * 1e-9
+                slope, v0 = self._acceleration(a, b), self._velocity(a)
+                yield Step(dt, v0, v0 + dt * slope, slope)
+
+    def own_pose(self, t_ns: int) -> OwnPose | None:
+        """The pose as a record, to publish."""
+        pose = self.pose_at(t_ns)
+        if pose is None:
+            return None
+        a = self._acceleration(t_ns - 1, t_ns)
+        return OwnPose(
+            t_ns=t_ns,
+            r_OF_n=tuple(pose.r_OF_n.tolist()),
+            v_F_n=tuple(pose.v_F_n.tolist()),
+            a_F_n=tuple(a.tolist()),
+            q_nb=tuple(pose.q_nb.tolist()),
+        )
+
+    def _reject(self, reason: str) -> bool:
+        self.rejected[reason] = self.rejected.get(reason, 0) + 1
+        return False
+
+    def _add_attitude(self, m: Attitude, stamp_ns: int) -> bool:
+        q, omega = np.array(m.q_nb), np.array(m.omega_b)
+        norm = math.sqrt(float(q @ q))
+        if not (math.isfinite(norm) and np.isfinite(omega).all()) or norm < 0.5:
+            return self._reject("attitude_not_finite")
+        if self._attitude_times and m.t_ns <= self._attitude_times[-1]:
+            # ATTITUDE and ATTITUDE_QUATERNION of one instant are the same attitude: not an error
+            return m.t_ns == self._attitude_times[-1] or self._reject("attitude_out_of_order")
+        self.now_ns = max(self.now_ns, stamp_ns)
+        self._attitude_times.append(m.t_ns)
+        self._attitudes.append((q / norm, omega))
+        _trim(self._attitude_times, self._attitudes)
+        return True
+
+    def _add_nav(self, m: Message, r: Array, v: Array, stamp_ns: int) -> bool:
+        if not (np.isfinite(r).all() and np.isfinite(v).all()):
+            return self._reject("position_not_finite")
+        if self.nav_times and m.t_ns <= self.nav_times[-1]:
+            return self._reject("position_out_of_order")
+        self.now_ns = max(self.now_ns, stamp_ns)
+        self.nav_times.append(m.t_ns)
+        self._nav.append(NavSample(r, v))
+        _trim(self.nav_times, self._nav)
+        return True
+
+    def _attitude_at(self, t_ns: int) -> Array | None:
+        times = self._attitude_times
+        i = bisect_left(times, t_ns)
+        if i == len(times):
+            if not times or t_ns - times[-1] > self._max_extrapolation_ns:
+                return None
+            q, omega = self._attitudes[-1]
+            return quaternion_product(q, quaternion_from_vector(omega * ((t_ns - times[-1]) * 1e-9)))
+        if times[i] == t_ns:
+            return self._attitudes[i][0]
+        if i == 0:
+            return None
+        fraction = (t_ns - times[i - 1]) / (times[i] - times[i - 1])
+        return slerp(self._attitudes[i - 1][0], self._attitudes[i][0], fraction)
+
+    def _nav_at(self, t_ns: int) -> NavSample | None:
+        times = self.nav_times
+        if not times or t_ns < times[0] or t_ns - times[-1] > self._max_extrapolation_ns:
+            return None
+        i = max(bisect_right(times, t_ns) - 1, 0)
+        ahead = (t_ns - times[i]) * 1e-9
+        near = self._nav[i]
+        a = self._acceleration(t_ns - 1, t_ns)
+        if i + 1 < len(times):
+            fraction = (t_ns - times[i]) / (times[i + 1] - times[i])
+            r = near.r + fraction * (self._nav[i + 1].r - near.r)
+        else:
+            r = near.r + ahead * (near.v + 0.5 * ahead * a)
+        return NavSample(r, near.v + ahead * a)
+
+    def _velocity(self, t_ns: int) -> Array:
+        """v_F_n at any time: linear between samples, the nearest slope outside them."""
+        i = min(max(bisect_right(self.nav_times, t_ns) - 1, 0), len(self._nav) - 1)
+        return self._nav[i].v + self._acceleration(t_ns, t_ns + 1) * ((t_ns - self.nav_times[i]) * 1e-9)
+
+    def _acceleration(self, a_ns: int, b_ns: int) -> Array:
+        """The slope of the velocity over [a, b], which holds no sample inside it."""
+        if len(self._nav) < 2:
+            return np.zeros(3)
+        i = min(max(bisect_right(self.nav_times, (a_ns + b_ns) // 2) - 1, 0), len(self._nav) - 2)
+        dt = (self.nav_times[i + 1] - self.nav_times[i]) * 1e-9
+        return np.asarray((self._nav[i + 1].v - self._nav[i].v) / dt)
+
+
+def _trim(times: list[int], values: list[Any]) -> None:
+    """Forget what is older than the history, a good deal at a time."""
+    if times[-1] - times[0] > 2 * HISTORY_NS:
+        keep = bisect_left(times, times[-1] - HISTORY_NS)
+        del times[:keep], values[:keep]
