@@ -1,1 +1,47 @@
-"""Links: where bytes come in and go out."""
+"""Links: where bytes come in and go out. One module per kind; `parse_link` chooses by link string."""
+
+from typing import Final
+
+from onboard.links.link import Deliver, Link, LinkError, NowNs
+from onboard.links.serial import SerialLink
+from onboard.links.tcp import TcpClientLink, TcpServerLink
+from onboard.links.udp import UdpLink
+
+__all__ = ["Deliver", "Link", "LinkError", "NowNs", "parse_link"]
+
+FORMS: Final = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
+
+
+def parse_link(spec: str, channel: str, *, retry: bool = True) -> Link:
+    """The link a link string describes, not opened yet.
+
+    With `retry`, TCP clients and serial ports that lose their peer try again, ever more slowly; without,
+    their `run` raises LinkError. An IPv6 address stands in brackets. Port 0 of a listening link: any free port.
+
+    Raises LinkError, naming the string and the valid forms.
+    """
+    kind, _, rest = spec.partition(":")
+    if kind == "serial":
+        device, _, baud = rest.rpartition(":")
+        if not device or not baud.isdecimal() or int(baud) == 0:
+            raise LinkError(f"link {spec!r}: a serial link is serial:DEVICE:BAUD, as serial:/dev/ttyAMA0:921600")
+        return SerialLink(spec, channel, device, int(baud), retry=retry)
+    if kind not in ("udpin", "udpout", "tcp", "tcpin"):
+        raise LinkError(f"link {spec!r}: not a link string; use {FORMS}")
+    host, port = _host_and_port(spec, rest, listening=kind in ("udpin", "tcpin"))
+    if kind == "tcp":
+        return TcpClientLink(spec, channel, host, port, retry=retry)
+    if kind == "tcpin":
+        return TcpServerLink(spec, channel, host, port)
+    return UdpLink(spec, channel, host, port, listening=kind == "udpin")
+
+
+def _host_and_port(spec: str, text: str, *, listening: bool) -> tuple[str, int]:
+    """("127.0.0.1", 14550) of "127.0.0.1:14550". Raises LinkError."""
+    host, _, port = text.rpartition(":")
+    bracketed = host.startswith("[") and host.endswith("]")
+    if not host or (":" in host and not bracketed):
+        raise LinkError(f"link {spec!r}: host and port are missing or unclear; use {FORMS}")
+    if not (port.isascii() and port.isdecimal()) or not (0 if listening else 1) <= int(port) <= 65535:
+        raise LinkError(f"link {spec!r}: {port!r} is no port (1 to 65535)")
+    return host.strip("[]"), int(port)

@@ -1,0 +1,121 @@
+"""MAVLink over UDP: whole frames in datagrams.
+
+`udpin` listens and answers the last address that sent something that begins as a MAVLink frame does: a bridge
+that restarts on another port is followed at once, and a stray probe cannot steal the replies. Two senders on
+one port would take turns at being answered: give each its own link. `udpout` speaks first, and hears only the
+address it speaks to.
+"""
+
+import asyncio
+import socket
+import struct
+import time
+from contextlib import suppress
+from typing import Any, Final
+
+from onboard.links.link import Deliver, LinkError, NowNs, bind, guarded, resolve
+from onboard.messages import Datagram, Encoding
+
+SHORTEST_FRAME: Final = 8  # bytes of an empty MAVLink 1 frame
+MAGIC: Final = (0xFD, 0xFE)
+LARGEST: Final = 65_535
+RECEIVE_BUFFER: Final = 1 << 20  # bytes asked of the kernel: a second of a busy link, should the loop be late
+BURST: Final = 64  # datagrams read per wake-up, so that one busy link cannot starve the others
+SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
+LONGEST_WAIT_NS: Final = 10_000_000_000  # a stamp that says more is a stepped clock
+
+
+class UdpLink:
+    """A UDP socket. `address` is what it is bound to, once open."""
+
+    def __init__(self, spec: str, channel: str, host: str, port: int, *, listening: bool) -> None:
+        self.channel = channel
+        self.received = 0
+        self.sent = 0
+        self.errors = 0
+        self.address: Any = None
+        self._spec, self._host, self._port, self._listening = spec, host, port, listening
+        self._socket: socket.socket | None = None
+        self._peer: Any = None
+
+    async def open(self) -> None:
+        """Bind (udpin) or connect (udpout). Raises LinkError."""
+        family, address = await resolve(self._spec, self._host, self._port, socket.SOCK_DGRAM)
+        sock = socket.socket(family, socket.SOCK_DGRAM)
+        sock.setblocking(False)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        with suppress(OSError):  # an older kernel, another system: arrival is then when we read
+            sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        if self._listening:
+            bind(self._spec, sock, address)
+        else:
+            try:
+                sock.connect(address)
+            except OSError as error:
+                sock.close()
+                raise LinkError(f"{self._spec}: cannot send there ({error.strerror})") from error
+            self._peer = address
+        self._socket = sock
+        self.address = sock.getsockname()
+
+    async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
+        """Hand on datagrams until cancelled."""
+        if self._socket is None:
+            await self.open()
+        sock = self._socket
+        assert sock is not None  # noqa: S101 - open() raises otherwise
+        loop = asyncio.get_running_loop()
+        failed: asyncio.Future[None] = loop.create_future()
+        loop.add_reader(sock, self._drain, sock, guarded(deliver, failed), now_ns)
+        try:
+            await failed
+        finally:
+            loop.remove_reader(sock)
+            self._socket = None
+            sock.close()
+
+    def send(self, data: bytes) -> None:
+        """One datagram to the peer, if there is one."""
+        if self._socket is None or self._peer is None:
+            self.errors += 1
+            return
+        try:
+            if self._listening:
+                self._socket.sendto(data, self._peer)
+            else:
+                self._socket.send(data)
+        except OSError:  # no room, nobody there yet, network down: the next one may get through
+            self.errors += 1
+        else:
+            self.sent += 1
+
+    def _drain(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> None:
+        for _ in range(BURST):
+            try:
+                data, ancillary, _, sender = sock.recvmsg(LARGEST, 64)
+            except BlockingIOError:
+                return
+            except OSError:  # the peer's port was closed when we last sent (udpout)
+                self.errors += 1
+                return
+            t_recv_ns = now_ns() - _waited_ns(ancillary)
+            if not data:
+                self.errors += 1
+                continue
+            if self._listening and len(data) >= SHORTEST_FRAME and data[0] in MAGIC:
+                self._peer = sender
+            self.received += 1
+            deliver(Datagram(channel=self.channel, encoding=Encoding.MAVLINK, t_recv_ns=t_recv_ns, data=data))
+
+
+def _waited_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
+    """How long a datagram lay in the kernel, ns, by the kernel's own arrival stamp; 0 when it has none.
+
+    A difference of two readings of one clock, so it holds whatever clock the program itself runs on.
+    """
+    for level, kind, value in ancillary:
+        if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) == 16:
+            seconds, nanoseconds = struct.unpack("qq", value)
+            waited = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
+            return int(waited) if 0 <= waited < LONGEST_WAIT_NS else 0
+    return 0

@@ -1,0 +1,104 @@
+"""What is published, said by the records themselves: JSON Schemas, and the tables of the README."""
+
+from collections.abc import Iterator
+from enum import Enum
+from types import UnionType
+from typing import Any, Final, Literal, Union, get_args, get_origin
+
+import msgspec
+
+from onboard.messages import CameraPoints, Estimate, Health, OwnPose, Record
+
+PUBLISHED: Final[dict[str, type[Record]]] = {
+    "estimate/<name>": Estimate,
+    "ownship": OwnPose,
+    "health": Health,
+    "camera/<camera>/points": CameraPoints,
+}
+"""Key below `onboard/<vehicle>/` -> the record whose JSON it carries. The last one we read, not write."""
+
+
+def key_of(record: Record) -> str:
+    """The key, below the vehicle's prefix, a record is published and recorded under. Raises KeyError."""
+    if isinstance(record, Estimate):
+        return f"estimate/{record.name}"
+    return {OwnPose: "ownship", Health: "health"}[type(record)]
+
+
+def schema(record: type[Record]) -> dict[str, Any]:
+    """JSON Schema (2020-12) of one record, complete in itself."""
+    (reference,), components = msgspec.json.schema_components([record], ref_template="#/$defs/{name}")
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return head | reference | {"$defs": components}
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """JSON Schema of each published record, by key pattern."""
+    return {key: schema(record) for key, record in PUBLISHED.items()}
+
+
+def describe() -> str:
+    """Markdown: a table of keys, then one table of fields for each record they carry, however deep."""
+    lines = ["| key | record | what it is |", "|---|---|---|"]
+    for key, record in PUBLISHED.items():
+        lines.append(f"| `{key}` | [`{record.__name__}`](#{record.__name__.lower()}) | {_summary(record)} |")
+    for record in _all_records():
+        lines += ["", f"#### {record.__name__}", "", _text(record), "", "| field | type |", "|---|---|"]
+        lines += [f"| `{f.name}` | {_type(f.type)} |" for f in msgspec.structs.fields(record)]
+    return "\n".join(lines) + "\n"
+
+
+def _all_records() -> list[type[Record]]:
+    """The published records and, after each, those it holds; each once."""
+    found: dict[type[Record], None] = {}
+
+    def visit(record: type[Record]) -> None:
+        if record in found:
+            return
+        found[record] = None
+        for field in msgspec.structs.fields(record):
+            for part in _parts(field.type):
+                if isinstance(part, type) and issubclass(part, Record):
+                    visit(part)
+
+    for record in PUBLISHED.values():
+        visit(record)
+    return list(found)
+
+
+def _parts(annotation: Any) -> Iterator[Any]:
+    """An annotation and everything in its brackets."""
+    yield annotation
+    for part in get_args(annotation):
+        yield from _parts(part)
+
+
+def _text(record: type[Record]) -> str:
+    """The record's docstring on one line."""
+    return " ".join((record.__doc__ or "").split()).replace("|", r"\|")
+
+
+def _summary(record: type[Record]) -> str:
+    """Its first sentence."""
+    return _text(record).split(". ")[0].rstrip(".")
+
+
+def _type(annotation: Any) -> str:
+    """An annotation as JSON users think of it, safe inside a Markdown table."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin in (Union, UnionType):
+        return " or ".join(_type(a) for a in arguments)
+    if origin is Literal:
+        return ", ".join(f"`{a}`" for a in arguments)
+    if origin is dict:
+        return f"object of {_type(arguments[1])}"
+    if origin is tuple:
+        count = "list" if arguments[-1] is Ellipsis else str(len(arguments))
+        return f"{count} of {_type(arguments[0])}"
+    if annotation is type(None):
+        return "null"
+    if issubclass(annotation, Enum):
+        return ", ".join(f"`{member.value}`" for member in annotation)
+    if issubclass(annotation, Record):
+        return f"[`{annotation.__name__}`](#{annotation.__name__.lower()})"
+    return {float: "number", int: "integer", str: "string", bool: "boolean"}[annotation]

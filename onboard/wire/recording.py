@@ -1,0 +1,102 @@
+"""Recordings as `onboard` writes them (MCAP): every datagram bit for bit, in the order it was fed, and what
+was estimated from it, as JSON.
+
+A channel whose message encoding is one of `Encoding` holds datagrams: its topic is their channel, the log time
+their arrival, ns. A channel of encoding "json" holds records that were published, under the key they were
+published on.
+"""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+from mcap.exceptions import McapError
+from mcap.records import Channel, Chunk, Footer, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from onboard.messages import Datagram, Encoding, Estimate
+from onboard.wire.tlog import NotALogError
+
+MAGIC: Final = b"\x89MCAP0\r\n"
+JSON: Final = "json"
+LARGEST_RECORD: Final = 256 << 20  # bytes; a length beyond this is damage, not data
+DAMAGE: Final = (McapError, ValueError, OverflowError, MemoryError, struct.error)
+ENCODINGS: Final = {encoding.value: encoding for encoding in Encoding}
+
+
+def is_recording(path: Path) -> bool:
+    """Whether the file starts as a recording does. Raises OSError when it cannot be read."""
+    with path.open("rb") as file:
+        return file.read(len(MAGIC)) == MAGIC
+
+
+def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
+    """(Datagram, bytes of the file consumed so far) for each one; (None, ...) once for each stretch that
+    cannot be read, the missing end of a recording that was cut off among them.
+
+    Raises NotALogError at once when the file is no MCAP file, OSError when it cannot be read.
+    """
+    lost = False
+    for item, at in _read(path):
+        if item is None:
+            if not lost:
+                yield None, at
+            lost = True
+            continue
+        lost = False
+        channel, message = item
+        encoding = ENCODINGS.get(channel.message_encoding)
+        if encoding is not None:
+            yield _datagram(channel.topic, encoding, message), at
+
+
+def read_estimates(path: Path) -> Iterator[Estimate]:
+    """The estimates that were made while it was recorded, to compare a replay with.
+
+    Raises NotALogError, OSError, and msgspec.DecodeError when one is of another version of the record.
+    """
+    decoder = msgspec.json.Decoder(Estimate)
+    for item, _ in _read(path):
+        if item is not None and item[0].message_encoding == JSON and item[0].topic.startswith("estimate/"):
+            yield decoder.decode(item[1].data)
+
+
+def _datagram(channel: str, encoding: Encoding, message: Any) -> Datagram:
+    return Datagram(channel=channel, encoding=encoding, t_recv_ns=message.log_time, data=message.data)
+
+
+def _read(path: Path) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
+    """((channel, message), bytes consumed) in file order; (None, ...) for what cannot be read."""
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise NotALogError(f"{path.name}: this is no recording: it does not begin as an MCAP file does")
+        reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST_RECORD)
+        channels: dict[int, Any] = {}
+        ended = False
+        try:
+            for record in reader.records:
+                ended = isinstance(record, Footer)
+                for item in _messages(record, channels):
+                    yield item, file.tell()
+        except DAMAGE:  # cut off, or a length that leads nowhere
+            ended = False
+        if not ended:
+            yield None, path.stat().st_size
+
+
+def _messages(record: Any, channels: dict[int, Any]) -> list[tuple[Any, Any] | None]:
+    """The messages of one record, with their channels; a None for those that cannot be read."""
+    try:
+        parts = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+    except Exception:  # a decompressor may raise anything on damaged bytes
+        return [None]
+    found: list[tuple[Any, Any] | None] = []
+    for part in parts:
+        if isinstance(part, Channel):
+            channels[part.id] = part
+        elif isinstance(part, Message):
+            channel = channels.get(part.channel_id)
+            found.append(None if channel is None else (channel, part))
+    return found
