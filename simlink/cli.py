@@ -1,0 +1,211 @@
+"""The command line: `simlink list`, `simlink run`, `simlink log`."""
+
+import argparse
+import asyncio
+import math
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from simlink.links import LinkError
+from simlink.log import write_log
+from simlink.scenario import Scenario, ScenarioError, load_scenario, scenario_names
+from simlink.server import Options, Server, serve
+
+USER_ERROR = 2
+SHOW = "(default: %(default)s)"
+
+RUN_EXAMPLES = """\
+examples:
+  simlink run formation                       to a daemon with its default configuration
+  simlink run formation --wait 10             begin when the daemon answers, so that nothing is missed
+  simlink run formation-s-turn --seed 7 --duration 60 --speed 4
+  simlink run formation --camera mavlink --zenoh none
+                                              image points as LANDING_TARGETs on udpout:127.0.0.1:14560
+  simlink run my.toml --mavlink udpout:192.168.1.20:14540 --tcp none
+
+what goes where:
+  --mavlink   the autopilot's stream; answers and commands come back on the same socket
+  --tcp       the same for ground stations, any number of clients, each with its own message rates
+  --zenoh     onboard/VEHICLE/camera/front/points, simlink/VEHICLE/truth, simlink/VEHICLE/status
+"""
+
+LOG_EXAMPLES = """\
+example:
+  simlink log formation --seed 7 --out flight.tlog --truth truth.csv.gz
+
+The same scenario and seed give the same bytes, on any day and at any load.
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """A mistake in the call is one line, not a page of usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(USER_ERROR, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; the exit code: 0, 1 (a file could not be written) or 2 (a mistake in the call)."""
+    arguments = _parser().parse_args(argv)
+    command: Callable[[argparse.Namespace], int] = arguments.command
+    try:
+        return command(arguments)
+    except (ScenarioError, LinkError) as error:
+        print(f"simlink: {error}", file=sys.stderr)
+        return USER_ERROR
+    except KeyboardInterrupt:
+        return 130
+
+
+def _list(_: argparse.Namespace) -> int:
+    scenarios = [load_scenario(name) for name in scenario_names()]
+    width = max(len(s.name) for s in scenarios)
+    for s in scenarios:
+        print(f"{s.name:{width}}  {s.duration:4g} s  {s.description}")
+    return 0
+
+
+def _run(a: argparse.Namespace) -> int:
+    options = Options(
+        scenario=load_scenario(a.scenario),
+        seed=a.seed,
+        speed=a.speed,
+        duration=a.duration,
+        mavlink=a.mavlink,
+        camera=a.camera,
+        camera_mavlink=a.camera_mavlink,
+        tcp_port=a.tcp,
+        zenoh=a.zenoh,
+        vehicle=a.vehicle,
+        wait=a.wait,
+    )
+    asyncio.run(serve(Server(options, time.monotonic, time.time_ns(), _report)))
+    return 0
+
+
+def _log(a: argparse.Namespace) -> int:
+    scenario = load_scenario(a.scenario)
+    duration = scenario.duration if a.duration is None else a.duration
+    try:
+        frames, rows = _write_log(a, scenario, duration)
+    except OSError as error:
+        print(f"simlink: cannot write {error.filename}: {error.strerror}", file=sys.stderr)
+        return 1
+    _report(f"{a.out}: {frames} frames, {duration:g} s; {a.truth or 'no truth file'}: {rows} rows")
+    return 0
+
+
+def _write_log(a: argparse.Namespace, scenario: Scenario, duration: float) -> tuple[int, int]:
+    """Write the files, with a progress bar if somebody watches."""
+    if not sys.stderr.isatty():
+        return write_log(scenario, a.seed, duration, a.out, a.truth)
+    from rich.console import Console  # noqa: PLC0415  # only where there is a terminal
+    from rich.progress import Progress  # noqa: PLC0415  # the same
+
+    with Progress(console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(scenario.name, total=duration)
+        progress = lambda done: bar.update(task, completed=done)  # noqa: E731
+        return write_log(scenario, a.seed, duration, a.out, a.truth, progress)
+
+
+def _report(line: str) -> None:
+    print(f"simlink: {line}", file=sys.stderr, flush=True)
+
+
+def _positive(text: str) -> float:
+    value = _number(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"must be above zero, not {text!r}")
+    return value
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        raise argparse.ArgumentTypeError(f"must be a number not below zero, not {text!r}")
+    return value
+
+
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"must be a whole number not below zero, not {text!r}")
+    return int(text)
+
+
+def _port(text: str) -> int | None:
+    if text == "none":
+        return None
+    if not text.isdecimal() or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"must be 0 (any free port) to 65535, or none, not {text!r}")
+    return int(text)
+
+
+def _or_none(text: str) -> str | None:
+    return None if text == "none" else text
+
+
+def _parser() -> argparse.ArgumentParser:
+    top = _Parser(
+        prog="simlink",
+        description="Fly a scenario: the MAVLink stream of an autopilot, the points a camera sees of the "
+        "aircraft ahead, and the truth to judge an estimator by.",
+        epilog="`simlink COMMAND --help` shows options and examples. Try: simlink run formation --wait 10",
+    )
+    commands = top.add_subparsers(required=True, metavar="COMMAND")
+    listing = commands.add_parser("list", help="the scenarios that come with simlink")
+    listing.set_defaults(command=_list)
+    _add_run(
+        commands.add_parser(
+            "run",
+            help="fly in real time",
+            epilog=RUN_EXAMPLES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+    )
+    _add_log(
+        commands.add_parser(
+            "log", help="fly into files", epilog=LOG_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+    )
+    return top
+
+
+def _add_scenario(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scenario", metavar="SCENARIO", help="a name from `simlink list`, or a .toml file")
+    parser.add_argument("--seed", type=_seed, default=1, metavar="N", help=f"of all that is random {SHOW}")
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
+    _add_scenario(parser)
+    add = parser.add_argument
+    add("--speed", type=_positive, default=1.0, metavar="N", help=f"times real time {SHOW}")
+    add("--duration", type=_positive, metavar="S", help="seconds of flight (default: until stopped)")
+    wait = f"only send heartbeats until a peer answers, for at most so many seconds {SHOW}"
+    add("--wait", type=_number, default=0.0, metavar="S", help=wait)
+    mavlink = f"udpout:HOST:PORT, udpin:HOST:PORT or none {SHOW}"
+    add("--mavlink", type=_or_none, default="udpout:127.0.0.1:14540", metavar="SPEC", help=mavlink)
+    tcp = f"MAVLink by TCP on 127.0.0.1, or none {SHOW}"
+    add("--tcp", type=_port, default=5760, metavar="PORT", help=tcp)
+    cameras = ("zenoh", "mavlink", "both", "none")
+    add("--camera", choices=cameras, default="zenoh", help=f"how images go out {SHOW}")
+    points = f"link of the LANDING_TARGETs, never the autopilot's {SHOW}"
+    add("--camera-mavlink", default="udpout:127.0.0.1:14560", metavar="SPEC", help=points)
+    zenoh = f"router to connect to, or none {SHOW}"
+    add("--zenoh", type=_or_none, default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help=zenoh)
+    add("--vehicle", default="1", metavar="ID", help=f"in the Zenoh keys {SHOW}")
+    parser.set_defaults(command=_run)
+
+
+def _add_log(parser: argparse.ArgumentParser) -> None:
+    _add_scenario(parser)
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="FILE.tlog", help="the recording")
+    add("--truth", type=Path, metavar="FILE.csv", help="the truth at image times; compressed if named .gz")
+    add("--duration", type=_positive, metavar="S", help="seconds of flight (default: the scenario's)")
+    parser.set_defaults(command=_log)

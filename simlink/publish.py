@@ -1,0 +1,83 @@
+"""What goes out over Zenoh: images, the truth, and how much has been sent.
+
+Everything is dropped rather than waited for: a slow subscriber must not slow the simulation.
+"""
+
+import json
+from typing import Any
+
+import msgspec
+
+from onboard.messages import CameraPoints, SimStatus, Truth
+from onboard.wire.points import encode_points
+from simlink.links import LinkError
+
+
+def check_vehicle(vehicle: str) -> str:
+    """The vehicle's id if it can stand in a key. Raises LinkError."""
+    if not vehicle.isascii() or any(c in "*$?# " for c in vehicle) or "" in vehicle.split("/"):
+        raise LinkError(f"bad vehicle id {vehicle!r}: ASCII without * $ ? # or blanks, and no empty part")
+    return vehicle
+
+
+class ZenohPublisher:
+    """Three publishers on one session; `ZenohPublisher.open` connects, and keeps trying in the background."""
+
+    def __init__(self, session: Any, vehicle: str, camera: str) -> None:
+        import zenoh  # noqa: PLC0415  # a run without Zenoh need not load it
+
+        drop = zenoh.CongestionControl.DROP
+        keys = (
+            f"onboard/{vehicle}/camera/{camera}/points",
+            f"simlink/{vehicle}/truth",
+            f"simlink/{vehicle}/status",
+        )
+        self._session = session
+        self._points, self._truth, self._status = (
+            session.declare_publisher(key, congestion_control=drop, encoding=zenoh.Encoding.APPLICATION_JSON)
+            for key in keys
+        )
+
+    @classmethod
+    def open(cls, endpoint: str, vehicle: str, camera: str) -> "ZenohPublisher":
+        """Connect to `endpoint` (such as tcp/127.0.0.1:7447) and to nothing else: no listening, no scouting.
+
+        Blocks for half a second when no router is there yet. Raises LinkError for an endpoint that is none.
+        """
+        import zenoh  # noqa: PLC0415  # see above
+
+        config = zenoh.Config()
+        settings = {
+            "mode": "peer",
+            "scouting/multicast/enabled": False,
+            "scouting/gossip/enabled": False,
+            "listen/endpoints": [],
+            "connect/endpoints": [endpoint],
+        }
+        try:
+            for key, value in settings.items():
+                config.insert_json5(key, json.dumps(value))
+            return cls(zenoh.open(config), vehicle, camera)
+        except zenoh.ZError as error:
+            said = str(error).split(" at /")[0]
+            raise LinkError(f"cannot use Zenoh endpoint {endpoint!r}: {said}") from error
+
+    def has_viewer(self) -> bool:
+        """Whether anybody subscribes to the images."""
+        return bool(self._points.matching_status.matching)
+
+    def put_points(self, points: CameraPoints) -> None:
+        """Publish one image's points."""
+        self._points.put(encode_points(points))
+
+    def put_truth(self, truth: Truth) -> None:
+        """Publish the truth."""
+        self._truth.put(msgspec.json.encode(truth))
+
+    def put_status(self, status: SimStatus) -> None:
+        """Publish the counts."""
+        self._status.put(msgspec.json.encode(status))
+
+    def close(self) -> None:
+        """End the session."""
+        self._session.close()
