@@ -44,7 +44,9 @@ def describe() -> str:
         lines.append(f"| `{key}` | [`{record.__name__}`](#{record.__name__.lower()}) | {_summary(record)} |")
     for record in _all_records():
         lines += ["", f"#### {record.__name__}", "", _text(record), "", "| field | type |", "|---|---|"]
-        lines += [f"| `{f.name}` | {_type(f.type)} |" for f in msgspec.structs.fields(record)]
+        for field in msgspec.structs.fields(record):
+            optional = "" if field.required else ", may be left out"
+            lines.append(f"| `{field.name}` | {_type(field.type)}{optional} |")
     return "\n".join(lines) + "\n"
 
 
@@ -93,8 +95,9 @@ def _type(annotation: Any) -> str:
     if origin is dict:
         return f"object of {_type(arguments[1])}"
     if origin is tuple:
-        count = "list" if arguments[-1] is Ellipsis else str(len(arguments))
-        return f"{count} of {_type(arguments[0])}"
+        if arguments[-1] is Ellipsis:
+            return f"array of {_type(arguments[0])}"
+        return f"{len(arguments)} × {_type(arguments[0])}"
     if annotation is type(None):
         return "null"
     if issubclass(annotation, Enum):

@@ -1,0 +1,336 @@
+"""The Zenoh side as a stranger sees it: our router in this process, a client session beside it."""
+
+import asyncio
+import json
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+import zenoh
+
+from onboard.links.zenoh import ZenohLink
+from onboard.messages import Datagram, Encoding, Estimate, Health, Lifecycle, OwnPose
+from onboard.sinks import SinkError, SinkRunner
+from onboard.sinks.zenoh import ZenohConfig, ZenohSink, open_session
+
+TIMEOUT_S = 10.0
+PREFIX = "onboard/uav-1"
+
+
+def free_endpoint() -> str:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{s.getsockname()[1]}"
+
+
+def config(endpoint: str, **options: Any) -> ZenohConfig:
+    return ZenohConfig(vehicle="uav-1", listen=(endpoint,), **options)
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture
+def session(endpoint: str) -> Iterator[Any]:
+    session = open_session(config(endpoint))
+    yield session
+    session.close()
+
+
+@pytest.fixture
+def client(session: Any, endpoint: str) -> Iterator[Any]:  # noqa: ARG001 - the router must be there first
+    """A stranger's session, configured by hand and not by our code."""
+    text = (
+        f'{{mode: "client", connect: {{endpoints: ["{endpoint}"]}}, scouting: {{multicast: {{enabled: false}}}}}}'
+    )
+    client = zenoh.open(zenoh.Config.from_json5(text))
+    yield client
+    client.close()
+
+
+def until(condition: Callable[[], Any]) -> None:
+    end = time.monotonic() + TIMEOUT_S
+    while not condition():
+        assert time.monotonic() < end, "timed out"
+        time.sleep(0.005)
+
+
+def estimate(sequence: int = 1, name: str = "ukf") -> Estimate:
+    return Estimate(
+        name=name,
+        target="leader",
+        sequence=sequence,
+        t_ns=10**9,
+        state=Lifecycle.TRACKING,
+        valid=True,
+        reason="",
+        frame="n",
+        components=("x",),
+        units=("m",),
+        mean=(1.5,),
+        covariance=((2.0,),),
+        age=0.01,
+        reset_count=0,
+    )
+
+
+POSE = OwnPose(t_ns=1, r_OF_n=(1, 2, 3), v_F_n=(4, 5, 6), a_F_n=(7, 8, 9), q_nb=(1, 0, 0, 0))
+HEALTH = Health(
+    t_ns=1,
+    t_recv_ns=2,
+    uptime=3.0,
+    autopilot="px4",
+    autopilot_reboots=0,
+    clock_source="timesync",
+    clock_offset_ns=None,
+    round_trip=None,
+    streams={},
+    states={"ukf": Lifecycle.TRACKING},
+    verdicts={},
+    rejected={},
+    sinks={},
+)
+
+
+def get(client: Any, selector: str) -> dict[str, tuple[bytes, dict[str, Any]]]:
+    found = {}
+    for reply in client.get(selector, timeout=TIMEOUT_S):
+        assert str(reply.ok.key_expr) not in found
+        assert reply.ok.encoding == zenoh.Encoding.APPLICATION_JSON
+        attachment = json.loads(reply.ok.attachment.to_bytes())
+        found[str(reply.ok.key_expr)] = reply.ok.payload.to_bytes(), attachment
+    return found
+
+
+def opened(session: Any, **options: Any) -> ZenohSink:
+    sink = ZenohSink(session, PREFIX, **options)
+    sink.open()
+    return sink
+
+
+def test_a_subscriber_hears_each_record_on_its_key_as_json(session: Any, client: Any) -> None:
+    heard: dict[str, Any] = {}
+    client.declare_subscriber("onboard/**", lambda s: heard.__setitem__(str(s.key_expr), s))
+    sink = opened(session)
+
+    def all_there() -> bool:
+        sink.write([estimate(), POSE, HEALTH])  # again until the subscription has reached the router
+        return len(heard) == 3
+
+    until(all_there)
+    payloads = {key: sample.payload.to_bytes() for key, sample in heard.items()}
+    assert msgspec.json.decode(payloads[f"{PREFIX}/estimate/ukf"], type=Estimate) == estimate()
+    assert msgspec.json.decode(payloads[f"{PREFIX}/ownship"], type=OwnPose) == POSE
+    assert msgspec.json.decode(payloads[f"{PREFIX}/health"], type=Health) == HEALTH
+    for sample in heard.values():
+        assert sample.encoding == zenoh.Encoding.APPLICATION_JSON
+        assert sample.congestion_control == zenoh.CongestionControl.DROP
+        assert sample.express
+    sink.close()
+
+
+def test_a_late_joiner_gets_the_latest_of_everything_once(session: Any, client: Any) -> None:
+    sink = opened(session)
+    sink.write([estimate(1), estimate(1, "csvsf"), estimate(2), POSE, HEALTH])
+    until(lambda: get(client, f"{PREFIX}/estimate/ukf"))
+    found = get(client, f"{PREFIX}/**")
+    assert set(found) == {f"{PREFIX}/{k}" for k in ("estimate/ukf", "estimate/csvsf", "ownship", "health")}
+    payload, attachment = found[f"{PREFIX}/estimate/ukf"]
+    assert msgspec.json.decode(payload, type=Estimate) == estimate(2)
+    assert 0 <= attachment["age_s"] < TIMEOUT_S
+    assert set(get(client, f"{PREFIX}/estimate/*")) == {f"{PREFIX}/estimate/ukf", f"{PREFIX}/estimate/csvsf"}
+    assert get(client, f"{PREFIX}/estimate/none") == {}
+    sink.close()
+    assert get(client, f"{PREFIX}/**") == {}
+
+
+def test_a_stale_estimate_comes_back_lost_and_not_valid(session: Any, client: Any) -> None:
+    now = [100.0]
+    sink = opened(session, validity_s=2.0, monotonic=lambda: now[0])
+    sink.write([estimate(), POSE])
+    until(lambda: get(client, f"{PREFIX}/ownship"))
+
+    def reply() -> tuple[Estimate, dict[str, Any]]:
+        payload, attachment = get(client, f"{PREFIX}/estimate/ukf")[f"{PREFIX}/estimate/ukf"]
+        return msgspec.json.decode(payload, type=Estimate), attachment
+
+    now[0] = 101.9
+    assert reply() == (estimate(), {"age_s": 1.9, "stale": False})
+    now[0] = 103.2
+    found, attachment = reply()
+    assert (found.valid, found.state) == (False, Lifecycle.LOST)
+    assert "3.2 s ago" in found.reason
+    assert attachment == {"age_s": 3.2, "stale": True}
+    assert found.mean == estimate().mean  # still there for who wants to know
+    assert get(client, f"{PREFIX}/ownship")[f"{PREFIX}/ownship"][1]["stale"]
+    sink.close()
+
+
+def test_the_liveliness_token_comes_and_goes_with_the_sink(session: Any, client: Any) -> None:
+    changes: list[tuple[str, Any]] = []
+    client.liveliness().declare_subscriber(
+        "onboard/*/alive", lambda s: changes.append((str(s.key_expr), s.kind)), history=True
+    )
+    sink = opened(session)
+    until(lambda: changes == [(f"{PREFIX}/alive", zenoh.SampleKind.PUT)])
+    sink.close()
+    until(lambda: changes[1:] == [(f"{PREFIX}/alive", zenoh.SampleKind.DELETE)])
+
+
+def test_behind_its_runner_it_publishes_and_survives_the_session_going(session: Any, client: Any) -> None:
+    heard: list[bytes] = []
+    client.declare_subscriber(f"{PREFIX}/estimate/*", lambda s: heard.append(s.payload.to_bytes()))
+
+    async def main() -> None:
+        runner: SinkRunner[Any] = SinkRunner("zenoh", ZenohSink(session, PREFIX), 64, first_retry_s=0.01)
+        task = asyncio.create_task(runner.run())
+        async with asyncio.timeout(TIMEOUT_S):
+            while not heard:
+                runner.put(estimate())
+                await asyncio.sleep(0.01)
+            await asyncio.to_thread(session.close)
+            while runner.health().restarts < 2:
+                runner.put(estimate())
+                await asyncio.sleep(0.01)
+        assert "session is closed" in runner.health().error
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+    asyncio.run(main())
+
+
+def test_camera_points_come_in_with_their_key_and_arrival(session: Any, client: Any) -> None:
+    key = f"{PREFIX}/camera/front/points"
+    heard: list[Datagram] = []
+
+    async def main() -> None:
+        link = ZenohLink(session, PREFIX)
+        await link.open()
+        task = asyncio.create_task(link.run(heard.append, time.time_ns))
+        async with asyncio.timeout(TIMEOUT_S):
+            while not heard:
+                client.put(key, b'{"first": 1}')
+                await asyncio.sleep(0.01)
+            client.put(f"{PREFIX}/camera/front/other", b"not for us")
+            client.put(key, b"")
+            client.put(key, bytes(100_000))
+            client.put(key, b'{"last": 1}')
+            while heard[-1].data != b'{"last": 1}':
+                await asyncio.sleep(0.01)
+        assert link.errors == 2
+        assert link.received == len(heard)
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+    before = time.time_ns()
+    asyncio.run(main())
+    assert {(d.channel, d.encoding) for d in heard} == {(key, Encoding.POINTS)}
+    assert {d.data for d in heard} == {b'{"first": 1}', b'{"last": 1}'}
+    stamps = [d.t_recv_ns for d in heard]
+    assert before <= stamps[0]
+    assert stamps == sorted(stamps)
+    client.put(key, b"after the loop has closed")  # must not disturb anyone
+
+
+def test_a_flood_of_points_costs_points_not_memory(session: Any, client: Any) -> None:
+    async def main() -> None:
+        link = ZenohLink(session, PREFIX)
+        heard: list[Datagram] = []
+        task = asyncio.create_task(link.run(heard.append, time.time_ns))
+        key = f"{PREFIX}/camera/front/points"
+        async with asyncio.timeout(TIMEOUT_S):
+            while not heard:
+                client.put(key, b"x")
+                await asyncio.sleep(0.01)
+            while link.errors == 0:
+                for _ in range(2000):
+                    client.put(key, b"x")
+                time.sleep(0.05)  # noqa: ASYNC251 - the loop is to be late
+            before = len(heard)
+            await asyncio.sleep(0.05)
+            assert len(heard) - before <= 1000
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+    asyncio.run(main())
+
+
+def test_the_default_listens_on_loopback_only_and_does_not_scout() -> None:
+    assert ZenohConfig(vehicle="a").listen == ("tcp/127.0.0.1:7447",)
+    endpoint = free_endpoint()
+    session = open_session(config(endpoint))
+    try:
+        port = int(endpoint.rsplit(":", 1)[1])
+        udp, tcp = Path("/proc/net/udp").read_text(), Path("/proc/net/tcp").read_text()
+        assert f"0100007F:{port:04X}" in tcp
+        assert f":{7446:04X} " not in udp  # Zenoh's scouting port
+    finally:
+        session.close()
+
+
+def test_a_port_in_use_is_one_clear_line(session: Any, endpoint: str) -> None:  # noqa: ARG001 - it holds the port
+    with pytest.raises(SinkError, match="is in use: is another router") as caught:
+        open_session(config(endpoint))
+    assert endpoint in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_client_whose_router_is_not_there_is_told_so(endpoint: str) -> None:
+    with pytest.raises(SinkError, match="no router answers at tcp/127"):
+        open_session(config(endpoint, mode="client", connect=(endpoint,)))
+
+
+def test_a_client_of_another_router_publishes_through_it(session: Any, client: Any, endpoint: str) -> None:  # noqa: ARG001
+    ours = open_session(ZenohConfig(vehicle="uav-1", mode="client", connect=(endpoint,)))
+    try:
+        sink = opened(ours)
+        sink.write([estimate()])
+        until(lambda: get(client, f"{PREFIX}/estimate/ukf"))
+        sink.close()
+    finally:
+        ours.close()
+
+
+@pytest.mark.parametrize("vehicle", ["", "a b", "a/b", "*", "$x", "a?", "#", "é", "a\n"])
+def test_a_vehicle_that_cannot_stand_in_a_key_is_refused(vehicle: str) -> None:
+    with pytest.raises(ValueError, match="cannot be part of a key"):
+        ZenohConfig(vehicle=vehicle)
+
+
+def test_a_config_file_rules_and_what_it_leaves_unsaid_keeps_our_defaults(tmp_path: Path) -> None:
+    theirs, ours = free_endpoint(), free_endpoint()
+    file = tmp_path / "zenoh.json5"
+    file.write_text(f'{{mode: "router", listen: {{endpoints: ["{theirs}"]}}}}')
+    session = open_session(config(ours, config_file=str(file)))
+    try:
+        with pytest.raises(SinkError, match="in use"):
+            open_session(config(theirs))
+        open_session(config(ours)).close()  # free: the file's endpoint was taken instead
+    finally:
+        session.close()
+    file.write_text("{}")
+    session = open_session(config(ours, config_file=str(file)))
+    try:
+        with pytest.raises(SinkError, match="in use"):
+            open_session(config(ours))
+    finally:
+        session.close()
+
+
+@pytest.mark.parametrize(("content", "says"), [(None, "does not exist"), ("{mode: ", "cannot be read")])
+def test_a_config_file_that_is_none_is_a_sink_error(tmp_path: Path, content: str | None, says: str) -> None:
+    file = tmp_path / "zenoh.json5"
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(SinkError, match=says):
+        open_session(config(free_endpoint(), config_file=str(file)))
