@@ -99,9 +99,19 @@ def lines_3d(values: Sequence[Array]) -> Any:
     )
 
 
+def colours_2d(values: Sequence[tuple[int, ...]]) -> Any:
+    """Columns of the colour of one line in the image each."""
+    return rr.LineStrips2D.columns(colors=np.array(values, dtype=np.uint8))
+
+
 def states(values: Sequence[str]) -> Any:
     """Columns of named states."""
     return rr.StateChange.columns(state=list(values))
+
+
+def ellipsoids(values: Sequence[ArrayLike]) -> Any:
+    """Columns of one ellipsoid each, by its half axes (3,) m."""
+    return rr.Ellipsoids3D.columns(half_sizes=np.array(values, dtype=float))
 
 
 def texts(values: Sequence[str]) -> Any:
@@ -116,6 +126,11 @@ def tags(values: Sequence[tuple[ArrayLike, tuple[int, ...], str]]) -> Any:
         colors=np.array([colour for _, colour, _ in values], dtype=np.uint8),
         labels=[text for _, _, text in values],
     )
+
+
+def no_tags(values: Sequence[None]) -> Any:
+    """Columns that take the last tag away."""
+    return rr.Points3D.columns(positions=np.zeros((0, 3))).partition([0] * len(values))
 
 
 class Columns:

@@ -5,12 +5,13 @@ import numpy as np
 from onboard.geometry.camera import Camera, pixels_from_points
 from onboard.geometry.rotations import Array
 from onboard.messages import MeasurementReport
-from onboard.view import palette, words
+from onboard.view import palette, scene, words
 from onboard.view.columns import Columns, Spots, circles, labels, lines_2d, spots
 from onboard.view.memory import Memory
 from onboard.view.motion import Track, sight
-from onboard.view.scene import CAMERA, SIGMAS
 
+IMAGE_HZ = 25.0
+MAGNIFICATION = 5.0
 STALE_NS = 300_000_000  # without an image for this long, the last one is taken down
 EMPTY = np.zeros((0, 2))
 
@@ -29,11 +30,28 @@ def wing(px: Array) -> Array:
 
 
 def expected_error(camera: Camera, track: Track | None) -> float:
-    """Radius in px of what SIGMAS sigma allow a point of the image to be off: pixel noise and the track's."""
+    """Radius in px of what three sigma allow a point of the image to be off: pixel noise and the track's."""
     if track is None:
-        return SIGMAS * camera.sigma_px
+        return scene.SIGMAS * camera.sigma_px
     seen = sight(track)
-    return SIGMAS * float(np.hypot(camera.sigma_px, camera.f_px * seen.sigma_across / max(seen.range, 1e-3)))
+    return scene.SIGMAS * float(np.hypot(camera.sigma_px, camera.f_px * seen.sigma_across / max(seen.range, 1e-3)))
+
+
+def magnify(px: Array, centre: Array, camera: Camera) -> Array:
+    """Pixels (n, 2) as the magnifier shows them, enlarged about `centre`; what falls outside it is left out."""
+    x, y, w, h = scene.magnifier(camera)
+    half = np.array([w, h]) / 2
+    offset = MAGNIFICATION * (px - centre)
+    inside = np.all(np.abs(offset) < half, axis=1)
+    return np.asarray(offset[inside] + np.array([x, y]) + half)
+
+
+def draw_points(columns: Columns, place: str, t_ns: int, measured: Spots, predicted: Array, radius: float) -> None:
+    """Measured and predicted points and the wings between them, in the image or in the magnifier."""
+    columns.add(spots, f"{place}/measured", t_ns, measured)
+    columns.add(lines_2d, f"{place}/measured_wing", t_ns, wing(measured.positions))
+    columns.add(circles, f"{place}/predicted", t_ns, (predicted, radius))
+    columns.add(lines_2d, f"{place}/predicted_wing", t_ns, wing(predicted))
 
 
 def draw_image(
@@ -41,25 +59,27 @@ def draw_image(
 ) -> None:
     """What the camera measured, in the colour of the verdict, over what was expected."""
     t_ns = report.t_ns
-    if not memory.due("image", t_ns, 25.0):
+    if not memory.due("image", t_ns, IMAGE_HZ):
         return
-    colour = palette.VERDICTS[report.verdict]
+    colour, radius = palette.VERDICTS[report.verdict], expected_error(camera, track)
     measured, predicted = pixels(report.points, camera), pixels(report.predicted_points, camera)
-    columns.add(spots, f"{CAMERA}/measured", t_ns, Spots(measured, colour))
-    columns.add(lines_2d, f"{CAMERA}/measured_wing", t_ns, wing(measured))
-    columns.add(circles, f"{CAMERA}/predicted", t_ns, (predicted, expected_error(camera, track)))
-    columns.add(lines_2d, f"{CAMERA}/predicted_wing", t_ns, wing(predicted))
+    draw_points(columns, scene.CAMERA, t_ns, Spots(measured, colour), predicted, radius)
+    centre = next((px[0] for px in (predicted, measured) if len(px)), np.zeros(2))
+    close, expected = (magnify(px, centre, camera) for px in (measured, predicted))
+    draw_points(columns, scene.MAGNIFIER, t_ns, Spots(close, colour), expected, MAGNIFICATION * radius)
+    draw_verdict(columns, camera, t_ns, colour, words.verdict_label(report))
+
+
+def draw_verdict(columns: Columns, camera: Camera, t_ns: int, colour: palette.Colour, text: str) -> None:
+    """The words at the top of the image."""
     place = np.array([[camera.width_px / 2, camera.height_px * 0.06]])
-    columns.add(labels, f"{CAMERA}/verdict", t_ns, Spots(place, colour, words.verdict_label(report)))
+    columns.add(labels, f"{scene.CAMERA}/verdict", t_ns, Spots(place, colour, text))
 
 
 def clear_image(columns: Columns, memory: Memory, camera: Camera, t_ns: int) -> None:
     """No image: an empty frame that says so."""
     if not memory.due("no image", t_ns, 2.0):
         return
-    columns.add(spots, f"{CAMERA}/measured", t_ns, Spots(EMPTY, palette.GREY))
-    columns.add(circles, f"{CAMERA}/predicted", t_ns, (EMPTY, 1.0))
-    for name in ("measured_wing", "predicted_wing"):
-        columns.add(lines_2d, f"{CAMERA}/{name}", t_ns, EMPTY)
-    place = np.array([[camera.width_px / 2, camera.height_px * 0.06]])
-    columns.add(labels, f"{CAMERA}/verdict", t_ns, Spots(place, palette.AMBER, palette.NO_IMAGE.upper()))
+    for place in (scene.CAMERA, scene.MAGNIFIER):
+        draw_points(columns, place, t_ns, Spots(EMPTY, palette.GREY), EMPTY, 1.0)
+    draw_verdict(columns, camera, t_ns, palette.AMBER, palette.NO_IMAGE.upper())

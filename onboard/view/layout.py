@@ -5,7 +5,9 @@ from onboard.view import scene
 from onboard.view.columns import TIMELINE
 from onboard.view.sdk import rrb
 
-WINDOW_S = 30.0  # of flight in every plot and trail
+WINDOW_S = 30.0  # of flight in every plot
+TRAIL_S = 10.0
+BACKGROUND = [18, 20, 23]
 
 
 def last(seconds: float) -> "rrb.VisibleTimeRanges":
@@ -15,14 +17,32 @@ def last(seconds: float) -> "rrb.VisibleTimeRanges":
     return rrb.VisibleTimeRanges([rrb.VisibleTimeRange(TIMELINE, start=start, end=end)])
 
 
+def time_axis() -> "rrb.TimeAxis":
+    """One axis for all plots: the window up to the time shown, and a little room."""
+    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S)
+    end = rrb.TimeRangeBoundary.cursor_relative(seconds=0.02 * WINDOW_S)
+    return rrb.TimeAxis(view_range=rrb.TimeRange(start=start, end=end))
+
+
 def plot(name: str, entity: str, *, legend: bool = False) -> "rrb.TimeSeriesView":
     """A plot of one subtree whose time axis runs with the others."""
     return rrb.TimeSeriesView(
         name=name,
         origin=f"/plots/{entity}",
-        axis_x=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
+        axis_x=time_axis(),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend),
         time_ranges=last(WINDOW_S),
+    )
+
+
+def banner() -> "rrb.Spatial2DView":
+    """The headline, in the colour of the state."""
+    return rrb.Spatial2DView(
+        name="State",
+        origin=f"/{scene.BANNER}",
+        titlebar=False,
+        background=BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=[-400.0, 400.0], y_range=[-9.0, 31.0]),
     )
 
 
@@ -31,27 +51,51 @@ def chase_view() -> "rrb.Spatial3DView":
     return rrb.Spatial3DView(
         name="Chase view: 10 m grid at our altitude, turning with our nose",
         origin=f"/{scene.HEADING}",
-        contents=[f"+ /{scene.SCENE}/**", f"- /{scene.CAMERA}/verdict", f"- /{scene.CAMERA}/frame"],
+        contents=[
+            f"+ /{scene.SCENE}/**",
+            # the truth's outline would cover the leader at this distance; its trail and the close view show it
+            *(f"- /{entity}/**" for entity in (scene.HEADING, scene.LEADER_TRUTH, scene.MAGNIFIER)),
+            *(f"- /{scene.CAMERA}/{name}" for name in ("verdict", "frame")),
+        ],
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=(-13.0, -7.0, -8.0),
-            look_target=(11.0, 0.5, -0.5),
+            position=(-5.0, -11.0, -6.5),
+            look_target=(10.5, 0.0, -0.8),
             eye_up=(0.0, 0.0, -1.0),
         ),
         line_grid=False,
-        background=[18, 20, 23],
-        overrides={entity: last(WINDOW_S) for entity in scene.TRAILS.values()},
+        spatial_information=rrb.SpatialInformation.from_fields(show_axes=False),
+        background=BACKGROUND,
+        overrides={entity: last(TRAIL_S) for entity in scene.TRAILS.values()},
+    )
+
+
+def close_view() -> "rrb.Spatial3DView":
+    """The leader by itself: estimate, truth and the ellipsoid between them."""
+    return rrb.Spatial3DView(
+        name="Leader, close",
+        origin=f"/{scene.AROUND_LEADER}",
+        contents=[f"+ /{entity}/**" for entity in (scene.LEADER, scene.LEADER_TRUTH, scene.UNCERTAINTY)],
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=(-3.5, -2.6, -2.4),
+            look_target=(0.0, 0.0, 0.0),
+            eye_up=(0.0, 0.0, -1.0),
+        ),
+        line_grid=False,
+        spatial_information=rrb.SpatialInformation.from_fields(show_axes=False),
+        background=BACKGROUND,
     )
 
 
 def camera_view(camera: Camera) -> "rrb.Spatial2DView":
     """The camera's image."""
     return rrb.Spatial2DView(
-        name=f"Camera: {camera.name} [px]",
+        name=f"Camera {camera.name}, wing x5 below",
         origin=f"/{scene.CAMERA}",
-        background=[18, 20, 23],
+        background=BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(
-            x_range=[-8.0, camera.width_px + 8.0], y_range=[-8.0, camera.height_px + 8.0]
+            x_range=[-8.0, camera.width_px + 8.0], y_range=[-8.0, 1.54 * camera.height_px + 8.0]
         ),
     )
 
@@ -60,10 +104,10 @@ def plots() -> "rrb.Tabs":
     """Five pages of plots; the first answers "where is it, and can I believe it"."""
     return rrb.Tabs(
         rrb.Vertical(
-            plot("Range [m], ±3σ", "range", legend=True),
+            plot("Range [m]: estimate ±3σ, truth white", "range"),
             plot("Error in range [m], ±3σ", "range_error"),
             plot("Wingspan of the leader [m], ±3σ", "size"),
-            plot("Innovations [σ]", "innovation", legend=True),
+            plot("Innovations [σ], gates at ±3", "innovation"),
             name="Overview",
         ),
         rrb.Vertical(
@@ -92,31 +136,39 @@ def plots() -> "rrb.Tabs":
     )
 
 
+def window(camera: Camera) -> "rrb.Horizontal":
+    """Space on the left, time on the right."""
+    return rrb.Horizontal(
+        rrb.Vertical(
+            banner(),
+            chase_view(),
+            rrb.Horizontal(
+                camera_view(camera),
+                close_view(),
+                rrb.TextDocumentView(name="Now", origin="/status"),
+                column_shares=[1.0, 1.0, 0.95],
+            ),
+            row_shares=[0.13, 1.6, 1.0],
+        ),
+        rrb.Vertical(
+            plots(),
+            rrb.StateTimelineView(
+                name="Track and images",
+                origin="/",
+                contents=["/track", "/images"],
+                time_view=time_axis(),
+                time_ranges=last(WINDOW_S),
+            ),
+            row_shares=[5.2, 1.0],
+        ),
+        column_shares=[1.62, 1.0],
+    )
+
+
 def blueprint(camera: Camera) -> "rrb.Blueprint":
     """The whole window."""
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(
-                chase_view(),
-                rrb.Horizontal(
-                    camera_view(camera),
-                    rrb.TextDocumentView(name="Now", origin="/status"),
-                    column_shares=[1.0, 1.0],
-                ),
-                row_shares=[1.75, 1.0],
-            ),
-            rrb.Vertical(
-                plots(),
-                rrb.StateTimelineView(
-                    name="Track and images",
-                    origin="/strip",
-                    time_view=rrb.TimeAxis(link=rrb.components.LinkAxis.LinkToGlobal),
-                    time_ranges=last(WINDOW_S),
-                ),
-                row_shares=[5.0, 1.0],
-            ),
-            column_shares=[1.5, 1.0],
-        ),
+        window(camera),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="collapsed"),

@@ -22,6 +22,7 @@ class Memory:
     shown: dict[str, str] = field(default_factory=dict)  # by strip, the state it shows
     trail: dict[str, tuple[float, ...]] = field(default_factory=dict)  # by trail, where it ends
     rates: set[str] = field(default_factory=set)  # streams whose curve has its name
+    innovations: int = 0  # how many curves the plot of innovations has
     error: float | None = None  # distance of the last estimate from the truth, m
 
     def due(self, name: str, t_ns: int, hz: float) -> bool:

@@ -27,7 +27,7 @@ class Track(NamedTuple):
     @property
     def sigma(self) -> Array:
         """Standard deviation of every component, (9,)."""
-        return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+        return np.asarray(np.sqrt(np.clip(np.diag(self.covariance), 0.0, None)))
 
 
 def track_of(estimate: Estimate) -> Track | None:
@@ -96,7 +96,7 @@ def heading_quaternion(q_nb: ArrayLike) -> Array:
 def own_position(pose: OwnPose, t_ns: int) -> Array:
     """Our position r_OF_n (3,) at t_ns, carried on at constant velocity from the latest pose."""
     dt = np.clip((t_ns - pose.t_ns) * 1e-9, -0.5, 0.5)
-    return np.asarray(pose.r_OF_n, dtype=float) + dt * np.asarray(pose.v_F_n, dtype=float)
+    return np.asarray(np.asarray(pose.r_OF_n) + dt * np.asarray(pose.v_F_n), dtype=float)
 
 
 def truth_vector(truth: Truth) -> Array:

@@ -5,6 +5,7 @@ from onboard.messages import Lifecycle, Verdict
 Colour = tuple[int, int, int] | tuple[int, int, int, int]
 
 ESTIMATE: Colour = (64, 190, 255)
+UNCERTAIN: Colour = (255, 105, 190)
 BAND: Colour = (38, 104, 140)
 TRUTH: Colour = (240, 240, 240)
 OWN: Colour = (255, 184, 77)
@@ -44,3 +45,9 @@ VERDICTS: dict[str, Colour] = {
     Verdict.NUMERICAL: (220, 90, 180),
     NO_IMAGE: DARK,
 }
+
+
+def shade(colour: Colour, brightness: float) -> Colour:
+    """The same hue, darker."""
+    red, green, blue = (round(brightness * c) for c in colour[:3])
+    return red, green, blue

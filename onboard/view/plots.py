@@ -74,13 +74,13 @@ def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, str
     if report.innovation is not None and report.innovation_sigma is not None:
         sigma = np.asarray(report.innovation_sigma, dtype=float)
         ratio = np.asarray(report.innovation, dtype=float) / np.where(sigma > 0, sigma, np.nan)
-        if "innovation" not in memory.rates:
+        if memory.innovations != len(ratio):
             names = report.components or tuple(str(k) for k in range(len(ratio)))
             colours = [palette.AXES[k % 3] for k in range(len(ratio))]
             scene.log_curves(
                 stream, "plots/innovation/value", [(n, c, 1.3) for n, c in zip(names, colours, strict=True)]
             )
-            memory.rates.add("innovation")
+            memory.innovations = len(ratio)
         columns.add(scalars, "plots/innovation/value", t_ns, ratio)
         columns.add(scalars, "plots/innovation/gate", t_ns, np.array([scene.SIGMAS, -scene.SIGMAS]))
     if report.nis is not None and report.gate is not None:
@@ -102,7 +102,13 @@ def plot_state(columns: Columns, memory: Memory, strip: str, t_ns: int, state: s
     """A strip's new state, if it is new."""
     if memory.shown.get(strip) != state:
         memory.shown[strip] = state
-        columns.add(states, f"strip/{strip}", t_ns, state)
+        columns.add(states, strip, t_ns, state)
+
+
+def plot_no_image(columns: Columns, memory: Memory, t_ns: int) -> None:
+    """Where images are missing, curves have holes."""
+    if memory.innovations and memory.due("no innovation", t_ns, 2.0):
+        columns.add(scalars, "plots/innovation/value", t_ns, np.full(memory.innovations, np.nan))
 
 
 def plot_age(columns: Columns, estimate: Estimate) -> None:

@@ -15,22 +15,26 @@ SCENE = "scene"
 HEADING = f"{SCENE}/heading"  # level, turns with our nose: the chase view's frame
 FOLLOWER = f"{SCENE}/follower"
 CAMERA = f"{FOLLOWER}/camera"
+MAGNIFIER = f"{CAMERA}/magnifier"  # below the image: the surroundings of the prediction, enlarged
 LEADER = f"{SCENE}/leader"
 LEADER_TRUTH = f"{SCENE}/leader_truth"
 UNCERTAINTY = f"{SCENE}/uncertainty"
+AROUND_LEADER = f"{SCENE}/around_leader"  # level, at the leader, turns with our nose: the close-up's frame
 LEADER_VELOCITY = f"{SCENE}/leader_velocity"
 OWN_VELOCITY = f"{SCENE}/own_velocity"
 SIGHT_LINE = f"{SCENE}/sight_line"
 DROP_LINE = f"{SCENE}/drop_line"
 TAG = f"{SCENE}/tag"
+BANNER = "banner"
 GRID = f"{SCENE}/grid"
 GROUND = f"{SCENE}/ground"
 TRAILS = {name: f"{GROUND}/trail_{name}" for name in ("own", "estimate", "truth")}
 
 # everything with a place that records give; not to be drawn before they have
 MOVING = (
-    HEADING, FOLLOWER, LEADER, LEADER_TRUTH, UNCERTAINTY, LEADER_VELOCITY, OWN_VELOCITY, GRID, GROUND,
-)  # fmt: skip
+    *(HEADING, FOLLOWER, OWN_VELOCITY, GRID, GROUND),
+    *(AROUND_LEADER, LEADER, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY),
+)
 
 SIGMAS = 3.0
 GRID_CELL = 10.0
@@ -83,7 +87,7 @@ def log_plots(stream: "rr.RecordingStream") -> None:
         log_curves(stream, entity, curves)
     points = rr.SeriesPoints(names="NIS", colors=palette.ESTIMATE, marker_sizes=2.5)
     stream.log("plots/nis/value", points, static=True)
-    for entity, colours in (("strip/track", palette.STATES), ("strip/image", palette.VERDICTS)):
+    for entity, colours in (("track", palette.STATES), ("images", palette.VERDICTS)):
         names = [str(name) for name in colours]
         style = rr.StateConfiguration(
             values=names, labels=[n.replace("_", " ").upper() for n in names], colors=list(colours.values())
@@ -105,6 +109,17 @@ def log_lines(
     stream.log(entity, lines, static=True)
 
 
+def image_size(camera: Camera) -> tuple[float, float]:
+    """Width and height of the image, px."""
+    return float(camera.width_px), float(camera.height_px)
+
+
+def magnifier(camera: Camera) -> tuple[float, float, float, float]:
+    """Left, top, width and height, px, of the magnifier: a strip below the image, half as high."""
+    w, h = image_size(camera)
+    return 0.0, 1.04 * h, w, 0.5 * h
+
+
 def log_camera(stream: "rr.RecordingStream", camera: Camera) -> None:
     """Where the camera sits, what it can see, and the frame of its image."""
     q = quaternion_from_matrix(camera.R_bc)
@@ -115,42 +130,54 @@ def log_camera(stream: "rr.RecordingStream", camera: Camera) -> None:
         height=camera.height_px,
         principal_point=(camera.width_px / 2, camera.height_px / 2),
         camera_xyz=rr.ViewCoordinates.FRD,
-        image_plane_distance=5.0,
+        image_plane_distance=4.0,
         color=palette.FAINT,
-        line_width=1.5,
+        line_width=-0.8,  # negative: a width in points of the screen
     )
     stream.log(CAMERA, mount, lens, static=True)
-    w, h = camera.width_px, camera.height_px
-    frame = [[(0, 0), (w, 0), (w, h), (0, h), (0, 0)]]
+    w, h = image_size(camera)
     cross = [[(w / 2 - 8, h / 2), (w / 2 + 8, h / 2)], [(w / 2, h / 2 - 8), (w / 2, h / 2 + 8)]]
-    lines = rr.LineStrips2D(frame + cross, colors=palette.FAINT, radii=rr.Radius.ui_points(0.7))
-    stream.log(f"{CAMERA}/frame", lines, static=True)
+    log_frame(stream, f"{CAMERA}/frame", [rectangle(0.0, 0.0, w, h), *cross])
+    log_frame(stream, f"{MAGNIFIER}/frame", [rectangle(*magnifier(camera))])
+
+
+def rectangle(x: float, y: float, w: float, h: float) -> list[tuple[float, float]]:
+    """The closed outline of a rectangle from its upper left corner."""
+    return [(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)]
+
+
+def log_frame(stream: "rr.RecordingStream", entity: str, strips: list[list[tuple[float, float]]]) -> None:
+    """Fine lines that frame the image."""
+    lines = rr.LineStrips2D(strips, colors=palette.FAINT, radii=rr.Radius.ui_points(0.7))
+    stream.log(entity, lines, static=True)
 
 
 def log_image_styles(stream: "rr.RecordingStream") -> None:
-    """Sizes of what is drawn into the image; positions and colours come with the records."""
-    small, hair = rr.Radius.ui_points(3.5), rr.Radius.ui_points(0.8)
-    stream.log(f"{CAMERA}/measured", rr.Points2D.from_fields(radii=small, draw_order=30.0), static=True)
-    predicted = rr.Ellipses2D.from_fields(colors=palette.ESTIMATE, line_radii=hair, draw_order=20.0)
-    stream.log(f"{CAMERA}/predicted", predicted, static=True)
-    for name, colour in (("measured_wing", palette.FAINT), ("predicted_wing", palette.ESTIMATE)):
-        lines = rr.LineStrips2D.from_fields(colors=colour, radii=hair, draw_order=10.0)
-        stream.log(f"{CAMERA}/{name}", lines, static=True)
+    """Sizes of what is drawn into the image and its magnifier; positions and colours come with the records."""
+    hair = rr.Radius.ui_points(0.8)
+    for place, size in ((CAMERA, 2.2), (MAGNIFIER, 3.5)):
+        dots = rr.Points2D.from_fields(radii=rr.Radius.ui_points(size), draw_order=30.0)
+        stream.log(f"{place}/measured", dots, static=True)
+        predicted = rr.Ellipses2D.from_fields(colors=palette.ESTIMATE, line_radii=hair, draw_order=20.0)
+        stream.log(f"{place}/predicted", predicted, static=True)
+        for name, colour in (("measured_wing", palette.FAINT), ("predicted_wing", palette.ESTIMATE)):
+            lines = rr.LineStrips2D.from_fields(colors=colour, radii=hair, draw_order=10.0)
+            stream.log(f"{place}/{name}", lines, static=True)
     stream.log(f"{CAMERA}/verdict", rr.Points2D.from_fields(radii=0.0, show_labels=True), static=True)
 
 
 def log_aircraft(stream: "rr.RecordingStream") -> None:
     """The shapes of both aircraft, their arrows, the uncertainty, the grid and the style of the trails."""
-    log_mesh(stream, f"{LEADER}/shape", shapes.aeroplane(), palette.ESTIMATE)
-    log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.8)
+    # glassy: along the line of sight the ellipsoid lies inside the fuselage
+    log_mesh(stream, f"{LEADER}/shape", shapes.aeroplane(), (*palette.ESTIMATE[:3], 110))
+    log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.5)
     log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.quadrotor(), palette.OWN)
     stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
     for entity, colour in ((LEADER_VELOCITY, palette.ESTIMATE), (OWN_VELOCITY, palette.OWN)):
         arrow = rr.Arrows3D(vectors=[(1, 0, 0)], colors=colour, radii=rr.Radius.ui_points(1.2))
         stream.log(f"{entity}/arrow", arrow, static=True)
-    ball = rr.Ellipsoids3D(
-        half_sizes=[(1, 1, 1)],
-        colors=(*palette.ESTIMATE[:3], 70),
+    ball = rr.Ellipsoids3D.from_fields(
+        colors=(*palette.UNCERTAIN[:3], 120),
         fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
         line_radii=rr.Radius.ui_points(0.6),
     )
@@ -165,11 +192,20 @@ def log_aircraft(stream: "rr.RecordingStream") -> None:
     stream.log(TAG, rr.Points3D.from_fields(radii=0.0, show_labels=True), static=True)
 
 
+def log_banner(stream: "rr.RecordingStream") -> None:
+    """A bar across the top in the colour of the state, and the headline on it."""
+    stream.log(f"{BANNER}/bar", rr.LineStrips2D([[(-4000, 0), (4000, 0)]], radii=40.0), static=True)
+    stream.log(
+        f"{BANNER}/words", rr.Points2D.from_fields(radii=0.0, show_labels=True, draw_order=50.0), static=True
+    )
+
+
 def log_static(stream: "rr.RecordingStream", camera: Camera) -> None:
     """Everything that does not change."""
-    for entity in (SCENE, HEADING):
+    for entity in (SCENE, HEADING, AROUND_LEADER):
         stream.log(entity, rr.ViewCoordinates.FRD, static=True)
     log_aircraft(stream)
     log_camera(stream, camera)
     log_image_styles(stream)
+    log_banner(stream)
     log_plots(stream)

@@ -4,8 +4,8 @@ import numpy as np
 
 from onboard.geometry.rotations import Array, quaternion_from_matrix
 from onboard.messages import Estimate, OwnPose, Truth
-from onboard.view import palette, scene, words
-from onboard.view.columns import HIDDEN, LEVEL, Columns, Pose, lines_3d, poses, tags
+from onboard.view import palette, scene
+from onboard.view.columns import HIDDEN, LEVEL, Columns, Pose, ellipsoids, lines_3d, no_tags, poses, tags
 from onboard.view.memory import Memory
 from onboard.view.motion import (
     Track,
@@ -13,11 +13,11 @@ from onboard.view.motion import (
     ellipsoid,
     heading_quaternion,
     own_position,
-    sight,
 )
 
 SCENE_HZ = 25.0
 TRAIL_HZ = 5.0
+TAG_ABOVE = 3.0  # m, so as not to cover what it names
 ORIGIN = (0.0, 0.0, 0.0)
 ONE = (1.0, 1.0, 1.0)
 FRESH_NS = 500_000_000  # an attitude from the truth older than this says nothing
@@ -85,6 +85,7 @@ def hide_leader(columns: Columns, t_ns: int) -> None:
         columns.add(poses, entity, t_ns, HIDDEN)
     for entity in (scene.SIGHT_LINE, scene.DROP_LINE):
         columns.add(lines_3d, entity, t_ns, NO_LINE)
+    columns.add(no_tags, scene.TAG, t_ns, None)
 
 
 def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, track: Track | None) -> None:
@@ -102,11 +103,16 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, track: Tra
     if np.all(np.isfinite(v_L_n)):
         columns.add(poses, scene.LEADER_VELOCITY, t_ns, arrow(r, v_L_n))
     half_axes, axes = ellipsoid(track.covariance[:3, :3], scene.SIGMAS)
-    columns.add(poses, scene.UNCERTAINTY, t_ns, Pose(r, quaternion_from_matrix(axes), half_axes))
+    columns.add(poses, scene.UNCERTAINTY, t_ns, Pose(r, quaternion_from_matrix(axes), ONE))
+    columns.add(ellipsoids, f"{scene.UNCERTAINTY}/ellipsoid", t_ns, half_axes)
+    if memory.own is not None:
+        columns.add(poses, scene.AROUND_LEADER, t_ns, Pose(r, heading_quaternion(memory.own.q_nb), ONE))
     columns.add(lines_3d, scene.SIGHT_LINE, t_ns, np.array([np.zeros(3), r]))
     columns.add(lines_3d, scene.DROP_LINE, t_ns, np.array([r, [r[0], r[1], 0.0]]))
-    if memory.due("tag", t_ns, 5.0):
-        text = words.tag(estimate, sight(track))
-        columns.add(tags, scene.TAG, t_ns, (r, palette.STATES[estimate.state], text))
     if memory.own is not None:
         extend_trail(columns, memory, "estimate", t_ns, own_position(memory.own, t_ns) + r)
+
+
+def draw_tag(columns: Columns, t_ns: int, track: Track, colour: palette.Colour, text: str) -> None:
+    """Words above the leader."""
+    columns.add(tags, scene.TAG, t_ns, (track.r - np.array([0.0, 0.0, TAG_ABOVE]), colour, text))

@@ -78,7 +78,7 @@ def screenshot(
             _take(process, port, png.resolve(), at, deadline)
         except (ViewerError, RuntimeError, ConnectionError) as error:
             log.seek(0)
-            said = log.read().decode(errors="replace").strip()[-800:]
+            said = _last_words(log.read().decode(errors="replace"))
             raise ViewerError(
                 f"no picture of {source}: {error}\n{said}\n"
                 "(without a graphics card, Debian's mesa-vulkan-drivers draws in software)"
@@ -90,6 +90,13 @@ def screenshot(
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait(5)
+
+
+def _last_words(log: str) -> str:
+    """What a viewer said before it ended: its panic, without the trace of its stack; else its last lines."""
+    lines = [line for line in log.splitlines() if line.strip()]
+    panics = [i for i, line in enumerate(lines) if "panicked at" in line]
+    return "\n".join(lines[panics[0] : panics[0] + 2] if panics else lines[-5:])
 
 
 def _take(process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | None, deadline: float) -> None:
@@ -121,6 +128,6 @@ def _take(process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | 
     if at is not None:
         client.set_time("boot_time", duration=at, play_state="paused")
     client.take_screenshot(max_size=64)  # the first painting lays out; views appear in the second
-    time.sleep(1.0)
+    time.sleep(5.0)
     png.parent.mkdir(parents=True, exist_ok=True)
     png.write_bytes(client.take_screenshot())

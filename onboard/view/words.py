@@ -5,15 +5,26 @@ import math
 from onboard.messages import Estimate, Health, MeasurementReport
 from onboard.view.motion import Sight, Track
 
+KEY = """\
+± is one standard deviation
+
+*Blue: the estimate. White: the truth. Amber: ourselves. Pink: 3σ ellipsoid (97 %).*
+"""
+
+
+def plain(text: str) -> str:
+    """Text from outside with what the viewer's one font lacks replaced: a missing glyph can end the viewer."""
+    return "".join(c if c == "\n" or " " <= c <= "~" or c in "·±²³σ–µ°×" else "?" for c in text)
+
 
 def nis_words(report: MeasurementReport | None) -> str:
     """Whether the last image agreed with the track."""
     if report is None or report.nis is None or report.gate is None:
         return "NIS –"
-    return f"NIS {'ok' if report.nis <= report.gate else 'TOO HIGH'} ({report.nis:.1f} of {report.gate:.1f})"
+    return "NIS ok" if report.nis <= report.gate else "NIS TOO HIGH"
 
 
-def headline(estimate: Estimate, track: Track | None, seen: Sight | None) -> str:
+def headline(estimate: Estimate, track: Track | None, seen: Sight | None, report: MeasurementReport | None) -> str:
     """One line: state, range, closing speed, size. The ± are one standard deviation."""
     state = estimate.state.upper()
     if track is None or seen is None:
@@ -21,7 +32,9 @@ def headline(estimate: Estimate, track: Track | None, seen: Sight | None) -> str
     closing = f"closing {seen.closing:.1f}" if seen.closing >= 0 else f"opening {-seen.closing:.1f}"
     words = f"{state} · range {seen.range:.1f} ± {seen.sigma:.1f} m · {closing} m/s"
     size, sigma = track.mean[6], track.sigma[6]
-    return words if math.isnan(size) else f"{words} · size {size:.2f} ± {sigma:.2f} m"
+    if not math.isnan(size):
+        words += f" · size {size:.2f} ± {sigma:.2f} m"
+    return f"{words} · {nis_words(report)}"
 
 
 def tag(estimate: Estimate, seen: Sight) -> str:
@@ -45,23 +58,20 @@ def status(
     error: float | None,
 ) -> str:
     """The status panel, Markdown; `report` is the last image's, `error` the distance to the truth, m, if known."""
-    rows = [f"## {estimate.state.upper()}" + ("" if estimate.valid else " · not valid"), ""]
-    if track is None or seen is None:
-        rows.append("No track yet.")
-    else:
-        closing = "closing" if seen.closing >= 0 else "opening"
+    rows = [f"| {estimate.state.upper()} | {'' if estimate.valid else 'not valid'} |", "|---|---|"]
+    if track is not None and seen is not None:
         rows += [
-            f"### range {seen.range:.1f} ± {seen.sigma:.1f} m",
-            f"### {closing} {abs(seen.closing):.1f} m/s",
-            f"### size {track.mean[6]:.2f} ± {track.sigma[6]:.2f} m",
+            f"| range | **{seen.range:.1f} ± {seen.sigma:.1f} m** |",
+            f"| {'closing' if seen.closing >= 0 else 'opening'} | **{abs(seen.closing):.1f} m/s** |",
+            f"| wingspan | **{track.mean[6]:.2f} ± {track.sigma[6]:.2f} m** |",
         ]
-        if error is not None:
-            rows.append(f"{error:.2f} m from the truth")
+    if track is not None and error is not None:
+        rows.append(f"| off the truth | {error:.2f} m |")
     age = "–" if estimate.age is None else f"{estimate.age:.2f} s ago"
-    rows += ["", f"{nis_words(report)}  ·  last image fused {age}", ""]
+    rows += [f"| innovation | {nis_words(report)} |", f"| last fused | {age} |", ""]
     if estimate.reason:
-        rows += [f"*{estimate.reason}*", ""]
-    return "\n".join([*rows, "± is one standard deviation"])
+        rows += [f"*{plain(estimate.reason)}*", ""]
+    return "\n".join([*rows, KEY])
 
 
 def health(record: Health) -> str:
@@ -76,4 +86,4 @@ def health(record: Health) -> str:
             rows += ["", f"{title}: " + " · ".join(f"{name} {n}" for name, n in sorted(table.items()))]
     rows += ["", "| sink | sent | dropped | restarts |", "|---|---:|---:|---:|"]
     rows += [f"| {n} {s.error} | {s.sent} | {s.dropped} | {s.restarts} |" for n, s in sorted(record.sinks.items())]
-    return "\n".join(rows)
+    return plain("\n".join(rows))
