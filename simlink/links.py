@@ -58,6 +58,11 @@ class UdpLink(asyncio.DatagramProtocol):
             raise LinkError(f"cannot open UDP {address[0]}:{address[1]}: {reason(error)}") from error
 
     @property
+    def is_open(self) -> bool:
+        """Whether `open` is done."""
+        return self._transport is not None
+
+    @property
     def address(self) -> tuple[str, int]:
         """Our own end, once open."""
         host, port = self._get().get_extra_info("sockname")[:2]
@@ -115,6 +120,11 @@ class TcpServer:
             host, port = self._where
             hint = "; choose another with --tcp PORT, or --tcp none"
             raise LinkError(f"cannot listen on TCP {host}:{port}: {reason(error)}{hint}") from error
+
+    @property
+    def is_open(self) -> bool:
+        """Whether `open` is done."""
+        return self._server is not None
 
     @property
     def port(self) -> int:
