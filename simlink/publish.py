@@ -4,7 +4,7 @@ Everything is dropped rather than waited for: a slow subscriber must not slow th
 """
 
 import json
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
@@ -18,6 +18,10 @@ def check_vehicle(vehicle: str) -> str:
     if not vehicle.isascii() or any(c in "*$?# " for c in vehicle) or "" in vehicle.split("/"):
         raise LinkError(f"bad vehicle id {vehicle!r}: ASCII without * $ ? # or blanks, and no empty part")
     return vehicle
+
+
+# so that a daemon started second is joined within the second; Zenoh's own slows down to 4 s
+RETRY: Final = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 
 
 class ZenohPublisher:
@@ -53,6 +57,7 @@ class ZenohPublisher:
             "scouting/gossip/enabled": False,
             "listen/endpoints": [],
             "connect/endpoints": [endpoint],
+            "connect/retry": RETRY,
         }
         try:
             for key, value in settings.items():

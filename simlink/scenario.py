@@ -153,10 +153,13 @@ class Rates(Record, frozen=True, kw_only=True):
 
 
 class Vehicle(Record, frozen=True, kw_only=True):
-    """Who our vehicle says it is on MAVLink. `origin`: WGS-84 degrees and metres, of the local frame."""
+    """Who our vehicle says it is on MAVLink. `origin`: WGS-84 degrees and metres, of the local frame.
+
+    A daemon may correct the stamps of an "ardupilot", known to be old (`Nav.position_delay`, `Gps.delay`).
+    """
 
     type: Literal["fixed_wing", "quadrotor"] = "fixed_wing"
-    autopilot: Literal["ardupilot", "px4"] = "ardupilot"
+    autopilot: Literal["ardupilot", "px4"] = "px4"
     system: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
     component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 1
     origin: tuple[float, float, float] = (47.397742, 8.545594, 488.0)
@@ -221,6 +224,18 @@ def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
         raise ScenarioError(f"{source}: {_explain(str(error))}") from error
     _check(scenario, source)
     return scenario
+
+
+def from_the_side(scenario: Scenario, angle_deg: float) -> Scenario:
+    """The same flight with the slot turned about the leader by `angle_deg` and the camera turned back to look
+    at it: the leader is then yawed by so much against the image plane (less, in a turn, by the angle between
+    the two courses)."""
+    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    x, y, z = scenario.follower.slot
+    roll, pitch, yaw = scenario.camera.mount_rpy_deg
+    follower = msgspec.structs.replace(scenario.follower, slot=(c * x - s * y, s * x + c * y, z))
+    camera = msgspec.structs.replace(scenario.camera, mount_rpy_deg=(roll, pitch, yaw + angle_deg))
+    return msgspec.structs.replace(scenario, follower=follower, camera=camera)
 
 
 def _check(s: Scenario, source: str) -> None:

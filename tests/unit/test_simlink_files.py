@@ -1,9 +1,13 @@
 import csv
 import gzip
 import hashlib
+import os
 import socket
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -12,7 +16,8 @@ from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.points import decode_points
 from onboard.wire.tlog import read_tlog
 from simlink.cli import main
-from simlink.scenario import Scenario, ScenarioError, load_scenario, parse_scenario, scenario_names
+from simlink.flight import fly
+from simlink.scenario import Scenario, ScenarioError, from_the_side, load_scenario, parse_scenario, scenario_names
 from simlink.simulation import datagrams, simulate
 
 
@@ -56,6 +61,20 @@ def test_a_scenario_that_does_not_hold_names_the_key(text: str, says: str) -> No
     assert "\n" not in str(caught.value)
 
 
+def test_the_slot_seen_from_the_side_is_the_reference_slot_turned() -> None:
+    turned, file = from_the_side(load_scenario("formation"), 45.0), load_scenario("formation-from-the-side")
+    # (-90, 10) ft turned by 45 degrees: (-100, -80) ft / sqrt 2
+    assert turned.follower.slot == pytest.approx((-100 * 0.3048 / 2**0.5, -80 * 0.3048 / 2**0.5, 1.524))
+    assert turned.camera.mount_rpy_deg == file.camera.mount_rpy_deg == (0.0, 0.0, 45.0)
+    assert file.follower.slot == pytest.approx(turned.follower.slot, abs=1e-4)
+    flight = fly(file, 1, 60.0)
+    seen = flight.image_points[~np.isnan(flight.image_points[:, 0, 0])]
+    assert len(seen) > 0.85 * len(flight.image_t)
+    # in the turn the follower's course is 6 degrees left of the leader's: some 39 degrees are left of the 45
+    span = np.linalg.norm(seen[:, 2] - seen[:, 1], axis=1)
+    assert np.median(span) * 27.64 == pytest.approx(flight.size * 0.82, rel=0.07)
+
+
 def test_an_unknown_scenario_lists_the_known_ones() -> None:
     with pytest.raises(ScenarioError, match=r"'formatoin'.*formation-s-turn"):
         load_scenario("formatoin")
@@ -76,6 +95,18 @@ def test_the_same_seed_gives_the_same_bytes_seeds_5_and_6(tmp_path: Path) -> Non
     first, again, other = log(tmp_path, 5, "a"), log(tmp_path, 5, "b"), log(tmp_path, 6, "c")
     assert [digest(p) for p in first] == [digest(p) for p in again]
     assert [digest(p) for p in first] != [digest(p) for p in other]
+    assert first[1].read_bytes()[4:8] == bytes(4)  # gzip's time stamp
+
+
+def test_the_bytes_do_not_depend_on_the_process_seed_5(tmp_path: Path) -> None:
+    digests = set()
+    for hash_seed in ("1", "2"):
+        out = tmp_path / f"{hash_seed}.tlog"
+        arguments = ["log", "formation", "--seed", "5", "--duration", "1", "--out", str(out)]
+        environment = os.environ | {"PYTHONHASHSEED": hash_seed}
+        subprocess.run([sys.executable, "-m", "simlink", *arguments], check=True, env=environment, timeout=60)
+        digests.add(digest(out))
+    assert len(digests) == 1
 
 
 def test_a_recording_holds_what_was_flown_seed_5(tmp_path: Path) -> None:

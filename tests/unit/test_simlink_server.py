@@ -117,7 +117,7 @@ def test_a_peer_sets_intervals_and_synchronises_over_udp_seed_1() -> None:
 
     async def main() -> None:
         peer = Peer(first)
-        server = make(mavlink=f"udpout:127.0.0.1:{await peer.open()}", wait=20.0)
+        server = make(mavlink=f"udpout:127.0.0.1:{await peer.open()}", wait=1000.0)
         await server.run(asyncio.Event())
         await settle(peer, lambda: server.frames)
         assert len(peer.frames) == server.frames
@@ -137,7 +137,7 @@ def test_it_waits_for_a_peer_with_heartbeats_only_seed_1() -> None:
     async def main() -> None:
         lines: list[str] = []
         peer, stop = Peer(), asyncio.Event()
-        server = make(lines, mavlink=f"udpout:127.0.0.1:{await peer.open()}", wait=20.0)
+        server = make(lines, mavlink=f"udpout:127.0.0.1:{await peer.open()}", wait=1000.0)
         flight = asyncio.create_task(server.run(stop))
         await settle(peer, lambda: 5)
         assert set(peer.names) == {"HEARTBEAT", "SYSTEM_TIME"}
@@ -200,7 +200,7 @@ def test_udpin_sends_to_whoever_speaks_first_seed_1() -> None:
     async def main() -> None:
         peer, stop = Peer(), asyncio.Event()
         await peer.open()
-        server = make(mavlink="udpin:127.0.0.1:0", wait=20.0)
+        server = make(mavlink="udpin:127.0.0.1:0", wait=1000.0)
         flight = asyncio.create_task(server.run(stop))
         assert server.udp is not None
         await until(lambda: server.udp.is_open)
@@ -261,7 +261,7 @@ def test_images_truth_and_counts_arrive_over_zenoh_seed_1(router: tuple[str, Any
         received.setdefault(str(sample.key_expr), []).append(sample.payload.to_bytes())
 
     subscribers = [session.declare_subscriber(key, keep) for key in ("simlink/**", "onboard/**")]
-    server = make(camera="zenoh", zenoh=endpoint, vehicle="robot/9", wait=20.0)
+    server = make(camera="zenoh", zenoh=endpoint, vehicle="robot/9", wait=1000.0)
     run(lambda: server.run(asyncio.Event()))
     points = [msgspec.json.decode(x, type=CameraPoints) for x in received["onboard/robot/9/camera/front/points"]]
     truth = [msgspec.json.decode(x, type=Truth) for x in received["simlink/robot/9/truth"]]
