@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
+from onboard.errors import UserError
 from onboard.estimators import known, load
 from onboard.geometry.camera import Camera, make_camera
 from onboard.messages import (
@@ -23,11 +24,13 @@ from onboard.messages import (
     TargetPoints,
     Vec3,
 )
+from onboard.sinks.zenoh import ZenohConfig
+from onboard.wire.mavlink_encode import message_number
 
 ARDUPILOT: Final = 3
 
 
-class ConfigError(ValueError):
+class ConfigError(UserError, ValueError):
     """The configuration cannot be used; the message is one line that says where and why."""
 
 
@@ -86,17 +89,6 @@ class OwnshipConfig(Record, frozen=True, kw_only=True):
     max_lead_s: float = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
 
 
-class ZenohConfig(Record, frozen=True, kw_only=True):
-    """`[zenoh]`: nothing leaves this computer unless an address here says so."""
-
-    enabled: bool = True
-    vehicle: str = "1"
-    mode: str = "router"
-    listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
-    connect: tuple[str, ...] = ()
-    config_file: str | None = None  # a Zenoh JSON5 file, for TLS and users
-
-
 class RecorderConfig(Record, frozen=True, kw_only=True):
     """`[recorder]`: raw bytes as they came, and every estimate, in an MCAP file."""
 
@@ -106,7 +98,10 @@ class RecorderConfig(Record, frozen=True, kw_only=True):
 class Config(Record, frozen=True, kw_only=True):
     """Everything the daemon and the replay are told. `estimator` holds each estimator's own Config."""
 
-    link: tuple[LinkConfig, ...] = ()
+    link: tuple[LinkConfig, ...] = (
+        LinkConfig(name="autopilot", url="udpin:127.0.0.1:14540"),
+        LinkConfig(name="camera", url="udpin:127.0.0.1:14560", autopilot=False),
+    )
     autopilot: AutopilotConfig = AutopilotConfig()
     camera: CameraConfig = CameraConfig()
     delay: DelayConfig = DelayConfig()
@@ -153,7 +148,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
 
     Raises ConfigError.
     """
-    table: dict[str, Any] = {"estimator": {"leader": {}}}
+    table: dict[str, Any] = {}
     if path is not None:
         try:
             table = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -163,6 +158,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
             raise ConfigError(f"{path} is not TOML: {error}") from error
     for override in overrides:
         _put(table, override)
+    table.setdefault("estimator", {"leader": {}})
     return parse_config(table)
 
 
@@ -172,6 +168,11 @@ def parse_config(table: dict[str, Any]) -> Config:
     config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
     if not isinstance(estimators, dict):
         raise ConfigError("`estimator` must be a table of tables, such as [estimator.leader]")
+    for name, rate in config.autopilot.rates_hz.items():
+        if not _is_message(name):
+            raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
+        if not rate > 0:
+            raise ConfigError(f"autopilot.rates_hz.{name}: must be positive, not {rate}")
     sections = {}
     for name, section in estimators.items():
         if name not in known():
@@ -183,6 +184,14 @@ def parse_config(table: dict[str, Any]) -> Config:
         except ValueError as error:
             raise ConfigError(f"estimator.{name}: {error}") from error
     return msgspec.structs.replace(config, estimator=sections)
+
+
+def _is_message(name: str) -> bool:
+    try:
+        message_number(name)
+    except KeyError:
+        return False
+    return True
 
 
 def _put(table: dict[str, Any], override: str) -> None:

@@ -24,6 +24,9 @@ from onboard.geometry.rotations import (
 from onboard.messages import Attitude, GlobalPosition, LocalPosition, Message, OwnPose
 
 HISTORY_NS: Final = 5_000_000_000
+FASTEST: Final = 1e4  # m/s; what is stated beyond these is no motion of a vehicle
+FARTHEST: Final = 1e7  # m
+QUICKEST: Final = 1e3  # rad/s
 FALLBACK_NS: Final = 1_000_000_000  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
 
 
@@ -73,8 +76,10 @@ class Ownship:
             self._add_attitude(message, stamp_ns)
             return False
         if isinstance(message, LocalPosition):
-            self._last_local_ns = stamp_ns
-            return self._add_nav(message, np.array(message.r_OF_n), np.array(message.v_F_n), stamp_ns)
+            added = self._add_nav(message, np.array(message.r_OF_n), np.array(message.v_F_n), stamp_ns)
+            if added:
+                self._last_local_ns = stamp_ns
+            return added
         if isinstance(message, GlobalPosition) and stamp_ns - self._last_local_ns > FALLBACK_NS:
             # no local origin yet: velocity and height are known, horizontal position is not needed
             height = np.array([0.0, 0.0, -message.height])
@@ -130,21 +135,20 @@ class Ownship:
 
     def _add_attitude(self, m: Attitude, stamp_ns: int) -> bool:
         q, omega = np.array(m.q_nb), np.array(m.omega_b)
-        norm = math.sqrt(float(q @ q))
-        if not (math.isfinite(norm) and np.isfinite(omega).all()) or norm < 0.5:
-            return self._reject("attitude_not_finite")
+        if not (_within(q, 2.0) and _within(omega, QUICKEST)) or q @ q < 0.25:
+            return self._reject("attitude_unusable")
         if self._attitude_times and m.t_ns <= self._attitude_times[-1]:
             # ATTITUDE and ATTITUDE_QUATERNION of one instant are the same attitude: not an error
             return m.t_ns == self._attitude_times[-1] or self._reject("attitude_out_of_order")
         self.now_ns = max(self.now_ns, stamp_ns)
         self._attitude_times.append(m.t_ns)
-        self._attitudes.append((q / norm, omega))
+        self._attitudes.append((q / math.sqrt(float(q @ q)), omega))
         _trim(self._attitude_times, self._attitudes)
         return True
 
     def _add_nav(self, m: Message, r: Array, v: Array, stamp_ns: int) -> bool:
-        if not (np.isfinite(r).all() and np.isfinite(v).all()):
-            return self._reject("position_not_finite")
+        if not (_within(r, FARTHEST) and _within(v, FASTEST)):
+            return self._reject("position_unusable")
         if self.nav_times and m.t_ns <= self.nav_times[-1]:
             return self._reject("position_out_of_order")
         self.now_ns = max(self.now_ns, stamp_ns)
@@ -195,6 +199,11 @@ class Ownship:
         i = min(max(bisect_right(self.nav_times, (a_ns + b_ns) // 2) - 1, 0), len(self._nav) - 2)
         dt = (self.nav_times[i + 1] - self.nav_times[i]) * 1e-9
         return np.asarray((self._nav[i + 1].v - self._nav[i].v) / dt)
+
+
+def _within(values: Array, limit: float) -> bool:
+    """Whether all are smaller than the limit; NaN is not."""
+    return bool(np.abs(values).max() < limit)
 
 
 def _trim(times: list[int], values: list[Any]) -> None:

@@ -182,6 +182,13 @@ class Pipeline:
 
     # ------------------------------------------------------------------------------------------ health
 
+    def frames(self) -> Counter[str]:
+        """Well-formed MAVLink frames so far, by name."""
+        total: Counter[str] = Counter()
+        for decoder in self._decoders.values():
+            total.update(decoder.names)
+        return total
+
     def health(self, t_recv_ns: int, sinks: dict[str, SinkHealth] | None = None) -> Health:
         """How all this is doing, as of a time on this computer's clock."""
         offset = self.clocks.offset_ns

@@ -61,6 +61,10 @@ class History:
             self._pass_samples(ownship.nav_times[-1] + 1, ownship)
         oldest = self._nodes[-1].t_ns - self._horizon_ns
         keep = max(bisect_right([n.t_ns for n in self._nodes], oldest) - 1, 0)
+        for i, node in enumerate(self._nodes[: keep + 1]):
+            if not node.final:  # it will be done again, from the node before it
+                keep = max(i - 1, 0)
+                break
         del self._nodes[:keep]
 
     def belief_at(self, t_ns: int, ownship: Ownship) -> tuple[int, Belief]:

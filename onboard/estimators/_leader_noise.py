@@ -48,9 +48,10 @@ PAPER: Final = Noise(
     consider_size=False,
 )
 
+# A fixed-wing leader, as the paper's: its speed hardly changes but by the two accelerations of the model.
 HONEST: Final = Noise(
     position_walk=0.02 * FT,
-    velocity_walk=0.3,
+    velocity_walk=0.1 * FT,
     size_walk=1e-5,
     a_lat_walk=1 * FT,
     a_long_walk=0.3 * FT,
@@ -64,7 +65,17 @@ HONEST: Final = Noise(
     consider_size=True,
 )
 
-NOISE: Final = {"paper": PAPER, "honest": HONEST}
+# A multirotor speeds up and stops along its track, which the model does not know.
+MULTIROTOR_VELOCITY_WALK: Final = 0.3
+
+
+def noise_for(noise: str, leader_class: str) -> Noise:
+    """The settings named "paper" or "honest", for a leader of class "fixed_wing" or "multirotor"."""
+    if noise == "paper":
+        return PAPER
+    if leader_class == "multirotor":
+        return HONEST._replace(velocity_walk=MULTIROTOR_VELOCITY_WALK)
+    return HONEST
 
 
 OVERRIDABLE: Final = (

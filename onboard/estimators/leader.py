@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from onboard.estimators._history import History
-from onboard.estimators._leader_noise import NOISE, initial_belief, overridden, process_noise
+from onboard.estimators._leader_noise import initial_belief, noise_for, overridden, process_noise
 from onboard.filters import unscented
 from onboard.filters.gating import chi_square_threshold
 from onboard.filters.unscented import Belief, NotPositiveDefiniteError, Update
@@ -28,7 +28,7 @@ from onboard.messages import (
     Verdict,
 )
 from onboard.models import camera_angles, relative_motion
-from onboard.ownship import Ownship
+from onboard.ownship import Ownship, Pose
 
 NAME: Final = "leader"
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
@@ -36,6 +36,8 @@ NS: Final = 1_000_000_000
 AGREE_RAD: Final = np.radians(5.0)  # images that start a track point the same way this nearly ...
 AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
 SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says nothing of the range
+WIDEST: Final = 100.0  # focal lengths from the axis (89.4 degrees): no lens shows a point beyond
+SIGMAS: Final = (1e-7, 10.0)  # focal lengths: finer or coarser than this no point is found
 
 
 class Config(Record, frozen=True, kw_only=True):
@@ -44,6 +46,7 @@ class Config(Record, frozen=True, kw_only=True):
     size_prior_m: float = 2.0  # the leader's wingspan, as far as it is known
     size_prior_sigma_m: float | None = None  # None: 2 % of it
     noise: Literal["honest", "paper"] = "honest"
+    leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # which changes its speed how freely
     process_noise: dict[str, float] = msgspec.field(
         default_factory=dict
     )  # overrides single settings of the chosen noise, by name
@@ -56,13 +59,15 @@ class Config(Record, frozen=True, kw_only=True):
 
 
 class Seen(NamedTuple):
-    """An image made ready: the angles (3,) it measures, their noise R (3, 3), and the camera's pose then."""
+    """An image made ready: the angles (3,) it measures, their noise R (3, 3), and the camera's pose then.
+    `final` once that pose is interpolated: an extrapolated one is asked for again."""
 
     message: TargetPoints
     angles: Array
     R: Array
     R_cn: Array
     r_FC_n: Array
+    final: bool
 
 
 class Outcome(NamedTuple):
@@ -78,7 +83,7 @@ class Estimator:
     def __init__(self, config: Config, camera: Camera) -> None:
         self._config = config
         self._camera = camera
-        self._noise = overridden(NOISE[config.noise], config.process_noise)
+        self._noise = overridden(noise_for(config.noise, config.leader_class), config.process_noise)
         self._size_sigma = config.size_prior_sigma_m or 0.02 * config.size_prior_m
         self._Q = process_noise(self._noise, config.size_prior_m)
         probability = self._noise.gate_probability
@@ -156,16 +161,21 @@ class Estimator:
             newer = message.t_ns > ownship.now_ns and ownship.now_ns > 0
             return Verdict.TOO_NEW if newer else Verdict.NO_POSE
         sigmas = np.full(3, self._camera.sigma) if message.sigma is None else np.array(message.sigma)
-        if not (np.isfinite(sigmas).all() and (sigmas > 0).all()):
+        if not np.isfinite(sigmas).all():
             return Verdict.NOT_FINITE
+        if np.abs(points).max() > WIDEST or sigmas.min() < SIGMAS[0] or sigmas.max() > SIGMAS[1]:
+            return Verdict.DEGENERATE
         angles = camera_angles.angles_from_points(points)
         R = camera_angles.noise_from_points(points, sigmas)
         if angles[2] < SMALLEST_SPAN_SIGMA * np.sqrt(R[2, 2]):
             return Verdict.DEGENERATE
         if self._noise.angles_deg is not None:
             R = np.diag(np.radians(self._noise.angles_deg) ** 2)
-        R_cn = self._camera.R_bc.T @ pose.R_nb.T
-        return Seen(message, angles, R, R_cn, pose.R_nb @ self._camera.r_FC_b)
+        return Seen(message, angles, R, *self._camera_pose(pose), ownship.knows(message.t_ns))
+
+    def _camera_pose(self, pose: Pose) -> tuple[Array, Array]:
+        """R_cn (3, 3) and r_FC_n (3,) of our own pose."""
+        return self._camera.R_bc.T @ pose.R_nb.T, pose.R_nb @ self._camera.r_FC_b
 
     def _start(self, seen: Seen, ownship: Ownship) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
@@ -229,7 +239,12 @@ class Estimator:
             )
         return belief
 
-    def _fuse(self, belief: Belief, seen: Seen, _ownship: Ownship) -> tuple[Belief, Outcome]:
+    def _fuse(self, belief: Belief, seen: Seen, ownship: Ownship) -> tuple[Belief, Outcome]:
+        if not seen.final:
+            pose = ownship.pose_at(seen.message.t_ns)
+            if pose is not None:
+                R_cn, r_FC_n = self._camera_pose(pose)
+                seen = seen._replace(R_cn=R_cn, r_FC_n=r_FC_n)
         update = unscented.update(
             belief,
             seen.angles,
@@ -262,6 +277,7 @@ class Estimator:
         if self._history is not None:
             try:
                 t_ns, belief = self._history.belief_at(t_ns, ownship)
+                unscented.factor(belief.covariance)  # none goes out that has none
             except NotPositiveDefiniteError:
                 self._forget("the covariance was lost")
             else:

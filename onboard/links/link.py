@@ -5,6 +5,7 @@ import socket
 from collections.abc import Callable
 from typing import Any, Final, Protocol
 
+from onboard.errors import UserError
 from onboard.messages import Datagram
 
 Deliver = Callable[[Datagram], None]
@@ -14,7 +15,7 @@ FIRST_RETRY_S: Final = 0.1
 LONGEST_RETRY_S: Final = 5.0
 
 
-class LinkError(Exception):
+class LinkError(UserError):
     """A link cannot be opened or has ended for good; the message says which one, why, and what to do."""
 
 

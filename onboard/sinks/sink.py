@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Final, Generic, Protocol, TypeVar
 
+from onboard.errors import UserError
 from onboard.messages import SinkHealth
 
 T = TypeVar("T")
@@ -24,7 +25,7 @@ LONGEST_RETRY_S: Final = 30.0
 CLOSE_TIMEOUT_S: Final = 3.0
 
 
-class SinkError(Exception):
+class SinkError(UserError):
     """A sink cannot be opened; the message says which one, why, and what to do."""
 
 

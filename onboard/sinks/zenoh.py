@@ -1,7 +1,8 @@
 """Zenoh: the one session of the program, and the sink that publishes on it.
 
 Below `onboard/<vehicle>/`: `estimate/<name>`, `ownship` and `health` are published as JSON and answer queries
-with the latest value; the liveliness token `alive` is there while the program is. A reply carries the attachment
+with the latest value; the attachment of what is published is the time of publication, in ns of this computer's
+clock, as decimal ASCII; the liveliness token `alive` is there while the program is. A reply carries the attachment
 `{"age_s": ..., "stale": ...}`, and an estimate published longer ago than the validity timeout comes back as
 lost and not valid: a late joiner can never take an old value for a fresh one.
 """
@@ -35,7 +36,8 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
     unsaid keeps our defaults, and `mode`, `listen` and `connect` then count only where it does.
     """
 
-    vehicle: str
+    enabled: bool = True
+    vehicle: str = "1"
     mode: Literal["router", "peer", "client"] = "router"
     listen: tuple[str, ...] = DEFAULT_LISTEN
     connect: tuple[str, ...] = ()
@@ -95,7 +97,9 @@ def _zenoh_config(config: ZenohConfig) -> Any:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/rx/max_message_size": config.max_message_size,
-        # Drop at once rather than wait a millisecond (50 for fragments) for a peer that does not read.
+        # Room for a tenth of a second of estimates, so that a subscriber may be busy for a moment; when it is full,
+        # drop at once rather than wait a millisecond (50 for fragments) for a peer that does not read.
+        "transport/link/tx/queue/size/data": 16,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
         "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": 0,
         # A killed process would leave segments behind, and our messages are too short to gain by it.
@@ -117,8 +121,10 @@ class ZenohSink:
         *,
         validity_s: float = 2.0,
         monotonic: Callable[[], float] = time.monotonic,
+        now_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._session, self._prefix = session, prefix
+        self._now_ns = now_ns
         self._validity_s, self._monotonic = validity_s, monotonic
         self._encoder = msgspec.json.Encoder()
         self._latest: dict[str, tuple[Published, float]] = {}  # key -> record, when it was published
@@ -140,7 +146,7 @@ class ZenohSink:
             key = f"{self._prefix}/{key_of(record)}"
             publisher = self._publishers.get(key) or self._declare(key)
             self._latest[key] = record, self._monotonic()
-            publisher.put(self._encoder.encode(record))
+            publisher.put(self._encoder.encode(record), attachment=b"%d" % self._now_ns())
 
     def close(self) -> None:
         """Undeclare everything, the token first."""

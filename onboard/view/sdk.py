@@ -1,9 +1,11 @@
 """Rerun, or a clear word about how to get it. The rest of the package takes `rr` and `rrb` from here."""
 
+from onboard.errors import UserError
+
 __all__ = ["MissingRerunError", "rr", "rrb"]
 
 
-class MissingRerunError(ImportError):
+class MissingRerunError(UserError, ImportError):
     """The optional dependency of the live view is not installed."""
 
 

@@ -8,8 +8,10 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
+from onboard.errors import UserError
 
-class ViewerError(RuntimeError):
+
+class ViewerError(UserError, RuntimeError):
     """The viewer could not be started, or could not draw."""
 
 

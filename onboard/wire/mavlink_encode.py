@@ -53,6 +53,14 @@ class MavlinkEncoder:
         return data
 
 
+def message_number(name: str) -> int:
+    """The number of a MAVLink message. Raises KeyError for a name that is none."""
+    number = getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
+    if not isinstance(number, int):
+        raise KeyError(name)
+    return number
+
+
 def _ms(m: Message) -> int:
     return m.t_ns // 1_000_000 % 2**32
 
@@ -138,15 +146,11 @@ def _target_points(m: Any) -> list[Any]:
 
 
 def _command(m: Any) -> list[Any]:
-    return [
-        dialect.MAVLink_command_long_message(m.target_system, m.target_component, m.command, 0, *m.params)
-    ]
+    return [dialect.MAVLink_command_long_message(m.target_system, m.target_component, m.command, 0, *m.params)]
 
 
 def _command_ack(m: Any) -> list[Any]:
-    return [
-        dialect.MAVLink_command_ack_message(m.command, m.result, 0, 0, m.target_system, m.target_component)
-    ]
+    return [dialect.MAVLink_command_ack_message(m.command, m.result, 0, 0, m.target_system, m.target_component)]
 
 
 def _status_text(m: Any) -> list[Any]:

@@ -1,0 +1,87 @@
+"""A client of a running daemon: subscribes to what it and a simulator publish. The view and the demo read this.
+
+Records arrive on Zenoh's threads and wait in a queue until they are taken.
+"""
+
+import queue
+import threading
+from typing import Any, Final, NamedTuple
+
+import msgspec
+
+from onboard.messages import Estimate, Health, OwnPose, Record, SimStatus, Truth
+from onboard.sinks.zenoh import ZenohConfig, open_session
+
+KINDS: Final[dict[str, type[Record]]] = {
+    "estimate": Estimate,
+    "ownship": OwnPose,
+    "health": Health,
+    "truth": Truth,
+    "status": SimStatus,
+}
+
+
+class Received(NamedTuple):
+    """A record, and when its publisher sent it on (ns, this computer's clock; None if it did not say)."""
+
+    record: Any
+    t_publish_ns: int | None
+
+
+class Client:
+    """A subscription to one vehicle's daemon, and to the simulator's truth beside it.
+
+    Raises SinkError when no daemon answers at `endpoint`.
+    """
+
+    def __init__(self, endpoint: str, vehicle: str) -> None:
+        config = ZenohConfig(vehicle=vehicle, mode="client", listen=(), connect=(endpoint,))
+        self.alive = threading.Event()
+        self.undecodable = 0
+        self._records: queue.SimpleQueue[Received] = queue.SimpleQueue()
+        self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in KINDS.items()}
+        self._session: Any = open_session(config)
+        self._subscribers = [
+            self._session.declare_subscriber(key, self._receive)
+            for key in (f"{config.prefix}/estimate/*", f"{config.prefix}/ownship", f"{config.prefix}/health")
+        ]
+        self._subscribers += [
+            self._session.declare_subscriber(f"simlink/{vehicle}/{name}", self._receive)
+            for name in ("truth", "status")
+        ]
+        token = f"{config.prefix}/alive"
+        self._subscribers.append(
+            self._session.liveliness().declare_subscriber(token, self._see_alive, history=True)
+        )
+
+    def take(self, timeout: float) -> Received | None:
+        """The next record, None if none comes within `timeout` seconds."""
+        try:
+            return self._records.get(timeout=timeout)
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        """Leave. What was received can still be taken."""
+        self._session.close()
+
+    def _receive(self, sample: Any) -> None:
+        """On one of Zenoh's threads."""
+        parts = str(sample.key_expr).split("/")
+        name = "estimate" if "estimate" in parts else parts[-1]
+        attachment = sample.attachment
+        try:
+            record = self._decoders[name].decode(sample.payload.to_bytes())
+            t_publish_ns = int(attachment.to_bytes()) if attachment is not None else None
+        except (msgspec.DecodeError, ValueError):
+            self.undecodable += 1
+            return
+        self._records.put(Received(record, t_publish_ns))
+
+    def _see_alive(self, sample: Any) -> None:
+        import zenoh  # noqa: PLC0415 - loaded already: there is a session
+
+        if sample.kind == zenoh.SampleKind.PUT:
+            self.alive.set()
+        else:
+            self.alive.clear()

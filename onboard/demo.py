@@ -1,0 +1,283 @@
+"""The main job on simulated input: simlink, the daemon and the view together, and a scorecard at the end.
+
+Simulator and daemon are the real programs, each in its own process; this one is the view and the judge. It is a
+client like any other: it sees what the daemon publishes, and beside it the truth, which the daemon never reads.
+"""
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Final, NamedTuple
+
+from onboard.client import Client, Received
+from onboard.config import Config, load_config
+from onboard.errors import UserError
+from onboard.messages import Estimate, Health, Record, SimStatus, Truth
+from onboard.scoring import Latency, Score, percentiles, reference_from_records, score
+from onboard.sinks import SinkError
+
+if TYPE_CHECKING:
+    from onboard.view.view import View
+
+LEADER_SIZE_M: Final = 2.667  # the nominal wingspan in all of simlink's formation scenarios
+START_TIMEOUT_S: Final = 20.0
+STOP_TIMEOUT_S: Final = 5.0
+WAIT_FOR_DAEMON_S: Final = 15
+LINGER_S: Final = 0.5
+
+
+class DemoError(UserError):
+    """The demo could not run to its end; the message says which part failed, and its last words."""
+
+
+class Drops(Record, frozen=True, kw_only=True):
+    """What was lost on the way: images between simulator and pipeline, records between daemon and view."""
+
+    images_sent: int
+    images_received: int
+    images_lost: int
+    estimates_missed: int
+    sink_drops: int
+
+
+class Report(Record, frozen=True, kw_only=True):
+    """A demo's result. `score` is spread into the same level when written as JSON."""
+
+    scenario: str
+    seed: int
+    duration_s: float
+    score: Score
+    latency_ms: Latency
+    drops: Drops
+
+
+class Flight(NamedTuple):
+    """What the judge saw."""
+
+    estimates: list[Estimate]
+    truths: list[Truth]
+    health: Health | None
+    status: SimStatus | None
+    to_publish_ms: list[float]
+    own_ms: list[float]
+
+
+def run_demo(
+    *,
+    scenario: str,
+    seed: int,
+    duration: float,
+    directory: Path,
+    overrides: tuple[str, ...],
+    view: "Callable[[Config], View | None]",
+    progress: Callable[[float, Estimate | None], None],
+) -> Report:
+    """Fly `scenario` for `duration` seconds. `progress` is told the seconds flown and the newest estimate.
+
+    Raises DemoError, and ConfigError for bad overrides.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    autopilot_port, camera_port, zenoh_port = _free_ports()
+    settings = (
+        f"estimator.leader.size_prior_m={LEADER_SIZE_M}",
+        "estimator.leader.leader_class=fixed_wing",
+        f"zenoh.listen=['tcp/127.0.0.1:{zenoh_port}']",
+        *overrides,
+    )
+    config = load_config(None, settings)
+    links = (
+        f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot_port}'}}, "
+        f"{{name='camera', url='udpin:127.0.0.1:{camera_port}', autopilot=false}}]"
+    )
+    endpoint = f"tcp/127.0.0.1:{zenoh_port}"
+    daemon_command = ["onboard", "run", *(a for s in (*settings, links) for a in ("--set", s))]
+    simlink_command = [
+        *("simlink", "run", scenario, "--seed", str(seed), "--duration", str(duration)),
+        *(
+            "--wait",
+            str(WAIT_FOR_DAEMON_S),
+            "--tcp",
+            "none",
+            "--zenoh",
+            endpoint,
+            "--vehicle",
+            config.zenoh.vehicle,
+        ),
+        *(
+            "--mavlink",
+            f"udpout:127.0.0.1:{autopilot_port}",
+            "--camera-mavlink",
+            f"udpout:127.0.0.1:{camera_port}",
+        ),
+    ]
+    with contextlib.ExitStack() as stack:
+        daemon = stack.enter_context(_process(daemon_command, directory / "daemon.log"))
+        client = _connect(endpoint, config.zenoh.vehicle, daemon)
+        stack.callback(client.close)
+        shown = view(config)
+        if shown is not None:
+            stack.callback(shown.close)
+        simlink = stack.enter_context(_process(simlink_command, directory / "simlink.log"))
+        flight = _watch(client, shown, (daemon, simlink), progress)
+    return _report(flight, scenario, seed, duration)
+
+
+def _watch(
+    client: Client,
+    view: "View | None",
+    processes: "tuple[Process, Process]",
+    progress: Callable[[float, Estimate | None], None],
+) -> Flight:
+    """Take and show all records until the simulator says it has finished and the last ones have come."""
+    flight = Flight([], [], None, None, [], [])
+    daemon, simlink = processes
+    newest: Estimate | None = None
+    finished_at: float | None = None
+    while finished_at is None or time.monotonic() < finished_at + LINGER_S + _health_wait(flight):
+        received = client.take(0.1)
+        if received is None:
+            daemon.check()
+            if simlink.popen.poll() is not None and finished_at is None:
+                simlink.check()
+                finished_at = time.monotonic()
+            continue
+        record = received.record
+        if view is not None:
+            view.show(record)
+        match record:
+            case Estimate():
+                flight.estimates.append(record)
+                newest = record
+                _note_latency(flight, received)
+            case Truth():
+                flight.truths.append(record)
+                progress((record.t_ns - flight.truths[0].t_ns) * 1e-9, newest)
+            case Health():
+                flight = flight._replace(health=record)
+            case SimStatus():
+                flight = flight._replace(status=record)
+                if record.finished and finished_at is None:
+                    finished_at = time.monotonic()
+    return flight
+
+
+def _health_wait(flight: Flight) -> float:
+    """Seconds to wait for the health that counts the last images: it comes once a second."""
+    return 0.0 if flight.health is None else 1.2
+
+
+def _note_latency(flight: Flight, received: Received) -> None:
+    estimate: Estimate = received.record
+    health, report = flight.health, estimate.measurement
+    if report is None or received.t_publish_ns is None:
+        return
+    flight.own_ms.append((received.t_publish_ns - report.t_recv_ns) * 1e-6)
+    if health is not None and health.clock_offset_ns is not None:
+        exposed_ns = report.t_ns + health.clock_offset_ns
+        flight.to_publish_ms.append((received.t_publish_ns - exposed_ns) * 1e-6)
+
+
+def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report:
+    truth = reference_from_records(flight.truths)
+    p50, p99 = percentiles(flight.to_publish_ms)
+    own50, own99 = percentiles(flight.own_ms)
+    received = sum(flight.health.verdicts.values()) if flight.health else 0
+    sent = flight.status.images if flight.status else 0
+    numbers = [e.sequence for e in flight.estimates]
+    missed = numbers[-1] - numbers[0] + 1 - len(numbers) if numbers else 0
+    sinks = flight.health.sinks.values() if flight.health else ()
+    return Report(
+        scenario=scenario,
+        seed=seed,
+        duration_s=duration,
+        score=score(flight.estimates, truth),
+        latency_ms=Latency(p50=p50, p99=p99, receive_to_publish_p50=own50, receive_to_publish_p99=own99),
+        drops=Drops(
+            images_sent=sent,
+            images_received=received,
+            images_lost=sent - received,
+            estimates_missed=missed,
+            sink_drops=sum(s.dropped for s in sinks),
+        ),
+    )
+
+
+# ---------------------------------------------------------------------------------------- processes
+
+
+class Process(NamedTuple):
+    """A program of ours that runs beside this one, and where it writes."""
+
+    name: str
+    popen: "subprocess.Popen[bytes]"
+    log: Path
+
+    def check(self) -> None:
+        """Raise DemoError if it has ended with an error."""
+        code = self.popen.poll()
+        if code not in {None, 0}:
+            words = self.log.read_text(errors="replace").strip().splitlines()
+            raise DemoError(f"{self.name} ended with code {code}: {words[-1] if words else 'it said nothing'}")
+
+
+@contextlib.contextmanager
+def _process(command: list[str], log: Path) -> Iterator[Process]:
+    """Run one of our commands until the block ends; then ask it to stop, and see that it does."""
+    with log.open("wb") as out:
+        popen = _start(command, out)
+        try:
+            yield Process(command[0], popen, log)
+        finally:
+            if popen.poll() is None:
+                popen.send_signal(signal.SIGTERM)
+            try:
+                popen.wait(STOP_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                popen.kill()
+                popen.wait()
+
+
+def _start(command: list[str], out: IO[bytes]) -> "subprocess.Popen[bytes]":
+    module, *arguments = command
+    return subprocess.Popen(  # noqa: S603 - our own program, with arguments made above
+        [sys.executable, "-m", module, *arguments],
+        stdout=out,
+        stderr=subprocess.STDOUT,
+        stdin=subprocess.DEVNULL,
+        env=dict(os.environ, PYTHONUNBUFFERED="1"),
+    )
+
+
+def _connect(endpoint: str, vehicle: str, daemon: Process) -> Client:
+    """A client of the daemon, once it is up."""
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while True:
+        daemon.check()
+        try:
+            client = Client(endpoint, vehicle)
+        except SinkError as error:
+            if time.monotonic() > deadline:
+                raise DemoError(f"the daemon did not come up: {error}") from error
+            time.sleep(0.1)
+            continue
+        if client.alive.wait(START_TIMEOUT_S):
+            return client
+        client.close()
+        raise DemoError("the daemon is up but does not publish")
+
+
+def _free_ports() -> tuple[int, int, int]:
+    """Two UDP ports and a TCP port on loopback that are free now."""
+    with contextlib.ExitStack() as stack:
+        kinds = (socket.SOCK_DGRAM, socket.SOCK_DGRAM, socket.SOCK_STREAM)
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, kind)) for kind in kinds]
+        for s in sockets:
+            s.bind(("127.0.0.1", 0))
+        a, b, c = (s.getsockname()[1] for s in sockets)
+        return a, b, c

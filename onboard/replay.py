@@ -1,0 +1,144 @@
+"""A recorded flight through the same pipeline, as fast as it goes; bit-exact from run to run.
+
+Time is the recording's own, so nothing here depends on when or how fast it is replayed.
+"""
+
+import csv
+import itertools
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import IO, Final, NamedTuple
+
+import numpy as np
+
+from onboard.config import Config
+from onboard.errors import UserError
+from onboard.messages import Datagram, Estimate, Health, Output
+from onboard.pipeline import Pipeline
+from onboard.wire.recording import is_recording, read_recording
+from onboard.wire.tlog import NotALogError, read_tlog
+
+PROGRESS_EVERY: Final = 2000
+ULOG_MAGIC: Final = b"ULog\x01\x12\x35"
+UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad"}
+
+
+class ReplayError(UserError, ValueError):
+    """The log cannot be replayed; the message says why in one line."""
+
+
+class Replayed(NamedTuple):
+    """What a replay made: every estimate, the health at the end, datagrams read, stretches that were no record."""
+
+    estimates: list[Estimate]
+    health: Health
+    datagrams: int
+    damaged: int
+    duration: float
+
+
+def replay(
+    log: Path,
+    config: Config,
+    *,
+    take: Callable[[Output], None] = lambda _: None,
+    progress: Callable[[int, int], None] = lambda _done, _total: None,
+) -> Replayed:
+    """Feed a log through a pipeline. `take` sees each output in order; `progress` is told bytes done and in all.
+
+    Raises ReplayError.
+    """
+    pipeline = Pipeline(config)
+    estimates: list[Estimate] = []
+    total = _size(log)
+    count = damaged = first = last = 0
+    try:
+        for datagram, done in read_log(log):
+            if datagram is None:
+                damaged += 1
+                continue
+            for output in pipeline.feed(datagram):
+                take(output)
+                if isinstance(output, Estimate):
+                    estimates.append(output)
+            first = first or datagram.t_recv_ns
+            last = max(last, datagram.t_recv_ns)
+            count += 1
+            if count % PROGRESS_EVERY == 0:
+                progress(done, total)
+    except NotALogError as error:
+        raise ReplayError(f"{log}: {error}") from error
+    progress(total, total)
+    return Replayed(estimates, pipeline.health(last), count, damaged, (last - first) * 1e-9)
+
+
+def read_log(log: Path) -> Iterator[tuple[Datagram | None, int]]:
+    """The datagrams of a .tlog or a recording of ours, with the bytes read so far; None for damage.
+
+    Raises ReplayError, NotALogError.
+    """
+    try:
+        with log.open("rb") as file:
+            head = file.read(16)
+        if head.startswith(ULOG_MAGIC):
+            raise ReplayError(f"{log} is a PX4 ULog, which cannot be replayed yet; use a .tlog or an .mcap")
+        if is_recording(log):
+            return read_recording(log)
+        data = log.read_bytes()
+    except OSError as error:
+        raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error
+    if not data:
+        raise ReplayError(f"{log} is empty")
+    return read_tlog(data)
+
+
+def _size(log: Path) -> int:
+    try:
+        return log.stat().st_size
+    except OSError as error:
+        raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error
+
+
+class CsvWriter:
+    """One row per estimate. Columns carry their units; NED, leader relative to follower, on the boot clock. The
+    numbers of an estimate that is not valid are left out."""
+
+    def __init__(self, file: IO[str]) -> None:
+        self._writer = csv.writer(file, lineterminator="\n")
+        self._header_written = False
+
+    def write(self, estimate: Output) -> None:
+        """Append an estimate's row (and the header before the first); other records have none."""
+        if not isinstance(estimate, Estimate):
+            return
+        if not self._header_written:
+            self._writer.writerow(header(estimate.components, estimate.units))
+            self._header_written = True
+        self._writer.writerow(row(estimate))
+
+
+def header(components: tuple[str, ...], units: tuple[str, ...]) -> list[str]:
+    """Column names of an estimate's rows."""
+    names = [f"{c}_{UNIT_SUFFIX[u]}" for c, u in zip(components, units, strict=True)]
+    sigmas = [f"sigma_{n}" for n in names]
+    return ["time_boot_s", "state", *names, *sigmas, "verdict", "nis", "valid", "age_s", "reset_count"]
+
+
+def row(estimate: Estimate) -> list[str]:
+    """The row of one estimate."""
+    n = len(estimate.components)
+    numbers = list(itertools.repeat("", 2 * n))
+    if estimate.valid and estimate.mean is not None and estimate.covariance is not None:
+        sigma = np.sqrt(np.diag(np.array(estimate.covariance)))
+        numbers = [f"{x:.6f}" for x in (*estimate.mean, *sigma.tolist())]
+    report = estimate.measurement
+    return [
+        f"{estimate.t_ns * 1e-9:.6f}",
+        str(estimate.state),
+        *numbers,
+        str(report.verdict) if report else "",
+        f"{report.nis:.6f}" if report and report.nis is not None else "",
+        "1" if estimate.valid else "0",
+        f"{estimate.age:.3f}" if estimate.age is not None else "",
+        str(estimate.reset_count),
+    ]

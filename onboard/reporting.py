@@ -1,0 +1,177 @@
+"""What the commands show and write: progress while they work, a scorecard and files when they are done."""
+
+import os
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from onboard.config import Config
+from onboard.demo import Report, run_demo
+from onboard.errors import UserError
+from onboard.messages import Estimate
+from onboard.replay import CsvWriter, Replayed, replay
+from onboard.scorecard import print_health, print_score
+from onboard.scoring import Score, reference_from_csv, score
+
+if TYPE_CHECKING:
+    from onboard.view.view import View
+
+
+def demo(
+    *,
+    scenario: str,
+    seed: int,
+    duration: float,
+    headless: bool,
+    directory: Path,
+    json_file: Path | None,
+    overrides: tuple[str, ...],
+) -> int:
+    """`onboard demo`: fly, show, judge. 0 unless the estimate diverged."""
+    console = Console(stderr=True)
+    rrd = directory / f"{scenario}-{seed}.rrd"
+
+    def view(config: Config) -> "View":
+        from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
+        from onboard.view.viewer import has_display  # noqa: PLC0415
+
+        shown = not headless and has_display()
+        if not headless and not shown:
+            console.print(f"no display here: the view is recorded to {rrd}")
+        return View(camera=config.camera_model(), rrd=rrd, spawn=shown)
+
+    with _progress(console) as bar:
+        task = bar.add_task("starting simulator and daemon", total=duration)
+
+        def progress(flown: float, newest: Estimate | None) -> None:
+            bar.update(task, completed=min(flown, duration), description=_in_words(newest))
+
+        report = run_demo(
+            scenario=scenario,
+            seed=seed,
+            duration=duration,
+            directory=directory,
+            overrides=overrides,
+            view=view,
+            progress=progress,
+        )
+    out = Console()
+    title = f"{scenario}, seed {seed}, {duration:g} s (NED, leader relative to follower)"
+    print_score(out, title, report.score, report.latency_ms)
+    d = report.drops
+    out.print(
+        f"lost: {d.images_lost} of {d.images_sent} images between simulator and pipeline, "
+        f"{d.estimates_missed} estimates between daemon and view",
+        highlight=False,
+    )
+    out.print(f"recorded: {rrd} (open it with: onboard view {rrd})", highlight=False, soft_wrap=True)
+    if json_file is not None:
+        _write_json(json_file, demo_numbers(report))
+    return 1 if report.score.diverged else 0
+
+
+def demo_numbers(report: Report) -> dict[str, Any]:
+    """The scorecard under its documented keys, the score's own at the top level."""
+    numbers: dict[str, Any] = msgspec.to_builtins(report)
+    return {**numbers.pop("score"), **numbers}
+
+
+def replay_log(
+    log: Path,
+    config: Config,
+    *,
+    out: Path | None,
+    truth: Path | None,
+    json_file: Path | None,
+    rrd: Path | None,
+) -> int:
+    """`onboard replay`: a log through the pipeline; rows to `out`, the view to `rrd`, a summary to the screen."""
+    reference = reference_from_csv(truth) if truth is not None else None
+    with ExitStack() as stack:
+        takers: list[Callable[[Any], None]] = []
+        if rrd is not None:
+            from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
+
+            view = stack.enter_context(View(camera=config.camera_model(), rrd=rrd))
+            takers.append(view.show)
+        if out is not None:
+            try:
+                writer = CsvWriter(stack.enter_context(out.open("w", encoding="utf-8", newline="")))
+            except OSError as error:
+                raise UserError(f"cannot write {out}: {error.strerror}") from error
+            takers.append(writer.write)
+        bar = stack.enter_context(_progress(Console(stderr=True)))
+        task = bar.add_task(f"replaying {log.name}", total=None)
+        replayed = replay(
+            log,
+            config,
+            take=lambda record: _each(takers, record),
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    result = score(replayed.estimates, reference)
+    _print_replay(log, replayed, result, out, rrd)
+    if json_file is not None:
+        _write_json(json_file, replay_numbers(replayed, result))
+    return 0
+
+
+def replay_numbers(replayed: Replayed, result: Score) -> dict[str, Any]:
+    """The summary of a replay as plain values."""
+    numbers: dict[str, Any] = msgspec.to_builtins(result)
+    log = {"duration_s": replayed.duration, "datagrams": replayed.datagrams, "damaged": replayed.damaged}
+    return {**numbers, "log": log, "health": msgspec.to_builtins(replayed.health)}
+
+
+def _print_replay(log: Path, replayed: Replayed, result: Score, out: Path | None, rrd: Path | None) -> None:
+    console = Console()
+    damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
+    console.print(
+        f"{log}: {replayed.duration:.1f} s, {replayed.datagrams} datagrams{damage}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    print_health(console, replayed.health)
+    if not result.verdicts:
+        console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
+    print_score(console, "leader relative to follower, NED", result)
+    for path in (out, rrd):
+        if path is not None:
+            console.print(f"written: {path}", highlight=False, soft_wrap=True)
+
+
+def _each(takers: list[Callable[[Any], None]], record: Any) -> None:
+    for take in takers:
+        take(record)
+
+
+def _write_json(path: Path, numbers: dict[str, Any]) -> None:
+    try:
+        path.write_bytes(msgspec.json.format(msgspec.json.encode(numbers)) + b"\n")
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _in_words(newest: Estimate | None) -> str:
+    if newest is None or newest.mean is None:
+        return "searching" if newest is None else str(newest.state)
+    distance = sum(x * x for x in newest.mean[:3]) ** 0.5
+    return f"{newest.state}: leader at {distance:.1f} m"
+
+
+def _progress(console: Console) -> Progress:
+    """A bar where somebody watches, silence where not."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not sys.stderr.isatty() or os.environ.get("TERM") == "dumb",
+        transient=True,
+    )

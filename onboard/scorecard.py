@@ -1,0 +1,70 @@
+"""A score for people: one table, each figure with its unit and, where there is one, the bound it should keep."""
+
+from rich.console import Console
+from rich.table import Table
+
+from onboard.messages import Health
+from onboard.scoring import Latency, Score
+
+
+def print_score(console: Console, title: str, score: Score, latency: Latency | None = None) -> None:
+    """Print the scorecard. Frames: NED, leader relative to follower."""
+    table = Table(title=title, title_justify="left", show_edge=False, pad_edge=False)
+    table.add_column("")
+    table.add_column("measured", justify="right")
+    table.add_column("should be", style="dim")
+    for name, value, bound in score_rows(score, latency):
+        table.add_row(name, value, bound)
+    console.print(table)
+
+
+def score_rows(score: Score, latency: Latency | None) -> list[tuple[str, str, str]]:
+    """(figure, value, what it should be) for each line."""
+    s = score
+    rows = [("estimates", f"{s.estimates} ({s.valid} valid, {s.scored} scored)", "")]
+    if s.range_error_rms_percent is not None:
+        after = f"RMS, valid, after {s.settle_s:g} s"
+        rows += [
+            ("range error", f"{s.range_error_rms_percent:.2f} %", after),
+            ("position error", f"{s.position_rmse_m or 0:.3f} m", after),
+            ("velocity error", f"{s.velocity_rmse_m_s or 0:.3f} m/s", after),
+            ("size error", f"{s.size_error_rms_percent or 0:.2f} %", "no better than its prior"),
+            (
+                f"NEES ({s.nees_dof})",
+                f"{s.nees_mean or 0:.2f}",
+                _between(s.nees_bounds, "95 % of single draws; one flight is one draw"),
+            ),
+            ("truth inside the 95 % ellipsoid", f"{s.inside_95_percent or 0:.1f} %", "95 % over many flights"),
+        ]
+    if s.nis_mean is not None:
+        rows.append((f"NIS ({s.nis_dof})", f"{s.nis_mean:.3f}", _between(s.nis_bounds, "95 % of means")))
+    images = sum(s.verdicts.values())
+    verdicts = ", ".join(f"{n} {v}" for v, n in sorted(s.verdicts.items()))
+    rows.append(("images", f"{images}" + (f" ({verdicts})" if images else ""), ""))
+    rows.append(("tracks given up", str(s.resets), ""))
+    if s.range_error_rms_percent is not None or s.diverged:
+        rows.append(("diverged", "YES" if s.diverged else "no", "no"))
+    if latency is not None and latency.p50 is not None:
+        own50, own99 = latency.receive_to_publish_p50, latency.receive_to_publish_p99
+        rows.append(("exposure to publication", f"p50 {latency.p50:.2f} ms, p99 {latency.p99 or 0:.2f} ms", ""))
+        rows.append(
+            (
+                "  of it our own",
+                f"p50 {own50 or 0:.2f} ms, p99 {own99 or 0:.2f} ms",
+                "",
+            )
+        )
+    return rows
+
+
+def print_health(console: Console, health: Health) -> None:
+    """Print what came in, and what was rejected and why."""
+    streams = ", ".join(f"{name} {s.count}" for name, s in sorted(health.streams.items()))
+    console.print(f"autopilot: {health.autopilot}; clock offset from {health.clock_source}", highlight=False)
+    console.print(f"messages:  {streams or 'none'}", highlight=False)
+    rejected = ", ".join(f"{reason} {n}" for reason, n in sorted(health.rejected.items()))
+    console.print(f"rejected:  {rejected or 'none'}", highlight=False)
+
+
+def _between(bounds: tuple[float, float] | None, what: str) -> str:
+    return f"{bounds[0]:.2f} to {bounds[1]:.2f} ({what})" if bounds else ""
