@@ -143,11 +143,14 @@ class Columns:
         """One row of an entity, true at t_ns."""
         self._rows.setdefault((kind, entity), []).append((t_ns, value))
 
-    def flush(self, stream: "rr.RecordingStream") -> None:
-        """Hand everything to the stream and forget it."""
+    def flush(self, stream: "rr.RecordingStream", *, plots: bool = True) -> None:
+        """Hand everything to the stream and forget it; without `plots`, time series wait for a later call."""
+        kept = {} if plots else {key: rows for key, rows in self._rows.items() if key[0] is scalars}
         for (kind, entity), rows in self._rows.items():
+            if (kind, entity) in kept:
+                continue
             times = np.array([t for t, _ in rows], dtype="timedelta64[ns]")
             stream.send_columns(
                 entity, indexes=[rr.TimeColumn(TIMELINE, duration=times)], columns=kind([v for _, v in rows])
             )
-        self._rows = {}
+        self._rows = kept

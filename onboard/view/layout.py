@@ -4,6 +4,7 @@ from onboard.geometry.camera import Camera
 from onboard.view import scene
 from onboard.view.columns import TIMELINE
 from onboard.view.sdk import rrb
+from onboard.view.words import plain
 
 WINDOW_S = 30.0  # of flight in every plot
 TRAIL_S = 10.0
@@ -59,8 +60,8 @@ def chase_view() -> "rrb.Spatial3DView":
         ],
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
-            position=(-5.0, -11.0, -6.5),
-            look_target=(10.5, 0.0, -0.8),
+            position=(-5.5, -7.5, -10.0),
+            look_target=(10.5, 0.0, -0.3),
             eye_up=(0.0, 0.0, -1.0),
         ),
         line_grid=False,
@@ -91,7 +92,7 @@ def close_view() -> "rrb.Spatial3DView":
 def camera_view(camera: Camera) -> "rrb.Spatial2DView":
     """The camera's image."""
     return rrb.Spatial2DView(
-        name=f"Camera {camera.name}, wing x5 below",
+        name=f"Camera {plain(camera.name)}, wing x5 below",
         origin=f"/{scene.CAMERA}",
         background=BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(
@@ -123,7 +124,7 @@ def plots() -> "rrb.Tabs":
         ),
         rrb.Vertical(
             plot("Innovations [σ]", "innovation", legend=True),
-            plot("NIS and its gate", "nis", legend=True),
+            plot("NIS over its gate; 3 and more at the top", "nis", legend=True),
             plot("Age of the last image fused [s]", "age"),
             name="Filter",
         ),

@@ -9,6 +9,7 @@ from onboard.view.columns import Columns, scalars, states
 from onboard.view.memory import Memory
 from onboard.view.motion import Track, sight, truth_at, truth_vector
 from onboard.view.sdk import rr
+from onboard.view.words import plain
 
 # where each component is drawn, by its place in motion.COMPONENTS
 QUANTITIES = {
@@ -20,6 +21,7 @@ QUANTITIES = {
     8: "acceleration/longitudinal",
 }
 ERROR_WAIT_NS = 1_000_000_000  # an estimate waits so long for a truth after it
+NIS_CLIP = 3.0
 NONE = np.full(3, np.nan)  # a hole in a curve
 
 
@@ -78,14 +80,15 @@ def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, str
             names = report.components or tuple(str(k) for k in range(len(ratio)))
             colours = [palette.AXES[k % 3] for k in range(len(ratio))]
             scene.log_curves(
-                stream, "plots/innovation/value", [(n, c, 1.3) for n, c in zip(names, colours, strict=True)]
+                stream, "plots/innovation/value", [(plain(n), c, 1.3) for n, c in zip(names, colours, strict=True)]
             )
             memory.innovations = len(ratio)
         columns.add(scalars, "plots/innovation/value", t_ns, ratio)
         columns.add(scalars, "plots/innovation/gate", t_ns, np.array([scene.SIGMAS, -scene.SIGMAS]))
     if report.nis is not None and report.gate is not None:
-        columns.add(scalars, "plots/nis/value", t_ns, report.nis)
-        columns.add(scalars, "plots/nis/gate", t_ns, report.gate)
+        # one wild image must not flatten the plot: what is far beyond the gate stands at its upper edge
+        columns.add(scalars, "plots/nis/value", t_ns, np.minimum(report.nis / max(report.gate, 1e-9), NIS_CLIP))
+        columns.add(scalars, "plots/nis/gate", t_ns, 1.0)
 
 
 def plot_health(columns: Columns, memory: Memory, health: Health, stream: "rr.RecordingStream") -> None:
@@ -93,7 +96,7 @@ def plot_health(columns: Columns, memory: Memory, health: Health, stream: "rr.Re
     for name, one in health.streams.items():
         entity = f"plots/rate/{rr.escape_entity_path_part(name)}"
         if name not in memory.rates:
-            stream.log(entity, rr.SeriesLines(names=name, widths=1.5), static=True)
+            stream.log(entity, rr.SeriesLines(names=plain(name), widths=1.5), static=True)
             memory.rates.add(name)
         columns.add(scalars, entity, health.t_ns, one.rate)
 

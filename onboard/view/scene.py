@@ -32,8 +32,8 @@ TRAILS = {name: f"{GROUND}/trail_{name}" for name in ("own", "estimate", "truth"
 
 # everything with a place that records give; not to be drawn before they have
 MOVING = (
-    *(HEADING, FOLLOWER, OWN_VELOCITY, GRID, GROUND),
-    *(AROUND_LEADER, LEADER, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY),
+    *(FOLLOWER, OWN_VELOCITY, GRID, GROUND),
+    *(LEADER, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY),
 )
 
 SIGMAS = 3.0
@@ -169,10 +169,14 @@ def log_image_styles(stream: "rr.RecordingStream") -> None:
 def log_aircraft(stream: "rr.RecordingStream") -> None:
     """The shapes of both aircraft, their arrows, the uncertainty, the grid and the style of the trails."""
     # glassy: along the line of sight the ellipsoid lies inside the fuselage
-    log_mesh(stream, f"{LEADER}/shape", shapes.aeroplane(), (*palette.ESTIMATE[:3], 110))
+    log_mesh(stream, f"{LEADER}/shape", shapes.aeroplane(), (*palette.ESTIMATE[:3], 150))
+    log_lines(stream, f"{LEADER}/outline", shapes.aeroplane_outline(), palette.ESTIMATE, 0.8)
     log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.5)
     log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.quadrotor(), palette.OWN)
     stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
+    for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA):
+        # the viewer draws axes for what is nothing but a place
+        stream.log(entity, rr.TransformAxes3D(axis_length=0.0), static=True)
     for entity, colour in ((LEADER_VELOCITY, palette.ESTIMATE), (OWN_VELOCITY, palette.OWN)):
         arrow = rr.Arrows3D(vectors=[(1, 0, 0)], colors=colour, radii=rr.Radius.ui_points(1.2))
         stream.log(f"{entity}/arrow", arrow, static=True)

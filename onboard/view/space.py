@@ -28,6 +28,8 @@ def hide_everything(columns: Columns, t_ns: int) -> None:
     """Nothing has a place before its first record."""
     for entity in scene.MOVING:
         columns.add(poses, entity, t_ns, HIDDEN)
+    for entity in (scene.HEADING, scene.AROUND_LEADER):  # an eye must have a frame of some size
+        columns.add(poses, entity, t_ns, Pose(ORIGIN, LEVEL, ONE))
 
 
 def extend_trail(columns: Columns, memory: Memory, name: str, t_ns: int, position: Array) -> None:
@@ -48,7 +50,12 @@ def arrow(origin: Array, v_n: Array) -> Pose:
 def draw_own(columns: Columns, memory: Memory, pose: OwnPose) -> None:
     """Our attitude, our velocity, and the ground passing below."""
     t_ns, position = pose.t_ns, np.asarray(pose.r_OF_n, dtype=float)
-    if not (np.all(np.isfinite(position)) and np.all(np.isfinite(pose.q_nb)) and np.all(np.isfinite(pose.v_F_n))):
+    if not (
+        np.all(np.isfinite(position))
+        and np.all(np.isfinite(pose.q_nb))
+        and np.any(pose.q_nb)
+        and np.all(np.isfinite(pose.v_F_n))
+    ):
         return
     memory.own = pose
     if not memory.due("own", t_ns, SCENE_HZ):
@@ -105,8 +112,8 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, track: Tra
     half_axes, axes = ellipsoid(track.covariance[:3, :3], scene.SIGMAS)
     columns.add(poses, scene.UNCERTAINTY, t_ns, Pose(r, quaternion_from_matrix(axes), ONE))
     columns.add(ellipsoids, f"{scene.UNCERTAINTY}/ellipsoid", t_ns, half_axes)
-    if memory.own is not None:
-        columns.add(poses, scene.AROUND_LEADER, t_ns, Pose(r, heading_quaternion(memory.own.q_nb), ONE))
+    q_heading = LEVEL if memory.own is None else heading_quaternion(memory.own.q_nb)
+    columns.add(poses, scene.AROUND_LEADER, t_ns, Pose(r, q_heading, ONE))
     columns.add(lines_3d, scene.SIGHT_LINE, t_ns, np.array([np.zeros(3), r]))
     columns.add(lines_3d, scene.DROP_LINE, t_ns, np.array([r, [r[0], r[1], 0.0]]))
     if memory.own is not None:

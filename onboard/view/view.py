@@ -19,6 +19,7 @@ from onboard.view.sdk import rr
 from onboard.view.viewer import free_port, start_viewer
 
 BATCH_NS = 200_000_000  # of flight, for somebody who watches
+PLOT_EVERY = 3  # batches
 BATCH_FILE_NS = 2_000_000_000  # for a file alone: a tenth of the overhead
 STATUS_HZ = 5.0
 RESTART_NS = 5_000_000_000  # a time that far back is another boot, not a late record
@@ -30,7 +31,7 @@ class View:
     `rrd` names a recording to write; `grpc_port` a port on 127.0.0.1 to serve viewers from (0: any free one);
     `spawn` opens the packaged viewer on it if there is a display, and it is for the user to close. With a server
     or a viewer, `url` says where. `memory_limit` bounds what the server keeps for viewers that come late.
-    Raises `ValueError` if there is nowhere to draw to.
+    Raises `ValueError` if there is nowhere to draw to, `OSError` if the port is taken.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class View:
         self._columns, self._memory = Columns(), Memory()
         self._t_first_ns: int | None = None
         self._t_flush_ns = 0
+        self._flushes = 0
         self._closed = False
         self.url: str | None = None
         self.viewer: subprocess.Popen[bytes] | None = None
@@ -59,7 +61,7 @@ class View:
             sinks.append(rr.FileSink(os.fspath(rrd)))
         if grpc_port is not None or spawn:
             # 127.0.0.1 and nothing else: what Rerun serves, anybody who reaches the port may read
-            server = rr.GrpcServerSink("127.0.0.1", grpc_port or free_port(), server_memory_limit=memory_limit)
+            server = rr.GrpcServerSink("127.0.0.1", free_port(grpc_port or 0), server_memory_limit=memory_limit)
             self.url = str(server.uri)
             sinks.append(server)
         self._batch_ns = BATCH_FILE_NS if self.url is None else BATCH_NS
@@ -96,9 +98,11 @@ class View:
         if self._closed:
             return
         self._closed = True
-        self._columns.flush(self._stream)
-        self._stream.flush(timeout_sec=10.0)
-        self._stream.disconnect()
+        try:
+            self._columns.flush(self._stream)
+            self._stream.flush(timeout_sec=10.0)
+        finally:
+            self._stream.disconnect()
 
     def __enter__(self) -> Self:
         return self
@@ -115,7 +119,10 @@ class View:
             self._t_first_ns = self._t_flush_ns = t_ns
             space.hide_everything(self._columns, t_ns)
         if t_ns - self._t_flush_ns >= self._batch_ns:
-            self._columns.flush(self._stream)
+            # half of all entities are curves, and a curve may end two thirds of a second ago unnoticed
+            self._flushes += 1
+            plots_too = self._batch_ns > BATCH_NS or self._flushes % PLOT_EVERY == 0
+            self._columns.flush(self._stream, plots=plots_too)
             self._t_flush_ns = t_ns
 
     def _show_estimate(self, estimate: Estimate) -> None:
@@ -141,7 +148,9 @@ class View:
 
     def _say(self, estimate: Estimate, track: Track | None) -> None:
         """The state in words: the banner, the panel, and the tag beside the leader."""
-        columns, t_ns, report = self._columns, estimate.t_ns, self._memory.report
+        columns, t_ns = self._columns, estimate.t_ns
+        fresh = t_ns - self._memory.t_image_ns <= image.STALE_NS
+        report = self._memory.report if fresh else None
         seen = None if track is None else sight(track)
         columns.add(texts, "status", t_ns, words.status(estimate, track, seen, report, self._memory.error))
         line = words.headline(estimate, track, seen, report)

@@ -15,10 +15,15 @@ class ViewerError(UserError, RuntimeError):
     """The viewer could not be started, or could not draw."""
 
 
-def free_port() -> int:
-    """A TCP port of 127.0.0.1 that nobody listens on just now."""
+def free_port(port: int = 0) -> int:
+    """`port` of 127.0.0.1, or for 0 any, that nobody listens on just now. Raises `OSError` if somebody does:
+    Rerun itself would only log it, and then serve nobody."""
     with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError as error:
+            raise OSError(error.errno, f"cannot serve the view on 127.0.0.1:{port}: {error.strerror}") from error
         return int(probe.getsockname()[1])
 
 
@@ -44,8 +49,13 @@ def start_viewer(url: str) -> "subprocess.Popen[bytes] | None":
     # by itself the viewer would listen on every interface
     command = [str(viewer_path()), url, "--bind", "127.0.0.1", "--port", str(free_port()), "--hide-welcome-screen"]
     return subprocess.Popen(  # noqa: S603  (a program of our own environment, by its full path)
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True, env=_environment()
     )
+
+
+def _environment() -> dict[str, str]:
+    """Ours, and a word that the viewer is only an app here: it then asks nobody about analytics."""
+    return {**os.environ, "RERUN_APP_ONLY": "true"}
 
 
 def screenshot(
@@ -74,7 +84,7 @@ def screenshot(
     deadline = time.monotonic() + timeout
     with tempfile.TemporaryFile() as log:
         process = subprocess.Popen(  # noqa: S603  (as above)
-            command, stdout=log, stderr=log, env={**os.environ, "RERUN_APP_ONLY": "true"}
+            command, stdout=log, stderr=log, env=_environment()
         )
         try:
             _take(process, port, png.resolve(), at, deadline)

@@ -19,8 +19,10 @@ def plain(text: str) -> str:
 
 def nis_words(report: MeasurementReport | None) -> str:
     """Whether the last image agreed with the track."""
-    if report is None or report.nis is None or report.gate is None:
-        return "NIS –"
+    if report is None:
+        return "no image"
+    if report.nis is None or report.gate is None:
+        return "no NIS"
     return "NIS ok" if report.nis <= report.gate else "NIS TOO HIGH"
 
 

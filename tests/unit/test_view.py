@@ -1,11 +1,14 @@
 """The live view: what goes into a recording, and what must not stop it."""
 
 import math
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -23,6 +26,7 @@ from onboard.messages import (
     Verdict,
 )
 
+NEEDS_RERUN = "rerun is not installed: pip install wingline[view]"
 CAMERA = make_camera(f_px=620.0, width_px=640.0, height_px=480.0, mount_offset=(0.2, 0.0, 0.05))
 NAMES = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")
 UNITS = ("m", "m", "m", "m/s", "m/s", "m/s", "m", "m/s^2", "m/s^2")
@@ -178,3 +182,236 @@ def flight(seconds: float = 30.0) -> Iterator[Estimate | OwnPose | Truth | Healt
             reset_count=0,
             measurement=None if verdict is None else report_of(truth, verdict, mean[:3], rng),
         )
+
+
+# ------------------------------------------------------------------------------------------------ tests
+
+
+def late_estimate() -> Estimate:
+    return [r for r in flight(4.0) if isinstance(r, Estimate)][-1]
+
+
+def record_flight(path: Path, records: list[Estimate | OwnPose | Truth | Health]) -> Path:
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    with view_module.View(camera=CAMERA, rrd=path) as view:
+        for record in records:
+            view.show(record)
+    return path
+
+
+def rows_of(path: Path) -> dict[str, int]:
+    """Rows with a time, by entity."""
+    chunk = pytest.importorskip("rerun.chunk", reason=NEEDS_RERUN)
+    rows: dict[str, int] = {}
+    for one in chunk.RrdReader(path).stream().to_chunks():
+        if not one.is_static:
+            rows[one.entity_path] = rows.get(one.entity_path, 0) + one.num_rows
+    return rows
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_flight(tmp_path_factory.mktemp("view") / "flight.rrd", list(flight(8.0)))
+
+
+def test_a_closed_recording_is_whole(recording: Path) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    command = [str(viewer.viewer_path()), "rrd", "verify", str(recording)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_everything_promised_is_in_the_recording(recording: Path) -> None:
+    rows = rows_of(recording)
+    for entity, least in {
+        "/scene/leader": 150,
+        "/scene/leader_truth": 190,
+        "/scene/uncertainty/ellipsoid": 150,
+        "/scene/follower": 190,
+        "/scene/ground/trail_estimate": 25,
+        "/scene/ground/trail_own": 35,
+        "/scene/follower/camera/measured": 150,
+        "/scene/follower/camera/magnifier/predicted": 150,
+        "/plots/range/estimate": 190,
+        "/plots/range/truth": 190,
+        "/plots/range_error": 150,
+        "/plots/error/down": 150,
+        "/plots/size/estimate": 190,
+        "/plots/acceleration/lateral/truth": 190,
+        "/plots/innovation/value": 150,
+        "/plots/nis/value": 150,
+        "/plots/rate/ATTITUDE_QUATERNION": 8,
+        "/status": 30,
+        "/health": 8,
+        "/track": 3,
+        "/images": 3,
+    }.items():
+        assert rows.get(entity, 0) >= least, entity
+    # space is drawn at no more than 25 Hz, whatever the rate of the records
+    assert rows["/scene/follower"] <= 8 * 26 + 2
+
+
+def test_errors_are_those_of_the_moment_of_the_estimate(recording: Path) -> None:
+    chunk = pytest.importorskip("rerun.chunk", reason=NEEDS_RERUN)
+    drawn = {}
+    for one in chunk.RrdReader(recording).stream().to_chunks():
+        if one.entity_path == "/plots/error/down" and not one.is_static:
+            batch = one.to_record_batch().to_pydict()
+            rows = zip(batch["boot_time"], batch["Scalars:scalars"], strict=True)
+            drawn |= {round(t.total_seconds() * 1e9): values for t, values in rows}
+    estimates = [r for r in flight(8.0) if isinstance(r, Estimate) and r.mean and r.t_ns in drawn]
+    assert len(estimates) > 150
+    for estimate in estimates:
+        assert estimate.mean is not None
+        assert estimate.covariance is not None
+        truth = truth_of(estimate.t_ns * 1e-9 - START_S)
+        edge = 3 * math.sqrt(estimate.covariance[2][2])
+        expected = [estimate.mean[2] - truth.r_FL_n[2], edge, -edge]
+        np.testing.assert_allclose(drawn[estimate.t_ns], expected, atol=2e-5)
+
+
+def test_before_a_track_nothing_is_drawn_of_the_leader(tmp_path: Path) -> None:
+    records = [r for r in flight(0.9) if not isinstance(r, Truth)]
+    rows = rows_of(record_flight(tmp_path / "early.rrd", records))
+    assert "/scene/uncertainty/ellipsoid" not in rows
+    assert "/scene/leader" in rows  # a scale of nothing: it must not sit on us
+
+
+NAN = math.nan
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"mean": (NAN,) * 9},
+        {"mean": (*(1.0,) * 8, NAN)},
+        {"mean": (30.0, 0.0, 0.0, NAN, NAN, NAN, NAN, NAN, NAN)},
+        {"covariance": ((NAN,) * 9,) * 9},
+        {"covariance": ((0.0,) * 9,) * 9},
+        {"covariance": tuple(tuple(-1.0 if i == j else 0.0 for i in range(9)) for j in range(9))},
+        {"mean": (0.0,) * 9},
+        {"mean": None},
+        {"covariance": None},
+        {"components": (), "units": (), "mean": (), "covariance": ()},
+        {"measurement": None},
+        {"age": None},
+        {"reason": "non-Latin: 見 💡"},
+    ],
+)
+def test_no_estimate_stops_the_view(tmp_path: Path, changes: dict[str, object]) -> None:
+    odd = msgspec.structs.replace(late_estimate(), **changes)
+    later = msgspec.structs.replace(late_estimate(), t_ns=odd.t_ns + 500_000_000)
+    rows = rows_of(record_flight(tmp_path / "odd.rrd", [odd, later]))
+    assert rows["/status"] == 2
+
+
+@pytest.mark.parametrize("verdict", list(Verdict))
+def test_no_measurement_stops_the_view(tmp_path: Path, verdict: Verdict) -> None:
+    estimate = late_estimate()
+    assert estimate.measurement is not None
+    bare = MeasurementReport(source="front", t_ns=estimate.t_ns, t_recv_ns=estimate.t_ns, verdict=verdict)
+    odd = msgspec.structs.replace(
+        estimate.measurement,
+        t_ns=estimate.t_ns + 10**8,
+        points=((NAN, 0.0), (0.1, NAN), (0.2, 0.1)),
+        predicted_points=((NAN, NAN),) * 3,
+        innovation=(NAN, 1.0, 2.0),
+        innovation_sigma=(0.0, 1.0, NAN),
+        nis=NAN,
+    )
+    records = [msgspec.structs.replace(estimate, t_ns=r.t_ns, measurement=r) for r in (bare, odd)]
+    assert rows_of(record_flight(tmp_path / "odd.rrd", records))["/images"] >= 1
+
+
+def test_poses_that_are_not_finite_are_left_out(tmp_path: Path) -> None:
+    records = list(flight(0.1))
+    own = next(r for r in records if isinstance(r, OwnPose))
+    truth = next(r for r in records if isinstance(r, Truth))
+    odd_own = msgspec.structs.replace(own, r_OF_n=(NAN, 0.0, 0.0))
+    no_attitude = msgspec.structs.replace(own, q_nb=(0.0, 0.0, 0.0, 0.0))
+    odd_truth = msgspec.structs.replace(truth, r_FL_n=(NAN, 0.0, 0.0), q_nL=(0.0, 0.0, 0.0, 0.0))
+    rows = rows_of(record_flight(tmp_path / "odd.rrd", [odd_own, no_attitude, odd_truth]))
+    assert rows["/scene/follower"] == 1  # the row that hides it
+
+
+def test_another_boot_begins_anew(tmp_path: Path) -> None:
+    first = list(flight(2.0))
+    again = [msgspec.structs.replace(r, t_ns=r.t_ns - 11_000_000_000) for r in flight(2.0)]
+    rows = rows_of(record_flight(tmp_path / "boots.rrd", first + again))
+    assert rows["/scene/follower"] >= 2 * 49
+
+
+def test_close_twice_and_then_no_more(tmp_path: Path) -> None:
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    view = view_module.View(camera=CAMERA, rrd=tmp_path / "empty.rrd")
+    view.close()
+    view.close()
+    with pytest.raises(ValueError, match="closed"):
+        view.show(late_estimate())
+
+
+def test_a_view_must_go_somewhere() -> None:
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    with pytest.raises(ValueError, match="rrd"):
+        view_module.View(camera=CAMERA)
+
+
+def test_the_server_listens_on_loopback_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    psutil = pytest.importorskip("psutil")
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with view_module.View(camera=CAMERA, rrd=tmp_path / "both.rrd", grpc_port=0, spawn=True) as view:
+        assert view.viewer is None  # no display, no window
+        port = int(view.url.split(":")[-1].split("/")[0])
+        deadline = time.monotonic() + 10
+        addresses: set[str] = set()
+        while not addresses and time.monotonic() < deadline:
+            listening = [c for c in psutil.Process().net_connections("tcp") if c.status == psutil.CONN_LISTEN]
+            addresses = {c.laddr.ip for c in listening if c.laddr.port == port}
+            time.sleep(0.05)
+        for record in flight(0.5):
+            view.show(record)
+    assert addresses == {"127.0.0.1"}
+    assert rows_of(tmp_path / "both.rrd")["/scene/leader_truth"] >= 12
+
+
+def test_a_port_that_is_taken_is_an_error() -> None:
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with pytest.raises(OSError, match="cannot serve the view"):
+            view_module.View(camera=CAMERA, grpc_port=other.getsockname()[1])
+
+
+def test_without_rerun_the_package_imports_and_the_view_says_what_to_install() -> None:
+    code = (
+        "import sys; sys.modules['rerun'] = None\n"
+        "import onboard.view\n"
+        "try:\n    import onboard.view.view\n"
+        "except ImportError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert "pip install wingline[view]" in done.stdout, done.stderr
+
+
+def test_a_picture_of_what_is_not_there(tmp_path: Path) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    with pytest.raises(FileNotFoundError, match="no such recording"):
+        viewer.screenshot(tmp_path / "none.rrd", tmp_path / "none.png")
+
+
+def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    psutil = pytest.importorskip("psutil")
+    png = tmp_path / "view.png"
+    try:
+        viewer.screenshot(recording, png, at=START_S + 6.0, size=(1000, 700), timeout=60.0)
+    except viewer.ViewerError as error:
+        if "graphics adapter" in str(error):
+            pytest.skip("no Vulkan driver here: Debian's mesa-vulkan-drivers has one in software")
+        raise
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert png.stat().st_size > 30_000  # an empty window has a tenth of it
+    assert not psutil.Process().children(recursive=True)
