@@ -6,8 +6,9 @@ computer's clock (camera, Unix time) are carried over by the offset between the 
 where there are replies, else from the fastest of the last seconds' messages.
 
 A stamp that does not fit is held against its neighbours: when the boot clock runs on and only the arrival
-time has jumped, our own clock was set, and nothing is lost; when the boot clock itself has gone back, and the
-next few messages agree, the autopilot has rebooted; a lone odd stamp is rejected.
+time has jumped, our own clock was set, and nothing is lost; when the boot clock itself has jumped, and the
+next few messages agree, the autopilot has rebooted; a lone odd stamp is rejected. Only the autopilot's own
+stamps are so weighed: a camera's may lead or lag, and say nothing of the autopilot's clock.
 """
 
 from collections import Counter
@@ -15,8 +16,9 @@ from typing import Final
 
 import msgspec
 
-from onboard.messages import Clock, Message, TimeSync
+from onboard.messages import ActuatorOutputs, Clock, Message, TargetPoints, TimeSync
 
+SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
 JUMP_NS: Final = 1_000_000_000
 CONTINUES_NS: Final = 5_000_000_000
 CONFIRM: Final = 5
@@ -39,6 +41,7 @@ class Clocks:
         self.source = "none"
         self.round_trip_ns: int | None = None
         self._newest_stamp: int | None = None
+        self._last_arrival = 0
         self._base = 0  # host - boot as it was at the last message: coarse, for continuity only
         self._odd: list[int] = []  # offsets of the last stamps that did not fit
         self._own_replies = False
@@ -56,16 +59,23 @@ class Clocks:
 
     def align(self, message: Message, delay_ns: int = 0) -> Message | None:
         """The message with `t_ns` on the boot clock, less its delay. None, counted, where there is no telling."""
+        t_ns = message.t_ns
         if message.clock is Clock.BOOT:
-            if not self._continues(message.t_ns, message.t_recv_ns):
+            if isinstance(message, TargetPoints):
+                if self._newest_stamp is None:
+                    self.rejected["no_time_base"] += 1
+                    return None
+                return msgspec.structs.replace(message, t_ns=t_ns - delay_ns)
+            if isinstance(message, ActuatorOutputs) and self._newest_stamp is not None:
+                t_ns += round((self._newest_stamp - t_ns) / SERVO_WRAP_NS) * SERVO_WRAP_NS
+            if not self._continues(t_ns, message.t_recv_ns):
                 return None
-            t_ns = message.t_ns
         else:
             offset = self.offset_ns
             if offset is None:
                 self.rejected["no_time_base"] += 1
                 return None
-            t_ns = message.t_ns - offset
+            t_ns -= offset
         return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
 
     def receive_reply(self, message: TimeSync) -> None:
@@ -95,8 +105,14 @@ class Clocks:
             return True
         fits = abs(offset - self._base) < JUMP_NS
         runs_on = -JUMP_NS < stamp - self._newest_stamp < CONTINUES_NS
+        # ahead of its arrival: a wrong stamp, or messages that had been held up on their way
+        ahead = offset < self._base and stamp - self._newest_stamp > JUMP_NS and t_recv >= self._last_arrival
+        if not fits and (not runs_on or ahead) and not self._confirmed(offset):
+            return False
         if not fits and not runs_on:
-            return self._confirm_reboot(stamp, offset, t_recv)
+            self.reboots += 1
+            self._restart(stamp, offset, t_recv)
+            return True
         if not fits:
             # the boot clock runs on and the arrival does not: this computer's clock was set
             self._fastest.clear()
@@ -105,25 +121,26 @@ class Clocks:
         self._odd.clear()
         self._base = offset
         self._newest_stamp = max(self._newest_stamp, stamp)
+        self._last_arrival = t_recv
+        self._synced = [s for s in self._synced if t_recv - s[1] < WINDOW_NS]
         self._fastest = [f for f in self._fastest if t_recv - f[0] < WINDOW_NS and f[1] < offset]
         self._fastest.append((t_recv, offset))
         if not self._synced:
             self.source = "arrival"
         return True
 
-    def _confirm_reboot(self, stamp: int, offset: int, t_recv: int) -> bool:
-        """Hold a stamp that fits nothing until enough others agree with it; then start anew from it."""
+    def _confirmed(self, offset: int) -> bool:
+        """Whether a stamp that fits nothing has enough others that agree with it."""
         self._odd = [o for o in self._odd if abs(o - offset) < JUMP_NS]
         self._odd.append(offset)
         if len(self._odd) < CONFIRM:
             self.rejected["odd_stamp"] += 1
             return False
-        self.reboots += 1
-        self._restart(stamp, offset, t_recv)
         return True
 
     def _restart(self, stamp: int, offset: int, t_recv: int) -> None:
         self._newest_stamp = stamp
+        self._last_arrival = t_recv
         self._base = offset
         self._odd.clear()
         self._synced.clear()

@@ -93,17 +93,25 @@ class Pipeline:
             self.autopilot is not None and message.system == self.autopilot.system
         )
 
+    def _from_autopilot(self, message: Message) -> bool:
+        return self.autopilot is not None and message.component == self.autopilot.component
+
     def _advance(self, message: Message) -> list[Output]:
         if isinstance(message, Heartbeat):
             self._latch(message)
         if not self.is_ours(message):
             self._rejected["other_system" if self.autopilot else "before_heartbeat"] += 1
             return []
+        if not isinstance(message, TargetPoints) and not self._from_autopilot(message):
+            self._rejected["other_component"] += 1  # a gimbal's attitude, a peer's clock: not our own motion
+            return []
         self._count(message)
         if isinstance(message, TimeSync):
             self.clocks.receive_reply(message)
             return []
         if message.clock is Clock.NONE:
+            if isinstance(message, TargetPoints):
+                self._rejected["unstamped_points"] += 1
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
         reboots = self.clocks.reboots
         aligned = self.clocks.align(message, self._delays_ns.get(type(message), 0))
@@ -165,7 +173,7 @@ class Pipeline:
         self._counts[name] += 1
         window = self._streams.setdefault(name, deque())
         window.append(message.t_recv_ns)
-        while message.t_recv_ns - window[0] > RATE_WINDOW_NS:
+        while not 0 <= message.t_recv_ns - window[0] <= RATE_WINDOW_NS:  # < 0: this computer's clock was set back
             window.popleft()
 
     def _noted(self, estimates: Iterable[Estimate | None]) -> list[Output]:

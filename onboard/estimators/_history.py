@@ -24,6 +24,7 @@ class Node(NamedTuple):
     belief: Belief
     measurement: Any | None
     final: bool
+    outcome: Any | None = None  # what `fuse` last said of the measurement
 
 
 class History:
@@ -74,6 +75,13 @@ class History:
             return newest.t_ns, newest.belief
         return t_ns, self._advance(newest.belief, newest.t_ns, t_ns, ownship)
 
+    def newest(self, holds: Callable[[Any], bool]) -> int | None:
+        """Time of the newest measurement of whose last outcome `holds` says yes."""
+        for node in reversed(self._nodes):
+            if node.measurement is not None and holds(node.outcome):
+                return node.t_ns
+        return None
+
     def _redo(self, nodes: list[Node], ownship: Ownship) -> None:
         for node in nodes:
             if node.measurement is not None:
@@ -84,7 +92,7 @@ class History:
         newest = self._nodes[-1]
         prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
         belief, outcome = self._fuse(prior, measurement, ownship)
-        self._nodes.append(Node(t_ns, belief, measurement, ownship.knows(t_ns)))
+        self._nodes.append(Node(t_ns, belief, measurement, ownship.knows(t_ns), outcome))
         return outcome
 
     def _pass_samples(self, until_ns: int, ownship: Ownship) -> None:

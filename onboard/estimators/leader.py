@@ -114,7 +114,7 @@ class Estimator:
         """Predict to the newest navigation sample, and see what has timed out."""
         if self._history is not None:
             try:
-                self._history.settle(ownship)
+                self._settle(self._history, ownship)
             except NotPositiveDefiniteError:
                 self._forget("the covariance was lost")
         if self._history is not None and self._age(ownship.now_ns) > self._config.reset_timeout_s:
@@ -147,7 +147,7 @@ class Estimator:
             return self._report(message, Verdict.TOO_OLD, seen)
         late = self._last_fused_ns is not None and message.t_ns < self._last_fused_ns
         outcome: Outcome = self._history.insert(message.t_ns, seen, ownship)
-        self._history.settle(ownship)
+        self._settle(self._history, ownship)
         if not outcome.fused:
             self._gated(seen, ownship)
             return self._report(message, Verdict.GATED, seen, outcome)
@@ -203,10 +203,18 @@ class Estimator:
         )
         for image in images[1:]:
             self._history.insert(image.message.t_ns, image, ownship)
-        self._history.settle(ownship)
-        self._last_fused_ns = images[-1].message.t_ns
-        self._gated_since_ns = None
+        self._last_fused_ns = first.message.t_ns
+        self._settle(self._history, ownship)
         held.clear()
+
+    def _settle(self, history: History, ownship: Ownship) -> None:
+        """Come up to what is known; an image may have been gated at first, and be fused now that it is judged
+        again with what came since."""
+        history.settle(ownship)
+        fused_ns = history.newest(lambda outcome: outcome.fused)
+        if fused_ns is not None and fused_ns > (self._last_fused_ns or 0):
+            self._last_fused_ns = fused_ns
+            self._gated_since_ns = None
 
     def _gated(self, seen: Seen, ownship: Ownship) -> None:
         """A track that agrees with nothing any more is given up, and begun anew from what it sees."""

@@ -57,16 +57,26 @@ def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
     return Weights(float(np.sqrt(n_plus_lambda)), w, w)
 
 
+def factor(covariance: Array) -> Array:
+    """Lower Cholesky factor (n, n) of a covariance.
+
+    Raises NotPositiveDefiniteError, for NaN and infinity too (LAPACK lets those pass).
+    """
+    try:
+        lower = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError as error:
+        raise NotPositiveDefiniteError("the covariance is not positive definite") from error
+    if not np.isfinite(lower).all():
+        raise NotPositiveDefiniteError("the covariance is not finite")
+    return np.asarray(lower)
+
+
 def sigma_points(belief: Belief, weights: Weights) -> Array:
     """Sigma points (2n+1, n), the mean first (eqs 29-30).
 
     Raises NotPositiveDefiniteError.
     """
-    try:
-        factor = np.linalg.cholesky(belief.covariance)
-    except np.linalg.LinAlgError as error:
-        raise NotPositiveDefiniteError("the covariance is not positive definite") from error
-    offsets = weights.spread * factor.T
+    offsets = weights.spread * factor(belief.covariance).T
     return np.concatenate([belief.mean[None], belief.mean + offsets, belief.mean - offsets])
 
 
@@ -112,11 +122,7 @@ def update(
     S = weighted.T @ deviations + R
     cross = (points - belief.mean).T @ weighted
     innovation = subtract(y, predicted)
-    try:
-        factor = np.linalg.cholesky(S)
-    except np.linalg.LinAlgError as error:
-        raise NotPositiveDefiniteError("the innovation covariance is not positive definite") from error
-    whitened = np.linalg.solve(factor, np.column_stack([innovation, cross.T]))
+    whitened = np.linalg.solve(factor(S), np.column_stack([innovation, cross.T]))
     z, half = whitened[:, 0], whitened[:, 1:].T  # K S K^T = half half^T
     reduction = half @ half.T
     if considered:

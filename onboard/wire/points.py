@@ -27,7 +27,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
     if not (k.fx_px > 0 and k.fy_px > 0):
         raise BadPointsError("focal lengths must be positive - at `$.intrinsics`")
     sigmas = (m.center.sigma_px, m.left.sigma_px, m.right.sigma_px)
-    f_px = math.sqrt(k.fx_px * k.fy_px)
+    f_px = math.sqrt(k.fx_px) * math.sqrt(k.fy_px)
 
     def point(p: Pixel) -> tuple[float, float]:
         return (p.u_px - k.cx_px) / k.fx_px, (p.v_px - k.cy_px) / k.fy_px
