@@ -1,0 +1,238 @@
+"""Images late, shuffled, doubled, wrong or absurd: what must not matter does not, nothing breaks the filter."""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from onboard.messages import Estimate, Message, TargetPoints, Verdict
+from tests.streams import (
+    CIRCLE,
+    EPOCH,
+    MS,
+    Item,
+    Run,
+    S,
+    Stream,
+    advance,
+    assert_sane,
+    heartbeat,
+    make_config,
+    position_error,
+)
+
+T0, T1 = 5.0, 9.0
+ENTANGLED = round((T0 + 1.0) * S)  # up to here images come in order, so that both tracks start from the same ones
+SETTLED = round((T1 - 0.6) * S)  # images after this are left out, so that all have come at the end
+OWN = tuple(i for i in Stream(t0=T0, t1=T1, images=lambda _t: False).items())
+IMAGES = tuple(
+    i.message
+    for i in Stream(t0=T0, t1=T1, latency=0, seed=3).items()
+    if isinstance(i.message, TargetPoints) and i.message.t_ns < SETTLED
+)
+
+
+def delivered(images: Iterable[tuple[int, TargetPoints]]) -> Run:
+    """Own motion in order, with each image put in at its boot time of delivery."""
+    items = [Item(EPOCH + t_ns, image) for t_ns, image in images]
+    return advance(item.message for item in sorted([*OWN, *items], key=lambda i: i.t_recv_ns))
+
+
+def in_order(images: Iterable[TargetPoints] = IMAGES) -> Run:
+    """Each image when own motion is already known at its time."""
+    return delivered((m.t_ns + 45 * MS, m) for m in images)
+
+
+REFERENCE = in_order()
+
+
+def last(run: Run) -> Estimate:
+    return run.estimates[-1]
+
+
+def assert_same_belief(run: Run, reference: Run = REFERENCE) -> None:
+    a, b = last(run), last(reference)
+    assert a.t_ns == b.t_ns
+    assert a.mean is not None
+    assert b.mean is not None
+    np.testing.assert_allclose(a.mean, b.mean, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(a.covariance, b.covariance, rtol=1e-11, atol=1e-12)
+    assert a.age == b.age
+
+
+def test_the_reference_is_a_track_that_holds() -> None:
+    assert last(REFERENCE).valid
+    assert position_error(last(REFERENCE)) < 1.5
+    assert set(REFERENCE.verdicts()) == {Verdict.INITIALISING, Verdict.FUSED}
+
+
+def late_by(delays: list[int]) -> Run:
+    return delivered(
+        (m.t_ns + (45 * MS if m.t_ns < ENTANGLED else delay * MS), m)
+        for m, delay in zip(IMAGES, delays, strict=True)
+    )
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(st.lists(st.integers(0, 440), min_size=len(IMAGES), max_size=len(IMAGES)))
+def test_late_and_shuffled_images_give_the_belief_of_those_in_order(delays: list[int]) -> None:
+    assert_same_belief(late_by(delays))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_late_and_shuffled_images_of_seed(seed: int) -> None:
+    run = late_by(np.random.default_rng(seed).integers(0, 440, len(IMAGES)).tolist())
+    assert run.verdicts()[Verdict.FUSED_LATE] > 10
+    assert_same_belief(run)
+
+
+def test_images_before_own_motion_is_known_give_the_same_belief_once_it_is() -> None:
+    # delivered with no latency at all: the pose of each is extrapolated at first
+    assert_same_belief(late_by([0] * len(IMAGES)))
+
+
+def test_images_between_the_samples_of_a_turning_camera_give_the_same_belief_once_motion_is_known() -> None:
+    shifted = [replace(m, t_ns=m.t_ns + 13 * MS) for m in IMAGES]
+    reference = delivered((m.t_ns + 45 * MS, m) for m in shifted)
+    early = delivered((m.t_ns + (45 * MS if m.t_ns < ENTANGLED else 0), m) for m in shifted)
+    assert_same_belief(early, reference)
+
+
+def test_a_jerking_camera_leaves_no_trace_of_its_extrapolated_attitude() -> None:
+    """The attitude turns otherwise than the rates of the sample before said."""
+
+    def run(delay: int) -> Run:
+        items = []
+        for item in OWN:
+            m = item.message
+            if type(m).__name__ == "Attitude":
+                m = replace(m, omega_b=(0.8 * math.sin(m.t_ns * 1e-9 * 9), 0.5, -0.6))
+            items.append(Item(item.t_recv_ns, m))
+        for m in IMAGES:
+            shifted = replace(m, t_ns=m.t_ns + 13 * MS)
+            wait = 45 * MS if m.t_ns < ENTANGLED else delay
+            items.append(Item(EPOCH + shifted.t_ns + wait, shifted))
+        return advance(i.message for i in sorted(items, key=lambda i: i.t_recv_ns))
+
+    assert_same_belief(run(0), run(45 * MS))
+
+
+@settings(max_examples=8, deadline=None, derandomize=True)
+@given(st.data())
+def test_duplicates_have_no_effect(data: st.DataObject) -> None:
+    again = data.draw(st.lists(st.tuples(st.integers(0, len(IMAGES) - 1), st.integers(46, 900)), max_size=30))
+    run = delivered(
+        [(m.t_ns + 45 * MS, m) for m in IMAGES] + [(IMAGES[i].t_ns + delay * MS, IMAGES[i]) for i, delay in again]
+    )
+    assert_same_belief(run)
+    assert run.verdicts().get(Verdict.DUPLICATE, 0) == len(again)
+
+
+def test_an_image_older_than_the_horizon_is_rejected_and_has_no_effect() -> None:
+    missed = IMAGES[60]
+    without = in_order(m for m in IMAGES if m is not missed)
+    late = delivered(
+        [(m.t_ns + 45 * MS, m) for m in IMAGES if m is not missed] + [(missed.t_ns + 700 * MS, missed)]
+    )
+    assert late.verdicts()[Verdict.TOO_OLD] == 1
+    assert_same_belief(late, without)
+
+
+def test_an_image_from_before_all_history_is_rejected() -> None:
+    ancient = replace(IMAGES[0], t_ns=1 * S)
+    run = delivered([(m.t_ns + 45 * MS, m) for m in IMAGES] + [(round(8.2 * S), ancient)])
+    assert run.verdicts()[Verdict.NO_POSE] + run.verdicts().get(Verdict.TOO_OLD, 0) == 1
+    assert_same_belief(run)
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_gated_wrong_blobs_have_no_effect_with_seed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    chosen = set(rng.choice(np.arange(40, len(IMAGES)), 8, replace=False).tolist())
+    wrong = []
+    for i in sorted(chosen):
+        at = rng.uniform(-0.4, 0.4, 2)
+        points = [tuple(p) for p in (np.array([[0, 0], [-0.05, 0.0], [0.05, 0.01]]) + at).tolist()]
+        m = replace(IMAGES[i], t_ns=IMAGES[i].t_ns + 7 * MS, center=points[0], left=points[1], right=points[2])
+        wrong.append((m.t_ns + 45 * MS, m))
+    run = delivered([(m.t_ns + 45 * MS, m) for m in IMAGES] + wrong)
+    assert run.verdicts()[Verdict.GATED] == len(wrong)
+    # one more prediction boundary at each wrong image's time: the same belief up to how steps are cut
+    assert last(run).valid
+    np.testing.assert_allclose(last(run).mean, last(REFERENCE).mean, rtol=1e-3, atol=1e-3)
+
+
+# ------------------------------------------------------------------------------------------ fuzzing
+
+ABSURD = (0.0, -0.0, 1e-300, 1e-9, 1e-3, 1.0, 57.0, 1e4, 1e15, 1e154, 1e300, -1e300, math.inf, -math.inf, math.nan)
+
+
+def absurd_image(rng: np.random.Generator, image: TargetPoints) -> TargetPoints:
+    """The image with something made extreme, or nothing."""
+    kind = rng.integers(0, 9)
+    if kind == 0:
+        return replace(image, center=(rng.choice(ABSURD), rng.choice(ABSURD)))
+    if kind == 1:
+        return replace(image, left=(rng.choice(ABSURD), rng.choice(ABSURD)), right=(rng.choice(ABSURD), 0.1))
+    if kind == 2:
+        return replace(image, sigma=tuple(rng.choice([*ABSURD, -1.0, 1e-3, 1e-3], 3).tolist()))
+    if kind == 3:
+        return replace(
+            image, t_ns=image.t_ns + int(rng.choice([-(10**10), -(10**8), 10**7, 10**9, 10**18, -(10**18)]))
+        )
+    if kind == 4:
+        return replace(image, right=image.left)
+    if kind == 5:
+        return replace(image, left=image.right, right=image.left)
+    if kind == 6:
+        scale = float(10 ** rng.uniform(-3, 3))
+        points = [tuple((scale * np.array(p)).tolist()) for p in (image.center, image.left, image.right)]
+        return replace(image, center=points[0], left=points[1], right=points[2])
+    return image
+
+
+def absurd_own(rng: np.random.Generator, message: Message) -> Message:
+    """Own motion with something made extreme, seldom."""
+    if rng.random() > 0.05:
+        return message
+    if hasattr(message, "omega_b"):
+        if rng.random() < 0.5:
+            return replace(message, omega_b=tuple(rng.choice(ABSURD, 3).tolist()))
+        return replace(message, q_nb=tuple(rng.choice(ABSURD, 4).tolist()))
+    if hasattr(message, "v_F_n"):
+        if rng.random() < 0.5:
+            return replace(message, r_OF_n=tuple(rng.choice(ABSURD, 3).tolist()))
+        return replace(message, v_F_n=tuple(rng.choice(ABSURD, 3).tolist()))
+    return message
+
+
+@pytest.mark.parametrize(
+    ("seed", "noise", "initialise"), [(11, "honest", 3), (12, "honest", 1), (13, "paper", 1)], ids=str
+)
+def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(seed: int, noise: str, initialise: int) -> None:
+    rng = np.random.default_rng(seed)
+    config = make_config(f"estimator.leader.noise={noise}", f"estimator.leader.initialise_images={initialise}")
+    valid = 0
+    for _ in range(250):
+        start = rng.uniform(5, 50)
+        messages: list[Message] = [heartbeat(round(start * S))]
+        t_ns = round(start * S)
+        for _ in range(24):
+            t_ns += int(rng.choice([4 * MS, 20 * MS, 60 * MS, 400 * MS, 3 * S], p=[0.2, 0.5, 0.2, 0.07, 0.03]))
+            messages.append(absurd_own(rng, CIRCLE.attitude(t_ns)))
+            messages.append(absurd_own(rng, CIRCLE.position(t_ns)))
+            image = CIRCLE.image(t_ns - int(rng.integers(0, 300)) * MS, rng)
+            messages.append(absurd_image(rng, image))
+            if rng.random() < 0.2:
+                messages.append(messages[-1])
+        if rng.random() < 0.3:
+            i = rng.permutation(len(messages) - 1) + 1
+            messages = [messages[0], *(messages[k] for k in i)]
+        run = advance(messages, config)
+        assert_sane(run.estimates)
+        valid += sum(e.valid for e in run.estimates)
+    assert valid > 1000, "the fuzz must leave the filter something to fly on"
