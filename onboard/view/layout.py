@@ -50,18 +50,21 @@ def banner() -> "rrb.Spatial2DView":
 def chase_view() -> "rrb.Spatial3DView":
     """From behind and above, turning with our nose: the leader stays ahead."""
     return rrb.Spatial3DView(
-        name="Chase view: 10 m grid at our altitude, turning with our nose",
+        name=f"Chase view: 10 m grid at our altitude, leader drawn at {scene.ENLARGEMENT:.0f} times its size",
         origin=f"/{scene.HEADING}",
         contents=[
             f"+ /{scene.SCENE}/**",
             # the truth's outline would cover the leader at this distance; its trail and the close view show it
-            *(f"- /{entity}/**" for entity in (scene.HEADING, scene.LEADER_TRUTH, scene.MAGNIFIER)),
+            *(
+                f"- /{entity}/**"
+                for entity in (scene.HEADING, scene.LEADER_TRUTH, scene.TRUE_SIZE, scene.MAGNIFIER)
+            ),
             *(f"- /{scene.CAMERA}/{name}" for name in ("verdict", "frame")),
         ],
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
             position=(-5.5, -7.5, -10.0),
-            look_target=(10.5, 0.0, -0.3),
+            look_target=(9.0, 0.0, 0.5),
             eye_up=(0.0, 0.0, -1.0),
         ),
         line_grid=False,
@@ -76,7 +79,7 @@ def close_view() -> "rrb.Spatial3DView":
     return rrb.Spatial3DView(
         name="Leader, close",
         origin=f"/{scene.AROUND_LEADER}",
-        contents=[f"+ /{entity}/**" for entity in (scene.LEADER, scene.LEADER_TRUTH, scene.UNCERTAINTY)],
+        contents=[f"+ /{entity}/**" for entity in (scene.TRUE_SIZE, scene.LEADER_TRUTH, scene.UNCERTAINTY)],
         eye_controls=rrb.EyeControls3D(
             kind=rrb.Eye3DKind.Orbital,
             position=(-3.5, -2.6, -2.4),

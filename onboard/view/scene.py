@@ -17,6 +17,8 @@ FOLLOWER = f"{SCENE}/follower"
 CAMERA = f"{FOLLOWER}/camera"
 MAGNIFIER = f"{CAMERA}/magnifier"  # below the image: the surroundings of the prediction, enlarged
 LEADER = f"{SCENE}/leader"
+TRUE_SIZE = f"{LEADER}/true_size"  # in the close view
+ENLARGED = f"{LEADER}/enlarged"  # in the chase view
 LEADER_TRUTH = f"{SCENE}/leader_truth"
 UNCERTAINTY = f"{SCENE}/uncertainty"
 AROUND_LEADER = f"{SCENE}/around_leader"  # level, at the leader, turns with our nose: the close-up's frame
@@ -38,7 +40,8 @@ MOVING = (
 
 SIGMAS = 3.0
 GRID_CELL = 10.0
-FOLLOWER_SPAN = 1.6  # m, of the glyph: nothing tells us the real one
+ENLARGEMENT = 2.0  # of the leader in the chase view, where it is far from the eye
+FOLLOWER_SPAN = 2.0  # m, of the glyph: nothing tells us the real one
 VELOCITY_SCALE = 0.3  # s: a velocity arrow shows the way flown in this time
 
 # curves of each plot entity: (name, colour, width)
@@ -168,13 +171,15 @@ def log_image_styles(stream: "rr.RecordingStream") -> None:
 
 def log_aircraft(stream: "rr.RecordingStream") -> None:
     """The shapes of both aircraft, their arrows, the uncertainty, the grid and the style of the trails."""
-    # glassy: along the line of sight the ellipsoid lies inside the fuselage
-    log_mesh(stream, f"{LEADER}/shape", shapes.aeroplane(), (*palette.ESTIMATE[:3], 150))
-    log_lines(stream, f"{LEADER}/outline", shapes.aeroplane_outline(), palette.ESTIMATE, 0.8)
+    glass = (*palette.ESTIMATE[:3], 150)  # along the line of sight the ellipsoid lies inside the fuselage
+    for entity in (TRUE_SIZE, ENLARGED):
+        log_mesh(stream, f"{entity}/body", shapes.aeroplane(), glass)
+        log_lines(stream, f"{entity}/outline", shapes.aeroplane_outline(), palette.ESTIMATE, 0.8)
+    stream.log(ENLARGED, rr.Transform3D(scale=ENLARGEMENT), static=True)
     log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.5)
     log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.quadrotor(), palette.OWN)
     stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
-    for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA):
+    for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA, LEADER, ENLARGED):
         # the viewer draws axes for what is nothing but a place
         stream.log(entity, rr.TransformAxes3D(axis_length=0.0), static=True)
     for entity, colour in ((LEADER_VELOCITY, palette.ESTIMATE), (OWN_VELOCITY, palette.OWN)):
