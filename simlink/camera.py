@@ -21,7 +21,7 @@ from onboard.messages import (
 from simlink import attitude
 from simlink.noise import normals, uniforms
 from simlink.scenario import Camera, Scenario
-from simlink.world import State, difference
+from simlink.world import STEPS_PER_SECOND, State, difference
 
 Points = tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left wing, right wing of the leader
 
@@ -58,6 +58,13 @@ def project(state: State, size: float, camera: Camera, q_bc: Quaternion) -> Poin
             return None
         seen.append((y / x, z / x))
     return seen[0], seen[1], seen[2]
+
+
+def is_exposure(step: int, rate: float) -> bool:
+    """Whether an image is taken at this step of the world: the first step at or after each 1 / rate."""
+    per_step = rate / STEPS_PER_SECOND
+    # a millionth of a step forgives the rounding of rates such as 60, whose period is no binary fraction
+    return math.floor(step * per_step + 1e-6) > math.floor((step - 1) * per_step + 1e-6)
 
 
 def registrations(camera: Camera, seed: int) -> Iterator[bool]:

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from onboard.messages import Vec3
-from simlink.camera import CameraSensor, Points
+from simlink.camera import CameraSensor, Points, is_exposure
 from simlink.scenario import Scenario
 from simlink.sensors import add, readings, steps_of, white
 from simlink.world import STEPS_PER_SECOND, State, difference, states, true_size
@@ -58,13 +58,11 @@ def fly(scenario: Scenario, seed: int, duration: float | None = None) -> Flight:
     steps = steps_of(scenario.duration if duration is None else duration)
     nav: list[tuple[State, Vec3, Vec3, tuple[float, ...]]] = []
     images: list[tuple[State, Points | None]] = []
-    exposure, period = 0.0, 1.0 / scenario.camera.rate
     for state, reading in islice(readings(scenario, seed, states(scenario, seed)), steps + 1):
         if state.step % (STEPS_PER_SECOND // NAV_RATE) == 0:
             a_F_n = add(state.a_F_n, next(acceleration))
             nav.append((state, reading.v_F_n, a_F_n, reading.q_nb))
-        if state.t >= exposure - 1e-9:
-            exposure += period
+        if is_exposure(state.step, scenario.camera.rate):
             images.append((state, camera.expose(state)))
     image_t = np.array([state.t for state, _ in images])
     nothing = ((np.nan, np.nan),) * 3

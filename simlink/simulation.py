@@ -18,7 +18,7 @@ from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.points import encode_points
 from onboard.wire.tlog import frame_length
 from simlink.autopilot import Autopilot
-from simlink.camera import CameraSensor, Image, camera_points, target_points
+from simlink.camera import CameraSensor, Image, camera_points, is_exposure, target_points
 from simlink.noise import uniforms
 from simlink.scenario import Scenario
 from simlink.sensors import Reading, readings, steps_of
@@ -57,14 +57,12 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
     """The run, 200 ticks per second, without end. The flight begins at boot time `boot_ns`."""
     size = true_size(scenario, seed)
     camera = CameraSensor(scenario, seed, size)
-    period_ns, latency_ns = round(1e9 / scenario.camera.rate), round(scenario.camera.latency * 1e9)
-    next_exposure = boot_ns
+    rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)
     on_the_way: deque[Image] = deque()
     for state, reading in readings(scenario, seed, states(scenario, seed)):
         t_ns = boot_ns + state.step * STEP_NS
         truth = None
-        if t_ns >= next_exposure:
-            next_exposure += period_ns
+        if is_exposure(state.step, rate):
             truth = truth_record(state, size, t_ns)
             points = camera.expose(state)
             if points is not None:

@@ -6,10 +6,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import euler_from_quaternion
+from onboard.messages import TargetPoints, Truth
 from simlink.camera import (
     CameraSensor,
     Image,
     camera_points,
+    is_exposure,
     mount_quaternion,
     project,
     registrations,
@@ -18,6 +20,7 @@ from simlink.camera import (
 from simlink.flight import fly
 from simlink.scenario import Camera, GaussMarkov, Gps, ImuErrors, Interval, Nav, Scenario, load_scenario
 from simlink.sensors import readings
+from simlink.simulation import simulate
 from simlink.world import State, states
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -182,3 +185,24 @@ def test_a_flight_has_the_reference_rates_and_shapes_seed_1() -> None:
     distance = np.linalg.norm(flight.image_truth.r_FL_n, axis=1)
     assert np.nanmedian(span * distance) == pytest.approx(flight.size, rel=0.03)
     assert np.nanmax(np.abs(center)) < 0.3
+
+
+@pytest.mark.parametrize(("rate", "steps"), [(25.0, [0, 8, 16, 24]), (60.0, [0, 4, 7, 10, 14, 17, 20, 24, 27])])
+def test_an_exposure_is_the_first_step_at_or_after_its_time(rate: float, steps: list[int]) -> None:
+    assert [k for k in range(28) if is_exposure(k, rate)] == steps
+    assert sum(is_exposure(k, rate) for k in range(1_000_000)) == rate * 5000
+
+
+def test_a_study_and_a_link_get_the_same_run_seed_3() -> None:
+    scenario = load_scenario("formation-out-of-view")
+    flight = fly(scenario, 3, 24.0)
+    found = ~np.isnan(flight.image_points[:, 0, 0])
+    images = [e.message for e in simulate(scenario, 3, 24.0, "mavlink") if isinstance(e.message, TargetPoints)]
+    images_t = np.array([m.t_ns * 1e-9 - 40.0 for m in images])
+    assert 300 < len(images) <= found.sum()
+    assert_allclose(images_t, flight.image_t[found][: len(images)], atol=1e-9)
+    sent = np.array([(m.center, m.left, m.right) for m in images])
+    assert_allclose(sent, flight.image_points[found][: len(images)])
+    truth = [e.message for e in simulate(scenario, 3, 24.0) if isinstance(e.message, Truth)]
+    assert_allclose([m.r_FL_n for m in truth], flight.image_truth.r_FL_n)
+    assert {m.size for m in truth} == {flight.size}
