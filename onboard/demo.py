@@ -87,6 +87,8 @@ def run_demo(
     settings = (
         f"estimator.leader.size_prior_m={LEADER_SIZE_M}",
         "estimator.leader.leader_class=fixed_wing",
+        "estimator.leader.own_tilt_sigma_deg=0.0",  # simlink's formation knows its own attitude exactly
+        "estimator.leader.own_yaw_sigma_deg=0.0",
         f"zenoh.listen=['tcp/127.0.0.1:{zenoh_port}']",
         *overrides,
     )

@@ -13,13 +13,14 @@ import numpy as np
 
 from onboard.config import Config
 from onboard.errors import UserError
-from onboard.messages import Datagram, Estimate, Health, Output
+from onboard.messages import Datagram, Estimate, Health, Message, Output
+from onboard.models import relative_motion
 from onboard.pipeline import Pipeline
+from onboard.wire import ulog
 from onboard.wire.recording import is_recording, read_recording
 from onboard.wire.tlog import NotALogError, read_tlog
 
 PROGRESS_EVERY: Final = 2000
-ULOG_MAGIC: Final = b"ULog\x01\x12\x35"
 UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad"}
 
 
@@ -28,11 +29,11 @@ class ReplayError(UserError, ValueError):
 
 
 class Replayed(NamedTuple):
-    """What a replay made: every estimate, the health at the end, datagrams read, stretches that were no record."""
+    """What a replay made: every estimate, the health at the end, records read, stretches that were no record."""
 
     estimates: list[Estimate]
     health: Health
-    datagrams: int
+    records: int
     damaged: int
     duration: float
 
@@ -53,16 +54,17 @@ def replay(
     total = _size(log)
     count = damaged = first = last = 0
     try:
-        for datagram, done in read_log(log):
-            if datagram is None:
+        for item, done in read_log(log):
+            if item is None:
                 damaged += 1
                 continue
-            for output in pipeline.feed(datagram):
+            outputs = pipeline.feed(item) if isinstance(item, Datagram) else pipeline.advance([item])
+            for output in outputs:
                 take(output)
                 if isinstance(output, Estimate):
                     estimates.append(output)
-            first = first or datagram.t_recv_ns
-            last = max(last, datagram.t_recv_ns)
+            first = first or item.t_recv_ns
+            last = max(last, item.t_recv_ns)
             count += 1
             if count % PROGRESS_EVERY == 0:
                 progress(done, total)
@@ -72,16 +74,17 @@ def replay(
     return Replayed(estimates, pipeline.health(last), count, damaged, (last - first) * 1e-9)
 
 
-def read_log(log: Path) -> Iterator[tuple[Datagram | None, int]]:
-    """The datagrams of a .tlog or a recording of ours, with the bytes read so far; None for damage.
+def read_log(log: Path) -> Iterator[tuple[Datagram | Message | None, int]]:
+    """What a log holds, with the bytes read so far: the datagrams of a .tlog or a recording of ours, the messages
+    of a ULog; None for damage.
 
     Raises ReplayError, NotALogError.
     """
     try:
         with log.open("rb") as file:
             head = file.read(16)
-        if head.startswith(ULOG_MAGIC):
-            raise ReplayError(f"{log} is a PX4 ULog, which cannot be replayed yet; use a .tlog or an .mcap")
+        if head.startswith(ulog.MAGIC):
+            return ((message, 0) for message in ulog.read_ulog(log))
         if is_recording(log):
             return read_recording(log)
         data = log.read_bytes()
@@ -105,16 +108,12 @@ class CsvWriter:
 
     def __init__(self, file: IO[str]) -> None:
         self._writer = csv.writer(file, lineterminator="\n")
-        self._header_written = False
+        self._writer.writerow(header(relative_motion.COMPONENTS, relative_motion.UNITS))
 
     def write(self, estimate: Output) -> None:
-        """Append an estimate's row (and the header before the first); other records have none."""
-        if not isinstance(estimate, Estimate):
-            return
-        if not self._header_written:
-            self._writer.writerow(header(estimate.components, estimate.units))
-            self._header_written = True
-        self._writer.writerow(row(estimate))
+        """Append an estimate's row; other records have none."""
+        if isinstance(estimate, Estimate):
+            self._writer.writerow(row(estimate))
 
 
 def header(components: tuple[str, ...], units: tuple[str, ...]) -> list[str]:

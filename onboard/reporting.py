@@ -1,16 +1,20 @@
 """What the commands show and write: progress while they work, a scorecard and files when they are done."""
 
 import os
+import pkgutil
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 from rich.console import Console
+from rich.markdown import Markdown
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from onboard import studies
 from onboard.config import Config
 from onboard.demo import Report, run_demo
 from onboard.errors import UserError
@@ -124,15 +128,35 @@ def replay_log(
 def replay_numbers(replayed: Replayed, result: Score) -> dict[str, Any]:
     """The summary of a replay as plain values."""
     numbers: dict[str, Any] = msgspec.to_builtins(result)
-    log = {"duration_s": replayed.duration, "datagrams": replayed.datagrams, "damaged": replayed.damaged}
+    log = {"duration_s": replayed.duration, "records": replayed.records, "damaged": replayed.damaged}
     return {**numbers, "log": log, "health": msgspec.to_builtins(replayed.health)}
+
+
+def study(name: str, *, seeds: int, out: Path, json_file: Path | None) -> int:
+    """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`."""
+    known = sorted(m.name for m in pkgutil.iter_modules(studies.__path__) if not m.name.startswith("_"))
+    if name.replace("-", "_") not in known:
+        names = ", ".join(m.replace("_", "-") for m in known)
+        raise UserError(f"no study named {name!r}; there are: {names}")
+    module = import_module(f"{studies.__name__}.{name.replace('-', '_')}")
+    folder = out / name
+    with _progress(Console(stderr=True)) as bar:
+        task = bar.add_task(module.TITLE, total=None)
+        result = module.run(
+            seeds=seeds, out=folder, progress=lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    Console().print(Markdown((folder / "report.md").read_text(encoding="utf-8")))
+    print(f"written: {folder}/report.md, result.json and figures")
+    if json_file is not None:
+        _write_json(json_file, msgspec.to_builtins(result))
+    return 0
 
 
 def _print_replay(log: Path, replayed: Replayed, result: Score, out: Path | None, rrd: Path | None) -> None:
     console = Console()
     damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
     console.print(
-        f"{log}: {replayed.duration:.1f} s, {replayed.datagrams} datagrams{damage}",
+        f"{log}: {replayed.duration:.1f} s, {replayed.records} records{damage}",
         highlight=False,
         soft_wrap=True,
     )

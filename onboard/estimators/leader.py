@@ -51,6 +51,8 @@ class Config(Record, frozen=True, kw_only=True):
         default_factory=dict
     )  # overrides single settings of the chosen noise, by name
     initialise_images: int = 3  # that must agree before a track starts (with the paper's noise: 1)
+    own_tilt_sigma_deg: float = 0.3  # how far our own roll and pitch may be steadily off, mount included
+    own_yaw_sigma_deg: float = 1.0  # the same of our yaw (honest noise only)
     rewind_horizon_s: float = 0.5  # images older than this are rejected
     coast_after_s: float = 0.25  # without an image: coasting
     validity_timeout_s: float = 2.0  # without an image: lost, not valid
@@ -85,6 +87,9 @@ class Estimator:
         self._camera = camera
         self._noise = overridden(noise_for(config.noise, config.leader_class), config.process_noise)
         self._size_sigma = config.size_prior_sigma_m or 0.02 * config.size_prior_m
+        tilt, yaw = np.radians([config.own_tilt_sigma_deg, config.own_yaw_sigma_deg])
+        # the paper takes its own attitude as known, so its settings stay as printed
+        self._attitude_sigma = np.array([tilt, tilt, yaw]) * (config.noise == "honest")
         self._Q = process_noise(self._noise, config.size_prior_m)
         probability = self._noise.gate_probability
         self._gate = None if probability is None else chi_square_threshold(probability, camera_angles.M)
@@ -290,7 +295,10 @@ class Estimator:
                 self._forget("the covariance was lost")
             else:
                 mean = tuple(belief.mean.tolist())
-                covariance = tuple(tuple(row) for row in belief.covariance.tolist())
+                # Our own attitude's error is no noise: it is nearly constant, so the images cannot average it out
+                # and their innovations do not show it. It is added to what we say, not to what the filter knows.
+                own = relative_motion.rotation_covariance(belief.mean, self._attitude_sigma)
+                covariance = tuple(tuple(row) for row in (belief.covariance + own).tolist())
         age = self._age(t_ns)
         state, reason = self._state(age)
         self._sequence += 1

@@ -48,6 +48,17 @@ def leader_acceleration(v_L: Array, a_lat: Array, a_long: Array, eps: float) -> 
     return a
 
 
+def rotation_covariance(mean: Array, sigma_n: Array) -> Array:
+    """Covariance (9, 9) of a relative motion (9,) seen from an attitude that is off by a constant small rotation
+    with standard deviations `sigma_n` (3,) rad about north, east and down: both vectors turn with it."""
+    turned = np.zeros((N, 3))
+    for at in (R, V):
+        x, y, z = mean[at]
+        turned[at] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # d(rotation x vector) / d rotation
+    scaled = turned * sigma_n
+    return np.asarray(scaled @ scaled.T)
+
+
 def process(points: Array, dt: float, follower: FollowerMotion, eps: float) -> Array:
     """State rows (k, 9) after `dt` seconds: eqs 5-10 without noise, one step of RK4 with the follower's
     velocity and acceleration interpolated over it."""
