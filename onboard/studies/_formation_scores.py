@@ -1,0 +1,121 @@
+"""What a track was worth against the truth, run by run, and over the runs. In the paper's feet."""
+
+from typing import Final
+
+import numpy as np
+
+from onboard.filters.gating import normalised_squared
+from onboard.geometry.rotations import Array, matrix_from_quaternion
+from onboard.messages import Record
+from onboard.models import relative_motion
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
+from onboard.studies._formation import FT, Track
+from simlink.flight import Flight
+
+SETTLED: Final = 15.0  # s: scores are taken from here on
+LAST: Final = 5.0  # s at the end that decide whether a run diverged
+RANGE_LIMIT: Final = 0.5  # diverged: mean range error over the last 5 s, as a fraction
+BEARING_LIMIT: Final = np.radians(5.0)  # or mean angle between true and estimated direction
+CONVERGED: Final = 0.2  # a_lat has converged when first within this fraction of the truth
+
+
+class Score(Record, frozen=True, kw_only=True):
+    """One run, over t >= 15 s: root mean squares of errors (of the vector's norm for position and velocity),
+    and means of NEES (9 degrees of freedom) and NIS (3, of the images fused)."""
+
+    seed: int
+    diverged: str | None  # why, or None
+    position_ft: float
+    velocity_ft_s: float
+    range_percent: float
+    size_percent: float
+    a_lat_ft_s2: float
+    a_long_ft_s2: float
+    nees: float
+    nis: float
+    a_lat_converged_s: float | None  # from the first image
+    size_error_first_percent: float  # signed, at the first image (the prior's error) ...
+    size_error_last_percent: float  # ... and at the end
+    angle_error_deg: tuple[float, float, float]  # root mean square of measured minus true angles
+    gated: int
+
+
+def truth_of(flight: Flight) -> Array:
+    """True state rows (N, 9) at the navigation samples."""
+    t = flight.nav_truth
+    size = np.full(len(t.a_lat), flight.size)
+    return np.column_stack([t.r_FL_n, t.v_FL_n, size, t.a_lat, t.a_long])
+
+
+def score(seed: int, flight: Flight, track: Track) -> Score:
+    """Score of one run; of one that failed, up to where it did."""
+    truth = truth_of(flight)
+    error = track.mean - truth
+    known = np.isfinite(error).all(axis=1)
+    settled = known & (track.t >= SETTLED)
+    distance = np.linalg.norm(truth[:, R], axis=1)
+    range_error = np.linalg.norm(track.mean[:, R], axis=1) / distance - 1.0
+    size_error = 100 * error[known, SIZE] / flight.size
+    return Score(
+        seed=seed,
+        diverged=_diverged(track, truth, range_error),
+        position_ft=_rms(error[settled][:, R]) / FT,
+        velocity_ft_s=_rms(error[settled][:, V]) / FT,
+        range_percent=100 * _rms(range_error[settled, None]),
+        size_percent=100 * _rms(error[settled, SIZE, None]) / flight.size,
+        a_lat_ft_s2=_rms(error[settled, A_LAT, None]) / FT,
+        a_long_ft_s2=_rms(error[settled, A_LONG, None]) / FT,
+        nees=_mean(normalised_squared(error[settled], track.covariance[settled])),
+        nis=_mean(track.nis[(flight.image_t >= SETTLED) & track.fused]),
+        a_lat_converged_s=_converged(track.t[known], error[known, A_LAT], truth[known, A_LAT]),
+        size_error_first_percent=float(size_error[0]),
+        size_error_last_percent=float(size_error[-1]),
+        angle_error_deg=_angle_error_deg(flight, track),
+        gated=int(np.sum(np.isfinite(track.nis) & ~track.fused)),
+    )
+
+
+def relative_acceleration(mean: Array, flight: Flight, eps: float) -> Array:
+    """a_FL_n (N, 3) that states (N, 9) imply: eq 4."""
+    v_L = mean[:, V] + flight.nav_v_F_n
+    a_L = relative_motion.leader_acceleration(v_L, mean[:, A_LAT], mean[:, A_LONG], eps)
+    return np.asarray(a_L - flight.nav_a_F_n)
+
+
+def _angle_error_deg(flight: Flight, track: Track) -> tuple[float, float, float]:
+    t = flight.image_truth
+    r_c = np.einsum("nji,nj->ni", matrix_from_quaternion(t.q_nF), t.r_FL_n)
+    alpha = 2 * np.arctan2(flight.size, 2 * np.linalg.norm(r_c, axis=1))
+    true = np.column_stack([np.arctan2(r_c[:, 1], r_c[:, 0]), np.arctan2(r_c[:, 2], r_c[:, 0]), alpha])
+    error = np.degrees(track.angles - true)
+    azimuth, elevation, subtended = (_rms(column[np.isfinite(column), None]) for column in error.T)
+    return azimuth, elevation, subtended
+
+
+def _diverged(track: Track, truth: Array, range_error: Array) -> str | None:
+    if track.failed_at is not None:
+        return f"numerical failure at {track.failed_at:.2f} s"
+    last = track.t > track.t[-1] - LAST
+    if float(np.mean(np.abs(range_error[last]))) > RANGE_LIMIT:
+        return "range"
+    cosine = _unit(track.mean[last][:, R]) * _unit(truth[last][:, R])
+    bearing = np.arccos(np.clip(cosine.sum(axis=1), -1.0, 1.0))
+    return "bearing" if float(np.mean(bearing)) > BEARING_LIMIT else None
+
+
+def _converged(t: Array, error: Array, truth: Array) -> float | None:
+    inside = np.flatnonzero(np.abs(error) <= CONVERGED * np.abs(truth))
+    return float(t[inside[0]] - t[0]) if inside.size else None
+
+
+def _unit(rows: Array) -> Array:
+    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True))
+
+
+def _rms(rows: Array) -> float:
+    """Root of the mean of squared norms of rows; NaN without rows."""
+    return float(np.sqrt(np.sum(rows * rows) / len(rows))) if len(rows) else float("nan")
+
+
+def _mean(values: Array) -> float:
+    return float(np.mean(values)) if values.size else float("nan")
