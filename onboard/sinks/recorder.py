@@ -41,10 +41,20 @@ class Recorder:
         self._t_flush = 0.0
         self._t_recv_ns = 0
 
+    def check(self) -> None:
+        """Whether `open` will find a folder it can write to, asked before the flight. Raises SinkError."""
+        folder = self._wanted.parent
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise SinkError(f"cannot record to {self._wanted}: {folder} is not writable")
+
     def open(self) -> None:
         """Create the file. Raises SinkError."""
+        self.check()
         try:
-            self._wanted.parent.mkdir(parents=True, exist_ok=True)
             self.path, self._file = _create(self._wanted)
         except OSError as error:
             raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error

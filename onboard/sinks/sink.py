@@ -133,7 +133,7 @@ class SinkRunner(Generic[T]):
             sent = self._sent
             try:
                 self._use()
-            except Exception as error:  # a sink may fail in any way its library does
+            except BaseException as error:  # a panic in a library written in Rust is no Exception
                 self._error = str(error) or type(error).__name__
                 self._restarts += 1
             if self._sent > sent:

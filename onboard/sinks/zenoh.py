@@ -97,8 +97,8 @@ def _zenoh_config(config: ZenohConfig) -> Any:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/rx/max_message_size": config.max_message_size,
-        # Room for a tenth of a second of estimates, so that a subscriber may be busy for a moment; when it is full,
-        # drop at once rather than wait a millisecond (50 for fragments) for a peer that does not read.
+        # Room for a tenth of a second of estimates, so that a subscriber may be busy for a moment; when it is
+        # full, drop at once rather than wait a millisecond (50 for fragments) for a peer that does not read.
         "transport/link/tx/queue/size/data": 16,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
         "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": 0,

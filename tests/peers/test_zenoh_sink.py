@@ -118,7 +118,7 @@ def opened(session: Any, **options: Any) -> ZenohSink:
 def test_a_subscriber_hears_each_record_on_its_key_as_json(session: Any, client: Any) -> None:
     heard: dict[str, Any] = {}
     client.declare_subscriber("onboard/**", lambda s: heard.__setitem__(str(s.key_expr), s))
-    sink = opened(session)
+    sink = opened(session, now_ns=lambda: 1_700_000_000_123_456_789)
 
     def all_there() -> bool:
         sink.write([estimate(), POSE, HEALTH])  # again until the subscription has reached the router
@@ -133,6 +133,7 @@ def test_a_subscriber_hears_each_record_on_its_key_as_json(session: Any, client:
         assert sample.encoding == zenoh.Encoding.APPLICATION_JSON
         assert sample.congestion_control == zenoh.CongestionControl.DROP
         assert sample.express
+        assert sample.attachment.to_bytes() == b"1700000000123456789"  # when it was published
     sink.close()
 
 
@@ -223,7 +224,7 @@ def test_camera_points_come_in_with_their_key_and_arrival(session: Any, client: 
             client.put(key, b"")
             client.put(key, bytes(100_000))
             client.put(key, b'{"last": 1}')
-            while heard[-1].data != b'{"last": 1}':
+            while heard[-1].data != b'{"last": 1}':  # noqa: ASYNC110 - as above
                 await asyncio.sleep(0.01)
         assert link.errors == 2
         assert link.received == len(heard)

@@ -122,11 +122,11 @@ def test_what_is_queued_at_the_end_is_still_written() -> None:
 
     async def story(runner: SinkRunner[int]) -> None:
         await until(lambda: sink.calls)
-        for n in range(50):
+        for n in range(5000):  # several batches
             runner.put(n)
 
-    with_runner(sink, story)
-    assert sink.written == list(range(50))
+    with_runner(sink, story, capacity=5000)
+    assert sink.written == list(range(5000))
 
 
 def test_a_blocked_sink_delays_nobody_drops_the_oldest_and_lets_the_program_end() -> None:
@@ -197,6 +197,27 @@ def test_a_write_that_fails_restarts_the_sink_and_counts_what_was_lost() -> None
     health = with_runner(sink, story).health()
     assert sink.written == [2]
     assert (health.sent, health.dropped, health.restarts) == (1, 1, 1)
+
+
+def test_a_panic_that_is_no_exception_restarts_the_sink_too() -> None:
+    class Panic(BaseException):
+        pass
+
+    class Panicking(Collector):
+        def write(self, records: Sequence[int]) -> None:
+            if records == [1]:
+                raise Panic("in Rust")
+            super().write(records)
+
+    sink = Panicking()
+
+    async def story(runner: SinkRunner[int]) -> None:
+        runner.put(1)
+        await until(lambda: runner.health().restarts == 1)
+        runner.put(2)
+        await until(lambda: sink.written == [2])
+
+    with_runner(sink, story)
 
 
 def test_a_sink_that_keeps_failing_is_tried_ever_more_slowly_and_the_program_ends() -> None:

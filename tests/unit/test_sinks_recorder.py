@@ -106,8 +106,9 @@ def test_an_existing_recording_is_never_overwritten(tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_written_to_is_a_sink_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     recorder = Recorder(tmp_path / "file" / "flight.mcap")
-    with pytest.raises(SinkError, match="cannot record to"):
-        recorder.open()
+    for attempt in (recorder.check, recorder.open):
+        with pytest.raises(SinkError, match="cannot record to"):
+            attempt()
     recorder.close()
 
 
@@ -155,6 +156,17 @@ def test_damage_in_the_middle_costs_the_chunk_it_hit_and_is_reported_once(tmp_pa
         good = [d for d in found if d is not None]
         assert found.count(None) <= 1
         assert good in ([*wanted[:20], *wanted[40:]], wanted)  # or hit an index nobody reads
+
+
+def test_a_stretch_of_damage_is_reported_once_however_many_chunks_it_hit(tmp_path: Path) -> None:
+    wanted = datagrams(80)
+    path = record(tmp_path / "flight.mcap", wanted, flush_every=20)
+    chunk_ends = sorted({at for _, at in read_recording(path)})
+    bad = bytearray(path.read_bytes())
+    for end in chunk_ends[1:3]:
+        bad[end - 100] ^= 0xFF
+    path.write_bytes(bad)
+    assert read(path) == [*wanted[:20], None, *wanted[60:]]
 
 
 def test_damage_anywhere_never_raises(tmp_path: Path) -> None:

@@ -1,0 +1,28 @@
+"""A program whose sink is stuck in a write still ends when told to."""
+
+import subprocess
+import sys
+
+PROGRAM = """
+import asyncio, time
+from onboard.sinks import SinkRunner
+
+class Stuck:
+    def open(self): pass
+    def write(self, records): time.sleep(3600)
+    def close(self): pass
+
+async def main():
+    task = asyncio.create_task(SinkRunner("stuck", Stuck(), 10, close_timeout_s=0.1).run())
+    await asyncio.sleep(0.5)
+    task.cancel()
+    await asyncio.wait({task})
+
+asyncio.run(main())
+print("ended")
+"""
+
+
+def test_a_program_whose_sink_is_stuck_ends_all_the_same() -> None:
+    ended = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, timeout=30, check=True)
+    assert ended.stdout == "ended\n"
