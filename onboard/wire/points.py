@@ -1,10 +1,13 @@
 """Camera points as JSON <-> TargetPoints: pixels and intrinsics on the outside, image points inside."""
 
 import math
+from typing import Final
 
 import msgspec
 
 from onboard.messages import CameraPoints, Pixel, TargetPoints
+
+LATEST_NS: Final = 2**63
 
 _decoder = msgspec.json.Decoder(CameraPoints)
 
@@ -16,8 +19,8 @@ class BadPointsError(ValueError):
 def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
     """TargetPoints of one JSON document.
 
-    Raises BadPointsError when it is no JSON, a field is missing, unknown or of the wrong type, or a focal
-    length is not positive.
+    Raises BadPointsError when it is no JSON, a field is missing, unknown or of the wrong type, a focal
+    length is not positive, or the time not of 64 bits.
     """
     try:
         m = _decoder.decode(data)
@@ -26,6 +29,8 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
     k = m.intrinsics
     if not (k.fx_px > 0 and k.fy_px > 0):
         raise BadPointsError("focal lengths must be positive - at `$.intrinsics`")
+    if not -LATEST_NS < m.t_ns < LATEST_NS:
+        raise BadPointsError("a time is of 64 bits - at `$.t_ns`")
     sigmas = (m.center.sigma_px, m.left.sigma_px, m.right.sigma_px)
     f_px = math.sqrt(k.fx_px) * math.sqrt(k.fy_px)
 
