@@ -1,0 +1,329 @@
+"""What the leader's estimator says it is doing, when it says so, and when it may be believed."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.messages import Clock, Datagram, Encoding, Estimate, Lifecycle, TargetPoints, Verdict
+from onboard.pipeline import Pipeline
+from tests.streams import (
+    CIRCLE,
+    EPOCH,
+    LATENCY,
+    MS,
+    STRAIGHT,
+    Flight,
+    Item,
+    Run,
+    S,
+    Stream,
+    advance,
+    assert_sane,
+    encode,
+    feed,
+    heartbeat,
+    make_config,
+    position_error,
+)
+
+COAST, VALID, RESET, RELOCK = 0.25, 2.0, 10.0, 1.0
+SLACK = 0.1  # s: latency and sample spacing
+
+
+def fly(images: Callable[[float], bool], t1: float, flight: Flight = CIRCLE, *overrides: str) -> Run:
+    run = feed(Stream(flight=flight, t1=t1, images=images).datagrams(), make_config(*overrides))
+    assert_sane(run.estimates)
+    return run
+
+
+def phases(run: Run) -> list[tuple[Lifecycle, float]]:
+    """(state, when it began in boot seconds), in order."""
+    found: list[tuple[Lifecycle, float]] = []
+    for e in run.estimates:
+        if not found or e.state is not found[-1][0]:
+            found.append((e.state, e.t_ns / S))
+    return found
+
+
+def test_a_track_is_begun_kept_lost_forgotten_and_begun_again_at_the_right_times() -> None:
+    run = fly(lambda t: 6.0 <= t <= 8.0 or t >= 20.0, 22.0)
+    states, times = zip(*phases(run), strict=True)
+    assert states == (
+        Lifecycle.SEARCHING,
+        Lifecycle.INITIALISING,
+        Lifecycle.TRACKING,
+        Lifecycle.COASTING,
+        Lifecycle.LOST,
+        Lifecycle.SEARCHING,
+        Lifecycle.INITIALISING,
+        Lifecycle.TRACKING,
+    )
+    three = 6.0 + 0.08 + LATENCY / S
+    expected = (5.0, 6.0, three, 8.0 + COAST, 8.0 + VALID, 8.0 + RESET, 20.0, 20.14)
+    assert times == pytest.approx(expected, abs=SLACK)
+    assert run.estimates[-1].reset_count == 1
+    assert position_error(run.estimates[-1]) < 2.0
+
+
+@pytest.mark.parametrize(("key", "value", "index"), [("coast_after_s", 0.5, 3), ("validity_timeout_s", 1.2, 4)])
+def test_the_timeouts_are_those_configured(key: str, value: float, index: int) -> None:
+    run = fly(lambda t: 6.0 <= t <= 8.0, 11.0, CIRCLE, f"estimator.leader.{key}={value}")
+    assert phases(run)[index][1] == pytest.approx(8.0 + value, abs=SLACK)
+
+
+def test_the_reset_timeout_is_the_one_configured() -> None:
+    run = fly(lambda t: 6.0 <= t <= 8.0, 13.0, CIRCLE, "estimator.leader.reset_timeout_s=4")
+    assert phases(run)[-1] == (Lifecycle.SEARCHING, pytest.approx(12.0, abs=SLACK))
+    assert run.estimates[-1].mean is None
+    assert run.estimates[-1].age is None
+    assert "reset timeout" in run.estimates[-1].reason
+
+
+def test_never_valid_for_longer_than_the_timeout_after_the_last_image_while_ticks_go_on() -> None:
+    run = fly(lambda t: t <= 7.0, 16.0)
+    after = [e for e in run.estimates if e.t_ns > (7.0 + VALID) * S]
+    assert len(after) > 300
+    assert not any(e.valid for e in after)
+    before = [e for e in run.estimates if 6 * S < e.t_ns < (7.0 + VALID) * S - 50 * MS]
+    assert all(e.valid for e in before)
+    for e in run.estimates:
+        assert e.valid == (e.state in (Lifecycle.TRACKING, Lifecycle.COASTING))
+
+
+def test_gated_images_do_not_prolong_validity() -> None:
+    def wrong(item: Item) -> Item:
+        m = item.message
+        if isinstance(m, TargetPoints) and m.t_ns > 7 * S:
+            # somewhere else in each image: no two of them agree
+            rng = np.random.default_rng(m.t_ns // MS)
+            at = rng.uniform(0.2, 0.5, 2) * rng.choice([-1, 1], 2)
+            p = [(float(at[0] + d), float(at[1])) for d in (0, -0.03, 0.03)]
+            m = replace(m, center=p[0], left=p[1], right=p[2])
+        return Item(item.t_recv_ns, m)
+
+    config = make_config("estimator.leader.relock_after_s=60")
+    run = feed(encode(wrong(i) for i in Stream(t1=11.0).items()), config)
+    assert_sane(run.estimates)
+    assert run.verdicts()[Verdict.GATED] > 90
+    assert not any(e.valid for e in run.estimates if e.t_ns > (7.05 + VALID) * S)
+
+
+def jumping(gap_after: float = 45.0) -> list[Datagram]:
+    """From t = 8 s on, what is seen is another aircraft, elsewhere."""
+    near, far = Flight(radius=None, gap=20.0), Flight(radius=None, gap=gap_after)
+    items = [i for i in Stream(flight=near, t1=12.0).items() if i.message.t_ns < 8 * S]
+    items += [i for i in Stream(flight=far, t1=12.0).items() if i.message.t_ns >= 8 * S]
+    return encode(sorted(items, key=lambda i: i.t_recv_ns))
+
+
+def test_a_track_whose_images_are_all_gated_is_given_up_and_begun_anew() -> None:
+    run = feed(jumping())
+    assert_sane(run.estimates)
+    gated = [r for r in run.reports if r.verdict is Verdict.GATED]
+    assert gated[0].t_ns >= 8 * S
+    assert gated[-1].t_ns == pytest.approx(8 * S + RELOCK * S, abs=SLACK * S)
+    last = run.estimates[-1]
+    assert last.reset_count == 1
+    assert last.valid
+    assert position_error(last, Flight(radius=None, gap=45.0)) < 3.0
+
+
+def test_one_good_image_among_gated_ones_keeps_the_track() -> None:
+    def sometimes(item: Item) -> Item:
+        m = item.message
+        if isinstance(m, TargetPoints) and m.t_ns > 7 * S and m.t_ns % (600 * MS) != 0:
+            m = replace(m, center=(0.4, 0.3), left=(0.37, 0.3), right=(0.43, 0.3))
+        return Item(item.t_recv_ns, m)
+
+    run = feed(encode(sometimes(i) for i in Stream(flight=STRAIGHT, t1=12.0).items()))
+    assert_sane(run.estimates)
+    assert run.verdicts()[Verdict.GATED] > 80
+    assert run.estimates[-1].reset_count == 0
+    assert position_error(run.estimates[-1], STRAIGHT) < 3.0
+
+
+def test_images_that_do_not_agree_start_no_track() -> None:
+    def scattered(item: Item) -> Item:
+        m = item.message
+        if isinstance(m, TargetPoints):
+            at = 0.3 if m.t_ns // (40 * MS) % 2 else -0.3
+            m = replace(m, center=(at, 0.0), left=(at - 0.03, 0.0), right=(at + 0.03, 0.0))
+        return Item(item.t_recv_ns, m)
+
+    run = feed(encode(scattered(i) for i in Stream(t1=8.0).items()))
+    assert not any(e.valid for e in run.estimates)
+    assert set(run.verdicts()) == {Verdict.INITIALISING}
+
+
+def test_images_far_apart_in_time_start_no_track() -> None:
+    run = fly(lambda t: round(t * 1000) % 1200 == 0, 12.0)
+    assert not any(e.valid for e in run.estimates)
+
+
+def test_a_reboot_of_the_autopilot_in_flight_begins_all_anew() -> None:
+    before = Stream(t0=60.0, t1=63.0).items()
+    after = [Item(i.t_recv_ns + 61 * S, i.message) for i in Stream(t0=3.0, t1=6.0).items()]
+    run = feed(encode([*before, *after]))
+    assert_sane(run.estimates)
+    health = run.pipeline.health(EPOCH + 67 * S)
+    assert health.autopilot_reboots == 1
+    assert health.rejected["odd_stamp"] == 4
+    last = run.estimates[-1]
+    assert last.reset_count == 1
+    assert last.valid
+    assert last.t_ns == 5_980 * MS
+    assert position_error(last) < 2.0
+    resumed = next(e for e in run.estimates if e.t_ns < 10 * S)
+    assert not resumed.valid
+
+
+# ---------------------------------------------------------------------- images ahead of the boot clock
+
+
+def test_images_half_a_second_ahead_wait_and_are_fused() -> None:
+    run = feed(Stream(t1=12.0, lead_ns=500 * MS).datagrams())
+    assert_sane(run.estimates)
+    assert set(run.verdicts()) <= {Verdict.INITIALISING, Verdict.FUSED, Verdict.FUSED_LATE}
+    assert run.verdicts()[Verdict.FUSED] > 150
+    assert run.estimates[-1].valid
+    assert run.pipeline.health(0).clock_offset_ns == EPOCH + 2 * MS
+    fused = [e for e in run.estimates if e.measurement is not None]
+    assert all(e.measurement is None or e.measurement.t_ns <= e.t_ns for e in fused)
+
+
+def test_images_farther_ahead_than_allowed_are_rejected_with_a_verdict_and_counted() -> None:
+    run = feed(Stream(t1=8.0, lead_ns=1500 * MS).datagrams())
+    assert set(run.verdicts()) == {Verdict.TOO_NEW}
+    health = run.pipeline.health(EPOCH + 8 * S)
+    assert health.verdicts["leader.too_new"] == run.verdicts()[Verdict.TOO_NEW] > 60
+    assert health.autopilot_reboots == 0
+    assert not health.rejected
+    assert run.estimates[-1].state is Lifecycle.SEARCHING
+
+
+def test_a_camera_far_ahead_does_not_disturb_one_that_is_right() -> None:
+    items = Stream(t1=12.0).items()
+    ahead = [
+        Item(i.t_recv_ns + 1, replace(i.message, t_ns=i.message.t_ns + 3 * S, component=100))
+        for i in items
+        if isinstance(i.message, TargetPoints)
+    ]
+    run = feed(encode(sorted([*items, *ahead], key=lambda i: i.t_recv_ns)))
+    plain = feed(encode(items))
+    assert run.estimates[-1].mean == plain.estimates[-1].mean
+    assert run.verdicts()[Verdict.TOO_NEW] == len(ahead)
+
+
+def test_the_waiting_room_is_bounded() -> None:
+    pipeline = Pipeline(make_config())
+    pipeline.advance([heartbeat(5 * S), CIRCLE.attitude(5 * S), CIRCLE.position(5 * S)])
+    for i in range(2000):
+        pipeline.advance([replace(CIRCLE.image(5 * S), t_ns=5 * S + 200 * MS + i)])
+    assert len(pipeline._waiting) <= 256
+    outputs = pipeline.advance([CIRCLE.attitude(6 * S), CIRCLE.position(6 * S)])
+    assert pipeline._waiting == []
+    assert sum(isinstance(o, Estimate) for o in outputs) > 256
+
+
+# -------------------------------------------------------------------------------- who is listened to
+
+
+def test_nothing_is_estimated_before_an_autopilot_is_heard() -> None:
+    items = [i for i in Stream(t1=6.0).items() if type(i.message).__name__ != "Heartbeat"]
+    run = feed(encode(items))
+    assert run.outputs == []
+    assert run.rejected == {"before_heartbeat": len(items)}
+
+
+def test_heartbeats_that_are_no_autopilots_are_not_latched() -> None:
+    pipeline = Pipeline(make_config())
+    pipeline.advance([heartbeat(5 * S, system=255, autopilot=8)])
+    assert pipeline.autopilot is None
+    pipeline.advance([heartbeat(5 * S, system=7), heartbeat(5 * S, system=9)])
+    assert pipeline.autopilot is not None
+    assert pipeline.autopilot.system == 7
+
+
+def test_a_configured_system_is_waited_for() -> None:
+    pipeline = Pipeline(make_config("autopilot.system=9"))
+    pipeline.advance([heartbeat(5 * S, system=7)])
+    assert pipeline.autopilot is None
+    pipeline.advance([heartbeat(5 * S, system=9)])
+    assert pipeline.autopilot is not None
+
+
+def test_another_components_motion_and_clock_are_not_ours() -> None:
+    """A gimbal that sends its own ATTITUDE, on its own boot clock, in the same system."""
+    items = Stream(t1=9.0).items()
+    gimbal = [
+        Item(
+            i.t_recv_ns + 1,
+            replace(i.message, t_ns=i.message.t_ns - 2 * S, q_nb=(0.0, 1.0, 0.0, 0.0), component=154),
+        )
+        for i in items
+        if type(i.message).__name__ == "Attitude"
+    ]
+    run = feed(encode(sorted([*items, *gimbal], key=lambda i: i.t_recv_ns)))
+    assert run.estimates[-1].mean == feed(encode(items)).estimates[-1].mean
+    assert run.rejected == {"other_component": len(gimbal)}
+
+
+def test_images_without_a_stamp_are_counted() -> None:
+    items = [
+        Item(
+            i.t_recv_ns,
+            replace(i.message, t_ns=0, clock=Clock.NONE) if isinstance(i.message, TargetPoints) else i[1],
+        )
+        for i in Stream(t1=6.0).items()
+    ]
+    run = feed(encode(items))
+    assert run.reports == []
+    assert run.rejected == {"unstamped_points": 25}
+
+
+def test_other_targets_are_not_taken_for_the_leader() -> None:
+    items = [
+        Item(i.t_recv_ns, replace(i.message, target="target/1") if isinstance(i.message, TargetPoints) else i[1])
+        for i in Stream(t1=6.0).items()
+    ]
+    run = feed(encode(items))
+    assert run.reports == []
+
+
+# -------------------------------------------------------------------------------------------- health
+
+
+def test_health_counts_streams_verdicts_and_states() -> None:
+    stream = Stream(t1=9.0)
+    run = feed([*stream.datagrams(), Datagram(channel="z", encoding=Encoding.POINTS, t_recv_ns=EPOCH, data=b"{")])
+    health = run.pipeline.health(EPOCH + 9 * S)
+    assert health.streams["Attitude"].count == 200
+    assert health.streams["Attitude"].rate == pytest.approx(50, abs=1)
+    assert health.streams["TargetPoints"].rate == pytest.approx(25, abs=1)
+    assert health.streams["TargetPoints"].age == pytest.approx(0.0, abs=0.06)
+    assert health.states == {"leader": Lifecycle.TRACKING}
+    assert health.verdicts == {f"leader.{k}": n for k, n in run.verdicts().items()}
+    assert health.rejected == {"bad_points": 1}
+    assert health.autopilot == "PX4, system 1"
+    assert health.uptime == pytest.approx(4.0, abs=0.1)
+
+
+def test_rates_stay_true_and_windows_small_when_our_clock_is_set_back() -> None:
+    items = Stream(t1=9.0).items()
+    back = [Item(i.t_recv_ns - 86_400 * S, i.message) for i in Stream(t0=9.0, t1=15.0).items()]
+    run = feed(encode([*items, *back]))
+    health = run.pipeline.health(EPOCH + 15 * S - 86_400 * S)
+    assert health.streams["Attitude"].rate == pytest.approx(50, abs=1)
+    assert all(len(window) < 120 for window in run.pipeline._streams.values())
+
+
+@pytest.mark.parametrize("horizon", [0.0, 0.02, 0.1])
+def test_a_short_horizon_with_images_ahead_of_our_motion_does_no_harm(horizon: float) -> None:
+    images = [Item(EPOCH + t * MS, CIRCLE.image(t * MS + 41 * MS)) for t in range(5100, 9000, 20)]
+    items = Stream(t1=9.0, images=lambda _t: False).items()
+    messages = [i.message for i in sorted([*items, *images], key=lambda i: i.t_recv_ns)]
+    run = advance(messages, make_config(f"estimator.leader.rewind_horizon_s={horizon}"))
+    assert_sane(run.estimates)
+    assert run.estimates[-1].valid
