@@ -1,0 +1,72 @@
+"""What the paper's text pins down, number by number, and the misprint of eq 14."""
+
+import numpy as np
+import pytest
+
+from onboard.estimators._leader_noise import PAPER, process_noise
+from onboard.filters import unscented
+from onboard.geometry.rotations import Array
+from onboard.models import camera_angles, relative_motion
+from onboard.models.relative_motion import SIZE
+from onboard.studies._formation import FT, PAPER_MENDED, TUNED, Method, track
+from onboard.studies._formation_scores import truth_of
+from simlink.flight import fly
+from simlink.scenario import load_scenario
+
+MEASURE = camera_angles.measure
+SCENARIO = load_scenario("formation")
+
+
+def test_weights_are_eqs_23_to_25() -> None:
+    weights = unscented.julier_weights(9)
+    assert weights.spread == pytest.approx(3**0.5, abs=0)
+    assert weights.mean[0] == pytest.approx(-2.0, rel=1e-15)  # 1 - n / gamma^2
+    assert weights.mean[1:] == pytest.approx(np.full(18, 1 / 6), rel=1e-15)
+    assert weights.mean.sum() == pytest.approx(1.0, rel=1e-15)
+    assert np.array_equal(weights.mean, weights.covariance)
+
+
+def test_paper_settings_are_eqs_51_to_54() -> None:
+    foot = 0.3048
+    expected = [5, 5, 5, 10, 10, 10, 0.01 * 8.75, 2, 2]
+    assert np.sqrt(process_noise(PAPER, 8.75 * foot)) / foot == pytest.approx(expected, rel=1e-12)
+    assert (PAPER.initial_position or 0.0) / foot == pytest.approx(1.0)
+    assert PAPER.initial_velocity / foot == pytest.approx(1.0)
+    assert PAPER.initial_acceleration / foot == pytest.approx(10.0)
+    assert PAPER.angles_deg == (5.0, 4.0, 3.0)
+    assert PAPER.gate_probability is None
+    assert not PAPER.consider_size
+
+
+def as_printed(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
+    """Eq 14 with x_3, the down component of the position, in its third row, where the size x_7 belongs."""
+    misread = points.copy()
+    misread[:, SIZE] = points[:, 2]
+    angles = MEASURE(points, R_cn, r_FC_n)
+    angles[:, 2] = MEASURE(misread, R_cn, r_FC_n)[:, 2]
+    return angles
+
+
+def test_eq_14_as_printed_contradicts_eq_13() -> None:
+    """A leader 10 m ahead, level with the camera, 2 m in size: it does not subtend an angle of zero."""
+    row = np.zeros((1, 9))
+    row[0, 0], row[0, SIZE] = 10.0, 2.0
+    assert as_printed(row, np.eye(3), np.zeros(3))[0, 2] == 0.0
+    mended = MEASURE(row, np.eye(3), np.zeros(3))[0, 2]
+    assert np.tan(mended / 2) == pytest.approx(2.0 / (2 * 10.0), rel=1e-15)
+
+
+@pytest.mark.parametrize("method", [PAPER_MENDED, TUNED], ids=["paper", "tuned"])
+def test_eq_14_as_printed_loses_the_leader_seed_5(monkeypatch: pytest.MonkeyPatch, method: Method) -> None:
+    flight = fly(SCENARIO, seed=5, duration=10.0)
+    truth = truth_of(flight)[-1, relative_motion.R]
+
+    def error() -> float:
+        last = track(flight, SCENARIO.camera, method).mean[-1, relative_motion.R]
+        return float(np.linalg.norm(last - truth))
+
+    mended = error()
+    monkeypatch.setattr(camera_angles, "measure", as_printed)
+    lost = error()
+    assert mended < 8 * FT
+    assert not lost < 30 * FT, (mended, lost)  # NaN counts as lost

@@ -1,0 +1,94 @@
+"""Our unscented filter against filterpy's, on the nine-state vision problem, over one minute's first seconds.
+
+Both draw the same points (n + kappa = 3), and both draw them anew after the prediction. Differences are measured
+in each state's own standard deviation, for the states differ in scale by four powers of ten.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
+
+from onboard.estimators._leader_noise import initial_belief, process_noise
+from onboard.filters import unscented
+from onboard.geometry.rotations import Array, matrix_from_quaternion
+from onboard.models import camera_angles, relative_motion
+from onboard.studies._formation import B0, PAPER_MENDED, SIZE_SIGMA, TUNED, Method
+from onboard.studies._formation import _see as see
+from simlink.flight import Flight, fly
+from simlink.scenario import load_scenario
+
+SCENARIO = load_scenario("formation")
+WEIGHTS = unscented.julier_weights(relative_motion.N)
+STEPS = 600
+TOLERANCE = 1e-9
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return fly(SCENARIO, seed=4, duration=13.0)
+
+
+def theirs(belief: unscented.Belief, Q: Array) -> Any:
+    n = relative_motion.N
+    filter_ = UnscentedKalmanFilter(
+        dim_x=n,
+        dim_z=3,
+        dt=0.02,
+        hx=lambda x, R_cn: camera_angles.measure(x[None], R_cn, np.zeros(3))[0],
+        fx=lambda x, dt, follower, eps: relative_motion.process(x[None], dt, follower, eps)[0],
+        points=JulierSigmaPoints(n, kappa=3.0 - n),
+        residual_z=camera_angles.subtract,
+    )
+    filter_.x, filter_.P, filter_.Q = belief.mean.copy(), belief.covariance.copy(), Q
+    return filter_
+
+
+def in_sigmas(a: unscented.Belief, mean: Array, covariance: Array) -> tuple[float, float]:
+    """Largest difference of means and of covariances, the latter as correlations."""
+    sigma = np.sqrt(np.diag(a.covariance))
+    return (
+        float(np.max(np.abs(a.mean - mean) / sigma)),
+        float(np.max(np.abs(a.covariance - covariance) / np.outer(sigma, sigma))),
+    )
+
+
+@pytest.mark.parametrize("method", [PAPER_MENDED, TUNED], ids=["paper", "tuned"])
+def test_predict_and_update_equal_filterpy_over_600_steps_seed_4(flight: Flight, method: Method) -> None:
+    noise, camera = method.noise, SCENARIO.camera
+    angles, R = see(flight.image_points[0], camera, method)
+    R_cn = matrix_from_quaternion(flight.nav_q_nb[0]).T
+    belief = initial_belief(noise, angles, R, B0, SIZE_SIGMA, R_cn, np.zeros(3))
+    Q = np.diag(process_noise(noise, B0) * 0.02)
+    other = theirs(belief, Q)
+    worst, updates = np.zeros(2), 0
+    for k in range(1, STEPS + 1):
+        v, a = flight.nav_v_F_n, flight.nav_a_F_n
+        follower = relative_motion.FollowerMotion(v[k - 1], v[k], a[k - 1], a[k])
+        process = _process(follower, noise.hover_speed)
+        belief = unscented.predict(belief, process, Q, WEIGHTS)
+        other.predict(follower=follower, eps=noise.hover_speed)
+        worst = np.maximum(worst, in_sigmas(belief, other.x, other.P))
+        if k % 2 or not np.isfinite(flight.image_points[k // 2]).all():
+            continue
+        angles, R = see(flight.image_points[k // 2], camera, method)
+        R_cn = matrix_from_quaternion(flight.nav_q_nb[k]).T
+        update = unscented.update(belief, angles, _measure(R_cn), R, WEIGHTS, camera_angles.subtract)
+        other.update(angles, R=R, R_cn=R_cn)
+        belief, updates = update.belief, updates + 1
+        worst = np.maximum(worst, in_sigmas(belief, other.x, other.P))
+        np.testing.assert_allclose(update.innovation, other.y, rtol=0, atol=TOLERANCE * np.sqrt(np.diag(R)).min())
+        np.testing.assert_allclose(update.innovation_covariance, other.S, rtol=TOLERANCE, atol=1e-18)
+        assert update.nis == pytest.approx(float(other.y @ np.linalg.solve(other.S, other.y)), rel=1e-7, abs=1e-9)
+    assert updates > 200
+    assert np.all(worst < TOLERANCE), worst
+
+
+def _process(follower: relative_motion.FollowerMotion, eps: float) -> Callable[[Array], Array]:
+    return lambda rows: relative_motion.process(rows, 0.02, follower, eps)
+
+
+def _measure(R_cn: Array) -> Callable[[Array], Array]:
+    return lambda rows: camera_angles.measure(rows, R_cn, np.zeros(3))
