@@ -4,9 +4,10 @@ Keys carry their units. `--set KEY=VALUE` puts one value over the file's, with V
 """
 
 import difflib
+import math
 import tomllib
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import msgspec
 
@@ -20,6 +21,8 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    NotNegative,
+    Positive,
     Record,
     TargetPoints,
     Vec3,
@@ -28,6 +31,7 @@ from onboard.sinks.zenoh import ZenohConfig
 from onboard.wire.mavlink_encode import message_number
 
 ARDUPILOT: Final = 3
+SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 
 class ConfigError(UserError, ValueError):
@@ -45,8 +49,8 @@ class LinkConfig(Record, frozen=True, kw_only=True):
 class AutopilotConfig(Record, frozen=True, kw_only=True):
     """`[autopilot]`: whose vehicle this is, and what we ask of it."""
 
-    system: int = 0  # its MAVLink system id; 0: that of the first autopilot heard
-    component: int = 191  # our own component id (MAV_COMP_ID_ONBOARD_COMPUTER)
+    system: SystemId = 0  # its MAVLink system id; 0: that of the first autopilot heard
+    component: SystemId = 191  # our own component id (MAV_COMP_ID_ONBOARD_COMPUTER)
     request_rates: bool = True
     rates_hz: dict[str, float] = msgspec.field(
         default_factory=lambda: {
@@ -63,10 +67,10 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     """`[camera]`: the mount and the lens. Points in pixels bring their own intrinsics with them."""
 
     name: str = "front"
-    f_px: float = 554.256
-    width_px: float = 640.0
-    height_px: float = 480.0
-    sigma_px: float = 1.0  # standard deviation of each image coordinate
+    f_px: Positive = 554.256
+    width_px: Positive = 640.0
+    height_px: Positive = 480.0
+    sigma_px: Positive = 1.0  # standard deviation of each image coordinate
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
 
@@ -85,8 +89,8 @@ class DelayConfig(Record, frozen=True, kw_only=True):
 class OwnshipConfig(Record, frozen=True, kw_only=True):
     """`[ownship]`"""
 
-    max_extrapolation_s: float = 0.1  # how far beyond its newest sample our own pose may be carried on
-    max_lead_s: float = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
+    max_extrapolation_s: NotNegative = 0.1  # how far beyond its newest sample our own pose may be carried on
+    max_lead_s: NotNegative = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
 
 
 class RecorderConfig(Record, frozen=True, kw_only=True):
@@ -216,6 +220,7 @@ def _convert(table: Any, kind: type[Any], at: str) -> Any:
     if not isinstance(table, dict):
         raise ConfigError(f"`{at}` must be a table, not {table!r}")
     _check_keys(table, kind, at)
+    _check_finite(table, at)
     try:
         return msgspec.convert(table, kind)
     except msgspec.ValidationError as error:
@@ -233,6 +238,19 @@ def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
             raise ConfigError(f"unknown key {path}{_among(key, tuple(fields))}")
         if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):
             _check_keys(value, fields[key], path)
+        if isinstance(value, list) and fields[key] == tuple[LinkConfig, ...]:
+            for i, item in enumerate(value):
+                if isinstance(item, dict):
+                    _check_keys(item, LinkConfig, f"{path}[{i}]")
+
+
+def _check_finite(value: Any, at: str) -> None:
+    """Raise for a number, however deep, that is not finite: TOML has nan and inf, we have no use for them."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"{at}: must be a finite number, not {value}")
+    inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in inside:
+        _check_finite(item, f"{at}[{key}]" if isinstance(value, list) else f"{at}.{key}".lstrip("."))
 
 
 def _among(key: str, names: tuple[str, ...]) -> str:

@@ -7,12 +7,15 @@ the names (see `onboard.geometry`). `t_ns` is when a thing was TRUE: as decoded,
 """
 
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
 
 Vec3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 ImagePoint = tuple[float, float]
+Positive = Annotated[float, msgspec.Meta(gt=0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0)]
 
 
 class Record(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

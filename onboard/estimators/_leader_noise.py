@@ -101,6 +101,8 @@ def overridden(noise: Noise, overrides: dict[str, float]) -> Noise:
             raise ValueError(f"unknown key process_noise.{name}; known: {', '.join(OVERRIDABLE)}")
         if not value > 0:
             raise ValueError(f"process_noise.{name} must be positive, not {value}")
+        if name == "gate_probability" and not value < 1:
+            raise ValueError(f"process_noise.{name} must be below 1, not {value}")
         noise = noise._replace(**{name: value})  # type: ignore[arg-type]  # every name above is a float's
     return noise
 

@@ -6,7 +6,7 @@ believe it; and two sets of noise settings, the paper's own and honest ones.
 """
 
 from collections import deque
-from typing import Final, Literal, NamedTuple
+from typing import Annotated, Final, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -23,6 +23,8 @@ from onboard.messages import (
     Lifecycle,
     MeasurementReport,
     Message,
+    NotNegative,
+    Positive,
     Record,
     TargetPoints,
     Verdict,
@@ -43,21 +45,23 @@ SIGMAS: Final = (1e-7, 10.0)  # focal lengths: finer or coarser than this no poi
 class Config(Record, frozen=True, kw_only=True):
     """`[estimator.leader]`. The keys carry their units."""
 
-    size_prior_m: float = 2.0  # the leader's wingspan, as far as it is known
-    size_prior_sigma_m: float | None = None  # None: 2 % of it
+    size_prior_m: Positive = 2.0  # the leader's wingspan, as far as it is known
+    size_prior_sigma_m: Positive | None = None  # None: 2 % of it
     noise: Literal["honest", "paper"] = "honest"
     leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # which changes its speed how freely
     process_noise: dict[str, float] = msgspec.field(
         default_factory=dict
     )  # overrides single settings of the chosen noise, by name
-    initialise_images: int = 3  # that must agree before a track starts (with the paper's noise: 1)
-    own_tilt_sigma_deg: float = 0.3  # how far our own roll and pitch may be steadily off, mount included
-    own_yaw_sigma_deg: float = 1.0  # the same of our yaw (honest noise only)
-    rewind_horizon_s: float = 0.5  # images older than this are rejected
-    coast_after_s: float = 0.25  # without an image: coasting
-    validity_timeout_s: float = 2.0  # without an image: lost, not valid
-    reset_timeout_s: float = 10.0  # without an image: forgotten
-    relock_after_s: float = 1.0  # with nothing but gated images: forgotten, and begun anew
+    initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = (
+        3  # that must agree before a track starts (with the paper's noise: 1)
+    )
+    own_tilt_sigma_deg: NotNegative = 0.3  # how far our own roll and pitch may be steadily off, mount included
+    own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw (honest noise only)
+    rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
+    coast_after_s: NotNegative = 0.25  # without an image: coasting
+    validity_timeout_s: NotNegative = 2.0  # without an image: lost, not valid
+    reset_timeout_s: NotNegative = 10.0  # without an image: forgotten
+    relock_after_s: NotNegative = 1.0  # with nothing but gated images: forgotten, and begun anew
 
 
 class Seen(NamedTuple):
@@ -83,6 +87,8 @@ class Estimator:
     """See `onboard.estimators.EstimatorProtocol`. All state of one track is in the fields below."""
 
     def __init__(self, config: Config, camera: Camera) -> None:
+        if not config.coast_after_s <= config.validity_timeout_s <= config.reset_timeout_s:
+            raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
         self._config = config
         self._camera = camera
         self._noise = overridden(noise_for(config.noise, config.leader_class), config.process_noise)

@@ -1,0 +1,195 @@
+"""Configuration: what is wrong with it is said in one line that says where."""
+
+from pathlib import Path
+
+import pytest
+
+from onboard.config import Config, ConfigError, load_config, source_delays_ns
+from onboard.messages import Attitude, GpsFix, LocalPosition, TargetPoints
+
+
+def load(tmp_path: Path, text: str, *overrides: str) -> Config:
+    path = tmp_path / "onboard.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_config(path, overrides)
+
+
+def refusal(tmp_path: Path, text: str, *overrides: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text, *overrides)
+    line = str(caught.value)
+    assert "\n" not in line
+    return line
+
+
+def test_no_file_is_the_defaults_with_the_leader() -> None:
+    config = load_config(None)
+    assert list(config.estimator) == ["leader"]
+    assert config.estimator["leader"].size_prior_m == 2.0
+    assert config.camera.f_px == 554.256
+
+
+def test_values_of_a_file_are_taken(tmp_path: Path) -> None:
+    config = load(
+        tmp_path,
+        """
+        [[link]]
+        name = "serial"
+        url = "serial:/dev/ttyAMA0:921600"
+        [camera]
+        mount_rpy_deg = [0, 15, 0]
+        [estimator.leader]
+        size_prior_m = 2.67
+        noise = "paper"
+        process_noise = { velocity_walk = 0.5 }
+        """,
+    )
+    assert config.link[0].name == "serial"
+    assert config.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
+    assert config.estimator["leader"].process_noise == {"velocity_walk": 0.5}
+    assert config.camera_model().R_bc[2, 0] == pytest.approx(-0.2588, abs=1e-4), "15 degrees up"
+
+
+@pytest.mark.parametrize(
+    ("text", "path", "known"),
+    [
+        ("camra = 1", "camra", ["camera", "estimator", "did you mean camera?"]),
+        ("[camera]\nf_pix = 500", "camera.f_pix", ["f_px", "sigma_px"]),
+        ("[zenoh]\nlistne = []", "zenoh.listne", ["listen", "connect"]),
+        ('[[link]]\nname = "a"\nurl = "b"\nbaud = 5', "link[0].baud", ["name", "url"]),
+        ("[estimator.leader]\nsize = 2", "estimator.leader.size", ["size_prior_m", "noise"]),
+        ("[estimator.leader.process_noise]\nwalk = 2.0", "process_noise.walk", ["velocity_walk"]),
+        ("[estimator.follower]\n", "estimator.follower", ["leader"]),
+        ("[autopilot.rates_hz]\nATITUDE = 5.0", "autopilot.rates_hz.ATITUDE", []),
+    ],
+)
+def test_an_unknown_key_is_named_with_those_known(tmp_path: Path, text: str, path: str, known: list[str]) -> None:
+    line = refusal(tmp_path, text)
+    assert path in line
+    for name in known:
+        assert name in line
+
+
+@pytest.mark.parametrize(
+    ("text", "path"),
+    [
+        ('[camera]\nf_px = "wide"', "camera.f_px"),
+        ("[camera]\nmount_rpy_deg = [0, 15]", "camera.mount_rpy_deg"),
+        ('[camera]\nmount_rpy_deg = [0, 15, "a"]', "camera.mount_rpy_deg[2]"),
+        ("camera = 5", "camera"),
+        ("estimator = 5", "estimator"),
+        ("[estimator]\nleader = 5", "estimator.leader"),
+        ("[estimator.leader]\nsize_prior_m = true", "estimator.leader.size_prior_m"),
+        ('[estimator.leader]\nnoise = "loud"', "estimator.leader.noise"),
+        ("[estimator.leader]\nprocess_noise = 3", "estimator.leader.process_noise"),
+        ("[estimator.leader]\ninitialise_images = 1.5", "estimator.leader.initialise_images"),
+        ("[zenoh]\nvehicle = 7", "zenoh.vehicle"),
+        ('[zenoh]\nmode = "broker"', "zenoh.mode"),
+        ("link = 3", "link"),
+        ('[[link]]\nname = "a"', "link[0]"),
+        ("[camera]\nf_px = 1979-05-27", "camera.f_px"),
+    ],
+)
+def test_a_value_of_the_wrong_type_is_named_by_its_path(tmp_path: Path, text: str, path: str) -> None:
+    assert refusal(tmp_path, text).startswith((path, f"`{path}`"))
+
+
+@pytest.mark.parametrize(
+    ("key", "values"),
+    [
+        ("camera.f_px", ("0", "-1", "nan", "inf")),
+        ("camera.width_px", ("0", "-640")),
+        ("camera.height_px", ("0", "nan")),
+        ("camera.sigma_px", ("0", "-1", "inf")),
+        ("camera.mount_rpy_deg", ("[0, nan, 0]", "[inf, 0, 0]")),
+        ("camera.mount_offset_m", ("[0, 0, nan]",)),
+        ("delay.local_position_s", ("nan", "inf")),
+        ("ownship.max_extrapolation_s", ("-0.1", "nan")),
+        ("ownship.max_lead_s", ("-1", "inf")),
+        ("autopilot.system", ("-1", "256")),
+        ("autopilot.component", ("-1", "256")),
+        ("autopilot.rates_hz.ATTITUDE_QUATERNION", ("0", "-5", "nan", "inf")),
+        ("estimator.leader.size_prior_m", ("0", "-2", "nan", "inf")),
+        ("estimator.leader.size_prior_sigma_m", ("0", "-1", "nan")),
+        ("estimator.leader.initialise_images", ("0", "-1", "1000")),
+        ("estimator.leader.own_yaw_sigma_deg", ("-1", "nan")),
+        ("estimator.leader.rewind_horizon_s", ("-1", "nan", "inf")),
+        ("estimator.leader.coast_after_s", ("-1", "3.0")),
+        ("estimator.leader.validity_timeout_s", ("-1", "0.1", "11.0", "nan")),
+        ("estimator.leader.reset_timeout_s", ("1.0", "inf")),
+        ("estimator.leader.relock_after_s", ("-1", "nan")),
+        ("estimator.leader.process_noise.velocity_walk", ("0", "-1", "nan", "inf")),
+        ("estimator.leader.process_noise.gate_probability", ("1.0", "1.5", "0", "nan")),
+    ],
+)
+def test_numbers_that_make_no_sense_are_refused(tmp_path: Path, key: str, values: tuple[str, ...]) -> None:
+    for value in values:
+        line = refusal(tmp_path, "[estimator.leader]\n", f"{key}={value}")
+        assert key.rsplit(".", 1)[-1] in line, line
+        assert key.split(".", 1)[0] in line, line
+
+
+def test_set_reads_values_as_toml() -> None:
+    config = load_config(
+        None,
+        (
+            "camera.f_px=600",
+            "camera.mount_rpy_deg=[0, 15, 0]",
+            "camera.name=nose",
+            'zenoh.vehicle="7"',
+            "zenoh.enabled=false",
+            "estimator.leader.process_noise.velocity_walk=0.5",
+            "recorder.path=flights/a=b.mcap",
+            " autopilot.system = 3 ",
+        ),
+    )
+    assert config.camera.f_px == 600.0
+    assert config.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
+    assert config.camera.name == "nose"
+    assert config.zenoh.vehicle == "7"
+    assert config.zenoh.enabled is False
+    assert config.estimator["leader"].process_noise == {"velocity_walk": 0.5}
+    assert config.recorder.path == "flights/a=b.mcap"
+    assert config.autopilot.system == 3
+
+
+def test_set_goes_over_the_file_and_the_last_wins(tmp_path: Path) -> None:
+    text = "[camera]\nf_px = 500\nsigma_px = 2.0\n"
+    config = load(tmp_path, text, "camera.f_px=600", "camera.f_px=700")
+    assert (config.camera.f_px, config.camera.sigma_px) == (700.0, 2.0)
+
+
+@pytest.mark.parametrize("override", ["", "=", "=5", "camera.f_px", "camera..f_px=5", "camera.=5", ".=5"])
+def test_a_bad_set_is_refused(override: str) -> None:
+    with pytest.raises(ConfigError):
+        load_config(None, (override,))
+
+
+def test_set_cannot_reach_into_a_value(tmp_path: Path) -> None:
+    line = refusal(tmp_path, "[camera]\nf_px = 500\n", "camera.f_px.wide=5")
+    assert "f_px" in line
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"nowhere\.toml"):
+        load_config(tmp_path / "nowhere.toml")
+    with pytest.raises(ConfigError, match="cannot read"):
+        load_config(tmp_path)
+
+
+@pytest.mark.parametrize("data", [b"camera = [", b"\xff\xfe\x00", b"a b c"])
+def test_what_is_no_toml_is_said(tmp_path: Path, data: bytes) -> None:
+    path = tmp_path / "onboard.toml"
+    path.write_bytes(data)
+    with pytest.raises(ConfigError, match="is not TOML"):
+        load_config(path)
+
+
+def test_delays_are_those_of_the_autopilot_unless_configured() -> None:
+    delay = load_config(None).delay
+    ardupilot, px4 = source_delays_ns(delay, 3), source_delays_ns(delay, 12)
+    assert (ardupilot[LocalPosition], ardupilot[GpsFix], ardupilot[Attitude]) == (22_500_000, 95_000_000, 0)
+    assert set(px4.values()) == {0}
+    mine = load_config(None, ("delay.local_position_s=0.0", "delay.camera_s=0.04")).delay
+    assert source_delays_ns(mine, 3)[LocalPosition] == 0
+    assert source_delays_ns(mine, 3)[TargetPoints] == 40_000_000
