@@ -8,6 +8,8 @@ from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from typing import Final
 
+from msgspec.structs import replace
+
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
 from onboard.estimators import EstimatorProtocol, load
@@ -34,6 +36,9 @@ MAV_AUTOPILOT_INVALID: Final = 8
 AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
 RATE_WINDOW_NS: Final = 2_000_000_000
 MOST_WAITING: Final = 256
+SILENT_NS: Final = (
+    1_000_000_000  # own motion this long unheard of, by arrival: time stands still, and no estimate holds
+)
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 
 
@@ -59,6 +64,7 @@ class Pipeline:
         self._streams: dict[str, deque[int]] = {}
         self._counts: Counter[str] = Counter()
         self._first_recv_ns: int | None = None
+        self._own_recv_ns = 0
 
     def feed(self, datagram: Datagram) -> list[Output]:
         """What one datagram makes known: estimates and own poses, in order."""
@@ -128,6 +134,7 @@ class Pipeline:
             return []
         if not self.ownship.receive(message, stamp_ns):
             return self._observe(message)
+        self._own_recv_ns = message.t_recv_ns
         outputs: list[Output] = []
         own = self.ownship.own_pose(self.ownship.now_ns)
         if own is not None:
@@ -139,7 +146,10 @@ class Pipeline:
         return outputs + self._noted(e.tick(self.ownship) for e in self.estimators.values())
 
     def _observe(self, message: Message) -> list[Output]:
-        return self._noted(e.observe(message, self.ownship) for e in self.estimators.values())
+        estimates: Iterable[Estimate | None] = (e.observe(message, self.ownship) for e in self.estimators.values())
+        if message.t_recv_ns - self._own_recv_ns > SILENT_NS:
+            estimates = (e and replace(e, valid=False, reason="our own motion is not known") for e in estimates)
+        return self._noted(estimates)
 
     def _must_wait(self, image: TargetPoints) -> bool:
         """Whether an image is of a moment our own motion is not known at yet, but may soon be. A camera's clock
