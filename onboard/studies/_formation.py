@@ -119,7 +119,7 @@ def _images_by_sample(flight: Flight, camera: Camera) -> list[int]:
     """For each navigation sample the index of the image registered at that time, or -1."""
     if any(camera.mount_rpy_deg) or any(camera.mount_offset):
         raise ValueError("the study's camera sits in the follower's centre and looks straight ahead")
-    at = np.searchsorted(flight.nav_t, flight.image_t - 1e-6)
+    at = np.searchsorted(flight.nav_t[:-1], flight.image_t - 1e-6)
     if not np.allclose(flight.nav_t[at], flight.image_t, rtol=0, atol=1e-6):
         raise ValueError("images must be exposed at navigation samples")
     image_of = np.full(len(flight.nav_t), -1)

@@ -158,7 +158,8 @@ def _rms(values: Sequence[float]) -> Quantity:
     if not x.size:
         return Quantity(value=None, standard_error=None)
     value = float(np.sqrt(np.mean(x * x)))
-    return Quantity(value=value, standard_error=_standard_error(x * x, 2.0 * value))
+    # d sqrt(s) = ds / (2 sqrt(s))
+    return Quantity(value=value, standard_error=_standard_error(x * x, 2.0 * value) if value > 0 else 0.0)
 
 
 def _mean(values: Sequence[float]) -> Quantity:
