@@ -5,11 +5,14 @@ Each command imports what it needs when it runs, so that `--help` is quick and a
 
 import argparse
 import asyncio
+import math
+import os
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final, NoReturn
+from typing import Any, Final, NoReturn
 
 from onboard import __version__
 from onboard.errors import UserError
@@ -25,6 +28,45 @@ examples:
   onboard replay flight.tlog --out estimates.csv --truth truth.csv.gz --set camera.mount_rpy_deg=[0,15,0]
   onboard view                                   watch a daemon that runs on this computer
   onboard study relative-motion                  the paper's filter against ours, with its figures
+"""
+RUN: Final = """\
+examples:
+  onboard run                            a simulated flight: simlink run formation --wait 15
+  onboard run configs/companion.toml     fly
+  onboard run --set recorder.path=flight.mcap --set zenoh.vehicle=uav-2
+
+Ctrl-C or SIGTERM stops it. Watch it with: onboard view
+"""
+DEMO: Final = """\
+examples:
+  onboard demo
+  onboard demo --headless --duration 60 --seed 1 --json score.json
+  onboard demo --scenario formation-out-of-view --set estimator.leader.noise=paper
+
+DIR gets the view (.rrd), the configuration used (.toml) and what both programs said (.log).
+Exit code 1: the estimate diverged.
+"""
+REPLAY: Final = """\
+examples:
+  onboard replay flight.tlog --out estimates.csv --set camera.mount_rpy_deg=[0,15,0]
+  onboard replay flight.mcap --config companion.toml --rrd flight.rrd
+  simlink log formation --out f.tlog --truth f.csv && simlink config formation > f.toml &&
+      onboard replay f.tlog --config f.toml --truth f.csv
+"""
+VIEW: Final = """\
+examples:
+  onboard view                                            of a daemon on this computer
+  onboard view --connect tcp/192.168.1.20:7447 --rrd flight.rrd
+  onboard view out/formation-1.rrd
+  onboard view out/formation-1.rrd --png view.png --at 60
+"""
+STUDY: Final = """\
+example:
+  onboard study relative-motion --seeds 10                writes report, numbers and figures to out/studies
+"""
+SCHEMA: Final = """\
+example:
+  onboard schema --json > schema.json
 """
 SET_HELP: Final = "put one configuration key over the file's, as camera.f_px=600 (repeatable)"
 
@@ -47,8 +89,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return USER_ERROR
     except KeyboardInterrupt:
         return 130
-    except BrokenPipeError:
-        return 0  # the reader of our output has gone
+    except BrokenPipeError:  # the reader of our output has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes
+        return 0
 
 
 def _run(a: argparse.Namespace) -> int:
@@ -64,6 +107,7 @@ def _run(a: argparse.Namespace) -> int:
 def _demo(a: argparse.Namespace) -> int:
     from onboard.reporting import demo  # noqa: PLC0415
 
+    _end_as_if_interrupted()
     return demo(
         scenario=a.scenario,
         seed=a.seed,
@@ -86,6 +130,7 @@ def _replay(a: argparse.Namespace) -> int:
 def _view(a: argparse.Namespace) -> int:
     from onboard.watching import open_recording, watch  # noqa: PLC0415
 
+    _end_as_if_interrupted()
     if a.recording is not None:
         return open_recording(a.recording, png=a.png, at=a.at)
     return watch(a.connect, a.vehicle, rrd=a.rrd, overrides=tuple(a.set), say=_say)
@@ -109,6 +154,12 @@ def _schema(a: argparse.Namespace) -> int:
     return 0
 
 
+def _end_as_if_interrupted() -> None:
+    """Let SIGTERM and a closed terminal stop what we have started, as Ctrl-C does."""
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.default_int_handler)
+
+
 def _say(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
@@ -126,12 +177,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"wingline {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=_Parser)
 
-    run = commands.add_parser("run", help="run the daemon")
+    run = commands.add_parser("run", help="run the daemon", **_explained(RUN))
     run.add_argument("config", nargs="?", type=Path, help="TOML file (none: simlink's ports on this computer)")
     _add_set(run)
     run.set_defaults(command=_run)
 
-    demo = commands.add_parser("demo", help="simulator, daemon and view together, and a scorecard")
+    demo = commands.add_parser(
+        "demo", help="simulator, daemon and view together, and a scorecard", **_explained(DEMO)
+    )
     demo.add_argument("--scenario", default="formation", help="see `simlink list` (default: %(default)s)")
     demo.add_argument("--seed", type=_count, default=1, metavar="N", help="(default: %(default)s)")
     demo.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="s (default: %(default)s)")
@@ -141,8 +194,10 @@ def _parser() -> argparse.ArgumentParser:
     _add_set(demo)
     demo.set_defaults(command=_demo)
 
-    replay = commands.add_parser("replay", help="a recorded flight through the same pipeline")
-    replay.add_argument("log", type=Path, help=".tlog, or .mcap recorded by `onboard run`")
+    replay = commands.add_parser(
+        "replay", help="a recorded flight through the same pipeline", **_explained(REPLAY)
+    )
+    replay.add_argument("log", type=Path, help=".tlog, PX4 .ulg, or .mcap recorded by `onboard run`")
     replay.add_argument("--out", type=Path, metavar="FILE.csv", help="one row per estimate; columns carry units")
     replay.add_argument("--config", type=Path, metavar="C", help="TOML file")
     replay.add_argument("--truth", type=Path, metavar="FILE.csv[.gz]", help="score against it")
@@ -151,7 +206,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_set(replay)
     replay.set_defaults(command=_replay)
 
-    view = commands.add_parser("view", help="watch a running daemon, or open a recorded view")
+    view = commands.add_parser("view", help="watch a running daemon, or open a recorded view", **_explained(VIEW))
     view.add_argument("recording", nargs="?", type=Path, help=".rrd to open instead of a running daemon")
     view.add_argument("--png", type=Path, help="with a recording: draw it to a picture, without a screen")
     view.add_argument("--at", type=_seconds, metavar="S", help="with --png: the time shown, s since boot")
@@ -161,19 +216,24 @@ def _parser() -> argparse.ArgumentParser:
     _add_set(view)
     view.set_defaults(command=_view)
 
-    study = commands.add_parser("study", help="a paper's claims, measured")
+    study = commands.add_parser("study", help="a paper's claims, measured", **_explained(STUDY))
     study.add_argument("name", help="relative-motion")
-    study.add_argument("--seeds", type=_count, default=50, metavar="N", help="(default: %(default)s)")
+    study.add_argument("--seeds", type=_positive, default=50, metavar="N", help="(default: %(default)s)")
     study.add_argument(
         "--out", type=Path, default=Path("out/studies"), metavar="DIR", help="(default: %(default)s)"
     )
     study.add_argument("--json", type=Path, metavar="FILE", help="write the numbers here as well")
     study.set_defaults(command=_study)
 
-    schema = commands.add_parser("schema", help="what is published: keys, records, types")
+    schema = commands.add_parser("schema", help="what is published: keys, records, types", **_explained(SCHEMA))
     schema.add_argument("--json", action="store_true", help="as JSON Schema")
     schema.set_defaults(command=_schema)
     return parser
+
+
+def _explained(text: str) -> dict[str, Any]:
+    """Arguments of a parser whose help ends with `text` as it stands."""
+    return {"epilog": text, "formatter_class": argparse.RawDescriptionHelpFormatter}
 
 
 def _add_set(parser: argparse.ArgumentParser) -> None:
@@ -181,14 +241,22 @@ def _add_set(parser: argparse.ArgumentParser) -> None:
 
 
 def _count(text: str) -> int:
-    number = int(text)
-    if number < 0:
-        raise argparse.ArgumentTypeError("must not be negative")
-    return number
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"must be a whole number not below zero, not {text!r}")
+    return int(text)
+
+
+def _positive(text: str) -> int:
+    if _count(text) == 0:
+        raise argparse.ArgumentTypeError("must be at least 1")
+    return int(text)
 
 
 def _seconds(text: str) -> float:
-    number = float(text)
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
     if not 0 < number < 1e7:
-        raise argparse.ArgumentTypeError("must be a positive number of seconds")
+        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, not {text!r}")
     return number

@@ -45,6 +45,7 @@ class Daemon:
         self._frames: Counter[str] = Counter()
         self._rates: dict[str, float] = {}
         self._heard_ns = 0
+        self._troubles: dict[str, str] = {}  # of sinks, as told last
 
     async def run(self) -> None:
         """Fly until SIGINT or SIGTERM.
@@ -74,6 +75,7 @@ class Daemon:
             self._say(f"zenoh: {config.zenoh.mode} at {', '.join(config.zenoh.listen)}, {config.zenoh.prefix}/**")
         if config.recorder.path is not None:
             recorder = recording.Recorder(Path(config.recorder.path))
+            recorder.check()
             self._sinks["recorder"] = SinkRunner("recorder", recorder, recording.CAPACITY)
             self._say(f"recording to {config.recorder.path}")
         for link in self._links:
@@ -128,6 +130,7 @@ class Daemon:
             if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_EVERY_NS:
                 self._next_health_ns = now_ns + HEALTH_EVERY_NS
                 self._measure_rates()
+                self._tell_troubles()
                 self._publish(self._health(now_ns))
             await asyncio.sleep(TICK_S)
 
@@ -142,6 +145,14 @@ class Daemon:
     def _is_healthy(self, now_ns: int) -> bool:
         """Whether the autopilot is heard and every estimator's last word was no loss of its target."""
         return now_ns - self._heard_ns < SILENT_NS and Lifecycle.LOST not in self._states.values()
+
+    def _tell_troubles(self) -> None:
+        """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""
+        troubles = {name: sink.health().error for name, sink in self._sinks.items()}
+        for name, error in troubles.items():
+            if error != self._troubles.get(name, ""):
+                self._say(f"{name}: {error or 'works again'}")
+        self._troubles = troubles
 
     def _measure_rates(self) -> None:
         """Frames a second by MAVLink name, over the last health interval."""

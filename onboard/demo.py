@@ -25,7 +25,6 @@ from onboard.sinks import SinkError
 if TYPE_CHECKING:
     from onboard.view.view import View
 
-LEADER_SIZE_M: Final = 2.667  # the nominal wingspan in all of simlink's formation scenarios
 START_TIMEOUT_S: Final = 20.0
 STOP_TIMEOUT_S: Final = 5.0
 WAIT_FOR_DAEMON_S: Final = 15
@@ -78,27 +77,23 @@ def run_demo(
     view: "Callable[[Config], View | None]",
     progress: Callable[[float, Estimate | None], None],
 ) -> Report:
-    """Fly `scenario` for `duration` seconds. `progress` is told the seconds flown and the newest estimate.
+    """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `progress` is told the seconds
+    flown and the newest estimate.
 
     Raises DemoError, and ConfigError for bad overrides.
     """
-    directory.mkdir(parents=True, exist_ok=True)
+    name = flight_name(scenario, seed)
+    described = directory / f"{name}.toml"
+    described.write_bytes(_described(scenario))
     autopilot_port, camera_port, zenoh_port = _free_ports()
-    settings = (
-        f"estimator.leader.size_prior_m={LEADER_SIZE_M}",
-        "estimator.leader.leader_class=fixed_wing",
-        "estimator.leader.own_tilt_sigma_deg=0.0",  # simlink's formation knows its own attitude exactly
-        "estimator.leader.own_yaw_sigma_deg=0.0",
-        f"zenoh.listen=['tcp/127.0.0.1:{zenoh_port}']",
-        *overrides,
-    )
-    config = load_config(None, settings)
+    settings = (*overrides, f"zenoh.listen=['tcp/127.0.0.1:{zenoh_port}']")
+    config = load_config(described, settings)
     links = (
         f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot_port}'}}, "
         f"{{name='camera', url='udpin:127.0.0.1:{camera_port}', autopilot=false}}]"
     )
     endpoint = f"tcp/127.0.0.1:{zenoh_port}"
-    daemon_command = ["onboard", "run", *(a for s in (*settings, links) for a in ("--set", s))]
+    daemon_command = ["onboard", "run", str(described), *(a for s in (*settings, links) for a in ("--set", s))]
     simlink_command = [
         *("simlink", "run", scenario, "--seed", str(seed), "--duration", str(duration)),
         *(
@@ -119,15 +114,33 @@ def run_demo(
         ),
     ]
     with contextlib.ExitStack() as stack:
-        daemon = stack.enter_context(_process(daemon_command, directory / "daemon.log"))
+        daemon = stack.enter_context(_process(daemon_command, directory / f"{name}.daemon.log"))
         client = _connect(endpoint, config.zenoh.vehicle, daemon)
         stack.callback(client.close)
         shown = view(config)
         if shown is not None:
             stack.callback(shown.close)
-        simlink = stack.enter_context(_process(simlink_command, directory / "simlink.log"))
+        simlink = stack.enter_context(_process(simlink_command, directory / f"{name}.simlink.log"))
         flight = _watch(client, shown, (daemon, simlink), progress)
     return _report(flight, scenario, seed, duration)
+
+
+def flight_name(scenario: str, seed: int) -> str:
+    """What the files of a demo are called, less the suffix. `scenario` may be the path of a .toml file."""
+    return f"{Path(scenario).name.removesuffix('.toml')}-{seed}"
+
+
+def _described(scenario: str) -> bytes:
+    """The configuration that fits a scenario, as the simulator gives it: camera, and the leader's wingspan.
+
+    Raises DemoError when there is no such scenario.
+    """
+    command = [sys.executable, "-m", "simlink", "config", scenario]
+    done = subprocess.run(command, capture_output=True, check=False)  # noqa: S603 - our own program
+    if done.returncode != 0:
+        words = done.stderr.decode(errors="replace").strip().splitlines()
+        raise DemoError(words[-1].removeprefix("simlink: ") if words else "the simulator does not start")
+    return done.stdout
 
 
 def _watch(

@@ -74,6 +74,15 @@ def replay(
     return Replayed(estimates, pipeline.health(last), count, damaged, (last - first) * 1e-9)
 
 
+def check_log(log: Path) -> None:
+    """Raise ReplayError for what is no log, before anything is written for it."""
+    try:
+        for _ in itertools.islice(read_log(log), 0 if log.suffix == ".ulg" else 1):  # a ULog is parsed as a whole
+            pass
+    except (NotALogError, OSError) as error:
+        raise ReplayError(f"{log}: {error}") from error
+
+
 def read_log(log: Path) -> Iterator[tuple[Datagram | Message | None, int]]:
     """What a log holds, with the bytes read so far: the datagrams of a .tlog or a recording of ours, the messages
     of a ULog; None for damage.

@@ -16,10 +16,10 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from onboard import studies
 from onboard.config import Config
-from onboard.demo import Report, run_demo
+from onboard.demo import Report, flight_name, run_demo
 from onboard.errors import UserError
 from onboard.messages import Estimate
-from onboard.replay import CsvWriter, Replayed, replay
+from onboard.replay import CsvWriter, Replayed, check_log, replay
 from onboard.scorecard import print_health, print_score
 from onboard.scoring import Score, reference_from_csv, score
 
@@ -39,7 +39,9 @@ def demo(
 ) -> int:
     """`onboard demo`: fly, show, judge. 0 unless the estimate diverged."""
     console = Console(stderr=True)
-    rrd = directory / f"{scenario}-{seed}.rrd"
+    _make_folder(directory)
+    _check_targets(json_file)
+    rrd = directory / f"{flight_name(scenario, seed)}.rrd"
 
     def view(config: Config) -> "View":
         from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
@@ -97,6 +99,8 @@ def replay_log(
 ) -> int:
     """`onboard replay`: a log through the pipeline; rows to `out`, the view to `rrd`, a summary to the screen."""
     reference = reference_from_csv(truth) if truth is not None else None
+    check_log(log)
+    _check_targets(out, json_file, rrd, inputs=(log, truth))
     with ExitStack() as stack:
         takers: list[Callable[[Any], None]] = []
         if rrd is not None:
@@ -140,6 +144,8 @@ def study(name: str, *, seeds: int, out: Path, json_file: Path | None) -> int:
         raise UserError(f"no study named {name!r}; there are: {names}")
     module = import_module(f"{studies.__name__}.{name.replace('-', '_')}")
     folder = out / name
+    _make_folder(folder)
+    _check_targets(json_file)
     with _progress(Console(stderr=True)) as bar:
         task = bar.add_task(module.TITLE, total=None)
         result = module.run(
@@ -172,6 +178,29 @@ def _print_replay(log: Path, replayed: Replayed, result: Score, out: Path | None
 def _each(takers: list[Callable[[Any], None]], record: Any) -> None:
     for take in takers:
         take(record)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot make the folder {folder}: {error.strerror}") from error
+
+
+def _check_targets(*targets: Path | None, inputs: tuple[Path | None, ...] = ()) -> None:
+    """Raise UserError now for files that could not be written after a minute's work, or that are being read."""
+    read = {path.resolve() for path in inputs if path is not None}
+    for path in targets:
+        if path is None:
+            continue
+        if path.resolve() in read:
+            raise UserError(f"cannot write {path}: it is what is read")
+        if path.is_dir():
+            raise UserError(f"cannot write {path}: it is a folder")
+        if not path.parent.is_dir():
+            raise UserError(f"cannot write {path}: there is no folder {path.parent}")
+        if not os.access(path if path.exists() else path.parent, os.W_OK):
+            raise UserError(f"cannot write {path}: permission denied")
 
 
 def _write_json(path: Path, numbers: dict[str, Any]) -> None:

@@ -94,8 +94,12 @@ def reference_from_csv(path: Path) -> Reference:
         raise TruthError(f"cannot read {path}: {error.strerror or error}") from error
     except (KeyError, TypeError, ValueError, EOFError) as error:
         raise TruthError(f"{path} is no truth table: {error}") from error
-    if not names or not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0).any():
-        raise TruthError(f"{path} is no truth table: it needs rising time_boot_s and columns such as r_north_m")
+    if (
+        not set(list(COLUMNS)[:7]) <= set(names)
+        or not np.isfinite(table).all()
+        or (np.diff(table[:, 0]) <= 0).any()
+    ):
+        raise TruthError(f"{path} is no truth table: it needs rising time_boot_s, r_, v_ and size_m")
     return Reference(table[:, 0], tuple(COLUMNS[c] for c in names), table[:, 1:])
 
 

@@ -3,12 +3,15 @@
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 from onboard.client import Client
 from onboard.config import load_config
 from onboard.errors import UserError
 from onboard.view.view import View
 from onboard.view.viewer import has_display, screenshot, viewer_path
+
+MAGIC: Final = b"RRF"
 
 
 def watch(
@@ -35,6 +38,9 @@ def open_recording(recording: Path, *, png: Path | None, at: float | None) -> in
     """Open an .rrd in the packaged viewer, or draw it to a picture."""
     if not recording.is_file():
         raise UserError(f"no such recording: {recording}")
+    with recording.open("rb") as file:
+        if not file.read(3).startswith(MAGIC):
+            raise UserError(f"{recording} is no recording of the view (.rrd)")
     if png is not None:
         screenshot(recording, png, at=at)
         return 0

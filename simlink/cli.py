@@ -1,4 +1,4 @@
-"""The command line: `simlink list`, `simlink run`, `simlink log`."""
+"""The command line: `simlink list`, `simlink config`, `simlink run`, `simlink log`."""
 
 import argparse
 import asyncio
@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from simlink.describe import daemon_config
 from simlink.links import LinkError
 from simlink.log import write_log
 from simlink.scenario import Scenario, ScenarioError, load_scenario, scenario_names
@@ -65,6 +66,11 @@ def _list(_: argparse.Namespace) -> int:
     width = max(len(s.name) for s in scenarios)
     for s in scenarios:
         print(f"{s.name:{width}}  {s.duration:4g} s  {s.description}")
+    return 0
+
+
+def _config(a: argparse.Namespace) -> int:
+    print(daemon_config(load_scenario(a.scenario)))
     return 0
 
 
@@ -160,6 +166,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(required=True, metavar="COMMAND")
     listing = commands.add_parser("list", help="the scenarios that come with simlink")
     listing.set_defaults(command=_list)
+    config = commands.add_parser("config", help="the configuration that a daemon needs for a scenario")
+    config.add_argument("scenario", metavar="SCENARIO", help="a name from `simlink list`, or a .toml file")
+    config.set_defaults(command=_config)
     _add_run(
         commands.add_parser(
             "run",
