@@ -22,6 +22,7 @@ SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of mic
 JUMP_NS: Final = 1_000_000_000
 CONTINUES_NS: Final = 5_000_000_000
 CONFIRM: Final = 5
+CONFIRM_TAGGED: Final = 3
 WINDOW_NS: Final = 10_000_000_000
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
 OUR_TAG: Final = 191  # the last three digits of the ts1 in our own TIMESYNC requests
@@ -44,6 +45,7 @@ class Clocks:
         self._last_arrival = 0
         self._base = 0  # host - boot as it was at the last message: coarse, for continuity only
         self._odd: list[int] = []  # offsets of the last stamps that did not fit
+        self._tagged: list[int] = []  # arrivals of the last replies that bear our tag
         self._own_replies = False
         self._fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), a window's running minimum
         self._synced: list[tuple[int, int, int]] = []  # (round trip, t_recv, host - boot)
@@ -80,17 +82,24 @@ class Clocks:
 
     def receive_reply(self, message: TimeSync) -> None:
         """Learn from a TIMESYNC reply. Those to others' requests, which autopilots forward, are told by the tag
-        in our own ts1; where a log holds no tagged one, any reply that could be the recorder's is used."""
+        in our own ts1; where a log holds none of ours, any reply that could be the recorder's is used (one in a
+        thousand of those bears our tag by chance, so a few must come to count)."""
         if message.tc1_ns == 0:
             return  # somebody's request
         round_trip = message.t_recv_ns - message.ts1_ns
         ours = message.ts1_ns % 1000 == OUR_TAG
-        if not 0 <= round_trip <= LONGEST_ROUND_TRIP_NS or (self._own_replies and not ours):
+        if not 0 <= round_trip <= LONGEST_ROUND_TRIP_NS:
             self.rejected["timesync_not_ours"] += 1
             return
-        if ours and not self._own_replies:
-            self._own_replies = True
-            self._synced.clear()
+        if ours:
+            self._tagged = [*self._tagged, message.t_recv_ns][-CONFIRM_TAGGED:]
+        ask = len(self._tagged) == CONFIRM_TAGGED and message.t_recv_ns - self._tagged[0] < WINDOW_NS
+        if ask and not ours:
+            self.rejected["timesync_not_ours"] += 1
+            return
+        if ask and not self._own_replies:
+            self._synced = [s for s in self._synced if s[1] in self._tagged]
+        self._own_replies = ask
         offset = (message.ts1_ns + message.t_recv_ns) // 2 - message.tc1_ns
         self._synced = [s for s in self._synced if message.t_recv_ns - s[1] < WINDOW_NS]
         self._synced.append((round_trip, message.t_recv_ns, offset))

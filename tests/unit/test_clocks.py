@@ -106,19 +106,41 @@ def test_requests_are_no_replies() -> None:
 def test_replies_to_others_do_not_count_once_ours_come() -> None:
     clocks = Clocks()
     run(clocks, 5, 1)
-    clocks.receive_reply(reply(6 * S, 1 * MS, 1 * MS))
+    for i in range(3):
+        clocks.receive_reply(reply((6 + i) * S, 1 * MS, 1 * MS))
     ours = clocks.offset_ns
-    clocks.receive_reply(reply(6 * S, 50_000, 50_000, tag=7, host_ns=EPOCH + 100 * MS))
+    clocks.receive_reply(reply(9 * S, 50_000, 50_000, tag=7, host_ns=EPOCH + 100 * MS))
     assert clocks.offset_ns == ours
     assert clocks.rejected["timesync_not_ours"] == 1
 
 
-def test_untagged_replies_serve_a_log_until_a_tagged_one_comes() -> None:
+def test_a_reply_that_bears_our_tag_by_chance_does_not_silence_the_others_in_a_log() -> None:
+    """One in a thousand does; the recorded formation flight holds two."""
+    clocks = Clocks()
+    for i in range(600):
+        run(clocks, 5 + 0.2 * i, 0.2)
+        clocks.receive_reply(reply(round((5.2 + 0.2 * i) * S), MS, MS, tag=OUR_TAG if i in (20, 300) else i % 100))
+    assert clocks.source == "timesync"
+    assert len(clocks._synced) > 40
+    assert not clocks.rejected
+
+
+def test_when_ours_stop_the_others_serve_again() -> None:
+    clocks = Clocks()
+    for i in range(60):
+        run(clocks, 5 + i, 1)
+        clocks.receive_reply(reply((6 + i) * S, MS, MS, tag=OUR_TAG if i < 10 else 7))
+    assert clocks.source == "timesync"
+    assert 5 <= clocks.rejected["timesync_not_ours"] <= 10
+
+
+def test_untagged_replies_serve_a_log_until_tagged_ones_come() -> None:
     clocks = Clocks()
     run(clocks, 5, 1)
     clocks.receive_reply(reply(6 * S, MS, MS, tag=0, host_ns=EPOCH + 10 * MS))
     assert clocks.offset_ns == pytest.approx(EPOCH + 10 * MS, abs=1000)
-    clocks.receive_reply(reply(6 * S, 5 * MS, 5 * MS))
+    for i in range(3):
+        clocks.receive_reply(reply((6 + i) * S, 5 * MS, 5 * MS))
     assert clocks.offset_ns == pytest.approx(EPOCH, abs=1000)
 
 
