@@ -10,7 +10,7 @@ from bisect import bisect_right
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from onboard.filters.unscented import Belief
+from onboard.filters.belief import Belief
 from onboard.ownship import Ownship
 
 Advance = Callable[[Belief, int, int, Ownship], Belief]
@@ -22,7 +22,7 @@ class Node(NamedTuple):
 
     t_ns: int
     belief: Belief
-    measurement: Any | None
+    measurement: Any
     final: bool
     outcome: Any | None = None  # what `fuse` last said of the measurement
 

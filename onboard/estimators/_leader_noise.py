@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.filters import unscented
-from onboard.filters.unscented import Belief
+from onboard.filters.belief import Belief
 from onboard.geometry.rotations import Array
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE, R

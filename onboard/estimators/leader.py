@@ -14,8 +14,8 @@ import numpy as np
 from onboard.estimators._history import History
 from onboard.estimators._leader_noise import initial_belief, noise_for, overridden, process_noise
 from onboard.filters import unscented
+from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update
 from onboard.filters.gating import chi_square_threshold
-from onboard.filters.unscented import Belief, NotPositiveDefiniteError, Update
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import Array
 from onboard.messages import (
@@ -270,7 +270,7 @@ class Estimator:
             lambda rows: camera_angles.measure(rows, seen.R_cn, seen.r_FC_n),
             seen.R,
             WEIGHTS,
-            camera_angles.subtract,
+            camera_angles.ANGULAR,
             (relative_motion.SIZE,) if self._noise.consider_size else (),
         )
         fused = self._gate is None or update.nis <= self._gate

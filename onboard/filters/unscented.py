@@ -1,60 +1,58 @@
 """The unscented Kalman filter, generic over models: Oh & Johnson eqs 19-42 (after Julier, and van der Merwe).
 
-A model is a function over rows of states, so the filter never loops over sigma points:
+    points = spread(belief)            # (2n+1, n)
+    points = process(points)           # (2n+1, n) -> (2n+1, n): the model, any function over rows
+    belief = gather(points) + Q
 
-    points = sigma_points(belief, weights)     # (2n+1, n)
-    points = process(points)                   # (2n+1, n) -> (2n+1, n)
-    belief = recombine(points, weights, Q)
+Arrays are float64 or float32, all alike. With a leading batch axis B on mean and covariance (and on y), B filters
+advance in one call; the model then gets the rows of all of them, (B (2n+1), n), each filter's together.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from onboard.filters import _kernels
+from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Rows, Update, refuse
 from onboard.geometry.rotations import Array
 
 
-class Belief(NamedTuple):
-    """What a filter believes: mean (n,) and covariance (n, n)."""
-
-    mean: Array
-    covariance: Array
-
-
 class Weights(NamedTuple):
-    """Sigma-point weights: `spread` is gamma, the distance in standard deviations; `mean` and `covariance`
-    (2n+1,), the centre first."""
+    """A symmetric sigma-point set: `spread` is gamma, the distance in standard deviations; the centre's weight in
+    the mean and in the covariance; and the weight of each of the 2n others."""
 
     spread: float
-    mean: Array
-    covariance: Array
+    mean: float
+    covariance: float
+    other: float
 
 
-class Update(NamedTuple):
-    """A measurement update: the posterior, the innovation (m,), its covariance (m, m), the predicted
-    measurement (m,) and the normalised innovation squared."""
-
-    belief: Belief
-    innovation: Array
-    innovation_covariance: Array
-    predicted: Array
-    nis: float
-
-
-class NotPositiveDefiniteError(ValueError):
-    """A covariance has no Cholesky factor, so the step cannot be made; the belief passed in is untouched."""
-
-
-@lru_cache(maxsize=32)
 def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
-    """Weights with n + lambda given (eqs 23-25): 3 matches the fourth moment of a Gaussian; for n > 3 the
-    centre weight is then negative."""
-    w = np.full(2 * n + 1, 0.5 / n_plus_lambda)
-    w[0] = 1.0 - n / n_plus_lambda
-    w.flags.writeable = False  # cached, so shared
-    return Weights(float(np.sqrt(n_plus_lambda)), w, w)
+    """Weights with n + lambda given (eqs 23-25): 3 matches the fourth moment of a Gaussian; for n > 3 the centre
+    weight is then negative."""
+    if not n_plus_lambda > 0:
+        raise FilterError("n_plus_lambda: must be positive")
+    centre = 1.0 - n / n_plus_lambda
+    return Weights(float(np.sqrt(n_plus_lambda)), centre, centre, 0.5 / n_plus_lambda)
+
+
+def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float = 0.0) -> Weights:
+    """Van der Merwe's scaled weights: lambda = alpha^2 (n + kappa) - n; beta = 2 suits a Gaussian."""
+    if not (alpha > 0 and n + kappa > 0):
+        raise FilterError("alpha and n + kappa: must be positive")
+    total = alpha * alpha * (n + kappa)
+    centre = 1.0 - n / total
+    return Weights(float(np.sqrt(total)), centre, centre + 1.0 - alpha * alpha + beta, 0.5 / total)
+
+
+@lru_cache(maxsize=256)
+def flags(chosen: tuple[int, ...], size: int) -> Any:
+    """A mask (size,) with the chosen components set."""
+    mask = np.zeros(size, bool)
+    mask[list(chosen)] = True
+    mask.flags.writeable = False  # cached, so shared
+    return mask
 
 
 def factor(covariance: Array) -> Array:
@@ -62,74 +60,118 @@ def factor(covariance: Array) -> Array:
 
     Raises NotPositiveDefiniteError, for NaN and infinity too (LAPACK lets those pass).
     """
-    try:
-        lower = np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError as error:
-        raise NotPositiveDefiniteError("the covariance is not positive definite") from error
-    if not np.isfinite(lower).all():
-        raise NotPositiveDefiniteError("the covariance is not finite")
-    return np.asarray(lower)
+    upper = np.empty_like(covariance)
+    if not _kernels.factor_into(covariance, upper):
+        raise NotPositiveDefiniteError("covariance: not positive definite")
+    return upper.T
 
 
 def sigma_points(belief: Belief, weights: Weights) -> Array:
-    """Sigma points (2n+1, n), the mean first (eqs 29-30).
+    """Sigma points (..., 2n+1, n), the mean first (eqs 29-30).
 
-    Raises NotPositiveDefiniteError.
+    Raises FilterError, NotPositiveDefiniteError.
     """
-    offsets = weights.spread * factor(belief.covariance).T
-    return np.concatenate([belief.mean[None], belief.mean + offsets, belief.mean - offsets])
+    kernel = _kernels.spread if belief.mean.ndim == 1 else _kernels.spread_batch
+    try:
+        points, status = kernel(belief.mean, belief.covariance, weights.spread)
+    except TypeError as error:
+        raise wrong_arrays(mean=belief.mean, covariance=belief.covariance) from error
+    if status:
+        refuse(status)
+    return points  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 
 def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
-    """Weighted mean and covariance of points (2n+1, n), plus noise (n, n) (eqs 32-33)."""
-    mean = weights.mean @ points
-    deviations = points - mean
-    covariance = (weights.covariance[:, None] * deviations).T @ deviations + noise
-    return Belief(mean, 0.5 * (covariance + covariance.T))
+    """Weighted mean and covariance of points (..., 2n+1, n), plus noise (n, n) (eqs 32-33).
+
+    Raises FilterError.
+    """
+    _, w_mean, w_cov, w = weights
+    try:
+        if points.ndim == 2:
+            mean, covariance, status = _kernels.gather(points, w_mean, w_cov, w, noise)
+        else:
+            mean, covariance, status = _kernels.gather_batch(points, w_mean, w_cov, w, _batched(noise))
+    except TypeError as error:
+        raise wrong_arrays(points=points, Q=noise) from error
+    if status:
+        refuse(status)
+    return Belief(mean, covariance)
 
 
-def predict(belief: Belief, process: Callable[[Array], Array], Q: Array, weights: Weights) -> Belief:
+def predict(belief: Belief, process: Rows, Q: Array, weights: Weights) -> Belief:
     """Time update (eqs 29-33). `process` maps rows (k, n) -> (k, n); `Q` (n, n) is that of the whole step.
 
-    Raises NotPositiveDefiniteError.
+    Raises FilterError, NotPositiveDefiniteError.
     """
-    return recombine(process(sigma_points(belief, weights)), weights, Q)
+    return recombine(over_rows(process, sigma_points(belief, weights)), weights, Q)
 
 
 def update(
     belief: Belief,
     y: Array,
-    measure: Callable[[Array], Array],
+    measure: Rows,
     R: Array,
     weights: Weights,
-    subtract: Callable[[Array, Array], Array] = np.subtract,
+    angular: tuple[int, ...] = (),
     considered: tuple[int, ...] = (),
 ) -> Update:
-    """Measurement update (eqs 34-42). `measure` maps rows (k, n) -> (k, m); `subtract(a, b)` is the difference
-    of two measurements, to be given where angles wrap. States in `considered` keep their mean and variance: their
-    uncertainty is carried in the others' covariance, but no measurement moves them (Schmidt 1966).
+    """Measurement update (eqs 34-42). `measure` maps rows (k, n) -> (k, m); `angular` are the components of y that
+    are angles, whose differences wrap. States in `considered` keep their mean and variance: their uncertainty is
+    carried in the others' covariance, but no measurement moves them (Schmidt 1966).
 
-    Raises NotPositiveDefiniteError for the prior, and for an innovation covariance that cannot be inverted.
+    Raises FilterError, NotPositiveDefiniteError for the prior and for an innovation covariance without factor.
     """
     points = sigma_points(belief, weights)
-    images = measure(points)
-    # Means of angles are taken about the centre point's, so that a set across +-pi does not average to 0.
-    offsets = subtract(images, images[0])
-    mean_offset = weights.mean @ offsets
-    predicted = images[0] + mean_offset
-    deviations = offsets - mean_offset
-    weighted = weights.covariance[:, None] * deviations
-    S = weighted.T @ deviations + R
-    cross = (points - belief.mean).T @ weighted
-    innovation = subtract(y, predicted)
-    whitened = np.linalg.solve(factor(S), np.column_stack([innovation, cross.T]))
-    z, half = whitened[:, 0], whitened[:, 1:].T  # K S K^T = half half^T
-    reduction = half @ half.T
-    if considered:
-        rows = np.array(considered)
-        reduction[np.ix_(rows, rows)] = 0.0  # zero gain: P - K C^T - C K^T + K S K^T leaves these as they are
-        half = half.copy()
-        half[rows] = 0.0
-    covariance = belief.covariance - reduction
-    posterior = Belief(belief.mean + half @ z, 0.5 * (covariance + covariance.T))
-    return Update(posterior, innovation, S, predicted, float(z @ z))
+    images = over_rows(measure, points)
+    return correct(belief, points, images, y, R, weights, angular, considered)
+
+
+def correct(
+    belief: Belief,
+    points: Array,
+    images: Array,
+    y: Array,
+    R: Array,
+    weights: Weights,
+    angular: tuple[int, ...],
+    considered: tuple[int, ...],
+) -> Update:
+    """The second half of `update`: from sigma points (..., 2n+1, n) and their images (..., 2n+1, m)."""
+    n, m = points.shape[-1], y.shape[-1]
+    _, _, w_cov, w = weights
+    marks = flags(angular, m), flags(considered, n)
+    try:
+        if points.ndim == 2:
+            result = _kernels.correct(points, images, belief.covariance, y, R, w_cov, w, *marks)
+        else:
+            result = _kernels.correct_batch(points, images, belief.covariance, y, _batched(R), w_cov, w, *marks)
+    except TypeError as error:
+        raise wrong_arrays(points=points, measurements=images, y=y, R=R) from error
+    mean, covariance, innovation, S, predicted, nis, status = result
+    if status:
+        refuse(status)
+    return Update(Belief(mean, covariance), innovation, S, predicted, nis)
+
+
+def over_rows(model: Rows, points: Array) -> Array:
+    """A model over points (k, n), or over the rows of a batch (B, k, n)."""
+    if points.ndim == 2:
+        return model(points)
+    rows = model(points.reshape(-1, points.shape[-1]))
+    return rows.reshape(*points.shape[:-1], rows.shape[-1])
+
+
+def _batched(noise: Array) -> Array:
+    return noise if noise.ndim == 3 else noise[None]
+
+
+def wrong_arrays(**arrays: Any) -> FilterError:
+    """The error for arrays that no kernel takes: no arrays, no floating point, of different precision or rank."""
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray):
+            return FilterError(f"{name}: must be a NumPy array, not {type(array).__name__}")
+        if array.dtype not in (np.float64, np.float32):
+            return FilterError(f"{name}: must be float64 or float32, not {array.dtype}")
+    described = ", ".join(f"{name} {array.dtype} {array.shape}" for name, array in arrays.items())
+    return FilterError(f"arrays must agree in precision and in batch axes: {described}")

@@ -8,28 +8,39 @@ image plane; a leader yawed by 30 / 45 / 60 degrees appears 15 / 41 / 100 % fart
 from typing import Final
 
 import numpy as np
+from numba import njit
 
-from onboard.geometry.rotations import Array, wrap_angle
+from onboard.geometry.rotations import Array
 from onboard.models import relative_motion
+from onboard.models.relative_motion import ROWS, VECTOR
 
 M: Final = 3
 COMPONENTS: Final = ("azimuth", "elevation", "subtended")
 UNITS: Final = ("rad", "rad", "rad")
+ANGULAR: Final = (0, 1, 2)  # all wrap
 
 
 def measure(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
     """Angles (k, 3) of state rows (k, 9), from a camera with attitude R_cn (3, 3) at r_FC_n (3,): eq 14,
     with atan2 in the place of atan, which folds over behind the camera."""
-    r_CL_c = (points[:, relative_motion.R] - r_FC_n) @ R_cn.T
-    x, y, z = r_CL_c[:, 0], r_CL_c[:, 1], r_CL_c[:, 2]
-    distance = np.sqrt(x * x + y * y + z * z)
-    size = points[:, relative_motion.SIZE]
-    return np.column_stack([np.arctan2(y, x), np.arctan2(z, x), 2.0 * np.arctan2(size, 2.0 * distance)])
+    angles: Array = _measure(points, R_cn, r_FC_n)
+    return angles
 
 
-def subtract(a: Array, b: Array) -> Array:
-    """Differences of angles, wrapped."""
-    return wrap_angle(a - b)
+@njit((ROWS, ROWS, VECTOR), cache=True, error_model="numpy")
+def _measure(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
+    angles = np.empty((points.shape[0], 3))
+    for s in range(points.shape[0]):
+        x, y, z = 0.0, 0.0, 0.0
+        for i in range(3):
+            difference = points[s, i] - r_FC_n[i]
+            x += R_cn[0, i] * difference
+            y += R_cn[1, i] * difference
+            z += R_cn[2, i] * difference
+        angles[s, 0] = np.arctan2(y, x)
+        angles[s, 1] = np.arctan2(z, x)
+        angles[s, 2] = 2.0 * np.arctan2(points[s, relative_motion.SIZE], 2.0 * np.sqrt(x * x + y * y + z * z))
+    return angles
 
 
 def angles_from_points(points: Array) -> Array:

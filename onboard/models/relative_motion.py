@@ -7,6 +7,7 @@ horizontal plane; `a_long` is normal to the velocity in its vertical plane, posi
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit, types
 
 from onboard.geometry.rotations import Array
 
@@ -21,6 +22,13 @@ UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s", "m", "m/s^2", "m/s^2")
 FRAME: Final = "n (local NED), leader relative to follower"
 
 
+# Given, so that nothing compiles in flight: rows (k, 9), dt, the follower's four vectors (3,), eps.
+VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
+ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
+PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64)
+ACCELERATION_SIGNATURE: Final = (ROWS, VECTOR, VECTOR, types.float64)
+
+
 class FollowerMotion(NamedTuple):
     """The follower's velocity and acceleration (3,) in n at the start and the end of a step; linear between."""
 
@@ -30,21 +38,32 @@ class FollowerMotion(NamedTuple):
     a1: Array
 
 
+@njit(cache=True, error_model="numpy")
+def _acceleration(U, V_, W, a_lat, a_long, eps):  # type: ignore[no-untyped-def]
+    """Eq 2 of one velocity."""
+    along2 = U * U + V_ * V_
+    horizontal2 = along2 + eps * eps
+    horizontal = np.sqrt(horizontal2)
+    climb = a_long / (horizontal * np.sqrt(horizontal2 + W * W))
+    turn = a_lat / horizontal
+    return climb * U * W - turn * V_, climb * V_ * W + turn * U, -climb * along2
+
+
 def leader_acceleration(v_L: Array, a_lat: Array, a_long: Array, eps: float) -> Array:
     """a_L_n (k, 3) of velocity rows (k, 3) and the two accelerations (k,): eq 2.
 
     `eps` (m/s) regularises the direction of a hovering leader: the horizontal speed in the denominators is
     sqrt(U^2 + V^2 + eps^2). The paper's own form is eps = 0, which is 0/0 when the leader hovers.
     """
-    U, V_, W = v_L[:, 0], v_L[:, 1], v_L[:, 2]
-    horizontal2 = U * U + V_ * V_ + eps * eps
-    horizontal = np.sqrt(horizontal2)
-    climb = a_long / (horizontal * np.sqrt(horizontal2 + W * W))
-    turn = a_lat / horizontal
-    a = np.empty_like(v_L)
-    a[:, 0] = climb * U * W - turn * V_
-    a[:, 1] = climb * V_ * W + turn * U
-    a[:, 2] = -climb * (U * U + V_ * V_)
+    a: Array = _accelerations(v_L, a_lat, a_long, eps)
+    return a
+
+
+@njit(ACCELERATION_SIGNATURE, cache=True, error_model="numpy")
+def _accelerations(v_L, a_lat, a_long, eps):  # type: ignore[no-untyped-def]
+    a = np.empty((v_L.shape[0], 3))
+    for s in range(v_L.shape[0]):
+        a[s, 0], a[s, 1], a[s, 2] = _acceleration(v_L[s, 0], v_L[s, 1], v_L[s, 2], a_lat[s], a_long[s], eps)
     return a
 
 
@@ -62,17 +81,38 @@ def rotation_covariance(mean: Array, sigma_n: Array) -> Array:
 def process(points: Array, dt: float, follower: FollowerMotion, eps: float) -> Array:
     """State rows (k, 9) after `dt` seconds: eqs 5-10 without noise, one step of RK4 with the follower's
     velocity and acceleration interpolated over it."""
-    r, v = points[:, R], points[:, V]
-    a_lat, a_long = points[:, A_LAT], points[:, A_LONG]
-    v_mid = 0.5 * (follower.v0 + follower.v1)
-    a_mid = 0.5 * (follower.a0 + follower.a1)
+    after: Array = _process(points, dt, *follower, eps)
+    return after
+
+
+@njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
+def _process(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
+    after = np.empty(points.shape)
     h = 0.5 * dt
-    k1 = leader_acceleration(v + follower.v0, a_lat, a_long, eps) - follower.a0
-    k2 = leader_acceleration(v + h * k1 + v_mid, a_lat, a_long, eps) - a_mid
-    k3 = leader_acceleration(v + h * k2 + v_mid, a_lat, a_long, eps) - a_mid
-    k4 = leader_acceleration(v + dt * k3 + follower.v1, a_lat, a_long, eps) - follower.a1
-    after = points.copy()
-    # the position's own RK4 stages are v, v + h k1, v + h k2, v + dt k3; written out they collapse to this
-    after[:, R] = r + dt * v + dt * dt / 6.0 * (k1 + k2 + k3)
-    after[:, V] = v + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+    v_mid, a_mid = 0.5 * (v0 + v1), 0.5 * (a0 + a1)
+    for s in range(points.shape[0]):
+        u, v, w = points[s, 3], points[s, 4], points[s, 5]
+        lat, up = points[s, A_LAT], points[s, A_LONG]
+        x1, y1, z1 = _acceleration(u + v0[0], v + v0[1], w + v0[2], lat, up, eps)
+        x1, y1, z1 = x1 - a0[0], y1 - a0[1], z1 - a0[2]
+        x2, y2, z2 = _acceleration(
+            u + h * x1 + v_mid[0], v + h * y1 + v_mid[1], w + h * z1 + v_mid[2], lat, up, eps
+        )
+        x2, y2, z2 = x2 - a_mid[0], y2 - a_mid[1], z2 - a_mid[2]
+        x3, y3, z3 = _acceleration(
+            u + h * x2 + v_mid[0], v + h * y2 + v_mid[1], w + h * z2 + v_mid[2], lat, up, eps
+        )
+        x3, y3, z3 = x3 - a_mid[0], y3 - a_mid[1], z3 - a_mid[2]
+        x4, y4, z4 = _acceleration(u + dt * x3 + v1[0], v + dt * y3 + v1[1], w + dt * z3 + v1[2], lat, up, eps)
+        x4, y4, z4 = x4 - a1[0], y4 - a1[1], z4 - a1[2]
+        # the position's own RK4 stages are v, v + h k1, v + h k2, v + dt k3; written out they collapse to this
+        sixth = dt * dt / 6.0
+        after[s, 0] = points[s, 0] + dt * u + sixth * (x1 + x2 + x3)
+        after[s, 1] = points[s, 1] + dt * v + sixth * (y1 + y2 + y3)
+        after[s, 2] = points[s, 2] + dt * w + sixth * (z1 + z2 + z3)
+        after[s, 3] = u + dt / 6.0 * (x1 + 2.0 * x2 + 2.0 * x3 + x4)
+        after[s, 4] = v + dt / 6.0 * (y1 + 2.0 * y2 + 2.0 * y3 + y4)
+        after[s, 5] = w + dt / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
+        for i in range(SIZE, N):
+            after[s, i] = points[s, i]
     return after

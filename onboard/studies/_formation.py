@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from onboard.estimators._leader_noise import HONEST, PAPER, Noise, initial_belief, process_noise
 from onboard.filters import unscented
+from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update
 from onboard.filters.gating import chi_square_threshold
-from onboard.filters.unscented import Belief, NotPositiveDefiniteError
 from onboard.geometry.rotations import Array, matrix_from_quaternion
 from onboard.models import camera_angles, relative_motion
 from simlink.flight import Flight
@@ -163,7 +163,7 @@ def _predict(belief: Belief, flight: Flight, k: int, noise: Noise) -> Belief:
     )
 
 
-def _update(belief: Belief, angles: Array, R: Array, R_cn: Array, method: Method) -> unscented.Update:
+def _update(belief: Belief, angles: Array, R: Array, R_cn: Array, method: Method) -> Update:
     measure = _measure_folded if method.fold else camera_angles.measure
     return unscented.update(
         belief,
@@ -171,7 +171,7 @@ def _update(belief: Belief, angles: Array, R: Array, R_cn: Array, method: Method
         lambda rows: measure(rows, R_cn, np.zeros(3)),
         R,
         WEIGHTS,
-        camera_angles.subtract,
+        camera_angles.ANGULAR,
         (relative_motion.SIZE,) if method.noise.consider_size else (),
     )
 

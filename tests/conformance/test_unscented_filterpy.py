@@ -13,7 +13,8 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.estimators._leader_noise import initial_belief, process_noise
 from onboard.filters import unscented
-from onboard.geometry.rotations import Array, matrix_from_quaternion
+from onboard.filters.belief import Belief
+from onboard.geometry.rotations import Array, matrix_from_quaternion, wrap_angle
 from onboard.models import camera_angles, relative_motion
 from onboard.studies._formation import B0, PAPER_MENDED, SIZE_SIGMA, TUNED, Method
 from onboard.studies._formation import _see as see
@@ -31,7 +32,7 @@ def flight() -> Flight:
     return fly(SCENARIO, seed=4, duration=13.0)
 
 
-def theirs(belief: unscented.Belief, Q: Array) -> Any:
+def theirs(belief: Belief, Q: Array) -> Any:
     n = relative_motion.N
     filter_ = UnscentedKalmanFilter(
         dim_x=n,
@@ -40,13 +41,13 @@ def theirs(belief: unscented.Belief, Q: Array) -> Any:
         hx=lambda x, R_cn: camera_angles.measure(x[None], R_cn, np.zeros(3))[0],
         fx=lambda x, dt, follower, eps: relative_motion.process(x[None], dt, follower, eps)[0],
         points=JulierSigmaPoints(n, kappa=3.0 - n),
-        residual_z=camera_angles.subtract,
+        residual_z=lambda a, b: wrap_angle(a - b),
     )
     filter_.x, filter_.P, filter_.Q = belief.mean.copy(), belief.covariance.copy(), Q
     return filter_
 
 
-def in_sigmas(a: unscented.Belief, mean: Array, covariance: Array) -> tuple[float, float]:
+def in_sigmas(a: Belief, mean: Array, covariance: Array) -> tuple[float, float]:
     """Largest difference of means and of covariances, the latter as correlations."""
     sigma = np.sqrt(np.diag(a.covariance))
     return (
@@ -75,7 +76,7 @@ def test_predict_and_update_equal_filterpy_over_600_steps_seed_4(flight: Flight,
             continue
         angles, R = see(flight.image_points[k // 2], camera, method)
         R_cn = matrix_from_quaternion(flight.nav_q_nb[k]).T
-        update = unscented.update(belief, angles, _measure(R_cn), R, WEIGHTS, camera_angles.subtract)
+        update = unscented.update(belief, angles, _measure(R_cn), R, WEIGHTS, camera_angles.ANGULAR)
         other.update(angles, R=R, R_cn=R_cn)
         belief, updates = update.belief, updates + 1
         worst = np.maximum(worst, in_sigmas(belief, other.x, other.P))

@@ -77,11 +77,6 @@ def test_position_from_angles_inverts_measure_seed(seed: int) -> None:
     assert again == pytest.approx(rows[:, :3], rel=1e-10, abs=1e-10)
 
 
-def test_subtract_wraps() -> None:
-    a, b = np.array([[np.pi - 0.01, 0.0, 0.1]]), np.array([[-np.pi + 0.01, 0.0, 0.2]])
-    assert camera_angles.subtract(a, b) == pytest.approx(np.array([[-0.02, 0.0, -0.1]]), abs=1e-14)
-
-
 def test_noise_from_points_equals_the_numerical_jacobian() -> None:
     points = np.array([[0.2, -0.1], [0.17, -0.11], [0.23, -0.08]])
     sigmas = np.array([1.0, 2.0, 3.0]) / F_PX

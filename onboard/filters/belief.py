@@ -1,0 +1,83 @@
+"""What all filters share: what they believe, what an update tells, what they refuse, how a method is described.
+
+A model is a function over rows of states, (k, n) -> (k, n) or (k, m), and a filter never sees a loop over them.
+A leading batch axis on a belief's arrays advances many filters in one call; the model still gets plain rows,
+those of each filter together.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from onboard.geometry.rotations import Array
+
+Rows = Callable[[Array], Array]
+
+
+class Belief(NamedTuple):
+    """What a filter believes: mean (..., n) and covariance (..., n, n)."""
+
+    mean: Array
+    covariance: Array
+
+
+class Update(NamedTuple):
+    """A measurement update: the posterior, the innovation (..., m) (before the update), its covariance
+    (..., m, m), the predicted measurement (..., m), and the normalised innovation squared (a float, or (...,))."""
+
+    belief: Any
+    innovation: Array
+    innovation_covariance: Array
+    predicted: Array
+    nis: Any
+
+
+class Method(NamedTuple):
+    """A filter as four pure functions, so that all can be held to the same tests.
+
+    `start(mean, covariance) -> state`; `predict(state, process, Q) -> state`; `update(state, y, measure, R,
+    angular) -> Update` whose `belief` is a state; `belief(state) -> Belief`. `process` and `measure` are functions
+    over rows, `angular` are the components of y that are angles and wrap.
+    """
+
+    name: str
+    start: Callable[[Array, Array], Any]
+    predict: Callable[[Any, Rows, Array], Any]
+    update: Callable[[Any, Array, Rows, Array, tuple[int, ...]], Update]
+    belief: Callable[[Any], Belief]
+
+
+class FilterError(ValueError):
+    """An argument cannot be used; the message says which one and why. Nothing passed in has been changed."""
+
+
+class NotPositiveDefiniteError(FilterError):
+    """A covariance has no Cholesky factor (or is not finite), so the step cannot be made."""
+
+
+# What the compiled kernels answer: 0, or what they found wrong.
+OK: Final = 0
+MEAN: Final = 1
+COVARIANCE: Final = 2
+NOISE: Final = 3
+POINTS: Final = 4
+IMAGES: Final = 5
+MEASUREMENT: Final = 6
+INNOVATION: Final = 7
+SHAPE: Final = 8
+
+REASONS: Final = {
+    MEAN: "mean: not finite",
+    COVARIANCE: "covariance: not positive definite",
+    NOISE: "Q or R: not finite",
+    POINTS: "process: gave states that are not finite",
+    IMAGES: "measure: gave measurements that are not finite",
+    MEASUREMENT: "y: not finite",
+    INNOVATION: "innovation covariance: not positive definite",
+    SHAPE: "shapes do not fit: mean (n,), covariance and Q (n, n), y (m,), R (m, m), rows (k, n) to (k, n or m)",
+}
+
+
+def refuse(status: int) -> None:
+    """Raise what a kernel's status means. Raises FilterError, NotPositiveDefiniteError; never returns."""
+    kind = NotPositiveDefiniteError if status in {COVARIANCE, INNOVATION} else FilterError
+    raise kind(REASONS[status])
