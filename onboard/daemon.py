@@ -45,6 +45,7 @@ class Daemon:
         self._frames: Counter[str] = Counter()
         self._rates: dict[str, float] = {}
         self._heard_ns = 0
+        self._is_silent = False  # as told last
         self._troubles: dict[str, str] = {}  # of sinks, as told last
 
     async def run(self) -> None:
@@ -131,6 +132,7 @@ class Daemon:
                 self._next_health_ns = now_ns + HEALTH_EVERY_NS
                 self._measure_rates()
                 self._tell_troubles()
+                self._tell_silence(now_ns)
                 self._publish(self._health(now_ns))
             await asyncio.sleep(TICK_S)
 
@@ -145,6 +147,13 @@ class Daemon:
     def _is_healthy(self, now_ns: int) -> bool:
         """Whether the autopilot is heard and every estimator's last word was no loss of its target."""
         return now_ns - self._heard_ns < SILENT_NS and Lifecycle.LOST not in self._states.values()
+
+    def _tell_silence(self, now_ns: int) -> None:
+        """Estimates come with the autopilot's messages: without them there is nothing but this to notice."""
+        silent = self._heard_ns > 0 and now_ns - self._heard_ns >= SILENT_NS
+        if silent != self._is_silent:
+            self._is_silent = silent
+            self._say("the autopilot is silent: no estimates" if silent else "the autopilot is heard again")
 
     def _tell_troubles(self) -> None:
         """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""

@@ -115,7 +115,8 @@ def score(estimates: Sequence[Estimate], reference: Reference | None, settle: fl
     """The scorecard of one flight's estimates of one target; without a reference, what needs none."""
     valid = [e for e in estimates if e.valid and e.mean is not None and e.covariance is not None]
     begin = (reference.time[0] if reference is not None and len(reference.time) else _start(estimates)) + settle
-    errors = _errors(valid, reference, begin) if reference is not None else None
+    judged = _errors(valid, reference) if reference is not None else None
+    errors = _since(judged, begin)
     nis = [
         e.measurement.nis
         for e in estimates
@@ -141,14 +142,12 @@ def score(estimates: Sequence[Estimate], reference: Reference | None, settle: fl
         nees_mean=float(errors.nees.mean()) if errors else None,
         nees_dof=errors.dof if errors else 0,
         nees_bounds=_single_bounds(errors.dof) if errors else None,
-        inside_95_percent=float(np.mean(errors.position_nees < chi_square_threshold(0.95, 3))) * 100
-        if errors
-        else None,
+        inside_95_percent=errors.inside_percent(0.95) if errors else None,
         nis_mean=float(np.mean(nis)) if nis else None,
         nis_dof=dof,
         nis_bounds=mean_bounds(dof, len(nis)) if nis else None,
         images_scored=len(nis),
-        diverged=_diverged(errors) if reference is not None else False,
+        diverged=_diverged(judged) if reference is not None else False,
         resets=estimates[-1].reset_count if estimates else 0,
         verdicts=verdicts,
     )
@@ -172,14 +171,22 @@ class Errors(NamedTuple):
         return float(np.mean(self.position_nees < chi_square_threshold(probability, 3))) * 100
 
 
-def _errors(valid: Sequence[Estimate], reference: Reference, begin: float) -> Errors | None:
-    """Errors against the truth interpolated at each estimate's time; None when no estimate can be scored."""
+def _since(errors: Errors | None, begin: float) -> Errors | None:
+    """The errors from a time on; None when there are none."""
+    if errors is None or not (errors.time >= begin).any():
+        return None
+    later = errors.time >= begin
+    return Errors(*(field[later] for field in errors[:-1]), dof=errors.dof)
+
+
+def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
+    """Errors against the truth interpolated at each estimate's time; None when no estimate can be judged."""
     times = np.array([e.t_ns * 1e-9 for e in valid])
     if not len(times) or not len(reference.time):
         return None
     after = np.clip(np.searchsorted(reference.time, times), 1, max(len(reference.time) - 1, 1))
     gap = reference.time[after] - reference.time[after - 1]
-    inside = (times >= begin) & (times <= reference.time[-1]) & (gap < LONGEST_TRUTH_GAP)
+    inside = (times >= reference.time[0]) & (times <= reference.time[-1]) & (gap < LONGEST_TRUTH_GAP)
     if not inside.any():
         return None
     chosen = [e for e, use in zip(valid, inside, strict=True) if use]
@@ -206,7 +213,7 @@ def _errors(valid: Sequence[Estimate], reference: Reference, begin: float) -> Er
 
 
 def _diverged(errors: Errors | None) -> bool:
-    """Nothing valid to score; or, over the last seconds, the mean range error above 50 % or the bearing 5 deg."""
+    """Nothing valid to judge; or, over the last seconds, the mean range error above 50 % or the bearing 5 deg."""
     if errors is None:
         return True
     last = errors.time > errors.time[-1] - LAST

@@ -28,6 +28,8 @@ def read_ulog(path: Path) -> Iterator[Message]:
     except (TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError) as error:
         raise NotALogError(f"this ULog cannot be read: {error}") from error
     streams = [_stream(topic.name, topic.data) for topic in log.data_list if topic.multi_id == 0]
+    if not streams:
+        raise NotALogError("this ULog holds no attitude, position, IMU or GPS")
     kind = int(log.initial_parameters.get("MAV_TYPE", 2))
     start_ns = int(log.start_timestamp) * 1000
     yield Heartbeat(**_header(start_ns), vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
