@@ -14,13 +14,15 @@ def wrap_angle(angle: ArrayLike) -> Array:
 def matrix_from_quaternion(q_nb: ArrayLike) -> Array:
     """R_nb (..., 3, 3) from q_nb (..., 4); q need not be exactly of unit length, only not zero."""
     q = np.asarray(q_nb, dtype=float)
-    w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
+    # of a single one the components are plain numbers, which are many times faster to work with
+    w, x, y, z = q.tolist() if q.ndim == 1 else np.moveaxis(q, -1, 0)
+    s = 2.0 / (w * w + x * x + y * y + z * z)
     rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+        [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
+        [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
     ]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    return np.array(rows) if q.ndim == 1 else np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def quaternion_from_matrix(R_nb: ArrayLike) -> Array:
