@@ -5,7 +5,8 @@ A leading batch axis on a belief's arrays advances many filters in one call; the
 those of each filter together.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from onboard.geometry.rotations import Array
@@ -37,6 +38,10 @@ class Method(NamedTuple):
     `start(mean, covariance) -> state`; `predict(state, process, Q) -> state`; `update(state, y, measure, R,
     angular) -> Update` whose `belief` is a state; `belief(state) -> Belief`. `process` and `measure` are functions
     over rows, `angular` are the components of y that are angles and wrap.
+
+    `exempt` says which of PROPERTIES do not hold by the method's nature, and in a sentence why. The conformance
+    suite (tests/conformance/test_methods.py) then demands that the property does fail, so that no exemption
+    outlives its reason. `factor(state) -> S` (..., n, n), S S^T the covariance, of methods that carry a factor.
     """
 
     name: str
@@ -44,6 +49,21 @@ class Method(NamedTuple):
     predict: Callable[[Any, Rows, Array], Any]
     update: Callable[[Any, Array, Rows, Array, tuple[int, ...]], Update]
     belief: Callable[[Any], Belief]
+    factor: Callable[[Any], Array] | None = None
+    exempt: Mapping[str, str] = MappingProxyType({})
+
+
+# What every method does, unless it is exempt.
+PROPERTIES: Final = (
+    "kalman",  # on a linear problem it is the Kalman filter
+    "consistent",  # NEES and NIS keep their bounds on the model it assumes
+    "partial",  # it takes measurements of fewer components than states
+    "batch",  # one call with a batch axis does what a loop would
+    "float32",  # float32 in gives float32 out
+    "long_run",  # positive definite over 1e5 ill-conditioned steps
+    "long_run_float32",  # the same in single precision
+    "angles",  # innovations of angles wrap
+)
 
 
 class FilterError(ValueError):

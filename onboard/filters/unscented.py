@@ -8,13 +8,14 @@ Arrays are float64 or float32, all alike. With a leading batch axis B on mean an
 advance in one call; the model then gets the rows of all of them, (B (2n+1), n), each filter's together.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from onboard.filters import _kernels
-from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Rows, Update, refuse
+from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, refuse
 from onboard.geometry.rotations import Array
 
 
@@ -175,3 +176,31 @@ def wrong_arrays(**arrays: Any) -> FilterError:
             return FilterError(f"{name}: must be float64 or float32, not {array.dtype}")
     described = ", ".join(f"{name} {array.dtype} {array.shape}" for name, array in arrays.items())
     return FilterError(f"arrays must agree in precision and in batch axes: {described}")
+
+
+# ------------------------------------------------------------------------------------- as methods
+
+
+def _method(name: str, weights: Callable[[int], Weights], considered: tuple[int, ...] = (), **more: Any) -> Method:
+    """The filter with given weights, as every method is called."""
+
+    def predict_(state: Belief, process: Rows, Q: Array) -> Belief:
+        return predict(state, process, Q, weights(state.mean.shape[-1]))
+
+    def update_(state: Belief, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
+        return update(state, y, measure, R, weights(state.mean.shape[-1]), angular, considered)
+
+    return Method(name, Belief, predict_, update_, lambda state: state, **more)
+
+
+METHODS: Final = (
+    _method("unscented", julier_weights),
+    _method("unscented, scaled, alpha 1", lambda n: scaled_weights(n, 1.0, 2.0)),
+    _method("unscented, scaled, alpha 0.1", lambda n: scaled_weights(n, 0.1, 2.0)),
+    _method(
+        "unscented, first state considered",
+        julier_weights,
+        (0,),
+        exempt={"kalman": "a considered state is not moved by measurements, which is not optimal (Schmidt 1966)"},
+    ),
+)
