@@ -9,7 +9,8 @@ from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.estimators._leader_noise import HONEST, initial_belief, process_noise
 from onboard.filters import unscented
-from onboard.filters.unscented import Belief
+from onboard.filters.belief import Belief
+from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
 
 SIZE, DT = 2.667, 0.02
@@ -63,7 +64,7 @@ def _ours(steps: int) -> Belief:
             lambda rows: camera_angles.measure(rows, R_CN, R_FC_N),
             R,
             weights,
-            camera_angles.subtract,
+            camera_angles.ANGULAR,
         ).belief
     return belief
 
@@ -78,7 +79,7 @@ def _theirs(steps: int) -> Belief:
         hx=lambda x: camera_angles.measure(x[None], R_CN, R_FC_N)[0],
         fx=lambda x, dt: relative_motion.process(x[None], dt, FOLLOWER, HONEST.hover_speed)[0],
         points=JulierSigmaPoints(n, kappa=3.0 - n),
-        residual_z=camera_angles.subtract,
+        residual_z=lambda a, b: wrap_angle(a - b),
     )
     peer.x, peer.P, peer.Q, peer.R = START.mean.copy(), START.covariance.copy(), Q, R
     for _ in range(steps):

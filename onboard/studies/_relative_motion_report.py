@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Final
 
 from onboard.messages import Record
-from onboard.studies._formation import AS_PRINTED, METHODS
+from onboard.studies._formation import AS_PRINTED, METHODS, R_ALONE
 from onboard.studies._relative_motion_claims import Claim
 from onboard.studies._relative_motion_table import SIGMAS, Comparison, Quantity, Row
 
-LABELS: Final = {method.name: method.label for method in (AS_PRINTED, *METHODS)}
+LABELS: Final = {method.name: method.label for method in (AS_PRINTED, *METHODS, R_ALONE)}
 FT: Final = 0.3048
 HEADER: Final = (
     "variant",
@@ -49,7 +49,8 @@ aircraft; ours compare with simulated truth, and the follower's own motion is kn
 COMPARED: Final = """\
 Both are samples, of {seeds} and of 50 random runs. Tolerance: {sigmas:g} standard errors of their difference,
 estimated from the scatter of our runs, and half a unit of the reference's last digit. Of {count} comparisons
-one in twenty may differ by chance. The reference's drop-out row (d) used the arctangents as printed."""
+one in twenty may differ by chance. For the drop-out (d) the reference does not say which
+arctangent it used; its numbers come back with the one printed, and not with atan2."""
 
 
 class Result(Record, frozen=True, kw_only=True):

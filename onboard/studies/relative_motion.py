@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 import msgspec
 import numpy as np
 
-from onboard.studies._formation import AS_PRINTED, METHODS, SHIPPED, TUNED, Method, track
+from onboard.studies._formation import AS_PRINTED, METHODS, R_ALONE, SHIPPED, TUNED, Method, track
 from onboard.studies._formation_scores import Score, score
 from onboard.studies._relative_motion_claims import claims_of
 from onboard.studies._relative_motion_report import Result, markdown
@@ -37,7 +37,7 @@ class Variant(NamedTuple):
 
 
 VARIANTS: Final = (
-    Variant("a", "formation", "reference formation", METHODS),
+    Variant("a", "formation", "reference formation", (*METHODS, R_ALONE)),
     Variant("d", "formation-drop-out", "no image at 30-35 s", (AS_PRINTED, *METHODS)),
     Variant("e", "formation-wrong-blobs", "2 % wrong blobs", (TUNED, SHIPPED)),
 )
