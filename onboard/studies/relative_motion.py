@@ -8,6 +8,7 @@ factor are another set in a turned frame: whether one of them falls behind the c
 import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -53,8 +54,10 @@ def run(
     """Fly every variant `seeds` times with each of its methods, in `jobs` processes (None: one per core).
 
     `progress(done, total)` is called as flights finish. With `out`, figures, report.md and result.json are
-    written there; figures need the extra `study`.
+    written there; figures need the extra `study` (else ImportError, before anything is flown).
     """
+    if out is not None:
+        import_module("matplotlib")
     if seeds < 1 or first_seed < 0:
         raise ValueError("needs at least one seed, none of them negative")
     scores = _fly_all(range(first_seed, first_seed + seeds), jobs or os.cpu_count() or 1, progress)
