@@ -176,7 +176,6 @@ def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
 
 
 def _servo_output_raw(m: Any, h: dict[str, Any]) -> Message:
-    h |= {"t_ns": h["t_recv_ns"], "clock": Clock.NONE}  # its stamp is 32 bits of microseconds: wraps after 71 min
     return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
 
 
