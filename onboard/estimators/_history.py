@@ -79,7 +79,8 @@ class History:
         """Time of the newest measurement of whose last outcome `holds` says yes."""
         for node in reversed(self._nodes):
             if node.measurement is not None and holds(node.outcome):
-                return node.t_ns
+                t_ns: int = node.t_ns
+                return t_ns
         return None
 
     def _redo(self, nodes: list[Node], ownship: Ownship) -> None:

@@ -104,6 +104,7 @@ class Estimator:
         self._last_fused_ns: int | None = None
         self._last_stamps: deque[int] = deque(maxlen=64)
         self._gated_since_ns: int | None = None
+        self._to_agree = 0  # images still to be fused before a lost track is believed again
         self._resets = 0
         self._sequence = 0
         self._why = "no image yet"
@@ -162,6 +163,11 @@ class Estimator:
         if not outcome.fused:
             self._gated(seen, ownship)
             return self._report(message, Verdict.GATED, seen, outcome)
+        if self._age(message.t_ns) > self._config.validity_timeout_s:
+            self._to_agree = (
+                self._candidates.maxlen or 1
+            )  # the gate of a lost track is wide: one image proves nothing
+        self._to_agree = max(self._to_agree - 1, 0)
         self._gated_since_ns = None
         self._last_fused_ns = max(self._last_fused_ns or 0, message.t_ns)
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, seen, outcome)
@@ -230,6 +236,8 @@ class Estimator:
     def _gated(self, seen: Seen, ownship: Ownship) -> None:
         """A track that agrees with nothing any more is given up, and begun anew from what it sees."""
         since = self._gated_since_ns
+        if self._to_agree:
+            self._to_agree = self._candidates.maxlen or 1
         if since is None:
             self._gated_since_ns = seen.message.t_ns
         elif seen.message.t_ns - since > self._config.relock_after_s * NS:
@@ -242,6 +250,7 @@ class Estimator:
         self._history = None
         self._last_fused_ns = None
         self._gated_since_ns = None
+        self._to_agree = 0
         self._why = reason
 
     # ------------------------------------------------------------------------- the filter's two steps
@@ -285,6 +294,8 @@ class Estimator:
         c = self._config
         if self._history is None:
             return (Lifecycle.INITIALISING if self._candidates else Lifecycle.SEARCHING), self._why
+        if self._to_agree:
+            return Lifecycle.LOST, f"seen again: {self._to_agree} more images must agree"
         if age <= c.coast_after_s:
             return Lifecycle.TRACKING, "images fused"
         if age <= c.validity_timeout_s:

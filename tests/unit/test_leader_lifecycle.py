@@ -92,6 +92,17 @@ def test_never_valid_for_longer_than_the_timeout_after_the_last_image_while_tick
         assert e.valid == (e.state in (Lifecycle.TRACKING, Lifecycle.COASTING))
 
 
+def test_a_lost_track_is_believed_again_only_after_three_images() -> None:
+    """One image at 10.4 s, four seconds after the last, is fused but not believed; three from 11 s on are."""
+    run = fly(lambda t: t <= 6.4 or 10.39 <= t <= 10.41 or t >= 11.0, 11.5)
+    seen = [e for e in run.estimates if e.measurement and e.measurement.t_ns > 7 * S]
+    assert [e.measurement.verdict for e in seen if e.measurement][:4] == [Verdict.FUSED] * 4
+    assert [e.valid for e in seen[:4]] == [False, False, True, True]
+    assert "2 more images" in seen[0].reason
+    assert not any(e.valid for e in run.estimates if 8.5 * S < e.t_ns < 11.0 * S)
+    assert run.estimates[-1].reset_count == 0
+
+
 def test_gated_images_do_not_prolong_validity() -> None:
     def wrong(item: Item) -> Item:
         m = item.message
