@@ -158,15 +158,14 @@ class Estimator:
         if not self._history.reaches(message.t_ns):
             return self._report(message, Verdict.TOO_OLD, seen)
         late = self._last_fused_ns is not None and message.t_ns < self._last_fused_ns
+        was_lost = self._age(message.t_ns) > self._config.validity_timeout_s
         outcome: Outcome = self._history.insert(message.t_ns, seen, ownship)
         self._settle(self._history, ownship)
         if not outcome.fused:
             self._gated(seen, ownship)
             return self._report(message, Verdict.GATED, seen, outcome)
-        if self._age(message.t_ns) > self._config.validity_timeout_s:
-            self._to_agree = (
-                self._candidates.maxlen or 1
-            )  # the gate of a lost track is wide: one image proves nothing
+        if was_lost:  # its gate is wide by then: one image proves nothing
+            self._to_agree = self._candidates.maxlen or 1
         self._to_agree = max(self._to_agree - 1, 0)
         self._gated_since_ns = None
         self._last_fused_ns = max(self._last_fused_ns or 0, message.t_ns)
