@@ -17,7 +17,7 @@ def rows(heading: str) -> list[list[str]]:
 
 
 def names(cell: str) -> list[str]:
-    """The names in backticks, those that are cut short spelled out: `a.b`, `.c` is a.b, a.c; `x_1`, `_2` x_1, x_2."""
+    """The names in backticks, those cut short spelled out: `a.b`, `.c` is a.b, a.c; `x_1`, `_2` is x_1, x_2."""
     found: list[str] = []
     for name in re.findall(r"`([^`]+)`", cell):
         separator = name[0]

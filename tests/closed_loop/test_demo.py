@@ -1,4 +1,4 @@
-"""`onboard demo` as its user sees it: a process that prints a scorecard, writes files, and leaves nothing behind."""
+"""`onboard demo` as its user sees it: it prints a scorecard, writes files, and leaves no process behind."""
 
 import json
 import signal
