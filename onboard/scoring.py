@@ -176,7 +176,8 @@ def _since(errors: Errors | None, begin: float) -> Errors | None:
     if errors is None or not (errors.time >= begin).any():
         return None
     later = errors.time >= begin
-    return Errors(*(field[later] for field in errors[:-1]), dof=errors.dof)
+    arrays = {name: values[later] for name, values in errors._asdict().items() if name != "dof"}
+    return errors._replace(**arrays)
 
 
 def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
