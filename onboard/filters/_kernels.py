@@ -93,7 +93,7 @@ def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
 def gather_into(points, w_mean, w_cov, w, Q, mean, P):  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     """Weighted mean and covariance, plus Q, of one filter's points (2n+1, n); a status."""
     k, n = points.shape
-    if Q.shape[0] != n or Q.shape[1] != n:
+    if k != 2 * n + 1 or Q.shape[0] != n or Q.shape[1] != n:
         return SHAPE
     for i in range(n):
         mean[i] = 0.0

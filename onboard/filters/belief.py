@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from onboard.geometry.rotations import Array
 
 Rows = Callable[[Array], Array]
@@ -84,6 +86,11 @@ IMAGES: Final = 5
 MEASUREMENT: Final = 6
 INNOVATION: Final = 7
 SHAPE: Final = 8
+MATRIX: Final = 9
+INDEFINITE: Final = 10
+FACTOR: Final = 11
+DOWNDATE: Final = 12
+PREDICTED: Final = 13
 
 REASONS: Final = {
     MEAN: "mean: not finite",
@@ -92,12 +99,39 @@ REASONS: Final = {
     POINTS: "process: gave states that are not finite",
     IMAGES: "measure: gave measurements that are not finite",
     MEASUREMENT: "y: not finite",
-    INNOVATION: "innovation covariance: not positive definite",
-    SHAPE: "shapes do not fit: mean (n,), covariance and Q (n, n), y (m,), R (m, m), rows (k, n) to (k, n or m)",
+    INNOVATION: "innovation covariance (R in it): not positive definite",
+    SHAPE: "shapes do not fit: mean (n,), covariance and Q (n, n), process (k, n) to (k, n), y (m,), R (m, m), "
+    "measure (k, n) to (k, m)",
+    MATRIX: "F or H: not finite",
+    INDEFINITE: "Q or R: not positive semi-definite, so it has no square root",
+    FACTOR: "factor: not lower triangular with a positive diagonal, or not finite",
+    DOWNDATE: "downdate: leaves a factor that is not positive definite",
+    PREDICTED: "predicted covariance: not positive definite",
 }
 
 
 def refuse(status: int) -> None:
     """Raise what a kernel's status means. Raises FilterError, NotPositiveDefiniteError; never returns."""
-    kind = NotPositiveDefiniteError if status in {COVARIANCE, INNOVATION} else FilterError
+    square_roots = {COVARIANCE, INNOVATION, INDEFINITE, FACTOR, DOWNDATE, PREDICTED}
+    kind = NotPositiveDefiniteError if status in square_roots else FilterError
     raise kind(REASONS[status])
+
+
+def start(mean: Array, covariance: Array) -> Belief:
+    """A belief to begin with, its arrays checked once: type, shape and finiteness.
+
+    Raises FilterError.
+    """
+    for name, array, axes in (("mean", mean, 1), ("covariance", covariance, 2)):
+        if not isinstance(array, np.ndarray):
+            raise FilterError(f"{name}: must be a NumPy array, not {type(array).__name__}")
+        if array.dtype not in (np.float64, np.float32):
+            raise FilterError(f"{name}: must be float64 or float32, not {array.dtype}")
+        if array.ndim < axes or not np.isfinite(array).all():
+            raise FilterError(f"{name}: must be finite, and have at least {axes} axes: has shape {array.shape}")
+    if covariance.shape != (*mean.shape, mean.shape[-1]) or mean.dtype != covariance.dtype:
+        described = f"mean {mean.dtype} {mean.shape}, covariance {covariance.dtype} {covariance.shape}"
+        raise FilterError(
+            f"mean (..., n) and covariance (..., n, n) must fit and be of one precision: {described}"
+        )
+    return Belief(mean, covariance)

@@ -1,0 +1,244 @@
+"""What every filter method does, whoever wrote it: the methods are found in onboard/filters, not listed here.
+
+A method that a property does not fit says so in its `exempt`, with the reason; it must then fail (xfail, strict).
+"""
+
+import numpy as np
+import pytest
+
+from onboard.filters import methods
+from onboard.filters.belief import PROPERTIES, Method
+from onboard.filters.gating import mean_bounds, normalised_squared
+from onboard.geometry.rotations import Array
+from tests.conformance.problems import (
+    Linear,
+    arrays_of,
+    cases,
+    ensemble,
+    ill_conditioned,
+    kalman,
+    linear,
+    locked,
+    simulate,
+    track,
+)
+
+METHODS = methods()
+every = pytest.mark.parametrize("method", cases(METHODS))
+LONG, SCATTERED = 100_000, 2_000
+
+
+def having(prop: str) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("method", cases(METHODS, prop))
+
+
+def sound(method: Method, state: object) -> None:
+    """Symmetric to the bit, finite, and with a Cholesky factor (a factor's product may round below what it is)."""
+    P = np.asarray(method.belief(state).covariance, dtype=float)
+    assert np.isfinite(P).all()
+    assert np.array_equal(P, np.swapaxes(P, -1, -2))
+    if method.factor is not None:
+        S = np.asarray(method.factor(state), dtype=float)
+        assert np.isfinite(S).all()
+        assert np.all(np.abs(np.diagonal(S, axis1=-2, axis2=-1)) > 0)
+        return
+    variances = np.diagonal(P, axis1=-2, axis2=-1)
+    assert np.all(variances > 0)
+    sigma = np.sqrt(variances)
+    assert np.all(np.linalg.eigvalsh(P / (sigma[..., None] * sigma[..., None, :])) > 0)
+
+
+def test_methods_are_found() -> None:
+    assert "unscented" in METHODS
+    assert all(name == method.name for name, method in METHODS.items())
+
+
+@every
+def test_what_a_method_is_exempt_from_is_a_property_with_a_reason(method: Method) -> None:
+    assert set(method.exempt) <= set(PROPERTIES)
+    assert all(len(reason) > 20 for reason in method.exempt.values())
+
+
+@every
+def test_pure_and_deterministic_on_read_only_arrays_seed_1(method: Method) -> None:
+    rng = np.random.default_rng(1)
+    problem = locked(linear(rng, method))
+    seen = locked(rng.normal(0, 3, (3, len(problem.H))))
+    before = [array.tobytes() for array in (*problem, seen)]
+    state = locked(method.start(problem.mean, problem.P))
+    results = []
+    for _ in range(2):
+        predicted = locked(method.predict(state, problem.process, problem.Q))
+        update = locked(method.update(predicted, seen[0], problem.measure, problem.R, ()))
+        again = locked(method.predict(update.belief, problem.process, problem.Q))
+        results.append([array.tobytes() for array in arrays_of((predicted, update, again))])
+    assert results[0] == results[1]
+    assert before == [array.tobytes() for array in (*problem, seen)]
+
+
+@having("kalman")
+@pytest.mark.parametrize("n", [1, 4, 9])
+def test_equals_the_kalman_filter_on_linear_problems_seed_2(method: Method, n: int) -> None:
+    rng = np.random.default_rng(2)
+    problem = linear(rng, method, n)
+    seen = rng.normal(0, 3, (20, len(problem.H)))
+    state, updates = track(method, problem, seen)
+    belief, expected = method.belief(state), kalman(problem, seen)
+    np.testing.assert_allclose(belief.mean, expected.mean, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(belief.covariance, expected.covariance, rtol=1e-9, atol=1e-9)
+    u = updates[-1]
+    nis = float(u.innovation @ np.linalg.solve(u.innovation_covariance, u.innovation))
+    assert u.nis == pytest.approx(nis, rel=1e-9)
+    np.testing.assert_allclose(u.innovation, seen[-1] - u.predicted, atol=1e-12)
+
+
+@having("partial")
+def test_takes_fewer_measurements_than_states_seed_3(method: Method) -> None:
+    rng = np.random.default_rng(3)
+    H = np.eye(4)[:1]
+    problem = linear(rng, method)._replace(H=H, R=np.array([[0.5]]))
+    state, updates = track(method, problem, rng.normal(0, 1, (5, 1)))
+    sound(method, state)
+    assert updates[-1].innovation.shape == (1,)
+    assert updates[-1].innovation_covariance.shape == (1, 1)
+
+
+@having("consistent")
+def test_nees_and_nis_keep_their_95_percent_bounds_seed_4(method: Method) -> None:
+    """500 runs of the very model that the filter assumes."""
+    rng, runs = np.random.default_rng(4), 500
+    dt, m = 0.1, 4 if "partial" in method.exempt else 2
+    problem = Linear(
+        np.eye(4) + dt * np.eye(4, k=2),
+        np.eye(m, 4),
+        np.diag([1e-4, 1e-4, 0.01, 0.01]),
+        np.diag([0.04, 0.09, 0.04, 0.09])[:m, :m],
+        np.zeros(4),
+        np.diag([1.0, 1.0, 4.0, 4.0]),
+    )
+    truths, seen = simulate(rng, problem, runs, 30)
+    belief, nis = ensemble(method, problem, seen)
+    nees = normalised_squared(belief.mean - truths[-1], belief.covariance)
+    for figure, degrees in ((nees, 4), (nis, m)):
+        low, high = mean_bounds(degrees, runs, 0.95)
+        assert low < np.mean(figure) < high
+
+
+@having("batch")
+def test_a_batch_is_a_loop_seed_5(method: Method) -> None:
+    rng, count = np.random.default_rng(5), 11  # odd, and more than one group of lanes
+    problem = linear(rng, method)
+    seen = rng.normal(0, 3, (4, count, len(problem.H)))
+    together, updates = track(method, problem, seen)
+    belief = method.belief(together)
+    for b in range(count):
+        alone, single = track(method, problem, np.ascontiguousarray(seen[:, b]))
+        expected = method.belief(alone)
+        np.testing.assert_allclose(belief.mean[b], expected.mean, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(belief.covariance[b], expected.covariance, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(updates[-1].innovation[b], single[-1].innovation, rtol=1e-12, atol=1e-12)
+        assert updates[-1].nis[b] == pytest.approx(single[-1].nis, rel=1e-11)
+
+
+@having("float32")
+def test_float32_in_gives_float32_out_seed_6(method: Method) -> None:
+    rng = np.random.default_rng(6)
+    problem = linear(rng, method)
+    seen = rng.normal(0, 3, (10, len(problem.H)))
+    state, updates = track(method, problem.as_dtype(np.float32), seen.astype(np.float32))
+    belief, double = method.belief(state), method.belief(track(method, problem, seen)[0])
+    for array in (*belief, *arrays_of(updates[-1])):
+        assert array.dtype == np.float32
+    np.testing.assert_allclose(belief.mean, double.mean, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(belief.covariance, double.covariance, rtol=1e-3, atol=1e-3)
+
+
+def long_run(method: Method, dtype: type) -> None:
+    """Measurements that scatter, then one again and again. A step is then a function of the state alone: once a
+    state comes back to the bit, all later ones are known."""
+    rng = np.random.default_rng(7)
+    problem = ill_conditioned(method, dtype)
+    noise = np.sqrt(np.diag(problem.R)) * rng.normal(0, 1, (SCATTERED, len(problem.H)))
+    seen, last = noise.astype(dtype), np.full(len(problem.H), 1e-3, dtype)
+    state, known = method.start(problem.mean, problem.P), set()
+    for k in range(LONG):
+        state = method.predict(state, problem.process, problem.Q)
+        y = seen[k] if k < SCATTERED else last
+        state = method.update(state, y, problem.measure, problem.R, ()).belief
+        if k < 100 or k % 500 == 499:
+            sound(method, state)
+        if k >= SCATTERED:
+            bits = b"".join(array.tobytes() for array in arrays_of(state))
+            if bits in known:
+                break
+            known.add(bits)
+    sound(method, state)
+    if "kalman" in method.exempt:
+        return
+    belief = method.belief(state)  # it still estimates: the millimetre is kept, and so is the mean
+    assert np.sqrt(belief.covariance[0, 0]) < 1.5e-3
+    assert abs(belief.mean[0]) < 0.01
+
+
+@having("long_run")
+@pytest.mark.timeout(60)
+def test_sound_after_100_000_ill_conditioned_steps_seed_7(method: Method) -> None:
+    long_run(method, np.float64)
+
+
+@having("long_run_float32")
+@pytest.mark.timeout(60)
+def test_sound_after_100_000_ill_conditioned_steps_in_float32_seed_7(method: Method) -> None:
+    long_run(method, np.float32)
+
+
+@every
+def test_the_condition_number_of_a_factor_is_the_square_root_seed_8(method: Method) -> None:
+    rng = np.random.default_rng(8)
+    problem = linear(rng, method)
+    state, _ = track(method, problem, rng.normal(0, 3, (20, len(problem.H))))
+    if method.factor is None:  # its state is the covariance itself
+        assert np.shares_memory(method.belief(state).covariance, method.belief(state).covariance)
+        return
+    S, P = method.factor(state), method.belief(state).covariance
+    np.testing.assert_allclose(S @ S.T, P, rtol=1e-12, atol=1e-12)
+    assert np.linalg.cond(S) ** 2 == pytest.approx(np.linalg.cond(P), rel=1e-3)
+
+
+@every
+def test_an_outage_is_predicted_through_seed_9(method: Method) -> None:
+    rng = np.random.default_rng(9)
+    problem = linear(rng, method)._replace(F=np.eye(4) + 0.1 * np.eye(4, k=2))
+    state, _ = track(method, problem, rng.normal(0, 1, (5, len(problem.H))))
+    before = method.belief(state)
+    x, P = before.mean, before.covariance
+    for _ in range(200):
+        state = method.predict(state, problem.process, problem.Q)
+        x, P = problem.F @ x, problem.F @ P @ problem.F.T + problem.Q
+    sound(method, state)
+    after = method.belief(state)
+    np.testing.assert_allclose(after.mean, x, rtol=1e-9, atol=1e-9)
+    if "kalman" not in method.exempt:
+        np.testing.assert_allclose(after.covariance, P, rtol=1e-9)
+    found = method.update(state, np.zeros(len(problem.H)), problem.measure, problem.R, ())
+    sound(method, found.belief)
+    assert np.trace(method.belief(found.belief).covariance) < np.trace(after.covariance)
+
+
+@having("angles")
+@pytest.mark.parametrize("side", [1, -1])
+def test_innovations_wrap_across_the_seam(method: Method, side: int) -> None:
+    """An angle just before +-pi, measured just beyond; the sigma points' images lie on both sides."""
+    mean = np.array([side * (np.pi - 0.01), 0.0])
+
+    def measure(rows: Array) -> Array:
+        wrapped = rows.copy()
+        wrapped[:, 0] = (rows[:, 0] + np.pi) % (2 * np.pi) - np.pi
+        return wrapped
+
+    state = method.start(mean, np.diag([0.04, 0.01]))
+    y = np.array([-side * (np.pi - 0.02), 0.0])
+    update = method.update(state, y, measure, np.diag([0.04, 0.01]), (0,))
+    assert update.innovation[0] == pytest.approx(side * 0.03, abs=1e-9)
+    after = method.belief(update.belief).mean[0]
+    assert 0 <= side * (after - mean[0]) <= 0.03 + 1e-12
