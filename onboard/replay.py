@@ -77,10 +77,12 @@ def replay(
 def check_log(log: Path) -> None:
     """Raise ReplayError for what is no log, before anything is written for it."""
     try:
-        for _ in itertools.islice(read_log(log), 0 if log.suffix == ".ulg" else 1):  # a ULog is parsed as a whole
-            pass
+        items = read_log(log)
+        empty = log.suffix != ".ulg" and all(item is None for item, _ in items)  # a ULog is parsed as a whole
     except (NotALogError, OSError) as error:
         raise ReplayError(f"{log}: {error}") from error
+    if empty:
+        raise ReplayError(f"{log}: there is no record in it that can be read")
 
 
 def read_log(log: Path) -> Iterator[tuple[Datagram | Message | None, int]]:
