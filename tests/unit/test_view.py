@@ -414,4 +414,5 @@ def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
         raise
     assert png.read_bytes().startswith(b"\x89PNG")
     assert png.stat().st_size > 30_000  # an empty window has a tenth of it
-    assert not psutil.Process().children(recursive=True)
+    # other tests' worker pools may have left Python's own helper process to this one
+    assert not [c for c in psutil.Process().children(recursive=True) if "rerun" in c.name()]
