@@ -1,0 +1,69 @@
+"""How the filters call their compiled kernels: one filter is a batch of one, and errors become exceptions."""
+
+from typing import Any, Final
+
+import numpy as np
+
+from onboard.filters.belief import SHAPE, FilterError, refuse
+from onboard.filters.unscented import wrong_arrays
+from onboard.geometry.rotations import Array
+
+# The axes an argument has for one filter; whatever stands before them is a batch.
+AXES: Final = {"mean": 1, "y": 1, "predicted": 1} | dict.fromkeys(
+    ("covariance", "factor", "F", "H", "Q", "R", "K", "U", "points", "images"), 2
+)
+
+
+def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
+    """The outputs of a kernel without its status, with the arrays' leading axes broadcast together.
+
+    Raises FilterError, NotPositiveDefiniteError: what the status means, or arrays that no kernel takes.
+    """
+    try:
+        depths = [array.ndim - AXES[name] for name, array in arrays.items()]
+    except AttributeError as error:
+        raise wrong_arrays(**arrays) from error
+    depth = max(depths)
+    if depth > 1:
+        lead = _lead(arrays)
+        flat = {name: _flat(array, AXES[name], lead) for name, array in arrays.items()}
+        return [output.reshape(*lead, *output.shape[1:]) for output in straight(kernel, *options, **flat)]
+    lifted = {n: a[None] if d == 0 else a for (n, a), d in zip(arrays.items(), depths, strict=True)}
+    outputs = straight(kernel, *options, **lifted)
+    return outputs if depth else [output[0] for output in outputs]
+
+
+def straight(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
+    """The outputs of a kernel without its status.
+
+    Raises FilterError, NotPositiveDefiniteError: what the status means, or arrays that no kernel takes.
+    """
+    try:
+        outputs: list[Any]
+        *outputs, status = kernel(*arrays.values(), *options)
+    except TypeError as error:
+        raise wrong_arrays(**arrays) from error
+    if status == SHAPE:
+        raise _misfit(arrays)
+    if status:
+        refuse(status)
+    return outputs
+
+
+def _lead(arrays: dict[str, Array]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*[array.shape[: array.ndim - AXES[name]] for name, array in arrays.items()])
+    except ValueError as error:
+        raise _misfit(arrays) from error
+
+
+def _flat(array: Array, axes: int, lead: tuple[int, ...]) -> Array:
+    if array.ndim == axes:
+        return array[None]
+    core = array.shape[array.ndim - axes :]
+    return np.broadcast_to(array, lead + core).reshape(-1, *core)
+
+
+def _misfit(arrays: dict[str, Array]) -> FilterError:
+    described = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+    return FilterError(f"shapes do not fit: {described}")

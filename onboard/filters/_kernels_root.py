@@ -1,0 +1,306 @@
+"""Compiled arithmetic of the square-root filters: triangularisation, rank-one downdates, and the updates built of
+them.
+
+Everything is in the precision of the arguments, single included: no accumulator is wider. Batches and cache as in
+`_kernels_linear`.
+"""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters._kernels import FLAGS, factor_into
+from onboard.filters._kernels import _signatures as signatures
+from onboard.filters._kernels_linear import common, innovate_into, semifactor_into
+from onboard.filters._kernels_slopes import centred_into
+from onboard.filters.belief import (
+    COVARIANCE,
+    DOWNDATE,
+    FACTOR,
+    IMAGES,
+    INDEFINITE,
+    INNOVATION,
+    MATRIX,
+    MEAN,
+    OK,
+    POINTS,
+    SHAPE,
+)
+
+
+@njit(cache=True, error_model="numpy")
+def tria_into(lower, extra):  # type: ignore[no-untyped-def]
+    """lower := the lower-triangular S with S S^T = lower lower^T + extra extra^T and no negative diagonal, by
+    Householder reflections from the right. lower (n, n) must be so already; extra (n, k) is used up.
+
+    With p the pivot, e its row of `extra` and a = |(p, e)|, the reflection sends (p, e) to (a, 0); written out, no
+    step subtracts nearly equal numbers.
+    """
+    n, k = extra.shape
+    one = lower.dtype.type(1)
+    for j in range(n):
+        p = lower[j, j]
+        total = p * p
+        for c in range(k):
+            total += extra[j, c] * extra[j, c]
+        if total == 0:
+            continue
+        a = np.sqrt(total)
+        inverse, share = one / a, one / (p + a)
+        lower[j, j] = a
+        for i in range(j + 1, n):
+            dot = lower.dtype.type(0)
+            for c in range(k):
+                dot += extra[i, c] * extra[j, c]
+            old = lower[i, j]
+            lower[i, j] = (p * old + dot) * inverse
+            step = (old + dot * share) * inverse
+            for c in range(k):
+                extra[i, c] -= step * extra[j, c]
+
+
+@njit(cache=True, error_model="numpy")
+def downdate_into(lower, x):  # type: ignore[no-untyped-def]
+    """lower := the factor of lower lower^T - x x^T (rank one; x (n,) is used up); False if that is not positive
+    definite."""
+    n = lower.shape[0]
+    for j in range(n):
+        square = (lower[j, j] - x[j]) * (lower[j, j] + x[j])
+        if not (square > 0 and square < np.inf):
+            return False
+        root = np.sqrt(square)
+        c, s = root / lower[j, j], x[j] / lower[j, j]
+        lower[j, j] = root
+        for i in range(j + 1, n):
+            lower[i, j] = (lower[i, j] - s * x[i]) / c
+            x[i] = c * x[i] - s * lower[i, j]
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def sound(lower):  # type: ignore[no-untyped-def]
+    """Whether a factor is finite, with a positive diagonal."""
+    good = True
+    for i in range(lower.shape[0]):
+        good &= lower[i, i] > 0
+        for j in range(i + 1):
+            good &= np.isfinite(lower[i, j])
+    return good
+
+
+@njit(signatures(3), cache=True, error_model="numpy")
+def factor(P):  # type: ignore[no-untyped-def]
+    """(lower Cholesky factors (B, n, n), status)."""
+    count, n = P.shape[0], P.shape[1]
+    out, lower_t = np.empty((count, n, n), P.dtype), np.empty((n, n), P.dtype)
+    if P.shape[2] != n:
+        return out, SHAPE
+    for b in range(count):
+        if not factor_into(P[b], lower_t):
+            return out, COVARIANCE
+        out[b] = lower_t.T
+    return out, OK
+
+
+@njit(signatures(2, 3, "f"), cache=True, error_model="numpy")
+def spread(mean, L, gamma):  # type: ignore[no-untyped-def]
+    """(points (B, 2n+1, n), status) from a mean and the factor of its covariance (only the lower triangle)."""
+    count, n = common((mean.shape[0], L.shape[0])), mean.shape[1]
+    points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
+    if count < 0 or L.shape[1:] != (n, n):
+        return points, SHAPE
+    for b in range(count):
+        centre, lower = mean[b % mean.shape[0]], L[b % L.shape[0]]
+        if not sound(lower):
+            return points, FACTOR
+        for i in range(n):
+            if not np.isfinite(centre[i]):
+                return points, MEAN
+            points[b, 0, i] = centre[i]
+            for j in range(n):
+                offset = gamma * lower[i, j] if j <= i else mean.dtype.type(0)
+                points[b, 1 + j, i] = centre[i] + offset
+                points[b, 1 + n + j, i] = centre[i] - offset
+    return points, OK
+
+
+@njit(signatures(3, 3, "f", "f"), cache=True, error_model="numpy")
+def gather(points, Q, w_cov, w):  # type: ignore[no-untyped-def]
+    """(mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q (eqs 20-22)."""
+    count, size, n = points.shape
+    mean, L = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
+    if Q.shape[0] not in (1, count) or Q.shape[1:] != (n, n):
+        return mean, L, SHAPE
+    extra, centre = np.empty((n, size), points.dtype), np.empty(n, points.dtype)
+    angular = np.zeros(n, np.bool_)
+    root, root_centre = np.sqrt(w), np.sqrt(abs(w_cov))
+    for b in range(count):
+        if not centred_into(points[b], w, 1 if w_cov == 0 else 0, angular, mean[b], extra):
+            return mean, L, POINTS
+        if not semifactor_into(Q[b % Q.shape[0]], L[b]):
+            return mean, L, INDEFINITE
+        for i in range(n):
+            centre[i] = root_centre * extra[i, 0]
+            extra[i, 0] = centre[i] if w_cov > 0 else points.dtype.type(0)
+            for s in range(1, size):
+                extra[i, s] *= root
+        tria_into(L[b], extra)
+        if w_cov < 0 and not downdate_into(L[b], centre):
+            return mean, L, DOWNDATE
+    return mean, L, OK
+
+
+@njit(cache=True, error_model="numpy")
+def linearise_into(images, R, w_cov, w, angular, predicted, odd, V):  # type: ignore[no-untyped-def]
+    """Deviations of the images in two parts, each pair of opposite points rotated by 45 degrees: the odd part (m,
+    n), which is the slope times the prior's factor, and the factor V (m, m) of R plus the even part, which is
+    what no straight line explains. The innovation's covariance is odd odd^T + V V^T; a status."""
+    m, n = odd.shape
+    d, even = np.empty((m, 2 * n + 1), odd.dtype), np.empty((m, n + 1), odd.dtype)
+    if not centred_into(images, w, 1 if w_cov == 0 else 0, angular, predicted, d):
+        return IMAGES
+    if not semifactor_into(R, V):
+        return INDEFINITE
+    root, centre = np.sqrt(odd.dtype.type(0.5) * w), np.sqrt(abs(w_cov))
+    column = np.empty(m, odd.dtype)
+    for a in range(m):
+        column[a] = centre * d[a, 0]
+        even[a, n] = column[a] if w_cov > 0 else odd.dtype.type(0)
+        for i in range(n):
+            odd[a, i] = root * (d[a, 1 + i] - d[a, 1 + n + i])
+            even[a, i] = root * (d[a, 1 + i] + d[a, 1 + n + i])
+    tria_into(V, even)
+    if w_cov < 0 and not downdate_into(V, column):
+        return DOWNDATE
+    return OK
+
+
+@njit(cache=True, error_model="numpy")
+def gain_into(L, odd, V, innovation, considered, K, U, S):  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
+    """Gain K (n, m), U = K chol(S) (n, m) and S (m, m) from the factor of the prior (eqs 25-28); (status, NIS)."""
+    n, m = K.shape
+    nis = L.dtype.type(0)
+    root = V.copy()
+    tria_into(root, odd.copy())
+    if not sound(root):
+        return INNOVATION, nis
+    for a in range(m):
+        for b in range(m):
+            S[a, b] = 0.0
+            for c in range(min(a, b) + 1):
+                S[a, b] += root[a, c] * root[b, c]
+    white = np.empty(m, L.dtype)
+    for a in range(m):
+        white[a] = innovation[a]
+        for b in range(a):
+            white[a] -= root[a, b] * white[b]
+        white[a] /= root[a, a]
+        nis += white[a] * white[a]
+    for i in range(n):
+        for a in range(m):  # U = P_xz root^-T, with P_xz = L odd^T
+            U[i, a] = 0.0
+            if considered[i]:
+                continue
+            for j in range(i + 1):
+                U[i, a] += L[i, j] * odd[a, j]
+            for b in range(a):
+                U[i, a] -= root[a, b] * U[i, b]
+            U[i, a] /= root[a, a]
+        for a in range(m - 1, -1, -1):
+            K[i, a] = U[i, a]
+            for b in range(a + 1, m):
+                K[i, a] -= root[b, a] * K[i, b]
+            K[i, a] /= root[a, a]
+    return OK, nis
+
+
+@njit(cache=True, error_model="numpy")
+def joseph_into(L, slope, K, V, out):  # type: ignore[no-untyped-def]
+    """out := tria[L - K slope, K V]: eq 32, transposed as it must be; slope (m, n) is H L, and K V V^T K^T is what
+    noise the gain lets in."""
+    n, m = K.shape
+    extra = np.empty((n, n + m), L.dtype)
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = 0.0
+            extra[i, j] = L[i, j] if j <= i else L.dtype.type(0)
+            for a in range(m):
+                extra[i, j] -= K[i, a] * slope[a, j]
+        for c in range(m):
+            extra[i, n + c] = 0.0
+            for a in range(c, m):
+                extra[i, n + c] += K[i, a] * V[a, c]
+    tria_into(out, extra)
+
+
+@njit(signatures(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), cache=True, error_model="numpy")
+def correct(points, L, images, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
+    """Update by triangularisation. (mean, factor, gain K, U = K chol(S), innovation, its covariance, predicted,
+    NIS, status), each over the batch; U is what the classical form subtracts from the prior's factor."""
+    count, size, n = points.shape
+    m = y.shape[1]
+    dtype = points.dtype
+    mean_out, L_out = np.empty((count, n), dtype), np.empty((count, n, n), dtype)
+    K, U = np.empty((count, n, m), dtype), np.empty((count, n, m), dtype)
+    innovation, predicted = np.empty((count, m), dtype), np.empty((count, m), dtype)
+    S, nis = np.empty((count, m, m), dtype), np.empty(count, dtype)
+    fits = images.shape == (count, size, m) and y.shape[0] in (1, count) and L.shape[0] in (1, count)
+    fits = fits and R.shape[0] in (1, count) and R.shape[1:] == (m, m)
+    status = OK if fits else SHAPE
+    odd, V = np.empty((m, n), dtype), np.empty((m, m), dtype)
+    for b in range(count):
+        if status == OK:
+            status = linearise_into(images[b], R[b % R.shape[0]], w_cov, w, angular, predicted[b], odd, V)
+        if status == OK:
+            status = innovate_into(y[b % y.shape[0]], predicted[b], angular, innovation[b])
+        if status != OK:
+            return mean_out, L_out, K, U, innovation, S, predicted, nis, status
+        prior = L[b % L.shape[0]]
+        status, nis[b] = gain_into(prior, odd, V, innovation[b], considered, K[b], U[b], S[b])
+        for i in range(n):
+            mean_out[b, i] = points[b, 0, i]
+            for a in range(m):
+                mean_out[b, i] += K[b, i, a] * innovation[b, a]
+        joseph_into(prior, odd, K[b], V, L_out[b])
+    return mean_out, L_out, K, U, innovation, S, predicted, nis, status
+
+
+@njit(signatures(3, 3, 3, 3), cache=True, error_model="numpy")
+def joseph(L, H, K, R):  # type: ignore[no-untyped-def]
+    """(tria[(I - K H) L, K S_R] (B, n, n), status): eqs 30-32 with a Jacobian H (B, m, n)."""
+    count, n, m = K.shape
+    out = np.empty((count, n, n), L.dtype)
+    if H.shape != (count, m, n) or L.shape[0] not in (1, count):
+        return out, SHAPE
+    HL, V = np.empty((m, n), L.dtype), np.empty((m, m), L.dtype)
+    for b in range(count):
+        prior = L[b % L.shape[0]]
+        if not semifactor_into(R[b % R.shape[0]], V):
+            return out, INDEFINITE
+        for a in range(m):
+            for j in range(n):
+                HL[a, j] = 0.0
+                for i in range(j, n):
+                    HL[a, j] += H[b, a, i] * prior[i, j]
+        joseph_into(prior, HL, K[b], V, out[b])
+        if not sound(out[b]):
+            return out, MATRIX
+    return out, OK
+
+
+@njit(signatures(3, 3), cache=True, error_model="numpy")
+def downdate(L, U):  # type: ignore[no-untyped-def]
+    """(the factor of L L^T - U U^T (B, n, n), status): one rank-one downdate for each column of U (B, n, m)."""
+    count, n, m = U.shape
+    out, x = np.empty((count, n, n), L.dtype), np.empty(n, L.dtype)
+    if L.shape[0] not in (1, count):
+        return out, SHAPE
+    for b in range(count):
+        for i in range(n):
+            for j in range(n):
+                out[b, i, j] = L[b % L.shape[0], i, j] if j <= i else L.dtype.type(0)
+        for a in range(m):
+            for i in range(n):
+                x[i] = U[b, i, a]
+            if not downdate_into(out[b], x):
+                return out, DOWNDATE
+    return out, OK

@@ -1,0 +1,68 @@
+"""The cubature Kalman filter (Arasaratnam & Haykin 2009): 2n points at sqrt(n) deviations, of weight 1/(2n) each.
+
+That is the unscented filter with kappa = 0, `julier_weights(n, n)`, exactly, whose centre then has weight zero.
+Here the model is never called for the centre, so not even a value that is not finite there has an effect: 2n rows
+a filter.
+"""
+
+from functools import lru_cache
+from typing import Final
+
+from onboard.filters import _kernels_slopes, unscented
+from onboard.filters._calls import call
+from onboard.filters.belief import Belief, Method, Rows, Update
+from onboard.filters.unscented import Weights, flags, over_rows
+from onboard.geometry.rotations import Array
+
+
+@lru_cache(maxsize=64)
+def weights(n: int) -> Weights:
+    """The third-degree spherical-radial rule for n states."""
+    return Weights(float(n) ** 0.5, 0.0, 0.0, 0.5 / n)
+
+
+def predict(belief: Belief, process: Rows, Q: Array) -> Belief:
+    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n).
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    rule = weights(belief.mean.shape[-1])
+    points = unscented.sigma_points(belief, rule)
+    return unscented.recombine(_images(process, points, ()), rule, Q)
+
+
+def update(
+    belief: Belief,
+    y: Array,
+    measure: Rows,
+    R: Array,
+    angular: tuple[int, ...] = (),
+    considered: tuple[int, ...] = (),
+) -> Update:
+    """Measurement update; `measure` maps rows (k, n) -> (k, m), `angular` and `considered` as in
+    `unscented.update`.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    rule = weights(belief.mean.shape[-1])
+    points = unscented.sigma_points(belief, rule)
+    images = _images(measure, points, angular)
+    return unscented.correct(belief, points, images, y, R, rule, angular, considered)
+
+
+def _images(model: Rows, points: Array, angular: tuple[int, ...]) -> Array:
+    """Images (..., 2n+1, m) of points but the centre, in whose place stands the mean of the others'."""
+    images = over_rows(model, points[..., 1:, :])
+    (completed,) = call(_kernels_slopes.with_centre, flags(angular, images.shape[-1]), images=images)
+    return completed  # type: ignore[no-any-return]  # Numba's functions are not typed
+
+
+METHODS: Final = (
+    Method(
+        "cubature",
+        Belief,
+        predict,
+        update,
+        lambda belief: belief,
+    ),
+)

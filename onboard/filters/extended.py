@@ -1,0 +1,84 @@
+"""The extended Kalman filter: the Kalman filter on the tangent at the mean, its covariance symmetric to the last
+bit.
+
+Jacobians are functions over rows, (k, n) -> (k, n or m, n), or come from central differences: one call of the
+model with the mean and 2n points about it. Batches and precisions as in `kalman`.
+"""
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from onboard.filters import _kernels_linear, _kernels_slopes, kalman
+from onboard.filters._calls import call
+from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update
+from onboard.filters.unscented import flags, over_rows
+from onboard.geometry.rotations import Array
+
+Jacobian = Callable[[Array], Array]
+
+
+def predict(belief: Belief, process: Rows, Q: Array, jacobian: Jacobian | None = None) -> Belief:
+    """Time update: f(m) and F P F^T + Q, F the Jacobian of `process` at the mean.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    mean, F = tangent(belief, process, jacobian, fault=POINTS)
+    if not np.isfinite(mean).all():
+        raise FilterError("process: gave states that are not finite")
+    (covariance,) = call(_kernels_linear.propagate, covariance=belief.covariance, F=F, Q=Q)
+    return Belief(mean, covariance)
+
+
+def update(
+    belief: Belief,
+    y: Array,
+    measure: Rows,
+    R: Array,
+    angular: tuple[int, ...] = (),
+    considered: tuple[int, ...] = (),
+    jacobian: Jacobian | None = None,
+) -> Update:
+    """Measurement update by the Jacobian of `measure` at the mean, in Joseph's form; `angular` and `considered`
+    as in `unscented.update`.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    predicted, H = tangent(belief, measure, jacobian, angular)
+    return kalman.correct(belief, y, predicted, H, R, considered, angular)
+
+
+def tangent(
+    belief: Belief,
+    model: Rows,
+    jacobian: Jacobian | None = None,
+    angular: tuple[int, ...] = (),
+    fault: int = IMAGES,
+) -> tuple[Array, Array]:
+    """A model's value (..., m) and Jacobian (..., m, n) at the mean. Without a function for it the Jacobian is by
+    central differences, their steps a fraction eps^(1/3) of the belief's standard deviations. `fault` is what to
+    refuse if the values are not finite.
+
+    Raises FilterError, NotPositiveDefiniteError for a covariance with a negative diagonal.
+    """
+    if jacobian is not None:
+        rows = belief.mean.reshape(-1, belief.mean.shape[-1])
+        value, slope = model(rows), jacobian(rows)
+        lead = belief.mean.shape[:-1]
+        return value.reshape(*lead, -1), slope.reshape(*lead, *slope.shape[1:])
+    (points,) = call(_kernels_slopes.stencil, mean=belief.mean, covariance=belief.covariance)
+    images = over_rows(model, points)
+    (slope,) = call(_kernels_slopes.slopes, flags(angular, images.shape[-1]), fault, points=points, images=images)
+    return images[..., 0, :], slope
+
+
+METHODS: Final = (
+    Method(
+        "extended",
+        Belief,
+        predict,
+        update,
+        lambda belief: belief,
+    ),
+)

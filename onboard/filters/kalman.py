@@ -1,0 +1,108 @@
+"""The linear Kalman filter (Kalman 1960; De Vivo et al. table 1), with the covariance update in Joseph's form (eq
+15).
+
+    belief = predict(belief, F, Q)                # an outage is this alone, as often as it lasts
+    belief = update(belief, y, H, R).belief
+
+Arrays are float64 or float32, all alike; leading axes broadcast, so one call advances a batch of filters. A
+covariance may be singular (a state known exactly), not indefinite.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from onboard.filters import _kernels_linear as kernels
+from onboard.filters._calls import call
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update
+from onboard.filters.unscented import flags, over_rows
+from onboard.geometry.rotations import Array
+
+
+def predict(belief: Belief, F: Array, Q: Array) -> Belief:
+    """Time update: F m and F P F^T + Q, with F and Q (..., n, n).
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    (covariance,) = call(kernels.propagate, covariance=belief.covariance, F=F, Q=Q)
+    return Belief(_image(F, belief.mean, "F"), covariance)
+
+
+def update(
+    belief: Belief,
+    y: Array,
+    H: Array,
+    R: Array,
+    considered: tuple[int, ...] = (),
+    angular: tuple[int, ...] = (),
+) -> Update:
+    """Measurement update with H (..., m, n) and R (..., m, m). States in `considered` keep their mean and
+    variance, carried in the others' covariance (Schmidt 1966); components `angular` of y are angles and wrap.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    return correct(belief, y, _image(H, belief.mean, "H"), H, R, considered, angular)
+
+
+def correct(
+    belief: Belief,
+    y: Array,
+    predicted: Array,
+    H: Array,
+    R: Array,
+    considered: tuple[int, ...] = (),
+    angular: tuple[int, ...] = (),
+) -> Update:
+    """`update` with the predicted measurement (..., m) given: it need not be H times the mean.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    marks = flags(angular, y.shape[-1]), flags(considered, belief.mean.shape[-1])
+    mean, covariance, innovation, S, nis = call(
+        kernels.correct,
+        *marks,
+        mean=belief.mean,
+        covariance=belief.covariance,
+        H=H,
+        predicted=predicted,
+        y=y,
+        R=R,
+    )
+    return Update(Belief(mean, covariance), innovation, S, predicted, nis if nis.ndim else float(nis))
+
+
+def affine(model: Rows, mean: Array) -> tuple[Array, Array]:
+    """The matrix (..., m, n) of an affine function over rows, and its value at the mean (..., m): exact but for
+    rounding, from its values at the origin, on the axes and at the mean. Wrong for a function that is not
+    affine."""
+    n = mean.shape[-1]
+    corners = np.zeros((*mean.shape[:-1], n + 2, n), mean.dtype)
+    corners[..., np.arange(1, n + 1), np.arange(n)] = 1
+    corners[..., n + 1, :] = mean
+    images = over_rows(model, corners)
+    return np.swapaxes(images[..., 1:-1, :] - images[..., :1, :], -1, -2), images[..., -1, :]
+
+
+def _image(matrix: Array, mean: Array, name: str) -> Array:
+    try:
+        image: Array = np.matvec(matrix, mean) if hasattr(np, "matvec") else (matrix @ mean[..., None])[..., 0]
+    except (ValueError, TypeError) as error:
+        shapes = f"{name} {np.shape(matrix)}, mean {np.shape(mean)}"
+        raise FilterError(f"shapes do not fit: {shapes}") from error
+    if not np.isfinite(image).all():
+        raise FilterError(f"{name} or mean: not finite")
+    return image
+
+
+def _predict(belief: Belief, process: Rows, Q: Array) -> Belief:
+    F, mean = affine(process, belief.mean)
+    (covariance,) = call(kernels.propagate, covariance=belief.covariance, F=F, Q=Q)
+    return Belief(mean, covariance)
+
+
+def _update(belief: Belief, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
+    H, predicted = affine(measure, belief.mean)
+    return correct(belief, y, predicted, H, R, (), angular)
+
+
+METHODS: Final = (Method("kalman (linear models only)", Belief, _predict, _update, lambda belief: belief),)

@@ -1,0 +1,94 @@
+"""Iterated posterior linearisation (Garcia-Fernandez, Svensson, Morelande & Sarkka 2015).
+
+The measurement is replaced by its best line over a belief, with the line's error as more noise (statistical linear
+regression). Over the prior this is the unscented update. But where the prior is wide and the measurement sharp,
+the line should be best where the state is: so it is drawn again over the posterior, and the same prior is updated
+again. The measurement counts once: on a linear model every number of iterations is the Kalman filter.
+"""
+
+from typing import Final
+
+from onboard.filters import _kernels_slopes, cubature, kalman, unscented
+from onboard.filters._calls import call
+from onboard.filters.belief import IMAGES, Belief, FilterError, Method, Rows, Update
+from onboard.filters.unscented import Weights, flags, over_rows
+from onboard.geometry.rotations import Array
+
+
+def predict(belief: Belief, process: Rows, Q: Array, weights: Weights | None = None) -> Belief:
+    """Time update of the unscented filter; without `weights`, of the cubature filter.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    if weights is None:
+        return cubature.predict(belief, process, Q)
+    return unscented.predict(belief, process, Q, weights)
+
+
+def update(
+    belief: Belief,
+    y: Array,
+    measure: Rows,
+    R: Array,
+    angular: tuple[int, ...] = (),
+    considered: tuple[int, ...] = (),
+    iterations: int = 4,
+    weights: Weights | None = None,
+) -> Update:
+    """Measurement update with `iterations` linearisations, the first over the prior; arguments as in
+    `unscented.update`, the weights by default those of the cubature filter. Innovation, its covariance and NIS are
+    of the first linearisation: what the prior predicts, and what a gate should see.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    if iterations < 1:
+        raise FilterError("iterations: must be at least 1")
+    rule = weights or cubature.weights(belief.mean.shape[-1])
+    first = _relinearised(belief, belief, y, measure, R, rule, angular, considered)
+    posterior = first.belief
+    for _ in range(iterations - 1):
+        posterior = _relinearised(belief, posterior, y, measure, R, rule, angular, considered).belief
+    return first._replace(belief=posterior)
+
+
+def _relinearised(
+    prior: Belief,
+    about: Belief,
+    y: Array,
+    measure: Rows,
+    R: Array,
+    weights: Weights,
+    angular: tuple[int, ...],
+    considered: tuple[int, ...],
+) -> Update:
+    """The prior's update with the line drawn over another belief."""
+    slope, value, rest = regression(about, measure, weights, angular)
+    # exactly `value` when drawn over the prior itself
+    predicted = value + (slope @ (prior.mean - about.mean)[..., None])[..., 0]
+    return kalman.correct(prior, y, predicted, slope, R + rest, considered, angular)
+
+
+def regression(
+    belief: Belief, model: Rows, weights: Weights, angular: tuple[int, ...] = (), fault: int = IMAGES
+) -> tuple[Array, Array, Array]:
+    """Statistical linear regression of a model over a belief: slope (..., m, n), value at the mean (..., m), and
+    the covariance (..., m, m) of what the line leaves out. `fault` is what to refuse if the values are not finite.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    points = unscented.sigma_points(belief, weights)
+    images = over_rows(model, points)
+    options = weights.covariance, weights.other, flags(angular, images.shape[-1]), fault
+    slope, value, rest = call(_kernels_slopes.regress, *options, covariance=belief.covariance, images=images)
+    return slope, value, rest
+
+
+METHODS: Final = (
+    Method(
+        "posterior linearisation",
+        Belief,
+        predict,
+        update,
+        lambda belief: belief,
+    ),
+)

@@ -1,0 +1,96 @@
+"""Fixed-interval smoothing (Rauch, Tung & Striebel 1965): what the whole record says of each time in it.
+
+The filter's beliefs come stacked over time, mean (T, n) and covariance (T, n, n), or (T, B, n) and (T, B, n, n)
+for a batch; so does the answer. A measurement update, if there was one, is in the belief of its time. Covariances
+are smoothed in Joseph's form, so none is a difference.
+"""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from onboard.filters import _kernels_slopes
+from onboard.filters._calls import straight
+from onboard.filters.belief import POINTS, Belief, FilterError, Method, Rows
+from onboard.filters.posterior_linearisation import regression
+from onboard.filters.unscented import Weights
+from onboard.geometry.rotations import Array
+
+
+def rauch_tung_striebel(filtered: Belief, F: Array, Q: Array, inputs: Array | None = None) -> Belief:
+    """Smooth the beliefs of a linear Kalman filter. F and Q (n, n), or (T-1, n, n) with those of each step from
+    t to t + 1 (a batch: (T-1, B or 1, n, n)); `inputs` (T-1, n) is what else each step added to the mean.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    _check(filtered)
+    mean = filtered.mean[:-1]
+    F, Q = _each_step(F, filtered, "F"), _each_step(Q, filtered, "Q")
+    predicted = (F @ mean[..., None])[..., 0]
+    if inputs is not None:
+        predicted = predicted + (inputs[:, None] if inputs.ndim < mean.ndim else inputs)
+    return _smoothed(filtered, F, Q, predicted)
+
+
+def unscented_rauch_tung_striebel(
+    filtered: Belief, process: Rows | Sequence[Rows], Q: Array, weights: Weights
+) -> Belief:
+    """Smooth the beliefs of a sigma-point filter (Sarkka 2008). `process` maps rows (k, n) -> (k, n), one
+    function for all steps, or one for each of the T-1; Q as in `rauch_tung_striebel`.
+
+    The process is replaced by its regression over each filtered belief. These do not depend on each other, so
+    with one function for all steps it is called once, with the rows of all times.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    _check(filtered)
+    before = Belief(filtered.mean[:-1], filtered.covariance[:-1])
+    if callable(process):
+        n = filtered.mean.shape[-1]
+        flat = Belief(before.mean.reshape(-1, n), before.covariance.reshape(-1, n, n))
+        slope, predicted, rest = regression(flat, process, weights, fault=POINTS)
+    else:
+        if len(process) != len(before.mean):
+            raise FilterError(f"process: {len(process)} functions for {len(before.mean)} steps")
+        lines = [
+            regression(Belief(mean, covariance), step, weights, fault=POINTS)
+            for step, mean, covariance in zip(process, *before, strict=True)
+        ]
+        slope, predicted, rest = (np.stack(parts) for parts in zip(*lines, strict=True))
+    shape = before.covariance.shape
+    noise = _each_step(Q, filtered, "Q") + rest.reshape(shape)
+    return _smoothed(filtered, slope.reshape(shape), noise, predicted.reshape(before.mean.shape))
+
+
+def _check(filtered: Belief) -> None:
+    mean, covariance = filtered
+    if mean.ndim not in (2, 3) or len(mean) < 2 or covariance.shape != (*mean.shape, mean.shape[-1]):
+        raise FilterError(
+            f"shapes do not fit: mean {mean.shape}, covariance {covariance.shape}; must be (T, n) and (T, n, n), "
+            "or (T, B, n) and (T, B, n, n), T at least 2"
+        )
+
+
+def _each_step(matrix: Array, filtered: Belief, name: str) -> Array:
+    """A matrix of all steps, or one for each, as one for each: (T-1, ..., n, n)."""
+    shape = filtered.covariance[:-1].shape
+    if matrix.ndim == 3 and len(shape) == 4:
+        matrix = matrix[:, None]
+    try:
+        return np.broadcast_to(matrix, shape)
+    except ValueError as error:
+        raise FilterError(f"shapes do not fit: {name} {matrix.shape} for {shape}") from error
+
+
+def _smoothed(filtered: Belief, F: Array, Q: Array, predicted: Array) -> Belief:
+    mean, covariance = filtered
+    if mean.ndim == 2:
+        mean, covariance, F, Q, predicted = (a[:, None] for a in (mean, covariance, F, Q, predicted))
+    arrays = {"mean": mean, "covariance": covariance, "F": F, "Q": Q, "predicted": predicted}
+    mean, covariance = straight(_kernels_slopes.smooth_back, **arrays)
+    shape = filtered.mean.shape
+    return Belief(mean.reshape(shape), covariance.reshape(filtered.covariance.shape))
+
+
+METHODS: Final[tuple[Method, ...]] = ()  # a smoother is no filter: it needs the whole record
