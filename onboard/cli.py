@@ -68,7 +68,7 @@ SCHEMA: Final = """\
 example:
   onboard schema --json > schema.json
 """
-SET_HELP: Final = "put one configuration key over the file's, as camera.f_px=600 (repeatable)"
+SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -80,7 +80,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line. Exit codes: 0 done, 1 it ran and failed, 2 the call or a file was at fault."""
-    arguments = _parser().parse_args(argv)
+    arguments = _parser().parse_args(_spread_sets(sys.argv[1:] if argv is None else argv))
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
@@ -234,6 +234,20 @@ def _parser() -> argparse.ArgumentParser:
 def _explained(text: str) -> dict[str, Any]:
     """Arguments of a parser whose help ends with `text` as it stands."""
     return {"epilog": text, "formatter_class": argparse.RawDescriptionHelpFormatter}
+
+
+def _spread_sets(argv: Sequence[str]) -> list[str]:
+    """`--set A=1 B=2` as `--set A=1 --set B=2`; what does not look like KEY=VALUE ends the row."""
+    spread: list[str] = []
+    in_row = False
+    for word in argv:
+        if word == "--set":
+            in_row = True
+        elif in_row and spread[-1] != "--set":
+            in_row = "=" in word and not word.startswith("-")
+            spread += ["--set"] if in_row else []
+        spread.append(word)
+    return spread
 
 
 def _add_set(parser: argparse.ArgumentParser) -> None:

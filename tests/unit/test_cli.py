@@ -235,6 +235,14 @@ def test_help_shows_an_example_that_parses(command: str, capsys: pytest.CaptureF
         cli._parser().parse_args(words)
 
 
+def test_several_keys_may_follow_one_set() -> None:
+    assert _spread_sets(["replay", "--set", "a=1", "b=[2,3]", "LOG", "c=4", "--set", "d=5", "--out", "f"]) == (
+        ["replay", "--set", "a=1", "--set", "b=[2,3]", "LOG", "c=4", "--set", "d=5", "--out", "f"]
+    )
+    assert _spread_sets(["run", "--set"]) == ["run", "--set"]
+    assert _spread_sets(["run", "--set", "--out", "x=1"]) == ["run", "--set", "--out", "x=1"]
+
+
 def test_help_and_version_need_neither_numpy_nor_rerun_nor_zenoh() -> None:
     """What a shell's completion or a look at the help would have to wait for."""
     code = (
