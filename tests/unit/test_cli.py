@@ -236,11 +236,11 @@ def test_help_shows_an_example_that_parses(command: str, capsys: pytest.CaptureF
 
 
 def test_several_keys_may_follow_one_set() -> None:
-    assert _spread_sets(["replay", "--set", "a=1", "b=[2,3]", "LOG", "c=4", "--set", "d=5", "--out", "f"]) == (
+    assert cli._spread_sets(["replay", "--set", "a=1", "b=[2,3]", "LOG", "c=4", "--set", "d=5", "--out", "f"]) == (
         ["replay", "--set", "a=1", "--set", "b=[2,3]", "LOG", "c=4", "--set", "d=5", "--out", "f"]
     )
-    assert _spread_sets(["run", "--set"]) == ["run", "--set"]
-    assert _spread_sets(["run", "--set", "--out", "x=1"]) == ["run", "--set", "--out", "x=1"]
+    assert cli._spread_sets(["run", "--set"]) == ["run", "--set"]
+    assert cli._spread_sets(["run", "--set", "--out", "x=1"]) == ["run", "--set", "--out", "x=1"]
 
 
 def test_help_and_version_need_neither_numpy_nor_rerun_nor_zenoh() -> None:
