@@ -1,55 +1,60 @@
-"""`python -m benchmarks [--json [FILE]]`."""
+"""`python -m benchmarks [--json [FILE]]`: one table, every figure measured in this run, on one thread."""
 
 import argparse
 import json
-import platform
 import sys
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks import start_up, vision_filter
+from benchmarks.measuring import DisagreementError, Figures, figures
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Measure, print a table, and write the figures if asked to."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Ratios against peers, in one run.")
     parser.add_argument("--json", nargs="?", const="bench.json", metavar="FILE", help="also write the figures")
+    parser.add_argument("--quick", action="store_true", help="a few steps only: rough figures in seconds")
     options = parser.parse_args(arguments)
-    if not vision_filter.agree():
-        print("ours and filterpy's results differ: no ratio would mean anything", file=sys.stderr)
+    try:
+        measured = figures(pairs=3, scale=0.1, starts=1) if options.quick else figures()
+    except DisagreementError as error:
+        print(error, file=sys.stderr)
         return 1
-    figures = {
-        "vision_filter": vision_filter.measure()._asdict(),
-        "start_up": start_up.measure()._asdict(),
-        "versions": {name: version(name) for name in ("numpy", "filterpy")}
-        | {"python": platform.python_version()},
-    }
-    Console().print(_table(figures))
+    Console().print(table(measured))
     if options.json:
-        Path(options.json).write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+        Path(options.json).write_text(json.dumps(measured, indent=1) + "\n", encoding="utf-8")
     return 0
 
 
-def _table(figures: dict[str, Any]) -> Table:
-    step, start, versions = figures["vision_filter"], figures["start_up"], figures["versions"]
-    table = Table("what", "ours", "peer", "peer / ours (quartiles)")
-    table.add_row(
-        "9-state vision UKF, predict + update",
-        f"{step['ours_us']:.0f} µs",
-        f"{step['theirs_us']:.0f} µs (filterpy {versions['filterpy']})",
-        f"{step['ratio']:.1f} ({step['ratio_low']:.1f}–{step['ratio_high']:.1f})",
+def table(measured: Figures) -> Table:
+    """One row per problem: our time, and how many times as long the peers take."""
+    versions = measured["versions"]
+    made = Table("predict + update, or start", "ours", "filterpy", "(our model)", "Stone Soup")
+    made.title = (
+        f"how many times as long filterpy {versions['filterpy']} and Stone Soup {versions['stonesoup']} take"
     )
-    table.add_row(
-        "import onboard.pipeline",
-        f"{start['pipeline_ms']:.0f} ms",
-        f"{start['numpy_ms']:.0f} ms (numpy {versions['numpy']}, before it)",
-        "",
-    )
-    return table
+    made.caption = "(our model): filterpy given our compiled model, in place of one written for it in NumPy"
+    for name, key in (
+        ("radar", "radar_ukf"),
+        ("radar, our model in NumPy too", "radar_ukf_numpy_model"),
+        ("vision", "vision_ukf"),
+        ("radar, of a batch", "batch_radar"),
+        ("vision, of a batch", "batch_ukf"),
+    ):
+        row = measured[key]
+        ours = row["us"] if "us" in row else row["us_per_step"]
+        peers = [row.get(f"times_faster_than_{peer}") for peer in ("filterpy", "filterpy_our_model", "stonesoup")]
+        made.add_row(name, f"{ours:.1f} us", *(f"{times:.0f}" if times else "" for times in peers))
+    root, start = measured["square_root"], measured["startup"]
+    made.add_row("radar, square root", f"{root['us']:.1f} us = {root['times_ukf']:.1f} of our UKF's")
+    made.add_row("the same, of a batch", f"{root['batch_us']:.1f} us = {root['batch_times_ukf']:.1f} of our UKF's")
+    made.add_row("start, nothing compiled", f"{start['cold_s']:.1f} s")
+    made.add_row("start, compiled", f"{start['warm_s']:.2f} s")
+    made.add_row("import onboard.pipeline", f"{start['import_pipeline_s']:.2f} s")
+    return made
 
 
-sys.exit(main())
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,36 +1,60 @@
-"""How long a fresh Python needs to import the pipeline."""
+"""How long a fresh Python takes to its first estimate: with nothing compiled yet, and afterwards."""
 
+import os
 import statistics
 import subprocess
 import sys
+import tempfile
+from time import perf_counter
 from typing import NamedTuple
 
-PROGRAM = """
+FIRST_ESTIMATE = """
+import numpy as np
+import onboard.pipeline
+from onboard.estimators import leader
+from onboard.filters import Belief, unscented
+from onboard.models import camera_angles, relative_motion
+still = relative_motion.FollowerMotion(*np.zeros((4, 3)))
+belief = Belief(np.array([30.0, 1, 1, 1, 0, 0, 2, 0, 0]), np.eye(9))
+moves = lambda rows: relative_motion.process(rows, 0.02, still, 1.0)
+sees = lambda rows: camera_angles.measure(rows, np.eye(3), np.zeros(3))
+belief = unscented.predict(belief, moves, np.eye(9), leader.WEIGHTS)
+unscented.update(belief, np.zeros(3), sees, np.eye(3), leader.WEIGHTS)
+"""
+PIPELINE = """
 from time import perf_counter
 start = perf_counter()
-import numpy
-numpy_done = perf_counter()
 import onboard.pipeline
-print(numpy_done - start, perf_counter() - numpy_done)
+print(perf_counter() - start)
 """
 
 
 class StartUp(NamedTuple):
-    """Medians, milliseconds: numpy, which everything needs, and what the pipeline adds to it."""
+    """Seconds: from the process's start to its end after one prediction and update, when the kernels are still to
+    be compiled and when they are on disk; and the import of the pipeline alone."""
 
-    numpy_ms: float
-    pipeline_ms: float
-
-
-def measure(runs: int = 7) -> StartUp:
-    """Import in `runs` processes, one after the other."""
-    rows = [_once() for _ in range(runs)]
-    numpy, pipeline = (statistics.median(column) for column in zip(*rows, strict=True))
-    return StartUp(1e3 * numpy, 1e3 * pipeline)
+    cold_s: float
+    warm_s: float
+    import_pipeline_s: float
 
 
-def _once() -> tuple[float, float]:
-    command = [sys.executable, "-c", PROGRAM]
-    output = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603 - our own program
-    numpy, pipeline = (float(number) for number in output.stdout.split())
-    return numpy, pipeline
+def measure(runs: int = 5) -> StartUp:
+    """One cold run, then medians of `runs` processes one after the other."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+        cold = _seconds(FIRST_ESTIMATE, environment)
+        warm = statistics.median(_seconds(FIRST_ESTIMATE, environment) for _ in range(runs))
+        imports = statistics.median(float(_run(PIPELINE, environment)) for _ in range(runs))
+    return StartUp(cold, warm, imports)
+
+
+def _seconds(program: str, environment: dict[str, str]) -> float:
+    start = perf_counter()
+    _run(program, environment)
+    return perf_counter() - start
+
+
+def _run(program: str, environment: dict[str, str]) -> str:
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)  # noqa: S603 - ours
+    return done.stdout

@@ -1,0 +1,184 @@
+"""The radar problem, as its user would write it for each library: nine states, constant acceleration per axis
+[x, v, a, y, v, a, z, v, a], and elevation, azimuth and range ten times a second. One step: predict and update.
+"""
+
+from datetime import datetime, timedelta
+from typing import Any, Final
+
+import numpy as np
+from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
+from numba import njit
+
+from onboard.filters import Belief, unscented
+from onboard.geometry.rotations import Array
+
+N, DT, STEPS = 9, 0.1, 200
+AXIS = np.array([[1.0, DT, 0.5 * DT**2], [0.0, 1.0, DT], [0.0, 0.0, 1.0]])
+F = np.kron(np.eye(3), AXIS)
+DENSITY = 1.0  # of the acceleration's random walk, (m/s^2)^2/s
+Q_AXIS = DENSITY * np.array(
+    [[DT**5 / 20, DT**4 / 8, DT**3 / 6], [DT**4 / 8, DT**3 / 3, DT**2 / 2], [DT**3 / 6, DT**2 / 2, DT]]
+)
+Q = np.kron(np.eye(3), Q_AXIS)
+R = np.diag([2e-4, 2e-4, 10.0]) ** 2
+START = Belief(
+    np.array([-6000.0, 110.0, -0.2, 4500.0, -60.0, 0.3, 1000.0, 8.0, -0.05]),
+    np.diag(np.tile([300.0, 30.0, 3.0], 3) ** 2),
+)
+ANGULAR: Final = (0, 1)
+WEIGHTS: Final = unscented.julier_weights(N)  # n + kappa = 3, as the peers use
+
+
+def seen(seed: int = 1, steps: int = STEPS) -> Array:
+    """Measurements (steps, 3) of a flight on the model."""
+    rng, x, rows = np.random.default_rng(seed), START.mean, []
+    for _ in range(steps):
+        x = F @ x
+        rows.append(sees(x[None])[0] + rng.normal(0, np.sqrt(np.diag(R))))
+    return np.array(rows)
+
+
+# --------------------------------------------------------------- ours: models over rows, compiled or NumPy's
+
+
+@njit(cache=True, error_model="numpy")
+def process(rows):  # type: ignore[no-untyped-def]
+    """Rows (k, 9) after DT."""
+    after = np.empty_like(rows)
+    for s in range(rows.shape[0]):
+        for i in range(0, 9, 3):
+            x, v, a = rows[s, i], rows[s, i + 1], rows[s, i + 2]
+            after[s, i] = x + DT * v + 0.5 * DT * DT * a
+            after[s, i + 1] = v + DT * a
+            after[s, i + 2] = a
+    return after
+
+
+@njit(cache=True, error_model="numpy")
+def measure(rows):  # type: ignore[no-untyped-def]
+    """Elevation, azimuth, range (k, 3) of rows (k, 9)."""
+    angles = np.empty((rows.shape[0], 3))
+    for s in range(rows.shape[0]):
+        x, y, z = rows[s, 0], rows[s, 3], rows[s, 6]
+        across2 = x * x + y * y
+        angles[s, 0] = np.arctan2(z, np.sqrt(across2))
+        angles[s, 1] = np.arctan2(y, x)
+        angles[s, 2] = np.sqrt(across2 + z * z)
+    return angles
+
+
+def moves(rows: Array) -> Array:
+    """`process` in NumPy."""
+    return np.asarray(rows @ F.T)
+
+
+def sees(rows: Array) -> Array:
+    """`measure` in NumPy."""
+    x, y, z = rows[:, 0], rows[:, 3], rows[:, 6]
+    across = np.hypot(x, y)
+    return np.column_stack([np.arctan2(z, across), np.arctan2(y, x), np.hypot(across, z)])
+
+
+SEEN: Final = seen()
+
+
+def ours(steps: int, process: Any = process, measure: Any = measure) -> Belief:
+    """The unscented filter with compiled models."""
+    belief = START
+    for k in range(steps):
+        belief = unscented.predict(belief, process, Q, WEIGHTS)
+        belief = unscented.update(belief, SEEN[k % STEPS], measure, R, WEIGHTS, ANGULAR).belief
+    return belief
+
+
+def ours_numpy(steps: int) -> Belief:
+    """The same with models in plain NumPy."""
+    return ours(steps, moves, sees)
+
+
+def batch(count: int) -> Any:
+    """A run that advances `count` filters in one call."""
+    start = Belief(np.tile(START.mean, (count, 1)), np.tile(START.covariance, (count, 1, 1)))
+    rows = np.ascontiguousarray(np.tile(SEEN[:, None], (1, count, 1)))
+
+    def run(steps: int) -> Belief:
+        belief = start
+        for k in range(steps):
+            belief = unscented.predict(belief, process, Q, WEIGHTS)
+            belief = unscented.update(belief, rows[k % STEPS], measure, R, WEIGHTS, ANGULAR).belief
+        return belief
+
+    return run
+
+
+# ------------------------------------------------------------------------------------------ the peers
+
+
+def difference(a: Array, b: Array) -> Array:
+    """Of measurements, as filterpy's documentation writes it."""
+    y = a - b
+    y[:2] = (y[:2] + np.pi) % (2 * np.pi) - np.pi
+    return y
+
+
+def filterpy(steps: int) -> Belief:
+    """filterpy's, its models for one point at a time, in NumPy."""
+
+    def fx(x: Array, _: float) -> Array:
+        return np.asarray(F @ x)
+
+    def hx(x: Array) -> Array:
+        across = np.hypot(x[0], x[3])
+        return np.array([np.arctan2(x[6], across), np.arctan2(x[3], x[0]), np.hypot(across, x[6])])
+
+    return _filterpy(steps, fx, hx)
+
+
+def filterpy_compiled(steps: int) -> Belief:
+    """filterpy's, given our compiled models."""
+    return _filterpy(steps, lambda x, _: process(x[None])[0], lambda x: measure(x[None])[0])
+
+
+def _filterpy(steps: int, fx: Any, hx: Any) -> Belief:
+    points = JulierSigmaPoints(N, kappa=3.0 - N)
+    peer: Any = UnscentedKalmanFilter(N, 3, DT, hx, fx, points, residual_z=difference)
+    peer.x, peer.P, peer.Q, peer.R = START.mean.copy(), START.covariance.copy(), Q, R
+    for k in range(steps):
+        peer.predict()
+        peer.update(SEEN[k % STEPS])
+    return Belief(peer.x, peer.P)
+
+
+def stonesoup(steps: int) -> Belief:
+    """Stone Soup's, as in its tutorials: every step predicts from the last posterior, with a detection of its own,
+    so that nothing is answered from its caches."""
+    from stonesoup.models.measurement.nonlinear import CartesianToElevationBearingRange  # noqa: PLC0415 - seconds
+    from stonesoup.models.transition.linear import (  # noqa: PLC0415
+        CombinedLinearGaussianTransitionModel,
+        ConstantAcceleration,
+    )
+    from stonesoup.predictor.kalman import UnscentedKalmanPredictor  # noqa: PLC0415
+    from stonesoup.types.detection import Detection  # noqa: PLC0415
+    from stonesoup.types.hypothesis import SingleHypothesis  # noqa: PLC0415
+    from stonesoup.types.state import GaussianState  # noqa: PLC0415
+    from stonesoup.updater.kalman import UnscentedKalmanUpdater  # noqa: PLC0415
+
+    moves = CombinedLinearGaussianTransitionModel([ConstantAcceleration(DENSITY) for _ in range(3)])
+    sees = CartesianToElevationBearingRange(N, (0, 3, 6), R)
+    rule = {"alpha": 1.0, "beta": 0.0, "kappa": 3.0 - N}
+    predictor, updater = UnscentedKalmanPredictor(moves, **rule), UnscentedKalmanUpdater(sees, **rule)
+    time = datetime(2026, 1, 1)  # noqa: DTZ001 - simulated
+    state = GaussianState(START.mean[:, None], START.covariance, timestamp=time)
+    for k in range(steps):
+        time += timedelta(seconds=DT)
+        detection = Detection(SEEN[k % STEPS][:, None], timestamp=time, measurement_model=sees)
+        prediction = predictor.predict(state, timestamp=time)
+        state = updater.update(SingleHypothesis(prediction, detection))
+    return Belief(np.asarray(state.state_vector, dtype=float)[:, 0], np.asarray(state.covar, dtype=float))
+
+
+def agree() -> bool:
+    """Whether all of them compute the same over a few seconds, to a millimetre."""
+    expected = ours(50)
+    others = [ours_numpy(50), filterpy(50), filterpy_compiled(50), stonesoup(50)]
+    return all(np.allclose(belief.mean[::3], expected.mean[::3], rtol=0, atol=1e-3) for belief in others)

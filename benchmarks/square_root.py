@@ -1,0 +1,50 @@
+"""The square-root filter that flies (by triangularisation) beside the unscented one, on the radar problem."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from benchmarks import radar
+from onboard.filters import Belief, square_root, unscented
+
+WEIGHTS = unscented.julier_weights(radar.N, float(radar.N))  # the centre's zero, as a square root needs
+
+
+def run(count: int | None = None) -> Callable[[int], object]:
+    """A run of one square-root filter, or of a batch."""
+    belief, seen = _inputs(count)
+    start = square_root.start(*belief)
+
+    def steps_of(steps: int) -> object:
+        state = start
+        for k in range(steps):
+            state = square_root.predict(state, radar.process, radar.Q, WEIGHTS)
+            y = seen[k % radar.STEPS]
+            state = square_root.update(state, y, radar.measure, radar.R, WEIGHTS, radar.ANGULAR).belief
+        return square_root.belief(state)
+
+    return steps_of
+
+
+def unscented_run(count: int | None = None) -> Callable[[int], object]:
+    """The same of the unscented filter, with the same points."""
+    start, seen = _inputs(count)
+
+    def steps_of(steps: int) -> object:
+        belief = start
+        for k in range(steps):
+            belief = unscented.predict(belief, radar.process, radar.Q, WEIGHTS)
+            y = seen[k % radar.STEPS]
+            belief = unscented.update(belief, y, radar.measure, radar.R, WEIGHTS, radar.ANGULAR).belief
+        return belief
+
+    return steps_of
+
+
+def _inputs(count: int | None) -> tuple[Belief, radar.Array]:
+    if count is None:
+        return radar.START, radar.SEEN
+    mean, P = radar.START
+    return Belief(np.tile(mean, (count, 1)), np.tile(P, (count, 1, 1))), np.tile(
+        radar.SEEN[:, None], (1, count, 1)
+    )
