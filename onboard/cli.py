@@ -241,10 +241,10 @@ def _spread_sets(argv: Sequence[str]) -> list[str]:
     spread: list[str] = []
     in_row = False
     for word in argv:
-        if word == "--set":
-            in_row = True
+        if word.startswith("-"):
+            in_row = word == "--set"
         elif in_row and spread[-1] != "--set":
-            in_row = "=" in word and not word.startswith("-")
+            in_row = "=" in word
             spread += ["--set"] if in_row else []
         spread.append(word)
     return spread
