@@ -1,4 +1,6 @@
-"""The command line: `onboard run`, `demo`, `replay`, `view`, `study`, `schema`. A user's mistake is one line.
+"""The command line: `onboard run`, `demo`, `replay`, `view`, `study`, `schema`, `compile`.
+
+A user's mistake is one line.
 
 Each command imports what it needs when it runs, so that `--help` is quick and a replay loads no Zenoh.
 """
@@ -67,6 +69,16 @@ example:
 SCHEMA: Final = """\
 example:
   onboard schema --json > schema.json
+"""
+COMPILE: Final = """\
+example:
+  onboard compile
+
+Estimating is done by machine code that is made on each computer once, in some ten seconds to a minute, and again
+after an update. `make` does it with this command; do it after an installation by other means.
+
+The code is kept beside the sources (__pycache__). Where that folder cannot be written to, Numba keeps it in the
+user's cache folder (~/.cache/numba on Linux), so run this as the user who flies; NUMBA_CACHE_DIR names another.
 """
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
 
@@ -154,6 +166,18 @@ def _schema(a: argparse.Namespace) -> int:
     return 0
 
 
+def _compile(_: argparse.Namespace) -> int:
+    from onboard.compiling import compile_all  # noqa: PLC0415
+
+    total, folder = 0.0, ""
+    for module in compile_all(time.perf_counter):
+        what = f"{module.compiled} compiled" + (f", {module.loaded} there already" if module.loaded else "")
+        print(f"{module.name:40}{module.seconds:6.1f} s  {what}", flush=True)
+        total, folder = total + module.seconds, module.folder or folder
+    print(f"ready in {total:.1f} s; kept in {folder}")
+    return 0
+
+
 def _end_as_if_interrupted() -> None:
     """Let SIGTERM and a closed terminal stop what we have started, as Ctrl-C does."""
     for number in (signal.SIGTERM, signal.SIGHUP):
@@ -228,6 +252,11 @@ def _parser() -> argparse.ArgumentParser:
     schema = commands.add_parser("schema", help="what is published: keys, records, types", **_explained(SCHEMA))
     schema.add_argument("--json", action="store_true", help="as JSON Schema")
     schema.set_defaults(command=_schema)
+
+    ahead = commands.add_parser(
+        "compile", help="compile the filters before the first flight", **_explained(COMPILE)
+    )
+    ahead.set_defaults(command=_compile)
     return parser
 
 

@@ -213,6 +213,13 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
 # ------------------------------------------------------------------------------------- one filter
 
 
+@njit(_signatures(2), cache=True, error_model="numpy")
+def factor(A):  # type: ignore[no-untyped-def]
+    """(transposed Cholesky factor (n, n), whether there is one)."""
+    lower_t = np.empty(A.shape, A.dtype)
+    return lower_t, factor_into(A, lower_t)
+
+
 @njit(_signatures(1, 2, "f"), cache=True, error_model="numpy")
 def spread(mean, P, gamma):  # type: ignore[no-untyped-def]
     """(points (2n+1, n), status)."""

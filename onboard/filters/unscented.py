@@ -70,10 +70,13 @@ def factor(covariance: Array) -> Array:
 
     Raises NotPositiveDefiniteError, for NaN and infinity too (LAPACK lets those pass).
     """
-    upper = np.empty_like(covariance)
-    if not _kernels.factor_into(covariance, upper):
+    try:
+        upper, exists = _kernels.factor(covariance)
+    except TypeError as error:
+        raise wrong_arrays(covariance=covariance) from error
+    if not exists:
         raise NotPositiveDefiniteError("covariance: not positive definite")
-    return upper.T
+    return upper.T  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 
 def sigma_points(belief: Belief, weights: Weights) -> Array:

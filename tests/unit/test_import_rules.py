@@ -15,7 +15,7 @@ FLOORS = (
     {"models", "ownship", "clocks", "wire", "schemas"},
     {"estimators", "links", "sinks"},
     {"config", "pipeline", "session", "scoring", "scorecard", "client", "view", "studies", "replay"},
-    {"daemon", "demo", "reporting", "watching"},
+    {"compiling", "daemon", "demo", "reporting", "watching"},
     {"cli"},
     {"__main__"},
 )
