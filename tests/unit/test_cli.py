@@ -220,7 +220,7 @@ def test_replay_without_camera_points_says_so(capsys: pytest.CaptureFixture[str]
     assert "no camera points" in said.out
 
 
-COMMANDS = ("run", "demo", "replay", "view", "study", "schema", "compile")
+COMMANDS = ("run", "demo", "replay", "view", "study", "compile", "schema")
 
 
 @pytest.mark.parametrize("command", COMMANDS)
