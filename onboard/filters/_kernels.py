@@ -90,36 +90,28 @@ def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def gather_into(points, w_mean, w_cov, w, Q, mean, P):  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
+def gather_into(points, w_mean, w_cov, w, Q, mean, P):  # type: ignore[no-untyped-def]
     """Weighted mean and covariance, plus Q, of one filter's points (2n+1, n); a status."""
     k, n = points.shape
     if k != 2 * n + 1 or Q.shape[0] != n or Q.shape[1] != n:
         return SHAPE
+    d = np.empty((n, k), points.dtype)  # one row per component: the sums below then run along memory
     for i in range(n):
-        mean[i] = 0.0
-    for s in range(1, k):
-        for i in range(n):
-            mean[i] += points[s, i]
-    for i in range(n):
-        mean[i] = w * mean[i] + w_mean * points[0, i]
+        total = points[1, i]
+        for s in range(2, k):
+            total += points[s, i]
+        mean[i] = w * total + w_mean * points[0, i]
         if not np.isfinite(mean[i]):
             return POINTS
-        for j in range(i, n):
-            P[i, j] = 0.0
-    d = np.empty(n, points.dtype)
-    for s in range(1, k):
-        for i in range(n):
-            d[i] = points[s, i] - mean[i]
-        for i in range(n):
-            f = d[i]
-            for j in range(i, n):
-                P[i, j] += f * d[j]
-    for i in range(n):
-        d[i] = points[0, i] - mean[i]
+        for s in range(k):
+            d[i, s] = points[s, i] - mean[i]
     status = OK
     for i in range(n):
         for j in range(i, n):
-            value = w * P[i, j] + w_cov * d[i] * d[j] + 0.5 * (Q[i, j] + Q[j, i])
+            total = d[i, 1] * d[j, 1]
+            for s in range(2, k):
+                total += d[i, s] * d[j, s]
+            value = w * total + w_cov * d[i, 0] * d[j, 0] + 0.5 * (Q[i, j] + Q[j, i])
             if not np.isfinite(value):
                 status = NOISE
             P[i, j] = value
@@ -130,7 +122,7 @@ def gather_into(points, w_mean, w_cov, w, Q, mean, P):  # type: ignore[no-untype
 @njit(cache=True, error_model="numpy")
 def wrapped(x):  # type: ignore[no-untyped-def]
     """An angle in [-pi, pi]."""
-    return x - TWO_PI * np.rint(x / TWO_PI)
+    return x - TWO_PI * np.rint(x * (1.0 / TWO_PI))
 
 
 @njit(cache=True, error_model="numpy")
