@@ -4,13 +4,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from onboard.filters.belief import SHAPE, FilterError, refuse
-from onboard.filters.unscented import wrong_arrays
+from onboard.filters.belief import SHAPE, FilterError, Rows, refuse
+from onboard.filters.unscented import flags, over_rows, wrong_arrays
 from onboard.geometry.rotations import Array
 
 # The axes an argument has for one filter; whatever stands before them is a batch.
 AXES: Final = {"mean": 1, "y": 1, "predicted": 1} | dict.fromkeys(
-    ("covariance", "factor", "F", "H", "Q", "R", "K", "U", "points", "images"), 2
+    ("covariance", "factor", "F", "H", "Q", "R", "K", "U", "points", "process", "measure", "model"), 2
 )
 
 
@@ -23,6 +23,8 @@ def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
         depths = [array.ndim - AXES[name] for name, array in arrays.items()]
     except AttributeError as error:
         raise wrong_arrays(**arrays) from error
+    if min(depths) < 0:
+        raise _misfit(arrays)
     depth = max(depths)
     if depth > 1:
         lead = _lead(arrays)
@@ -31,6 +33,40 @@ def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
     lifted = {n: a[None] if d == 0 else a for (n, a), d in zip(arrays.items(), depths, strict=True)}
     outputs = straight(kernel, *options, **lifted)
     return outputs if depth else [output[0] for output in outputs]
+
+
+def marks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int, ...]) -> tuple[Any, Any]:
+    """The masks of angular components of y and of considered states.
+
+    Raises FilterError.
+    """
+    try:
+        return flags(angular, y.shape[-1]), flags(considered, mean.shape[-1])
+    except (AttributeError, IndexError) as error:
+        raise wrong_arrays(y=y, mean=mean) from error
+
+
+def alike(reference: Array, **arrays: Array) -> None:
+    """Raises FilterError unless these are arrays of the reference's precision and of its last two axes."""
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype != reference.dtype:
+            raise wrong_arrays(mean=reference, **{name: array})
+        if array.shape[-2:] != reference.shape[-2:]:
+            raise FilterError(f"shapes do not fit: {name} {array.shape}, must be {reference.shape[-2:]}")
+
+
+def images_of(model: Rows, points: Array, y: Array | None) -> Array:
+    """A model over points (..., k, n): a measurement's images (..., k, m) like y (..., m), or without one a
+    process's.
+
+    Raises FilterError.
+    """
+    images = over_rows(model, points)
+    columns = np.shape(points if y is None else y)[-1:]
+    if np.shape(images) != points.shape[:-1] + columns:
+        name, given = ("process", "") if y is None else ("measure", f" and y {np.shape(y)}")
+        raise FilterError(f"{name}: gave {np.shape(images)} for points {points.shape}{given}")
+    return images
 
 
 def straight(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:

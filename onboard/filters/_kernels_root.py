@@ -88,6 +88,20 @@ def sound(lower):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3), cache=True, error_model="numpy")
+def square(L):  # type: ignore[no-untyped-def]
+    """(L L^T (B, n, n), symmetric to the last bit, OK)."""
+    count, n = L.shape[0], L.shape[1]
+    out = np.zeros((count, n, n), L.dtype)
+    for b in range(count):
+        for i in range(n):
+            for j in range(i + 1):
+                for k in range(j + 1):
+                    out[b, i, j] += L[b, i, k] * L[b, j, k]
+                out[b, j, i] = out[b, i, j]
+    return out, OK
+
+
+@njit(signatures(3), cache=True, error_model="numpy")
 def factor(P):  # type: ignore[no-untyped-def]
     """(lower Cholesky factors (B, n, n), status)."""
     count, n = P.shape[0], P.shape[1]
@@ -128,7 +142,7 @@ def gather(points, Q, w_cov, w):  # type: ignore[no-untyped-def]
     """(mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q (eqs 20-22)."""
     count, size, n = points.shape
     mean, L = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
-    if Q.shape[0] not in (1, count) or Q.shape[1:] != (n, n):
+    if Q.shape[0] not in (1, count) or Q.shape[1:] != (n, n) or size != 2 * n + 1:
         return mean, L, SHAPE
     extra, centre = np.empty((n, size), points.dtype), np.empty(n, points.dtype)
     angular = np.zeros(n, np.bool_)
@@ -150,39 +164,39 @@ def gather(points, Q, w_cov, w):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def linearise_into(images, R, w_cov, w, angular, predicted, odd, V):  # type: ignore[no-untyped-def]
+def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):  # type: ignore[no-untyped-def]
     """Deviations of the images in two parts, each pair of opposite points rotated by 45 degrees: the odd part (m,
     n), which is the slope times the prior's factor, and the factor V (m, m) of R plus the even part, which is
-    what no straight line explains. The innovation's covariance is odd odd^T + V V^T; a status."""
+    what no straight line explains. Together, odd odd^T + V V^T, they are the innovation's covariance, whose factor
+    is `root` (eqs 25, 26). A negative centre weight is in `root`, by a downdate, but not in V; a status."""
     m, n = odd.shape
     d, even = np.empty((m, 2 * n + 1), odd.dtype), np.empty((m, n + 1), odd.dtype)
     if not centred_into(images, w, 1 if w_cov == 0 else 0, angular, predicted, d):
         return IMAGES
     if not semifactor_into(R, V):
         return INDEFINITE
-    root, centre = np.sqrt(odd.dtype.type(0.5) * w), np.sqrt(abs(w_cov))
+    share, centre = np.sqrt(odd.dtype.type(0.5) * w), np.sqrt(abs(w_cov))
     column = np.empty(m, odd.dtype)
     for a in range(m):
         column[a] = centre * d[a, 0]
         even[a, n] = column[a] if w_cov > 0 else odd.dtype.type(0)
         for i in range(n):
-            odd[a, i] = root * (d[a, 1 + i] - d[a, 1 + n + i])
-            even[a, i] = root * (d[a, 1 + i] + d[a, 1 + n + i])
+            odd[a, i] = share * (d[a, 1 + i] - d[a, 1 + n + i])
+            even[a, i] = share * (d[a, 1 + i] + d[a, 1 + n + i])
     tria_into(V, even)
-    if w_cov < 0 and not downdate_into(V, column):
+    root[:] = V
+    tria_into(root, odd.copy())
+    if w_cov < 0 and not downdate_into(root, column):
         return DOWNDATE
-    return OK
+    return OK if sound(root) else INNOVATION
 
 
 @njit(cache=True, error_model="numpy")
-def gain_into(L, odd, V, innovation, considered, K, U, S):  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
-    """Gain K (n, m), U = K chol(S) (n, m) and S (m, m) from the factor of the prior (eqs 25-28); (status, NIS)."""
+def gain_into(L, odd, root, innovation, considered, K, U, S):  # type: ignore[no-untyped-def]
+    """Gain K (n, m), U = K root (n, m) and S = root root^T (m, m), with the factor L of the prior (eqs 27, 28);
+    the NIS."""
     n, m = K.shape
     nis = L.dtype.type(0)
-    root = V.copy()
-    tria_into(root, odd.copy())
-    if not sound(root):
-        return INNOVATION, nis
     for a in range(m):
         for b in range(m):
             S[a, b] = 0.0
@@ -210,7 +224,7 @@ def gain_into(L, odd, V, innovation, considered, K, U, S):  # type: ignore[no-un
             for b in range(a + 1, m):
                 K[i, a] -= root[b, a] * K[i, b]
             K[i, a] /= root[a, a]
-    return OK, nis
+    return nis
 
 
 @njit(cache=True, error_model="numpy")
@@ -246,16 +260,17 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):  # type: ig
     fits = images.shape == (count, size, m) and y.shape[0] in (1, count) and L.shape[0] in (1, count)
     fits = fits and R.shape[0] in (1, count) and R.shape[1:] == (m, m)
     status = OK if fits else SHAPE
-    odd, V = np.empty((m, n), dtype), np.empty((m, m), dtype)
+    odd, V, root = np.empty((m, n), dtype), np.empty((m, m), dtype), np.empty((m, m), dtype)
     for b in range(count):
         if status == OK:
-            status = linearise_into(images[b], R[b % R.shape[0]], w_cov, w, angular, predicted[b], odd, V)
+            noise = R[b % R.shape[0]]
+            status = linearise_into(images[b], noise, w_cov, w, angular, predicted[b], odd, V, root)
         if status == OK:
             status = innovate_into(y[b % y.shape[0]], predicted[b], angular, innovation[b])
         if status != OK:
             return mean_out, L_out, K, U, innovation, S, predicted, nis, status
         prior = L[b % L.shape[0]]
-        status, nis[b] = gain_into(prior, odd, V, innovation[b], considered, K[b], U[b], S[b])
+        nis[b] = gain_into(prior, odd, root, innovation[b], considered, K[b], U[b], S[b])
         for i in range(n):
             mean_out[b, i] = points[b, 0, i]
             for a in range(m):

@@ -16,8 +16,9 @@ from onboard.filters.belief import COVARIANCE, MATRIX, MEAN, NOISE, OK, PREDICTE
 def stencil(mean, P):  # type: ignore[no-untyped-def]
     """(points (B, 2n+1, n), status): the mean, then a step forth and a step back along each axis.
 
-    A step is eps^(1/3) of a standard deviation: rounding then moves a predicted deviation by no more than
-    eps^(2/3) of the model's value. It is at least sqrt(eps) of the state, which large coordinates need.
+    A step is eps^(1/4) of a standard deviation. What the difference then misses is sqrt(eps)/6 of the cubic term
+    over that deviation, nothing beside what the tangent itself misses, and rounding adds eps^(3/4) of the value.
+    It is at least sqrt(eps) of the state, which large coordinates need.
     """
     count, n = common((mean.shape[0], P.shape[0])), mean.shape[1]
     points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
@@ -34,9 +35,9 @@ def stencil(mean, P):  # type: ignore[no-untyped-def]
                 return points, MEAN
             if not (covariance[i, i] >= 0 and covariance[i, i] < np.inf):
                 return points, COVARIANCE
-            step = max(eps ** (1 / 3) * np.sqrt(covariance[i, i]), np.sqrt(eps) * abs(centre[i]))
+            step = max(eps**0.25 * np.sqrt(covariance[i, i]), np.sqrt(eps) * abs(centre[i]))
             if not step > 0:
-                step = eps ** (1 / 3)
+                step = eps**0.25
             points[b, 1 + i, i] = centre[i] + step
             points[b, 1 + n + i, i] = centre[i] - step
     return points, OK

@@ -9,9 +9,9 @@ from functools import lru_cache
 from typing import Final
 
 from onboard.filters import _kernels_slopes, unscented
-from onboard.filters._calls import call
-from onboard.filters.belief import Belief, Method, Rows, Update
-from onboard.filters.unscented import Weights, flags, over_rows
+from onboard.filters._calls import call, images_of
+from onboard.filters.belief import Belief, Method, Rows, Update, start
+from onboard.filters.unscented import Weights, flags
 from onboard.geometry.rotations import Array
 
 
@@ -28,7 +28,7 @@ def predict(belief: Belief, process: Rows, Q: Array) -> Belief:
     """
     rule = weights(belief.mean.shape[-1])
     points = unscented.sigma_points(belief, rule)
-    return unscented.recombine(_images(process, points, ()), rule, Q)
+    return unscented.recombine(_images(process, points, (), None), rule, Q)
 
 
 def update(
@@ -46,23 +46,24 @@ def update(
     """
     rule = weights(belief.mean.shape[-1])
     points = unscented.sigma_points(belief, rule)
-    images = _images(measure, points, angular)
+    images = _images(measure, points, angular, y)
     return unscented.correct(belief, points, images, y, R, rule, angular, considered)
 
 
-def _images(model: Rows, points: Array, angular: tuple[int, ...]) -> Array:
+def _images(model: Rows, points: Array, angular: tuple[int, ...], y: Array | None) -> Array:
     """Images (..., 2n+1, m) of points but the centre, in whose place stands the mean of the others'."""
-    images = over_rows(model, points[..., 1:, :])
-    (completed,) = call(_kernels_slopes.with_centre, flags(angular, images.shape[-1]), images=images)
+    images = images_of(model, points[..., 1:, :], y)
+    (completed,) = call(_kernels_slopes.with_centre, flags(angular, images.shape[-1]), model=images)
     return completed  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 
 METHODS: Final = (
     Method(
         "cubature",
-        Belief,
+        start,
         predict,
         update,
         lambda belief: belief,
+        exempt={"long_run_float32": unscented.SINGLE},
     ),
 )

@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from onboard.filters import _kernels_linear, _kernels_slopes, kalman
-from onboard.filters._calls import call
-from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update
-from onboard.filters.unscented import flags, over_rows
+from onboard.filters._calls import call, images_of
+from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, start
+from onboard.filters.unscented import flags
 from onboard.geometry.rotations import Array
 
 Jacobian = Callable[[Array], Array]
@@ -24,7 +24,7 @@ def predict(belief: Belief, process: Rows, Q: Array, jacobian: Jacobian | None =
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    mean, F = tangent(belief, process, jacobian, fault=POINTS)
+    mean, F = tangent(belief, process, jacobian)
     if not np.isfinite(mean).all():
         raise FilterError("process: gave states that are not finite")
     (covariance,) = call(_kernels_linear.propagate, covariance=belief.covariance, F=F, Q=Q)
@@ -45,7 +45,7 @@ def update(
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    predicted, H = tangent(belief, measure, jacobian, angular)
+    predicted, H = tangent(belief, measure, jacobian, y, angular)
     return kalman.correct(belief, y, predicted, H, R, considered, angular)
 
 
@@ -53,30 +53,30 @@ def tangent(
     belief: Belief,
     model: Rows,
     jacobian: Jacobian | None = None,
+    y: Array | None = None,
     angular: tuple[int, ...] = (),
-    fault: int = IMAGES,
 ) -> tuple[Array, Array]:
     """A model's value (..., m) and Jacobian (..., m, n) at the mean. Without a function for it the Jacobian is by
-    central differences, their steps a fraction eps^(1/3) of the belief's standard deviations. `fault` is what to
-    refuse if the values are not finite.
+    central differences, their steps a fraction eps^(1/4) of the belief's standard deviations. With y the
+    model is a measurement, without a process, which matters to what an error says.
 
     Raises FilterError, NotPositiveDefiniteError for a covariance with a negative diagonal.
     """
     if jacobian is not None:
-        rows = belief.mean.reshape(-1, belief.mean.shape[-1])
-        value, slope = model(rows), jacobian(rows)
-        lead = belief.mean.shape[:-1]
-        return value.reshape(*lead, -1), slope.reshape(*lead, *slope.shape[1:])
+        *lead, n = belief.mean.shape
+        value = images_of(model, belief.mean[..., None, :], y)[..., 0, :]
+        return value, jacobian(belief.mean.reshape(-1, n)).reshape(*lead, value.shape[-1], n)
     (points,) = call(_kernels_slopes.stencil, mean=belief.mean, covariance=belief.covariance)
-    images = over_rows(model, points)
-    (slope,) = call(_kernels_slopes.slopes, flags(angular, images.shape[-1]), fault, points=points, images=images)
+    fault = POINTS if y is None else IMAGES
+    images = images_of(model, points, y)
+    (slope,) = call(_kernels_slopes.slopes, flags(angular, images.shape[-1]), fault, points=points, model=images)
     return images[..., 0, :], slope
 
 
 METHODS: Final = (
     Method(
         "extended",
-        Belief,
+        start,
         predict,
         update,
         lambda belief: belief,

@@ -13,9 +13,8 @@ from typing import Final
 import numpy as np
 
 from onboard.filters import _kernels_linear as kernels
-from onboard.filters._calls import call
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update
-from onboard.filters.unscented import flags, over_rows
+from onboard.filters._calls import call, images_of, marks
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, start
 from onboard.geometry.rotations import Array
 
 
@@ -57,10 +56,9 @@ def correct(
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    marks = flags(angular, y.shape[-1]), flags(considered, belief.mean.shape[-1])
     mean, covariance, innovation, S, nis = call(
         kernels.correct,
-        *marks,
+        *marks(y, angular, belief.mean, considered),
         mean=belief.mean,
         covariance=belief.covariance,
         H=H,
@@ -71,7 +69,7 @@ def correct(
     return Update(Belief(mean, covariance), innovation, S, predicted, nis if nis.ndim else float(nis))
 
 
-def affine(model: Rows, mean: Array) -> tuple[Array, Array]:
+def affine(model: Rows, mean: Array, y: Array | None = None) -> tuple[Array, Array]:
     """The matrix (..., m, n) of an affine function over rows, and its value at the mean (..., m): exact but for
     rounding, from its values at the origin, on the axes and at the mean. Wrong for a function that is not
     affine."""
@@ -79,7 +77,9 @@ def affine(model: Rows, mean: Array) -> tuple[Array, Array]:
     corners = np.zeros((*mean.shape[:-1], n + 2, n), mean.dtype)
     corners[..., np.arange(1, n + 1), np.arange(n)] = 1
     corners[..., n + 1, :] = mean
-    images = over_rows(model, corners)
+    images = images_of(model, corners, y)
+    if not np.isfinite(images).all():
+        raise FilterError(f"{'process' if y is None else 'measure'}: gave values that are not finite")
     return np.swapaxes(images[..., 1:-1, :] - images[..., :1, :], -1, -2), images[..., -1, :]
 
 
@@ -101,8 +101,8 @@ def _predict(belief: Belief, process: Rows, Q: Array) -> Belief:
 
 
 def _update(belief: Belief, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
-    H, predicted = affine(measure, belief.mean)
+    H, predicted = affine(measure, belief.mean, y)
     return correct(belief, y, predicted, H, R, (), angular)
 
 
-METHODS: Final = (Method("kalman (linear models only)", Belief, _predict, _update, lambda belief: belief),)
+METHODS: Final = (Method("kalman", start, _predict, _update, lambda belief: belief),)

@@ -9,9 +9,9 @@ again. The measurement counts once: on a linear model every number of iterations
 from typing import Final
 
 from onboard.filters import _kernels_slopes, cubature, kalman, unscented
-from onboard.filters._calls import call
-from onboard.filters.belief import IMAGES, Belief, FilterError, Method, Rows, Update
-from onboard.filters.unscented import Weights, flags, over_rows
+from onboard.filters._calls import alike, call, images_of
+from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, start
+from onboard.filters.unscented import Weights, flags
 from onboard.geometry.rotations import Array
 
 
@@ -62,31 +62,33 @@ def _relinearised(
     considered: tuple[int, ...],
 ) -> Update:
     """The prior's update with the line drawn over another belief."""
-    slope, value, rest = regression(about, measure, weights, angular)
+    slope, value, rest = regression(about, measure, weights, y, angular)
     # exactly `value` when drawn over the prior itself
     predicted = value + (slope @ (prior.mean - about.mean)[..., None])[..., 0]
+    alike(rest, R=R)
     return kalman.correct(prior, y, predicted, slope, R + rest, considered, angular)
 
 
 def regression(
-    belief: Belief, model: Rows, weights: Weights, angular: tuple[int, ...] = (), fault: int = IMAGES
+    belief: Belief, model: Rows, weights: Weights, y: Array | None = None, angular: tuple[int, ...] = ()
 ) -> tuple[Array, Array, Array]:
     """Statistical linear regression of a model over a belief: slope (..., m, n), value at the mean (..., m), and
-    the covariance (..., m, m) of what the line leaves out. `fault` is what to refuse if the values are not finite.
+    the covariance (..., m, m) of what the line leaves out. With y it is a measurement,
+    without a process, which matters to what an error says.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     points = unscented.sigma_points(belief, weights)
-    images = over_rows(model, points)
-    options = weights.covariance, weights.other, flags(angular, images.shape[-1]), fault
-    slope, value, rest = call(_kernels_slopes.regress, *options, covariance=belief.covariance, images=images)
+    images = images_of(model, points, y)
+    options = weights.covariance, weights.other, flags(angular, images.shape[-1]), POINTS if y is None else IMAGES
+    slope, value, rest = call(_kernels_slopes.regress, *options, covariance=belief.covariance, model=images)
     return slope, value, rest
 
 
 METHODS: Final = (
     Method(
-        "posterior linearisation",
-        Belief,
+        "posterior-linearisation",
+        start,
         predict,
         update,
         lambda belief: belief,

@@ -12,7 +12,7 @@ import numpy as np
 
 from onboard.filters import _kernels_slopes
 from onboard.filters._calls import straight
-from onboard.filters.belief import POINTS, Belief, FilterError, Method, Rows
+from onboard.filters.belief import Belief, FilterError, Method, Rows
 from onboard.filters.posterior_linearisation import regression
 from onboard.filters.unscented import Weights
 from onboard.geometry.rotations import Array
@@ -49,12 +49,12 @@ def unscented_rauch_tung_striebel(
     if callable(process):
         n = filtered.mean.shape[-1]
         flat = Belief(before.mean.reshape(-1, n), before.covariance.reshape(-1, n, n))
-        slope, predicted, rest = regression(flat, process, weights, fault=POINTS)
+        slope, predicted, rest = regression(flat, process, weights)
     else:
         if len(process) != len(before.mean):
             raise FilterError(f"process: {len(process)} functions for {len(before.mean)} steps")
         lines = [
-            regression(Belief(mean, covariance), step, weights, fault=POINTS)
+            regression(Belief(mean, covariance), step, weights)
             for step, mean, covariance in zip(process, *before, strict=True)
         ]
         slope, predicted, rest = (np.stack(parts) for parts in zip(*lines, strict=True))

@@ -17,11 +17,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.filters import _kernels_root as kernels
+from onboard.filters import belief as beliefs
 from onboard.filters import extended
-from onboard.filters._calls import call
+from onboard.filters._calls import call, images_of, marks
 from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update
 from onboard.filters.cubature import weights as cubature_weights
-from onboard.filters.unscented import Weights, flags, julier_weights, over_rows
+from onboard.filters.unscented import Weights, julier_weights
 from onboard.geometry.rotations import Array
 
 
@@ -37,13 +38,15 @@ def start(mean: Array, covariance: Array) -> SquareRoot:
 
     Raises FilterError, NotPositiveDefiniteError.
     """
+    beliefs.start(mean, covariance)
     (lower,) = call(kernels.factor, covariance=covariance)
     return SquareRoot(mean, lower)
 
 
 def belief(state: SquareRoot) -> Belief:
     """Mean and covariance S S^T."""
-    return Belief(state.mean, state.factor @ np.swapaxes(state.factor, -1, -2))
+    (covariance,) = call(kernels.square, factor=state.factor)
+    return Belief(state.mean, covariance)
 
 
 def predict(state: SquareRoot, process: Rows, Q: Array, weights: Weights) -> SquareRoot:
@@ -52,8 +55,8 @@ def predict(state: SquareRoot, process: Rows, Q: Array, weights: Weights) -> Squ
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    _, images = _images(state, process, weights)
-    mean, factor = call(kernels.gather, weights.covariance, weights.other, points=images, Q=Q)
+    _, images = _images(state, process, weights, None)
+    mean, factor = call(kernels.gather, weights.covariance, weights.other, process=images, Q=Q)
     return SquareRoot(mean, factor)
 
 
@@ -102,7 +105,7 @@ def update_joseph(
     """
     mean, _, gain, _, *rest = _correct(state, y, measure, R, weights, angular, ())
     # central differences of curvature-free steps: the prior's deviations are only their scale
-    _, H = extended.tangent(Belief(mean, belief(state).covariance), measure, jacobian, angular)
+    _, H = extended.tangent(Belief(mean, belief(state).covariance), measure, jacobian, y, angular)
     (factor,) = call(kernels.joseph, factor=state.factor, H=H, K=gain, R=R)
     return _told(SquareRoot(mean, factor), *rest)
 
@@ -119,11 +122,11 @@ def update_classical(
     return _told(SquareRoot(mean, factor), *rest)
 
 
-def _images(state: SquareRoot, model: Rows, weights: Weights) -> tuple[Array, Array]:
+def _images(state: SquareRoot, model: Rows, weights: Weights, y: Array | None) -> tuple[Array, Array]:
     if abs(2 * weights.other * weights.spread**2 - 1) > 1e-6:
         raise FilterError("weights: twice the weight of a point times its squared spread must be one")
     (points,) = call(kernels.spread, weights.spread, mean=state.mean, factor=state.factor)
-    return points, over_rows(model, points)
+    return points, images_of(model, points, y)
 
 
 def _correct(
@@ -135,10 +138,9 @@ def _correct(
     angular: tuple[int, ...],
     considered: tuple[int, ...],
 ) -> list[Any]:
-    points, images = _images(state, measure, weights)
-    marks = flags(angular, y.shape[-1]), flags(considered, points.shape[-1])
-    options = weights.covariance, weights.other, *marks
-    return call(kernels.correct, *options, points=points, factor=state.factor, images=images, y=y, R=R)
+    points, images = _images(state, measure, weights, y)
+    options = weights.covariance, weights.other, *marks(y, angular, state.mean, considered)
+    return call(kernels.correct, *options, points=points, factor=state.factor, measure=images, y=y, R=R)
 
 
 def _told(state: SquareRoot, innovation: Array, S: Array, predicted: Array, nis: Any) -> Update:
@@ -152,19 +154,25 @@ def _unscented(n: int) -> Weights:
     return julier_weights(n, max(float(n), 3.0))
 
 
-def _method(name: str, correct: Callable[..., Update], rule: Callable[[int], Weights]) -> Method:
+def _method(
+    name: str, correct: Callable[..., Update], rule: Callable[[int], Weights], exempt: dict[str, str]
+) -> Method:
     return Method(
         name,
         start,
         lambda state, process, Q: predict(state, process, Q, rule(state.mean.shape[-1])),
         lambda state, y, measure, R, angular: correct(state, y, measure, R, rule(state.mean.shape[-1]), angular),
         belief,
+        lambda state: state.factor,
+        exempt,
     )
 
 
+DIFFERENCES: Final = "a millimetre after a kilometre is a difference that float32 has no digits for"
+
 METHODS: Final = (
-    _method("square root", update, _unscented),
-    _method("square root, cubature", update, cubature_weights),
-    _method("square root, Joseph (De Vivo et al.)", update_joseph, _unscented),
-    _method("square root, downdated (van der Merwe & Wan)", update_classical, julier_weights),
+    _method("square-root", update, _unscented, {}),
+    _method("square-root-cubature", update, cubature_weights, {}),
+    _method("square-root-joseph", update_joseph, _unscented, {}),
+    _method("square-root-downdated", update_classical, julier_weights, {"long_run_float32": DIFFERENCES}),
 )
