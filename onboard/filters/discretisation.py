@@ -1,0 +1,131 @@
+"""From continuous to discrete time: the transition and process noise of a linear model over a step, and RK4.
+
+    F, Q = van_loan(A, W, dt)                     # any linear model
+    F, Q = wiener_acceleration(dt, q)             # the closed forms of kinematic ones
+    rows = rk4(derivative, rows, dt)              # a nonlinear model
+
+`dt` may be an array (...,): the matrices then are (..., n, n).
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.filters.belief import FilterError, Rows
+from onboard.geometry.rotations import Array
+
+TERMS: Final = 14  # of the series at a norm of 1/4: the first left out is below 1e-19
+
+
+class Discrete(NamedTuple):
+    """x' = F x + noise of covariance Q, both (..., n, n)."""
+
+    F: Array
+    Q: Array
+
+
+def van_loan(A: Array, W: Array, dt: Any) -> Discrete:
+    """What x_dot = A x + white noise of spectral density W does in `dt` seconds: F = exp(A dt) and Q, the integral
+    of exp(A s) W exp(A s)^T over the step, for A and W (..., n, n). With noise through L, W = L Qc L^T.
+
+    Van Loan (1978) has both from one exponential of [[-A, W], [0, A^T]], as has the matrix fraction of Lazarov et
+    al. (eqs 4-7). That takes exp(-A dt), which overflows or cancels where A decays fast; here Q is made of terms
+    that only add: a series for a short step, doubled by Q(2h) = Q(h) + F(h) Q(h) F(h)^T.
+
+    Raises FilterError.
+    """
+    step = _positive(dt)
+    if A.ndim < 2 or A.shape[-1] != A.shape[-2] or W.shape[-2:] != A.shape[-2:]:
+        raise FilterError(f"A, W: must be square and alike, not {A.shape} and {W.shape}")
+    if not (np.isfinite(A).all() and np.isfinite(W).all()):
+        raise FilterError("A, W: not finite")
+    norm = float(np.max(np.sum(np.abs(A), axis=-1) * step[..., None], initial=0.0))
+    halvings = max(0, int(np.ceil(np.log2(4 * norm)))) if norm > 0 else 0
+    h = (step / 2**halvings)[..., None, None]
+    F, Q = _series(A * h, W * h)
+    for _ in range(halvings):
+        Q = Q + F @ Q @ np.swapaxes(F, -1, -2)
+        F = F @ F
+    return Discrete(F, 0.5 * (Q + np.swapaxes(Q, -1, -2)))
+
+
+def _series(Ah: Array, Wh: Array) -> tuple[Array, Array]:
+    """exp(Ah), and the sum of T_k / k with T_1 = Wh and T_k+1 = (Ah T_k + T_k Ah^T) / k: the integral of their
+    derivative Q' = A Q + Q A^T + W."""
+    F = np.eye(Ah.shape[-1]) + Ah
+    Q = term = np.broadcast_to(Wh, np.broadcast_shapes(Ah.shape, Wh.shape))
+    power = Ah
+    for k in range(2, TERMS + 1):
+        power = Ah @ power / k
+        half = Ah @ term / k
+        term = half + np.swapaxes(half, -1, -2)
+        F, Q = F + power, Q + term
+    return F, Q
+
+
+def wiener_acceleration(dt: Any, q: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
+    """A continuous Wiener process acceleration: constant but for white jerk of density `q`, one number or one for
+    each axis. States are ordered [positions, velocities, accelerations], or `by_axis` [x, vx, ax, y, ...].
+
+    Erratum: eq 14 of Lazarov et al. is indefinite. An axis has q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2],
+    [., ., t]].
+
+    Raises FilterError.
+    """
+    return _kinematic(3, dt, q, axes, by_axis)
+
+
+def white_acceleration(dt: Any, q: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
+    """A velocity constant but for white acceleration of density `q`: an axis has q [[t^3/3, t^2/2], [., t]]. Else
+    as `wiener_acceleration`.
+
+    Raises FilterError.
+    """
+    return _kinematic(2, dt, q, axes, by_axis)
+
+
+def _kinematic(order: int, dt: Any, q: Any, axes: int, by_axis: bool) -> Discrete:
+    """`order` integrations of white noise on each axis: F_ij = t^(j-i) / (j-i)!, and with a, b integrations that
+    lie between a state and the noise, Q = q t^(a+b+1) / (a! b! (a+b+1))."""
+    t = _positive(dt)[..., None, None]
+    density = np.asarray(q, float)
+    if density.shape not in {(), (axes,)} or not (np.isfinite(density) & (density >= 0)).all():
+        raise FilterError(f"q: must be one number, or one for each of {axes} axes, finite and not negative")
+    factorial = np.array([1.0, 1.0, 2.0])
+    i = np.arange(order)
+    ahead = np.maximum(i[None, :] - i[:, None], 0)
+    F = np.triu(t**ahead / factorial[ahead])
+    a, b = order - 1 - i[:, None], order - 1 - i[None, :]
+    Q = t ** (a + b + 1) / (factorial[a] * factorial[b] * (a + b + 1))
+    each, noise = np.eye(axes), np.diag(np.broadcast_to(density, axes))
+    return Discrete(_kron(each, F), _kron(noise, Q)) if by_axis else Discrete(_kron(F, each), _kron(Q, noise))
+
+
+def _kron(a: Array, b: Array) -> Array:
+    """The Kronecker product of matrices, either of which may be a batch."""
+    product = np.einsum("...ij,...kl->...ikjl", a, b)
+    return np.asarray(product).reshape(*product.shape[:-4], a.shape[-2] * b.shape[-2], a.shape[-1] * b.shape[-1])
+
+
+def rk4(derivative: Rows, rows: Array, dt: float) -> Array:
+    """Rows (k, n) after `dt` seconds of x_dot = derivative(x), a function over rows: one step of classical
+    Runge-Kutta. Its precision is the rows'.
+
+    Raises FilterError.
+    """
+    h = float(_positive(dt))
+    k1 = derivative(rows)
+    if k1.shape != rows.shape:
+        raise FilterError(f"derivative: gave {k1.shape} for rows {rows.shape}")
+    k2 = derivative(rows + (0.5 * h) * k1)
+    k3 = derivative(rows + (0.5 * h) * k2)
+    k4 = derivative(rows + h * k3)
+    return rows + (h / 6) * (k1 + 2 * k2 + 2 * k3 + k4)
+
+
+def _positive(dt: Any) -> Array:
+    """`dt` as an array. Raises FilterError."""
+    step = np.asarray(dt, float)
+    if not (np.isfinite(step) & (step > 0)).all():
+        raise FilterError(f"dt: must be positive and finite, not {dt}")
+    return step

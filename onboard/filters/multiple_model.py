@@ -1,0 +1,212 @@
+"""The interacting multiple model estimator (Blom & Bar-Shalom 1988): several filters, each with a model of its
+own, that mix what they believe before every prediction, by the probabilities of passing from one to another.
+
+    imm = (method, method, method)                                   # any of `filters.methods()`, a mode each
+    state = start(imm, mean, covariance, probabilities)
+    state = predict(imm, state, processes, noises, transition)       # one process and one Q for each mode
+    state = update(imm, state, y, measures, R).belief
+
+All modes have the same states. A filter that carries more than a belief keeps it through the mixing if its state
+has fields `mean` and `covariance`; any other is started anew from the mixed belief. With a leading batch axis each
+filter of the batch has its own probabilities.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.filters import unscented
+from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update
+from onboard.filters.unscented import flags
+from onboard.geometry.rotations import Array
+
+TWO_PI: Final = 2 * np.pi
+
+
+class ModesState(NamedTuple):
+    """Each mode's filter state, and the modes' probabilities (..., r)."""
+
+    states: tuple[Any, ...]
+    probabilities: Array
+
+
+class ModesUpdate(NamedTuple):
+    """`belief.Update`'s five fields, of the mixture of the modes, and each mode's log-likelihood (..., r)."""
+
+    belief: ModesState
+    innovation: Array
+    innovation_covariance: Array
+    predicted: Array
+    nis: Any
+    log_likelihood: Array
+
+
+def start(methods: Sequence[Method], mean: Array, covariance: Array, probabilities: Array) -> ModesState:
+    """All modes with one belief, mean (..., n) and covariance (..., n, n), and `probabilities` (r,) or (..., r).
+
+    Raises FilterError.
+    """
+    states = tuple(method.start(mean, covariance) for method in methods)
+    weights = np.asarray(probabilities, mean.dtype)
+    if weights.shape[-1:] != (len(methods),) or not _sum_to_one(weights):
+        raise FilterError(f"probabilities: must be {len(methods)} that are not negative and sum to one")
+    return ModesState(states, np.broadcast_to(weights, (*mean.shape[:-1], len(methods))).copy())
+
+
+def predict(
+    methods: Sequence[Method],
+    state: ModesState,
+    processes: Sequence[Rows],
+    noises: Sequence[Array],
+    transition: Array,
+) -> ModesState:
+    """Mix, then predict each mode with its process and Q. `transition` (r, r) has in row i the probabilities that
+    mode i becomes each.
+
+    A mode that nothing leads to has probability zero and nothing to mix; it keeps its own belief.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    r = len(methods)
+    if np.shape(transition) != (r, r) or not _sum_to_one(np.asarray(transition)):
+        raise FilterError(f"transition: must be ({r}, {r}), not negative, with rows that sum to one")
+    if len(processes) != r or len(noises) != r:
+        raise FilterError(f"processes, noises: must be {r} each, not {len(processes)} and {len(noises)}")
+    joint = state.probabilities[..., :, None] * np.asarray(transition, state.probabilities.dtype)
+    ahead = joint.sum(axis=-2)
+    possible = ahead[..., None, :] > 0
+    mixing = np.where(possible, joint / np.where(possible, ahead[..., None, :], 1), np.eye(r, dtype=joint.dtype))
+    mixed = _mix(_beliefs(methods, state), mixing)
+    states = [
+        method.predict(_with_belief(method, old, belief), process, Q)
+        for method, old, belief, process, Q in zip(methods, state.states, mixed, processes, noises, strict=True)
+    ]
+    return ModesState(tuple(states), ahead / ahead.sum(axis=-1, keepdims=True))
+
+
+def update(
+    methods: Sequence[Method],
+    state: ModesState,
+    y: Array,
+    measures: Sequence[Rows],
+    R: Array,
+    angular: tuple[int, ...] = (),
+) -> ModesUpdate:
+    """Update each mode with its measurement function, and its probability with the likelihood of y (..., m).
+
+    Probabilities are weighed in logarithms: they remain a distribution however unlikely y is under all modes.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    if len(measures) != len(methods):
+        raise FilterError(f"measures: must be {len(methods)}, not {len(measures)}")
+    updates = [
+        method.update(mode, y, measure, R, angular)
+        for method, mode, measure in zip(methods, state.states, measures, strict=True)
+    ]
+    log_likelihood = np.stack([_log_likelihood(u) for u in updates], axis=-1)
+    prior = state.probabilities
+    scores = np.where(prior > 0, np.log(np.where(prior > 0, prior, 1)) + log_likelihood, -np.inf)
+    scores = np.exp(scores - scores.max(axis=-1, keepdims=True))
+    posterior = np.asarray(scores / scores.sum(axis=-1, keepdims=True), prior.dtype)
+    after = ModesState(tuple(u.belief for u in updates), posterior)
+    e, S, predicted = _mixture(updates, prior, angular)
+    nis = np.sum(e * np.linalg.solve(S, e[..., None])[..., 0], axis=-1)
+    return ModesUpdate(after, e, S, predicted, nis if nis.ndim else float(nis), log_likelihood)
+
+
+def believed(methods: Sequence[Method], state: ModesState) -> Belief:
+    """Mean and covariance of the mixture of all modes."""
+    return _mix(_beliefs(methods, state), state.probabilities[..., None])[0]
+
+
+def _sum_to_one(weights: Array) -> bool:
+    return bool((weights >= 0).all() and np.allclose(weights.sum(axis=-1), 1, rtol=0, atol=1e-6))
+
+
+def _beliefs(methods: Sequence[Method], state: ModesState) -> Belief:
+    """The modes' beliefs, mean (..., r, n) and covariance (..., r, n, n)."""
+    each = [method.belief(mode) for method, mode in zip(methods, state.states, strict=True)]
+    return Belief(np.stack([b.mean for b in each], axis=-2), np.stack([b.covariance for b in each], axis=-3))
+
+
+def _mix(beliefs: Belief, weights: Array) -> list[Belief]:
+    """For each column j of weights (..., r, j) the mean and covariance of the mixture."""
+    made = []
+    for j in range(weights.shape[-1]):
+        w = weights[..., j]
+        # about one of the modes: a mixture of equals is then that mode to the last digit, however far from zero
+        centre = beliefs.mean[..., :1, :]
+        d = beliefs.mean - centre
+        mean = np.sum(w[..., None] * d, axis=-2, keepdims=True)
+        d = d - mean
+        base = beliefs.covariance[..., :1, :, :]
+        P = (base + np.sum(w[..., None, None] * (beliefs.covariance - base), axis=-3, keepdims=True))[..., 0, :, :]
+        P = P + np.swapaxes(w[..., None] * d, -1, -2) @ d
+        made.append(Belief((centre + mean)[..., 0, :], 0.5 * (P + np.swapaxes(P, -1, -2))))
+    return made
+
+
+def _with_belief(method: Method, state: Any, belief: Belief) -> Any:
+    """The state with another belief, and with all else it carries where it says where its belief is."""
+    if {"mean", "covariance"} <= set(getattr(state, "_fields", ())):
+        return state._replace(mean=belief.mean, covariance=belief.covariance)
+    return method.start(*belief)
+
+
+def _log_likelihood(update_: Update) -> Array:
+    S = update_.innovation_covariance
+    sign, log_det = np.linalg.slogdet(S)
+    if not (sign > 0).all():
+        raise NotPositiveDefiniteError("innovation covariance: not positive definite")
+    return np.asarray(-0.5 * (update_.nis + log_det + S.shape[-1] * np.log(TWO_PI)), S.dtype)
+
+
+def _mixture(updates: list[Update], weights: Array, angular: tuple[int, ...]) -> tuple[Array, Array, Array]:
+    """Innovation, its covariance and the predicted measurement of the mixture. Angles are averaged as innovations,
+    which are small, not as angles, which break."""
+    e = np.stack([u.innovation for u in updates], axis=-2)
+    if angular:
+        mask, first = flags(angular, e.shape[-1]), e[..., :1, :]
+        e = e - np.where(mask, TWO_PI * np.rint((e - first) / TWO_PI), 0).astype(e.dtype)
+    S = np.stack([u.innovation_covariance for u in updates], axis=-3)
+    mean, covariance = _mix(Belief(e, S), weights[..., None])[0]
+    predicted = updates[0].predicted + (updates[0].innovation - mean)
+    return mean, covariance, predicted
+
+
+# ------------------------------------------------------------------------------------- as a method
+
+
+def as_method(
+    name: str, modes: Sequence[Method], factors: Sequence[float], stay: float = 0.95, **more: Any
+) -> Method:
+    """Modes that differ in their method and by a factor on Q, equally likely at first; each is kept with
+    probability `stay`, or else passes to any other.
+
+    Raises FilterError.
+    """
+    r = len(modes)
+    if len(factors) != r or r < 2 or not 0 <= stay <= 1:
+        raise FilterError(f"factors, stay: must be {r} (at least 2), and a probability, not {factors} and {stay}")
+    transition = np.full((r, r), (1 - stay) / (r - 1))
+    np.fill_diagonal(transition, stay)
+
+    def start_(mean: Array, covariance: Array) -> ModesState:
+        return start(modes, mean, covariance, np.full(r, 1 / r))
+
+    def predict_(state: ModesState, process: Rows, Q: Array) -> ModesState:
+        noises = [Q if factor == 1 else factor * Q for factor in factors]
+        return predict(modes, state, [process] * r, noises, transition)
+
+    def update_(state: ModesState, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
+        return Update(*update(modes, state, y, [measure] * r, R, angular)[:5])
+
+    return Method(name, start_, predict_, update_, lambda state: believed(modes, state), **more)
+
+
+# Of one model twice, which must be the single filter; factors on Q are for whoever knows the manoeuvres.
+METHODS: Final[tuple[Method, ...]] = (
+    as_method("imm", unscented.METHODS[:1] * 2, (1.0, 1.0), exempt=unscented.METHODS[0].exempt),
+)
