@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,7 @@ class Program:
                 argv(*command), stdout=out, stderr=err, cwd=cwd, env=environment(), start_new_session=True
             )
         self.process = psutil.Process(self.popen.pid)
+        self._family: set[psutil.Process] = set()
 
     def said(self) -> str:
         return self.log.read_text(errors="replace")
@@ -58,7 +59,17 @@ class Program:
         assert self.said().count(text) >= count, f"ended with {self.popen.poll()}, having said:\n{self.said()}"
 
     def descendants(self) -> list[psutil.Process]:
-        return list(self.process.children(recursive=True))
+        found = list(self.process.children(recursive=True)) if self.popen.poll() is None else []
+        self._family |= set(found)
+        return found
+
+    def kill(self) -> None:
+        """It, and all it is known to have started, should that have outlived it."""
+        self.descendants()
+        for process in (self.process, *self._family):
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+        self.popen.wait(PATIENCE)
 
     def end(self, number: int = signal.SIGTERM, *, group: bool = False) -> int:
         """Send a signal to it, or to all of its group; its exit code."""
@@ -74,10 +85,7 @@ def started(log: Path, *command: str | Path, cwd: Path | None = None) -> Iterato
     try:
         yield program
     finally:
-        family = [program.process, *program.descendants()] if program.popen.poll() is None else []
-        for process in family:
-            process.kill()
-        program.popen.wait(PATIENCE)
+        program.kill()
 
 
 def until(condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
