@@ -104,6 +104,8 @@ def update_into(  # type: ignore[no-untyped-def]
     n, m = mean.shape[0], y.shape[0]
     if images.shape[0] != 2 * n + 1 or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m or m == 0:
         return SHAPE, 0.0
+    if residual.shape[0] != m or lasted.shape[0] != m or (given.shape[0] != m and given.shape[0] != 0):
+        return SHAPE, 0.0
     dtype = mean.dtype
     L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
     if not factor_into(P, L_t):
@@ -162,8 +164,12 @@ def update_batch(  # type: ignore[no-untyped-def]
         np.empty((count, m), np.bool_),
     )
     lasted, nis, status = lasted.copy(), np.empty(count, dtype), OK
-    if P.shape[0] != count or y.shape[0] != count or images.shape[0] != count:
-        status = SHAPE
+    for size in (P.shape[0], images.shape[0], y.shape[0], residual.shape[0], lasted.shape[0]):
+        if size != count:
+            status = SHAPE
+    for size in (R.shape[0], given.shape[0]):
+        if size not in (1, count):
+            status = SHAPE
     for b in range(count):
         if status == OK:
             given_b = given[b % given.shape[0]]

@@ -101,7 +101,7 @@ def correct(
     images = over_rows(measure, points)
     if not isinstance(y, np.ndarray) or y.ndim != mean.ndim:
         raise FilterError(f"y: must be an array, with the axes of the mean {mean.shape}: has {np.shape(y)}")
-    if residual.shape != y.shape:  # the first measurement, or one of another sensor
+    if residual.shape != y.shape or lasted.shape != y.shape:  # the first measurement, or one of another sensor
         residual = lasted = np.zeros_like(y, mean.dtype)
     given = dict(zip(NAMES, (mean, P, images, y, R, residual, lasted, layer), strict=True))
     if layer is None:
