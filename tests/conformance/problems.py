@@ -51,7 +51,7 @@ def ill_conditioned(method: Method, dtype: type) -> Linear:
     if "partial" in method.exempt:
         H, R = np.eye(4), np.diag([1e-6, 1e-4, 1e2, 1e-1])
     noise = np.array([[1e-3 / 3, 1e-2 / 2], [1e-2 / 2, 1e-1]])  # of a velocity's random walk over 0.1 s
-    Q = np.kron(np.diag([1e-6, 1e-4]), noise)
+    Q = np.kron(np.diag([1e-6, 1.0]), noise)
     return Linear(F, H, Q, R, np.zeros(4), np.diag([1e6, 1e2, 1e6, 1e2])).as_dtype(dtype)
 
 
