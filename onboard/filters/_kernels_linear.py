@@ -167,12 +167,12 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
 ):
     """Measurement update of one filter by matrices; (status, NIS)."""
     n, m = mean.shape[0], y.shape[0]
-    status = innovate_into(y, predicted, angular, innovation)
-    if status != OK:
-        return status, P.dtype.type(0)
     for i in range(n):
         if not np.isfinite(mean[i]):
             return MEAN, P.dtype.type(0)
+    status = innovate_into(y, predicted, angular, innovation)
+    if status != OK:
+        return status, P.dtype.type(0)
     if not semifactor_into(P, P_out):
         return COVARIANCE, P.dtype.type(0)
     if not finite(H):

@@ -11,7 +11,7 @@ from numba import njit
 from onboard.filters._kernels import FLAGS, factor_into
 from onboard.filters._kernels import _signatures as signatures
 from onboard.filters._kernels_linear import common, innovate_into, semifactor_into
-from onboard.filters._kernels_slopes import centred_into
+from onboard.filters._kernels_slopes import centred_into, without
 from onboard.filters.belief import (
     COVARIANCE,
     DOWNDATE,
@@ -148,7 +148,7 @@ def gather(points, Q, w_cov, w):  # type: ignore[no-untyped-def]
     angular = np.zeros(n, np.bool_)
     root, root_centre = np.sqrt(w), np.sqrt(abs(w_cov))
     for b in range(count):
-        if not centred_into(points[b], w, 1 if w_cov == 0 else 0, angular, mean[b], extra):
+        if not centred_into(points[b], w, without(points[b], w_cov), angular, mean[b], extra):
             return mean, L, POINTS
         if not semifactor_into(Q[b % Q.shape[0]], L[b]):
             return mean, L, INDEFINITE
@@ -171,7 +171,7 @@ def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):  # ty
     is `root` (eqs 25, 26). A negative centre weight is in `root`, by a downdate, but not in V; a status."""
     m, n = odd.shape
     d, even = np.empty((m, 2 * n + 1), odd.dtype), np.empty((m, n + 1), odd.dtype)
-    if not centred_into(images, w, 1 if w_cov == 0 else 0, angular, predicted, d):
+    if not centred_into(images, w, without(images, w_cov), angular, predicted, d):
         return IMAGES
     if not semifactor_into(R, V):
         return INDEFINITE

@@ -64,35 +64,35 @@ def slopes(points, images, angular, fault):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def centred_into(images, w, first, angular, mean, deviations):  # type: ignore[no-untyped-def]
-    """Mean (m,) of images (2n+1, m) and the deviations (m, 2n+1) from it; the weights sum to one. `first` is 1
-    if the centre's weight is zero: its image, whatever it is, then has no effect."""
+    """Mean (m,) of images (2n+1, m), the 2n outer ones of weight w, and the deviations (m, 2n+1) from it; whether
+    it is finite. Weights sum to one, so a mean relative to the centre's image needs no other weight, and a mean of
+    angles does not break at +-pi. With `first` 1 there is no centre: the mean is relative to the first image, and
+    then to that mean."""
     k, m = images.shape
+    good = True
     for a in range(m):
-        # relative to an image, then to the first mean, so that a mean of angles does not break at +-pi
         origin = images[first, a]
-        for sweep in range(2):
+        deviations[a, 0] = 0.0
+        for sweep in range(1 + first):
             shift = images.dtype.type(0)
             for s in range(1, k):
                 d = images[s, a] - origin
                 deviations[a, s] = wrapped(d) if angular[a] else d
                 shift += deviations[a, s]
-            if first == 0:
-                d = images[0, a] - origin
-                deviations[a, 0] = wrapped(d) if angular[a] else d
-                # the centre's weight is 1 - 2n w, and its deviation is zero the first time
-                shift = w * shift + (1 - (k - 1) * w) * deviations[a, 0]
-            else:
-                deviations[a, 0] = 0.0
-                shift = w * shift
-            if sweep == 0:
+            shift *= w
+            if sweep < first:
                 origin += shift
         for s in range(first, k):
             deviations[a, s] -= shift
         mean[a] = origin + shift
-    good = True
-    for a in range(m):
         good &= np.isfinite(mean[a])
     return good
+
+
+@njit(cache=True, error_model="numpy")
+def without(images, w_cov):  # type: ignore[no-untyped-def]
+    """1 if the centre's image has no weight and is not finite, and so is to be left out; else 0."""
+    return 1 if w_cov == 0 and not np.isfinite(images[0]).all() else 0
 
 
 @njit(signatures(3, FLAGS), cache=True, error_model="numpy")
@@ -123,11 +123,10 @@ def regress(P, images, w_cov, w, angular, fault):  # type: ignore[no-untyped-def
         return A, value, rest, SHAPE
     d, lower_t = np.empty((m, size), P.dtype), np.empty((n, n), P.dtype)
     root = np.sqrt(P.dtype.type(0.5) * w)
-    first = 1 if w_cov == 0 else 0
     for b in range(count):
         if not factor_into(P[b], lower_t):
             return A, value, rest, COVARIANCE
-        if not centred_into(images[b], w, first, angular, value[b], d):
+        if not centred_into(images[b], w, without(images[b], w_cov), angular, value[b], d):
             return A, value, rest, fault
         for a in range(m):
             for i in range(n - 1, -1, -1):  # A L = the odd part of the deviations; L lower, so from the right
