@@ -7,8 +7,10 @@ enters the model anywhere, not only as a sum.
 `weights` is a rule for any number of states, such as `unscented.julier_weights`: the augmented state has
 L = n + n_w (+ n_v). `step_augmented` makes both halves from one set of points (eqs 8-12), so that the measurement
 sees the process noise's own points; the two calls draw points anew in between, as eq 16 does. Noise covariances
-may be singular. Arrays are float64 or float32, all alike, with or without a leading batch axis on mean, covariance
-and y.
+may be singular. Arrays are float64 or float32, all alike, with or without leading batch axes.
+
+With n + lambda = 3 the centre weighs 1 - L/3, and a strongly nonlinear model may leave no covariance; the rule
+`lambda L: julier_weights(L, L)` has no negative weight.
 """
 
 from collections.abc import Callable
@@ -16,9 +18,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from onboard.filters import _kernels_augmented as kernels
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, start
-from onboard.filters.unscented import Weights, flags, julier_weights, over_rows, scaled_weights
+from onboard.filters._calls import call
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, start
+from onboard.filters.unscented import Weights, flags, julier_weights, scaled_weights, wrong_arrays
 from onboard.geometry.rotations import Array
 
 NoisyRows = Callable[[Array, Array], Array]
@@ -31,9 +35,8 @@ def predict_augmented(belief: Belief, process: NoisyRows, Q: Array, weights: Rul
     Raises FilterError, NotPositiveDefiniteError.
     """
     n = belief.mean.shape[-1]
-    points, rule = _augmented(belief, {"Q": Q}, weights)
-    moved = _apply(process, points[..., :n], points[..., n:], n, "process")
-    return _gathered(moved, rule)
+    points, rule = _spread(belief, Q, _none(belief), weights)
+    return _gathered(_apply(process, points[..., :n], points[..., n:], "process"), rule)
 
 
 def update_augmented(
@@ -49,9 +52,9 @@ def update_augmented(
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    n, m = belief.mean.shape[-1], _components(belief, y)
-    points, rule = _augmented(belief, {"R": R}, weights)
-    images = _apply(measure, points[..., :n], points[..., n:], m, "measure, y")
+    n = belief.mean.shape[-1]
+    points, rule = _spread(belief, _none(belief), R, weights)
+    images = _apply(measure, points[..., :n], points[..., n:], "measure")
     return _correct(belief, points[..., :n], images, y, rule, angular)
 
 
@@ -69,117 +72,50 @@ def step_augmented(
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    n, m, n_w = belief.mean.shape[-1], _components(belief, y), Q.shape[-1]
-    points, rule = _augmented(belief, {"Q": Q, "R": R}, weights)
-    moved = _apply(process, points[..., :n], points[..., n : n + n_w], n, "process")
-    images = _apply(measure, moved, points[..., n + n_w :], m, "measure, y")
+    n = belief.mean.shape[-1]
+    points, rule = _spread(belief, Q, R, weights)
+    k = n + Q.shape[-1]
+    moved = _apply(process, points[..., :n], points[..., n:k], "process")
+    images = _apply(measure, moved, points[..., k:], "measure")
     return _correct(_gathered(moved, rule), moved, images, y, rule, angular)
 
 
-def _components(belief: Belief, y: Array) -> int:
-    if not isinstance(y, np.ndarray) or y.ndim != belief.mean.ndim or y.dtype != belief.mean.dtype:
-        raise FilterError(
-            f"y: must be an array like the mean, {belief.mean.dtype} {belief.mean.shape[:-1]} + (m,)"
-        )
-    return int(y.shape[-1])
+def _none(belief: Belief) -> Array:
+    return np.empty((0, 0), belief.mean.dtype)
 
 
-def _augmented(belief: Belief, noises: dict[str, Array], weights: Rule) -> tuple[Array, Weights]:
+def _spread(belief: Belief, Q: Array, R: Array, weights: Rule) -> tuple[Array, Weights]:
     """Points (..., 2L+1, L) of state and noises (eq 9), the mean first, and their weights."""
-    n = belief.mean.shape[-1]
-    roots = [_root(name, noise, belief) for name, noise in noises.items()]
-    L = n + sum(root.shape[-1] for root in roots)
-    rule = weights(L)
-    own = unscented.sigma_points(belief, rule)
-    points = np.zeros((*own.shape[:-2], 2 * L + 1, L), own.dtype)
-    points[..., :n] = own[..., :1, :]
-    points[..., 1 : n + 1, :n] = own[..., 1 : n + 1, :]
-    points[..., L + 1 : L + n + 1, :n] = own[..., n + 1 :, :]
-    at = n
-    for root in roots:
-        size = root.shape[-1]
-        offsets = rule.spread * np.swapaxes(root, -1, -2)
-        points[..., at + 1 : at + size + 1, at : at + size] = offsets
-        points[..., L + at + 1 : L + at + size + 1, at : at + size] = -offsets
-        at += size
+    try:
+        rule = weights(belief.mean.shape[-1] + Q.shape[-1] + R.shape[-1])
+    except (AttributeError, IndexError) as error:
+        raise wrong_arrays(Q=Q, R=R) from error
+    (points,) = call(kernels.spread, rule.spread, mean=belief.mean, covariance=belief.covariance, Q=Q, R=R)
     return points, rule
 
 
-def _root(name: str, noise: Array, belief: Belief) -> Array:
-    """A square root (..., k, k) of a noise's covariance, which may be singular, so it is made of eigenvectors."""
-    if not isinstance(noise, np.ndarray) or noise.dtype != belief.mean.dtype:
-        raise FilterError(f"{name}: must be a NumPy array of the mean's precision, {belief.mean.dtype}")
-    if noise.ndim < 2 or noise.shape[-1] != noise.shape[-2] or not np.isfinite(noise).all():
-        raise FilterError(f"{name}: must be finite and (..., k, k), not {noise.shape}")
-    values, vectors = np.linalg.eigh(0.5 * (noise + np.swapaxes(noise, -1, -2)))
-    rounding = (
-        10 * noise.shape[-1] * np.finfo(noise.dtype).eps * np.abs(values).max(axis=-1, initial=0, keepdims=True)
-    )
-    if (values < -rounding).any():
-        raise NotPositiveDefiniteError(f"{name}: not positive semi-definite")
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0))[..., None, :])
-
-
-def _apply(model: NoisyRows, points: Array, noises: Array, size: int, name: str) -> Array:
-    """Images (..., 2L+1, size) of points with their noises. Raises FilterError."""
+def _apply(model: NoisyRows, points: Array, noises: Array, name: str) -> Array:
+    """Images (..., 2L+1, m) of points with their noises. Raises FilterError."""
     n = points.shape[-1]
-    joined = np.concatenate([points, noises], axis=-1)
-    images = over_rows(lambda rows: model(rows[:, :n], rows[:, n:]), joined)
-    if images.shape != (*points.shape[:-1], size):
-        raise FilterError(f"{name}: gave {images.shape} for points {points.shape}, not {size} components")
-    if images.dtype != points.dtype or not np.isfinite(images).all():
-        raise FilterError(f"{name}: gave values that are not finite, or not {points.dtype}")
-    return images
+    rows, noise_rows = points.reshape(-1, n), noises.reshape(-1, noises.shape[-1])
+    images = model(rows, noise_rows)
+    if images.ndim != 2 or len(images) != len(rows) or (name == "process" and images.shape != rows.shape):
+        raise FilterError(f"{name}: gave {images.shape} for rows {rows.shape}")
+    return images.reshape(*points.shape[:-1], images.shape[1])
 
 
-def _moments(points: Array, rule: Weights, angular: Any = None) -> tuple[Array, Array, Array]:
-    """Mean (..., n), deviations from it (..., k, n), and those weighted and transposed (..., n, k)."""
-    d = points - points[..., :1, :]
-    if angular is not None:
-        d = _wrapped(d, angular)
-    shift = rule.other * np.sum(d[..., 1:, :], axis=-2, keepdims=True)
-    d = d - shift
-    weight = np.full(points.shape[-2], rule.other, d.dtype)
-    weight[0] = rule.covariance
-    return points[..., 0, :] + shift[..., 0, :], d, np.swapaxes(d * weight[:, None], -1, -2)
-
-
-def _gathered(points: Array, rule: Weights) -> Belief:
-    mean, d, weighted = _moments(points, rule)
-    return Belief(mean, _symmetric(weighted @ d))
+def _gathered(process: Array, rule: Weights) -> Belief:
+    mean, covariance = call(kernels.gather, rule.covariance, rule.other, process=process)
+    return Belief(mean, covariance)
 
 
 def _correct(
     prior: Belief, points: Array, images: Array, y: Array, rule: Weights, angular: tuple[int, ...]
 ) -> Update:
-    """Eq 12 from points (..., k, n), which need not be symmetric about the mean, and their images (..., k, m)."""
-    marks = flags(angular, y.shape[-1])
-    predicted, d, weighted = _moments(images, rule, marks)
-    e = _wrapped(y - predicted, marks)
-    if not np.isfinite(e).all():
-        raise FilterError("y: not finite")
-    S, cross = _symmetric(weighted @ d), weighted @ (points - prior.mean[..., None, :])
-    try:
-        lower = np.linalg.cholesky(S)
-    except np.linalg.LinAlgError as error:
-        raise NotPositiveDefiniteError("innovation covariance, with R: not positive definite") from error
-    solved = np.linalg.solve(lower, np.concatenate([cross, e[..., None]], axis=-1))
-    half, white = solved[..., :-1], solved[..., -1:]  # K S K^T = half^T half
-    half_t = np.swapaxes(half, -1, -2)
-    posterior = Belief(prior.mean + (half_t @ white)[..., 0], _symmetric(prior.covariance - half_t @ half))
-    nis = np.sum(white * white, axis=(-1, -2))
-    return Update(posterior, e, S, predicted, nis if nis.ndim else float(nis))
-
-
-def _symmetric(matrix: Array) -> Array:
-    return np.asarray(0.5 * (matrix + np.swapaxes(matrix, -1, -2)))
-
-
-def _wrapped(difference: Array, angular: Any) -> Array:
-    if not angular.any():
-        return difference
-    turns = np.where(angular, np.rint(difference / (2 * np.pi)), 0).astype(difference.dtype)
-    return np.asarray(difference - 2 * np.pi * turns)
+    marks = flags(angular, np.shape(y)[-1] if np.ndim(y) else 0)
+    arrays = {"mean": prior.mean, "covariance": prior.covariance, "points": points, "measure": images, "y": y}
+    mean, covariance, e, S, predicted, nis = call(kernels.correct, rule.covariance, rule.other, marks, **arrays)
+    return Update(Belief(mean, covariance), e, S, predicted, nis if nis.ndim else float(nis))
 
 
 # ------------------------------------------------------------------------------------- as methods

@@ -16,12 +16,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from onboard.filters import _kernels_mixture as kernels
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, refuse
 from onboard.filters.unscented import flags
 from onboard.geometry.rotations import Array
-
-TWO_PI: Final = 2 * np.pi
 
 
 class ModesState(NamedTuple):
@@ -105,15 +104,20 @@ def update(
         method.update(mode, y, measure, R, angular)
         for method, mode, measure in zip(methods, state.states, measures, strict=True)
     ]
-    log_likelihood = np.stack([_log_likelihood(u) for u in updates], axis=-1)
-    prior = state.probabilities
-    scores = np.where(prior > 0, np.log(np.where(prior > 0, prior, 1)) + log_likelihood, -np.inf)
-    scores = np.exp(scores - scores.max(axis=-1, keepdims=True))
-    posterior = np.asarray(scores / scores.sum(axis=-1, keepdims=True), prior.dtype)
+    innovations = np.stack([u.innovation for u in updates], axis=-2)
+    S = np.stack([u.innovation_covariance for u in updates], axis=-3)
+    nis = np.asarray(np.stack([u.nis for u in updates], axis=-1), S.dtype)
+    arrays = (innovations, S, nis, state.probabilities)
+    single = innovations.ndim == 2
+    *outputs, status = kernels.weigh(
+        *([array[None] for array in arrays] if single else arrays), flags(angular, y.shape[-1])
+    )
+    if status:
+        refuse(status)
+    log_likelihood, posterior, e, S, mixed_nis = [output[0] for output in outputs] if single else outputs
     after = ModesState(tuple(u.belief for u in updates), posterior)
-    e, S, predicted = _mixture(updates, prior, angular)
-    nis = np.sum(e * np.linalg.solve(S, e[..., None])[..., 0], axis=-1)
-    return ModesUpdate(after, e, S, predicted, nis if nis.ndim else float(nis), log_likelihood)
+    predicted = updates[0].predicted + (updates[0].innovation - e)
+    return ModesUpdate(after, e, S, predicted, float(mixed_nis) if single else mixed_nis, log_likelihood)
 
 
 def believed(methods: Sequence[Method], state: ModesState) -> Belief:
@@ -133,19 +137,16 @@ def _beliefs(methods: Sequence[Method], state: ModesState) -> Belief:
 
 def _mix(beliefs: Belief, weights: Array) -> list[Belief]:
     """For each column j of weights (..., r, j) the mean and covariance of the mixture."""
-    made = []
-    for j in range(weights.shape[-1]):
-        w = weights[..., j]
-        # about one of the modes: a mixture of equals is then that mode to the last digit, however far from zero
-        centre = beliefs.mean[..., :1, :]
-        d = beliefs.mean - centre
-        mean = np.sum(w[..., None] * d, axis=-2, keepdims=True)
-        d = d - mean
-        base = beliefs.covariance[..., :1, :, :]
-        P = (base + np.sum(w[..., None, None] * (beliefs.covariance - base), axis=-3, keepdims=True))[..., 0, :, :]
-        P = P + np.swapaxes(w[..., None] * d, -1, -2) @ d
-        made.append(Belief((centre + mean)[..., 0, :], 0.5 * (P + np.swapaxes(P, -1, -2))))
-    return made
+    arrays: list[Array] = [*beliefs, weights]
+    if weights.ndim == 2:
+        arrays = [array[None] for array in arrays]
+    try:
+        means, covariances = kernels.mix(*arrays)
+    except TypeError as error:
+        raise FilterError("mean, covariance: of different precision or size among the modes") from error
+    if weights.ndim == 2:
+        means, covariances = means[0], covariances[0]
+    return [Belief(means[..., j, :], covariances[..., j, :, :]) for j in range(weights.shape[-1])]
 
 
 def _with_belief(method: Method, state: Any, belief: Belief) -> Any:
@@ -153,27 +154,6 @@ def _with_belief(method: Method, state: Any, belief: Belief) -> Any:
     if {"mean", "covariance"} <= set(getattr(state, "_fields", ())):
         return state._replace(mean=belief.mean, covariance=belief.covariance)
     return method.start(*belief)
-
-
-def _log_likelihood(update_: Update) -> Array:
-    S = update_.innovation_covariance
-    sign, log_det = np.linalg.slogdet(S)
-    if not (sign > 0).all():
-        raise NotPositiveDefiniteError("innovation covariance: not positive definite")
-    return np.asarray(-0.5 * (update_.nis + log_det + S.shape[-1] * np.log(TWO_PI)), S.dtype)
-
-
-def _mixture(updates: list[Update], weights: Array, angular: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """Innovation, its covariance and the predicted measurement of the mixture. Angles are averaged as innovations,
-    which are small, not as angles, which break."""
-    e = np.stack([u.innovation for u in updates], axis=-2)
-    if angular:
-        mask, first = flags(angular, e.shape[-1]), e[..., :1, :]
-        e = e - np.where(mask, TWO_PI * np.rint((e - first) / TWO_PI), 0).astype(e.dtype)
-    S = np.stack([u.innovation_covariance for u in updates], axis=-3)
-    mean, covariance = _mix(Belief(e, S), weights[..., None])[0]
-    predicted = updates[0].predicted + (updates[0].innovation - mean)
-    return mean, covariance, predicted
 
 
 # ------------------------------------------------------------------------------------- as a method

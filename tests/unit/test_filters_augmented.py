@@ -85,6 +85,15 @@ def test_one_draw_carries_the_odd_moments_that_two_lose() -> None:
     assert update.innovation_covariance[0, 0] == pytest.approx(1 + 2 * 0.25 + 0.1)
 
 
+def test_the_centre_has_its_own_weight_in_the_covariance() -> None:
+    """The variance of x^2 + w, x ~ N(0, 1): 2, as n + lambda = 3 or beta = 2 has it, and w's own."""
+    belief = Belief(np.array([0.0]), np.array([[1.0]]))
+    for rule in (julier_weights, lambda n: scaled_weights(n, 1e-2, 2.0)):
+        found = predict_augmented(belief, lambda x, w: x * x + w, np.array([[0.5]]), rule)
+        assert found.mean[0] == pytest.approx(1.0, rel=1e-9)
+        assert found.covariance[0, 0] == pytest.approx(2.5, rel=1e-3)
+
+
 @rules
 def test_a_batch_is_a_loop_seed_4(rule: Rule) -> None:
     each = [problem(40 + b) for b in range(3)]
@@ -135,7 +144,7 @@ def test_float32_remains_seed_6() -> None:
         ({"Q": np.eye(2, dtype=np.float32)}, "Q", FilterError),
         ({"R": np.diag([1.0, -1.0])}, "R", NotPositiveDefiniteError),
         ({"y": np.array([np.nan, 0.0])}, "y", FilterError),
-        ({"y": np.zeros((1, 2))}, "y", FilterError),
+        ({"y": np.zeros((3, 2))}, "y", FilterError),
         ({"process": lambda x, w: x[:, :1] + w[:, :1]}, "process", FilterError),
         ({"process": lambda x, w: x * w * np.inf}, "process", FilterError),
         ({"measure": lambda x, v: (x + v)[:, :1]}, "measure", FilterError),

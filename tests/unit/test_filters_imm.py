@@ -139,7 +139,11 @@ def test_a_mode_that_nothing_leads_to_keeps_its_own_and_has_no_say_seed_5() -> N
     belief = imm.believed((UKF, UKF), state)
     np.testing.assert_allclose(belief.mean, single.mean, rtol=1e-12)
     np.testing.assert_allclose(belief.covariance, single.covariance, rtol=1e-12)
-    assert np.isfinite(state.states[1].mean).all()
+    other = UKF.start(MEAN, P0)
+    for y in seen:
+        other = UKF.update(UKF.predict(other, process, Q2), y, measure, R, ()).belief
+    np.testing.assert_allclose(state.states[1].mean, other.mean, rtol=1e-12)
+    np.testing.assert_allclose(state.states[1].covariance, other.covariance, rtol=1e-12)
 
 
 def test_an_absorbing_transition_takes_all() -> None:
@@ -156,6 +160,16 @@ def test_what_a_filter_carries_beside_its_belief_survives_the_mixing() -> None:
     assert state.states[0].lasted == [1.0]
     state = imm.predict(methods, state, [process] * 2, [Q1, Q1], STAY)
     assert state.states[0].lasted == [1.0]
+
+
+def test_innovations_of_an_angle_on_both_sides_of_the_seam_are_near_each_other() -> None:
+    """The measurement is opposite to what both modes predict: innovations of 3.09 and -3.09."""
+    methods = (UKF, UKF)
+    state = imm.start(methods, np.array([0.0]), np.array([[1e-4]]), EQUAL)
+    state = state._replace(states=tuple(Belief(np.array([d]), np.array([[1e-4]])) for d in (-0.05, 0.05)))
+    update = imm.update(methods, state, np.array([np.pi]), [lambda r: r] * 2, np.array([[1e-4]]), (0,))
+    assert abs(update.innovation[0]) == pytest.approx(np.pi, abs=1e-6)
+    assert update.innovation_covariance[0, 0] == pytest.approx(2e-4 + 0.05**2, abs=1e-9)
 
 
 @pytest.mark.parametrize("side", [1, -1])

@@ -141,6 +141,9 @@ def test_the_optimal_layer_makes_the_switching_gain_the_kalman_gain_seed_5() -> 
     np.testing.assert_allclose(again.belief.mean, update.belief.mean, rtol=1e-12)
     HPH = (H @ P @ H.T)[0, 0]
     assert update.layer[0] == pytest.approx((HPH + R[0, 0]) / HPH * abs(update.innovation[0]))
+    second = svsf.update_variable(update.belief._replace(covariance=P), seen[1], rows(H), R, sigmas=INF)
+    A = abs(second.innovation[0]) + 0.1 * abs(update.belief.residual[0])
+    assert second.layer[0] == pytest.approx((HPH + R[0, 0]) / HPH * A)
 
 
 def test_beyond_the_limit_it_is_the_fixed_layer_seed_6() -> None:
@@ -306,6 +309,12 @@ def test_a_batch_is_a_loop_in_all_that_is_answered_seed_14(update: Callable[...,
             alone = answer.belief
         for a, c in zip((*together, *last[1:]), (*alone, *answer[1:]), strict=True):
             np.testing.assert_allclose(a[b], c, rtol=1e-12, atol=1e-12)
+
+
+def test_an_innovation_of_zero_is_a_measurement_too() -> None:
+    """With a layer of zero, e = 0 and no residual, the covariance is that of having met the measurement."""
+    after = svsf.update(svsf.start(np.zeros(2), np.eye(2)), np.zeros(2), identity, 0.25 * np.eye(2), sigmas=0.0)
+    np.testing.assert_allclose(after.belief.covariance, 0.25 * np.eye(2), atol=1e-14)
 
 
 def test_another_sensor_begins_with_no_residual() -> None:
