@@ -16,9 +16,9 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from onboard.filters import _kernels_factor, extended
 from onboard.filters import _kernels_root as kernels
 from onboard.filters import belief as beliefs
-from onboard.filters import extended
 from onboard.filters._calls import call, images_of, marks
 from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update
 from onboard.filters.cubature import weights as cubature_weights
@@ -39,13 +39,13 @@ def start(mean: Array, covariance: Array) -> SquareRoot:
     Raises FilterError, NotPositiveDefiniteError.
     """
     beliefs.start(mean, covariance)
-    (lower,) = call(kernels.factor, covariance=covariance)
+    (lower,) = call(_kernels_factor.factor, covariance=covariance)
     return SquareRoot(mean, lower)
 
 
 def belief(state: SquareRoot) -> Belief:
     """Mean and covariance S S^T."""
-    (covariance,) = call(kernels.square, factor=state.factor)
+    (covariance,) = call(_kernels_factor.square, factor=state.factor)
     return Belief(state.mean, covariance)
 
 
@@ -118,7 +118,7 @@ def update_classical(
     Raises FilterError; NotPositiveDefiniteError, also when a downdate fails.
     """
     mean, _, _, U, *rest = _correct(state, y, measure, R, weights, angular, ())
-    (factor,) = call(kernels.downdate, factor=state.factor, U=U)
+    (factor,) = call(_kernels_factor.downdate, factor=state.factor, U=U)
     return _told(SquareRoot(mean, factor), *rest)
 
 

@@ -148,10 +148,15 @@ def test_extended_is_the_textbook_with_jacobians_and_with_differences_seed_7() -
 
 
 def test_differences_step_over_large_coordinates_and_over_the_cut_of_an_angle() -> None:
-    belief = Belief(np.array([-6.4e6, 0.0]), np.diag([1e-4, 1e-4]))  # earth-centred, known to a centimetre
-    value, slope = extended.tangent(belief, radar, None, np.zeros(2), (1,))
-    np.testing.assert_allclose(slope, [[-1.0, 0.0], [0.0, -1 / 6.4e6]], rtol=1e-6, atol=1e-6)
-    assert abs(value[1]) == pytest.approx(np.pi)
+    mean = np.array([-4e6, -5e6])  # earth-centred, known to a centimetre
+    value, slope = extended.tangent(Belief(mean, np.diag([1e-4, 1e-4])), radar, None, np.zeros(2), (1,))
+    r = np.hypot(*mean)
+    np.testing.assert_allclose(slope[0], mean / r, rtol=1e-6)
+    np.testing.assert_allclose(value, [r, np.arctan2(*mean[::-1])], rtol=1e-15)
+    behind = Belief(np.array([-10.0, 0.0]), np.eye(2))
+    np.testing.assert_allclose(
+        extended.tangent(behind, radar, None, np.zeros(2), (1,))[1], [[-1, 0], [0, -0.1]], rtol=1e-7, atol=1e-7
+    )
 
 
 def test_the_model_is_called_once_with_2n_plus_1_rows() -> None:
@@ -279,6 +284,8 @@ def test_matrices_that_cannot_be_used_are_refused_by_name() -> None:
     ):
         with pytest.raises(FilterError, match=rf"\b{name}\b"):
             kalman.predict(belief, F, Q)
+    with pytest.raises(FilterError, match=r"\bQ \(3, 2, 2\)"):  # four beliefs, three Qs
+        kalman.predict(Belief(np.ones((4, 2)), np.tile(np.eye(2), (4, 1, 1))), np.eye(2), np.ones((3, 2, 2)))
     with pytest.raises(FilterError, match=r"\bH\b"):
         kalman.update(belief, np.ones(1), np.array([[np.nan, 1.0]]), np.eye(1))
     with pytest.raises(FilterError, match="iterations"):
