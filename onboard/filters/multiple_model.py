@@ -140,8 +140,9 @@ def _mix(beliefs: Belief, weights: Array) -> list[Belief]:
     arrays: list[Array] = [*beliefs, weights]
     if weights.ndim == 2:
         arrays = [array[None] for array in arrays]
+    mix: Any = kernels.mix  # Numba's functions are not typed
     try:
-        means, covariances = kernels.mix(*arrays)
+        means, covariances = mix(*arrays)
     except TypeError as error:
         raise FilterError("mean, covariance: of different precision or size among the modes") from error
     if weights.ndim == 2:

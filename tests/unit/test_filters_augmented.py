@@ -54,6 +54,57 @@ def test_equals_the_additive_filter_on_a_linear_model_seed_1(rule: Rule) -> None
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
 
 
+@rules
+def test_one_draw_is_the_dense_formula_seed_7(rule: Rule) -> None:
+    """Eqs 8-12 as written, with sums over all points, on a bent model."""
+    belief, F, Q, H, R, y = problem(7)
+    belief, Q, R = Belief(0.1 * belief.mean, 0.01 * belief.covariance), 0.01 * Q, 0.01 * R
+
+    def process(x: Array, w: Array) -> Array:
+        return np.asarray(np.sin(x @ F.T) + w * (1 + x))
+
+    def measure(x: Array, v: Array) -> Array:
+        return np.asarray(np.exp(0.5 * x @ H.T) + v * (1 + x[:, :2]))
+
+    L = 10
+    weights = rule(L)
+    P = np.zeros((L, L))
+    P[:4, :4], P[4:8, 4:8], P[8:, 8:] = belief.covariance, Q, R
+    root = weights.spread * np.linalg.cholesky(P)
+    centre = np.concatenate([belief.mean, np.zeros(6)])
+    points = np.stack([centre, *(centre + root.T), *(centre - root.T)])
+    w_mean = np.array([weights.mean] + [weights.other] * 20)
+    w_cov = np.array([weights.covariance] + [weights.other] * 20)
+    X = process(points[:, :4], points[:, 4:8])
+    Z = measure(X, points[:, 8:])
+    x, z = w_mean @ X, w_mean @ Z
+    P_x = sum(w * np.outer(a - x, a - x) for w, a in zip(w_cov, X, strict=True))
+    P_z = sum(w * np.outer(b - z, b - z) for w, b in zip(w_cov, Z, strict=True))
+    P_xz = sum(w * np.outer(a - x, b - z) for w, a, b in zip(w_cov, X, Z, strict=True))
+    K = P_xz @ np.linalg.inv(P_z)
+    found = step_augmented(belief, process, Q, y, measure, R, rule)
+    for a, b in (
+        (found.predicted, z),
+        (found.innovation_covariance, P_z),
+        (found.belief.mean, x + K @ (y - z)),
+        (found.belief.covariance, P_x - K @ P_z @ K.T),
+    ):
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_an_angle_wraps_with_its_noise(side: int) -> None:
+    def seam(x: Array, v: Array) -> Array:
+        return np.asarray((x + v + np.pi) % (2 * np.pi) - np.pi)
+
+    belief = Belief(np.array([side * (np.pi - 0.01)]), np.array([[0.04]]))
+    y = np.array([-side * (np.pi - 0.02)])
+    update = update_augmented(belief, y, seam, np.array([[0.04]]), angular=(0,))
+    assert update.innovation[0] == pytest.approx(side * 0.03, abs=1e-9)
+    assert update.innovation_covariance[0, 0] == pytest.approx(0.08, abs=1e-9)
+    assert update.belief.mean[0] == pytest.approx(belief.mean[0] + side * 0.015, abs=1e-9)
+
+
 def test_noise_enters_by_a_smaller_matrix_seed_2() -> None:
     """x' = F x + G w with one noise: the covariance has G q G^T, which is singular."""
     belief, F, _, _, _, _ = problem(2)

@@ -68,9 +68,10 @@ def test_equals_the_textbook_seed_1() -> None:
     transition = np.array([[0.9, 0.05, 0.05], [0.1, 0.8, 0.1], [0.2, 0.2, 0.6]])
     first = np.array([0.6, 0.3, 0.1])
     methods = (UKF,) * 3
-    state, _ = run(methods, seen, noises, transition, first)
+    state, update = run(methods, seen, noises, transition, first)
     mu, m, P = textbook(seen, noises, transition, first)
     belief = imm.believed(methods, state)
+    np.testing.assert_allclose(update.predicted + update.innovation, seen[-1], rtol=1e-12)
     np.testing.assert_allclose(state.probabilities, mu, rtol=1e-9)
     np.testing.assert_allclose(belief.mean, m, rtol=1e-9)
     np.testing.assert_allclose(belief.covariance, P, rtol=1e-9)
@@ -89,6 +90,7 @@ def test_two_identical_models_are_the_single_filter_seed_2(offset: float) -> Non
     np.testing.assert_allclose(belief.covariance, single.covariance, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(update.innovation_covariance, one.innovation_covariance, rtol=1e-12)
     assert update.nis == pytest.approx(one.nis, rel=1e-12)
+    np.testing.assert_allclose(update.predicted, one.predicted, rtol=1e-12)
     np.testing.assert_allclose(state.probabilities, [2 / 3, 1 / 3], rtol=1e-7)  # the chain's stationary ones
 
 
