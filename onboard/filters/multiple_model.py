@@ -109,9 +109,8 @@ def update(
     nis = np.asarray(np.stack([u.nis for u in updates], axis=-1), S.dtype)
     arrays = (innovations, S, nis, state.probabilities)
     single = innovations.ndim == 2
-    *outputs, status = kernels.weigh(
-        *([array[None] for array in arrays] if single else arrays), flags(angular, y.shape[-1])
-    )
+    innovations, S, nis, prior = [array[None] for array in arrays] if single else arrays
+    *outputs, status = kernels.weigh(innovations, S, nis, prior, flags(angular, y.shape[-1]))
     if status:
         refuse(status)
     log_likelihood, posterior, e, S, mixed_nis = [output[0] for output in outputs] if single else outputs

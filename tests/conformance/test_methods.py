@@ -26,7 +26,8 @@ from tests.conformance.problems import (
 METHODS = methods()
 every = pytest.mark.parametrize("method", cases(METHODS))
 LONG, SCATTERED = 100_000, 1_000
-# These never come back to the bit, and share the update of a method that goes to the end; in float32 what flies does.
+# These never come back to the bit, and share the update of a method that goes to the end; in float32 what
+# flies does.
 SHORTER = dict.fromkeys(("augmented", "augmented-scaled-1", "csvsf-printed", "square-root-cubature"), 10_000)
 SHORTER_FLOAT32 = SHORTER | dict.fromkeys(("svsf", "svsf-zero-layer", "unscented-considered"), 10_000)
 
