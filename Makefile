@@ -5,14 +5,15 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 READY := $(VENV)/.ready
+COMPILED := $(VENV)/.compiled
 READY_DEV := $(VENV)/.ready-dev
 
 .PHONY: demo test lint bench clean
 
-demo: $(READY)  ## fly the simulated formation, with a live view where there is a display
+demo: $(COMPILED)  ## fly the simulated formation, with a live view where there is a display
 	$(BIN)/onboard demo $(ARGS)
 
-test: $(READY_DEV) lint  ## everything CI runs
+test: $(READY_DEV) $(COMPILED) lint  ## everything CI runs
 	$(BIN)/python -m pytest $(ARGS)
 
 lint: $(READY_DEV)
@@ -20,7 +21,7 @@ lint: $(READY_DEV)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(READY_DEV)
+bench: $(READY_DEV) $(COMPILED)
 	$(BIN)/python -m benchmarks --json bench.json
 
 clean:
@@ -38,4 +39,8 @@ $(READY): $(VENV)/bin/python pyproject.toml constraints.txt
 $(READY_DEV): $(READY)
 	@echo "installing what the tests need (about a minute, once)"
 	$(INSTALL) -e '.[view,study,dev]'
+	@touch $@
+
+$(COMPILED): $(READY) $(wildcard onboard/filters/*.py onboard/models/*.py)
+	$(BIN)/onboard compile
 	@touch $@

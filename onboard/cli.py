@@ -169,6 +169,7 @@ def _schema(a: argparse.Namespace) -> int:
 def _compile(_: argparse.Namespace) -> int:
     from onboard.compiling import compile_all  # noqa: PLC0415
 
+    _say("compiling what is not ready yet: a minute, on a small computer some minutes")
     total, folder = 0.0, ""
     for module in compile_all(time.perf_counter):
         what = f"{module.compiled} compiled" + (f", {module.loaded} there already" if module.loaded else "")

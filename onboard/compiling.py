@@ -1,8 +1,13 @@
-"""Compile every kernel ahead, so that the first flight does not wait for it. What is compiled stays on disk."""
+"""Compile every kernel ahead, so that the first flight does not wait for it. What is compiled stays on disk.
+
+Numba compiles a function again when its own file changes, but not when a function that it calls stands in another
+file and changes there. So machine code older than any source with kernels is dropped here, and made anew.
+"""
 
 import importlib
 import pkgutil
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import onboard.filters
@@ -27,6 +32,7 @@ def compile_all(clock: Callable[[], float]) -> Iterator[Module]:
 
     `clock` gives seconds. Yields each module once it is ready.
     """
+    imported = []
     for package in PACKAGES:
         modules = pkgutil.iter_modules(package.__path__, f"{package.__name__}.")
         for found in sorted(
@@ -34,14 +40,38 @@ def compile_all(clock: Callable[[], float]) -> Iterator[Module]:
         ):  # each timed before another imports it
             start = clock()
             module = importlib.import_module(found.name)
-            seconds = clock() - start
-            kernels = [k for k in vars(module).values() if _declared(k) and k.py_func.__module__ == found.name]
-            if kernels:
-                stats = [kernel.stats for kernel in kernels]
-                loaded = sum(sum(s.cache_hits.values()) for s in stats)
-                compiled = sum(sum(s.cache_misses.values()) for s in stats)
-                yield Module(found.name, loaded, compiled, seconds, str(stats[0].cache_path))
+            functions = [f for f in vars(module).values() if _compiled(f) and f.py_func.__module__ == found.name]
+            if functions:
+                imported.append((module, functions, clock() - start))
+    newest = max(Path(str(module.__file__)).stat().st_mtime for module, _, _ in imported)
+    for module, functions, took in imported:
+        start = clock()
+        folder = Path(functions[0].stats.cache_path)
+        declared = [f for f in functions if f.nopython_signatures]
+        if drop_stale(folder, {_stem(f) for f in functions}, newest):
+            for function in declared:
+                function.recompile()
+        loaded = sum(sum(f.stats.cache_hits.values()) for f in declared)
+        made = sum(sum(f.stats.cache_misses.values()) for f in declared)
+        if declared:  # else they stand in others' machine code
+            yield Module(module.__name__, loaded, made, took + clock() - start, str(folder))
 
 
-def _declared(value: Any) -> bool:
-    return bool(getattr(value, "nopython_signatures", ())) and hasattr(value, "stats")
+def drop_stale(folder: Path, stems: set[str], newest: float) -> bool:
+    """Delete those indices of machine code in `folder` whose names begin with one of `stems` and that are older
+    than the `newest` source (s since the epoch); whether there were any."""
+    indices = [index for index in folder.glob("*.nbi") if index.name.split(".py3", 1)[0] in stems]
+    stale = [index for index in indices if index.stat().st_mtime < newest]
+    for index in stale:
+        index.unlink()
+    return bool(stale)
+
+
+def _stem(function: Any) -> str:
+    """What the names of a function's files begin with, as Numba makes them."""
+    code = function.py_func.__code__
+    return f"{Path(code.co_filename).stem}.{function.py_func.__qualname__}-{code.co_firstlineno}"
+
+
+def _compiled(value: Any) -> bool:
+    return hasattr(value, "py_func") and hasattr(value, "nopython_signatures")
