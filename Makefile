@@ -14,7 +14,7 @@ demo: $(COMPILED)  ## fly the simulated formation, with a live view where there 
 	$(BIN)/onboard demo $(ARGS)
 
 test: $(READY_DEV) $(COMPILED) lint  ## everything CI runs
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 lint: $(READY_DEV)
 	$(BIN)/ruff check .

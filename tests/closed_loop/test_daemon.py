@@ -224,7 +224,8 @@ def test_daemon_is_a_good_citizen_of_the_link_seed_2(setup: Setup) -> None:
                 def rates_are_met() -> bool:
                     streams = observer.newest().streams
                     observer.look()
-                    return streams["GpsFix"].rate > 16 and streams["LocalPosition"].rate > 80
+                    gps, position = streams.get("GpsFix"), streams.get("LocalPosition")
+                    return bool(gps and position and gps.rate > 16 and position.rate > 80)
 
                 until(rates_are_met, "the rates that were asked for")
                 # until the health counts what the stranger said
