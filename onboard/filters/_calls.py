@@ -23,16 +23,16 @@ def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
         depths = [array.ndim - AXES[name] for name, array in arrays.items()]
     except AttributeError as error:
         raise wrong_arrays(**arrays) from error
+    if not any(depths):  # one filter: the usual case, and the one where microseconds count
+        return [output[0] for output in _run(kernel, options, arrays, lift=True)]
     if min(depths) < 0:
         raise _misfit(arrays)
-    depth = max(depths)
-    if depth > 1:
+    if max(depths) > 1:
         lead = _lead(arrays)
         flat = {name: _flat(array, AXES[name], lead) for name, array in arrays.items()}
-        return [output.reshape(*lead, *output.shape[1:]) for output in straight(kernel, *options, **flat)]
-    lifted = {n: a[None] if d == 0 else a for (n, a), d in zip(arrays.items(), depths, strict=True)}
-    outputs = straight(kernel, *options, **lifted)
-    return outputs if depth else [output[0] for output in outputs]
+        return [output.reshape(*lead, *output.shape[1:]) for output in _run(kernel, options, flat)]
+    batch = {n: a if d else a[None] for (n, a), d in zip(arrays.items(), depths, strict=True)}
+    return _run(kernel, options, batch)
 
 
 def marks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int, ...]) -> tuple[Any, Any]:
@@ -70,13 +70,18 @@ def images_of(model: Rows, points: Array, y: Array | None) -> Array:
 
 
 def straight(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
-    """The outputs of a kernel without its status.
+    """The outputs of a kernel without its status, with the arrays as they are.
 
     Raises FilterError, NotPositiveDefiniteError: what the status means, or arrays that no kernel takes.
     """
+    return _run(kernel, options, arrays)
+
+
+def _run(kernel: Any, options: tuple[Any, ...], arrays: dict[str, Array], lift: bool = False) -> list[Any]:
     try:
         outputs: list[Any]
-        *outputs, status = kernel(*arrays.values(), *options)
+        given = [array[None] for array in arrays.values()] if lift else arrays.values()
+        *outputs, status = kernel(*given, *options)
     except TypeError as error:
         raise wrong_arrays(**arrays) from error
     if status == SHAPE:

@@ -7,6 +7,9 @@ Three updates share one prediction:
 - `update_joseph`: the paper's, with the Jacobian at the posterior mean (eqs 17, 32).
 - `update_classical`: van der Merwe & Wan (2001), S+ by rank-one downdates, which fail when rounding beats them.
 
+A negative centre weight fails `update_classical` as it fails the unscented filter, in double precision too, when
+the prior is wide and the measurement sharp: what the centre takes away is more than there is.
+
 kappa(S) = sqrt(kappa(P)): this buys half the digits lost in an ill-conditioned covariance, and no other accuracy.
 Q and R may be singular. Precisions and batches as in `unscented`; a batched Q or R is allowed.
 """
@@ -104,7 +107,7 @@ def update_joseph(
     Raises FilterError, NotPositiveDefiniteError.
     """
     mean, _, gain, _, *rest = _correct(state, y, measure, R, weights, angular, ())
-    # central differences of curvature-free steps: the prior's deviations are only their scale
+    # differences need a scale, for which the prior's deviations do
     _, H = extended.tangent(Belief(mean, belief(state).covariance), measure, jacobian, y, angular)
     (factor,) = call(kernels.joseph, factor=state.factor, H=H, K=gain, R=R)
     return _told(SquareRoot(mean, factor), *rest)
