@@ -53,6 +53,10 @@ class Pipeline:
             name: load(name).Estimator(section, config.camera_model())
             for name, section in config.estimator.items()
         }
+        self._listeners: dict[type[Message], list[EstimatorProtocol]] = {}
+        for name, estimator in self.estimators.items():
+            for kind in load(name).LISTENS:
+                self._listeners.setdefault(kind, []).append(estimator)
         self.autopilot: Heartbeat | None = None
         self._config = config
         self._waiting: list[TargetPoints] = []
@@ -143,12 +147,18 @@ class Pipeline:
         self._waiting = [m for m in self._waiting if not self.ownship.knows(m.t_ns)]
         for waited in ready:
             outputs.extend(self._observe(waited))
-        return outputs + self._noted(e.tick(self.ownship) for e in self.estimators.values())
+        outputs.extend(self._observe(message))
+        for estimator in self.estimators.values():
+            outputs.extend(self._noted(estimator.tick(self.ownship)))
+        return outputs
 
     def _observe(self, message: Message) -> list[Output]:
-        estimates: Iterable[Estimate | None] = (e.observe(message, self.ownship) for e in self.estimators.values())
+        """A message to the estimators that listen for its kind."""
+        estimates: list[Estimate] = []
+        for estimator in self._listeners.get(type(message), ()):
+            estimates.extend(estimator.observe(message, self.ownship))
         if message.t_recv_ns - self._own_recv_ns > SILENT_NS:
-            estimates = (e and replace(e, valid=False, reason="our own motion is not known") for e in estimates)
+            estimates = [replace(e, valid=False, reason="our own motion is not known") for e in estimates]
         return self._noted(estimates)
 
     def _must_wait(self, image: TargetPoints) -> bool:
@@ -186,13 +196,12 @@ class Pipeline:
         while not 0 <= message.t_recv_ns - window[0] <= RATE_WINDOW_NS:  # < 0: this computer's clock was set back
             window.popleft()
 
-    def _noted(self, estimates: Iterable[Estimate | None]) -> list[Output]:
-        """The estimates there are, counted for the health."""
+    def _noted(self, estimates: Iterable[Estimate]) -> list[Output]:
+        """Estimates, counted for the health."""
         outputs: list[Output] = []
         for estimate in estimates:
-            if estimate is None:
-                continue
-            self._states[estimate.name] = estimate.state
+            key = estimate.name if estimate.target == estimate.name else f"{estimate.name}.{estimate.target}"
+            self._states[key] = estimate.state
             if estimate.measurement is not None:
                 self._verdicts[f"{estimate.name}.{estimate.measurement.verdict}"] += 1
             outputs.append(estimate)

@@ -2,6 +2,7 @@
 
 `[estimator.NAME]` in the configuration runs `onboard/estimators/NAME.py`. To add one, write that file with
 
+    LISTENS: Final = (TargetPoints,)                           # the messages it wants to be given
     class Config(Record, frozen=True, kw_only=True): ...       # its section's keys
     class Estimator:
         def __init__(self, config: Config, camera: Camera) -> None: ...
@@ -21,11 +22,11 @@ from onboard.ownship import Ownship
 class EstimatorProtocol(Protocol):
     """What the pipeline asks of an estimator. Times are ns on the boot clock."""
 
-    def observe(self, message: Message, ownship: Ownship) -> Estimate | None:
-        """Take a message that is no navigation sample; an estimate if it was a measurement of ours."""
+    def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
+        """Take a message of a kind it listens for; an estimate for each target it was a measurement of."""
 
-    def tick(self, ownship: Ownship) -> Estimate | None:
-        """A new navigation sample has come: the estimate predicted to `ownship.now_ns`."""
+    def tick(self, ownship: Ownship) -> list[Estimate]:
+        """A new navigation sample has come: every target's estimate predicted to `ownship.now_ns`."""
 
     def reset(self, reason: str) -> None:
         """Forget the track: the time base or our own motion is no longer what it was."""

@@ -33,6 +33,7 @@ from onboard.models import camera_angles, relative_motion
 from onboard.ownship import Ownship, Pose
 
 NAME: Final = "leader"
+LISTENS: Final = (TargetPoints,)
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
 NS: Final = 1_000_000_000
 AGREE_RAD: Final = np.radians(5.0)  # images that start a track point the same way this nearly ...
@@ -111,18 +112,18 @@ class Estimator:
 
     # ----------------------------------------------------------------------- what the pipeline calls
 
-    def observe(self, message: Message, ownship: Ownship) -> Estimate | None:
+    def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse one image's points at the time they were taken."""
         if not isinstance(message, TargetPoints) or message.target != NAME:
-            return None
+            return []
         try:
             report = self._take(message, ownship)
         except NotPositiveDefiniteError:
             self._forget("the covariance was lost")
             report = self._report(message, Verdict.NUMERICAL)
-        return self._estimate(ownship, report)
+        return [self._estimate(ownship, report)]
 
-    def tick(self, ownship: Ownship) -> Estimate | None:
+    def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict to the newest navigation sample, and see what has timed out."""
         if self._history is not None:
             try:
@@ -131,7 +132,7 @@ class Estimator:
                 self._forget("the covariance was lost")
         if self._history is not None and self._age(ownship.now_ns) > self._config.reset_timeout_s:
             self._forget("no image for longer than the reset timeout")
-        return self._estimate(ownship, None)
+        return [self._estimate(ownship, None)]
 
     def reset(self, reason: str) -> None:
         """Forget the track and all times."""
