@@ -336,6 +336,8 @@ class Truth(Record, frozen=True, kw_only=True):
     q_nF: Quaternion
     r_OL_n: Vec3
     q_nL: Quaternion
+    omega_b: Vec3 = (0.0, 0.0, 0.0)  # of the follower
+    fault: str = ""  # what is wrong with the follower, "" when nothing is
 
 
 class SimStatus(Record, frozen=True, kw_only=True):

@@ -35,7 +35,7 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED = 0, 2, 3, 4  # MAV_RESULT
 VEHICLE_TYPE: Final = {"fixed_wing": 1, "quadrotor": 2}  # MAV_TYPE
 AUTOPILOT: Final = {"ardupilot": 3, "px4": 12}  # MAV_AUTOPILOT
 ACTIVE: Final = 4  # MAV_STATE
-FIX_3D: Final = 3
+NO_FIX, FIX_3D = 1, 3  # GPS_FIX_TYPE
 HOVER_PWM_US: Final = 1500
 PWM_PER_G: Final = 400
 
@@ -143,6 +143,20 @@ class Autopilot:
         return self._make[number](t_ns, self._latest)
 
     def _gps(self, t_ns: int, reading: Reading) -> Message:
+        if not reading.gps_fix:
+            return GpsFix(
+                t_ns=t_ns,
+                t_recv_ns=t_ns,
+                fix_type=NO_FIX,
+                satellites=0,
+                lat_deg=0.0,
+                lon_deg=0.0,
+                alt_msl=0.0,
+                ground_speed=None,
+                course_rad=None,
+                h_acc=None,
+                v_acc=None,
+            )
         lat_deg, lon_deg, height = geodetic_from_ned(reading.gps_r_OF_n, self._vehicle.origin)
         north, east, _ = reading.gps_v_F_n
         return GpsFix(
@@ -205,7 +219,10 @@ def _imu(t_ns: int, reading: Reading) -> Message:
 
 
 def _servo(t_ns: int, reading: Reading) -> Message:
-    """Four equal outputs that follow the load factor: enough to watch, not a motor model."""
+    """What a quadrotor's motors are told; of other vehicles four equal outputs that follow the load factor, enough
+    to watch."""
+    if reading.pwm_us is not None:
+        return ActuatorOutputs(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.BOOT, pwm_us=reading.pwm_us)
     load = -reading.imu_f_b[2] / G
     pwm = min(max(round(HOVER_PWM_US + PWM_PER_G * (load - 1.0)), 1000), 2000)
     return ActuatorOutputs(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.BOOT, pwm_us=(pwm,) * 4)

@@ -107,14 +107,14 @@ def _log(a: argparse.Namespace) -> int:
 def _write_log(a: argparse.Namespace, scenario: Scenario, duration: float) -> tuple[int, int]:
     """Write the files, with a progress bar if somebody watches."""
     if not sys.stderr.isatty():
-        return write_log(scenario, a.seed, duration, a.out, a.truth)
+        return write_log(scenario, a.seed, duration, a.out, a.truth, a.state)
     from rich.console import Console  # noqa: PLC0415  # only where there is a terminal
     from rich.progress import Progress  # noqa: PLC0415  # the same
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(scenario.name, total=duration)
         progress = lambda done: bar.update(task, completed=done)  # noqa: E731
-        return write_log(scenario, a.seed, duration, a.out, a.truth, progress)
+        return write_log(scenario, a.seed, duration, a.out, a.truth, a.state, progress)
 
 
 def _report(line: str) -> None:
@@ -216,5 +216,6 @@ def _add_log(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="FILE.tlog", help="the recording")
     add("--truth", type=Path, metavar="FILE.csv", help="the truth at image times; compressed if named .gz")
+    add("--state", type=Path, metavar="FILE.csv", help="the vehicle's own truth, at the same times")
     add("--duration", type=_positive, metavar="S", help="seconds of flight (default: the scenario's)")
     parser.set_defaults(command=_log)

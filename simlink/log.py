@@ -16,6 +16,11 @@ COLUMNS: Final = (
     "a_lat_m_s2,a_long_m_s2,leader_q_w,leader_q_x,leader_q_y,leader_q_z"
 )
 
+STATE_COLUMNS: Final = (
+    "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,q_w,q_x,q_y,q_z,"
+    "p_rad_s,q_rad_s,r_rad_s,fault"
+)
+
 
 def write_log(
     scenario: Scenario,
@@ -23,9 +28,11 @@ def write_log(
     duration: float,
     tlog: Path,
     truth: Path | None,
+    state: Path | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[int, int]:
-    """(frames, truth rows) written. The same seed gives the same bytes, compressed or not (names in .gz).
+    """(frames, truth rows) written; `truth` is of the leader, `state` of the vehicle itself. The same seed gives
+    the same bytes, compressed or not (names in .gz).
 
     `progress` is called with the seconds of flight done. Raises OSError when a file cannot be written.
     """
@@ -36,6 +43,9 @@ def write_log(
         table = None if truth is None else stack.enter_context(_open(truth, stack))
         if table is not None:
             table.write(f"{COLUMNS}\n".encode())
+        own = None if state is None else stack.enter_context(_open(state, stack))
+        if own is not None:
+            own.write(f"{STATE_COLUMNS}\n".encode())
         for item in datagrams(scenario, seed, duration, camera="mavlink"):
             if not isinstance(item, Truth):
                 out.write(tlog_record(item.t_recv_ns, item.data))
@@ -45,7 +55,9 @@ def write_log(
             progress((item.t_ns - start_ns) * 1e-9)
             if table is not None:
                 table.write(truth_row(item).encode())
-                rows += 1
+            if own is not None:
+                own.write(state_row(item).encode())
+            rows += table is not None or own is not None
     return frames, rows
 
 
@@ -53,6 +65,12 @@ def truth_row(truth: Truth) -> str:
     """One line of the CSV; its columns are `COLUMNS`."""
     numbers = (*truth.r_FL_n, *truth.v_FL_n, truth.size, truth.a_lat, truth.a_long, *truth.q_nL)
     return f"{truth.t_ns * 1e-9:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + "\n"
+
+
+def state_row(truth: Truth) -> str:
+    """One line of the vehicle's own truth; its columns are `STATE_COLUMNS`."""
+    numbers = (*truth.r_OF_n, *truth.v_F_n, *truth.q_nF, *truth.omega_b)
+    return f"{truth.t_ns * 1e-9:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + f',"{truth.fault}"\n'
 
 
 def _open(path: Path, stack: ExitStack) -> IO[bytes]:

@@ -120,6 +120,17 @@ class Nav(Record, frozen=True, kw_only=True):
     acceleration_white: NotNegative = 0.0  # m/s^2, only in `simlink.flight.fly`
     acceleration_bias: NotNegative = 0.0  # m/s^2, drawn once a run, only in `simlink.flight.fly`
     position_delay: NotNegative = 0.0  # s: LOCAL_POSITION_NED is that much older than its stamp
+    attitude_white: Vec3 = (0.0, 0.0, 0.0)  # rad, per message and body axis
+    rates_white: NotNegative = 0.0  # rad/s, of the body rates beside the attitude
+
+
+class Outliers(Record, frozen=True, kw_only=True):
+    """Single wrong values: from `start` on (s), each channel of attitude, rates and GPS is at each step off by
+    `sigmas` of its white noise with this probability."""
+
+    probability: Probability = 0.0
+    sigmas: NotNegative = 20.0
+    start: NotNegative = 0.0
 
 
 class ImuErrors(Record, frozen=True, kw_only=True):
@@ -132,11 +143,14 @@ class ImuErrors(Record, frozen=True, kw_only=True):
 
 
 class Gps(Record, frozen=True, kw_only=True):
-    """Raw fixes: correlated position error per axis (m), white velocity error (m/s), age at the stamp (s)."""
+    """Raw fixes: correlated and white position error per axis (m), white velocity error (m/s), age at the stamp
+    (s), and when there is no fix."""
 
     position: GaussMarkov = GaussMarkov(sigma=1.0, time=30.0)
+    position_white: Vec3 = (0.0, 0.0, 0.0)
     velocity_white: NotNegative = 0.1
     delay: NotNegative = 0.0
+    outages: tuple[Interval, ...] = ()
 
 
 class Rates(Record, frozen=True, kw_only=True):
@@ -167,6 +181,51 @@ class Vehicle(Record, frozen=True, kw_only=True):
     rates: Rates = Rates()
 
 
+class QuadrotorFault(Record, frozen=True, kw_only=True):
+    """What goes wrong from `at` (s) on: one motor's share of thrust lost (motor 1 to 4, 0: none), and factors on
+    all thrusts, on the mass and on the moments of inertia."""
+
+    at: NotNegative = 10.0
+    motor: Annotated[int, msgspec.Meta(ge=0, le=4)] = 0
+    motor_loss: Probability = 0.0
+    inputs: Positive = 1.0
+    mass: Positive = 1.0
+    inertia: Positive = 1.0
+
+
+class Gust(Record, frozen=True, kw_only=True):
+    """A push of the wind, as acceleration in n (m/s^2), and horizontally what comes and goes about it."""
+
+    when: Interval | None = None
+    acceleration: Vec3 = (0.0, 0.0, 0.0)
+    wobble: GaussMarkov = GaussMarkov(time=0.5)
+
+
+class Quadrotor(Record, frozen=True, kw_only=True):
+    """The follower as a rigid body under four rotors. Rotors: forward and right of the centre (m), and the sense
+    of the torque about b's z axis that its drag gives (+1, -1); `thrust_max` is of one of them (N).
+
+    The defaults are the craft of Al-Shabi, Gadsden and Wilkerson. `path`: a figure eight, or the follower's slot.
+    """
+
+    path: Literal["figure_eight", "slot"] = "figure_eight"
+    mass: Positive = 0.468
+    inertia: tuple[Positive, Positive, Positive] = (4.856e-3, 4.856e-3, 8.801e-3)  # kg m^2
+    rotors: tuple[Vec3, Vec3, Vec3, Vec3] = (
+        (0.225, 0.0, 1.0),
+        (0.0, 0.225, -1.0),
+        (-0.225, 0.0, 1.0),
+        (0.0, -0.225, -1.0),
+    )
+    thrust_max: Positive = 3.0
+    torque_per_thrust: Positive = 0.03826  # m
+    motor_time: Annotated[float, msgspec.Meta(ge=0.005)] = 0.02  # s, lag of a rotor's speed
+    drag: NotNegative = 0.1  # 1/s, along b's x and y
+    turbulence: GaussMarkov = GaussMarkov(sigma=0.1, time=1.0)  # m/s^2 per axis
+    gust: Gust = Gust()
+    fault: QuadrotorFault = QuadrotorFault()
+
+
 class Scenario(Record, frozen=True, kw_only=True):
     """One flight. `repeat`: pulses and blackouts come again every so many seconds of an endless flight."""
 
@@ -181,6 +240,8 @@ class Scenario(Record, frozen=True, kw_only=True):
     imu: ImuErrors = ImuErrors()
     gps: Gps = Gps()
     vehicle: Vehicle = Vehicle()
+    outliers: Outliers = Outliers()
+    quadrotor: Quadrotor | None = None
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -244,6 +305,7 @@ def _check(s: Scenario, source: str) -> None:
         ("leader.speed_pulses", s.leader.speed_pulses),
         ("follower.slot_pulses", s.follower.slot_pulses),
         ("camera.blackouts", s.camera.blackouts),
+        ("gps.outages", s.gps.outages),
     ):
         for interval in intervals:
             if not interval.start < interval.end <= s.repeat:
@@ -276,7 +338,7 @@ def _explain(error: str) -> str:
     table: Any = Scenario
     for part in re.findall(r"[^.\[\]]+", re.sub(r"\[[^\]]*\]", "", path)):
         table = typing.get_type_hints(table)[part]
-        if isinstance(table, types.GenericAlias):  # tuple[Pulse, ...]
+        if isinstance(table, types.GenericAlias | types.UnionType):  # tuple[Pulse, ...], Quadrotor | None
             table = typing.get_args(table)[0]
     known = ", ".join(field.name for field in msgspec.structs.fields(table))
     where = f"[{path}]" if path else "the top level"

@@ -3,13 +3,15 @@
 import math
 from collections import deque
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.messages import Quaternion, Vec3
 from simlink import attitude
-from simlink.noise import gauss_markov, normals
+from simlink.noise import gauss_markov, normals, uniforms
 from simlink.scenario import GaussMarkov, Scenario
 from simlink.world import DT, STEPS_PER_SECOND, State
+
+NOTHING: Final[Vec3] = (0.0, 0.0, 0.0)
 
 
 class Reading(NamedTuple):
@@ -27,6 +29,8 @@ class Reading(NamedTuple):
     imu_omega_b: Vec3
     gps_r_OF_n: Vec3
     gps_v_F_n: Vec3
+    gps_fix: bool = True
+    pwm_us: tuple[int, ...] | None = None
 
 
 def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[tuple[State, Reading]]:
@@ -40,27 +44,56 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
     accel = white(seed, "imu.accel", imu.accel_white, imu.accel_bias)
     gyro = white(seed, "imu.gyro", imu.gyro_white, imu.gyro_bias)
     position_steps, gps_steps = steps_of(nav.position_delay), steps_of(gps.delay)
-    past: deque[tuple[Vec3, Vec3, Vec3]] = deque(maxlen=max(position_steps, gps_steps) + 1)
+    attitude_white = _scaled(seed, "nav.attitude_white", nav.attitude_white)
+    rates_white = white(seed, "nav.rates_white", nav.rates_white)
+    gps_white = _scaled(seed, "gps.position_white", gps.position_white)
+    wrong = outliers(scenario, seed)
+    past: deque[tuple[Vec3, Vec3, Vec3, Vec3]] = deque(maxlen=max(position_steps, gps_steps) + 1)
     for state in world:
         v_F_n = add(state.v_F_n, next(speed))
-        past.append((add(state.r_OF_n, next(place)), v_F_n, state.r_OF_n))
+        past.append((add(state.r_OF_n, next(place)), v_F_n, state.r_OF_n, state.v_F_n))
         # before the first delay has passed, the oldest there is
-        r_then, v_then, _ = past[max(-1 - position_steps, -len(past))]
-        r_gps = past[max(-1 - gps_steps, -len(past))][2]
+        r_then, v_then, _, _ = past[max(-1 - position_steps, -len(past))]
+        _, _, r_gps, v_gps = past[max(-1 - gps_steps, -len(past))]
+        tilted, spun, misplaced, misled = next(wrong)
+        q_nb = attitude.product(state.q_nF, attitude.from_vector(*next(tilt)))
+        shaken = add(next(attitude_white), tilted)
         yield (
             state,
             Reading(
-                q_nb=attitude.product(state.q_nF, attitude.from_vector(*next(tilt))),
-                omega_b=state.omega_b,
+                q_nb=q_nb if shaken == NOTHING else attitude.product(q_nb, attitude.from_vector(*shaken)),
+                omega_b=add(state.omega_b, add(next(rates_white), spun)),
                 v_F_n=v_F_n,
                 position_r_OF_n=r_then,
                 position_v_F_n=v_then,
                 imu_f_b=add(state.f_b, next(accel)),
                 imu_omega_b=add(state.omega_b, next(gyro)),
-                gps_r_OF_n=add(r_gps, next(gps_place)),
-                gps_v_F_n=add(state.v_F_n, next(gps_speed)),
+                gps_r_OF_n=add(add(r_gps, next(gps_place)), add(next(gps_white), misplaced)),
+                gps_v_F_n=add(add(v_gps, next(gps_speed)), misled),
+                gps_fix=not any(o.start <= state.t < o.end for o in gps.outages),
+                pwm_us=state.pwm_us,
             ),
         )
+
+
+def outliers(scenario: Scenario, seed: int) -> Iterator[tuple[Vec3, Vec3, Vec3, Vec3]]:
+    """What single wrong values add at each step to attitude (rad), rates, GPS position and velocity."""
+    o, gps = scenario.outliers, scenario.gps
+    rates, speed = (scenario.nav.rates_white,) * 3, (gps.velocity_white,) * 3
+    sizes = (*scenario.nav.attitude_white, *rates, *gps.position_white, *speed)
+    step, draw = 0, uniforms(seed, "outliers")
+    while True:
+        if o.probability == 0.0 or step < steps_of(o.start):
+            step += 1
+            yield NOTHING, NOTHING, NOTHING, NOTHING
+            continue
+        x = [o.sigmas * size * _sign(next(draw), o.probability) for size in sizes]
+        yield (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7], x[8]), (x[9], x[10], x[11])
+
+
+def _sign(u: float, probability: float) -> float:
+    """-1, 0 or +1, the two each with half the probability."""
+    return float(u < probability / 2) - float(u > 1 - probability / 2)
 
 
 def steps_of(seconds: float) -> int:
@@ -79,6 +112,12 @@ def _errors(seed: int, name: str, process: GaussMarkov, unit: float = 1.0) -> It
         gauss_markov(normals(seed, f"{name}.{axis}"), process.sigma * unit, process.time, DT) for axis in "xyz"
     )
     return zip(x, y, z, strict=True)
+
+
+def _scaled(seed: int, name: str, sigmas: Vec3) -> Iterator[Vec3]:
+    """Endless triples of white errors with a standard deviation for each axis."""
+    for x, y, z in white(seed, name, 1.0 if any(sigmas) else 0.0):
+        yield sigmas[0] * x, sigmas[1] * y, sigmas[2] * z
 
 
 def white(seed: int, name: str, sigma: float, bias_sigma: float = 0.0) -> Iterator[Vec3]:

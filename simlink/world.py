@@ -1,19 +1,23 @@
 """The truth: two aircraft, step by step, with dynamics of their own (nothing here comes from a filter's model).
 
 `states` is endless and depends on the scenario and the seed alone. The follower flies coordinated: heading
-along its course, pitch along its path, bank atan(a_right / g). The leader does the same, with bank and heading
-wobbling about that. Frames are those of `onboard.geometry`.
+along its course, pitch along its path, bank atan(a_right / g); or it is a quadrotor, and flies as
+`simlink.quadrotor` has it, on a path of its own or on the same slot. The leader does the same, with bank and
+heading wobbling about that. Frames are those of `onboard.geometry`.
 """
 
 import math
 from collections.abc import Iterator
+from itertools import tee
 from typing import NamedTuple
 
 from onboard.messages import Quaternion, Truth, Vec3
 from simlink import attitude
 from simlink.motion import Rates, advance, make_motion
 from simlink.noise import gauss_markov, normals, uniforms
-from simlink.scenario import Scenario
+from simlink.quadrotor import motions
+from simlink.quadrotor_control import Reference, figure_eight
+from simlink.scenario import Quadrotor, Scenario
 
 G = 9.80665
 STEPS_PER_SECOND = 200
@@ -38,6 +42,8 @@ class State(NamedTuple):
     q_nF: Quaternion
     omega_b: Vec3  # mean body rate over the step that ends here (of the first step: zero)
     f_b: Vec3  # specific force R_bn (a_F_n - g_n)
+    pwm_us: tuple[int, ...] | None = None  # what a quadrotor's motors are told
+    fault: str = ""  # what is wrong with it now
 
 
 def true_size(scenario: Scenario, seed: int) -> float:
@@ -48,6 +54,40 @@ def true_size(scenario: Scenario, seed: int) -> float:
 
 def states(scenario: Scenario, seed: int) -> Iterator[State]:
     """The world, 200 states per second of flight, without end."""
+    formation = _formation(scenario, seed)
+    return formation if scenario.quadrotor is None else _with_quadrotor(scenario.quadrotor, seed, formation)
+
+
+def _with_quadrotor(craft: Quadrotor, seed: int, formation: Iterator[State]) -> Iterator[State]:
+    """The same world with the follower flown as a quadrotor; on the slot, what the follower was is its path."""
+    if craft.path == "figure_eight":
+        path = figure_eight(seed, DT)
+    else:
+        formation, slots = tee(formation)
+        path = map(_as_reference, slots)
+    q_before = None
+    for state, m in zip(formation, motions(craft, seed, path, DT), strict=True):
+        yield state._replace(
+            r_OF_n=m.r_n,
+            v_F_n=m.v_n,
+            a_F_n=m.a_n,
+            q_nF=m.q_nb,
+            omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, m.q_nb),
+            f_b=m.f_b,
+            pwm_us=m.pwm_us,
+            fault=m.fault,
+        )
+        q_before = m.q_nb
+
+
+def _as_reference(state: State) -> Reference:
+    """Where a follower of the formation is, its nose towards the leader's side: along its course."""
+    course = math.atan2(state.v_F_n[1], state.v_F_n[0])
+    return Reference(state.r_OF_n, state.v_F_n, state.a_F_n, course)
+
+
+def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
+    """Leader and follower, both coordinated."""
     phase = uniforms(seed, "follower.wander")
     turn = 2 * math.pi
     f, y = make_motion(scenario, (turn * next(phase), turn * next(phase), turn * next(phase)))
@@ -123,6 +163,8 @@ def truth_record(s: State, size: float, t_ns: int) -> Truth:
         q_nF=s.q_nF,
         r_OL_n=s.r_OL_n,
         q_nL=s.q_nL,
+        omega_b=s.omega_b,
+        fault=s.fault,
     )
 
 
