@@ -7,7 +7,7 @@ the names (see `onboard.geometry`). `t_ns` is when a thing was TRUE: as decoded,
 """
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -36,6 +36,7 @@ class Encoding(StrEnum):
     MAVLINK = "mavlink"  # whole MAVLink frames in each datagram (UDP, .tlog)
     MAVLINK_STREAM = "mavlink_stream"  # MAVLink frames cut anywhere (TCP, serial)
     POINTS = "points"  # one JSON `CameraPoints` (Zenoh)
+    RADAR = "radar"  # one JSON `RadarDetections` (Zenoh)
 
 
 class Datagram(Record, frozen=True, kw_only=True):
@@ -180,6 +181,90 @@ class CameraPoints(Record, frozen=True, kw_only=True):
     target: str = "leader"
 
 
+class AltitudeType(StrEnum):
+    """What an altitude of ADS-B is measured against."""
+
+    PRESSURE = "pressure"  # barometric: above mean sea level as far as the sender's QNH is right
+    GEOMETRIC = "geometric"  # GNSS: above the WGS-84 ellipsoid
+
+
+class AdsbVehicle(Message, frozen=True, kw_only=True):
+    """ADSB_VEHICLE: what an ADS-B receiver last heard of one aircraft; None where it is not marked as valid.
+
+    WGS-84 degrees, m, m/s; `course` over ground in rad clockwise from true north, `climb` positive up. `tslc` is
+    the time since it was last heard, in whole seconds; `icao` the 24-bit address; `emitter` ADSB_EMITTER_TYPE.
+    """
+
+    icao: int
+    lat_deg: float | None
+    lon_deg: float | None
+    altitude: float | None
+    altitude_type: AltitudeType
+    course: float | None
+    ground_speed: float | None
+    climb: float | None
+    callsign: str = ""
+    emitter: int = 0
+    tslc: float = 0.0
+    squawk: int | None = None
+    simulated: bool = False
+
+
+class PeerPosition(Message, frozen=True, kw_only=True):
+    """GLOBAL_POSITION_INT of another vehicle, `system`; fields as in `GlobalPosition`. Its stamp is of its own
+    boot clock, so it counts as true when it arrived."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_msl: float
+    v_n: Vec3
+
+
+class Collision(Message, frozen=True, kw_only=True):
+    """COLLISION: closest approach of a threat. `source` 0 ADS-B, 1 another's GLOBAL_POSITION_INT, with its address
+    or system number; s and m."""
+
+    source: int
+    threat: int
+    threat_level: int
+    time: float
+    vertical: float
+    horizontal: float
+
+
+class RadarDetection(Record, frozen=True, kw_only=True):
+    """One echo: range (m), azimuth (rad, positive right of the frame's first axis), elevation (rad, positive up),
+    their standard deviations, if known, and the signal to noise ratio."""
+
+    range: float
+    azimuth: float
+    elevation: float
+    sigma: Vec3 | None = None
+    snr_db: float | None = None
+
+
+RadarFrame = Literal["body", "ned"]  # azimuth from the nose, or from true north with elevation from the horizon
+
+
+class RadarScan(Message, frozen=True, kw_only=True):
+    """All echoes of one moment; none is a scan too."""
+
+    radar: str
+    frame: RadarFrame
+    detections: tuple[RadarDetection, ...]
+
+
+class RadarDetections(Record, frozen=True, kw_only=True):
+    """What a radar on our vehicle publishes, one per scan, as JSON: `t_ns` is when the echoes came, on `clock`.
+    Azimuth and elevation are in our body frame, or in local NED for a radar that levels itself."""
+
+    t_ns: int
+    clock: Clock
+    radar: str
+    frame: RadarFrame = "body"
+    detections: tuple[RadarDetection, ...] = ()
+
+
 class Command(Message, frozen=True, kw_only=True):
     """COMMAND_LONG or COMMAND_INT: a MAV_CMD number and its seven parameters."""
 
@@ -232,6 +317,12 @@ class Verdict(StrEnum):
     DEGENERATE = "degenerate"  # geometry no camera gives, such as wingtips that coincide
     NO_POSE = "no_pose"  # our own pose at its time is not known
     NUMERICAL = "numerical"  # the filter could not use it without losing its covariance
+    STALE = "stale"  # the sender had not been heard for too long when it was sent
+    NO_POSITION = "no_position"  # without valid coordinates or altitude
+    IMPLAUSIBLE = "implausible"  # farther from its track than anything flies in the time
+    UNASSOCIATED = "unassociated"  # belongs to no track, nor starts one
+    OURSELVES = "ourselves"  # our own transponder
+    FULL = "full"  # as many tracks as there may be
 
 
 class MeasurementReport(Record, frozen=True, kw_only=True):
@@ -254,6 +345,45 @@ class MeasurementReport(Record, frozen=True, kw_only=True):
     predicted_points: tuple[ImagePoint, ...] | None = None
 
 
+class ThreatLevel(StrEnum):
+    """How near another aircraft is going to come."""
+
+    NONE = "none"
+    LOW = "low"  # within its uncertainty it may come too near
+    HIGH = "high"  # as things are it will
+
+
+class ClosestApproach(Record, frozen=True, kw_only=True):
+    """The nearest two aircraft come if neither changes its velocity: in `time` seconds from the estimate's own
+    time (0: they part already), at `distance`; each with its standard deviation. `horizontal` and `vertical` are
+    the parts of the distance, vertical positive when the other is above."""
+
+    time: float
+    time_sigma: float
+    distance: float
+    distance_sigma: float
+    horizontal: float
+    vertical: float
+    threat: ThreatLevel
+
+
+class Intruder(Record, frozen=True, kw_only=True):
+    """What else is known of a track of traffic: who it says it is, what it was seen by, WGS-84 position (degrees,
+    m above mean sea level), velocity over ground (NED, m/s), and how near it comes."""
+
+    icao: int | None
+    system: int | None
+    callsign: str
+    squawk: int | None
+    emitter: int
+    sources: tuple[str, ...]
+    lat_deg: float
+    lon_deg: float
+    alt_msl: float
+    v_n: Vec3
+    approach: ClosestApproach
+
+
 class Estimate(Record, frozen=True, kw_only=True):
     """One estimate of one target by one estimator. `mean` and `covariance` are None before a track exists;
     `valid` says whether a consumer may act on it. `frame` is that of the vector components."""
@@ -273,6 +403,7 @@ class Estimate(Record, frozen=True, kw_only=True):
     age: float | None  # seconds from the last fused measurement to t_ns
     reset_count: int
     measurement: MeasurementReport | None = None
+    intruder: Intruder | None = None  # of traffic only
 
 
 class OwnPose(Record, frozen=True, kw_only=True):
@@ -338,6 +469,27 @@ class Truth(Record, frozen=True, kw_only=True):
     q_nL: Quaternion
     omega_b: Vec3 = (0.0, 0.0, 0.0)  # of the follower
     fault: str = ""  # what is wrong with the follower, "" when nothing is
+
+
+class IntruderTruth(Record, frozen=True, kw_only=True):
+    """One aircraft of a simulated traffic; NED from O. `detections` counts what the radar has seen of it so far,
+    `messages` what it has said and was received."""
+
+    name: str
+    target: str
+    r_OT_n: Vec3
+    v_T_n: Vec3
+    messages: int
+    detections: int
+
+
+class TrafficTruth(Record, frozen=True, kw_only=True):
+    """All simulated traffic at one time, and ourselves (F); boot clock, NED from O."""
+
+    t_ns: int
+    r_OF_n: Vec3
+    v_F_n: Vec3
+    intruders: tuple[IntruderTruth, ...]
 
 
 class SimStatus(Record, frozen=True, kw_only=True):

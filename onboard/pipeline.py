@@ -14,15 +14,19 @@ from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
 from onboard.estimators import EstimatorProtocol, load
 from onboard.messages import (
+    AdsbVehicle,
     Clock,
     Datagram,
     Encoding,
     Estimate,
+    GlobalPosition,
     Health,
     Heartbeat,
     Lifecycle,
     Message,
     Output,
+    PeerPosition,
+    RadarScan,
     SinkHealth,
     StreamHealth,
     TargetPoints,
@@ -31,6 +35,7 @@ from onboard.messages import (
 from onboard.ownship import Ownship
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.points import BadPointsError, decode_points
+from onboard.wire.radar import BadRadarError, decode_radar
 
 MAV_AUTOPILOT_INVALID: Final = 8
 AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
@@ -40,6 +45,9 @@ SILENT_NS: Final = (
     1_000_000_000  # own motion this long unheard of, by arrival: time stands still, and no estimate holds
 )
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
+SENSED: Final = (TargetPoints, RadarScan)  # stamped by a sensor, and of use once our own pose then is known
+ANY_COMPONENT: Final = (*SENSED, AdsbVehicle)  # not of our own motion, so whoever of our vehicle sends it
+UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # of use though they say no time we know: true at arrival
 
 
 class Pipeline:
@@ -59,7 +67,7 @@ class Pipeline:
                 self._listeners.setdefault(kind, []).append(estimator)
         self.autopilot: Heartbeat | None = None
         self._config = config
-        self._waiting: list[TargetPoints] = []
+        self._waiting: list[Message] = []
         self._decoders: dict[str, MavlinkDecoder] = {}
         self._delays_ns: dict[type[Message], int] = {}
         self._rejected: Counter[str] = Counter()
@@ -83,6 +91,12 @@ class Pipeline:
                 return [decode_points(datagram.data, datagram.t_recv_ns)]
             except BadPointsError:
                 self._rejected["bad_points"] += 1
+                return []
+        if datagram.encoding is Encoding.RADAR:
+            try:
+                return [decode_radar(datagram.data, datagram.t_recv_ns)]
+            except BadRadarError:
+                self._rejected["bad_radar"] += 1
                 return []
         decoder = self._decoders.get(datagram.channel)
         if decoder is None:
@@ -110,17 +124,20 @@ class Pipeline:
         if isinstance(message, Heartbeat):
             self._latch(message)
         if not self.is_ours(message):
-            self._rejected["other_system" if self.autopilot else "before_heartbeat"] += 1
-            return []
-        if not isinstance(message, TargetPoints) and not self._from_autopilot(message):
+            peer = self._of_others(message)
+            if peer is None:
+                self._rejected["other_system" if self.autopilot else "before_heartbeat"] += 1
+                return []
+            message = peer
+        elif not isinstance(message, ANY_COMPONENT) and not self._from_autopilot(message):
             self._rejected["other_component"] += 1  # a gimbal's attitude, a peer's clock: not our own motion
             return []
         self._count(message)
         if isinstance(message, TimeSync):
             self.clocks.receive_reply(message)
             return []
-        if message.clock is Clock.NONE:
-            if isinstance(message, TargetPoints):
+        if message.clock is Clock.NONE and not isinstance(message, UNSTAMPED):
+            if isinstance(message, SENSED):
                 self._rejected["unstamped_points"] += 1
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
         reboots = self.clocks.reboots
@@ -131,9 +148,26 @@ class Pipeline:
             self._start_over()
         return self._estimate(aligned, aligned.t_ns + self._delays_ns.get(type(message), 0))
 
+    def _of_others(self, message: Message) -> Message | None:
+        """What another system says, if an estimator listens for it: where it is, or what its receiver hears."""
+        if isinstance(message, GlobalPosition):
+            message = PeerPosition(
+                t_ns=message.t_recv_ns,
+                t_recv_ns=message.t_recv_ns,
+                clock=Clock.NONE,
+                system=message.system,
+                component=message.component,
+                lat_deg=message.lat_deg,
+                lon_deg=message.lon_deg,
+                alt_msl=message.alt_msl,
+                v_n=message.v_F_n,
+            )
+        wanted = self.autopilot is not None and isinstance(message, UNSTAMPED) and type(message) in self._listeners
+        return message if wanted else None
+
     def _estimate(self, message: Message, stamp_ns: int) -> list[Output]:
         """Own motion moves every estimate on to now; anything else goes to whom it concerns."""
-        if isinstance(message, TargetPoints) and self._must_wait(message):
+        if isinstance(message, SENSED) and self._must_wait(message):
             self._waiting.append(message)
             return []
         if not self.ownship.receive(message, stamp_ns):
@@ -161,7 +195,7 @@ class Pipeline:
             estimates = [replace(e, valid=False, reason="our own motion is not known") for e in estimates]
         return self._noted(estimates)
 
-    def _must_wait(self, image: TargetPoints) -> bool:
+    def _must_wait(self, image: Message) -> bool:
         """Whether an image is of a moment our own motion is not known at yet, but may soon be. A camera's clock
         may lead (recordings are found that do by half a second): what waits is not lost."""
         lead_ns = image.t_ns - self.ownship.now_ns

@@ -7,21 +7,24 @@ from typing import Any, Final, Literal, Union, get_args, get_origin
 
 import msgspec
 
-from onboard.messages import CameraPoints, Estimate, Health, OwnPose, Record
+from onboard.messages import CameraPoints, Estimate, Health, OwnPose, RadarDetections, Record
 
 PUBLISHED: Final[dict[str, type[Record]]] = {
     "estimate/<name>": Estimate,
+    "estimate/traffic/<target>": Estimate,
     "ownship": OwnPose,
     "health": Health,
     "camera/<camera>/points": CameraPoints,
+    "radar/<radar>/detections": RadarDetections,
 }
-"""Key below `onboard/<vehicle>/` -> the record whose JSON it carries. The last one we read, not write."""
+"""Key below `onboard/<vehicle>/` -> the record whose JSON it carries. The last two we read, not write."""
 
 
 def key_of(record: Record) -> str:
     """The key, below the vehicle's prefix, a record is published and recorded under. Raises KeyError."""
     if isinstance(record, Estimate):
-        return f"estimate/{record.name}"
+        one_of_many = "/" in record.target  # such as icao/4b1a2c
+        return f"estimate/{record.name}/{record.target}" if one_of_many else f"estimate/{record.name}"
     return {OwnPose: "ownship", Health: "health"}[type(record)]
 
 

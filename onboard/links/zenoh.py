@@ -1,19 +1,21 @@
-"""Camera points over Zenoh: one JSON `CameraPoints` per image on `<prefix>/camera/<camera>/points`."""
+"""What sensors publish over Zenoh: one JSON `CameraPoints` per image on `<prefix>/camera/<camera>/points`, one
+JSON `RadarDetections` per scan on `<prefix>/radar/<radar>/detections`."""
 
 import asyncio
 import threading
 from contextlib import suppress
+from functools import partial
 from typing import Any, Final
 
 from onboard.links.link import Deliver, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding
 
-LARGEST: Final = 65_536  # bytes; three labelled points are 400
+LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
 WAITING: Final = 256  # images on their way into the loop: a flood costs its newest images, not our memory
 
 
 class ZenohLink:
-    """Subscriber to `<prefix>/camera/*/points` on a session opened elsewhere (`onboard.sinks.zenoh`).
+    """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh`).
 
     The channel of a datagram is its key. It takes no part in closing the session.
     """
@@ -24,15 +26,18 @@ class ZenohLink:
         self.sent = 0
         self.errors = 0
         self._session = session
-        self._key = f"{prefix}/camera/*/points"
+        self._keys = {
+            f"{prefix}/camera/*/points": Encoding.POINTS,
+            f"{prefix}/radar/*/detections": Encoding.RADAR,
+        }
 
     async def open(self) -> None:
         """Raises LinkError when the session is closed; subscribing itself waits for `run`."""
         if self._session.is_closed():
-            raise LinkError(f"{self._key}: the Zenoh session is closed")
+            raise LinkError(f"{next(iter(self._keys))}: the Zenoh session is closed")
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Hand on points until cancelled."""
+        """Hand on what sensors say until cancelled."""
         loop = asyncio.get_running_loop()
         failed: asyncio.Future[None] = loop.create_future()
         safe = guarded(deliver, failed)
@@ -47,28 +52,32 @@ class ZenohLink:
             self.received += 1
             safe(datagram)
 
-        def on_sample(sample: Any) -> None:  # on one of Zenoh's threads
+        def on_sample(sample: Any, encoding: Encoding) -> None:  # on one of Zenoh's threads
             t_recv_ns = now_ns()
             if not room.acquire(blocking=False):
                 self.errors += 1
                 return
             with suppress(RuntimeError):  # the loop has closed; so shall we
-                loop.call_soon_threadsafe(enter, _datagram(sample, t_recv_ns))
+                loop.call_soon_threadsafe(enter, _datagram(sample, t_recv_ns, encoding))
 
-        subscriber = await asyncio.to_thread(self._session.declare_subscriber, self._key, on_sample)
+        subscribers: list[Any] = []
         try:
+            for key, encoding in self._keys.items():
+                take = partial(on_sample, encoding=encoding)
+                subscribers.append(await asyncio.to_thread(self._session.declare_subscriber, key, take))
             await failed
         finally:
-            subscriber.undeclare()
+            for subscriber in subscribers:
+                subscriber.undeclare()
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature
         """Nothing is sent on this link; it is counted."""
         self.errors += 1
 
 
-def _datagram(sample: Any, t_recv_ns: int) -> Datagram | None:
+def _datagram(sample: Any, t_recv_ns: int, encoding: Encoding) -> Datagram | None:
     """The sample's bytes; None when there are none or far too many."""
     data = sample.payload.to_bytes()
     if not 0 < len(data) <= LARGEST:
         return None
-    return Datagram(channel=str(sample.key_expr), encoding=Encoding.POINTS, t_recv_ns=t_recv_ns, data=data)
+    return Datagram(channel=str(sample.key_expr), encoding=encoding, t_recv_ns=t_recv_ns, data=data)

@@ -19,8 +19,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import (
     ActuatorOutputs,
+    AdsbVehicle,
+    AltitudeType,
     Attitude,
     Clock,
+    Collision,
     Command,
     CommandAck,
     GlobalPosition,
@@ -215,6 +218,50 @@ def _status_text(m: Any, h: dict[str, Any]) -> Message:
     return StatusText(**h, severity=m.severity, text=m.text)
 
 
+def _adsb_vehicle(m: Any, h: dict[str, Any]) -> Message:
+    """Every field has a flag that says whether it is valid."""
+
+    def has(flag: int) -> bool:
+        return bool(m.flags & flag)
+
+    coordinates = has(dialect.ADSB_FLAGS_VALID_COORDS)
+    geometric = m.altitude_type == dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC
+    return AdsbVehicle(
+        **h,
+        icao=m.ICAO_address,
+        lat_deg=m.lat * 1e-7 if coordinates else None,
+        lon_deg=m.lon * 1e-7 if coordinates else None,
+        altitude=m.altitude * 1e-3 if has(dialect.ADSB_FLAGS_VALID_ALTITUDE) else None,
+        altitude_type=AltitudeType.GEOMETRIC if geometric else AltitudeType.PRESSURE,
+        course=m.heading * math.pi / 18000 if has(dialect.ADSB_FLAGS_VALID_HEADING) else None,
+        ground_speed=m.hor_velocity * 0.01 if has(dialect.ADSB_FLAGS_VALID_VELOCITY) else None,
+        climb=m.ver_velocity * 0.01 if has(dialect.ADSB_FLAGS_VERTICAL_VELOCITY_VALID) else None,
+        callsign=_text(m.callsign) if has(dialect.ADSB_FLAGS_VALID_CALLSIGN) else "",
+        emitter=m.emitter_type,
+        tslc=float(m.tslc),
+        squawk=m.squawk if has(dialect.ADSB_FLAGS_VALID_SQUAWK) else None,
+        simulated=has(dialect.ADSB_FLAGS_SIMULATED),
+    )
+
+
+def _text(field: str | bytes) -> str:
+    """A field of characters without what cannot be printed."""
+    text = field if isinstance(field, str) else field.decode("ascii", "replace")
+    return "".join(c for c in text.split("\0")[0] if c.isascii() and c.isprintable()).strip()
+
+
+def _collision(m: Any, h: dict[str, Any]) -> Message:
+    return Collision(
+        **h,
+        source=m.src,
+        threat=m.id,
+        threat_level=m.threat_level,
+        time=m.time_to_minimum_delta,
+        vertical=m.altitude_minimum_delta,
+        horizontal=m.horizontal_minimum_delta,
+    )
+
+
 CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": _system_time,
@@ -232,6 +279,8 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
     "COMMAND_INT": _command_int,
     "COMMAND_ACK": _command_ack,
     "STATUSTEXT": _status_text,
+    "ADSB_VEHICLE": _adsb_vehicle,
+    "COLLISION": _collision,
 }
 
 

@@ -9,7 +9,10 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import (
     ActuatorOutputs,
+    AdsbVehicle,
+    AltitudeType,
     Attitude,
+    Collision,
     Command,
     CommandAck,
     GlobalPosition,
@@ -157,6 +160,44 @@ def _status_text(m: Any) -> list[Any]:
     return [dialect.MAVLink_statustext_message(m.severity, m.text.encode("ascii", "replace")[:50])]
 
 
+def _adsb_vehicle(m: Any) -> list[Any]:
+    present = {
+        dialect.ADSB_FLAGS_VALID_COORDS: m.lat_deg is not None and m.lon_deg is not None,
+        dialect.ADSB_FLAGS_VALID_ALTITUDE: m.altitude is not None,
+        dialect.ADSB_FLAGS_VALID_HEADING: m.course is not None,
+        dialect.ADSB_FLAGS_VALID_VELOCITY: m.ground_speed is not None,
+        dialect.ADSB_FLAGS_VERTICAL_VELOCITY_VALID: m.climb is not None,
+        dialect.ADSB_FLAGS_VALID_CALLSIGN: bool(m.callsign),
+        dialect.ADSB_FLAGS_VALID_SQUAWK: m.squawk is not None,
+        dialect.ADSB_FLAGS_SIMULATED: m.simulated,
+    }
+    geometric = m.altitude_type is AltitudeType.GEOMETRIC
+    course = 0 if m.course is None else round(math.degrees(m.course) % 360 * 100) % 36000
+    return [
+        dialect.MAVLink_adsb_vehicle_message(
+            m.icao,
+            round((m.lat_deg or 0.0) * 1e7),
+            round((m.lon_deg or 0.0) * 1e7),
+            dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC if geometric else dialect.ADSB_ALTITUDE_TYPE_PRESSURE_QNH,
+            round((m.altitude or 0.0) * 1000),
+            course,
+            min(round((m.ground_speed or 0.0) * 100), 65535),
+            max(min(round((m.climb or 0.0) * 100), 32767), -32768),
+            m.callsign.encode("ascii", "replace")[:8],
+            m.emitter,
+            min(int(m.tslc), 255),
+            sum(flag for flag, is_there in present.items() if is_there),
+            m.squawk or 0,
+        )
+    ]
+
+
+def _collision(m: Any) -> list[Any]:
+    none = dialect.MAV_COLLISION_ACTION_NONE  # we tell; what is done about it is the autopilot's
+    about = (m.time, m.vertical, m.horizontal)
+    return [dialect.MAVLink_collision_message(m.source, m.threat, none, m.threat_level, *about)]
+
+
 ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Heartbeat: _heartbeat,
     SystemTime: _system_time,
@@ -171,4 +212,6 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Command: _command,
     CommandAck: _command_ack,
     StatusText: _status_text,
+    AdsbVehicle: _adsb_vehicle,
+    Collision: _collision,
 }

@@ -5,7 +5,7 @@ import json
 import msgspec
 import pytest
 
-from onboard.messages import Truth
+from onboard.messages import Estimate, Lifecycle, Truth
 from onboard.schemas import PUBLISHED, describe, key_of, schemas
 
 
@@ -67,3 +67,24 @@ def test_a_record_that_is_not_published_has_no_key() -> None:
                 q_nL=(1, 0, 0, 0),
             )
         )
+
+
+def test_one_of_many_targets_has_a_key_of_its_own() -> None:
+    one = Estimate(
+        name="traffic",
+        target="icao/4b1a2c",
+        sequence=1,
+        t_ns=0,
+        state=Lifecycle.TRACKING,
+        valid=True,
+        reason="",
+        frame="n",
+        components=(),
+        units=(),
+        mean=None,
+        covariance=None,
+        age=None,
+        reset_count=0,
+    )
+    assert key_of(one) == "estimate/traffic/icao/4b1a2c"
+    assert key_of(msgspec.structs.replace(one, name="leader", target="leader")) == "estimate/leader"
