@@ -47,12 +47,15 @@ def marks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int
 
 
 def alike(reference: Array, **arrays: Array) -> None:
-    """Raises FilterError unless these are arrays of the reference's precision and of its last two axes."""
+    """Raises FilterError unless these are arrays of the reference's precision and of its last two axes, and of as
+    long a batch if of any."""
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray) or array.dtype != reference.dtype:
             raise wrong_arrays(mean=reference, **{name: array})
         if array.shape[-2:] != reference.shape[-2:]:
             raise FilterError(f"shapes do not fit: {name} {array.shape}, must be {reference.shape[-2:]}")
+        if array.ndim > 2 and array.shape != reference.shape:
+            raise FilterError(f"shapes do not fit: {name} {array.shape}, must be {reference.shape}")
 
 
 def images_of(model: Rows, points: Array, y: Array | None) -> Array:

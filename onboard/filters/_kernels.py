@@ -248,6 +248,8 @@ def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
     """(points (B, 2n+1, n), the first status that is not OK)."""
     count, n = mean.shape
     points = np.empty((count, 2 * n + 1, n), mean.dtype)
+    if P.shape[0] != count:
+        return points, SHAPE
     for b in range(count):
         status = spread_into(mean[b], P[b], gamma, points[b])
         if status != OK:
@@ -260,6 +262,8 @@ def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
     """(mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
     count, _, n = points.shape
     mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
+    if Q.shape[0] != 1 and Q.shape[0] != count:
+        return mean, P, SHAPE
     for b in range(count):
         status = gather_into(points[b], w_mean, w_cov, w, Q[b % Q.shape[0]], mean[b], P[b])
         if status != OK:
@@ -280,6 +284,8 @@ def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):  # ty
         np.empty((count, m, m), dtype),
     )
     nis = np.empty(count, dtype)
+    if images.shape[0] != count or P.shape[0] != count or y.shape[0] != count or R.shape[0] not in (1, count):
+        return mean_out, P_out, innovation, S, predicted, nis, SHAPE
     for b in range(count):
         status, nis[b] = correct_into(
             points[b],

@@ -9,7 +9,7 @@ from onboard.filters.belief import COVARIANCE, IMAGES, INDEFINITE, INNOVATION, M
 
 
 @njit(_signatures(2, 3, 3, 3, "f"), cache=True, error_model="numpy")
-def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def]
+def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     """(points (B, 2L+1, L), status) of means (B, n), covariances (B, n, n) and those of two noises, each (B or 1,
     k, k) and perhaps singular or empty: the mean first, and opposite points L apart (eqs 8, 9)."""
     count, n = mean.shape
@@ -19,6 +19,8 @@ def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def]
     if P.shape[0] != count or P.shape[1] != n or P.shape[2] != n:
         return points, SHAPE
     if first.shape[2] != k1 or second.shape[2] != k2:
+        return points, SHAPE
+    if first.shape[0] not in (1, count) or second.shape[0] not in (1, count):
         return points, SHAPE
     own, one, two = np.empty((n, n), mean.dtype), np.empty((k1, k1), mean.dtype), np.empty((k2, k2), mean.dtype)
     for b in range(count):

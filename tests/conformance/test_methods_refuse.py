@@ -73,6 +73,18 @@ def test_a_wrong_shape(method: Method, name: str, array: Any) -> None:
 
 
 @every
+@pytest.mark.parametrize("name", ["covariance", "Q", "y", "R"])
+def test_a_batch_of_another_length(method: Method, name: str) -> None:
+    if "batch" in method.exempt:
+        pytest.skip(method.exempt["batch"])
+    four = {"mean": np.ones((4, 2)), "covariance": np.tile(np.eye(2), (4, 1, 1)), "y": np.ones((4, 2))}
+    step(method, **four)
+    three = np.ones((3, 2)) if name == "y" else np.tile(np.eye(2), (3, 1, 1))
+    with pytest.raises(FilterError):
+        step(method, **(four | {name: three}))
+
+
+@every
 @pytest.mark.parametrize("name", ["process", "measure"])
 @pytest.mark.parametrize(
     "model",
