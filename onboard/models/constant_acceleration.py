@@ -1,0 +1,45 @@
+"""A target of constant acceleration, in any Cartesian frame: the continuous Wiener process acceleration model.
+
+State rows by axis: [x, vx, ax, y, vy, ay, z, vz, az], SI; east, north, up at a radar, or ECEF. Its noise is
+`filters.discretisation.wiener_acceleration(dt, q, by_axis=True)`.
+
+De Vivo et al. eqs 33-34, Varaprasad et al. eqs 19-20, Lazarov et al. eqs 8-14 (there ordered by derivative).
+Errata: eq 34 prints t^3/6 for entry (2, 2), and eq 14 t^5/20 for all variances of an axis; both are indefinite.
+It is t^3/3, and t^5/20, t^3/3, t.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numba import njit, types
+
+from onboard.geometry.rotations import Array
+
+N: Final = 9
+POSITION: Final = (0, 3, 6)
+VELOCITY: Final = (1, 4, 7)
+ACCELERATION: Final = (2, 5, 8)
+COMPONENTS: Final = ("x", "vx", "ax", "y", "vy", "ay", "z", "vz", "az")
+UNITS: Final = ("m", "m/s", "m/s^2") * 3
+
+
+def process(rows: Array, dt: float) -> Array:
+    """State rows (k, 9) after `dt` seconds, in the precision of the rows."""
+    after: Array = _process(rows, rows.dtype.type(dt))
+    return after
+
+
+def _signature(dtype: Any) -> tuple[Any, Any]:
+    return types.Array(dtype, 2, "A", readonly=True), dtype
+
+
+@njit([_signature(types.float64), _signature(types.float32)], cache=True, error_model="numpy")
+def _process(rows, dt):  # type: ignore[no-untyped-def]
+    after = np.empty(rows.shape, rows.dtype)
+    half = rows.dtype.type(0.5) * dt * dt
+    for s in range(rows.shape[0]):
+        for i in range(0, 9, 3):
+            after[s, i] = rows[s, i] + dt * rows[s, i + 1] + half * rows[s, i + 2]
+            after[s, i + 1] = rows[s, i + 1] + dt * rows[s, i + 2]
+            after[s, i + 2] = rows[s, i + 2]
+    return after

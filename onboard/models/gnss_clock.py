@@ -1,0 +1,41 @@
+"""The variable-turn target in ECEF, with its receiver's clock: De Vivo et al. eqs 47-49.
+
+State rows (k, 11): those of `variable_turn` in e, then the clock's error and its drift, in m and m/s of range.
+Erratum: eq 49 lacks the blocks of the z axis and of the clock.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+
+from onboard.filters.discretisation import white_acceleration
+from onboard.geometry.rotations import Array
+from onboard.models import variable_turn
+
+N: Final = 11
+POSITION: Final = variable_turn.POSITION
+VELOCITY: Final = variable_turn.VELOCITY
+ACCELERATION: Final = variable_turn.ACCELERATION
+CLOCK: Final = (9, 10)
+COMPONENTS: Final = (*variable_turn.COMPONENTS, "clock", "clock_drift")
+UNITS: Final = (*variable_turn.UNITS, "m", "m/s")
+
+
+def process(rows: Array, dt: float) -> Array:
+    """State rows (k, 11) after `dt` seconds without noise: the clock's error grows by its drift."""
+    after = variable_turn.process(rows, dt)
+    after[:, 9] += dt * rows[:, 10]
+    return after
+
+
+def noise(mean: Array, dt: float, q: Any = 1.0, clock: float = 0.0, drift: float = 0.0) -> Array:
+    """Process noise (..., 11, 11) of a step about states (..., 11). `q` as in `variable_turn.noise`; densities of
+    the clock's own walk, m^2/s, and of its drift's, (m/s)^2/s (the paper has the second only).
+
+    Raises FilterError.
+    """
+    Q = np.zeros((*mean.shape[:-1], N, N))
+    Q[..., :9, :9] = variable_turn.noise(mean, dt, q)
+    Q[..., 9:, 9:] = white_acceleration(dt, drift, axes=1).Q
+    Q[..., 9, 9] += clock * dt
+    return Q

@@ -1,0 +1,70 @@
+"""What a radar at the origin of a local frame sees: range, azimuth and elevation. De Vivo et al. eqs 35-37.
+
+The frame is east, north, up at the radar; rows begin like those of `constant_acceleration`. Azimuth is clockwise
+from north (y), elevation positive up. Erratum: eq 36 prints arctan(x / y), which folds; it is atan2(x, y).
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numba import njit, types
+
+from onboard.geometry.rotations import Array
+
+M: Final = 3
+COMPONENTS: Final = ("range", "azimuth", "elevation")
+UNITS: Final = ("m", "rad", "rad")
+ANGULAR: Final = (1, 2)
+
+
+def measure(rows: Array) -> Array:
+    """Range (m), azimuth and elevation (rad), (k, 3), of state rows (k, 9 or more), in the rows' precision."""
+    seen: Array = _measure(rows)
+    return seen
+
+
+def jacobian(rows: Array) -> Array:
+    """Derivatives (k, 3, n) of `measure`: eq 37. Infinite or NaN straight above the radar."""
+    slope: Array = _jacobian(rows)
+    return slope
+
+
+def cartesian(seen: Array) -> Array:
+    """Positions (..., 3), east, north, up, of measurements (..., 3)."""
+    r, azimuth, elevation = seen[..., 0], seen[..., 1], seen[..., 2]
+    level = r * np.cos(elevation)
+    return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), r * np.sin(elevation)], axis=-1)
+
+
+def _rows(dtype: Any) -> tuple[Any]:
+    return (types.Array(dtype, 2, "A", readonly=True),)
+
+
+BOTH: Final = [_rows(types.float64), _rows(types.float32)]
+
+
+@njit(BOTH, cache=True, error_model="numpy")
+def _measure(rows):  # type: ignore[no-untyped-def]
+    seen = np.empty((rows.shape[0], 3), rows.dtype)
+    for s in range(rows.shape[0]):
+        x, y, z = rows[s, 0], rows[s, 3], rows[s, 6]
+        level = np.sqrt(x * x + y * y)
+        seen[s, 0] = np.sqrt(x * x + y * y + z * z)
+        seen[s, 1] = np.arctan2(x, y)
+        seen[s, 2] = np.arctan2(z, level)
+    return seen
+
+
+@njit(BOTH, cache=True, error_model="numpy")
+def _jacobian(rows):  # type: ignore[no-untyped-def]
+    slope = np.zeros((rows.shape[0], 3, rows.shape[1]), rows.dtype)
+    for s in range(rows.shape[0]):
+        x, y, z = rows[s, 0], rows[s, 3], rows[s, 6]
+        level2 = x * x + y * y
+        level, r2 = np.sqrt(level2), level2 + z * z
+        r = np.sqrt(r2)
+        slope[s, 0, 0], slope[s, 0, 3], slope[s, 0, 6] = x / r, y / r, z / r
+        slope[s, 1, 0], slope[s, 1, 3] = y / level2, -x / level2
+        slope[s, 2, 0], slope[s, 2, 3] = -x * z / (level * r2), -y * z / (level * r2)
+        slope[s, 2, 6] = level / r2
+    return slope

@@ -1,0 +1,100 @@
+"""A target that turns and changes speed: acceleration as a second-order Markov process whose coefficients depend
+on the state. De Vivo et al. eqs 38-44 (after Li & Jilkov 2003).
+
+State rows by axis, as in `constant_acceleration`: [x, vx, ax, y, ...] in an inertial frame, or in one that turns
+slowly enough (ECEF over minutes). The equation is
+
+    a_dot = -2 alpha a - (2 alpha^2 + omega^2) v + noise,  omega = |v x a| / |v|^2,  alpha = -v.a / |v|^2
+
+It is exact for a steady turn (alpha = 0) and for a steady change of speed along a line (omega = 0).
+
+Errata: alpha is printed with |a|^2 below, which is no rate (1/s) and grows without bound in straight flight; the
+matrix of eq 43 agrees with eq 42 only for omega_c^2 = alpha^2 + omega^2, where omega_c = alpha^2 + omega^2 is
+printed; the noise holds Omega_dot x v; and appendix A's closed forms of Q_1 have q22, q23, q32 of the wrong sign
+and q33 without + omega_c^2 e^(2 alpha dt). `noise` uses Van Loan's integral: the closed forms cancel as
+alpha -> 0.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numba import njit, types
+
+from onboard.filters.discretisation import van_loan
+from onboard.geometry.rotations import Array
+from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, UNITS, VELOCITY, N
+
+__all__ = ["ACCELERATION", "COMPONENTS", "POSITION", "UNITS", "VELOCITY", "N", "coefficients", "noise", "process"]
+
+SLOW: Final = 1.0  # m/s, added in squares to the speed: a hovering target has no direction to turn from
+
+
+def process(rows: Array, dt: float) -> Array:
+    """State rows (k, n) after `dt` seconds without noise, one step of RK4 of the first nine states; rows may hold
+    more, which stay as they are."""
+    after: Array = _process(rows, float(dt))
+    return after
+
+
+def coefficients(mean: Array) -> tuple[Array, Array]:
+    """alpha (...,) and omega (...,), 1/s, of states (..., n >= 9)."""
+    v, a = mean[..., VELOCITY], mean[..., ACCELERATION]
+    speed2 = np.sum(v * v, axis=-1) + SLOW * SLOW
+    return -np.sum(v * a, axis=-1) / speed2, np.linalg.norm(np.cross(v, a), axis=-1) / speed2
+
+
+def noise(mean: Array, dt: float, q: Any = 1.0) -> Array:
+    """Process noise (..., 9, 9) of a step about states (..., n >= 9), with the coefficients held over it (eq 44):
+    white noise of density `q`, (m/s^3)^2/Hz, one number or one for each axis, on the acceleration's derivative.
+
+    Raises FilterError.
+    """
+    alpha, omega = coefficients(mean)
+    A = np.zeros((*alpha.shape, 3, 3))
+    A[..., 0, 1] = A[..., 1, 2] = 1.0
+    A[..., 2, 1] = -(2.0 * alpha**2 + omega**2)
+    A[..., 2, 2] = -2.0 * alpha
+    one = van_loan(A, np.diag([0.0, 0.0, 1.0]), dt).Q
+    Q = np.zeros((*alpha.shape, N, N))
+    for axis, density in enumerate(np.broadcast_to(np.asarray(q, float), 3)):
+        at = slice(3 * axis, 3 * axis + 3)
+        Q[..., at, at] = density * one
+    return Q
+
+
+ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
+
+
+@njit(cache=True, error_model="numpy")
+def _jerk(v, a, jerk):  # type: ignore[no-untyped-def]
+    """Eq 42 into `jerk` (3,), of a velocity and an acceleration (3,)."""
+    vv = va = aa = 0.0
+    for i in range(3):
+        vv += v[i] * v[i]
+        va += v[i] * a[i]
+        aa += a[i] * a[i]
+    cross2 = max(vv * aa - va * va, 0.0)  # |v x a|^2
+    vv += SLOW * SLOW
+    alpha = -va / vv
+    pull = 2.0 * alpha * alpha + cross2 / (vv * vv)
+    for i in range(3):
+        jerk[i] = -2.0 * alpha * a[i] - pull * v[i]
+
+
+@njit((ROWS, types.float64), cache=True, error_model="numpy")
+def _process(rows, dt):  # type: ignore[no-untyped-def]
+    after = rows.copy()
+    v, a = np.empty((4, 3)), np.empty((4, 3))  # at the four stages
+    j = np.empty((4, 3))
+    for s in range(rows.shape[0]):
+        for k in range(4):
+            for i in range(3):
+                h = 0.0 if k == 0 else dt if k == 3 else 0.5 * dt
+                v[k, i] = rows[s, 3 * i + 1] + (h * a[k - 1, i] if k else 0.0)
+                a[k, i] = rows[s, 3 * i + 2] + (h * j[k - 1, i] if k else 0.0)
+            _jerk(v[k], a[k], j[k])
+        for i in range(3):
+            after[s, 3 * i] += dt / 6.0 * (v[0, i] + 2.0 * (v[1, i] + v[2, i]) + v[3, i])
+            after[s, 3 * i + 1] += dt / 6.0 * (a[0, i] + 2.0 * (a[1, i] + a[2, i]) + a[3, i])
+            after[s, 3 * i + 2] += dt / 6.0 * (j[0, i] + 2.0 * (j[1, i] + j[2, i]) + j[3, i])
+    return after

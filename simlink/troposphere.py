@@ -1,0 +1,68 @@
+"""What the troposphere adds to a GNSS pseudorange: De Vivo et al. eq 53, with the mapping functions of Niell
+(1996, J. Geophys. Res. 101 B2, tables 3 and 4).
+
+Erratum: the paper's T_dry takes z of its NED frame for what is an altitude, -z.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+DRY_ZENITH = 2.3  # m, at sea level
+DRY_DECAY = 0.116e-3  # 1/m
+WET_ZENITH = 0.1  # m
+LATITUDES_DEG = (15.0, 30.0, 45.0, 60.0, 75.0)
+# a, b, c at those latitudes: of the dry part on average, how far the seasons move it, and of the wet part
+DRY_AVERAGE = (
+    (1.2769934e-3, 1.2683230e-3, 1.2465397e-3, 1.2196049e-3, 1.2045996e-3),
+    (2.9153695e-3, 2.9152299e-3, 2.9288445e-3, 2.9022565e-3, 2.9024912e-3),
+    (62.610505e-3, 62.837393e-3, 63.721774e-3, 63.824265e-3, 64.258455e-3),
+)
+DRY_SEASON = (
+    (0.0, 1.2709626e-5, 2.6523662e-5, 3.4000452e-5, 4.1202191e-5),
+    (0.0, 2.1414979e-5, 3.0160779e-5, 7.2562722e-5, 11.723375e-5),
+    (0.0, 9.0128400e-5, 4.3497037e-5, 84.795348e-5, 170.37206e-5),
+)
+WET = (
+    (5.8021897e-4, 5.6794847e-4, 5.8118019e-4, 5.9727542e-4, 6.1641693e-4),
+    (1.4275268e-3, 1.5138625e-3, 1.4572752e-3, 1.5007428e-3, 1.7599082e-3),
+    (4.3472961e-2, 4.6729510e-2, 4.3908931e-2, 4.4626982e-2, 5.4736038e-2),
+)
+HEIGHT = (2.53e-5, 5.49e-3, 1.14e-3)
+COLDEST_DAY = 28.0  # of the year, in the north
+YEAR_DAYS = 365.25
+
+
+def delay(elevation: Array, height: float, lat_deg: float, day: float, wet_zenith: float = WET_ZENITH) -> Array:
+    """Extra path (s,), m, of rays that come in at `elevation` (s,), rad above 0, at a height (m), on a day of the
+    year."""
+    dry = DRY_ZENITH * np.exp(-DRY_DECAY * height)
+    return np.asarray(
+        dry * dry_mapping(elevation, height, lat_deg, day) + wet_zenith * wet_mapping(elevation, lat_deg)
+    )
+
+
+def dry_mapping(elevation: Array, height: float, lat_deg: float, day: float) -> Array:
+    """How much longer the dry path is than straight up (s,)."""
+    winter = COLDEST_DAY if lat_deg >= 0 else COLDEST_DAY + YEAR_DAYS / 2
+    season = np.cos(2 * np.pi * (day - winter) / YEAR_DAYS)
+    a, b, c = _at(DRY_AVERAGE, lat_deg) - _at(DRY_SEASON, lat_deg) * season
+    correction = 1 / np.sin(elevation) - _fraction(elevation, *HEIGHT)
+    return np.asarray(_fraction(elevation, a, b, c) + correction * height / 1e3)
+
+
+def wet_mapping(elevation: Array, lat_deg: float) -> Array:
+    """The same for the wet part."""
+    return _fraction(elevation, *_at(WET, lat_deg))
+
+
+def _at(table: tuple[tuple[float, ...], ...], lat_deg: float) -> Array:
+    """The coefficients at a latitude, those of the outer rows beyond them."""
+    return np.array([np.interp(abs(lat_deg), LATITUDES_DEG, row) for row in table])
+
+
+def _fraction(elevation: Array, a: float, b: float, c: float) -> Array:
+    """Marini's continued fraction, one at the zenith."""
+    s = np.sin(elevation)
+    return np.asarray((1 + a / (1 + b / (1 + c))) / (s + a / (s + b / (s + c))))
