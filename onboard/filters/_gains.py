@@ -29,8 +29,8 @@ def solve_into(lower_t, x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def weighted_inverse(L_t, B, tiny):  # type: ignore[no-untyped-def]
-    """L (B^T)^+ (n, m), with rows of length one in between, so that units do not decide what counts as zero."""
+def whitened_inverse(B):  # type: ignore[no-untyped-def]
+    """(B^T)^+ (n, m), with rows of length one in between, so that units do not decide what counts as zero."""
     n, m = B.shape
     scaled, size = np.empty((m, n), B.dtype), np.empty(m, B.dtype)
     for a in range(m):
@@ -40,13 +40,47 @@ def weighted_inverse(L_t, B, tiny):  # type: ignore[no-untyped-def]
         size[a] = np.sqrt(total) if total > 0 else 1
         for j in range(n):
             scaled[a, j] = B[j, a] / size[a]
-    white = np.linalg.pinv(scaled, tiny)
-    G = np.zeros((n, m), B.dtype)
+    white = np.linalg.pinv(scaled, tiny_of(B))
     for j in range(n):
-        for i in range(j, n):
+        for a in range(m):
+            white[j, a] /= size[a]
+    return white
+
+
+@njit(cache=True, error_model="numpy")
+def tiny_of(B):  # type: ignore[no-untyped-def]
+    """Relative to the largest, the singular value that counts as zero."""
+    return 10 * max(B.shape) * np.finfo(B.dtype).eps
+
+
+@njit(cache=True, error_model="numpy")
+def widen_into(L_t, B, N, extra, wider):  # type: ignore[no-untyped-def]
+    """Make the prior wider in measured quantities, by variances `extra` (m,): L_t and B in place, S into `wider`;
+    False without a factor.
+
+    P + G D G^T with G the weighted right inverse L U, U = (B^T)^+, adds D to H P H^T and correlates what is not
+    measured as it was. With M M^T = I + U D U^T that is the factor L M, and B becomes M^T B.
+    """
+    n, m = B.shape
+    U = whitened_inverse(B)
+    inner, M_t = np.empty((n, n), B.dtype), np.empty((n, n), B.dtype)
+    for i in range(n):
+        for j in range(i, n):
+            total = 1.0 if i == j else 0.0
             for a in range(m):
-                G[i, a] += L_t[j, i] * white[j, a] / size[a]
-    return G
+                total += U[i, a] * extra[a] * U[j, a]
+            inner[i, j] = inner[j, i] = total
+    if not factor_into(inner, M_t):
+        return False
+    L_t[:] = np.dot(M_t, L_t)
+    B[:] = np.dot(M_t, B)
+    for a in range(m):
+        for b in range(a, m):
+            total = N[a, b]
+            for j in range(n):
+                total += B[j, a] * B[j, b]
+            wider[a, b] = wider[b, a] = total
+    return True
 
 
 @njit(cache=True, error_model="numpy")
@@ -54,9 +88,14 @@ def right_inverse(L_t, B, weighted):  # type: ignore[no-untyped-def]
     """G (n, m) with H G = I (for m > n a left inverse). `weighted`: P H^T (H P H^T)^-1, which moves states that
     are not measured by their correlation; else the paper's H^+, which leaves what is orthogonal to H's rows."""
     n, m = B.shape
-    tiny = 10 * max(n, m) * np.finfo(B.dtype).eps
     if weighted:
-        return weighted_inverse(L_t, B, tiny)
+        white = whitened_inverse(B)
+        G = np.zeros((n, m), B.dtype)
+        for j in range(n):
+            for i in range(j, n):
+                for a in range(m):
+                    G[i, a] += L_t[j, i] * white[j, a]
+        return G
     H_t = B.copy()  # L^-T B, backwards
     for j in range(n - 1, -1, -1):
         for i in range(j + 1, n):
@@ -64,7 +103,7 @@ def right_inverse(L_t, B, weighted):  # type: ignore[no-untyped-def]
                 H_t[j, a] -= L_t[j, i] * H_t[i, a]
         for a in range(m):
             H_t[j, a] /= L_t[j, j]
-    return np.linalg.pinv(H_t.T.copy(), tiny)
+    return np.linalg.pinv(H_t.T.copy(), tiny_of(B))
 
 
 @njit(cache=True, error_model="numpy")

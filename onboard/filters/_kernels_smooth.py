@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.filters._gains import joseph_into, mixed, solve_into
+from onboard.filters._gains import joseph_into, mixed, solve_into, widen_into
 from onboard.filters._kernels import FLAGS, _signatures, factor_into, wrapped
 from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MEASUREMENT, NOISE, OK, SHAPE
 
@@ -21,6 +21,7 @@ LARGE: Final = 1e30  # for an infinite ratio, whose product with zero is still z
 FIXED: Final = 0  # every component by the switching gain
 VARIABLE: Final = 1  # by the Kalman gain where the optimal layer is within the limit
 SWITCHED: Final = 2  # by the Kalman gain where |e| + gamma |residual| is within scale deviations of the innovation
+ADAPTIVE: Final = 3  # as SWITCHED, of a prior that is first made wider where the innovation keeps to one side
 
 
 @njit(cache=True, error_model="numpy")
@@ -75,7 +76,7 @@ def decide_into(kind, e, residual, B, S, R, given, gamma, scale, lasted, layer, 
         size = np.abs(e[a])
         A = size + gamma * np.abs(residual[a])
         psi = 0.0
-        if kind == SWITCHED:
+        if kind >= SWITCHED:
             layer[a] = scale * np.sqrt(S[a, a])
             outside[a] = layer[a] < A
         else:
@@ -96,15 +97,37 @@ def decide_into(kind, e, residual, B, S, R, given, gamma, scale, lasted, layer, 
 
 
 @njit(cache=True, error_model="numpy")
+def lean_into(e, S, scale, fading, switching, extra):  # type: ignore[no-untyped-def]
+    """The fading mean of sat(e/psi), psi = scale sqrt(S_aa), into `switching`; the variance that explains it into
+    `extra`, zero where it is within what white innovations make of it. True if any is not.
+
+    In sliding mode the mean of the switching term is what the model lacks (Utkin's equivalent control). For white
+    e that of sat(e/psi) has the variance fading / (2 - fading) / scale^2; `scale` deviations of it are allowed.
+    """
+    limit = np.sqrt(fading / (2 - fading))
+    found = False
+    for a in range(e.shape[0]):
+        psi = scale * np.sqrt(S[a, a])
+        sat = min(max(e[a] / psi, -1.0), 1.0)
+        switching[a] = (1 - fading) * switching[a] + fading * sat
+        extra[a] = (switching[a] * psi) ** 2 if np.abs(switching[a]) > limit else 0
+        found = found or extra[a] > 0
+    return found
+
+
+@njit(cache=True, error_model="numpy")
 def update_into(  # type: ignore[no-untyped-def]
-    mean, P, images, y, R, residual, given, angular, kind, gamma, scale, patience, weighted, lasted, out
-):
+    mean, P, images, y, R, residual, given, angular, kind, gamma, scale, patience, weighted, fading, lasted,
+    switching, out,
+):  # fmt: skip
     """One filter's update into `out`; (status, NIS)."""
     mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected = out
     n, m = mean.shape[0], y.shape[0]
     if images.shape[0] != 2 * n + 1 or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m or m == 0:
         return SHAPE, 0.0
     if residual.shape[0] != m or lasted.shape[0] != m or (given.shape[0] != m and given.shape[0] != 0):
+        return SHAPE, 0.0
+    if switching.shape[0] != m:
         return SHAPE, 0.0
     dtype = mean.dtype
     L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
@@ -119,14 +142,21 @@ def update_into(  # type: ignore[no-untyped-def]
     white[:, 0] = e
     solve_into(lower_t, white)
     s, ratio, switched = np.empty(m, dtype), np.empty(m, dtype), np.empty(m, np.bool_)
-    decide_into(kind, e, residual, B, S, R, given, gamma, scale, lasted, layer, outside, s, ratio)
+    wider = S
+    if kind == ADAPTIVE:
+        extra = np.empty(m, dtype)
+        if lean_into(e, S, scale, fading, switching, extra):
+            wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen by what it is judged
+            if not widen_into(L_t, B, N, extra, wider):
+                return COVARIANCE, 0.0
+    decide_into(kind, e, residual, B, wider, R, given, gamma, scale, lasted, layer, outside, s, ratio)
     nis = 0.0
     for a in range(m):
         nis += e[a] * white[a, 0]
-        rejected[a] = kind == SWITCHED and outside[a] and lasted[a] < patience
+        rejected[a] = kind >= SWITCHED and outside[a] and lasted[a] < patience
         switched[a] = kind == FIXED or (outside[a] and not rejected[a])
         smoothing[a] = min(LARGE, S[a, a] / (S[a, a] - N[a, a])) if S[a, a] > N[a, a] else LARGE
-    gain, step, fine = mixed(L_t, B, S, e, s, ratio, switched, outside, weighted)
+    gain, step, fine = mixed(L_t, B, wider, e, s, ratio, switched, outside, weighted)
     if not fine:
         return INNOVATION, 0.0
     for i in range(n):
@@ -136,18 +166,19 @@ def update_into(  # type: ignore[no-untyped-def]
 
 
 @njit(
-    _signatures(2, 3, 3, 2, 3, 2, 2, 2, FLAGS, types.int64, "f", "f", types.int64, types.boolean),
+    _signatures(2, 3, 3, 2, 3, 2, 2, 2, 2, FLAGS, types.int64, "f", "f", types.int64, types.boolean, "f"),
     cache=True,
     error_model="numpy",
 )
 def update_batch(  # type: ignore[no-untyped-def]
-    mean, P, images, y, R, residual, lasted, given, angular, kind, gamma, scale, patience, weighted
-):
-    """Updates of a batch: mean (B, n), P (B, n, n), images (B, 2n+1, m), y (B, m), R (B or 1, m, m), residual and
-    lasted (B, m), layers given (B or 1, m), or (1, 0) for `scale` standard deviations of R.
+    mean, P, images, y, R, residual, lasted, switching, given, angular, kind, gamma, scale, patience, weighted,
+    fading,
+):  # fmt: skip
+    """Updates of a batch: mean (B, n), P (B, n, n), images (B, 2n+1, m), y (B, m), R (B or 1, m, m), residual,
+    lasted and switching (B, m), layers given (B or 1, m), or (1, 0) for `scale` standard deviations of R.
 
-    (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii, outside, rejected, lasted, NIS,
-    status).
+    (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii, outside, rejected, lasted, switching,
+    NIS, status).
     """
     count, n = mean.shape
     m = y.shape[1]
@@ -163,8 +194,8 @@ def update_batch(  # type: ignore[no-untyped-def]
         np.empty((count, m), np.bool_),
         np.empty((count, m), np.bool_),
     )
-    lasted, nis, status = lasted.copy(), np.empty(count, dtype), OK
-    for size in (P.shape[0], images.shape[0], y.shape[0], residual.shape[0], lasted.shape[0]):
+    lasted, switching, nis, status = lasted.copy(), switching.copy(), np.empty(count, dtype), OK
+    for size in (P.shape[0], images.shape[0], y.shape[0], residual.shape[0], lasted.shape[0], switching.shape[0]):
         if size != count:
             status = SHAPE
     for size in (R.shape[0], given.shape[0]):
@@ -179,6 +210,6 @@ def update_batch(  # type: ignore[no-untyped-def]
             )  # fmt: skip
             status, nis[b] = update_into(
                 mean[b], P[b], images[b], y[b], R_b, residual[b], given_b, angular, kind, gamma, scale, patience,
-                weighted, lasted[b], rows,
+                weighted, fading, lasted[b], switching[b], rows,
             )  # fmt: skip
-    return (*out, lasted, nis, status)
+    return (*out, lasted, switching, nis, status)

@@ -14,18 +14,20 @@ from onboard.filters.unscented import flags, over_rows, sigma_points
 from onboard.geometry.rotations import Array
 
 GAMMA: Final = 0.1  # the convergence rate
-NAMES: Final = ("mean", "covariance", "measure", "y", "R", "residual", "lasted", "layer")
+NAMES: Final = ("mean", "covariance", "measure", "y", "R", "residual", "lasted", "switching", "layer")
 AXES: Final = {"covariance": 2, "measure": 2, "R": 2}
 
 
 class SmoothState(NamedTuple):
-    """A belief, mean (..., n) and covariance (..., n, n); the residual (..., m) after the last update; and for how
-    many updates each component has been outside of its layer (..., m). Before the first update m is 0."""
+    """A belief, mean (..., n) and covariance (..., n, n); the residual (..., m) after the last update; for how
+    many updates each component has been outside of its layer (..., m); and, of the adaptive form, the fading mean
+    of sat(e/layer) (..., m). Before the first update m is 0."""
 
     mean: Array
     covariance: Array
     residual: Array
     lasted: Array
+    switching: Array
 
 
 class SmoothUpdate(NamedTuple):
@@ -44,13 +46,15 @@ class SmoothUpdate(NamedTuple):
 
 class Settings(NamedTuple):
     """What tells the filters apart: the kind of layer (`_kernels_smooth`), `scale` standard deviations (of R, for
-    SWITCHED of the innovation), for how many updates an exceedance must last, gamma, and the right inverse."""
+    SWITCHED and ADAPTIVE of the innovation), for how many updates an exceedance must last, gamma, the right
+    inverse, and by what share each update renews the mean of sat(e/layer)."""
 
     kind: int
     scale: float
     patience: int = 1
     gamma: float = GAMMA
     weighted: bool = True
+    fading: float = 0.0
 
 
 def start(mean: Array, covariance: Array) -> SmoothState:
@@ -59,7 +63,7 @@ def start(mean: Array, covariance: Array) -> SmoothState:
     Raises FilterError.
     """
     nothing = np.zeros((*beliefs.start(mean, covariance).mean.shape[:-1], 0), mean.dtype)
-    return SmoothState(mean, covariance, nothing, nothing)
+    return SmoothState(mean, covariance, nothing, nothing, nothing)
 
 
 def believed(state: SmoothState) -> Belief:
@@ -96,14 +100,14 @@ def correct(
         raise FilterError(f"sigmas, kappa: must not be negative, not {settings.scale}")
     if layer is not None and not (np.asarray(layer) >= 0).all():
         raise FilterError("layer: must be (m,) and not negative")
-    mean, P, residual, lasted = state
+    mean, P, residual, lasted, switching = state
     points = sigma_points(Belief(mean, P), cubature.weights(mean.shape[-1]))
     images = over_rows(measure, points)
     if not isinstance(y, np.ndarray) or y.ndim != mean.ndim:
         raise FilterError(f"y: must be an array, with the axes of the mean {mean.shape}: has {np.shape(y)}")
     if residual.shape != y.shape or lasted.shape != y.shape:  # the first measurement, or one of another sensor
-        residual = lasted = np.zeros_like(y, mean.dtype)
-    given = dict(zip(NAMES, (mean, P, images, y, R, residual, lasted, layer), strict=True))
+        residual = lasted = switching = np.zeros_like(y, mean.dtype)
+    given = dict(zip(NAMES, (mean, P, images, y, R, residual, lasted, switching, layer), strict=True))
     if layer is None:
         given["layer"] = np.empty(0, mean.dtype)
     lifted = {name: _lifted(array, AXES.get(name, 1)) for name, array in given.items()}
@@ -116,13 +120,14 @@ def correct(
         settings.scale,
         settings.patience,
         settings.weighted,
+        settings.fading,
         **lifted,
     )
     if mean.ndim == 1:
         outputs = [output[0] for output in outputs]
-    mean, P, e, S, predicted, width, smoothing, outside, rejected, lasted, nis = outputs
+    mean, P, e, S, predicted, width, smoothing, outside, rejected, lasted, switching, nis = outputs
     residual = wrapped(y - over_rows(measure, mean[..., None, :])[..., 0, :], marks)
-    after = SmoothState(mean, P, residual, lasted)
+    after = SmoothState(mean, P, residual, lasted, switching)
     return SmoothUpdate(
         after, e, S, predicted, nis if nis.ndim else float(nis), width, outside, rejected
     ), smoothing

@@ -183,7 +183,9 @@ def near(seed: int, m: int = 4) -> tuple[Array, Array, Array, Array, Array]:
     return H, R, x, P, H @ x + 0.3 * np.random.default_rng(seed).normal(0, 1, m)
 
 
-@pytest.mark.parametrize("update", [cubature_smooth.update, cubature_smooth.update_robust])
+@pytest.mark.parametrize(
+    "update", [cubature_smooth.update, cubature_smooth.update_robust, cubature_smooth.update_adaptive]
+)
 @pytest.mark.parametrize("m", [1, 2, 4])
 def test_within_the_layer_it_is_the_cubature_filter_seed_8(update: Callable[..., SmoothUpdate], m: int) -> None:
     H, R, x, P, y = near(8, m)
@@ -249,6 +251,62 @@ def test_patience_of_one_is_the_recursive_form_seed_12() -> None:
     np.testing.assert_array_equal(a.belief.covariance, b.belief.covariance)
 
 
+# ------------------------------------------------------------------------------------- the adaptive form
+
+
+@pytest.mark.parametrize("m", [1, 2, 4])
+def test_what_leans_to_one_side_widens_the_prior_seed_15(m: int) -> None:
+    """Dense: P + G D G^T, G = P H^T (H P H^T)^-1, then the Kalman filter; D only of what leans too far."""
+    H, R, x, P, y = near(15, m)
+    w = np.zeros(m)
+    w[0] = 0.4
+    state = svsf.start(x, P)._replace(residual=np.zeros(m), lasted=np.zeros(m), switching=w)
+    found = cubature_smooth.update_adaptive(state, y, rows(H), R)
+    e, HPH = y - H @ x, H @ P @ H.T
+    psi = 5 * np.sqrt(np.diag(HPH + R))
+    w = 0.9 * w + 0.1 * e / psi
+    np.testing.assert_allclose(found.belief.switching, w, rtol=1e-12)
+    G = P @ H.T @ np.linalg.inv(HPH)
+    wide = P + G @ np.diag(np.where(np.arange(m) == 0, (w * psi) ** 2, 0)) @ G.T
+    expected = cubature.update(Belief(x, wide), y, rows(H), R)
+    np.testing.assert_allclose(found.belief.mean, expected.belief.mean, rtol=1e-9)
+    np.testing.assert_allclose(found.belief.covariance, expected.belief.covariance, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(found.layer, 5 * np.sqrt(np.diag(expected.innovation_covariance)), rtol=1e-9)
+    np.testing.assert_allclose(found.innovation_covariance, HPH + R, rtol=1e-9)
+
+
+def test_a_second_sensor_of_one_quantity_widens_it_too() -> None:
+    H = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    state = svsf.start(np.zeros(2), np.eye(2))
+    leaning = state._replace(residual=np.zeros(3), lasted=np.zeros(3), switching=np.array([0.5, 0.5, 0.0]))
+    update: Any = partial(cubature_smooth.update_adaptive, y=np.ones(3), measure=rows(H), R=np.eye(3))
+    still, moved = (update(s).belief.mean for s in (state, leaning))
+    assert moved[0] > still[0] + 0.1
+    assert moved[1] == pytest.approx(still[1])
+
+
+def test_an_outlier_is_rejected_and_a_drift_is_followed_seed_16() -> None:
+    """A level that the model holds for constant: one sample 20 deviations off, then a deviation a step."""
+    rng, Q, R = np.random.default_rng(16), np.array([[1e-4]]), np.eye(1)
+    truth = np.concatenate([np.zeros(200), np.arange(100.0)])
+    seen = truth + rng.normal(0, 1, 300)
+    seen[150] += 20
+    means = {}
+    for update in (cubature_smooth.update_robust, cubature_smooth.update_adaptive):
+        state, found = svsf.start(np.zeros(1), np.eye(1)), []
+        for k, y in enumerate(seen):
+            answer = update(svsf.predict(state, identity, Q), np.array([y]), identity, R)
+            state = answer.belief
+            assert answer.rejected[0] or k != 150
+            found.append(state.mean[0])
+        means[update.__name__] = np.array(found)
+    robust, adaptive = means["update_robust"], means["update_adaptive"]
+    np.testing.assert_array_equal(adaptive[:200], robust[:200])  # white innovations and one outlier: no difference
+    lag = np.sqrt(np.mean((adaptive[-50:] - truth[-50:]) ** 2))
+    assert lag < 1.6
+    assert lag < 0.6 * np.sqrt(np.mean((robust[-50:] - truth[-50:]) ** 2))
+
+
 def bend(x: Array) -> Array:
     return np.stack([np.sin(x[:, 0]) + x[:, 1] ** 2, x[:, 1] + 0.1 * x[:, 0] * x[:, 1]], axis=1)
 
@@ -287,6 +345,7 @@ def test_the_residual_of_an_angle_wraps(name: str) -> None:
         svsf.update_variable,
         cubature_smooth.update,
         cubature_smooth.update_robust,
+        cubature_smooth.update_adaptive,
     ],
 )
 def test_a_batch_is_a_loop_in_all_that_is_answered_seed_14(update: Callable[..., SmoothUpdate]) -> None:
@@ -379,6 +438,9 @@ def test_eq_2_2_12_as_printed_explodes_within_37_steps() -> None:
         (partial(svsf.update, layer=np.array([1.0])), "layer"),
         (partial(svsf.update, layer=np.array([1.0, np.nan])), "layer"),
         (partial(cubature_smooth.update_robust, patience=0), "patience"),
+        (partial(cubature_smooth.update_adaptive, patience=0), "patience"),
+        (partial(cubature_smooth.update_adaptive, fading=0.0), "fading"),
+        (partial(cubature_smooth.update_adaptive, fading=float("nan")), "fading"),
     ],
 )
 def test_settings_are_refused_by_name(update: Callable[..., SmoothUpdate], name: str) -> None:
