@@ -63,8 +63,9 @@ examples:
   onboard view out/formation-1.rrd --png view.png --at 60
 """
 STUDY: Final = """\
-example:
+examples:
   onboard study relative-motion --seeds 10                writes report, numbers and figures to out/studies
+  onboard study --all --json study.json
 """
 SCHEMA: Final = """\
 example:
@@ -149,8 +150,12 @@ def _view(a: argparse.Namespace) -> int:
 
 
 def _study(a: argparse.Namespace) -> int:
-    from onboard.reporting import study  # noqa: PLC0415
+    from onboard.reporting import all_studies, study, study_names  # noqa: PLC0415
 
+    if a.all and a.name is None:
+        return all_studies(seeds=a.seeds, out=a.out, json_file=a.json)
+    if a.all or a.name is None:
+        raise UserError(f"study: give --all, or one name of: {', '.join(study_names())}")
     return study(a.name, seeds=a.seeds, out=a.out, json_file=a.json)
 
 
@@ -242,8 +247,9 @@ def _parser() -> argparse.ArgumentParser:
     view.set_defaults(command=_view)
 
     study = commands.add_parser("study", help="a paper's claims, measured", **_explained(STUDY))
-    study.add_argument("name", help="relative-motion")
-    study.add_argument("--seeds", type=_positive, default=50, metavar="N", help="(default: %(default)s)")
+    study.add_argument("name", nargs="?", help="the paper, by its name in onboard/studies")
+    study.add_argument("--all", action="store_true", help="every paper, one after the other")
+    study.add_argument("--seeds", type=_positive, metavar="N", help="(default: what the study needs)")
     study.add_argument(
         "--out", type=Path, default=Path("out/studies"), metavar="DIR", help="(default: %(default)s)"
     )

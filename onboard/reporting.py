@@ -13,6 +13,7 @@ import msgspec
 from rich.console import Console
 from rich.markdown import Markdown
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
 from onboard import studies
 from onboard.config import Config
@@ -136,26 +137,66 @@ def replay_numbers(replayed: Replayed, result: Score) -> dict[str, Any]:
     return {**numbers, "log": log, "health": msgspec.to_builtins(replayed.health)}
 
 
-def study(name: str, *, seeds: int, out: Path, json_file: Path | None) -> int:
-    """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`."""
-    known = sorted(m.name for m in pkgutil.iter_modules(studies.__path__) if not m.name.startswith("_"))
-    if name.replace("-", "_") not in known:
-        names = ", ".join(m.replace("_", "-") for m in known)
-        raise UserError(f"no study named {name!r}; there are: {names}")
-    module = import_module(f"{studies.__name__}.{name.replace('-', '_')}")
-    folder = out / name
-    _make_folder(folder)
+def study(name: str, *, seeds: int | None, out: Path, json_file: Path | None) -> int:
+    """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`. Without
+    `seeds` as many as the study asks for."""
+    known = study_names()
+    if name not in known:
+        raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")
+    _make_folder(out / name)
     _check_targets(json_file)
+    result = _measure(name, seeds, out)
+    Console().print(Markdown((out / name / "report.md").read_text(encoding="utf-8")))
+    print(f"written: {out / name}/report.md, result.json and figures")
+    if json_file is not None:
+        _write_json(json_file, result)
+    return 0
+
+
+def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
+    """`onboard study --all`: every study one after the other; the JSON has their numbers by name."""
+    known = study_names()
+    for name in known:
+        _make_folder(out / name)
+    _check_targets(json_file)
+    results: dict[str, Any] = {}
+    table = Table("study", "claims: hold", "only if", "do not", "agree with reference", box=None)
+    for name in known:
+        results[name] = result = _measure(name, seeds, out)
+        verdicts = [claim["verdict"] for claim in result.get("claims", ())]
+        held = [str(verdicts.count(verdict)) for verdict in ("holds", "holds only if", "does not hold")]
+        compared = [c["agrees"] for c in result.get("checks", result.get("comparisons", ()))]
+        table.add_row(name, *held, f"{sum(compared)} of {len(compared)}")
+    Console().print(table)
+    print(f"written: report.md, result.json and figures in each folder of {out}")
+    if json_file is not None:
+        _write_json(json_file, results)
+    return 0
+
+
+def study_names() -> list[str]:
+    """Every study there is: the modules of onboard/studies."""
+    found = (m.name.replace("_", "-") for m in pkgutil.iter_modules(studies.__path__))
+    return sorted(name for name in found if not name.startswith("-"))
+
+
+def _measure(name: str, seeds: int | None, out: Path) -> dict[str, Any]:
+    module = import_module(f"{studies.__name__}.{name.replace('-', '_')}")
+    asked = {} if seeds is None else {"seeds": seeds}
     with _progress(Console(stderr=True)) as bar:
         task = bar.add_task(module.TITLE, total=None)
-        result = module.run(
-            seeds=seeds, out=folder, progress=lambda done, total: bar.update(task, completed=done, total=total)
-        )
-    Console().print(Markdown((folder / "report.md").read_text(encoding="utf-8")))
-    print(f"written: {folder}/report.md, result.json and figures")
-    if json_file is not None:
-        _write_json(json_file, msgspec.to_builtins(result))
-    return 0
+        try:
+            result = module.run(
+                **asked,
+                out=out / name,
+                progress=lambda done, total: bar.update(task, completed=done, total=total),
+            )
+        except ModuleNotFoundError as error:
+            if error.name != "matplotlib":
+                raise
+            raise UserError("figures need matplotlib: pip install 'wingline[study]'") from error
+    numbers: dict[str, Any] = msgspec.to_builtins(result)
+    return numbers
 
 
 def _print_replay(log: Path, replayed: Replayed, result: Score, out: Path | None, rrd: Path | None) -> None:

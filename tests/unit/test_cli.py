@@ -78,6 +78,8 @@ MISTAKES: list[tuple[tuple[str, ...], tuple[str, ...]]] = [
     (("demo", "--headless", "--out", "words.txt/out"), ("words.txt/out", "folder")),
     (("demo", "--headless", "--json", "nowhere/score.json"), ("nowhere/score.json",)),
     (("study", "no-such"), ("'no-such'", "relative-motion")),
+    (("study",), ("--all", "relative-motion")),
+    (("study", "relative-motion", "--all"), ("--all",)),
     (("study", "relative-motion", "--seeds", "0"), ("--seeds", "at least 1")),
     (("study", "relative-motion", "--seeds", "1", "--out", "words.txt/out"), ("words.txt/out",)),
     (("study", "relative-motion", "--seeds", "1", "--json", "nowhere/x.json"), ("nowhere/x.json",)),
