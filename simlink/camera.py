@@ -19,6 +19,7 @@ from onboard.messages import (
     Vec3,
 )
 from simlink import attitude
+from simlink.motion import Real
 from simlink.noise import normals, uniforms
 from simlink.scenario import Camera, Scenario
 from simlink.world import STEPS_PER_SECOND, State, difference
@@ -40,21 +41,30 @@ def mount_quaternion(camera: Camera) -> Quaternion:
     return w, x, y, z
 
 
-def leader_points_n(state: State, size: float) -> tuple[Vec3, Vec3, Vec3]:
+def leader_points_n(r_FL_n: Vec3, q_nL: Quaternion, size: float) -> tuple[Vec3, Vec3, Vec3]:
     """Center, left and right wing point relative to the follower, in n."""
-    r = difference(state.r_OL_n, state.r_OF_n)
-    x, y, z = attitude.to_n(state.q_nL, (0.0, size / 2, 0.0))
+    x, y, z = attitude.to_n(q_nL, (0.0, size / 2, 0.0))
+    r = r_FL_n
     return r, (r[0] - x, r[1] - y, r[2] - z), (r[0] + x, r[1] + y, r[2] + z)
+
+
+def in_camera(r_FP_n: Vec3, q_nF: Quaternion, camera: Camera, q_bc: Quaternion) -> Vec3:
+    """Where a point stands before the camera: r_CP_c. Of floats, or of arrays of them."""
+    return attitude.to_b(q_bc, difference(attitude.to_b(q_nF, r_FP_n), camera.mount_offset))
+
+
+def is_inside(camera: Camera, x: Real, y: Real, z: Real) -> Real:
+    """Whether points at (x, y, z) in c lie ahead of the lens and inside the image."""
+    half_width, half_height = camera.width_px / 2 / camera.f_px, camera.height_px / 2 / camera.f_px
+    return (x > 0.0) & (abs(y) <= half_width * x) & (abs(z) <= half_height * x)
 
 
 def project(state: State, size: float, camera: Camera, q_bc: Quaternion) -> Points | None:
     """Where the camera sees the leader's points; None if one is behind the lens or outside the image."""
-    half_width, half_height = camera.width_px / 2 / camera.f_px, camera.height_px / 2 / camera.f_px
     seen = []
-    for r_FP_n in leader_points_n(state, size):
-        r_CP_b = difference(attitude.to_b(state.q_nF, r_FP_n), camera.mount_offset)
-        x, y, z = attitude.to_b(q_bc, r_CP_b)
-        if x <= 0.0 or abs(y) > half_width * x or abs(z) > half_height * x:
+    for r_FP_n in leader_points_n(difference(state.r_OL_n, state.r_OF_n), state.q_nL, size):
+        x, y, z = in_camera(r_FP_n, state.q_nF, camera, q_bc)
+        if not is_inside(camera, x, y, z):
             return None
         seen.append((y / x, z / x))
     return seen[0], seen[1], seen[2]
@@ -86,12 +96,12 @@ def _noisy(points: Points, z: Iterator[float], sigma: float) -> Points:
     )
 
 
-def _blob(camera: Camera, u: Iterator[float]) -> Points:
-    """Something else: a center uniform in the image, a level span uniform in `blob_span_px`."""
+def blob(camera: Camera, u: Real, v: Real, w: Real) -> Points:
+    """Something else: a center uniform in the image, a level span uniform in `blob_span_px`; by three draws."""
     low, high = camera.blob_span_px
-    x = (next(u) - 0.5) * camera.width_px / camera.f_px
-    y = (next(u) - 0.5) * camera.height_px / camera.f_px
-    half = (low + (high - low) * next(u)) / 2 / camera.f_px
+    x = (u - 0.5) * camera.width_px / camera.f_px
+    y = (v - 0.5) * camera.height_px / camera.f_px
+    half = (low + (high - low) * w) / 2 / camera.f_px
     return (x, y), (x - half, y), (x + half, y)
 
 
@@ -111,12 +121,13 @@ class CameraSensor:
         """The points measured in an image taken now, or None when none is registered."""
         camera, t = self._camera, state.t % self._repeat
         registered = next(self._registered) and not any(b.start <= t < b.end for b in camera.blackouts)
-        wrong, blob = next(self._wrong) < camera.wrong_blob, _blob(camera, self._wrong)
+        wrong = next(self._wrong) < camera.wrong_blob
+        other = blob(camera, next(self._wrong), next(self._wrong), next(self._wrong))
         truth = project(state, self._size, camera, self._q_bc)
-        noisy = _noisy(truth or blob, self._noise, camera.sigma_px / camera.f_px)
+        noisy = _noisy(truth or other, self._noise, camera.sigma_px / camera.f_px)
         if not registered or truth is None:
             return None
-        return blob if wrong else noisy
+        return other if wrong else noisy
 
 
 def target_points(image: Image, camera: Camera) -> TargetPoints:

@@ -10,16 +10,22 @@ import numpy as np
 BLOCK = 1024  # numbers are drawn in blocks: one at a time costs ten times as much
 
 
+def stream(seed: int, name: str) -> np.random.Generator:
+    """The generator behind the stream `name` of `seed` (>= 0): all of a stream's numbers at once are those that
+    `normals` or `uniforms` give one by one."""
+    return np.random.default_rng([seed, zlib.crc32(name.encode())])
+
+
 def normals(seed: int, name: str) -> Iterator[float]:
     """Endless independent N(0, 1) numbers of the stream `name` of `seed` (>= 0)."""
-    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    rng = stream(seed, name)
     while True:
         yield from rng.standard_normal(BLOCK).tolist()
 
 
 def uniforms(seed: int, name: str) -> Iterator[float]:
     """Endless independent numbers, uniform in [0, 1), of the stream `name` of `seed` (>= 0)."""
-    rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    rng = stream(seed, name)
     while True:
         yield from rng.random(BLOCK).tolist()
 

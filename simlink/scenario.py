@@ -40,11 +40,13 @@ class Wave(Record, frozen=True, kw_only=True):
 
 
 class Pulse(Record, frozen=True, kw_only=True):
-    """A raised-cosine bump of height `change` from `start` to `end` (s): out and back, smooth at both ends."""
+    """A raised-cosine bump of height `change` from `start` to `end` (s): out and back, smooth at both ends; for
+    `hold` seconds in the middle it stays out."""
 
     start: NotNegative
     end: Positive
     change: float
+    hold: NotNegative = 0.0
 
 
 class Interval(Record, frozen=True, kw_only=True):
@@ -76,6 +78,7 @@ class Leader(Record, frozen=True, kw_only=True):
     a_long: Wave = Wave()
     course_deg: float = 0.0
     climb_deg: float = 0.0
+    yaw_pulses_deg: tuple[Pulse, ...] = ()  # the heading beside the course: a multirotor need not look ahead
     height: float = 100.0
     bank_wobble_deg: GaussMarkov = GaussMarkov(sigma=2.0, time=1.0)
     heading_wobble_deg: GaussMarkov = GaussMarkov(sigma=2.0, time=3.0)
@@ -88,6 +91,7 @@ class Follower(Record, frozen=True, kw_only=True):
     wander: Vec3 = (0.9144, 0.9144, 0.3048)
     wander_period: tuple[Positive, Positive, Positive] = (11.0, 7.0, 5.0)
     slot_pulses: tuple[Pulse, ...] = ()  # added to the forward component
+    attitude: Literal["coordinated", "hover"] = "coordinated"  # "hover": nose along the leader's course
     position_gain: Positive = 1.0  # 1/s^2
     velocity_gain: Positive = 2.0  # 1/s
 
@@ -303,6 +307,7 @@ def _check(s: Scenario, source: str) -> None:
     """What single fields cannot say. Raises ScenarioError."""
     for key, intervals in (
         ("leader.speed_pulses", s.leader.speed_pulses),
+        ("leader.yaw_pulses_deg", s.leader.yaw_pulses_deg),
         ("follower.slot_pulses", s.follower.slot_pulses),
         ("camera.blackouts", s.camera.blackouts),
         ("gps.outages", s.gps.outages),
@@ -310,9 +315,21 @@ def _check(s: Scenario, source: str) -> None:
         for interval in intervals:
             if not interval.start < interval.end <= s.repeat:
                 raise ScenarioError(f"{source}: {key}: needs start < end <= repeat ({s.repeat:g} s)")
-    # the path axes have no direction at a standstill
-    if s.leader.speed + sum(min(p.change, 0.0) for p in s.leader.speed_pulses) < 1.0:
-        raise ScenarioError(f"{source}: leader.speed_pulses: the leader must keep at least 1 m/s")
+    for key, pulses in (
+        ("leader.speed_pulses", s.leader.speed_pulses),
+        ("leader.yaw_pulses_deg", s.leader.yaw_pulses_deg),
+        ("follower.slot_pulses", s.follower.slot_pulses),
+    ):
+        if any(pulse.hold >= pulse.end - pulse.start for pulse in pulses):
+            raise ScenarioError(f"{source}: {key}: hold leaves no time to go out and back")
+    # a point mass that turns needs speed; one that flies straight may stop
+    turns = any((w.mean, w.amplitude) != (0.0, 0.0) for w in (s.leader.a_lat, s.leader.a_long))
+    slowest = s.leader.speed + sum(min(p.change, 0.0) for p in s.leader.speed_pulses)
+    if slowest < (1.0 if turns else 0.0):
+        least = "at least 1 m/s as it turns" if turns else "from flying backwards"
+        raise ScenarioError(f"{source}: leader.speed_pulses: the leader must keep {least}")
+    if slowest < 1.0 and s.follower.attitude == "coordinated" and s.quadrotor is None:
+        raise ScenarioError(f'{source}: follower.attitude: must be "hover" behind a leader that stops')
     if s.camera.blob_span_px[0] > s.camera.blob_span_px[1]:
         raise ScenarioError(f"{source}: camera.blob_span_px: the smaller number comes first")
 

@@ -36,10 +36,10 @@ class Reading(NamedTuple):
 def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[tuple[State, Reading]]:
     """Each state of the world with what the vehicle's own sensors say about it."""
     nav, imu, gps = scenario.nav, scenario.imu, scenario.gps
-    tilt = _errors(seed, "nav.attitude", nav.attitude_deg, math.pi / 180)
-    speed = _errors(seed, "nav.velocity", nav.velocity)
-    place = _errors(seed, "nav.position", nav.position)
-    gps_place = _errors(seed, "gps.position", gps.position)
+    tilt = errors(seed, "nav.attitude", nav.attitude_deg, math.pi / 180)
+    speed = errors(seed, "nav.velocity", nav.velocity)
+    place = errors(seed, "nav.position", nav.position)
+    gps_place = errors(seed, "gps.position", gps.position)
     gps_speed = white(seed, "gps.velocity", gps.velocity_white)
     accel = white(seed, "imu.accel", imu.accel_white, imu.accel_bias)
     gyro = white(seed, "imu.gyro", imu.gyro_white, imu.gyro_bias)
@@ -106,7 +106,7 @@ def add(a: Vec3, b: Vec3) -> Vec3:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-def _errors(seed: int, name: str, process: GaussMarkov, unit: float = 1.0) -> Iterator[Vec3]:
+def errors(seed: int, name: str, process: GaussMarkov, unit: float = 1.0) -> Iterator[Vec3]:
     """Three independent Gauss-Markov errors, one sample per world step; sigma in `unit`s."""
     x, y, z = (
         gauss_markov(normals(seed, f"{name}.{axis}"), process.sigma * unit, process.time, DT) for axis in "xyz"

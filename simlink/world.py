@@ -9,11 +9,12 @@ heading wobbling about that. Frames are those of `onboard.geometry`.
 import math
 from collections.abc import Iterator
 from itertools import tee
+from types import ModuleType
 from typing import NamedTuple
 
 from onboard.messages import Quaternion, Truth, Vec3
 from simlink import attitude
-from simlink.motion import Rates, advance, make_motion
+from simlink.motion import Rates, Real, Real3, advance, make_motion, pulses
 from simlink.noise import gauss_markov, normals, uniforms
 from simlink.quadrotor import motions
 from simlink.quadrotor_control import Reference, figure_eight
@@ -92,12 +93,14 @@ def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
     turn = 2 * math.pi
     f, y = make_motion(scenario, (turn * next(phase), turn * next(phase), turn * next(phase)))
     bank, heading = _wobbles(scenario, seed)
+    hovers = scenario.follower.attitude == "hover"
+    yaw_at = pulses(scenario.leader.yaw_pulses_deg, scenario.repeat)
     step, q_before = 0, None
     while True:
         t = step / STEPS_PER_SECOND
         rates = f(t, y)
         r_F_n, v_F_n = (y[5], y[6], y[7]), (y[8], y[9], y[10])
-        q_nF = coordinated(v_F_n, rates.a_F_n)
+        q_nF = hovering(rates.a_F_n, y[0]) if hovers else coordinated(v_F_n, rates.a_F_n)
         specific = (rates.a_F_n[0], rates.a_F_n[1], rates.a_F_n[2] - G)
         yield State(
             step=step,
@@ -105,7 +108,7 @@ def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
             r_OL_n=(y[2], y[3], y[4]),
             v_L_n=rates.v_L_n,
             a_L_n=rates.a_L_n,
-            q_nL=_leader_attitude(y[0], y[1], rates, next(bank), next(heading)),
+            q_nL=_leader_attitude(y[0], y[1], rates, next(bank), next(heading) + math.radians(yaw_at(t)[0])),
             a_lat=rates.a_lat,
             a_long=rates.a_long,
             r_OF_n=r_F_n,
@@ -136,10 +139,26 @@ def _leader_attitude(
 
 def coordinated(v_n: Vec3, a_n: Vec3) -> Quaternion:
     """q_nb of coordinated flight: heading along the course, pitch along the path, bank atan(a_right / g)."""
-    horizontal = math.hypot(v_n[0], v_n[1])
-    right = (a_n[1] * v_n[0] - a_n[0] * v_n[1]) / horizontal if horizontal > 0 else 0.0
-    pitch = math.atan2(-v_n[2], horizontal)
-    return attitude.from_euler(math.atan(right / G), pitch, math.atan2(v_n[1], v_n[0]))
+    return attitude.from_euler(*coordinated_angles(v_n, a_n))
+
+
+def coordinated_angles(v_n: Real3, a_n: Real3, maths: ModuleType = math) -> Real3:
+    """Roll, pitch and yaw of coordinated flight, rad."""
+    horizontal = maths.hypot(v_n[0], v_n[1])
+    right = (a_n[1] * v_n[0] - a_n[0] * v_n[1]) / (horizontal + (horizontal == 0.0))
+    return maths.atan(right / G), maths.atan2(-v_n[2], horizontal), maths.atan2(v_n[1], v_n[0])
+
+
+def hovering(a_n: Vec3, yaw: float) -> Quaternion:
+    """q_nb of a multirotor with this heading (rad), tilted so that its thrust gives the acceleration."""
+    return attitude.from_euler(*hovering_angles(a_n, yaw))
+
+
+def hovering_angles(a_n: Real3, yaw: Real, maths: ModuleType = math) -> Real3:
+    """Roll, pitch and yaw of that, rad."""
+    c, s = maths.cos(yaw), maths.sin(yaw)
+    forward, right, up = c * a_n[0] + s * a_n[1], c * a_n[1] - s * a_n[0], G - a_n[2]
+    return maths.atan2(right, maths.hypot(forward, up)), maths.atan2(-forward, up), yaw
 
 
 def body_rate(q_before: Quaternion, q_now: Quaternion) -> Vec3:
