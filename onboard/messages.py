@@ -109,7 +109,8 @@ class GlobalPosition(Message, frozen=True, kw_only=True):
 
 
 class GpsFix(Message, frozen=True, kw_only=True):
-    """GPS_RAW_INT: a raw fix. Speeds in m/s, course in rad, accuracies in m (None when not given)."""
+    """GPS_RAW_INT: a raw fix. Speeds in m/s, course in rad, accuracies in m (None when not given); `v_down` only
+    from logs, MAVLink's message has none."""
 
     fix_type: int
     satellites: int | None
@@ -120,6 +121,7 @@ class GpsFix(Message, frozen=True, kw_only=True):
     course_rad: float | None
     h_acc: float | None
     v_acc: float | None
+    v_down: float | None = None
 
 
 class Imu(Message, frozen=True, kw_only=True):
@@ -406,6 +408,46 @@ class Estimate(Record, frozen=True, kw_only=True):
     intruder: Intruder | None = None  # of traffic only
 
 
+class FaultKind(StrEnum):
+    """What is wrong with our own vehicle or its sensors."""
+
+    MOTOR = "motor"  # one motor gives less thrust than it is told to
+    MASS = "mass"  # the same commands lift less, or more: another mass, or all motors weaker (hover cannot tell)
+    GUST = "gust"  # something pushes sideways
+    OUTLIERS = "outliers"  # a sensor tells single wrong values
+
+
+class Fault(Record, frozen=True, kw_only=True):
+    """A fault that lasts. `part`: which motor ("motor 1"), sensor ("attitude.roll"), or ""; `magnitude` in `unit`:
+    the share of thrust lost, the mass as a multiple of the known one, m/s^2, or wrong values a second."""
+
+    kind: FaultKind
+    part: str
+    t_onset_ns: int
+    magnitude: float
+    unit: str
+
+
+class NavState(Estimate, frozen=True, kw_only=True):
+    """Our own vehicle by our own estimator: position from O, velocity, attitude (ZYX), body rates. In `covariance`
+    the attitude's part is of the rotation, rad about b's axes, that takes the estimate to the truth.
+
+    `layer`: how far each component of the last measurement might have been off, before the filter holds its model
+    wrong; `switch_fraction`: how often one was, over the last second, which measures the model's error;
+    `nis_ratio`: mean NIS over its expectation, over the same. `quality`: 1 to 100 %, -1 when not valid. `origin`:
+    O, degrees and m above mean sea level.
+    """
+
+    q_nb: Quaternion | None
+    omega_b: Vec3 | None
+    origin: Vec3 | None
+    layer: tuple[float, ...] | None
+    switch_fraction: float | None
+    nis_ratio: float | None
+    quality: int
+    faults: tuple[Fault, ...] = ()
+
+
 class OwnPose(Record, frozen=True, kw_only=True):
     """Our own vehicle as the autopilot sees it, on the one time base: NED from its EKF origin."""
 
@@ -434,7 +476,8 @@ class SinkHealth(Record, frozen=True, kw_only=True):
 
 
 class Health(Record, frozen=True, kw_only=True):
-    """How the program itself is doing. `clock_offset_ns` is host clock minus boot clock."""
+    """How the program itself is doing. `clock_offset_ns` is host clock minus boot clock; `faults` are those of our
+    own vehicle that last."""
 
     t_ns: int
     t_recv_ns: int
@@ -449,6 +492,7 @@ class Health(Record, frozen=True, kw_only=True):
     verdicts: dict[str, int]
     rejected: dict[str, int]
     sinks: dict[str, SinkHealth]
+    faults: tuple[Fault, ...] = ()
 
 
 class Truth(Record, frozen=True, kw_only=True):

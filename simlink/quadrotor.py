@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 from onboard.messages import Quaternion, Vec3
 from simlink import attitude
 from simlink.noise import gauss_markov, normals
-from simlink.quadrotor_control import Controller, Reference
+from simlink.quadrotor_control import Controller, Reference, thrusting
 from simlink.scenario import Interval, Quadrotor, QuadrotorFault
 
 G: Final = 9.80665
@@ -101,8 +101,10 @@ def motions(craft: Quadrotor, seed: int, references: Iterator[Reference], dt: fl
         t = step * dt
         if y is None:
             hover = math.sqrt(craft.mass * G / (4 * craft.thrust_max))
-            y = (*reference.r_n, *reference.v_n, *attitude.from_euler(0.0, 0.0, reference.yaw), 0.0, 0.0, 0.0,
-                 hover, hover, hover, hover)  # fmt: skip
+            ax, ay, az = reference.a_n
+            down = (-ax, -ay, G - az)
+            tilted = thrusting(down, math.sqrt(sum(x * x for x in down)), reference.yaw)
+            y = (*reference.r_n, *reference.v_n, *tilted, 0.0, 0.0, 0.0, hover, hover, hover, hover)
         air: Vec3 = (next(turbulence[0]), next(turbulence[1]), next(turbulence[2]))
         push = _pushed(craft, t, air, (next(wobble[0]), next(wobble[1])))
         forces = acting(craft, t, push)

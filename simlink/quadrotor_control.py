@@ -90,7 +90,7 @@ class Controller:
         ax, ay, az = demanded(reference, r_n, v_n, (x, y, z))
         down = (-ax, -ay, G - az)  # the body's z axis is to point this way
         lift = math.sqrt(down[0] ** 2 + down[1] ** 2 + down[2] ** 2)
-        wanted = _attitude(down, lift, reference.yaw)
+        wanted = thrusting(down, lift, reference.yaw)
         error = attitude.to_vector(attitude.product(attitude.conjugate(q_nb), wanted))
         torque = []
         for i in range(3):
@@ -107,7 +107,7 @@ class Controller:
         return tuple(speeds)
 
 
-def _attitude(down: Vec3, length: float, yaw: float) -> Quaternion:
+def thrusting(down: Vec3, length: float, yaw: float) -> Quaternion:
     """q_nb with z along `down` and the nose towards `yaw`: tilt by the shortest way, from level at that yaw."""
     z = (down[0] / length, down[1] / length, down[2] / length)
     level = attitude.from_euler(0.0, 0.0, yaw)

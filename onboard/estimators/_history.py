@@ -8,30 +8,47 @@ it is done again once the motion is known. Measurements that were gated stay in,
 
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
-from onboard.filters.belief import Belief
-from onboard.ownship import Ownship
 
-Advance = Callable[[Belief, int, int, Ownship], Belief]
-Fuse = Callable[[Belief, Any, Ownship], tuple[Belief, Any]]
+class Motion(Protocol):
+    """What drives the model between measurements: `Ownship`, or an estimator's own inputs."""
+
+    @property
+    def nav_times(self) -> list[int]:
+        """Times of samples at which nodes are to stand."""
+
+    def knows(self, t_ns: int) -> bool:
+        """Whether nothing to come can change the motion until then."""
+
+
+B = TypeVar("B")  # what a filter believes
+M = TypeVar("M", bound=Motion)
 
 
 class Node(NamedTuple):
     """A belief at a time; after a measurement if there is one; final unless own motion was extrapolated."""
 
     t_ns: int
-    belief: Belief
+    belief: Any
     measurement: Any
     final: bool
     outcome: Any | None = None  # what `fuse` last said of the measurement
 
 
-class History:
+class History(Generic[B, M]):
     """Beliefs of one track. `advance(belief, t0_ns, t1_ns, ownship)` predicts; `fuse(belief, measurement,
     ownship)` updates and says what came of it. Both must be pure; what they raise passes through."""
 
-    def __init__(self, t_ns: int, belief: Belief, *, horizon_ns: int, advance: Advance, fuse: Fuse) -> None:
+    def __init__(
+        self,
+        t_ns: int,
+        belief: B,
+        *,
+        horizon_ns: int,
+        advance: Callable[[B, int, int, M], B],
+        fuse: Callable[[B, Any, M], tuple[B, Any]],
+    ) -> None:
         self._nodes = [Node(t_ns, belief, None, True)]
         self._horizon_ns = horizon_ns
         self._advance = advance
@@ -41,7 +58,7 @@ class History:
         """Whether a measurement of that time can still be put in."""
         return t_ns >= self._nodes[0].t_ns
 
-    def insert(self, t_ns: int, measurement: Any, ownship: Ownship) -> Any:
+    def insert(self, t_ns: int, measurement: Any, ownship: M) -> Any:
         """Put a measurement in where it belongs (it must reach) and redo what came after; what `fuse` said."""
         after = bisect_right([n.t_ns for n in self._nodes], t_ns)
         later = self._nodes[after:]
@@ -50,7 +67,7 @@ class History:
         self._redo(later, ownship)
         return outcome
 
-    def settle(self, ownship: Ownship) -> None:
+    def settle(self, ownship: M) -> None:
         """New own motion is known: redo what was provisional, come up to the newest sample, forget the old."""
         for i, node in enumerate(self._nodes):
             if not node.final and ownship.knows(node.t_ns):
@@ -68,7 +85,7 @@ class History:
                 break
         del self._nodes[:keep]
 
-    def belief_at(self, t_ns: int, ownship: Ownship) -> tuple[int, Belief]:
+    def belief_at(self, t_ns: int, ownship: M) -> tuple[int, B]:
         """The newest belief, predicted to t_ns (not back: the time it holds for comes with it)."""
         newest = self._nodes[-1]
         if t_ns <= newest.t_ns:
@@ -83,12 +100,12 @@ class History:
                 return t_ns
         return None
 
-    def _redo(self, nodes: list[Node], ownship: Ownship) -> None:
+    def _redo(self, nodes: list[Node], ownship: M) -> None:
         for node in nodes:
             if node.measurement is not None:
                 self._append(node.t_ns, node.measurement, ownship)
 
-    def _append(self, t_ns: int, measurement: Any, ownship: Ownship) -> Any:
+    def _append(self, t_ns: int, measurement: Any, ownship: M) -> Any:
         self._pass_samples(t_ns, ownship)
         newest = self._nodes[-1]
         prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
@@ -96,7 +113,7 @@ class History:
         self._nodes.append(Node(t_ns, belief, measurement, ownship.knows(t_ns), outcome))
         return outcome
 
-    def _pass_samples(self, until_ns: int, ownship: Ownship) -> None:
+    def _pass_samples(self, until_ns: int, ownship: M) -> None:
         """Nodes at the navigation samples after the newest node and before `until_ns`."""
         times = ownship.nav_times
         newest = self._nodes[-1]

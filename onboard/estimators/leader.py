@@ -100,7 +100,7 @@ class Estimator:
         self._Q = process_noise(self._noise, config.size_prior_m)
         probability = self._noise.gate_probability
         self._gate = None if probability is None else chi_square_threshold(probability, camera_angles.M)
-        self._history: History | None = None
+        self._history: History[Belief, Ownship] | None = None
         self._candidates: deque[Seen] = deque(maxlen=self._noise.initialise_images or config.initialise_images)
         self._last_fused_ns: int | None = None
         self._last_stamps: deque[int] = deque(maxlen=64)
@@ -224,7 +224,7 @@ class Estimator:
         self._settle(self._history, ownship)
         held.clear()
 
-    def _settle(self, history: History, ownship: Ownship) -> None:
+    def _settle(self, history: History[Belief, Ownship], ownship: Ownship) -> None:
         """Come up to what is known; an image may have been gated at first, and be fused now that it is judged
         again with what came since."""
         history.settle(ownship)

@@ -1,0 +1,88 @@
+"""`[estimator.own_state]`: its keys, and the airframes whose constants are known."""
+
+from typing import Annotated, Final, Literal
+
+import msgspec
+
+from onboard.messages import NotNegative, Positive, Record
+
+Positive3 = tuple[Positive, Positive, Positive]
+Rotor = tuple[float, float, Literal[-1, 1]]
+
+
+class Airframe(Record, frozen=True, kw_only=True):
+    """What is known of a multirotor. `rotors`: forward and right of the centre (m), and the sense of the torque
+    about b's z axis that its drag gives: +1 for one that turns counter-clockwise seen from above. A rotor gives
+    `thrust_max_n` at the second of `pwm_us`, nothing at the first, and between them the square of the way."""
+
+    mass_kg: Positive
+    inertia_kg_m2: Positive3
+    rotors: tuple[Rotor, ...]
+    thrust_max_n: Positive
+    torque_per_thrust_m: Positive
+    motor_time_s: NotNegative = 0.02
+    pwm_us: tuple[float, float] = (1000.0, 2000.0)
+    drag_per_s: NotNegative = 0.0
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for rotors that cannot hold a vehicle, or a PWM range without a width."""
+        if len(self.rotors) < 4:
+            raise ValueError("an airframe needs at least four rotors")
+        if not self.pwm_us[0] < self.pwm_us[1]:
+            raise ValueError("pwm_us: the smaller number comes first")
+
+
+AIRFRAMES: Final = {
+    # Al-Shabi, Gadsden & Wilkerson; the rotors' places are from d_pitch and d_roll, their thrust simlink's
+    "csvsf": Airframe(
+        mass_kg=0.468,
+        inertia_kg_m2=(4.856e-3, 4.856e-3, 8.801e-3),
+        rotors=((0.225, 0.0, 1), (0.0, 0.225, -1), (-0.225, 0.0, 1), (0.0, -0.225, -1)),
+        thrust_max_n=3.0,
+        torque_per_thrust_m=0.03826,
+        drag_per_s=0.1,
+    ),
+    # PX4's Gazebo model x500: motorConstant 8.54858e-06, 1000 rad/s, momentConstant .016; outputs are rad/s
+    "x500": Airframe(
+        mass_kg=2.064,
+        inertia_kg_m2=(0.02166666666666667, 0.02166666666666667, 0.04000000000000001),
+        rotors=((0.174, 0.174, 1), (-0.174, -0.174, 1), (0.174, -0.174, -1), (-0.174, 0.174, -1)),
+        thrust_max_n=8.54858,
+        torque_per_thrust_m=0.016,
+        pwm_us=(0.0, 1000.0),
+    ),
+}
+
+
+class Config(Record, frozen=True, kw_only=True):
+    """`[estimator.own_state]`. The keys carry their units."""
+
+    filter: str = "csvsf-robust"  # cubature, unscented, svsf, csvsf-printed, csvsf, csvsf-robust, ...
+    airframe: Literal["unknown", "csvsf", "x500", "custom"] = "unknown"
+    custom: Airframe | None = None
+    force: Literal["accelerometer", "thrust"] = "accelerometer"  # or f_z only, and the rest estimated
+    attitude_sigma_deg: Positive3 = (0.573, 0.573, 1.72)  # roll, pitch, yaw, of one message
+    rates_sigma_deg_s: Positive = 0.573
+    gps_position_sigma_m: Positive3 | None = None  # north, east, down; None: what the receiver says
+    gps_velocity_sigma_m_s: Positive3 = (0.15, 0.15, 0.3)
+    force_noise: Positive = 0.01  # of the specific force, m/s^2 per square root of Hz
+    # of the angular acceleration, rad/s^2 per square root of Hz; None: 0.2 where motors' torques are known, else 1
+    turning_noise: Positive | None = None
+    bias_sigma_m_s2: Positive = 0.05  # of the accelerometer, or of gusts with force = "thrust" (then 3)
+    bias_time_s: Positive = 50.0  # over which it changes (gusts: 1)
+    own_tilt_sigma_deg: NotNegative = 0.3  # how far roll and pitch as told may steadily be off
+    own_yaw_sigma_deg: NotNegative = 1.0
+    layer_sigmas: Positive = 5.0  # beyond so many deviations an innovation is held for model error or an outlier
+    gate_probability: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.99999  # of filters that have no layer
+    rewind_horizon_s: Positive = 0.5
+    publish_rate_hz: Positive = 50.0
+    coast_after_s: NotNegative = 0.5  # without a fix: coasting
+    validity_timeout_s: NotNegative = 5.0  # without a fix: not valid
+    reset_timeout_s: NotNegative = 30.0  # without a fix: forgotten
+    silence_s: Positive = 0.5  # without an attitude: not valid
+
+    def known_airframe(self) -> Airframe | None:
+        """The airframe's constants. Raises ValueError for custom without a table, or a table without custom."""
+        if (self.airframe == "custom") != (self.custom is not None):
+            raise ValueError('airframe = "custom" and a table estimator.own_state.custom go together')
+        return self.custom if self.airframe == "custom" else AIRFRAMES.get(self.airframe)
