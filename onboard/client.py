@@ -9,11 +9,12 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from onboard.messages import Estimate, Health, OwnPose, Record, SimStatus, Truth
+from onboard.messages import Estimate, Health, NavState, OwnPose, Record, SimStatus, Truth
 from onboard.sinks.zenoh import ZenohConfig, open_session
 
 KINDS: Final[dict[str, type[Record]]] = {
     "estimate": Estimate,
+    "own_state": NavState,
     "ownship": OwnPose,
     "health": Health,
     "truth": Truth,
@@ -43,7 +44,12 @@ class Client:
         self._session: Any = open_session(config)
         self._subscribers = [
             self._session.declare_subscriber(key, self._receive)
-            for key in (f"{config.prefix}/estimate/*", f"{config.prefix}/ownship", f"{config.prefix}/health")
+            for key in (
+                f"{config.prefix}/estimate/*",
+                f"{config.prefix}/own_state",
+                f"{config.prefix}/ownship",
+                f"{config.prefix}/health",
+            )
         ]
         self._subscribers += [
             self._session.declare_subscriber(f"simlink/{vehicle}/{name}", self._receive)

@@ -19,11 +19,13 @@ from onboard.messages import (
     Datagram,
     Encoding,
     Estimate,
+    Fault,
     GlobalPosition,
     Health,
     Heartbeat,
     Lifecycle,
     Message,
+    NavState,
     Output,
     PeerPosition,
     RadarScan,
@@ -73,6 +75,7 @@ class Pipeline:
         self._rejected: Counter[str] = Counter()
         self._verdicts: Counter[str] = Counter()
         self._states: dict[str, Lifecycle] = {}
+        self._faults: tuple[Fault, ...] = ()
         self._streams: dict[str, deque[int]] = {}
         self._counts: Counter[str] = Counter()
         self._first_recv_ns: int | None = None
@@ -192,7 +195,10 @@ class Pipeline:
         for estimator in self._listeners.get(type(message), ()):
             estimates.extend(estimator.observe(message, self.ownship))
         if message.t_recv_ns - self._own_recv_ns > SILENT_NS:
-            estimates = [replace(e, valid=False, reason="our own motion is not known") for e in estimates]
+            estimates = [
+                e if isinstance(e, NavState) else replace(e, valid=False, reason="our own motion is not known")
+                for e in estimates
+            ]
         return self._noted(estimates)
 
     def _must_wait(self, image: Message) -> bool:
@@ -238,6 +244,8 @@ class Pipeline:
             self._states[key] = estimate.state
             if estimate.measurement is not None:
                 self._verdicts[f"{estimate.name}.{estimate.measurement.verdict}"] += 1
+            if isinstance(estimate, NavState):
+                self._faults = estimate.faults
             outputs.append(estimate)
         return outputs
 
@@ -272,6 +280,7 @@ class Pipeline:
             verdicts=dict(self._verdicts),
             rejected=self._all_rejected(),
             sinks=sinks or {},
+            faults=self._faults,
         )
 
     def _stream(self, name: str, window: deque[int], t_recv_ns: int) -> StreamHealth:

@@ -13,7 +13,7 @@ import numpy as np
 
 from onboard.config import Config
 from onboard.errors import UserError
-from onboard.messages import Datagram, Estimate, Health, Message, Output
+from onboard.messages import Datagram, Estimate, Health, Message, NavState, Output
 from onboard.models import relative_motion
 from onboard.pipeline import Pipeline
 from onboard.wire import ulog
@@ -29,13 +29,15 @@ class ReplayError(UserError, ValueError):
 
 
 class Replayed(NamedTuple):
-    """What a replay made: every estimate, the health at the end, records read, stretches that were no record."""
+    """What a replay made: every estimate of others and of our own state, the health at the end, records read, and
+    stretches that were no record."""
 
     estimates: list[Estimate]
     health: Health
     records: int
     damaged: int
     duration: float
+    own_states: list[NavState]
 
 
 def replay(
@@ -51,6 +53,7 @@ def replay(
     """
     pipeline = Pipeline(config)
     estimates: list[Estimate] = []
+    own_states: list[NavState] = []
     total = _size(log)
     count = damaged = first = last = 0
     try:
@@ -61,7 +64,9 @@ def replay(
             outputs = pipeline.feed(item) if isinstance(item, Datagram) else pipeline.advance([item])
             for output in outputs:
                 take(output)
-                if isinstance(output, Estimate):
+                if isinstance(output, NavState):
+                    own_states.append(output)
+                elif isinstance(output, Estimate):
                     estimates.append(output)
             first = first or item.t_recv_ns
             last = max(last, item.t_recv_ns)
@@ -71,7 +76,8 @@ def replay(
     except NotALogError as error:
         raise ReplayError(f"{log}: {error}") from error
     progress(total, total)
-    return Replayed(estimates, pipeline.health(last), count, damaged, (last - first) * 1e-9)
+    health = pipeline.health(last)
+    return Replayed(estimates, health, count, damaged, (last - first) * 1e-9, own_states)
 
 
 def check_log(log: Path) -> None:
@@ -123,7 +129,7 @@ class CsvWriter:
 
     def write(self, estimate: Output) -> None:
         """Append an estimate's row; other records have none."""
-        if isinstance(estimate, Estimate):
+        if isinstance(estimate, Estimate) and estimate.components == relative_motion.COMPONENTS:
             self._writer.writerow(row(estimate))
 
 

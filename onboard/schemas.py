@@ -7,11 +7,12 @@ from typing import Any, Final, Literal, Union, get_args, get_origin
 
 import msgspec
 
-from onboard.messages import CameraPoints, Estimate, Health, OwnPose, RadarDetections, Record
+from onboard.messages import CameraPoints, Estimate, Health, NavState, OwnPose, RadarDetections, Record
 
 PUBLISHED: Final[dict[str, type[Record]]] = {
     "estimate/<name>": Estimate,
     "estimate/traffic/<target>": Estimate,
+    "own_state": NavState,
     "ownship": OwnPose,
     "health": Health,
     "camera/<camera>/points": CameraPoints,
@@ -22,6 +23,8 @@ PUBLISHED: Final[dict[str, type[Record]]] = {
 
 def key_of(record: Record) -> str:
     """The key, below the vehicle's prefix, a record is published and recorded under. Raises KeyError."""
+    if isinstance(record, NavState):
+        return "own_state"
     if isinstance(record, Estimate):
         one_of_many = "/" in record.target  # such as icao/4b1a2c
         return f"estimate/{record.name}/{record.target}" if one_of_many else f"estimate/{record.name}"

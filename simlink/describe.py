@@ -1,6 +1,8 @@
 """What a daemon must be told to fly a scenario: its camera, and what is known of the leader beforehand."""
 
-from simlink.scenario import Scenario
+import math
+
+from simlink.scenario import Quadrotor, Scenario
 
 
 def daemon_config(scenario: Scenario) -> str:
@@ -24,4 +26,32 @@ def daemon_config(scenario: Scenario) -> str:
         lines.append(f"size_prior_sigma_m = {leader.size * leader.size_sigma_percent / 100:.6g}")
     if scenario.nav.attitude_deg.sigma == 0:
         lines += ["own_tilt_sigma_deg = 0.0", "own_yaw_sigma_deg = 0.0"]
+    if scenario.quadrotor is not None:
+        lines += _own_state(scenario.quadrotor, scenario)
     return "\n".join(lines)
+
+
+def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
+    """The section of the estimator of our own state: the nominal craft, and the noise of what it is told."""
+    nav, gps = scenario.nav, scenario.gps
+    rotors = ", ".join(f"[{x}, {y}, {sense:.0f}]" for x, y, sense in craft.rotors)
+    lines = ["", "[delay]", f"gps_s = {gps.delay}", "", "[estimator.own_state]", 'airframe = "custom"']
+    if min(*nav.attitude_white, nav.rates_white) > 0:
+        lines.append(f"attitude_sigma_deg = {[round(math.degrees(x), 4) for x in nav.attitude_white]}")
+        lines.append(f"rates_sigma_deg_s = {math.degrees(nav.rates_white):.4g}")
+    if min(gps.position_white) > 0:
+        lines.append(f"gps_position_sigma_m = {list(gps.position_white)}")
+    if nav.attitude_deg.sigma == 0:
+        lines += ["own_tilt_sigma_deg = 0.0", "own_yaw_sigma_deg = 0.0"]
+    return [
+        *lines,
+        "",
+        "[estimator.own_state.custom]",
+        f"mass_kg = {craft.mass}",
+        f"inertia_kg_m2 = {list(craft.inertia)}",
+        f"rotors = [{rotors}]",
+        f"thrust_max_n = {craft.thrust_max}",
+        f"torque_per_thrust_m = {craft.torque_per_thrust}",
+        f"motor_time_s = {craft.motor_time}",
+        f"drag_per_s = {craft.drag}",
+    ]

@@ -57,7 +57,7 @@ AIRFRAMES: Final = {
 class Config(Record, frozen=True, kw_only=True):
     """`[estimator.own_state]`. The keys carry their units."""
 
-    filter: str = "csvsf-robust"  # cubature, unscented, svsf, csvsf-printed, csvsf, csvsf-robust, ...
+    filter: str = "csvsf-adaptive"  # or cubature, unscented, svsf, csvsf, csvsf-printed, csvsf-robust
     airframe: Literal["unknown", "csvsf", "x500", "custom"] = "unknown"
     custom: Airframe | None = None
     force: Literal["accelerometer", "thrust"] = "accelerometer"  # or f_z only, and the rest estimated

@@ -192,16 +192,16 @@ class FaultMonitor:
         missing[0] = (now.force - then.force) / span
         missing[1:] = (now.momentum - then.momentum - (now.torque - then.torque)) / span
         self._missing_torque = missing[1:]
-        self._judge_motors(missing, thrusts, now.t_ns)
         push = float(np.linalg.norm((now.lateral - then.lateral) / span))
+        self._judge_motors(missing, thrusts, push, now.t_ns)
         alarm = self._alarms[FaultKind.GUST]
         if push > PUSH:
             alarm.found(now.t_ns, "", push, PUSH)
         else:
             alarm.absent(now.t_ns)
 
-    def _judge_motors(self, missing: Array, thrusts: Array, t_ns: int) -> None:
-        """One weak motor, or less lift on all."""
+    def _judge_motors(self, missing: Array, thrusts: Array, push: float, t_ns: int) -> None:
+        """One weak motor, or less lift on all: unless something pushes, which on a tilted vehicle lifts, too."""
         sigma = np.array(TRUST) * self._arms * thrusts.mean()
         sigma[0] *= len(thrusts)
         e = missing / sigma
@@ -219,7 +219,7 @@ class FaultMonitor:
             alarm.absent(t_ns)
         mass = 1.0 / max(1.0 + lifted, 0.1)
         alarm = self._alarms[FaultKind.MASS]
-        if not one and torque < TORQUE_CLEAR and abs(mass - 1.0) > MASS_CHANGE:
+        if not one and torque < TORQUE_CLEAR and push < 0.5 * PUSH and abs(mass - 1.0) > MASS_CHANGE:
             alarm.found(t_ns, "", mass, MASS_CHANGE / abs(mass - 1.0) * mass)
         else:
             alarm.absent(t_ns)

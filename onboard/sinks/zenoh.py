@@ -1,10 +1,10 @@
 """Zenoh: the one session of the program, and the sink that publishes on it.
 
-Below `onboard/<vehicle>/`: `estimate/<name>`, `ownship` and `health` are published as JSON and answer queries
-with the latest value; the attachment of what is published is the time of publication, in ns of this computer's
-clock, as decimal ASCII; the liveliness token `alive` is there while the program is. A reply carries the attachment
-`{"age_s": ..., "stale": ...}`, and an estimate published longer ago than the validity timeout comes back as
-lost and not valid: a late joiner can never take an old value for a fresh one.
+Below `onboard/<vehicle>/`: `estimate/<name>`, `own_state`, `ownship` and `health` are published as JSON and
+answer queries with the latest value; the attachment of what is published is the time of publication, in ns of
+this computer's clock, as decimal ASCII; the liveliness token `alive` is there while the program is. A reply
+carries the attachment `{"age_s": ..., "stale": ...}`, and an estimate published longer ago than the validity
+timeout comes back as lost and not valid: a late joiner can never take an old value for a fresh one.
 """
 
 import time
@@ -25,7 +25,7 @@ Published = Estimate | OwnPose | Health
 
 CAPACITY: Final = 256  # records waiting; a second or two
 FORBIDDEN: Final = "*$?#/"
-QUERYABLE: Final = ("estimate/**", "ownship", "health")
+QUERYABLE: Final = ("estimate/**", "own_state", "ownship", "health")
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
 
 
