@@ -12,7 +12,7 @@ from numba import njit
 
 from onboard.geometry.rotations import Array
 from onboard.models import relative_motion
-from onboard.models.relative_motion import ROWS, VECTOR
+from onboard.models.relative_motion import BATCH, ROWS, VECTOR
 
 M: Final = 3
 COMPONENTS: Final = ("azimuth", "elevation", "subtended")
@@ -43,28 +43,43 @@ def _measure(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
     return angles
 
 
+def measure_batch(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
+    """`measure` of many filters at once: points (B, k, 9), each with a camera of its own, (B, 3, 3) and (B, 3)."""
+    angles: Array = _measure_batch(points, R_cn, r_FC_n)
+    return angles
+
+
+@njit((BATCH, BATCH, ROWS), cache=True, error_model="numpy")
+def _measure_batch(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
+    angles = np.empty((points.shape[0], points.shape[1], 3))
+    for b in range(points.shape[0]):
+        angles[b] = _measure(points[b], R_cn[b], r_FC_n[b])
+    return angles
+
+
 def angles_from_points(points: Array) -> Array:
-    """Measured angles (3,) of image points (3, 2), the center, left and right one: eq 18."""
-    center, left, right = points
-    span = np.hypot(*(left - right))
-    D = np.sqrt(1.0 + center @ center)
-    return np.array([np.arctan(center[0]), np.arctan(center[1]), 2.0 * np.arctan2(span, 2.0 * D)])
+    """Measured angles (..., 3) of image points (..., 3, 2), the center, left and right one: eq 18."""
+    center, wing = points[..., 0, :], points[..., 1, :] - points[..., 2, :]
+    span = np.hypot(wing[..., 0], wing[..., 1])
+    D = np.sqrt(1.0 + center[..., 0] ** 2 + center[..., 1] ** 2)
+    angles = np.empty((*center.shape[:-1], 3))
+    angles[..., :2] = np.arctan(center)
+    angles[..., 2] = 2.0 * np.arctan2(span, 2.0 * D)
+    return angles
 
 
 def noise_from_points(points: Array, sigmas: Array) -> Array:
-    """R (3, 3) of the angles when each coordinate of the center, left and right point (3, 2) has standard
-    deviation `sigmas` (3,): the Jacobian of eq 18, neglecting the center's weak influence on alpha."""
-    center, left, right = points
-    span = np.hypot(*(left - right))
-    D = np.sqrt(1.0 + center @ center)
+    """R (..., 3, 3) of the angles when each coordinate of the center, left and right point (..., 3, 2) has
+    standard deviation `sigmas` (3,): the Jacobian of eq 18, neglecting the center's weak influence on alpha."""
+    center, wing = points[..., 0, :], points[..., 1, :] - points[..., 2, :]
+    span = np.hypot(wing[..., 0], wing[..., 1])
+    D = np.sqrt(1.0 + center[..., 0] ** 2 + center[..., 1] ** 2)
     d_alpha = (1.0 / D) / (1.0 + (span / (2.0 * D)) ** 2)
-    return np.diag(
-        [
-            (sigmas[0] / (1.0 + center[0] ** 2)) ** 2,
-            (sigmas[0] / (1.0 + center[1] ** 2)) ** 2,
-            (sigmas[1] ** 2 + sigmas[2] ** 2) * d_alpha**2,
-        ]
-    )
+    R = np.zeros((*center.shape[:-1], 3, 3))
+    R[..., 0, 0] = (sigmas[0] / (1.0 + center[..., 0] ** 2)) ** 2
+    R[..., 1, 1] = (sigmas[0] / (1.0 + center[..., 1] ** 2)) ** 2
+    R[..., 2, 2] = (sigmas[1] ** 2 + sigmas[2] ** 2) * d_alpha**2
+    return R
 
 
 def position_from_angles(angles: Array, size: Array, R_cn: Array, r_FC_n: Array) -> Array:

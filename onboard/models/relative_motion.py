@@ -25,6 +25,7 @@ FRAME: Final = "n (local NED), leader relative to follower"
 # Given, so that nothing compiles in flight: rows (k, 9), dt, the follower's four vectors (3,), eps.
 VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
+BATCH: Final = types.Array(types.float64, 3, "A", readonly=True)
 PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64)
 ACCELERATION_SIGNATURE: Final = (ROWS, VECTOR, VECTOR, types.float64)
 
@@ -115,4 +116,18 @@ def _process(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
         after[s, 5] = w + dt / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
         for i in range(SIZE, N):
             after[s, i] = points[s, i]
+    return after
+
+
+def process_batch(points: Array, dt: float, followers: FollowerMotion, eps: float) -> Array:
+    """`process` of many filters at once: points (B, k, 9), each with a follower of its own, (B, 3)."""
+    after: Array = _process_batch(points, dt, *followers, eps)
+    return after
+
+
+@njit((BATCH, types.float64, ROWS, ROWS, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
+def _process_batch(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
+    after = np.empty(points.shape)
+    for b in range(points.shape[0]):
+        after[b] = _process(points[b], dt, v0[b], v1[b], a0[b], a1[b], eps)
     return after

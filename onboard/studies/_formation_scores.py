@@ -4,12 +4,12 @@ from typing import Final
 
 import numpy as np
 
-from onboard.filters.gating import normalised_squared
+from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.geometry.rotations import Array, matrix_from_quaternion
 from onboard.messages import Record
-from onboard.models import relative_motion
+from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
-from onboard.studies._formation import FT, Track
+from onboard.studies._formation import FT, Indices, Mask, Track
 from simlink.flight import Flight
 
 SETTLED: Final = 15.0  # s: scores are taken from here on
@@ -17,11 +17,15 @@ LAST: Final = 5.0  # s at the end that decide whether a run diverged
 RANGE_LIMIT: Final = 0.5  # diverged: mean range error over the last 5 s, as a fraction
 BEARING_LIMIT: Final = np.radians(5.0)  # or mean angle between true and estimated direction
 CONVERGED: Final = 0.2  # a_lat has converged when first within this fraction of the truth
+COVERAGE: Final = 0.95  # of the ellipsoids that are held against the truth
+DROP_OUT: Final = (29.9, 34.9, 44.9)  # s: before, at the end of and well after the five seconds without images
+DELAY_FROM: Final = 20.0  # s: from here on a delay is to be known ...
+DELAY_LIMIT: Final = 0.015  # s: ... so nearly
 
 
 class Score(Record, frozen=True, kw_only=True):
     """One run, over t >= 15 s: root mean squares of errors (of the vector's norm for position and velocity),
-    and means of NEES (9 degrees of freedom) and NIS (3, of the images fused)."""
+    means of NEES (9 degrees of freedom) and NIS (of the images fused), and shares of samples."""
 
     seed: int
     diverged: str | None  # why, or None
@@ -33,11 +37,18 @@ class Score(Record, frozen=True, kw_only=True):
     a_long_ft_s2: float
     nees: float
     nis: float
+    nis_degrees: int
+    inside_percent: float  # of true positions inside the reported 95 % ellipsoid ...
+    inside_unseen_percent: float | None  # ... and of those while the leader is out of view, if it ever is
+    told_percent: float  # of samples with an estimate
     a_lat_converged_s: float | None  # from the first image
     size_error_first_percent: float  # signed, at the first image (the prior's error) ...
     size_error_last_percent: float  # ... and at the end
     angle_error_deg: tuple[float, float, float]  # root mean square of measured minus true angles
+    position_sigma_ft: tuple[float, float, float]  # reported, at DROP_OUT
     gated: int
+    delay_error_ms: float | None = None  # largest after 20 s, of methods that estimate the stamps' delay
+    delay_found_s: float | None = None  # from when on it stays within 15 ms; None: not at the end
 
 
 def truth_of(flight: Flight) -> Array:
@@ -47,15 +58,23 @@ def truth_of(flight: Flight) -> Array:
     return np.column_stack([t.r_FL_n, t.v_FL_n, size, t.a_lat, t.a_long])
 
 
-def score(seed: int, flight: Flight, track: Track) -> Score:
-    """Score of one run; of one that failed, up to where it did."""
+def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, stamps_late: float = 0.0) -> Score:
+    """Score of one run; of one that failed, up to where it did. `unseen` (N,): whether the leader is out of view;
+    `stamps_late`: s, the delay that a method may find."""
     truth = truth_of(flight)
     error = track.mean - truth
-    known = np.isfinite(error).all(axis=1)
-    settled = known & (track.t >= SETTLED)
+    known = np.asarray(np.isfinite(error).all(axis=1))
+    late = track.t >= SETTLED
+    settled = known & late
     distance = np.linalg.norm(truth[:, R], axis=1)
     range_error = np.linalg.norm(track.mean[:, R], axis=1) / distance - 1.0
     size_error = 100 * error[known, SIZE] / flight.size
+    inside = np.zeros(len(track.t))
+    nearness = normalised_squared(error[settled][:, R], track.covariance[settled][:, R, R])
+    inside[settled] = nearness <= chi_square_threshold(COVERAGE, 3)
+    hidden: Mask | None = None if unseen is None or not unseen.any() else settled & unseen
+    first = track.t[0] if not np.isfinite(flight.image_points).any() else _first_image(flight)
+    delay_error, delay_found = _delay(track, stamps_late)
     return Score(
         seed=seed,
         diverged=_diverged(track, truth, range_error),
@@ -67,12 +86,26 @@ def score(seed: int, flight: Flight, track: Track) -> Score:
         a_long_ft_s2=_rms(error[settled, A_LONG, None]) / FT,
         nees=_mean(normalised_squared(error[settled], track.covariance[settled])),
         nis=_mean(track.nis[(flight.image_t >= SETTLED) & track.fused]),
-        a_lat_converged_s=_converged(track.t[known], error[known, A_LAT], truth[known, A_LAT]),
-        size_error_first_percent=float(size_error[0]),
-        size_error_last_percent=float(size_error[-1]),
-        angle_error_deg=_angle_error_deg(flight, track),
+        nis_degrees=track.degrees,
+        inside_percent=100 * _mean(inside[settled]),
+        inside_unseen_percent=None if hidden is None else 100 * _mean(inside[hidden]),
+        told_percent=100 * _mean(1.0 * known[late]),
+        a_lat_converged_s=_converged(track.t[known] - first, error[known, A_LAT], truth[known, A_LAT]),
+        size_error_first_percent=float(size_error[0]) if size_error.size else np.nan,
+        size_error_last_percent=float(size_error[-1]) if size_error.size else np.nan,
+        angle_error_deg=_angle_error_deg(flight),
+        position_sigma_ft=_position_sigma(track),
         gated=int(np.sum(np.isfinite(track.nis) & ~track.fused)),
+        delay_error_ms=delay_error,
+        delay_found_s=delay_found,
     )
+
+
+def unseen_samples(image_at: Indices, in_view: Mask, samples: int) -> Mask:
+    """Whether the leader is out of view at each of the navigation samples: as at the image before it."""
+    image = np.searchsorted(image_at, np.arange(samples), side="right") - 1
+    unseen: Mask = ~in_view[np.maximum(image, 0)]
+    return unseen
 
 
 def relative_acceleration(mean: Array, flight: Flight, eps: float) -> Array:
@@ -82,12 +115,33 @@ def relative_acceleration(mean: Array, flight: Flight, eps: float) -> Array:
     return np.asarray(a_L - flight.nav_a_F_n)
 
 
-def _angle_error_deg(flight: Flight, track: Track) -> tuple[float, float, float]:
+def _first_image(flight: Flight) -> float:
+    return float(flight.image_t[np.isfinite(flight.image_points).all(axis=(1, 2))][0])
+
+
+def _position_sigma(track: Track) -> tuple[float, float, float]:
+    at = np.minimum(np.searchsorted(track.t, np.array(DROP_OUT) - 1e-9), len(track.t) - 1)
+    before, during, after = np.sqrt(np.einsum("nii->n", track.covariance[at][:, R, R])) / FT
+    return float(before), float(during), float(after)
+
+
+def _delay(track: Track, stamps_late: float) -> tuple[float | None, float | None]:
+    """Largest error after 20 s, ms, and the time from which on it stays within 15 ms."""
+    if track.delay is None:
+        return None, None
+    error = np.abs(track.delay[:, 0] - stamps_late)
+    beyond = np.flatnonzero(~(error <= DELAY_LIMIT))  # an estimate that is not there is not near either
+    found = 0 if not beyond.size else int(beyond[-1]) + 1
+    largest = float(1e3 * np.max(error[track.t >= DELAY_FROM])) if track.t[-1] >= DELAY_FROM else None
+    return largest, float(track.t[found]) if found < len(track.t) else None
+
+
+def _angle_error_deg(flight: Flight) -> tuple[float, float, float]:
     t = flight.image_truth
     r_c = np.einsum("nji,nj->ni", matrix_from_quaternion(t.q_nF), t.r_FL_n)
     alpha = 2 * np.arctan2(flight.size, 2 * np.linalg.norm(r_c, axis=1))
     true = np.column_stack([np.arctan2(r_c[:, 1], r_c[:, 0]), np.arctan2(r_c[:, 2], r_c[:, 0]), alpha])
-    error = np.degrees(track.angles - true)
+    error = np.degrees(camera_angles.angles_from_points(flight.image_points) - true)
     azimuth, elevation, subtended = (_rms(column[np.isfinite(column), None]) for column in error.T)
     return azimuth, elevation, subtended
 
@@ -96,6 +150,9 @@ def _diverged(track: Track, truth: Array, range_error: Array) -> str | None:
     if track.failed_at is not None:
         return f"numerical failure at {track.failed_at:.2f} s"
     last = track.t > track.t[-1] - LAST
+    last &= np.isfinite(range_error)
+    if not last.any():
+        return "no estimate"
     if float(np.mean(np.abs(range_error[last]))) > RANGE_LIMIT:
         return "range"
     cosine = _unit(track.mean[last][:, R]) * _unit(truth[last][:, R])
@@ -105,7 +162,7 @@ def _diverged(track: Track, truth: Array, range_error: Array) -> str | None:
 
 def _converged(t: Array, error: Array, truth: Array) -> float | None:
     inside = np.flatnonzero(np.abs(error) <= CONVERGED * np.abs(truth))
-    return float(t[inside[0]] - t[0]) if inside.size else None
+    return float(t[inside[0]]) if inside.size else None
 
 
 def _unit(rows: Array) -> Array:

@@ -15,12 +15,16 @@ from matplotlib.figure import Figure
 from onboard.filters.gating import normalised_squared
 from onboard.geometry.rotations import Array
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
-from onboard.studies._formation import FT, METHODS, Track
+from onboard.studies._formation import FT, Track
+from onboard.studies._formation_methods import PAPER_MENDED, SHIPPED, TUNED
 from onboard.studies._formation_scores import relative_acceleration, truth_of
+from onboard.studies._relative_motion_comparison import compared
+from onboard.studies._relative_motion_table import Row
 from simlink.flight import Flight
 
 COLOURS: Final = {"paper": "#d55e00", "tuned": "#0072b2", "honest": "#009e73"}
-LABELS: Final = {method.name: method.label for method in METHODS}
+SHOWN: Final = (PAPER_MENDED, TUNED, SHIPPED)
+LABELS: Final = {method.name: method.label for method in SHOWN}
 DRAWN: Final = ("paper", "tuned")  # in figures 8-14; the overview shows all
 STYLE: Final[dict[Any, Any]] = {
     "font.size": 9,
@@ -50,12 +54,14 @@ class Quantity(NamedTuple):
     sigmas: Mapping[str, Array] | None
 
 
-def draw(flight: Flight, tracks: Mapping[str, Track], out: Path) -> tuple[str, ...]:
-    """Write the figures of one flight into the folder `out`; returns the file names, the overview first."""
+def draw(flight: Flight, tracks: Mapping[str, Track], rows: Sequence[Row], out: Path) -> tuple[str, ...]:
+    """Write the figures into the folder `out`: methods compared over all variants, the rest of one flight. Returns
+    the file names, the comparison first."""
     position, velocity, acceleration, target = _quantities(flight, tracks)
     t = flight.nav_t
     with mpl.rc_context(STYLE):
         figures = {
+            "comparison.png": compared(rows),
             "overview.png": _overview(flight, tracks),
             "figure-08-relative-position.png": _against_truth(t, position),
             "figure-09-relative-velocity.png": _against_truth(t, velocity),

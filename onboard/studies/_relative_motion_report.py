@@ -1,14 +1,16 @@
 """The study's Markdown report, and its table as rows of text."""
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from onboard.messages import Record
-from onboard.studies._formation import AS_PRINTED, METHODS, R_ALONE
+from onboard.studies._relative_motion_bound import ASSUMES
 from onboard.studies._relative_motion_claims import Claim
-from onboard.studies._relative_motion_table import SIGMAS, Comparison, Quantity, Row
+from onboard.studies._relative_motion_judged import Target
+from onboard.studies._relative_motion_table import SIGMAS, Comparison, Limit, Quantity, Row
+from onboard.studies._relative_motion_variants import OURS, VARIANTS
 
-LABELS: Final = {method.name: method.label for method in (AS_PRINTED, *METHODS, R_ALONE)}
+LABELS: Final = {method.name: method.label for variant in VARIANTS for method in variant.methods}
 FT: Final = 0.3048
 HEADER: Final = (
     "variant",
@@ -19,10 +21,11 @@ HEADER: Final = (
     "size %",
     "a_lat ft/s²",
     "NEES (9)",
-    "NIS (3)",
+    "NIS / degrees",
+    "in 95 % ellipsoid",
     "diverged",
 )
-COLUMNS: Final = ("position_ft", "velocity_ft_s", "range_percent", "size_percent", "a_lat_ft_s2", "nees", "nis")
+COLUMNS: Final = ("position_ft", "velocity_ft_s", "range_percent", "size_percent", "a_lat_ft_s2", "nees")
 IN_SI: Final = ("position_ft", "velocity_ft_s")
 NAMES: Final = {
     "position_ft": "position, ft",
@@ -34,15 +37,19 @@ NAMES: Final = {
     "diverged_percent": "diverged, %",
 }
 SETTING: Final = """\
-{seeds} simulated flights of 60 s per variant: a, the reference formation, 90 ft behind a leader in a steady
-turn; d, no image at 30–35 s; e, two images in a hundred show something else. The initial course of each
-flight is random."""
+{seeds} simulated flights of 60 s per variant; the initial course of each is random. Variants: {variants}.
+Every filter is told the nominal size with 2 % (1 sigma), in f a wrong one with the same; in h how large the errors
+of its own state are."""
 DEFINITIONS: Final = """\
 Over t ≥ 15 s. Position and velocity: root mean square of the error vector's length, over all samples of all
 runs that did not diverge, at the navigation's 50 Hz. Range, size: root mean square relative errors. NEES and
-NIS (of the images fused): means; a consistent filter shows 9 and 3. *Diverged*: the covariance lost its
+NIS (of the images fused): means; a consistent filter shows 9, and the degrees of freedom of its measurement.
+*In 95 % ellipsoid*: share of true positions inside what the filter reports. *Diverged*: the covariance lost its
 Cholesky factor or overflowed, or over the last 5 s the mean range error exceeds 50 % or the mean bearing
 error 5°."""
+BOUND: Final = """\
+Posterior Cramer-Rao bound of {variant}: position {position_ft:.2f} ft, velocity {velocity_ft_s:.2f} ft/s, range
+{range_percent:.2f} %, a_lat {a_lat_ft_s2:.2f} ft/s². It assumes: {ASSUMES}."""
 NOT_JUDGED: Final = """\
 Not judged: the paper's own flight data, which are not public. Its figures compare with the GPS/INS of both
 aircraft; ours compare with simulated truth, and the follower's own motion is known exactly."""
@@ -59,6 +66,8 @@ class Result(Record, frozen=True, kw_only=True):
     seeds: int
     first_seed: int
     rows: tuple[Row, ...]
+    bounds: tuple[Limit, ...]
+    targets: tuple[Target, ...]
     comparisons: tuple[Comparison, ...]
     claims: tuple[Claim, ...]
     figures: tuple[str, ...]  # file names, drawn from the first seed
@@ -71,6 +80,8 @@ def table(rows: Sequence[Row]) -> list[tuple[str, ...]]:
             row.variant,
             LABELS[row.method],
             *(_cell(name, row.quantities[name]) for name in COLUMNS),
+            _over(row),
+            _cell("inside_percent", row.quantities["inside_percent"]) + " %",
             f"{row.diverged_percent:.0f} %",
         )
         for row in rows
@@ -93,16 +104,37 @@ def comparison_table(comparisons: Sequence[Comparison]) -> list[tuple[str, ...]]
     ]
 
 
+def target_table(targets: Sequence[Target]) -> list[tuple[str, ...]]:
+    """What is asked for: variant, figure, measured, bounds, whether it is met."""
+    return [
+        (
+            t.variant,
+            t.what,
+            "–" if t.value is None else f"{t.value:.3g} {t.unit}".strip(),
+            " and ".join(
+                f"{sign} {bound:g}" for sign, bound in (("≥", t.at_least), ("≤", t.at_most)) if bound is not None
+            ),
+            "met" if t.met else "NOT MET",
+        )
+        for t in targets
+    ]
+
+
 def markdown(result: Result) -> str:
     """The report."""
     claims = [(c.claim, c.where, f"**{c.verdict}**", c.evidence) for c in result.claims]
     compared = ("variant", "method", "quantity", "ours", "reference", "tolerance", "")
+    targets = ("variant", "figure", "measured", "asked for", "")
+    variants = "; ".join(f"{v.name}, {v.label}" for v in VARIANTS)
     sections = [
         "# Relative motion by vision: Oh & Johnson's unscented Kalman filter",
-        SETTING.format(seeds=result.seeds),
+        SETTING.format(seeds=result.seeds, variants=variants),
         "## Results",
         DEFINITIONS,
         _markdown_table(HEADER, table(result.rows)),
+        *[BOUND.format(ASSUMES=ASSUMES, **_plain(limit)) for limit in result.bounds],
+        f"## What is asked of ours ({OURS[-1].label})",
+        _markdown_table(targets, target_table(result.targets)),
         "## The paper's claims",
         _markdown_table(("claim", "where", "verdict", "evidence"), claims),
         NOT_JUDGED,
@@ -113,6 +145,15 @@ def markdown(result: Result) -> str:
         "\n\n".join(f"![{name}]({name})" for name in result.figures) or "None were drawn.",
     ]
     return "\n\n".join(sections) + "\n"
+
+
+def _over(row: Row) -> str:
+    value = row.quantities["nis"].value
+    return "–" if value is None else f"{value:.3g} / {row.nis_degrees}"
+
+
+def _plain(limit: Limit) -> dict[str, Any]:
+    return {name: getattr(limit, name) for name in limit.__struct_fields__}
 
 
 def _cell(name: str, quantity: Quantity) -> str:

@@ -9,10 +9,12 @@ from onboard.filters.gating import mean_bounds
 from onboard.geometry.rotations import Array
 from onboard.messages import Record
 from onboard.studies._formation_scores import Score
+from onboard.studies._relative_motion_bound import Bound
 
 FT: Final = 0.3048
 RMS: Final = ("position_ft", "velocity_ft_s", "range_percent", "size_percent", "a_lat_ft_s2", "a_long_ft_s2")
-MEANS: Final = ("nees", "nis")
+MEANS: Final = ("nees", "nis", "inside_percent", "inside_unseen_percent", "told_percent")
+SLOWEST: Final = 0.95  # of runs have converged by the time that is judged
 
 # Measured by an independent implementation of the same scenario over 50 seeds of its own. Position and velocity
 # in feet; over the runs that did not diverge.
@@ -85,8 +87,24 @@ class Row(Record, frozen=True, kw_only=True):
     velocity_m_s: float | None
     a_lat_m_s2: float | None
     a_lat_converged_s: float | None  # median
+    a_lat_converged_95_s: float | None  # by when 95 % of all runs had, None: never
     nees_bounds: tuple[float, float]  # 95 %, were each run's mean one sample: a consistent filter stays below
+    nis_bounds: tuple[float, float]  # the same of the NIS
+    nis_degrees: int
+    position_sigma_ft: tuple[float, ...]  # reported (root mean square) before, in and after a drop-out
+    delay_error_ms: float | None  # largest of 95 % of runs after 20 s, of a method that estimates the delay
+    delay_found_s: float | None  # by when 95 % of runs had it to stay within 15 ms
     scores: tuple[Score, ...]
+
+
+class Limit(Record, frozen=True, kw_only=True):
+    """The Cramer-Rao bound over all flights of a variant."""
+
+    variant: str
+    position_ft: float
+    velocity_ft_s: float
+    range_percent: float
+    a_lat_ft_s2: float
 
 
 class Comparison(Record, frozen=True, kw_only=True):
@@ -106,8 +124,10 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
     """The row of these runs."""
     kept = [s for s in scores if s.diverged is None]
     quantities = {name: _rms([getattr(s, name) for s in kept]) for name in RMS}
-    quantities |= {name: _mean([getattr(s, name) for s in kept]) for name in MEANS}
+    quantities |= {name: _mean([x for s in kept if (x := getattr(s, name)) is not None]) for name in MEANS}
     times = [s.a_lat_converged_s for s in kept if s.a_lat_converged_s is not None]
+    nis_degrees = scores[0].nis_degrees
+    delays = [s.delay_error_ms for s in kept if s.delay_error_ms is not None]
     return Row(
         variant=variant,
         method=method,
@@ -119,9 +139,27 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
         velocity_m_s=_si(quantities["velocity_ft_s"]),
         a_lat_m_s2=_si(quantities["a_lat_ft_s2"]),
         a_lat_converged_s=float(np.median(times)) if times else None,
+        a_lat_converged_95_s=_by_when([s.a_lat_converged_s for s in scores]),
         nees_bounds=mean_bounds(9, max(len(kept), 1)),
+        nis_bounds=mean_bounds(nis_degrees, max(len(kept), 1)),
+        nis_degrees=nis_degrees,
+        position_sigma_ft=tuple(_rms([s.position_sigma_ft[i] for s in kept]).value or np.nan for i in range(3)),
+        delay_error_ms=float(np.quantile(delays, SLOWEST)) if delays else None,
+        delay_found_s=_by_when([s.delay_found_s for s in scores]),
         scores=tuple(scores),
     )
+
+
+def make_bound(variant: str, bounds: Sequence[Bound]) -> Limit:
+    """The bound over all of them: root mean squares."""
+    names = ("position_ft", "velocity_ft_s", "range_percent", "a_lat_ft_s2")
+    return Limit(variant=variant, **{name: _rms([getattr(b, name) for b in bounds]).value for name in names})  # type: ignore[arg-type]
+
+
+def _by_when(times: Sequence[float | None]) -> float | None:
+    """The time by which 95 % of the runs had got there; None when fewer ever did."""
+    when = float(np.quantile([np.inf if t is None else t for t in times], SLOWEST, method="higher"))
+    return when if np.isfinite(when) else None
 
 
 def compare(row: Row) -> list[Comparison]:

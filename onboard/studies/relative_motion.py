@@ -1,71 +1,83 @@
 """Oh & Johnson, "Relative Motion Estimation for Vision-based Formation Flight using Unscented Kalman Filter".
 
 The paper's estimator on simulated formation flights: as printed, with noise settings that follow from the camera,
-and as this package ships it. Each run's initial course is drawn at random, because sigma points from a Cholesky
-factor are another set in a turned frame: whether one of them falls behind the camera depends on where north is.
+and as this package ships it; on the reference flight and on what makes life hard for it. Each run's initial course
+is drawn at random, because sigma points from a Cholesky factor are another set in a turned frame: whether one of
+them falls behind the camera depends on where north is.
 """
 
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
-import numpy as np
 
-from onboard.studies._formation import AS_PRINTED, METHODS, R_ALONE, SHIPPED, TUNED, Method, track
-from onboard.studies._formation_scores import Score, score
+from onboard.estimators._leader_noise import HONEST
+from onboard.studies._formation import Setting, Tracks, track
+from onboard.studies._formation_scores import SETTLED, Score, score, unseen_samples
+from onboard.studies._relative_motion_bound import Bound, bounds
 from onboard.studies._relative_motion_claims import claims_of
+from onboard.studies._relative_motion_judged import judged
 from onboard.studies._relative_motion_report import Result, markdown
-from onboard.studies._relative_motion_table import compare, make_row
-from simlink.flight import fly
-from simlink.scenario import Scenario, load_scenario
+from onboard.studies._relative_motion_table import compare, make_bound, make_row
+from onboard.studies._relative_motion_variants import (
+    BY_NAME,
+    OURS,
+    SAMPLE,
+    VARIANTS,
+    Variant,
+    course_deg,
+    scenario_of,
+    setting_of,
+)
+from onboard.studies._workers import Part, Progress, compute, require_seeds
+from simlink.flights import Flights, fly_many
 
 NAME: Final = "relative-motion"
 TITLE: Final = "Oh & Johnson: relative motion by vision, an unscented Kalman filter"
+TOGETHER: Final = 25  # flights advanced at once: their tracks take 50 MB
+BOUNDED: Final = ("a",)  # variants whose Cramer-Rao bound is computed
 
 
-class Variant(NamedTuple):
-    """A scenario of simlink, and the methods flown on it."""
+class Flown(NamedTuple):
+    """What came of some flights of a variant: scores by method, in the order of seeds, and their bounds."""
 
-    name: str
-    scenario: str
-    label: str
-    methods: tuple[Method, ...]
-
-
-VARIANTS: Final = (
-    Variant("a", "formation", "reference formation", (*METHODS, R_ALONE)),
-    Variant("d", "formation-drop-out", "no image at 30-35 s", (AS_PRINTED, *METHODS)),
-    Variant("e", "formation-wrong-blobs", "2 % wrong blobs", (TUNED, SHIPPED)),
-)
+    scores: dict[str, list[Score]]
+    bounds: list[Bound]
 
 
 def run(
-    seeds: int = 50,
+    seeds: int = 100,
     first_seed: int = 1,
     jobs: int | None = None,
     out: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
+    variants: tuple[Variant, ...] = VARIANTS,
 ) -> Result:
     """Fly every variant `seeds` times with each of its methods, in `jobs` processes (None: one per core).
 
-    `progress(done, total)` is called as flights finish. With `out`, figures, report.md and result.json are
-    written there; figures need the extra `study` (else ImportError, before anything is flown).
+    `progress(done, total)` is called as groups of flights finish. With `out`, figures, report.md and result.json
+    are written there; figures need the extra `study` (else ImportError, before anything is flown).
     """
     if out is not None:
         import_module("matplotlib")
-    if seeds < 1 or first_seed < 0:
-        raise ValueError("needs at least one seed, none of them negative")
-    scores = _fly_all(range(first_seed, first_seed + seeds), jobs or os.cpu_count() or 1, progress)
-    rows = [make_row(v.name, m.name, scores[v.name, m.name]) for v in VARIANTS for m in v.methods]
+    every = require_seeds(seeds, first_seed)
+    groups = [(v, every[i : i + TOGETHER]) for i in range(0, seeds, TOGETHER) for v in variants]
+    found = compute([Part(fly_some, (v.name, tuple(group))) for v, group in groups], jobs, progress)
+    scores: dict[tuple[str, str], list[Score]] = {}
+    limits: dict[str, list[Bound]] = {}
+    for (variant, _), flown in zip(groups, found, strict=True):
+        for name, more in flown.scores.items():
+            scores.setdefault((variant.name, name), []).extend(more)
+        limits.setdefault(variant.name, []).extend(flown.bounds)
+    rows = [make_row(variant, method, ones) for (variant, method), ones in scores.items()]
+    least = tuple(make_bound(name, ones) for name, ones in limits.items() if ones)
     result = Result(
         seeds=seeds,
         first_seed=first_seed,
         rows=tuple(rows),
+        bounds=least,
+        targets=judged(rows, OURS[-1].name, least),
         comparisons=tuple(c for row in rows for c in compare(row)),
         claims=claims_of({(row.variant, row.method): row for row in rows}),
         figures=(),
@@ -73,49 +85,35 @@ def run(
     return result if out is None else _write(result, out)
 
 
-def scenario_of(variant: Variant, seed: int) -> Scenario:
-    """The variant's scenario, begun on a course of the seed's own."""
-    scenario = load_scenario(variant.scenario)
-    course_deg = float(np.random.default_rng([seed, 7]).uniform(0.0, 360.0))
-    leader = msgspec.structs.replace(scenario.leader, course_deg=course_deg)
-    return msgspec.structs.replace(scenario, leader=leader)
-
-
 def to_json(result: Result) -> bytes:
     """The result as a JSON document, NaN as null."""
     return msgspec.json.format(msgspec.json.encode(result), indent=1)
 
 
-def _fly_all(
-    seeds: range, jobs: int, progress: Callable[[int, int], None] | None
-) -> dict[tuple[str, str], list[Score]]:
-    """Scores by variant and method, in the order of seeds."""
-    tasks = [(variant, seed) for seed in seeds for variant in VARIANTS]
-    scores: dict[tuple[str, str], list[Score]] = {(v.name, m.name): [] for v in VARIANTS for m in v.methods}
-    for done, ((variant, _), found) in enumerate(zip(tasks, _map(tasks, jobs), strict=True), 1):
-        for method, one in zip(variant.methods, found, strict=True):
-            scores[variant.name, method.name].append(one)
-        if progress is not None:
-            progress(done, len(tasks))
-    return scores
+def fly_some(name: str, seeds: tuple[int, ...]) -> Flown:
+    """Flights of a variant, scored with each of its methods."""
+    variant = BY_NAME[name]
+    flights, setting = flown(variant, seeds)
+    scores = {}
+    for method in variant.methods:
+        tracks = track(flights, setting, method, variant.late)
+        scores[method.name] = scores_of(flights, tracks, variant.late.stamp * SAMPLE)
+    limits = bounds(flights, setting.camera, HONEST, SETTLED) if name in BOUNDED else []
+    return Flown(scores, limits)
 
 
-def _map(tasks: list[tuple[Variant, int]], jobs: int) -> Iterator[list[Score]]:
-    names, seeds = [variant.name for variant, _ in tasks], [seed for _, seed in tasks]
-    if jobs == 1:
-        yield from map(fly_one, names, seeds)
-        return
-    # spawned, not forked: whoever shows the progress may run threads
-    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=get_context("spawn")) as pool:
-        yield from pool.map(fly_one, names, seeds)
+def flown(variant: Variant, seeds: tuple[int, ...]) -> tuple[Flights, Setting]:
+    """The flights, each begun on its own course, and what the filters are told."""
+    scenario = scenario_of(variant)
+    flights = fly_many(scenario, seeds, [course_deg(seed) for seed in seeds])
+    return flights, setting_of(variant, scenario)
 
 
-def fly_one(name: str, seed: int) -> list[Score]:
-    """One flight of a variant, scored with each of its methods."""
-    variant = next(v for v in VARIANTS if v.name == name)
-    scenario = scenario_of(variant, seed)
-    flight = fly(scenario, seed)
-    return [score(seed, flight, track(flight, scenario.camera, method)) for method in variant.methods]
+def scores_of(flights: Flights, tracks: Tracks, stamps_late: float) -> list[Score]:
+    """The score of each flight."""
+    rows = range(len(flights.seeds))
+    unseen = [unseen_samples(flights.image_at, flights.in_view[b], len(flights.nav_t)) for b in rows]
+    return [score(flights.seeds[b], flights.one(b), tracks.one(b), unseen[b], stamps_late) for b in rows]
 
 
 def _write(result: Result, out: Path) -> Result:
@@ -123,10 +121,10 @@ def _write(result: Result, out: Path) -> Result:
     from onboard.studies import _relative_motion_figures  # noqa: PLC0415 - matplotlib is an extra
 
     out.mkdir(parents=True, exist_ok=True)
-    scenario = scenario_of(VARIANTS[0], result.first_seed)
-    flight = fly(scenario, result.first_seed)
-    tracks = {method.name: track(flight, scenario.camera, method) for method in METHODS}
-    figures = _relative_motion_figures.draw(flight, tracks, out)
+    variant = VARIANTS[0]
+    flights, setting = flown(variant, (result.first_seed,))
+    tracks = {m.name: track(flights, setting, m).one(0) for m in _relative_motion_figures.SHOWN}
+    figures = _relative_motion_figures.draw(flights.one(0), tracks, result.rows, out)
     result = msgspec.structs.replace(result, figures=figures)
     (out / "report.md").write_text(markdown(result), encoding="utf-8")
     (out / "result.json").write_bytes(to_json(result))

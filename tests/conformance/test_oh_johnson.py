@@ -8,9 +8,10 @@ from onboard.filters import unscented
 from onboard.geometry.rotations import Array
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE
-from onboard.studies._formation import FT, PAPER_MENDED, TUNED, Method, track
+from onboard.studies._formation import FT, Method, Setting, track
+from onboard.studies._formation_methods import PAPER_MENDED, TUNED
 from onboard.studies._formation_scores import truth_of
-from simlink.flight import fly
+from simlink.flights import fly_many
 from simlink.scenario import load_scenario
 
 MEASURE = camera_angles.measure
@@ -58,15 +59,21 @@ def test_eq_14_as_printed_contradicts_eq_13() -> None:
 
 @pytest.mark.parametrize("method", [PAPER_MENDED, TUNED], ids=["paper", "tuned"])
 def test_eq_14_as_printed_loses_the_leader_seed_5(monkeypatch: pytest.MonkeyPatch, method: Method) -> None:
-    flight = fly(SCENARIO, seed=5, duration=10.0)
-    truth = truth_of(flight)[-1, relative_motion.R]
+    flights = fly_many(SCENARIO, [5], duration=10.0)
+    truth = truth_of(flights.one(0))[-1, relative_motion.R]
 
     def error() -> float:
-        last = track(flight, SCENARIO.camera, method).mean[-1, relative_motion.R]
+        last = track(flights, Setting(SCENARIO.camera), method).mean[0, -1, relative_motion.R]
         return float(np.linalg.norm(last - truth))
 
     mended = error()
-    monkeypatch.setattr(camera_angles, "measure", as_printed)
+    monkeypatch.setattr(
+        camera_angles,
+        "measure_batch",
+        lambda points, R_cn, r_FC_n: np.array(
+            [as_printed(*one) for one in zip(points, R_cn, r_FC_n, strict=True)]
+        ),
+    )
     lost = error()
     assert mended < 8 * FT
     assert not lost < 30 * FT, (mended, lost)  # NaN counts as lost

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
-from onboard.estimators._leader_noise import initial_belief, process_noise
+from onboard.estimators._leader_noise import PAPER, Noise, initial_belief, process_noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.geometry.rotations import Array, matrix_from_quaternion, wrap_angle
 from onboard.models import camera_angles, relative_motion
-from onboard.studies._formation import B0, PAPER_MENDED, SIZE_SIGMA, TUNED, Method
-from onboard.studies._formation import _see as see
+from onboard.studies._formation import B0, SIZE_SIGMA
+from onboard.studies._formation_methods import TUNED_NOISE
 from simlink.flight import Flight, fly
 from simlink.scenario import load_scenario
 
@@ -56,10 +56,12 @@ def in_sigmas(a: Belief, mean: Array, covariance: Array) -> tuple[float, float]:
     )
 
 
-@pytest.mark.parametrize("method", [PAPER_MENDED, TUNED], ids=["paper", "tuned"])
-def test_predict_and_update_equal_filterpy_over_600_steps_seed_4(flight: Flight, method: Method) -> None:
-    noise, camera = method.noise, SCENARIO.camera
-    angles, R = see(flight.image_points[0], camera, method)
+@pytest.mark.parametrize("noise", [PAPER, TUNED_NOISE], ids=["paper", "tuned"])
+def test_predict_and_update_equal_filterpy_over_600_steps_seed_4(flight: Flight, noise: Noise) -> None:
+    sigma = SCENARIO.camera.sigma_px / SCENARIO.camera.f_px
+    constant = np.diag([1.0, 1.0, 2.0]) * sigma**2
+    R = constant if noise.angles_deg is None else np.diag(np.radians(noise.angles_deg) ** 2)
+    angles = camera_angles.angles_from_points(flight.image_points[0])
     R_cn = matrix_from_quaternion(flight.nav_q_nb[0]).T
     belief = initial_belief(noise, angles, R, B0, SIZE_SIGMA, R_cn, np.zeros(3))
     Q = np.diag(process_noise(noise, B0) * 0.02)
@@ -74,7 +76,7 @@ def test_predict_and_update_equal_filterpy_over_600_steps_seed_4(flight: Flight,
         worst = np.maximum(worst, in_sigmas(belief, other.x, other.P))
         if k % 2 or not np.isfinite(flight.image_points[k // 2]).all():
             continue
-        angles, R = see(flight.image_points[k // 2], camera, method)
+        angles = camera_angles.angles_from_points(flight.image_points[k // 2])
         R_cn = matrix_from_quaternion(flight.nav_q_nb[k]).T
         update = unscented.update(belief, angles, _measure(R_cn), R, WEIGHTS, camera_angles.ANGULAR)
         other.update(angles, R=R, R_cn=R_cn)

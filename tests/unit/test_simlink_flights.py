@@ -96,7 +96,7 @@ def test_the_hovering_leader_stands_and_yaws_seed_2() -> None:
     ("text", "says"),
     [
         (
-            "[leader]\nspeed = 5\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1.0, end = 9.0, change = -5 }]",
+            "[leader]\nspeed = 5\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1, end = 9, change = -5 }]",
             "hover",
         ),
         ("[leader]\nspeed_pulses = [{ start = 1.0, end = 9.0, change = 1.0, hold = 8.0 }]", "no time to go out"),
