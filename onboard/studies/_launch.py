@@ -9,7 +9,8 @@ from onboard.filters.discretisation import wiener_acceleration
 from onboard.geometry.rotations import Array
 from onboard.models import constant_acceleration, radar
 from onboard.studies._outcomes import POSITION, VELOCITY, Mask, Outcome, judge
-from onboard.studies._trackers import EKF, EKF_PLAIN, UKF, sigma_point_tracker
+from onboard.studies._textbook import EKF_PLAIN
+from onboard.studies._trackers import EKF, UKF, sigma_point_tracker
 from onboard.studies._tracking import Scene, Sight, Tracker, follow
 from onboard.studies._truth import load
 from simlink.tracking_radar import TrackingRadar, track

@@ -3,14 +3,10 @@
 from collections.abc import Callable
 from typing import Final
 
-import numpy as np
-
 from onboard.filters import extended, posterior_linearisation, square_root, unscented
-from onboard.filters.belief import Belief, NotPositiveDefiniteError, Rows, Update
+from onboard.filters.belief import Belief, Update
 from onboard.filters.cubature import weights as cubature_weights
-from onboard.filters.gating import normalised_squared
-from onboard.geometry.rotations import Array
-from onboard.studies._tracking import Sight, Tracker
+from onboard.studies._tracking import Tracker
 
 
 def centred(n: int) -> unscented.Weights:
@@ -80,36 +76,4 @@ ITERATED: Final = Tracker(
     posterior_linearisation.predict,
     lambda state, s: posterior_linearisation.update(state, s.y, s.measure, s.R, s.angular),
     lambda state: state,
-)
-
-
-def _plain_predict(state: Belief, process: Rows, Q: Array) -> Belief:
-    # differences need a scale; this covariance may have lost what it takes to give one
-    scale = np.broadcast_to(1e4 * np.eye(state.mean.shape[-1]), state.covariance.shape)
-    mean, F = extended.tangent(Belief(state.mean, scale), process)
-    return Belief(mean, F @ state.covariance @ np.swapaxes(F, -1, -2) + Q)
-
-
-def _plain_update(state: Belief, s: Sight) -> Update:
-    predicted, H = extended.tangent(state, s.measure, s.jacobian, s.y, s.angular)
-    innovation = s.y - predicted
-    angular = list(s.angular)
-    innovation[..., angular] -= 2 * np.pi * np.rint(innovation[..., angular] / (2 * np.pi))
-    P, Ht = state.covariance, np.swapaxes(H, -1, -2)
-    S = H @ P @ Ht + s.R
-    K = P @ Ht @ np.linalg.inv(S)
-    mean = state.mean + (K @ innovation[..., None])[..., 0]
-    covariance = P - K @ S @ np.swapaxes(K, -1, -2)
-    if not (np.einsum("...ii->...i", covariance) > 0).all():  # NaN too
-        raise NotPositiveDefiniteError("covariance: a variance is not positive")
-    return Update(Belief(mean, covariance), innovation, S, predicted, normalised_squared(innovation, S))
-
-
-EKF_PLAIN: Final = Tracker(
-    "ekf-plain",
-    "EKF as printed: P − K S Kᵀ, never made symmetric",
-    Belief,
-    _plain_predict,
-    _plain_update,
-    lambda s: s,
 )

@@ -251,7 +251,7 @@ def misprints(printed_nees: float, right_nees: float) -> tuple[Misprint, ...]:
             proof=f"smallest eigenvalue; eqs 5 and 7 of the same paper differ from eq 14 by {off:.2g}",
             printed_value=low,
             right_value=sound,
-            proven=low < 0 < sound and off > 0.01,
+            proven=bool(low < 0 < sound and off > 0.01),
         ),
         Misprint(
             where="eq 14",
@@ -260,7 +260,7 @@ def misprints(printed_nees: float, right_nees: float) -> tuple[Misprint, ...]:
             proof="mean NEES of nine states of the filter that uses it: 9 when consistent",
             printed_value=printed_nees,
             right_value=right_nees,
-            proven=printed_nees < 0 and abs(right_nees - 9) < 1,
+            proven=bool(printed_nees < 0 and abs(right_nees - 9) < 1),
         ),
     )
 
