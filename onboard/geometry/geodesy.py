@@ -39,6 +39,22 @@ def geodetic_from_ecef(r_e: ArrayLike) -> tuple[float, float, float]:
     return float(np.degrees(lat)), float(np.degrees(np.arctan2(y, x))), float(height)
 
 
+def geodetic_rows(r_e: Array) -> Array:
+    """(lat_deg, lon_deg, height m), (k, 3), of many r_e (k, 3): as `geodetic_from_ecef`, all at once."""
+    x, y, z = r_e.T
+    p = np.hypot(x, y)
+    b = A * (1 - F)
+    theta = np.arctan2(z * A, p * b)
+    for _ in range(3):
+        lat = np.arctan2(z + E2 / (1 - F) ** 2 * b * np.sin(theta) ** 3, p - E2 * A * np.cos(theta) ** 3)
+        theta = np.arctan2((1 - F) * np.sin(lat), np.cos(lat))
+    sine, cosine = np.sin(lat), np.cos(lat)
+    n = A / np.sqrt(1 - E2 * sine**2)
+    low = np.abs(lat) < np.pi / 4
+    height = np.where(low, p / np.where(low, cosine, 1) - n, z / np.where(low, 1, sine) - n * (1 - E2))
+    return np.stack([np.degrees(lat), np.degrees(np.arctan2(y, x)), height], axis=1)
+
+
 def rotation_ne(lat_deg: float, lon_deg: float) -> Array:
     """R_ne (3, 3): components in e into components in NED at that latitude and longitude."""
     lat, lon = np.radians([lat_deg, lon_deg])

@@ -1,0 +1,131 @@
+"""Which echo is of which track: gates, and the best assignment where they overlap.
+
+Only echoes whose range is within a track's gate are looked at more closely, and the assignment is solved for each
+knot of tracks and echoes that compete, so that the work grows with the number of tracks, not with its square.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba import njit, types
+from scipy.optimize import linear_sum_assignment
+
+from onboard.estimators._traffic_filter import Places
+from onboard.geometry.rotations import Array
+from onboard.models.intruder import CUBES, ROWS
+
+FORBIDDEN: Final = 1e9
+INDICES: Final = types.Array(types.int64, 1, "A", readonly=True)
+
+
+def candidates(
+    polar: Array, spread: Array, measured: Array, variance: Array, gate: float
+) -> tuple[Places, Places, Array]:
+    """(track, echo, cost) of every pair within the gate: tracks expected at (k, 3) with covariance (k, 3, 3),
+    echoes at (m, 3) with variances (m, 3) of range, azimuth and elevation. The cost is minus twice the
+    log-likelihood, but for a constant."""
+    order = np.argsort(measured[:, 0], kind="stable")
+    tracks, echoes, costs = _candidates(polar, spread, measured[order], variance[order], gate)
+    return tracks, order[echoes], costs
+
+
+def assign(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places]:
+    """The pairs, each track and each echo in one at most, that leave the fewest of them single and, of those
+    choices, cost least."""
+    if not len(tracks):
+        return tracks, echoes
+    alone = (np.bincount(tracks)[tracks] == 1) & (np.bincount(echoes)[echoes] == 1)
+    pairs = [(tracks[alone], echoes[alone])]
+    contested = np.flatnonzero(~alone)
+    if len(contested):
+        label = _knots(tracks[contested], echoes[contested])
+        for knot in np.unique(label):
+            at = contested[label == knot]
+            pairs.append(_solve(tracks[at], echoes[at], costs[at]))
+    return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
+
+
+def _solve(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places]:
+    t, rows = np.unique(tracks, return_inverse=True)
+    e, columns = np.unique(echoes, return_inverse=True)
+    matrix = np.full((len(t), len(e)), FORBIDDEN)
+    matrix[rows, columns] = costs
+    row, column = linear_sum_assignment(matrix)
+    allowed = matrix[row, column] < FORBIDDEN
+    return t[row[allowed]], e[column[allowed]]
+
+
+@njit((ROWS, CUBES, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
+def _candidates(polar, spread, measured, variance, gate):  # type: ignore[no-untyped-def]
+    count, echoes = polar.shape[0], measured.shape[0]
+    size = 4 * count + 16
+    track, echo, cost = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
+    found = 0
+    widest = 0.0
+    for j in range(echoes):
+        widest = max(widest, variance[j, 0])
+    S = np.empty((3, 3))
+    e = np.empty(3)
+    for i in range(count):
+        reach = np.sqrt(gate * (spread[i, 0, 0] + widest))
+        first = np.searchsorted(measured[:, 0], polar[i, 0] - reach)
+        for j in range(first, echoes):
+            if measured[j, 0] > polar[i, 0] + reach:
+                break
+            for a in range(3):
+                e[a] = measured[j, a] - polar[i, a]
+                for b in range(3):
+                    S[a, b] = spread[i, a, b]
+                S[a, a] += variance[j, a]
+            e[1] = (e[1] + np.pi) % (2 * np.pi) - np.pi
+            e[2] = (e[2] + np.pi) % (2 * np.pi) - np.pi
+            # Cholesky factor and forward substitution in place: d2 = |L^-1 e|^2
+            l00 = np.sqrt(S[0, 0])
+            l10, l20 = S[1, 0] / l00, S[2, 0] / l00
+            l11 = np.sqrt(S[1, 1] - l10 * l10)
+            l21 = (S[2, 1] - l20 * l10) / l11
+            l22 = np.sqrt(S[2, 2] - l20 * l20 - l21 * l21)
+            u0 = e[0] / l00
+            u1 = (e[1] - l10 * u0) / l11
+            u2 = (e[2] - l20 * u0 - l21 * u1) / l22
+            d2 = u0 * u0 + u1 * u1 + u2 * u2
+            if not d2 <= gate:  # NaN of a covariance that is none passes no gate
+                continue
+            if found == size:
+                size *= 2
+                track, echo, cost = _longer(track), _longer(echo), _longer(cost)
+            track[found], echo[found] = i, j
+            cost[found] = d2 + 2.0 * np.log(l00 * l11 * l22)
+            found += 1
+    return track[:found], echo[:found], cost[:found]
+
+
+@njit(cache=True, error_model="numpy")
+def _longer(a):  # type: ignore[no-untyped-def]
+    b = np.empty(2 * a.shape[0], a.dtype)
+    b[: a.shape[0]] = a
+    return b
+
+
+@njit((INDICES, INDICES), cache=True, error_model="numpy")
+def _knots(tracks, echoes):  # type: ignore[no-untyped-def]
+    """A label for each pair, the same for pairs that compete, however indirectly: union-find over tracks and
+    echoes."""
+    tops = tracks.max() + 1
+    parent = np.arange(tops + echoes.max() + 1)
+    for k in range(tracks.shape[0]):
+        a, b = tracks[k], tops + echoes[k]
+        while parent[a] != a:
+            parent[a] = parent[parent[a]]
+            a = parent[a]
+        while parent[b] != b:
+            parent[b] = parent[parent[b]]
+            b = parent[b]
+        parent[b] = a
+    label = np.empty(tracks.shape[0], np.int64)
+    for k in range(tracks.shape[0]):
+        a = tracks[k]
+        while parent[a] != a:
+            a = parent[a]
+        label[k] = a
+    return label

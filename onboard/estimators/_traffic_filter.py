@@ -1,0 +1,106 @@
+"""The filters a tracker may use, all tracks in one batch: any of `onboard.filters`, called alike.
+
+state = choice.predict(state, dt)
+part = take(state, rows)                        # of some tracks
+state = put(state, rows, update.belief)
+"""
+
+from collections.abc import Callable
+from typing import Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from onboard.filters import extended, kalman, multiple_model, square_root, unscented
+from onboard.filters.belief import Belief, Method, Rows, Update
+from onboard.geometry.rotations import Array
+from onboard.models import intruder
+
+Places = NDArray[np.int64]
+FilterName = Literal["kf", "ekf", "ukf", "srukf", "imm"]
+SINGLE: Final[dict[str, Method]] = {
+    "kf": kalman.METHODS[0],
+    "ekf": extended.METHODS[0],
+    "ukf": unscented.METHODS[0],
+    "srukf": square_root.METHODS[0],
+}
+
+
+class Choice(NamedTuple):
+    """A filter over tracks, as `onboard.filters.Method`, but that `predict(state, dt)` knows the model. `polar`:
+    whether it takes a radar's measurements as they are, or only Cartesian ones."""
+
+    start: Callable[[Array, Array], Any]
+    predict: Callable[[Any, float], Any]
+    update: Callable[[Any, Array, Rows, Array, tuple[int, ...]], Update]
+    belief: Callable[[Any], Belief]
+    polar: bool
+
+
+def choose(name: FilterName, quiet: intruder.Noise, manoeuvring: intruder.Noise, stay: float) -> Choice:
+    """The filter of that name. Single filters have the noise of `manoeuvring`; the mixture of two extended filters
+    has both, and is after a second in the same mode with probability `stay`."""
+    if name == "imm":
+        return _mixture((extended.METHODS[0],) * 2, (quiet, manoeuvring), stay)
+    method = SINGLE[name]
+
+    def predict(state: Any, dt: float) -> Any:
+        return method.predict(state, _process(dt, manoeuvring), intruder.process_noise(dt, manoeuvring))
+
+    return Choice(method.start, predict, method.update, method.belief, name != "kf")
+
+
+def _mixture(modes: tuple[Method, ...], noises: tuple[intruder.Noise, ...], stay: float) -> Choice:
+    """Interacting filters, a mode each, that differ in their process noise."""
+    count = len(modes)
+
+    def start(mean: Array, covariance: Array) -> Any:
+        return multiple_model.start(modes, mean, covariance, np.full(count, 1 / count))
+
+    def predict(state: Any, dt: float) -> Any:
+        transition = np.full((count, count), (1 - stay**dt) / (count - 1))
+        np.fill_diagonal(transition, stay**dt)
+        processes = [_process(dt, noise) for noise in noises]
+        Q = [intruder.process_noise(dt, noise) for noise in noises]
+        return multiple_model.predict(modes, state, processes, Q, transition)
+
+    def update(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
+        return Update(*multiple_model.update(modes, state, y, [measure] * count, R, angular)[:5])
+
+    return Choice(start, predict, update, lambda state: multiple_model.believed(modes, state), polar=True)
+
+
+def _process(dt: float, noise: intruder.Noise) -> Rows:
+    return lambda rows: intruder.process(rows, dt, noise.bias_time)
+
+
+# ------------------------------------------------------------------- states are trees of arrays (tracks, ...)
+
+
+def over(f: Callable[..., Any], *states: Any) -> Any:
+    """A state of `f` of each array of states alike."""
+    if isinstance(states[0], np.ndarray):
+        return f(*states)
+    parts = [over(f, *same) for same in zip(*states, strict=True)]
+    return type(states[0])(*parts) if hasattr(states[0], "_fields") else tuple(parts)
+
+
+def take(state: Any, rows: Places) -> Any:
+    """The state of some tracks."""
+    return over(lambda a: np.ascontiguousarray(a[rows]), state)
+
+
+def put(state: Any, rows: Places, part: Any) -> Any:
+    """The state with that of some tracks replaced."""
+
+    def replaced(a: Array, b: Array) -> Array:
+        c = a.copy()
+        c[rows] = b
+        return c
+
+    return over(replaced, state, part)
+
+
+def join(state: Any, more: Any) -> Any:
+    """The state of these tracks and those."""
+    return over(lambda a, b: np.concatenate([a, b]), state, more)

@@ -1,0 +1,117 @@
+"""What other aircraft say of themselves, made ready to fuse: position and velocity in the tracker's frame, with
+their noise, at the time they were true; or why it cannot be used."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.estimators._traffic_config import Config
+from onboard.estimators._traffic_frame import Frame, on_earth
+from onboard.geometry.rotations import Array
+from onboard.messages import AdsbVehicle, AltitudeType, PeerPosition, Verdict
+
+LOWEST: Final = -1000.0  # m
+HIGHEST: Final = 30_000.0  # m; nothing that flies by its own wings is beyond
+UNKNOWN: Final = 300.0  # m/s: sigma of a velocity that was not said
+HALF: Final = 0.5  # s: what an age in whole seconds leaves out on average,
+WHOLE: Final = 1 / math.sqrt(12)  # and its sigma
+SLOW: Final = 1.0  # m/s; what stands still may say the same twice
+
+Key = tuple[str, int]  # ("icao", address) or ("system", number)
+
+
+class Report(NamedTuple):
+    """`y` (6,): r_OT_n and v_T_n, with noise R (6, 6), true at `t_ns`."""
+
+    key: Key
+    t_ns: int
+    y: Array
+    R: Array
+    message: AdsbVehicle | PeerPosition
+
+
+def report_of(m: AdsbVehicle | PeerPosition, frame: Frame, config: Config) -> Report | Verdict:
+    """The report in a message; else the reason why there is none."""
+    if not frame.known:
+        return Verdict.NO_POSE
+    return _adsb(m, frame, config) if isinstance(m, AdsbVehicle) else _peer(m, frame, config)
+
+
+def same_again(a: AdsbVehicle | PeerPosition, b: AdsbVehicle | PeerPosition | None) -> bool:
+    """Whether a receiver repeats what it had heard before: the same place to the last digit, of what moves."""
+    return (
+        isinstance(a, AdsbVehicle)
+        and isinstance(b, AdsbVehicle)
+        and (a.lat_deg, a.lon_deg, a.altitude) == (b.lat_deg, b.lon_deg, b.altitude)
+        and (a.ground_speed or 0.0) > SLOW
+    )
+
+
+def _adsb(m: AdsbVehicle, frame: Frame, config: Config) -> Report | Verdict:
+    if config.own_icao and m.icao == int(config.own_icao, 16):
+        return Verdict.OURSELVES
+    if m.tslc > config.max_tslc_s:
+        return Verdict.STALE
+    if m.lat_deg is None or m.lon_deg is None or m.altitude is None:
+        return Verdict.NO_POSITION
+    speed, course, climb = m.ground_speed, m.course, m.climb
+    height = m.altitude
+    if m.altitude_type is AltitudeType.GEOMETRIC:
+        height -= config.geoid_undulation_m
+    else:
+        height += config.pressure_altitude_offset_m
+    level = speed is not None and course is not None
+    along, direction = (speed, course) if speed is not None and course is not None else (0.0, 0.0)
+    v_l = along * math.cos(direction), along * math.sin(direction), -(climb or 0.0)
+    if not 0 < m.icao < 2**24 or not _flies(m.lat_deg, m.lon_deg, height, v_l, config):
+        return Verdict.IMPLAUSIBLE
+    age, unsure = config.adsb_latency_s + m.tslc, config.adsb_latency_sigma_s
+    if m.tslc >= 1:
+        age, unsure = age + HALF, math.hypot(unsure, WHOLE)
+    speeds = config.adsb_velocity_sigma_m_s
+    sigma = (
+        config.adsb_position_sigma_m,
+        config.adsb_altitude_sigma_m,
+        speeds if level else UNKNOWN,
+        speeds if climb is not None else UNKNOWN,
+    )
+    t_ns = m.t_ns - round(age * 1e9)
+    return _report(("icao", m.icao), t_ns, (m.lat_deg, m.lon_deg, height), v_l, sigma, unsure, m, frame)
+
+
+def _peer(m: PeerPosition, frame: Frame, config: Config) -> Report | Verdict:
+    if (m.lat_deg, m.lon_deg) == (0.0, 0.0):
+        return Verdict.NO_POSITION  # what an autopilot says that does not know it
+    if not _flies(m.lat_deg, m.lon_deg, m.alt_msl, m.v_n, config):
+        return Verdict.IMPLAUSIBLE
+    position, speed = config.peer_position_sigma_m, config.peer_velocity_sigma_m_s
+    sigma = (position, position, speed, speed)
+    t_ns = m.t_ns - round(config.peer_latency_s * 1e9)
+    place = (m.lat_deg, m.lon_deg, m.alt_msl)
+    return _report(("system", m.system), t_ns, place, m.v_n, sigma, config.peer_latency_sigma_s, m, frame)
+
+
+def _flies(lat_deg: float, lon_deg: float, height: float, v: tuple[float, float, float], config: Config) -> bool:
+    return on_earth(lat_deg, lon_deg) and LOWEST <= height <= HIGHEST and math.hypot(*v) <= config.max_speed_m_s
+
+
+def _report(
+    key: Key,
+    t_ns: int,
+    place: tuple[float, float, float],
+    v_l: tuple[float, float, float],
+    sigma: tuple[float, float, float, float],
+    unsure: float,
+    message: AdsbVehicle | PeerPosition,
+    frame: Frame,
+) -> Report:
+    """`sigma`: of horizontal position and height, horizontal and vertical speed; `unsure`: of the age, s, which
+    blurs the position along the velocity."""
+    R_nl = frame.turn(place[0], place[1])
+    v = R_nl @ np.array(v_l)
+    horizontal, vertical, level, climb = sigma
+    R = np.zeros((6, 6))
+    R[:3, :3] = (R_nl * np.array([horizontal, horizontal, vertical]) ** 2) @ R_nl.T + unsure**2 * np.outer(v, v)
+    R[3:, 3:] = (R_nl * np.array([level, level, climb]) ** 2) @ R_nl.T
+    return Report(key, t_ns, np.concatenate([frame.position(*place), v]), R, message)

@@ -1,0 +1,87 @@
+"""Radar scans to tracks: echoes go to the tracks they fit best, those that are settled first; of the rest new
+tracks begin, most of which come to nothing."""
+
+import numpy as np
+
+from onboard.estimators._traffic_association import assign, candidates
+from onboard.estimators._traffic_batch import Radar
+from onboard.estimators._traffic_filter import Places
+from onboard.estimators._traffic_frame import Frame
+from onboard.estimators._traffic_table import ECHO, Table
+from onboard.geometry.rotations import Array, matrix_from_euler
+from onboard.messages import RadarScan, Verdict
+from onboard.models import intruder
+from onboard.ownship import Ownship
+
+
+class Seeing:
+    """A radar on our vehicle."""
+
+    def __init__(self, table: Table) -> None:
+        self._table = table
+        c = table.config
+        self._R_rb = matrix_from_euler(*np.radians(c.radar_mount_rpy_deg)).T
+        azimuth, elevation = np.radians([c.radar_azimuth_sigma_deg, c.radar_elevation_sigma_deg]).tolist()
+        self._echo_sigma = (c.radar_range_sigma_m, azimuth, elevation)
+
+    def scan(self, scan: RadarScan, frame: Frame, ownship: Ownship) -> None:
+        """One radar scan: echoes to tracks, those that are settled first, and new tracks of the rest."""
+        own = frame.own(scan.t_ns, ownship) if frame.known else None
+        if own is None:
+            self._table.verdicts[Verdict.NO_POSE] += len(scan.detections)
+            return
+        if self._table.lag(scan.t_ns) > self._table.config.late_horizon_s and self._table.tracks:
+            self._table.verdicts[Verdict.TOO_OLD] += len(scan.detections)
+            return
+        self._table.advance(scan.t_ns)
+        R_rn = self._R_rb @ own.R_nb.T if scan.frame == "body" else own.R_nl.T
+        offset = own.R_nb @ np.array(self._table.config.radar_offset_m)
+        radar = Radar(own.r + offset, np.ascontiguousarray(R_rn))
+        measured = np.array([(d.range, d.azimuth, d.elevation) for d in scan.detections]).reshape(-1, 3)
+        sigma = np.array([d.sigma or self._echo_sigma for d in scan.detections]).reshape(-1, 3)
+        seen: set[int] = set()
+        free = np.arange(len(measured))
+        for settled in (True, False):
+            rows = np.array([i for i, t in enumerate(self._table.tracks) if t.settled is settled], np.int64)
+            if len(rows) and len(free):
+                tracks, echoes = self._associate(rows, measured[free], sigma[free], scan, radar)
+                seen |= set(tracks.tolist())
+                free = np.delete(free, echoes)
+        for i, track in enumerate(self._table.tracks):
+            track.scan(hit=i in seen, config=self._table.config)
+        for j in free:
+            self._begin_with(measured[[j]], sigma[[j]], scan.t_ns, radar, f"radar/{scan.radar}")
+
+    def _associate(
+        self, rows: Places, measured: Array, sigma: Array, scan: RadarScan, radar: Radar
+    ) -> tuple[Places, Places]:
+        """(tracks seen, echoes they were seen by)."""
+        belief, lag = self._table.batch.belief(), self._table.lag(scan.t_ns)
+        polar, spread = intruder.expected(belief.mean[rows], belief.covariance[rows], lag, *radar)
+        pairs = candidates(polar, spread, measured, sigma**2, self._table.gates[ECHO])
+        which, echoes = assign(*pairs)
+        if not len(which):
+            return which, echoes
+        at = rows[which]
+        judged = self._table.batch.judge_echoes(at, lag, measured[echoes], sigma[echoes], radar)
+        fine = np.flatnonzero(np.isfinite(judged.nis))
+        self._table.batch.correct(at, judged, fine)
+        self._table.verdicts[Verdict.FUSED] += len(fine)
+        self._table.verdicts[Verdict.NUMERICAL] += len(at) - len(fine)
+        source = f"radar/{scan.radar}"
+        for p in fine.tolist():
+            track = self._table.tracks[at[p]]
+            track.fuse(scan.t_ns, source)
+            track.said = self._table.said(scan, source, scan.t_ns, Verdict.FUSED, judged, p)
+        return at[fine], echoes[fine]
+
+    def _begin_with(self, polar: Array, sigma: Array, t_ns: int, radar: Radar, source: str) -> None:
+        lag = self._table.lag(t_ns)
+        covariance = np.zeros((intruder.N, intruder.N))
+        covariance[:3, :3] = intruder.position_noise(polar, sigma, radar.R_rn)[0]
+        covariance[3:6, 3:6] = self._table.config.initial_speed_sigma_m_s**2 * np.eye(3)
+        covariance[6:, 6:] = np.diag(self._table.bias**2)
+        covariance[:3, :3] += lag**2 * covariance[3:6, 3:6]
+        mean = np.concatenate([intruder.position(polar, *radar)[0], np.zeros(6)])
+        if self._table.begin(mean, covariance, None, t_ns, source):
+            self._table.tracks[-1].scan(hit=True, config=self._table.config)

@@ -1,0 +1,107 @@
+"""The tracks there are, each with its filter in the batch, and what became of every measurement."""
+
+from collections import Counter
+from typing import Final
+
+import numpy as np
+
+from onboard.estimators._traffic_batch import Batch, Judged
+from onboard.estimators._traffic_config import Config
+from onboard.estimators._traffic_filter import choose
+from onboard.estimators._traffic_reports import Key
+from onboard.estimators._traffic_telling import farewell
+from onboard.estimators._traffic_track import NS, Track, name_of
+from onboard.filters.gating import chi_square_threshold
+from onboard.geometry.rotations import Array
+from onboard.messages import Estimate, MeasurementReport, Message, Verdict
+from onboard.models import intruder
+
+ECHO: Final = 3  # components of an echo
+REPORT: Final = 6  # and of a report
+
+
+class Table:
+    """`tracks[i]` has the filter in row i of `batch`. `farewells` wait to be told."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.verdicts: Counter[str] = Counter()
+        self.tracks: list[Track] = []
+        self.farewells: list[Estimate] = []
+        self.bias = np.array([config.report_bias_m, config.report_bias_m, config.report_bias_altitude_m])
+        quiet, manoeuvring = (
+            intruder.Noise(np.full(3, density), self.bias, config.report_bias_time_s)
+            for density in (config.quiet_density, config.manoeuvre_density)
+        )
+        self.batch = Batch(choose(config.filter, quiet, manoeuvring, config.stay_probability))
+        self.gates = {m: chi_square_threshold(config.gate_probability, m) for m in (ECHO, REPORT)}
+        self._numbers = 0
+
+    def lag(self, t_ns: int) -> float:
+        """How much older a measurement is than the filters, s; negative if it is newer."""
+        return (self.batch.t_ns - t_ns) / NS
+
+    def advance(self, t_ns: int) -> None:
+        """Predict every track to a time."""
+        failed = self.batch.advance(t_ns)
+        if len(failed):
+            self.verdicts[Verdict.NUMERICAL] += len(failed)
+            self.drop(set(failed.tolist()), "the covariance was lost")
+
+    def begin(
+        self, mean: Array, covariance: Array, key: Key | None, t_ns: int, source: str, copy: int = 1
+    ) -> bool:
+        """One more track, unless there are as many as may be."""
+        if len(self.tracks) >= self.config.max_tracks:
+            self.verdicts[Verdict.FULL] += 1
+            return False
+        self.batch.add(mean, covariance)
+        self._numbers += 1
+        track = Track(name_of(key, self._numbers, copy), key, t_ns, self._numbers)
+        track.fuse(t_ns, source)
+        self.tracks.append(track)
+        self.verdicts[Verdict.INITIALISING] += 1
+        return True
+
+    def forget(self, now_ns: int) -> None:
+        """Drop what has not been heard or seen for long, or never came to anything."""
+        hopeless = {i for i, t in enumerate(self.tracks) if t.hopeless(now_ns, self.config)}
+        if hopeless:
+            self.drop(hopeless, "nothing heard or seen of it for long")
+
+    def drop(self, rows: set[int], reason: str) -> None:
+        """Forget tracks; those that were told of are said farewell."""
+        gone = [self.tracks[i] for i in sorted(rows)]
+        self.farewells += [farewell(track, self.batch.t_ns, reason) for track in gone if track.sequence]
+        kept = [i for i in range(len(self.tracks)) if i not in rows]
+        self.tracks = [self.tracks[i] for i in kept]
+        self.batch.keep(np.array(kept, np.int64))
+
+    def clear(self, reason: str) -> None:
+        """Forget all tracks and the time."""
+        self.drop(set(range(len(self.tracks))), reason)
+        self.batch.clear()
+
+    def said(
+        self, message: Message, source: str, t_ns: int, verdict: Verdict, judged: Judged, p: int
+    ) -> MeasurementReport:
+        """What the judged measurement p was, and what became of it."""
+        predicted, innovation = judged.predicted[p], judged.innovation[p]
+        echo = len(predicted) == ECHO
+        components, units = intruder.COMPONENTS[: len(predicted)], intruder.UNITS[: len(predicted)]
+        if echo and self.batch.polar:
+            components, units = intruder.POLAR, intruder.POLAR_UNITS
+        return MeasurementReport(
+            source=source,
+            t_ns=t_ns,
+            t_recv_ns=message.t_recv_ns,
+            verdict=verdict,
+            components=components,
+            units=units,
+            measured=tuple((predicted + innovation).tolist()),
+            predicted=tuple(predicted.tolist()),
+            innovation=tuple(innovation.tolist()),
+            innovation_sigma=tuple(np.sqrt(np.diagonal(judged.covariance[p])).tolist()),
+            nis=float(judged.nis[p]),
+            gate=self.gates[len(predicted)],
+        )
