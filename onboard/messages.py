@@ -516,23 +516,21 @@ class Truth(Record, frozen=True, kw_only=True):
 
 
 class IntruderTruth(Record, frozen=True, kw_only=True):
-    """One aircraft of a simulated traffic; NED from O. `detections` counts what the radar has seen of it so far,
-    `messages` what it has said and was received."""
+    """One aircraft of a simulated traffic, relative to us, NED where we are. `detections` counts what the radar
+    has seen of it so far, `messages` what it has said and was received."""
 
     name: str
     target: str
-    r_OT_n: Vec3
-    v_T_n: Vec3
+    r_FT_n: Vec3
+    v_FT_n: Vec3
     messages: int
     detections: int
 
 
 class TrafficTruth(Record, frozen=True, kw_only=True):
-    """All simulated traffic at one time, and ourselves (F); boot clock, NED from O."""
+    """All simulated traffic at one time, on the boot clock."""
 
     t_ns: int
-    r_OF_n: Vec3
-    v_F_n: Vec3
     intruders: tuple[IntruderTruth, ...]
 
 

@@ -2,7 +2,7 @@
 
 import math
 
-from simlink.scenario import Quadrotor, Scenario
+from simlink.scenario import Quadrotor, Scenario, TrafficScene
 
 
 def daemon_config(scenario: Scenario) -> str:
@@ -28,6 +28,8 @@ def daemon_config(scenario: Scenario) -> str:
         lines += ["own_tilt_sigma_deg = 0.0", "own_yaw_sigma_deg = 0.0"]
     if scenario.quadrotor is not None:
         lines += _own_state(scenario.quadrotor, scenario)
+    if scenario.traffic.aircraft:
+        lines += ["", *_traffic(scenario.traffic)]
     return "\n".join(lines)
 
 
@@ -55,3 +57,33 @@ def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
         f"motor_time_s = {craft.motor_time}",
         f"drag_per_s = {craft.drag}",
     ]
+
+
+def _traffic(scene: TrafficScene) -> list[str]:
+    """What is known of other aircraft's reports and of our radar: their data sheets, in effect. A step is as good
+    as an error that is even over it; an altitude's stays the same for long in level flight."""
+    lines = ["[estimator.traffic]"]
+    for name, reports in (("adsb", scene.adsb), ("peer", scene.peer)):
+        earliest, latest = reports.latency
+        place = math.hypot(reports.position_white, _even(reports.position_step))
+        speed = math.hypot(reports.velocity_white, _even(reports.velocity_step))
+        lines += [
+            f"{name}_latency_s = {(earliest + latest) / 2:.6g}",
+            f"{name}_latency_sigma_s = {_even(latest - earliest):.6g}",
+            f"{name}_position_sigma_m = {place:.6g}",
+            f"{name}_velocity_sigma_m_s = {speed:.6g}",
+        ]
+    adsb = scene.adsb
+    bias = adsb.position
+    return [
+        *lines,
+        f"adsb_altitude_sigma_m = {max(adsb.position_white, 0.1):.6g}",
+        f"report_bias_m = {max(bias.sigma, 0.1):.6g}",
+        f"report_bias_altitude_m = {max(math.hypot(bias.sigma, _even(adsb.altitude_step)), 0.1):.6g}",
+        f"report_bias_time_s = {bias.time:.6g}",
+    ]
+
+
+def _even(width: float) -> float:
+    """Standard deviation of what is even over a width."""
+    return width / math.sqrt(12)

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Final
 
-from onboard.messages import Truth
+from onboard.messages import Datagram, Encoding, TrafficTruth, Truth
 from onboard.wire.tlog import tlog_record
 from simlink.scenario import Scenario
 from simlink.simulation import datagrams
@@ -47,6 +47,8 @@ def write_log(
         if own is not None:
             own.write(f"{STATE_COLUMNS}\n".encode())
         for item in datagrams(scenario, seed, duration, camera="mavlink"):
+            if isinstance(item, TrafficTruth) or (isinstance(item, Datagram) and item.encoding is Encoding.RADAR):
+                continue  # a .tlog holds MAVLink
             if not isinstance(item, Truth):
                 out.write(tlog_record(item.t_recv_ns, item.data))
                 frames += 1

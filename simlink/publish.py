@@ -1,4 +1,4 @@
-"""What goes out over Zenoh: images, the truth, and how much has been sent.
+"""What goes out over Zenoh: images, radar scans, the truth, and how much has been sent.
 
 Everything is dropped rather than waited for: a slow subscriber must not slow the simulation.
 """
@@ -8,8 +8,9 @@ from typing import Any, Final
 
 import msgspec
 
-from onboard.messages import CameraPoints, SimStatus, Truth
+from onboard.messages import CameraPoints, RadarDetections, SimStatus, TrafficTruth, Truth
 from onboard.wire.points import encode_points
+from onboard.wire.radar import encode_radar
 from simlink.links import LinkError
 
 
@@ -25,9 +26,9 @@ RETRY: Final = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_fa
 
 
 class ZenohPublisher:
-    """Three publishers on one session; `ZenohPublisher.open` connects, and keeps trying in the background."""
+    """Five publishers on one session; `ZenohPublisher.open` connects, and keeps trying in the background."""
 
-    def __init__(self, session: Any, vehicle: str, camera: str) -> None:
+    def __init__(self, session: Any, vehicle: str, camera: str, radar: str) -> None:
         import zenoh  # noqa: PLC0415  # a run without Zenoh need not load it
 
         drop = zenoh.CongestionControl.DROP
@@ -35,15 +36,17 @@ class ZenohPublisher:
             f"onboard/{vehicle}/camera/{camera}/points",
             f"simlink/{vehicle}/truth",
             f"simlink/{vehicle}/status",
+            f"onboard/{vehicle}/radar/{radar}/detections",
+            f"simlink/{vehicle}/traffic",
         )
         self._session = session
-        self._points, self._truth, self._status = (
+        self._points, self._truth, self._status, self._radar, self._traffic = (
             session.declare_publisher(key, congestion_control=drop, encoding=zenoh.Encoding.APPLICATION_JSON)
             for key in keys
         )
 
     @classmethod
-    def open(cls, endpoint: str, vehicle: str, camera: str) -> "ZenohPublisher":
+    def open(cls, endpoint: str, vehicle: str, camera: str, radar: str) -> "ZenohPublisher":
         """Connect to `endpoint` (such as tcp/127.0.0.1:7447) and to nothing else: no listening, no scouting.
 
         Blocks for half a second when no router is there yet. Raises LinkError for an endpoint that is none.
@@ -62,7 +65,7 @@ class ZenohPublisher:
         try:
             for key, value in settings.items():
                 config.insert_json5(key, json.dumps(value))
-            return cls(zenoh.open(config), vehicle, camera)
+            return cls(zenoh.open(config), vehicle, camera, radar)
         except zenoh.ZError as error:
             said = str(error).split(" at /")[0]
             raise LinkError(f"cannot use Zenoh endpoint {endpoint!r}: {said}") from error
@@ -78,6 +81,14 @@ class ZenohPublisher:
     def put_truth(self, truth: Truth) -> None:
         """Publish the truth."""
         self._truth.put(msgspec.json.encode(truth))
+
+    def put_scan(self, scan: RadarDetections) -> None:
+        """Publish one radar scan."""
+        self._radar.put(encode_radar(scan))
+
+    def put_traffic(self, truth: TrafficTruth) -> None:
+        """Publish the truth of all other aircraft."""
+        self._traffic.put(msgspec.json.encode(truth))
 
     def put_status(self, status: SimStatus) -> None:
         """Publish the counts."""

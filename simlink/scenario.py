@@ -18,6 +18,7 @@ import msgspec
 
 from onboard.messages import Record, Vec3
 
+MOST_AIRCRAFT = 100  # their MAVLink system numbers end at 255
 SCENARIO_FOLDER = Path(__file__).parent / "scenarios"
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
@@ -230,6 +231,76 @@ class Quadrotor(Record, frozen=True, kw_only=True):
     fault: QuadrotorFault = QuadrotorFault()
 
 
+class Reports(Record, frozen=True, kw_only=True):
+    """What other aircraft say of themselves, per second `rate` times, and how it reaches us: between `latency` s
+    late, with drop-outs, with errors of their GNSS (correlated, m, and white) and quantised (m, m/s)."""
+
+    rate: Annotated[float, msgspec.Meta(gt=0, le=50)] = 1.0
+    latency: tuple[NotNegative, NotNegative] = (0.2, 0.6)
+    p_lose: Probability = 0.05  # received -> not, per report
+    p_regain: Probability = 0.5
+    position: GaussMarkov = GaussMarkov(sigma=2.5, time=60.0)
+    position_white: NotNegative = 1.5
+    velocity_white: NotNegative = 0.2
+    position_step: NotNegative = 5.1  # of the compact position reports
+    altitude_step: NotNegative = 7.62  # 25 feet
+    velocity_step: NotNegative = 0.5144  # a knot
+    climb_step: NotNegative = 0.3251  # 64 feet a minute
+
+
+class TrafficRadar(Record, frozen=True, kw_only=True):
+    """A radar on our vehicle that looks all round, up and down to `elevation_deg`."""
+
+    name: str = "nose"
+    rate: Rate = 10.0
+    range_max: Positive = 6000.0
+    elevation_deg: Positive = 30.0  # of false alarms
+    sigma_range: Positive = 8.0
+    sigma_deg: Positive = 0.5  # azimuth and elevation
+    p_detect: Probability = 0.9
+    false_alarms: NotNegative = 2.0  # on average, per scan
+    jammed: tuple[Interval, ...] = ()
+    jammed_p_detect: Probability = 0.0
+    jammed_false_alarms: NotNegative = 10.0
+
+
+class Aircraft(Record, frozen=True, kw_only=True):
+    """One of the others. `start` NED from the origin at time 0, and how much it and the course differ from run to
+    run; `a_lat` turns it to the right; `silent_from`: its transponder is switched off then (s)."""
+
+    name: str
+    says: Literal["adsb", "peer", "nothing"] = "adsb"
+    start: Vec3
+    start_sigma: NotNegative = 15.0
+    speed: Annotated[float, msgspec.Meta(ge=1)] = 30.0
+    course_deg: float = 0.0
+    course_sigma_deg: NotNegative = 0.5
+    climb: float = 0.0
+    a_lat: Wave = Wave()
+    turbulence: GaussMarkov = GaussMarkov(sigma=0.5, time=5.0)
+    silent_from: NotNegative | None = None
+
+
+class TrafficScene(Record, frozen=True, kw_only=True):
+    """All other aircraft but the leader, and the sensors that tell of them."""
+
+    aircraft: tuple[Aircraft, ...] = ()
+    adsb: Reports = Reports()
+    peer: Reports = Reports(
+        rate=5.0,
+        latency=(0.02, 0.1),
+        p_lose=0.02,
+        position=GaussMarkov(sigma=1.5, time=60.0),
+        position_white=0.5,
+        velocity_white=0.1,
+        position_step=0.0,
+        altitude_step=0.0,
+        velocity_step=0.0,
+        climb_step=0.0,
+    )
+    radar: TrafficRadar = TrafficRadar()
+
+
 class Scenario(Record, frozen=True, kw_only=True):
     """One flight. `repeat`: pulses and blackouts come again every so many seconds of an endless flight."""
 
@@ -246,6 +317,7 @@ class Scenario(Record, frozen=True, kw_only=True):
     vehicle: Vehicle = Vehicle()
     outliers: Outliers = Outliers()
     quadrotor: Quadrotor | None = None
+    traffic: TrafficScene = TrafficScene()
 
 
 def scenario_names() -> tuple[str, ...]:
@@ -311,6 +383,7 @@ def _check(s: Scenario, source: str) -> None:
         ("follower.slot_pulses", s.follower.slot_pulses),
         ("camera.blackouts", s.camera.blackouts),
         ("gps.outages", s.gps.outages),
+        ("traffic.radar.jammed", s.traffic.radar.jammed),
     ):
         for interval in intervals:
             if not interval.start < interval.end <= s.repeat:
@@ -330,6 +403,9 @@ def _check(s: Scenario, source: str) -> None:
         raise ScenarioError(f"{source}: leader.speed_pulses: the leader must keep {least}")
     if slowest < 1.0 and s.follower.attitude == "coordinated" and s.quadrotor is None:
         raise ScenarioError(f'{source}: follower.attitude: must be "hover" behind a leader that stops')
+    names = [aircraft.name for aircraft in s.traffic.aircraft]
+    if len(set(names)) < len(names) or len(names) > MOST_AIRCRAFT:
+        raise ScenarioError(f"{source}: traffic.aircraft: at most {MOST_AIRCRAFT}, each with a name of its own")
     if s.camera.blob_span_px[0] > s.camera.blob_span_px[1]:
         raise ScenarioError(f"{source}: camera.blob_span_px: the smaller number comes first")
 

@@ -19,6 +19,7 @@ from simlink.publish import ZenohPublisher, check_vehicle
 from simlink.scenario import Scenario
 from simlink.sensors import Reading
 from simlink.simulation import CAMERA_COMPONENT, Tick, boot_ns_of, ticks
+from simlink.traffic import Now, sender
 from simlink.world import STEP_NS, STEPS_PER_SECOND
 
 MOST_BEHIND: Final = 0.25  # s of wall time before the boot clock slips
@@ -88,6 +89,7 @@ class Server:
         self._epoch_ns = unix_ns - boot_ns
         self._session = self._make_session(stream=False)
         self._vision = MavlinkEncoder(self._vehicle.system, CAMERA_COMPONENT)
+        self._others: dict[tuple[int, int], MavlinkEncoder] = {}
         self._zenoh: ZenohPublisher | None = None
         self.udp: UdpLink | None = None
         self.camera: UdpLink | None = None
@@ -115,7 +117,7 @@ class Server:
                 await link.open()
         o = self._options
         if o.zenoh is not None:
-            arguments = (o.zenoh, o.vehicle, o.scenario.camera.name)
+            arguments = (o.zenoh, o.vehicle, o.scenario.camera.name, o.scenario.traffic.radar.name)
             self._zenoh = await asyncio.to_thread(ZenohPublisher.open, *arguments)
         tcp = "no TCP" if self.tcp is None else f"TCP {o.tcp_host}:{self.tcp.port}"
         images = {"mavlink": o.camera_mavlink, "both": f"{o.zenoh} and {o.camera_mavlink}", "none": "nowhere"}
@@ -184,6 +186,7 @@ class Server:
             self._send_image(image)
         if self._zenoh is not None and tick.truth is not None:
             self._zenoh.put_truth(tick.truth)
+        self._send_traffic(tick.traffic)
         if tick.state.step % STATUS_STEPS == 0:
             self._status(tick.t_ns, finished=False)
 
@@ -193,6 +196,22 @@ class Server:
         if self.tcp is not None:
             sent = self.tcp.send(t_ns, reading)
             self.frames += sent if self.udp is None else 0
+
+    def _send_traffic(self, traffic: Now) -> None:
+        """What others say goes out on the autopilot's link, as an autopilot forwards it; echoes beside it."""
+        for message in traffic.said:
+            key = sender(message, self._vehicle.system)
+            encoder = self._others.setdefault(key, MavlinkEncoder(*key))
+            frame = encoder.encode(message)
+            if self.udp is not None:
+                self.frames += self.udp.send(frame)
+            if self.tcp is not None:
+                for client in tuple(self.tcp.clients):
+                    client.send([frame])
+        if self._zenoh is not None and traffic.scan is not None:
+            self._zenoh.put_scan(traffic.scan)
+        if self._zenoh is not None and traffic.truth is not None:
+            self._zenoh.put_traffic(traffic.truth)
 
     def _send_image(self, image: Image) -> None:
         camera = self._options.scenario.camera

@@ -13,15 +13,26 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import Final, Literal, NamedTuple
 
-from onboard.messages import CameraPoints, Datagram, Encoding, Message, TargetPoints, Truth
+from onboard.messages import (
+    CameraPoints,
+    Datagram,
+    Encoding,
+    Message,
+    RadarDetections,
+    TargetPoints,
+    TrafficTruth,
+    Truth,
+)
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.points import encode_points
+from onboard.wire.radar import encode_radar
 from onboard.wire.tlog import frame_length
 from simlink.autopilot import Autopilot
 from simlink.camera import CameraSensor, Image, camera_points, is_exposure, target_points
 from simlink.noise import uniforms
 from simlink.scenario import Scenario
 from simlink.sensors import Reading, readings, steps_of
+from simlink.traffic import Now, Traffic, sender
 from simlink.world import STEP_NS, State, states, true_size, truth_record
 
 CameraLink = Literal["zenoh", "mavlink", "none"]
@@ -39,13 +50,16 @@ class Tick(NamedTuple):
     reading: Reading
     truth: Truth | None
     images: tuple[Image, ...]
+    traffic: Now = Now()
 
 
 class Event(NamedTuple):
-    """A record that leaves the simulated vehicle at `t_ns` (boot clock)."""
+    """A record that leaves the simulated vehicle at `t_ns` (boot clock). `sender` is the MAVLink system and
+    component of what is not the autopilot's own."""
 
     t_ns: int
-    message: Message | CameraPoints | Truth
+    message: Message | CameraPoints | RadarDetections | Truth | TrafficTruth
+    sender: tuple[int, int] | None = None
 
 
 def boot_ns_of(scenario: Scenario) -> int:
@@ -59,6 +73,7 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
     camera = CameraSensor(scenario, seed, size)
     rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)
     on_the_way: deque[Image] = deque()
+    traffic = Traffic(scenario, seed)
     for state, reading in readings(scenario, seed, states(scenario, seed)):
         t_ns = boot_ns + state.step * STEP_NS
         truth = None
@@ -70,7 +85,7 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
         delivered = []
         while on_the_way and on_the_way[0].t_ns + latency_ns <= t_ns:
             delivered.append(on_the_way.popleft())
-        yield Tick(t_ns, state, reading, truth, tuple(delivered))
+        yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns))
 
 
 def simulate(
@@ -92,25 +107,43 @@ def simulate(
                 yield Event(tick.t_ns, camera_points(image, scenario.camera))
             elif camera == "mavlink":
                 yield Event(tick.t_ns, target_points(image, scenario.camera))
+        yield from _traffic_events(tick, scenario.vehicle.system)
+
+
+def _traffic_events(tick: Tick, system: int) -> Iterator[Event]:
+    said, scan, truth = tick.traffic
+    if truth is not None:
+        yield Event(tick.t_ns, truth)
+    for message in said:
+        yield Event(tick.t_ns, message, sender(message, system))
+    if scan is not None:
+        yield Event(tick.t_ns, scan)
 
 
 def datagrams(
     scenario: Scenario, seed: int, duration: float | None = None, camera: CameraLink = "zenoh"
-) -> Iterator[Datagram | Truth]:
+) -> Iterator[Datagram | Truth | TrafficTruth]:
     """`simulate` as bytes: one MAVLink frame (channel "autopilot", images "camera") or one JSON document
-    (channel "points") per Datagram, arriving 1-2 ms after it left, never out of order; truth between."""
+    (channels "points" and "radar") per Datagram, arriving 1-2 ms after it left, never out of order; truth
+    between."""
     vehicle = scenario.vehicle
     encoder = MavlinkEncoder(vehicle.system, vehicle.component)
     vision = MavlinkEncoder(vehicle.system, CAMERA_COMPONENT)
+    others: dict[tuple[int, int], MavlinkEncoder] = {}
     jitter = uniforms(seed, "transport")
     t_recv_ns = 0
-    for t_ns, message in simulate(scenario, seed, duration, camera):
-        if isinstance(message, Truth):
+    for t_ns, message, other in simulate(scenario, seed, duration, camera):
+        if isinstance(message, Truth | TrafficTruth):
             yield message
             continue
         t_recv_ns = max(t_recv_ns, EPOCH_NS + t_ns + TRANSPORT_NS + int(JITTER_NS * next(jitter)))
         if isinstance(message, CameraPoints):
             frames, channel, encoding = [encode_points(message)], "points", Encoding.POINTS
+        elif isinstance(message, RadarDetections):
+            frames, channel, encoding = [encode_radar(message)], "radar", Encoding.RADAR
+        elif other is not None:
+            theirs = others.setdefault(other, MavlinkEncoder(*other))
+            frames, channel, encoding = [theirs.encode(message)], "autopilot", Encoding.MAVLINK
         elif isinstance(message, TargetPoints):
             frames, channel, encoding = split_frames(vision.encode(message)), "camera", Encoding.MAVLINK
         else:

@@ -55,6 +55,16 @@ def _solve(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places
     return t[row[allowed]], e[column[allowed]]
 
 
+LONGER: Final = [(types.Array(kind, 1, "C"),) for kind in (types.int64, types.float64)]
+
+
+@njit(LONGER, cache=True, error_model="numpy")
+def _longer(a):  # type: ignore[no-untyped-def]
+    b = np.empty(2 * a.shape[0], a.dtype)
+    b[: a.shape[0]] = a
+    return b
+
+
 @njit((ROWS, CUBES, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
 def _candidates(polar, spread, measured, variance, gate):  # type: ignore[no-untyped-def]
     count, echoes = polar.shape[0], measured.shape[0]
@@ -98,13 +108,6 @@ def _candidates(polar, spread, measured, variance, gate):  # type: ignore[no-unt
             cost[found] = d2 + 2.0 * np.log(l00 * l11 * l22)
             found += 1
     return track[:found], echo[:found], cost[:found]
-
-
-@njit(cache=True, error_model="numpy")
-def _longer(a):  # type: ignore[no-untyped-def]
-    b = np.empty(2 * a.shape[0], a.dtype)
-    b[: a.shape[0]] = a
-    return b
 
 
 @njit((INDICES, INDICES), cache=True, error_model="numpy")

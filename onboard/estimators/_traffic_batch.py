@@ -45,7 +45,7 @@ class Batch:
         self._belief: Belief | None = None
 
     def add(self, mean: Array, covariance: Array) -> None:
-        """One more track, with mean (9,) and covariance (9, 9). Raises FilterError."""
+        """One more track, with mean (12,) and covariance (12, 12). Raises FilterError."""
         state = self._choice.start(mean[None], covariance[None])
         self._set(state if self.size == 0 else join(self._state, state))
         self.size += 1
@@ -62,7 +62,7 @@ class Batch:
         self._set(None)
 
     def belief(self) -> Belief:
-        """Mean (size, 9) and covariance (size, 9, 9)."""
+        """Mean (size, 12) and covariance (size, 12, 12)."""
         if self.size == 0:
             return Belief(np.zeros((0, intruder.N)), np.zeros((0, intruder.N, intruder.N)))
         if self._belief is None:

@@ -45,9 +45,11 @@ class Config(Record, frozen=True, kw_only=True):
     radar_azimuth_sigma_deg: Positive = 0.5
     radar_elevation_sigma_deg: Positive = 0.5
 
-    # how aircraft move: density of white acceleration, m^2/s^3. The mixture (imm) has both, others the second
-    quiet_density: Positive = 0.05
-    manoeuvre_density: Positive = 4.0
+    # how aircraft move: accelerations, and how long they last. The mixture (imm) has both, others the second
+    quiet_acceleration_m_s2: Positive = 0.3
+    quiet_time_s: Positive = 1.0
+    manoeuvre_acceleration_m_s2: Positive = 2.5
+    manoeuvre_time_s: Positive = 8.0
     stay_probability: Probability = 0.9  # of being in the same mode a second later
     max_speed_m_s: Positive = 350.0  # nothing is faster: of jumps, and of what is said
     initial_speed_sigma_m_s: Positive = 40.0  # of a track begun by radar alone
@@ -56,6 +58,7 @@ class Config(Record, frozen=True, kw_only=True):
     gate_probability: Probability = 0.999  # that a measurement passes which is of the track
     confirm_hits: Count = 6  # echoes that make a track ...
     confirm_window: Annotated[int, msgspec.Meta(ge=1, le=60)] = 10  # ... among so many scans
+    relock_after_s: NotNegative = 2.0  # coasting for longer, a track is seen again only by as many echoes
     coast_after_s: NotNegative = 3.0  # without a measurement: coasting
     validity_timeout_s: NotNegative = 10.0  # lost, not valid
     forget_after_s: NotNegative = 30.0  # forgotten

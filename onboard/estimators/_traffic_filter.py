@@ -6,6 +6,7 @@ state = put(state, rows, update.belief)
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -42,17 +43,19 @@ def choose(name: FilterName, quiet: intruder.Noise, manoeuvring: intruder.Noise,
     has both, and is after a second in the same mode with probability `stay`."""
     if name == "imm":
         return _mixture((extended.METHODS[0],) * 2, (quiet, manoeuvring), stay)
-    method = SINGLE[name]
+    method, step = SINGLE[name], _remembering(manoeuvring)
 
     def predict(state: Any, dt: float) -> Any:
-        return method.predict(state, _process(dt, manoeuvring), intruder.process_noise(dt, manoeuvring))
+        F, Q = step(dt)
+        return method.predict(state, _linear(F), Q)
 
     return Choice(method.start, predict, method.update, method.belief, name != "kf")
 
 
 def _mixture(modes: tuple[Method, ...], noises: tuple[intruder.Noise, ...], stay: float) -> Choice:
-    """Interacting filters, a mode each, that differ in their process noise."""
+    """Interacting filters, a mode each, that differ in how freely the aircraft accelerates."""
     count = len(modes)
+    steps = [_remembering(noise) for noise in noises]
 
     def start(mean: Array, covariance: Array) -> Any:
         return multiple_model.start(modes, mean, covariance, np.full(count, 1 / count))
@@ -60,9 +63,9 @@ def _mixture(modes: tuple[Method, ...], noises: tuple[intruder.Noise, ...], stay
     def predict(state: Any, dt: float) -> Any:
         transition = np.full((count, count), (1 - stay**dt) / (count - 1))
         np.fill_diagonal(transition, stay**dt)
-        processes = [_process(dt, noise) for noise in noises]
-        Q = [intruder.process_noise(dt, noise) for noise in noises]
-        return multiple_model.predict(modes, state, processes, Q, transition)
+        each = [step(dt) for step in steps]
+        processes = [_linear(F) for F, _ in each]
+        return multiple_model.predict(modes, state, processes, [Q for _, Q in each], transition)
 
     def update(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
         return Update(*multiple_model.update(modes, state, y, [measure] * count, R, angular)[:5])
@@ -70,8 +73,13 @@ def _mixture(modes: tuple[Method, ...], noises: tuple[intruder.Noise, ...], stay
     return Choice(start, predict, update, lambda state: multiple_model.believed(modes, state), polar=True)
 
 
-def _process(dt: float, noise: intruder.Noise) -> Rows:
-    return lambda rows: intruder.process(rows, dt, noise.bias_time)
+def _linear(F: Array) -> Rows:
+    return lambda rows: rows @ F.T
+
+
+def _remembering(noise: intruder.Noise) -> Callable[[float], intruder.Step]:
+    """The model's step, kept for the few lengths there are."""
+    return lru_cache(maxsize=64)(lambda dt: intruder.step(dt, noise))
 
 
 # ------------------------------------------------------------------- states are trees of arrays (tracks, ...)

@@ -20,6 +20,7 @@ SOURCE: Final = {"icao": "adsb", "system": "peer"}
 STRAYS: Final = 3  # reports that fit each other and not their track, before they are believed
 COPIES: Final = 4  # tracks of one address
 ADOPTED_WITHIN: Final = 1000.0  # m: how far a report may be from the radar track whose name it gives
+LOOK_BACK: Final = 0.02  # share of a manoeuvre's variance that comes and goes within a second
 WAITING: Final = 5000  # reports; more in a tenth of a second is a flood
 
 
@@ -93,7 +94,10 @@ class Hearing:
         lag = np.array([self._table.lag(r.t_ns) for r in reports])
         R = np.stack([r.R for r in reports])
         # what the aircraft may have done since, which the look back leaves out
-        R[:, [0, 1, 2], [0, 1, 2]] += self._table.config.manoeuvre_density / 3 * np.abs(lag[:, None]) ** 3
+        push = self._table.config.manoeuvre_acceleration_m_s2**2
+        for i in range(3):
+            R[:, i, i] += push * LOOK_BACK * lag**4
+            R[:, 3 + i, 3 + i] += push * LOOK_BACK * lag**2
         at = np.array(rows, np.int64)
         return self._table.batch.judge_reports(at, lag, np.stack([r.y for r in reports]), R), at
 
@@ -184,16 +188,14 @@ class Hearing:
 
     def _first_belief(self, report: Report) -> tuple[Array, Array]:
         """What one report says: y = r + bias + noise, so that r and the bias err against each other."""
-        lag = self._table.lag(report.t_ns)
         B = np.diag(self._table.bias**2)
-        covariance = np.zeros((intruder.N, intruder.N))
+        covariance = self._table.first_covariance()
         covariance[:6, :6] = report.R
-        covariance[:3, :3] += B
-        covariance[6:, 6:] = B
-        covariance[:3, 6:] = covariance[6:, :3] = -B
-        mean = np.concatenate([report.y, np.zeros(3)])
+        covariance[intruder.R, intruder.R] += B
+        covariance[intruder.R, intruder.BIAS] = covariance[intruder.BIAS, intruder.R] = -B
+        mean = np.concatenate([report.y, np.zeros(6)])
         F = np.eye(intruder.N)
-        F[:3, 3:6] = lag * np.eye(3)
+        F[:9, :9] = intruder.back(-self._table.lag(report.t_ns))
         return F @ mean, F @ covariance @ F.T
 
 

@@ -7,7 +7,9 @@ from onboard.estimators._traffic_association import assign, candidates
 from onboard.estimators._traffic_batch import Radar
 from onboard.estimators._traffic_filter import Places
 from onboard.estimators._traffic_frame import Frame
-from onboard.estimators._traffic_table import ECHO, Table
+from onboard.estimators._traffic_table import ECHO, REPORT, Table
+from onboard.estimators._traffic_track import NS
+from onboard.filters.gating import normalised_squared
 from onboard.geometry.rotations import Array, matrix_from_euler
 from onboard.messages import RadarScan, Verdict
 from onboard.models import intruder
@@ -41,16 +43,53 @@ class Seeing:
         sigma = np.array([d.sigma or self._echo_sigma for d in scan.detections]).reshape(-1, 3)
         seen: set[int] = set()
         free = np.arange(len(measured))
+        relock_ns = round(self._table.config.relock_after_s * NS)
         for settled in (True, False):
-            rows = np.array([i for i, t in enumerate(self._table.tracks) if t.settled is settled], np.int64)
+            # what has coasted for long has a wide gate, and would take the first false alarm in it for itself
+            rows = np.array(
+                [
+                    i
+                    for i, t in enumerate(self._table.tracks)
+                    if t.settled is settled and scan.t_ns - t.fused_ns <= relock_ns
+                ],
+                np.int64,
+            )
             if len(rows) and len(free):
                 tracks, echoes = self._associate(rows, measured[free], sigma[free], scan, radar)
                 seen |= set(tracks.tolist())
                 free = np.delete(free, echoes)
-        for i, track in enumerate(self._table.tracks):
-            track.scan(hit=i in seen, config=self._table.config)
+        found = [i for i, t in enumerate(self._table.tracks) if t.scan(hit=i in seen, config=self._table.config)]
         for j in free:
             self._begin_with(measured[[j]], sigma[[j]], scan.t_ns, radar, f"radar/{scan.radar}")
+        self._stitch(found, scan.t_ns)
+
+    def _stitch(self, found: list[int], t_ns: int) -> None:
+        """Tracks just found that go on where one that coasts should be are that one, seen again."""
+        table = self._table
+        coasting = [
+            i
+            for i, t in enumerate(table.tracks)
+            if t.settled and t_ns - t.fused_ns > table.config.relock_after_s * NS
+        ]
+        merged: set[int] = set()
+        for i in found:
+            if not coasting:
+                break
+            mean, covariance = table.batch.belief()
+            off = mean[coasting, :6] - mean[i, :6]
+            nis = normalised_squared(off, covariance[coasting, :6, :6] + covariance[i, :6, :6])
+            best = int(np.argmin(nis))
+            if nis[best] > table.gates[REPORT]:
+                continue
+            row = coasting.pop(best)
+            known, fresh = table.tracks[row], table.tracks[i]
+            table.batch.restart(row, mean[i], covariance[i])
+            known.hits, known.scans = fresh.hits, fresh.scans
+            for source, seen_ns in fresh.sources.items():
+                known.fuse(seen_ns, source)
+            merged.add(i)
+        if merged:
+            table.drop(merged, "it is another track, seen again")
 
     def _associate(
         self, rows: Places, measured: Array, sigma: Array, scan: RadarScan, radar: Radar
@@ -76,12 +115,11 @@ class Seeing:
         return at[fine], echoes[fine]
 
     def _begin_with(self, polar: Array, sigma: Array, t_ns: int, radar: Radar, source: str) -> None:
-        lag = self._table.lag(t_ns)
-        covariance = np.zeros((intruder.N, intruder.N))
-        covariance[:3, :3] = intruder.position_noise(polar, sigma, radar.R_rn)[0]
-        covariance[3:6, 3:6] = self._table.config.initial_speed_sigma_m_s**2 * np.eye(3)
-        covariance[6:, 6:] = np.diag(self._table.bias**2)
-        covariance[:3, :3] += lag**2 * covariance[3:6, 3:6]
-        mean = np.concatenate([intruder.position(polar, *radar)[0], np.zeros(6)])
+        covariance = self._table.first_covariance()
+        covariance[intruder.R, intruder.R] = intruder.position_noise(polar, sigma, radar.R_rn)[0]
+        mean = np.concatenate([intruder.position(polar, *radar)[0], np.zeros(intruder.N - 3)])
+        F = np.eye(intruder.N)
+        F[:9, :9] = intruder.back(-self._table.lag(t_ns))
+        covariance = F @ covariance @ F.T
         if self._table.begin(mean, covariance, None, t_ns, source):
             self._table.tracks[-1].scan(hit=True, config=self._table.config)

@@ -30,8 +30,11 @@ class Table:
         self.farewells: list[Estimate] = []
         self.bias = np.array([config.report_bias_m, config.report_bias_m, config.report_bias_altitude_m])
         quiet, manoeuvring = (
-            intruder.Noise(np.full(3, density), self.bias, config.report_bias_time_s)
-            for density in (config.quiet_density, config.manoeuvre_density)
+            intruder.Noise(acceleration, time, self.bias, config.report_bias_time_s)
+            for acceleration, time in (
+                (config.quiet_acceleration_m_s2, config.quiet_time_s),
+                (config.manoeuvre_acceleration_m_s2, config.manoeuvre_time_s),
+            )
         )
         self.batch = Batch(choose(config.filter, quiet, manoeuvring, config.stay_probability))
         self.gates = {m: chi_square_threshold(config.gate_probability, m) for m in (ECHO, REPORT)}
@@ -40,6 +43,13 @@ class Table:
     def lag(self, t_ns: int) -> float:
         """How much older a measurement is than the filters, s; negative if it is newer."""
         return (self.batch.t_ns - t_ns) / NS
+
+    def first_covariance(self) -> Array:
+        """What is known of an aircraft of which nothing is known but where it is: (12, 12), without its place."""
+        c = self.config
+        accelerations = np.full(3, c.manoeuvre_acceleration_m_s2)
+        speeds = np.full(3, c.initial_speed_sigma_m_s)
+        return np.diag(np.concatenate([np.zeros(3), speeds, accelerations, self.bias]) ** 2)
 
     def advance(self, t_ns: int) -> None:
         """Predict every track to a time."""

@@ -20,7 +20,7 @@ SURE: Final = 2.0  # sigmas
 def tell(
     tracks: Sequence[Track], belief: Belief, own: Own, frame: Frame, t_ns: int, config: Config
 ) -> list[Estimate]:
-    """An estimate of each track, beliefs (k, 9) and (k, 9, 9) at `t_ns`; ourselves at the same time."""
+    """An estimate of each track, beliefs (k, 12) and (k, 12, 12) at `t_ns`; ourselves at the same time."""
     if not tracks:
         return []
     turn = own.R_nl.T  # the frame -> NED where we are

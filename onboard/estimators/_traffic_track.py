@@ -58,12 +58,15 @@ class Track:
         self.fused_ns = max(self.fused_ns, t_ns)
         self.sources[source] = max(self.sources.get(source, 0), t_ns)
 
-    def scan(self, *, hit: bool, config: Config) -> None:
-        """A radar scan has passed, in which it was seen or not."""
+    def scan(self, *, hit: bool, config: Config) -> bool:
+        """A radar scan has passed, in which it was seen or not. Whether that has made it a track."""
         self.hits = (self.hits << 1 | hit) & ((1 << config.confirm_window) - 1)
         self.scans += 1
-        if self.hits.bit_count() >= config.confirm_hits:
-            self.confirmed = True
+        if self.settled or self.hits.bit_count() < config.confirm_hits:
+            self.confirmed = self.confirmed or self.hits.bit_count() >= config.confirm_hits
+            return False
+        self.confirmed = True
+        return True
 
     def hopeless(self, now_ns: int, config: Config) -> bool:
         """Whether it is to be forgotten: unheard of for long, or a begin that came to nothing."""

@@ -1,12 +1,13 @@
 """Another aircraft's motion in a Cartesian frame n, and what a radar and its own reports say of it.
 
-State rows: [r_OT_n (3), v_T_n (3), bias (3)] in m and m/s. The velocity is constant but for white acceleration.
-`bias` is by how much the positions that the aircraft reports of itself are steadily off (its GNSS, its altimeter,
-the age of its reports): a first-order Gauss-Markov process, known apart only where a radar sees the aircraft too.
-Without it, a reported position that errs the same way for a minute would be averaged as if every report were news.
+State rows: [r_OT_n (3), v_T_n (3), a_T_n (3), bias (3)], SI. The acceleration is Singer's (1970): it fades with a
+time constant and is driven by white noise. `bias` is by how much the positions that the aircraft reports of itself
+are steadily off (its GNSS, its altimeter, the age of its reports): a first-order Gauss-Markov process, known apart
+only where a radar sees the aircraft too. Without it, a reported position that errs the same way for a minute would
+be averaged as if every report were news.
 
-A measurement may be older than the state: `lag` seconds, for each row. The state is then moved back along its
-velocity; what white acceleration does in a second is small against any reported position.
+A measurement may be older than the state: `lag` seconds, for each row. The state is then moved back as if its
+acceleration were constant; what noise does in a second is small against any reported position.
 """
 
 from typing import Any, Final, NamedTuple
@@ -14,13 +15,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from onboard.filters.discretisation import white_acceleration
+from onboard.filters.discretisation import van_loan
 from onboard.geometry.rotations import Array
 
-N: Final = 9
+N: Final = 12
 R: Final = slice(0, 3)
 V: Final = slice(3, 6)
-BIAS: Final = slice(6, 9)
+A: Final = slice(6, 9)
+BIAS: Final = slice(9, 12)
 COMPONENTS: Final = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")
 UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s")
 FRAME: Final = "n (local NED at our vehicle), the other aircraft relative to us"
@@ -33,41 +35,57 @@ VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 
 
 class Noise(NamedTuple):
-    """`density` (3,) of the white acceleration along each axis, m^2/s^3; the bias's standard deviation (m) and
-    correlation time (s)."""
+    """Acceleration: standard deviation on each axis (m/s^2) and time constant (s). The bias's standard deviation
+    on each axis (3,), m, and time constant (s)."""
 
-    density: Array
+    acceleration: float
+    acceleration_time: float
     bias: Array
     bias_time: float
 
 
-def process(rows: Array, dt: float, bias_time: float) -> Array:
-    """State rows (k, 9) after `dt` seconds."""
-    after = rows.copy()
-    after[:, R] += dt * rows[:, V]
-    after[:, BIAS] *= np.exp(-dt / bias_time)
-    return after
+class Step(NamedTuple):
+    """What `dt` seconds do: x' = F x + noise of covariance Q, both (12, 12)."""
+
+    F: Array
+    Q: Array
 
 
-def process_noise(dt: float, noise: Noise) -> Array:
-    """Q (9, 9) of `dt` > 0 seconds."""
-    Q = np.zeros((N, N))
-    Q[:6, :6] = white_acceleration(dt, noise.density).Q
+def step(dt: float, noise: Noise) -> Step:
+    """The transition over `dt` > 0 seconds and its noise.
+
+    Raises FilterError.
+    """
+    fade = 1.0 / noise.acceleration_time
+    axis = van_loan(
+        np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -fade]]),
+        np.diag([0.0, 0.0, 2.0 * noise.acceleration**2 * fade]),
+        dt,
+    )
+    F, Q = np.zeros((N, N)), np.zeros((N, N))
+    F[:9, :9], Q[:9, :9] = np.kron(axis.F, np.eye(3)), np.kron(axis.Q, np.eye(3))
+    F[BIAS, BIAS] = np.exp(-dt / noise.bias_time) * np.eye(3)
     Q[BIAS, BIAS] = np.diag(noise.bias**2 * (1.0 - np.exp(-2.0 * dt / noise.bias_time)))
-    return Q
+    return Step(F, Q)
+
+
+def back(lag: float) -> Array:
+    """Position, velocity and acceleration `lag` seconds before, (9, 9) of those now."""
+    return np.kron(np.array([[1.0, -lag, 0.5 * lag * lag], [0.0, 1.0, -lag], [0.0, 0.0, 1.0]]), np.eye(3))
 
 
 def reported(rows: Array, lag: Array) -> Array:
     """Position (with its bias) and velocity (k, 6) that the aircraft said it had `lag` (k,) seconds before."""
     said = np.empty((len(rows), 6))
-    said[:, R] = rows[:, R] - lag[:, None] * rows[:, V] + rows[:, BIAS]
-    said[:, V] = rows[:, V]
+    said[:, R] = located(rows, lag) + rows[:, BIAS]
+    said[:, V] = rows[:, V] - lag[:, None] * rows[:, A]
     return said
 
 
 def located(rows: Array, lag: Array) -> Array:
     """Position (k, 3) `lag` (k,) seconds before."""
-    return np.asarray(rows[:, R] - lag[:, None] * rows[:, V])
+    back = lag[:, None]
+    return np.asarray(rows[:, R] - back * rows[:, V] + 0.5 * back * back * rows[:, A])
 
 
 def seen(rows: Array, lag: Array, r_OR_n: Array, R_rn: Array) -> Array:
@@ -107,7 +125,8 @@ def _seen(rows, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
     for s in range(rows.shape[0]):
         x, y, z = 0.0, 0.0, 0.0
         for i in range(3):
-            difference = rows[s, i] - lag[s] * rows[s, 3 + i] - r_OR_n[i]
+            then = rows[s, i] - lag[s] * (rows[s, 3 + i] - 0.5 * lag[s] * rows[s, 6 + i])
+            difference = then - r_OR_n[i]
             x += R_rn[0, i] * difference
             y += R_rn[1, i] * difference
             z += R_rn[2, i] * difference
@@ -119,8 +138,8 @@ def _seen(rows, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
 
 
 def expected(means: Array, covariances: Array, lag: float, r_OR_n: Array, R_rn: Array) -> tuple[Array, Array]:
-    """What a radar should see (k, 3) of beliefs (k, 9) and (k, 9, 9), and the covariance (k, 3, 3) of that without
-    the radar's own noise, to first order."""
+    """What a radar should see (k, 3) of beliefs (k, 12) and (k, 12, 12), and the covariance (k, 3, 3) of that
+    without the radar's own noise, to first order."""
     outputs: tuple[Array, Array] = _expected(means, covariances, lag, r_OR_n, R_rn)
     return outputs
 
@@ -134,14 +153,18 @@ def _expected(means, covariances, lag, r_OR_n, R_rn):  # type: ignore[no-untyped
     count = means.shape[0]
     polar, spread = np.empty((count, 3)), np.empty((count, 3, 3))
     P, H = np.empty((3, 3)), np.empty((3, 3))
+    back = np.array([1.0, -lag, 0.5 * lag * lag])
     for s in range(count):
         for i in range(3):  # covariance of the position `lag` before
             for j in range(3):
-                c = covariances[s]
-                P[i, j] = c[i, j] - lag * (c[i, 3 + j] + c[3 + i, j]) + lag * lag * c[3 + i, 3 + j]
+                total = 0.0
+                for a in range(3):
+                    for b in range(3):
+                        total += back[a] * back[b] * covariances[s, 3 * a + i, 3 * b + j]
+                P[i, j] = total
         x, y, z = 0.0, 0.0, 0.0
         for i in range(3):
-            difference = means[s, i] - lag * means[s, 3 + i] - r_OR_n[i]
+            difference = means[s, i] + back[1] * means[s, 3 + i] + back[2] * means[s, 6 + i] - r_OR_n[i]
             x += R_rn[0, i] * difference
             y += R_rn[1, i] * difference
             z += R_rn[2, i] * difference
