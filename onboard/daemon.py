@@ -106,8 +106,8 @@ class Daemon:
         was_heard, reboots = pipeline.autopilot is not None, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
             self._publish(output)
-            if isinstance(output, Estimate):
-                self._tell(output)
+            if isinstance(output, Estimate) and output.intruder is None and "/" not in output.target:
+                self._tell(output)  # one of many comes and goes: its health is not ours
         session = self._sessions.get(datagram.channel)
         if session is None or not messages:
             return

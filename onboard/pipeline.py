@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
-from onboard.estimators import EstimatorProtocol, load
+from onboard.estimators import CountsVerdicts, EstimatorProtocol, load
 from onboard.messages import (
     AdsbVehicle,
     Clock,
@@ -63,6 +63,7 @@ class Pipeline:
             name: load(name).Estimator(section, config.camera_model())
             for name, section in config.estimator.items()
         }
+        self._counting = {n: e for n, e in self.estimators.items() if isinstance(e, CountsVerdicts)}
         self._listeners: dict[type[Message], list[EstimatorProtocol]] = {}
         for name, estimator in self.estimators.items():
             for kind in load(name).LISTENS:
@@ -242,7 +243,9 @@ class Pipeline:
         for estimate in estimates:
             key = estimate.name if estimate.target == estimate.name else f"{estimate.name}.{estimate.target}"
             self._states[key] = estimate.state
-            if estimate.measurement is not None:
+            if estimate.state is Lifecycle.SEARCHING and key != estimate.name:
+                del self._states[key]  # the last word on one of many, of which there may be any number in a flight
+            if estimate.measurement is not None and estimate.name not in self._counting:
                 self._verdicts[f"{estimate.name}.{estimate.measurement.verdict}"] += 1
             if isinstance(estimate, NavState):
                 self._faults = estimate.faults
@@ -277,7 +280,7 @@ class Pipeline:
             round_trip=round_trip * 1e-9 if round_trip is not None else None,
             streams={name: self._stream(name, window, t_recv_ns) for name, window in self._streams.items()},
             states=dict(self._states),
-            verdicts=dict(self._verdicts),
+            verdicts=self._all_verdicts(),
             rejected=self._all_rejected(),
             sinks=sinks or {},
             faults=self._faults,
@@ -290,6 +293,12 @@ class Pipeline:
             rate=recent / (RATE_WINDOW_NS * 1e-9),
             age=(t_recv_ns - window[-1]) * 1e-9,
         )
+
+    def _all_verdicts(self) -> dict[str, int]:
+        counted = {
+            f"{n}.{verdict}": k for n, e in self._counting.items() for verdict, k in e.verdicts.items() if k
+        }
+        return dict(self._verdicts) | counted
 
     def _all_rejected(self) -> dict[str, int]:
         total = Counter(self._rejected)

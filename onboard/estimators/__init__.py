@@ -11,9 +11,10 @@ where Estimator does what the protocol below says. Nothing else needs to know of
 """
 
 import pkgutil
+from collections import Counter
 from importlib import import_module
 from types import ModuleType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from onboard.messages import Estimate, Message
 from onboard.ownship import Ownship
@@ -30,6 +31,15 @@ class EstimatorProtocol(Protocol):
 
     def reset(self, reason: str) -> None:
         """Forget the track: the time base or our own motion is no longer what it was."""
+
+
+@runtime_checkable
+class CountsVerdicts(Protocol):
+    """An estimator of many targets, that takes more measurements than it tells of one by one."""
+
+    @property
+    def verdicts(self) -> Counter[str]:
+        """What became of every measurement so far."""
 
 
 def known() -> tuple[str, ...]:

@@ -17,7 +17,8 @@ from onboard.messages import AdsbVehicle, PeerPosition, Verdict
 from onboard.models import intruder
 
 SOURCE: Final = {"icao": "adsb", "system": "peer"}
-STRAYS: Final = 3  # reports that fit each other and not their track, before they are believed
+STRAYS: Final = 3  # reports that fit each other and not their track, before they are believed ...
+STRAYS_WITHIN_S: Final = 5.0  # ... when no two are farther apart: one in a thousand strays by chance
 COPIES: Final = 4  # tracks of one address
 ADOPTED_WITHIN: Final = 1000.0  # m: how far a report may be from the radar track whose name it gives
 LOOK_BACK: Final = 0.02  # share of a manoeuvre's variance that comes and goes within a second
@@ -118,9 +119,6 @@ class Hearing:
             track.reports += 1
             track.confirmed = track.confirmed or track.reports >= 2
             track.heard = report.message if isinstance(report.message, AdsbVehicle) else track.heard
-            track.strays.clear()
-        elif repeated:
-            track.strays.clear()
         return verdict is Verdict.FUSED
 
     def _is_far(self, report: Report, row: int) -> bool:
@@ -202,6 +200,8 @@ class Hearing:
 def _follows(earlier: Report, later: Report) -> bool:
     """Whether two reports could be of one aircraft that flies as it says."""
     dt = (later.t_ns - earlier.t_ns) / NS
+    if abs(dt) > STRAYS_WITHIN_S:
+        return False
     off = later.y[:3] - earlier.y[:3] - dt * 0.5 * (earlier.y[3:] + later.y[3:])
     room = np.sqrt(np.trace(earlier.R[:3, :3] + later.R[:3, :3])) + 5.0 * abs(dt)
     return bool(np.linalg.norm(off) < 3.0 * room)

@@ -14,7 +14,8 @@ FLOORS = (
     {"geometry", "messages", "filters"},
     {"models", "ownship", "clocks", "wire", "schemas"},
     {"estimators", "links", "sinks"},
-    {"config", "pipeline", "session", "scoring", "scorecard", "client", "view", "studies", "replay"},
+    {"config", "pipeline", "session", "scoring", "scorecard", "traffic_scoring"}
+    | {"client", "view", "studies", "replay"},
     {"compiling", "daemon", "demo", "reporting", "watching"},
     {"cli"},
     {"__main__"},

@@ -1,0 +1,196 @@
+"""The tracker's parts against brute force, numerical derivatives and Monte Carlo."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.optimize import linear_sum_assignment
+
+from onboard.estimators._traffic_approach import closest
+from onboard.estimators._traffic_association import assign, candidates
+from onboard.geometry.geodesy import geodetic_from_ecef, geodetic_rows
+from onboard.geometry.rotations import matrix_from_euler
+from onboard.models import intruder
+
+R_RN = matrix_from_euler(0.1, -0.2, 2.0).T
+RADAR = np.array([100.0, -50.0, -30.0])
+
+
+def beliefs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    mean = np.concatenate([rng.uniform(-2000, 2000, (count, 3)), rng.normal(0, 20, (count, 9))], axis=1)
+    root = rng.normal(0, 1, (count, 12, 12)) * np.repeat([5.0, 1.0, 0.5, 2.0], 3)[:, None]
+    return mean, root @ root.transpose(0, 2, 1) + 1e-3 * np.eye(12)
+
+
+# --------------------------------------------------------------------------------------- the model
+
+
+def test_the_transition_is_the_exponential_of_its_rates_and_the_noise_adds_up() -> None:
+    noise = intruder.Noise(2.5, 8.0, np.array([4.0, 4.0, 10.0]), 60.0)
+    A = np.zeros((12, 12))
+    A[:3, 3:6] = A[3:6, 6:9] = np.eye(3)
+    A[6:9, 6:9], A[9:, 9:] = -np.eye(3) / 8.0, -np.eye(3) / 60.0
+    F, Q = intruder.step(0.7, noise)
+    np.testing.assert_allclose(F, expm(0.7 * A), atol=1e-12)
+    one, two = intruder.step(0.3, noise), intruder.step(0.4, noise)
+    np.testing.assert_allclose(two.F @ one.F, F, atol=1e-12)
+    np.testing.assert_allclose(two.F @ one.Q @ two.F.T + two.Q, Q, atol=1e-9)
+
+
+def test_acceleration_and_bias_keep_the_variance_they_are_said_to_have() -> None:
+    noise = intruder.Noise(2.5, 8.0, np.array([4.0, 4.0, 10.0]), 60.0)
+    F, Q = intruder.step(0.5, noise)
+    P = np.diag([0.0] * 6 + [2.5**2] * 3 + [16.0, 16.0, 100.0])
+    after = F @ P @ F.T + Q
+    np.testing.assert_allclose(np.diag(after)[6:], np.diag(P)[6:], rtol=1e-9)
+
+
+def test_looking_back_undoes_a_steady_acceleration() -> None:
+    rows, _ = beliefs(5, 1)
+    lag = np.array([0.0, 0.5, 1.0, -0.2, 3.0])
+    then = np.array([intruder.back(dt) @ row[:9] for dt, row in zip(lag, rows, strict=True)])
+    np.testing.assert_allclose(intruder.located(rows, lag), then[:, :3], atol=1e-9)
+    said = intruder.reported(rows, lag)
+    np.testing.assert_allclose(said, then[:, :6] + np.pad(rows[:, 9:], ((0, 0), (0, 3))), atol=1e-9)
+
+
+def test_what_a_radar_sees_is_where_it_is() -> None:
+    rows, _ = beliefs(50, 2)
+    polar = intruder.seen(rows, np.zeros(50), RADAR, R_RN)
+    np.testing.assert_allclose(intruder.position(polar, RADAR, R_RN), rows[:, :3], atol=1e-8)
+    ahead = np.zeros((1, 12))
+    ahead[0, :3] = 10.0, 10.0, -10.0  # north-east and above, seen from level: right and up
+    expected = math.sqrt(300.0), math.pi / 4, math.atan2(10.0, math.hypot(10.0, 10.0))
+    np.testing.assert_allclose(intruder.seen(ahead, np.zeros(1), np.zeros(3), np.eye(3))[0], expected)
+
+
+def test_what_is_expected_of_a_radar_is_the_models_tangent() -> None:
+    means, covariances = beliefs(20, 3)
+    polar, spread = intruder.expected(means, covariances, 0.4, RADAR, R_RN)
+    lag = np.full(20, 0.4)
+    np.testing.assert_allclose(polar, intruder.seen(means, lag, RADAR, R_RN), atol=1e-12)
+    H = np.zeros((20, 3, 12))
+    for i in range(12):
+        h = np.zeros(12)
+        h[i] = 1e-3
+        up, down = (intruder.seen(means + s * h, lag, RADAR, R_RN) for s in (1, -1))
+        H[:, :, i] = (up - down) / 2e-3
+    np.testing.assert_allclose(spread, H @ covariances @ H.transpose(0, 2, 1), rtol=1e-4, atol=1e-12)
+
+
+def test_the_noise_of_a_place_by_monte_carlo_seed_4() -> None:
+    rng, sigma = np.random.default_rng(4), np.array([[8.0, 0.01, 0.012]])
+    polar = np.array([[1500.0, 2.0, -0.4]])
+    draws = intruder.position(polar + sigma * rng.standard_normal((100_000, 3)), RADAR, R_RN)
+    np.testing.assert_allclose(np.cov(draws.T), intruder.position_noise(polar, sigma, R_RN)[0], atol=6.0)
+
+
+def test_straight_above_the_radar_nothing_is_infinite() -> None:
+    means, covariances = beliefs(1, 5)
+    means[0, :6] = 0.0
+    means[0, 2] = -500.0
+    polar, spread = intruder.expected(means, covariances, 0.0, np.zeros(3), np.eye(3))
+    assert np.isfinite(polar).all()
+    assert np.isfinite(spread).all()
+    assert polar[0, 2] == pytest.approx(math.pi / 2, abs=2e-3)
+
+
+# ---------------------------------------------------------------------------------- association
+
+
+def problem(tracks: int, echoes: int, seed: int, size: float) -> tuple[np.ndarray, ...]:
+    rng = np.random.default_rng(seed)
+    root = rng.normal(0, 1, (tracks, 3, 3)) * np.array([5.0, 0.01, 0.01])[:, None]
+    spread = root @ root.transpose(0, 2, 1)
+    polar = np.column_stack([rng.uniform(500, 500 + size, tracks), rng.uniform(-0.2, 0.2, (tracks, 2))])
+    measured = np.column_stack([rng.uniform(500, 500 + size, echoes), rng.uniform(-0.2, 0.2, (echoes, 2))])
+    return polar, spread, measured, np.tile([64.0, 1e-4, 1e-4], (echoes, 1))
+
+
+@pytest.mark.parametrize(("tracks", "echoes", "size"), [(40, 50, 300.0), (1, 200, 50.0), (60, 3, 100.0)])
+def test_candidates_are_all_pairs_within_the_gate(tracks: int, echoes: int, size: float) -> None:
+    polar, spread, measured, variance = problem(tracks, echoes, 6, size)
+    got = {
+        (int(i), int(j)): c for i, j, c in zip(*candidates(polar, spread, measured, variance, 16.0), strict=True)
+    }
+    wanted = {}
+    for i in range(tracks):
+        for j in range(echoes):
+            S, e = spread[i] + np.diag(variance[j]), measured[j] - polar[i]
+            d2 = e @ np.linalg.solve(S, e)
+            if d2 <= 16.0:
+                wanted[i, j] = d2 + np.linalg.slogdet(S)[1]
+    assert got.keys() == wanted.keys()
+    assert len(wanted) > 3
+    for pair, cost in wanted.items():
+        assert got[pair] == pytest.approx(cost, rel=1e-9)
+
+
+def test_azimuths_either_side_of_the_tail_are_near() -> None:
+    polar, spread = np.array([[1000.0, math.pi - 0.001, 0.0]]), np.diag([25.0, 1e-5, 1e-5])[None]
+    measured, variance = np.array([[1001.0, -math.pi + 0.001, 0.0]]), np.array([[64.0, 1e-4, 1e-4]])
+    assert len(candidates(polar, spread, measured, variance, 16.0)[0]) == 1
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_assignment_is_that_of_the_whole_problem(seed: int) -> None:
+    """Solved knot by knot it pairs as many, at the same cost, as solved at once."""
+    tracks, echoes, costs = candidates(*problem(60, 60, seed, 250.0), 16.0)
+    t, e = assign(tracks, echoes, costs)
+    assert len(set(t.tolist())) == len(t) == len(set(e.tolist()))
+    matrix = np.full((60, 60), 1e9)
+    matrix[tracks, echoes] = costs
+    row, column = linear_sum_assignment(matrix)
+    allowed = matrix[row, column] < 1e9
+    assert len(t) == allowed.sum() > 15
+    assert matrix[t, e].sum() == pytest.approx(matrix[row, column][allowed].sum())
+
+
+def test_nothing_to_assign() -> None:
+    nothing = np.zeros(0, np.int64)
+    assert [len(a) for a in assign(nothing, nothing, np.zeros(0))] == [0, 0]
+
+
+# --------------------------------------------------------------------------- closest approach
+
+
+def test_closest_approach_by_hand() -> None:
+    r = np.array([[100.0, 30.0, -40.0], [100.0, 0.0, 0.0], [10.0, 20.0, 0.0]])
+    v = np.array([[-10.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    a = closest(r, v, np.broadcast_to(np.eye(6), (3, 6, 6)))
+    np.testing.assert_allclose(a.time, [10.0, 0.0, 0.0])
+    np.testing.assert_allclose(a.distance, [50.0, 100.0, math.hypot(10, 20)])
+    np.testing.assert_allclose(a.miss[0], [0.0, 30.0, -40.0])
+    assert np.isfinite(a.time_sigma).all()
+
+
+@pytest.mark.parametrize("miss", [300.0, 60.0])
+def test_its_sigmas_by_monte_carlo_seed_7(miss: float) -> None:
+    rng = np.random.default_rng(7)
+    r, v = np.array([1500.0, miss, 20.0]), np.array([-60.0, 3.0, 1.0])
+    P = np.diag([20.0, 15.0, 10.0, 1.0, 0.8, 0.5]) ** 2
+    P[0, 3] = P[3, 0] = 8.0
+    draws = rng.multivariate_normal(np.concatenate([r, v]), P, 40_000)
+    one = closest(r[None], v[None], P[None])
+    many = closest(draws[:, :3], draws[:, 3:], np.broadcast_to(P, (40_000, 6, 6)))
+    assert one.time_sigma[0] == pytest.approx(many.time.std(), rel=0.05)
+    assert one.distance_sigma[0] == pytest.approx(many.distance.std(), rel=0.12)
+
+
+def test_a_distance_shorter_than_its_own_uncertainty_has_that_of_the_whole_vector() -> None:
+    a = closest(
+        np.array([[1000.0, 0.0, 0.0]]), np.array([[-50.0, 0.0, 0.0]]), np.diag([9.0] * 3 + [1.0] * 3)[None]
+    )
+    assert a.distance[0] == pytest.approx(0.0, abs=1e-9)
+    assert a.distance_sigma[0] == pytest.approx(math.sqrt(2 * (9.0 + 400.0)), rel=0.01)
+
+
+def test_many_places_at_once_are_each_place() -> None:
+    rng = np.random.default_rng(8)
+    directions = rng.standard_normal((50, 3))
+    places = directions / np.linalg.norm(directions, axis=1)[:, None] * rng.uniform(6.35e6, 6.40e6, (50, 1))
+    places[:3] = [[0, 0, 6356752.3 + 100], [0, 0, -6356752.3 - 100], [-6378137.0, -1e-9, 0]]
+    for place, found in zip(places, geodetic_rows(places), strict=True):
+        assert found == pytest.approx(geodetic_from_ecef(place), abs=1e-6)
