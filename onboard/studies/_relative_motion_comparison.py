@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from onboard.studies._relative_motion_table import Row
+from onboard.studies._relative_motion_table import Limit, Row
 from onboard.studies._relative_motion_variants import COMPARED, VARIANTS
 
 MARKS: Final = ("#d55e00", "#009e73", "#0072b2", "#cc79a7")
@@ -20,8 +20,9 @@ PANELS: Final = {
 }
 
 
-def compared(rows: Sequence[Row]) -> Figure:
-    """Dots by variant, a panel for each figure of merit; open where more than half of the runs diverged."""
+def compared(rows: Sequence[Row], limits: Sequence[Limit]) -> Figure:
+    """Dots by variant, a panel for each figure of merit; hollow where more than half of the runs diverged. Bars are
+    Cramer-Rao bounds."""
     known = {(row.variant, row.method): row for row in rows}
     names = [v.name for v in VARIANTS if any((v.name, m.name) in known for m in COMPARED)]
     figure = Figure(figsize=(11.0, 6.6), layout="constrained")
@@ -41,8 +42,12 @@ def compared(rows: Sequence[Row]) -> Figure:
                     markerfacecolor="white" if hollow else colour,
                     label=method.label if x == 0 else None,
                 )
+        for limit in limits:
+            if limit.variant in names and hasattr(limit, quantity):
+                at, bound = names.index(limit.variant), getattr(limit, quantity)
+                axis.hlines(bound, at - 0.35, at + 0.35, color="black", linewidth=1.2)
         axis.set_title(title, loc="left", fontsize=9.5)
-        axis.set_xticks(range(len(names)), names, rotation=60, fontsize=8)
+        axis.set_xticks(range(len(names)), names, rotation=60, fontsize=8, ha="right", rotation_mode="anchor")
         if quantity in ("inside_percent", "diverged"):
             axis.set_ylim(-4, 104)
         else:
@@ -51,6 +56,12 @@ def compared(rows: Sequence[Row]) -> Figure:
             axis.axhline(9, color="black", linewidth=0.7)
         if quantity == "inside_percent":
             axis.axhline(95, color="black", linewidth=0.7)
+    figure.suptitle(
+        "over t ≥ 15 s · hollow: most runs diverged, figure of the others · bars: Cramer-Rao bound",
+        fontsize=8.5,
+        x=0.01,
+        ha="left",
+    )
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
     return figure

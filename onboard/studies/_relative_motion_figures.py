@@ -19,7 +19,7 @@ from onboard.studies._formation import FT, Track
 from onboard.studies._formation_methods import PAPER_MENDED, SHIPPED, TUNED
 from onboard.studies._formation_scores import relative_acceleration, truth_of
 from onboard.studies._relative_motion_comparison import compared
-from onboard.studies._relative_motion_table import Row
+from onboard.studies._relative_motion_report import Result
 from simlink.flight import Flight
 
 COLOURS: Final = {"paper": "#d55e00", "tuned": "#0072b2", "honest": "#009e73"}
@@ -54,14 +54,14 @@ class Quantity(NamedTuple):
     sigmas: Mapping[str, Array] | None
 
 
-def draw(flight: Flight, tracks: Mapping[str, Track], rows: Sequence[Row], out: Path) -> tuple[str, ...]:
+def draw(flight: Flight, tracks: Mapping[str, Track], result: Result, out: Path) -> tuple[str, ...]:
     """Write the figures into the folder `out`: methods compared over all variants, the rest of one flight. Returns
     the file names, the comparison first."""
     position, velocity, acceleration, target = _quantities(flight, tracks)
     t = flight.nav_t
     with mpl.rc_context(STYLE):
         figures = {
-            "comparison.png": compared(rows),
+            "comparison.png": compared(result.rows, result.bounds),
             "overview.png": _overview(flight, tracks),
             "figure-08-relative-position.png": _against_truth(t, position),
             "figure-09-relative-velocity.png": _against_truth(t, velocity),

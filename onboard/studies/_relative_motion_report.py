@@ -1,8 +1,9 @@
 """The study's Markdown report, and its table as rows of text."""
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
+from onboard.filters.gating import mean_bounds
 from onboard.messages import Record
 from onboard.studies._relative_motion_bound import ASSUMES
 from onboard.studies._relative_motion_claims import Claim
@@ -44,12 +45,15 @@ DEFINITIONS: Final = """\
 Over t ≥ 15 s. Position and velocity: root mean square of the error vector's length, over all samples of all
 runs that did not diverge, at the navigation's 50 Hz. Range, size: root mean square relative errors. NEES and
 NIS (of the images fused): means; a consistent filter shows 9, and the degrees of freedom of its measurement.
-*In 95 % ellipsoid*: share of true positions inside what the filter reports. *Diverged*: the covariance lost its
-Cholesky factor or overflowed, or over the last 5 s the mean range error exceeds 50 % or the mean bearing
-error 5°."""
+Were each run one sample, 95 % of such means over {seeds} runs would lie in {nees} and, of three degrees, {nis}.
+*In 95 % ellipsoid*: share of true positions inside what the filter reports, of all runs. *Diverged*: the
+covariance lost its Cholesky factor or overflowed, or over the last 5 s there is no estimate, the mean range error
+exceeds 50 % or the mean bearing error 5°."""
 BOUND: Final = """\
-Posterior Cramer-Rao bound of {variant}: position {position_ft:.2f} ft, velocity {velocity_ft_s:.2f} ft/s, range
-{range_percent:.2f} %, a_lat {a_lat_ft_s2:.2f} ft/s². It assumes: {ASSUMES}."""
+Posterior Cramer-Rao bounds, and in brackets how many times larger the errors of ours are. They assume: {ASSUMES}.
+Where the true leader is steadier than that process noise, a filter can be better."""
+BOUNDED: Final = ("position_ft", "velocity_ft_s", "range_percent", "a_lat_ft_s2")
+BOUND_COLUMNS: Final = ("position ft", "velocity ft/s", "range %", "a_lat ft/s²")
 NOT_JUDGED: Final = """\
 Not judged: the paper's own flight data, which are not public. Its figures compare with the GPS/INS of both
 aircraft; ours compare with simulated truth, and the follower's own motion is known exactly."""
@@ -104,6 +108,20 @@ def comparison_table(comparisons: Sequence[Comparison]) -> list[tuple[str, ...]]
     ]
 
 
+def bound_table(result: Result) -> list[tuple[str, ...]]:
+    """The bound of each variant that has one, beside the errors of the method that is judged."""
+    rows = {row.variant: row for row in result.rows if row.method == OURS[-1].name}
+    return [
+        (limit.variant, *(_beside(rows[limit.variant], name, getattr(limit, name)) for name in BOUNDED))
+        for limit in result.bounds
+    ]
+
+
+def _beside(row: Row, name: str, bound: float) -> str:
+    value = row.quantities[name].value
+    return f"{bound:.3g}" + ("" if value is None else f" ({value / bound:.2f})")
+
+
 def target_table(targets: Sequence[Target]) -> list[tuple[str, ...]]:
     """What is asked for: variant, figure, measured, bounds, whether it is met."""
     return [
@@ -130,9 +148,11 @@ def markdown(result: Result) -> str:
         "# Relative motion by vision: Oh & Johnson's unscented Kalman filter",
         SETTING.format(seeds=result.seeds, variants=variants),
         "## Results",
-        DEFINITIONS,
+        DEFINITIONS.format(seeds=result.seeds, nees=_bounds(9, result.seeds), nis=_bounds(3, result.seeds)),
         _markdown_table(HEADER, table(result.rows)),
-        *[BOUND.format(ASSUMES=ASSUMES, **_plain(limit)) for limit in result.bounds],
+        "## The least that is possible",
+        BOUND.format(ASSUMES=ASSUMES),
+        _markdown_table(("variant", *BOUND_COLUMNS), bound_table(result)),
         f"## What is asked of ours ({OURS[-1].label})",
         _markdown_table(targets, target_table(result.targets)),
         "## The paper's claims",
@@ -147,13 +167,14 @@ def markdown(result: Result) -> str:
     return "\n\n".join(sections) + "\n"
 
 
+def _bounds(degrees: int, samples: int) -> str:
+    low, high = mean_bounds(degrees, samples)
+    return f"{low:.2f}–{high:.2f}"
+
+
 def _over(row: Row) -> str:
     value = row.quantities["nis"].value
     return "–" if value is None else f"{value:.3g} / {row.nis_degrees}"
-
-
-def _plain(limit: Limit) -> dict[str, Any]:
-    return {name: getattr(limit, name) for name in limit.__struct_fields__}
 
 
 def _cell(name: str, quantity: Quantity) -> str:

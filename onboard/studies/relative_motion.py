@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from onboard.estimators._leader_noise import HONEST
+from onboard.estimators._leader_noise import noise_for
 from onboard.studies._formation import Setting, Tracks, track
 from onboard.studies._formation_scores import SETTLED, Score, score, unseen_samples
 from onboard.studies._relative_motion_bound import Bound, bounds
@@ -36,7 +36,17 @@ from simlink.flights import Flights, fly_many
 NAME: Final = "relative-motion"
 TITLE: Final = "Oh & Johnson: relative motion by vision, an unscented Kalman filter"
 TOGETHER: Final = 25  # flights advanced at once: their tracks take 50 MB
-BOUNDED: Final = ("a",)  # variants whose Cramer-Rao bound is computed
+BOUNDED: Final = (
+    "a",
+    "b",
+    "c",
+    "d",
+    "i",
+    "k30",
+    "k45",
+    "k60",
+    "hover",
+)  # where told what is so, our own motion exactly
 
 
 class Flown(NamedTuple):
@@ -98,7 +108,11 @@ def fly_some(name: str, seeds: tuple[int, ...]) -> Flown:
     for method in variant.methods:
         tracks = track(flights, setting, method, variant.late)
         scores[method.name] = scores_of(flights, tracks, variant.late.stamp * SAMPLE)
-    limits = bounds(flights, setting.camera, HONEST, SETTLED) if name in BOUNDED else []
+    limits = (
+        bounds(flights, setting.camera, noise_for("honest", setting.leader_class), SETTLED)
+        if name in BOUNDED
+        else []
+    )
     return Flown(scores, limits)
 
 
@@ -124,7 +138,7 @@ def _write(result: Result, out: Path) -> Result:
     variant = VARIANTS[0]
     flights, setting = flown(variant, (result.first_seed,))
     tracks = {m.name: track(flights, setting, m).one(0) for m in _relative_motion_figures.SHOWN}
-    figures = _relative_motion_figures.draw(flights.one(0), tracks, result.rows, out)
+    figures = _relative_motion_figures.draw(flights.one(0), tracks, result, out)
     result = msgspec.structs.replace(result, figures=figures)
     (out / "report.md").write_text(markdown(result), encoding="utf-8")
     (out / "result.json").write_bytes(to_json(result))
