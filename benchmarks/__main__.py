@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.measuring import DisagreementError, Figures, figures
+from benchmarks.traffic import COUNTS
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -50,6 +51,9 @@ def table(measured: Figures) -> Table:
     root, start = measured["square_root"], measured["startup"]
     made.add_row("radar, square root", f"{root['us']:.1f} us = {root['times_ukf']:.1f} of our UKF's")
     made.add_row("the same, of a batch", f"{root['batch_us']:.1f} us = {root['batch_times_ukf']:.1f} of our UKF's")
+    tracks = measured["traffic_tracks"]
+    for count in COUNTS:
+        made.add_row(f"{count} aircraft tracked at 10 Hz", f"{100 * tracks[f'imm_{count}']:.0f} % of one core")
     made.add_row("start, nothing compiled", f"{start['cold_s']:.1f} s")
     made.add_row("start, compiled", f"{start['warm_s']:.2f} s")
     made.add_row("import onboard.pipeline", f"{start['import_pipeline_s']:.2f} s")

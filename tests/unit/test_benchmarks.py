@@ -8,6 +8,7 @@ from rich.console import Console
 from benchmarks.__main__ import table
 from benchmarks.measuring import figures
 from benchmarks.timing import Side, compare
+from benchmarks.traffic import COUNTS
 from tests.programs import ROOT
 
 KEYS = {
@@ -22,6 +23,8 @@ KEYS = {
     "batch_ukf": {"us_per_step", "steps_per_s", "times_faster_than_filterpy"},
     "batch_radar": {"us_per_step", "steps_per_s", "times_faster_than_filterpy"},
     "square_root": {"us", "times_ukf", "batch_us", "batch_times_ukf"},
+    "traffic_tracks": {f"imm_{count}{what}" for count in COUNTS for what in ("", "_tracked")}
+    | {"kf_500", "ekf_500", "ukf_500", "srukf_500", "per_track_ratio"},
     "startup": {"cold_s", "warm_s", "import_pipeline_s"},
     "versions": {"filterpy", "stonesoup", "numpy", "numba", "python"},
     "settings": {"pairs", "batch", "threads"},
@@ -37,7 +40,10 @@ def test_every_figure_has_its_key_and_its_row() -> None:
     console = Console(width=120, record=True, file=io.StringIO())
     console.print(table(measured))
     text = console.export_text()
-    assert all(name in text for name in ("radar", "vision", "square root", "of a batch", "Stone Soup", "start"))
+    assert all(
+        name in text
+        for name in ("radar", "vision", "square root", "of a batch", "Stone Soup", "start", "aircraft")
+    )
 
 
 def test_pairs_are_timed_in_turn_and_per_filter() -> None:
