@@ -7,7 +7,7 @@ import difflib
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
@@ -99,6 +99,15 @@ class RecorderConfig(Record, frozen=True, kw_only=True):
     path: str | None = None
 
 
+class TrafficOutConfig(Record, frozen=True, kw_only=True):
+    """`[traffic_out]`: tracks of traffic as MAVLink messages on one of the links; without `link` on none."""
+
+    link: str = ""  # its name
+    adsb_vehicle: Literal["all", "silent", "none"] = "silent"  # which tracks; silent: those without a transponder
+    collision: bool = True  # threats
+    rate_hz: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0  # of each track
+
+
 class Config(Record, frozen=True, kw_only=True):
     """Everything the daemon and the replay are told. `estimator` holds each estimator's own Config."""
 
@@ -113,6 +122,7 @@ class Config(Record, frozen=True, kw_only=True):
     estimator: dict[str, Any] = msgspec.field(default_factory=dict)
     zenoh: ZenohConfig = ZenohConfig()
     recorder: RecorderConfig = RecorderConfig()
+    traffic_out: TrafficOutConfig = TrafficOutConfig()
 
     def camera_model(self) -> Camera:
         """The camera as geometry knows it."""
@@ -177,6 +187,9 @@ def parse_config(table: dict[str, Any]) -> Config:
             raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
         if not rate > 0:
             raise ConfigError(f"autopilot.rates_hz.{name}: must be positive, not {rate}")
+    named = tuple(link.name for link in config.link)
+    if config.traffic_out.link and config.traffic_out.link not in named:
+        raise ConfigError(f"traffic_out.link: no link is called {config.traffic_out.link!r}{_among('', named)}")
     sections = {}
     for name, section in estimators.items():
         if name not in known():

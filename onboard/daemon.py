@@ -22,6 +22,7 @@ from onboard.session import Session
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
+from onboard.traffic_out import TrafficOut
 
 TICK_S: Final = 0.05
 HEALTH_EVERY_NS: Final = 1_000_000_000
@@ -38,6 +39,7 @@ class Daemon:
         self._pipeline = Pipeline(config)
         self._links: list[Link] = [parse_link(link.url, link.name) for link in config.link]
         self._sessions = {link.name: Session(config.autopilot) for link in config.link if link.autopilot}
+        self._traffic_out = TrafficOut(config.traffic_out, config.autopilot.component)
         self._sinks: dict[str, SinkRunner[Any]] = {}
         self._zenoh: Any = None
         self._states: dict[str, Lifecycle] = {}
@@ -106,8 +108,10 @@ class Daemon:
         was_heard, reboots = pipeline.autopilot is not None, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
             self._publish(output)
-            if isinstance(output, Estimate) and output.intruder is None and "/" not in output.target:
-                self._tell(output)  # one of many comes and goes: its health is not ours
+            if isinstance(output, Estimate) and output.name == output.target:
+                self._tell(output)
+            elif isinstance(output, Estimate) and self._traffic_out.link:  # one of many, that come and go
+                self._send(self._traffic_out.link, self._traffic_out.frames(output))
         session = self._sessions.get(datagram.channel)
         if session is None or not messages:
             return
@@ -115,6 +119,7 @@ class Daemon:
         if pipeline.autopilot is not None and not was_heard:
             for each in self._sessions.values():
                 each.connect(pipeline.autopilot)
+            self._traffic_out.connect(pipeline.autopilot.system)
             self._say(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}")
         if pipeline.clocks.reboots > reboots:
             self._say("the autopilot has rebooted")

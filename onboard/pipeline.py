@@ -136,6 +136,9 @@ class Pipeline:
         elif not isinstance(message, ANY_COMPONENT) and not self._from_autopilot(message):
             self._rejected["other_component"] += 1  # a gimbal's attitude, a peer's clock: not our own motion
             return []
+        elif isinstance(message, AdsbVehicle) and message.component == self._config.autopilot.component:
+            self._rejected["our_own"] += 1  # what we have told of others, come back by another way
+            return []
         self._count(message)
         if isinstance(message, TimeSync):
             self.clocks.receive_reply(message)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Published = Estimate | OwnPose | Health
 
-CAPACITY: Final = 256  # records waiting; a second or two
+CAPACITY: Final = 2048  # records waiting; a second or two, or the tracks of a busy sky a few times
 FORBIDDEN: Final = "*$?#/"
 QUERYABLE: Final = ("estimate/**", "own_state", "ownship", "health")
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
@@ -147,6 +147,9 @@ class ZenohSink:
             publisher = self._publishers.get(key) or self._declare(key)
             self._latest[key] = record, self._monotonic()
             publisher.put(self._encoder.encode(record), attachment=b"%d" % self._now_ns())
+            if isinstance(record, Estimate) and "/" in record.target and record.state is Lifecycle.SEARCHING:
+                self._publishers.pop(key).undeclare()  # the last word on one of many, of which there is no end
+                del self._latest[key]
 
     def close(self) -> None:
         """Undeclare everything, the token first."""

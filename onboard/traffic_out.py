@@ -1,0 +1,115 @@
+"""Traffic over MAVLink: ADSB_VEHICLE for maps, COLLISION for threats. Sans-IO; off unless the configuration names
+a link. What is done about a threat is the autopilot's: we only tell."""
+
+import math
+from typing import Any, Final
+
+from onboard.config import TrafficOutConfig
+from onboard.messages import (
+    AdsbVehicle,
+    AltitudeType,
+    Clock,
+    Collision,
+    Estimate,
+    Intruder,
+    Message,
+    ThreatLevel,
+)
+from onboard.wire.mavlink_encode import MavlinkEncoder
+
+SECOND: Final = 1_000_000_000
+BY_ADSB, BY_POSITION = 0, 1  # MAV_COLLISION_SRC
+LEVEL: Final = {ThreatLevel.NONE: 0, ThreatLevel.LOW: 1, ThreatLevel.HIGH: 2}  # MAV_COLLISION_THREAT_LEVEL
+OURS_BY_SYSTEM: Final = 0xF0_0000  # F00000 to FFFFFF are nobody's ICAO addresses: for those who have none
+OURS_BY_RADAR: Final = 0xF1_0000
+MOST: Final = 0xFFFF
+
+
+class TrafficOut:
+    """What to say of each estimate, at most so often of each track. Says nothing before `connect`."""
+
+    def __init__(self, config: TrafficOutConfig, component: int) -> None:
+        self.link = config.link
+        self._config = config
+        self._component = component
+        self._encoder: MavlinkEncoder | None = None
+        self._period_ns = round(SECOND / config.rate_hz)
+        self._due: dict[str, int] = {}
+
+    def connect(self, system: int) -> None:
+        """Our autopilot's system is known: we speak as a component of it."""
+        self._encoder = MavlinkEncoder(system, self._component)
+
+    def frames(self, estimate: Estimate) -> list[bytes]:
+        """Frames due for an estimate of traffic; none for any other, or one that is not valid."""
+        who = estimate.intruder
+        if self._encoder is None or who is None or not estimate.valid:
+            self._due.pop(estimate.target, None)
+            return []
+        if estimate.t_ns < self._due.get(estimate.target, 0) <= estimate.t_ns + self._period_ns:
+            return []
+        self._due[estimate.target] = estimate.t_ns + self._period_ns
+        return [self._encoder.encode(message) for message in self._messages(estimate, who)]
+
+    def _messages(self, estimate: Estimate, who: Intruder) -> list[Message]:
+        said: list[Message] = []
+        silent = who.icao is None
+        if self._config.adsb_vehicle == "all" or (self._config.adsb_vehicle == "silent" and silent):
+            said.append(adsb_vehicle(estimate, who))
+        if self._config.collision and who.approach.threat is not ThreatLevel.NONE:
+            said.append(collision(estimate, who))
+        return said
+
+
+def adsb_vehicle(estimate: Estimate, who: Intruder) -> AdsbVehicle:
+    """A track as ADS-B would have it: where it is now, above mean sea level."""
+    # the record wants course and speed, the estimate has the velocity
+    north, east, down = who.v_n
+    return AdsbVehicle(
+        **_unstamped(estimate),
+        icao=address(estimate, who),
+        lat_deg=who.lat_deg,
+        lon_deg=who.lon_deg,
+        altitude=who.alt_msl,
+        altitude_type=AltitudeType.PRESSURE,  # which MAVLink means above mean sea level
+        course=_course(north, east),
+        ground_speed=(north * north + east * east) ** 0.5,
+        climb=-down,
+        callsign=who.callsign or estimate.target.upper().replace("/", "")[:8],
+        emitter=who.emitter,
+        tslc=estimate.age or 0.0,
+        squawk=who.squawk,
+    )
+
+
+def collision(estimate: Estimate, who: Intruder) -> Collision:
+    """The closest approach of a threat."""
+    a = who.approach
+    by_position = who.icao is None and who.system is not None
+    return Collision(
+        **_unstamped(estimate),
+        source=BY_POSITION if by_position else BY_ADSB,
+        threat=who.system if by_position and who.system is not None else address(estimate, who),
+        threat_level=LEVEL[a.threat],
+        time=a.time,
+        vertical=a.vertical,
+        horizontal=a.horizontal,
+    )
+
+
+def address(estimate: Estimate, who: Intruder) -> int:
+    """Its ICAO address; else a number that is nobody's, the same for a track as long as it lasts."""
+    if who.icao is not None:
+        return who.icao
+    if who.system is not None:
+        return OURS_BY_SYSTEM + who.system
+    return OURS_BY_RADAR + int(estimate.target.rsplit("/", 1)[1]) % MOST
+
+
+def _course(north: float, east: float) -> float:
+    return math.atan2(east, north) % (2 * math.pi)
+
+
+def _unstamped(estimate: Estimate) -> dict[str, Any]:
+    """Neither message carries a time."""
+    return {"t_ns": estimate.t_ns, "t_recv_ns": estimate.t_ns, "clock": Clock.NONE}
