@@ -12,7 +12,7 @@ from typing import Final
 
 import msgspec
 
-from onboard.studies import _avoid, _misprints_filters, _misprints_models
+from onboard.studies import _avoid, _misprints_filters, _misprints_models, _misprints_sensors
 from onboard.studies import _findings as report
 from onboard.studies._avoid_claims import Measured, claims_of
 from onboard.studies._avoid_tables import tables_of
@@ -144,7 +144,7 @@ def _overconfident(m: Measured) -> float:
 
 def _misprints(m: Measured) -> tuple[Misprint, ...]:
     """All of them; of two, what they do in flight as well."""
-    formulas = (*_misprints_filters.MISPRINTS, *_misprints_models.MISPRINTS)
+    formulas = (*_misprints_filters.MISPRINTS, *_misprints_models.MISPRINTS, *_misprints_sensors.MISPRINTS)
     literal, alpha = m.literal, m.alpha
     sound, steady = m.validation.outcomes["srukf"], m.radar.outcomes["ukf"]
     return (

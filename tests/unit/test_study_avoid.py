@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from onboard.filters.discretisation import van_loan
-from onboard.studies import _avoid, _avoid_scenes, _misprints_filters, _misprints_models
+from onboard.studies import _avoid, _avoid_scenes, _misprints_filters, _misprints_models, _misprints_sensors
 from onboard.studies import joseph_srukf_sense_and_avoid as study
 from onboard.studies._findings import Findings, Misprint
 from onboard.studies._outcomes import POSITION
 from simlink import gnss
 
-MISPRINTS = (*_misprints_filters.MISPRINTS, *_misprints_models.MISPRINTS)
+MISPRINTS = (*_misprints_filters.MISPRINTS, *_misprints_models.MISPRINTS, *_misprints_sensors.MISPRINTS)
 
 
 @pytest.mark.parametrize("formula", MISPRINTS, ids=lambda f: f.__name__)
