@@ -108,6 +108,13 @@ def unseen_samples(image_at: Indices, in_view: Mask, samples: int) -> Mask:
     return unseen
 
 
+def error_over_time(flight: Flight, track: Track) -> Array:
+    """(N, 3): time, position error and reported sigma of the position (root of the summed variances), in feet."""
+    error = np.linalg.norm((track.mean - truth_of(flight))[:, R], axis=1)
+    sigma = np.sqrt(np.einsum("nii->n", track.covariance[:, R, R]))
+    return np.column_stack([track.t, error / FT, sigma / FT])
+
+
 def relative_acceleration(mean: Array, flight: Flight, eps: float) -> Array:
     """a_FL_n (N, 3) that states (N, 9) imply: eq 4."""
     v_L = mean[:, V] + flight.nav_v_F_n

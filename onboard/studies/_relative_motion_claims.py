@@ -149,7 +149,8 @@ def _consistency(rows: Rows) -> Claim:
         verdict="holds" if holds else "does not hold",
         evidence=(
             f"NEES over nine states should be 9 (95 %: {low:.1f}-{high:.1f}): {_value(paper, 'nees'):.2f} with "
-            f"the paper's settings, {_value(tuned, 'nees'):.1f} tuned, {_value(honest, 'nees'):.1f} as shipped. "
+            f"the paper's settings, {_value(tuned, 'nees'):.1f} tuned, {_value(honest, 'nees'):.1f} with "
+            "the size considered. "
             f"NIS should be 3: {_value(paper, 'nis'):.4f}, {_value(tuned, 'nis'):.1f}, "
             f"{_value(honest, 'nis'):.1f}. "
             f"R from the pixels alone does not mend it, with the paper's Q: NEES {_value(alone, 'nees'):.2f}, "

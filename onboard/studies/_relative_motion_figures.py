@@ -16,14 +16,18 @@ from onboard.filters.gating import normalised_squared
 from onboard.geometry.rotations import Array
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
 from onboard.studies._formation import FT, Track
-from onboard.studies._formation_methods import PAPER_MENDED, SHIPPED, TUNED
+from onboard.studies._formation_methods import PAPER_MENDED, TUNED
 from onboard.studies._formation_scores import relative_acceleration, truth_of
-from onboard.studies._relative_motion_comparison import compared
+from onboard.studies._relative_motion_comparison import compared, over_time
 from onboard.studies._relative_motion_report import Result
+from onboard.studies._relative_motion_variants import OURS
 from simlink.flight import Flight
 
-COLOURS: Final = {"paper": "#d55e00", "tuned": "#0072b2", "honest": "#009e73"}
-SHOWN: Final = (PAPER_MENDED, TUNED, SHIPPED)
+Examples = Mapping[str, Mapping[str, Array]]  # see `over_time`
+SHOWN: Final = (PAPER_MENDED, TUNED, *OURS)
+COLOURS: Final = dict(
+    zip((method.name for method in SHOWN), ("#d55e00", "#0072b2", "#009e73", "#cc79a7"), strict=False)
+)
 LABELS: Final = {method.name: method.label for method in SHOWN}
 DRAWN: Final = ("paper", "tuned")  # in figures 8-14; the overview shows all
 STYLE: Final[dict[Any, Any]] = {
@@ -54,7 +58,9 @@ class Quantity(NamedTuple):
     sigmas: Mapping[str, Array] | None
 
 
-def draw(flight: Flight, tracks: Mapping[str, Track], result: Result, out: Path) -> tuple[str, ...]:
+def draw(
+    flight: Flight, tracks: Mapping[str, Track], result: Result, examples: Examples, out: Path
+) -> tuple[str, ...]:
     """Write the figures into the folder `out`: methods compared over all variants, the rest of one flight. Returns
     the file names, the comparison first."""
     position, velocity, acceleration, target = _quantities(flight, tracks)
@@ -62,6 +68,7 @@ def draw(flight: Flight, tracks: Mapping[str, Track], result: Result, out: Path)
     with mpl.rc_context(STYLE):
         figures = {
             "comparison.png": compared(result.rows, result.bounds),
+            "over-time.png": over_time(examples),
             "overview.png": _overview(flight, tracks),
             "figure-08-relative-position.png": _against_truth(t, position),
             "figure-09-relative-velocity.png": _against_truth(t, velocity),

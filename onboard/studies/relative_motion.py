@@ -13,8 +13,9 @@ from typing import Final, NamedTuple
 import msgspec
 
 from onboard.estimators._leader_noise import noise_for
+from onboard.geometry.rotations import Array
 from onboard.studies._formation import Setting, Tracks, track
-from onboard.studies._formation_scores import SETTLED, Score, score, unseen_samples
+from onboard.studies._formation_scores import SETTLED, Score, error_over_time, score, unseen_samples
 from onboard.studies._relative_motion_bound import Bound, bounds
 from onboard.studies._relative_motion_claims import claims_of
 from onboard.studies._relative_motion_judged import judged
@@ -36,6 +37,7 @@ from simlink.flights import Flights, fly_many
 NAME: Final = "relative-motion"
 TITLE: Final = "Oh & Johnson: relative motion by vision, an unscented Kalman filter"
 TOGETHER: Final = 25  # flights advanced at once: their tracks take 50 MB
+EXAMPLE: Final = 10  # navigation samples from one point of a picture to the next
 BOUNDED: Final = (
     "a",
     "b",
@@ -54,6 +56,7 @@ class Flown(NamedTuple):
 
     scores: dict[str, list[Score]]
     bounds: list[Bound]
+    examples: dict[str, Array]  # by method, of the first flight: `error_over_time`, thinned out
 
 
 def run(
@@ -92,7 +95,8 @@ def run(
         claims=claims_of({(row.variant, row.method): row for row in rows}),
         figures=(),
     )
-    return result if out is None else _write(result, out)
+    examples = {variant.name: found[i].examples for i, variant in enumerate(variants)}
+    return result if out is None else _write(result, examples, out)
 
 
 def to_json(result: Result) -> bytes:
@@ -104,16 +108,17 @@ def fly_some(name: str, seeds: tuple[int, ...]) -> Flown:
     """Flights of a variant, scored with each of its methods."""
     variant = BY_NAME[name]
     flights, setting = flown(variant, seeds)
-    scores = {}
+    scores, examples = {}, {}
     for method in variant.methods:
         tracks = track(flights, setting, method, variant.late)
+        examples[method.name] = error_over_time(flights.one(0), tracks.one(0))[::EXAMPLE]
         scores[method.name] = scores_of(flights, tracks, variant.late.stamp * SAMPLE)
     limits = (
         bounds(flights, setting.camera, noise_for("honest", setting.leader_class), SETTLED)
         if name in BOUNDED
         else []
     )
-    return Flown(scores, limits)
+    return Flown(scores, limits, examples)
 
 
 def flown(variant: Variant, seeds: tuple[int, ...]) -> tuple[Flights, Setting]:
@@ -130,7 +135,7 @@ def scores_of(flights: Flights, tracks: Tracks, stamps_late: float) -> list[Scor
     return [score(flights.seeds[b], flights.one(b), tracks.one(b), unseen[b], stamps_late) for b in rows]
 
 
-def _write(result: Result, out: Path) -> Result:
+def _write(result: Result, examples: dict[str, dict[str, Array]], out: Path) -> Result:
     """Figures of the first seed, the report and the JSON, into the folder `out`."""
     from onboard.studies import _relative_motion_figures  # noqa: PLC0415 - matplotlib is an extra
 
@@ -138,7 +143,7 @@ def _write(result: Result, out: Path) -> Result:
     variant = VARIANTS[0]
     flights, setting = flown(variant, (result.first_seed,))
     tracks = {m.name: track(flights, setting, m).one(0) for m in _relative_motion_figures.SHOWN}
-    figures = _relative_motion_figures.draw(flights.one(0), tracks, result, out)
+    figures = _relative_motion_figures.draw(flights.one(0), tracks, result, examples, out)
     result = msgspec.structs.replace(result, figures=figures)
     (out / "report.md").write_text(markdown(result), encoding="utf-8")
     (out / "result.json").write_bytes(to_json(result))

@@ -219,7 +219,7 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
 ) -> None:
     found, out, calls = result
     assert calls == [(i + 1, len(FLOWN)) for i in range(len(FLOWN))]
-    assert len(found.figures) == 9
+    assert len(found.figures) == 10
     for name in found.figures:
         assert (out / name).read_bytes().startswith(b"\x89PNG")
     document = json.loads((out / "result.json").read_text(encoding="utf-8"))
