@@ -62,8 +62,7 @@ def _accuracy(m: Measured) -> Claim:
         where="section 4.3, figures 2-5; section 6",
         verdict="holds" if ratio < BETTER else "does not hold",
         evidence=f"Validation: EKF {found['ekf']:.2f}, UKF {found['ukf']:.2f}, square-root UKF "
-        f"{found['srukf']:.2f}, "
-        f"Joseph {found[MINE]:.2f} m: {100 * (1 - ratio):.1f} % better. Radar and GNSS: "
+        f"{found['srukf']:.2f}, Joseph {found[MINE]:.2f} m: {100 * (1 - ratio):.1f} % better. Radar and GNSS: "
         f"{100 * (1 - worst):.1f} % at the most, in any window.",
     )
 
@@ -78,11 +77,9 @@ def _condition_diverges(m: Measured) -> Claim:
         where="section 4.3, figure 6",
         verdict="holds" if growth > 10 else "holds only if" if fails else "does not hold",
         evidence="Only if the covariance is never made symmetric, and not yet in 200 steps of the validation: "
-        "there "
-        f"it is {growth:.4f} times that of the symmetric filter at most. By radar the printed update fails in "
-        f"{by_radar.failed} of {by_radar.runs} runs, at {by_radar.failed_at:.0f} s (median), before any fault; "
-        "the "
-        "same filter with a symmetric covariance fails in none. What diverges is the asymmetry.",
+        f"there it is {growth:.4f} times that of the symmetric filter at most. By radar the printed update "
+        f"fails in {by_radar.failed} of {by_radar.runs} runs, at {by_radar.failed_at:.0f} s (median), before "
+        "any fault; the same filter with a symmetric covariance fails in none. What diverges is the asymmetry.",
     )
 
 
@@ -94,9 +91,8 @@ def _condition_of_joseph(m: Measured) -> Claim:
         claim="Joseph's form lowers the condition number.",
         where="section 4.3, figures 6-8; section 6",
         verdict="holds" if ratio < 0.9 else "does not hold",
-        evidence=f"κ(S) in Joseph's form is {ratio:.3f} times that of the square-root filter without it "
-        "(median after "
-        "20 s): the condition number is a property of the problem.",
+        evidence=f"κ(S) in Joseph's form is {ratio:.3f} times that of the square-root filter without it (median "
+        "after 20 s): the condition number is a property of the problem.",
     )
 
 
@@ -109,8 +105,7 @@ def _condition_of_the_root(m: Measured) -> Claim:
         verdict="holds only if",
         evidence=f"κ(P) is {ratio:.0f} times κ(S) (median), only because κ(S)² = κ(P) by definition (to "
         f"{square:.0e}). It halves the digits lost, and changes no number in double precision: UKF and "
-        "square-root "
-        f"UKF are {m.validation.gap:.0e} m apart.",
+        f"square-root UKF are {m.validation.gap:.0e} m apart.",
     )
 
 
@@ -122,12 +117,11 @@ def _downdates(m: Measured) -> Claim:
         claim="Joseph's form keeps the square-root filter positive definite where downdates fail.",
         where="abstract, sections 3.1 and 4.3",
         verdict="holds only if" if only_if else "does not hold",
-        evidence="It shows only when the problem is ill-conditioned for the precision. In float32, with 1 cm and "
-        f"10 µrad, downdates as textbooks write them fail in {book.failed} of {book.runs} runs, in float64 in "
-        f"{double['srukf-textbook'].failed}; Joseph's form in {mine.failed}. Downdates that factor d² − x² "
-        "fail in "
-        f"{careful.failed}, and triangularisation of [√w (dX − K dZ), K S_R] in {single['srukf'].failed}, with no "
-        "Jacobian.",
+        evidence="It shows only when the problem is ill-conditioned for the precision. In float32, with 1 cm "
+        f"and 10 µrad, downdates as textbooks write them fail in {book.failed} of {book.runs} runs, in float64 "
+        f"in {double['srukf-textbook'].failed}; Joseph's form in {mine.failed}. Downdates that factor d² − x² "
+        f"fail in {careful.failed}, and triangularisation of [√w (dX − K dZ), K S_R] in "
+        f"{single['srukf'].failed}, with no Jacobian.",
     )
 
 
@@ -138,9 +132,9 @@ def _no_downdate(m: Measured) -> Claim:
         where="abstract, sections 3.1 and 6",
         verdict="holds only if",
         evidence="Only if the centre's weight is not negative. With n + κ = 3 for nine states it is −2, and "
-        "eqs 22 and "
-        f"26 are downdates themselves. The measurement update gains even so: in float64, with 1 cm and 10 µrad, "
-        f"{classical.failed} of {classical.runs} runs fail with downdates, {joseph.failed} with Joseph's form.",
+        "eqs 22 and 26 are downdates themselves. The measurement update gains even so: in float64, with 1 cm "
+        f"and 10 µrad, {classical.failed} of {classical.runs} runs fail with downdates, {joseph.failed} with "
+        "Joseph's form.",
     )
 
 
@@ -155,11 +149,9 @@ def _jacobian(m: Measured) -> Claim:
         verdict="holds" if holds else "does not hold",
         evidence="What the measurement bends over the prior is in the gain but not in the covariance, so it is "
         f"overconfident: NEES of nine states {nees[MINE][1]:.0f} from 20 km, {nees[MINE][0]:.0f} with 1 cm and "
-        "10 µrad; by "
-        f"triangularisation {nees['srukf'][1]:.0f} and {nees['srukf'][0]:.1f}. The mean is the same "
+        f"10 µrad; by triangularisation {nees['srukf'][1]:.0f} and {nees['srukf'][0]:.1f}. The mean is the same "
         f"({first[MINE].position:.0f} m after the first look). To relinearise the gain about the posterior as "
-        "well "
-        f"(four iterations) gives {first['iplf'].position:.1f} m and a NEES of {first['iplf'].nees:.1f}.",
+        f"well (four iterations) gives {first['iplf'].position:.1f} m and a NEES of {first['iplf'].nees:.1f}.",
     )
 
 
@@ -177,8 +169,8 @@ def _faults_of_radar(m: Measured) -> Claim:
         verdict="holds" if others > 0 and found[MINE] == 0 else "does not hold",
         evidence=f"Runs of {plain.runs} that diverge: EKF {found['ekf']}, UKF {found['ukf']}, square-root UKF "
         f"{found['srukf']}, Joseph {found[MINE]}. Jamming raises the error to "
-        f"{m.radar.outcomes[MINE].windows['jammed'].position:.0f} m with each of them. The EKF as printed, whose "
-        f"covariance loses its symmetry, fails in {plain.failed}, long before the jamming "
+        f"{m.radar.outcomes[MINE].windows['jammed'].position:.0f} m with each of them. The EKF as printed, "
+        f"whose covariance loses its symmetry, fails in {plain.failed}, long before the jamming "
         f"({plain.failed_at:.0f} s).",
     )
 
@@ -195,8 +187,7 @@ def _acceleration(m: Measured) -> Claim:
         where="sections 5.1.3 and 5.2.3, figures 13, 16",
         verdict="holds" if ratio < BETTER and found[MINE][0] < BETTER * found["ukf"][0] else "does not hold",
         evidence=f"Radar, m/s², nominal, jammed and after the faults: {numbers}. UKF and Joseph's form agree; "
-        "the EKF "
-        "recovers from the loss of signal a little slower.",
+        "the EKF recovers from the loss of signal a little slower.",
     )
 
 
@@ -223,11 +214,10 @@ def _faults_of_gnss(m: Measured) -> Claim:
         verdict="holds" if others > 0 and found[MINE] == 0 else "does not hold",
         evidence=f"Runs of {plain.runs} that diverge: EKF {found['ekf']}, UKF {found['ukf']}, square-root UKF "
         f"{found['srukf']}, Joseph {found[MINE]}: all are stable. Errors are {ours['degraded'].position:.1f} m "
-        "with the "
-        f"degraded clock, {ours['lost'].position:.0f} m without satellites, {ours['after'].position:.1f} m "
-        "afterwards. The "
-        f"EKF as printed fails in {plain.failed}, at {plain.failed_at:.0f} s, before any fault. No filter knows "
-        f"of the degraded clock (NEES {ours['degraded'].nees:.0f} of 11): a filter must be told, or must gate.",
+        f"with the degraded clock, {ours['lost'].position:.0f} m without satellites, "
+        f"{ours['after'].position:.1f} m afterwards. The EKF as printed fails in {plain.failed}, at "
+        f"{plain.failed_at:.0f} s, before any fault. No filter knows of the degraded clock (NEES "
+        f"{ours['degraded'].nees:.0f} of 11): a filter must be told, or must gate.",
     )
 
 
@@ -252,10 +242,8 @@ def _duration(m: Measured) -> Claim:
         where="section 4.3, figure 10; section 6",
         verdict="holds" if ratio < 1.1 else "does not hold",
         evidence=f"A step takes {ratio:.1f} times that of triangularisation and {classical:.1f} times that of "
-        "downdates "
-        "here, where all is compiled: the Jacobian and a second decomposition are not free. In an interpreter "
-        "other "
-        "things take longer.",
+        "downdates here, where all is compiled: the Jacobian and a second decomposition are not free. In an "
+        "interpreter other things take longer.",
     )
 
 
@@ -273,6 +261,6 @@ def _consistency(m: Measured) -> Claim:
         claim="(Implied.) The covariance says how large the errors are.",
         where="sections 4 and 5",
         verdict="holds only if" if cautious else "does not hold",
-        evidence=f"NEES: {numbers}: cautious, since the targets move less than the process noise allows. Only in "
-        "nominal conditions, and not from a wide prior, see above.",
+        evidence=f"NEES: {numbers}: cautious, since the targets move less than the process noise allows. Only "
+        "in nominal conditions, and not from a wide prior, see above.",
     )

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from onboard.filters.gating import mean_bounds
 from onboard.studies._avoid import Flown
 from onboard.studies._avoid_claims import Measured
 from onboard.studies._findings import Cell, Table
@@ -9,7 +10,8 @@ from onboard.studies._outcomes import Outcome
 
 RMS = (
     "Root mean squares of the lengths of error vectors over the runs that did not fail. NEES of {n} states: {n} "
-    "when consistent; in 95 %: how often it kept its 95 % bound."
+    "when consistent (95 % of means, were each of {runs} runs one sample: {low:.1f} to {high:.1f}), NIS: {m}; in "
+    "95 %: how often NEES kept its 95 % bound."
 )
 
 
@@ -18,11 +20,18 @@ def tables_of(m: Measured) -> tuple[Table, ...]:
     return (
         _validation(m),
         _sharp(m),
-        _by_window("Radar", m.radar, 9, ("nominal", "jammed", "lost", "after"), _radar_note(m)),
-        _by_window("GNSS", m.gnss, 11, ("nominal", "degraded", "between", "lost", "after"), _gnss_note(m)),
+        _by_window("Radar", m.radar, 9, 3, ("nominal", "jammed", "lost", "after"), _radar_note(m)),
+        _by_window(
+            "GNSS", m.gnss, 11, _seen(m), ("nominal", "degraded", "between", "lost", "after"), _gnss_note(m)
+        ),
         _acquisition(m),
         _durations(m),
     )
+
+
+def _rms(o: Outcome, n: int, m: int) -> str:
+    low, high = mean_bounds(n, o.runs)
+    return RMS.format(n=n, m=m, runs=o.runs, low=low, high=high)
 
 
 def failures(o: Outcome) -> str:
@@ -41,11 +50,11 @@ def _validation(m: Measured) -> Table:
     extra = m.validation.extra
     return Table(
         title="Validation",
-        note=RMS.format(n=9)
-        + f" After 20 s. What is measured is off by {m.validation.raw['settled']:.0f} m. Cramér–Rao "
-        f"bound of the position: {extra['bound_model']:.1f} m for a target with the filter's process noise, "
-        f"{extra['bound_still']:.1f} m for one without, as this; the filter must be between. κ: condition number, "
-        "median over time and runs, of P, of its root S for square-root filters.",
+        note=_rms(m.validation.outcomes["ukf"], 9, 3)
+        + f" After 20 s. What is measured is off by {m.validation.raw['settled']:.0f} m. Cramér–Rao bound of "
+        f"the position: {extra['bound_model']:.1f} m for a target with the filter's process noise, "
+        f"{extra['bound_still']:.1f} m for one without, as this; the filter must be between. κ: condition "
+        "number, median over time and runs, of P, of its root S for square-root filters.",
         header=(
             "filter",
             "position m",
@@ -81,28 +90,30 @@ def _sharp(m: Measured) -> Table:
     )
 
 
-def _by_window(title: str, flown: Flown, n: int, windows: tuple[str, ...], note: str) -> Table:
+def _by_window(title: str, flown: Flown, n: int, seen: int, windows: tuple[str, ...], note: str) -> Table:
     rows: list[tuple[Cell, ...]] = [
         (
             o.label,
             *(o.windows[name].position for name in windows),
             o.windows["nominal"].acceleration,
             o.windows["nominal"].nees,
+            o.windows["nominal"].nis,
             o.windows["nominal"].inside,
             failures(o),
             o.diverged,
         )
         for o in flown.outcomes.values()
     ]
-    raw: tuple[Cell, ...] = ("measured", *(flown.raw[name] for name in windows), None, None, None, "", None)
+    raw: tuple[Cell, ...] = ("measured", *(flown.raw[name] for name in windows), None, None, None, None, "", None)
     return Table(
         title=title,
-        note=RMS.format(n=n) + " " + note,
+        note=_rms(flown.outcomes["ukf"], n, seen) + " " + note,
         header=(
             "filter",
             *(f"position m, {name}" for name in windows),
             "acceleration m/s², nominal",
             "NEES, nominal",
+            "NIS, nominal",
             "in 95 %, nominal",
             "failed",
             "diverged",
@@ -116,9 +127,8 @@ def _radar_note(m: Measured) -> str:
     return (
         "Nominal: 10-70 s, before the faults. The signal-to-noise ratio falls from "
         f"{m.radar.extra['snr_first_db']:.0f} dB at the start to {m.radar.extra['snr_jammed_db']:.1f} dB when "
-        "jammed. "
-        f"With 50 mm/h of rain: {rain['nominal'].position:.2f} m nominal, "
-        f"{rain['jammed'].position:.1f} m jammed ({ours['jammed'].position:.1f} m without)."
+        f"jammed. With 50 mm/h of rain: {rain['nominal'].position:.2f} m nominal, {rain['jammed'].position:.1f} "
+        f"m jammed ({ours['jammed'].position:.1f} m without)."
     )
 
 
@@ -126,11 +136,14 @@ def _gnss_note(m: Measured) -> str:
     left = m.uncorrected.outcomes["srukf-joseph"].windows["nominal"].position
     return (
         "Nominal: 10-60 s. What is measured: the least-squares position of each fix alone. The receiver "
-        "removes the mean "
-        f"troposphere; if it did not, the nominal error would be {left:.1f} m. The filter is not told that the "
-        "clock "
-        "is degraded: R and Q stay."
+        f"removes the mean troposphere; if it did not, the nominal error would be {left:.1f} m. The filter is "
+        "not told that the clock is degraded: R and Q stay."
     )
+
+
+def _seen(m: Measured) -> int:
+    """Pseudoranges and rates in a fix."""
+    return 2 * round(m.gnss.extra["satellites_most"])
 
 
 def _acquisition(m: Measured) -> Table:

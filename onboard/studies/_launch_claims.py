@@ -52,8 +52,7 @@ def _accuracy(
         evidence=f"With q 1, rms: {found}. "
         + (f"It holds in {', '.join(kept)} only. " if kept else "In no window, with no process noise. ")
         + f"The best of all q has {best.windows[LAST].position:.0f} m at the end. 0.2 mrad at 1000 km are 200 "
-        "m; a "
-        f"filter that knew the motion to q 0.01 could not do better than {bound[LAST]:.0f} m there.",
+        f"m; a filter that knew the motion to q 0.01 could not do better than {bound[LAST]:.0f} m there.",
     )
 
 
@@ -84,11 +83,9 @@ def _better(single: Flown, triple: Flown) -> Claim:
         where="abstract, sections 5 and 6",
         verdict="holds" if holds else "holds only if" if plain.failed else "does not hold",
         evidence=f"Their positions after 262 s are {1e3 * single.gap:.1f} mm apart (rms), with three times the "
-        "noise "
-        f"{1e3 * triple.gap:.0f} mm. It holds only if the extended filter's covariance is never made symmetric "
-        f"(eq 18 as it stands): then {plain.failed} of {plain.runs} runs fail, at {plain.failed_at:.0f} s "
-        "(median). "
-        "A filter that keeps symmetry does not.",
+        f"noise {1e3 * triple.gap:.0f} mm. It holds only if the extended filter's covariance is never made "
+        f"symmetric (eq 18 as it stands): then {plain.failed} of {plain.runs} runs fail, at "
+        f"{plain.failed_at:.0f} s (median). A filter that keeps symmetry does not.",
     )
 
 
@@ -100,10 +97,8 @@ def _consistent(single: Flown) -> Claim:
         where="section 5, figures 5-10",
         verdict="holds" if 0.6 < within < 0.85 else "does not hold",
         evidence=f"With q 1, {100 * within:.0f} % of the components' errors are within 1σ (68 % would be "
-        "exact), away "
-        f"from events. NEES of nine: {nees}. The small overconfidence of the first window is burning stages, "
-        "whose "
-        "acceleration grows; lower q makes it worse quickly.",
+        f"exact), away from events. NEES of nine: {nees}. The small overconfidence of the first window is "
+        "burning stages, whose acceleration grows; lower q makes it worse quickly.",
     )
 
 
@@ -113,7 +108,7 @@ def _easier(single: Flown) -> Claim:
         where="section 3.1",
         verdict="does not hold",
         evidence="With α = 10⁻³ the position after 262 s is "
-        f"{_of(single, 'ukf-scaled').windows[LAST].position:.2f} m "
-        f"off, with the points √9 σ apart {_of(single, 'ukf').windows[LAST].position:.2f} m: at these ranges the "
-        "measurement is straight over the prior. α only spends digits, with weights of a million.",
+        f"{_of(single, 'ukf-scaled').windows[LAST].position:.2f} m off, with the points √9 σ apart "
+        f"{_of(single, 'ukf').windows[LAST].position:.2f} m: at these ranges the measurement is straight over "
+        "the prior. α only spends digits, with weights of a million.",
     )

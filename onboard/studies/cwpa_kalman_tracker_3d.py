@@ -226,8 +226,8 @@ def _claims(drawn: dict[str, float], rest: dict[str, float], printed: dict[str, 
             where="section 5, figures 3-5",
             verdict="holds" if abs(drawn["nees"] - 9) < 0.3 else "does not hold",
             evidence=f"NEES {drawn['nees']:.2f} of 9, {100 * drawn['inside']:.1f} % of truths in the 95 % "
-            "ellipsoid, when runs begin as P₀ says. Begun exactly at rest, as the paper's, "
-            f"{rest['nees']:.2f}: P₀ then allows for errors that are not made.",
+            f"ellipsoid, when runs begin as P₀ says. Begun exactly at rest, as the paper's, {rest['nees']:.2f}: "
+            "P₀ then allows for errors that are not made.",
         ),
         Claim(
             claim="Eq 6 is the Padé expansion of the transition matrix.",

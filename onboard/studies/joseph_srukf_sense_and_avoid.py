@@ -65,14 +65,13 @@ def run(
         study=NAME,
         title=TITLE,
         setting=(
-            f"Validation: {len(many)} runs of 100 s at 2 Hz, 30 m, 1.45° and 5° (constant acceleration, q 0.01). "
-            f"Radar: {seeds} runs of 120 s at 10 Hz against a manoeuvring intruder, Table 4's phased array, "
-            "jammed "
-            "70-85 s, no signal 95-105 s (variable turn, q 1). GNSS: the same flight by pseudoranges at 1 Hz, "
-            f"{measured.gnss.extra['satellites_least']:.0f} satellites, filter at 10 Hz, clock degraded 60-75 s, "
-            "no satellites 90-102 s. Each run starts at a draw from P₀. Sigma points are √n σ apart, with no "
-            "weight "
-            "at the centre. Diverged: a numerical failure, or the last 50 steps more than 500 m off in the mean."
+            f"Validation: {len(many)} runs of 100 s at 2 Hz, 30 m, 1.45° and 5° (constant acceleration, q "
+            f"0.01). Radar: {seeds} runs of 120 s at 10 Hz against a manoeuvring intruder, Table 4's phased "
+            "array, jammed 70-85 s, no signal 95-105 s (variable turn, q 1). GNSS: the same flight by "
+            f"pseudoranges at 1 Hz, {measured.gnss.extra['satellites_least']:.0f} satellites, filter at 10 Hz, "
+            "clock degraded 60-75 s, no satellites 90-102 s. Each run starts at a draw from P₀. Sigma points "
+            "are √n σ apart, with no weight at the centre. Diverged: a numerical failure, or the last 50 steps "
+            "more than 500 m off in the mean."
         ),
         seeds=seeds,
         first_seed=first_seed,
