@@ -40,11 +40,29 @@ def whitened_inverse(B):  # type: ignore[no-untyped-def]
         size[a] = np.sqrt(total) if total > 0 else 1
         for j in range(n):
             scaled[a, j] = B[j, a] / size[a]
-    white = np.linalg.pinv(scaled, tiny_of(B))
+    white = independent_inverse(scaled)
+    if white.shape[0] == 0:
+        white = np.linalg.pinv(scaled, tiny_of(B))
     for j in range(n):
         for a in range(m):
             white[j, a] /= size[a]
     return white
+
+
+@njit(cache=True, error_model="numpy")
+def independent_inverse(A):  # type: ignore[no-untyped-def]
+    """A^T (A A^T)^-1 (n, m) of rows A (m, n) of length one, in a tenth of the pseudo-inverse's time; (0, 0) if some
+    row comes near a combination of the others, where the product would lose digits."""
+    m, n = A.shape
+    product, lower_t = np.dot(A, A.T), np.empty((m, m), A.dtype)
+    if not factor_into(product, lower_t):
+        return np.empty((0, 0), A.dtype)
+    for a in range(m):
+        if lower_t[a, a] < 0.1:
+            return np.empty((0, 0), A.dtype)
+    columns = A.copy()
+    solve_into(lower_t, columns)
+    return columns.T.copy()
 
 
 @njit(cache=True, error_model="numpy")

@@ -123,9 +123,12 @@ def fly(
     actuation: Actuation = as_commanded,
     outliers: float = 0.0,
     airframe: Airframe = Airframe(),  # noqa: B008 - immutable
+    truth: Airframe | None = None,
+    gust: Array | None = None,
 ) -> Flight:
     """Fly one figure eight per generator. `actuation(t, inputs)` is what the craft makes of the commands;
-    `outliers` is each measurement's probability of being off by 20 standard deviations."""
+    `outliers` is each measurement's probability of being off by 20 standard deviations; `truth` is the craft where
+    it is not the `airframe` that its controller knows; `gust` (steps, B, 3) accelerates it, NED, m/s^2."""
     path = draw_path(generators)
     state = start(path)
     sigma_process = np.sqrt(np.diag(process_noise()))
@@ -139,7 +142,10 @@ def fly(
         t = k * DT
         inputs[k] = command(state, path, t, integral, airframe)
         integral = integral + DT * (along(path, t)[0] - state[:, POSITION])
-        state = quadrotor.process(state, actuation(t, inputs[k]), DT, airframe) + sigma_process * noise[k, 0]
+        state = quadrotor.process(state, actuation(t, inputs[k]), DT, truth or airframe)
+        if gust is not None:
+            state[:, VELOCITY] += DT * gust[k]
+        state = state + sigma_process * noise[k, 0]
         states[k + 1] = state
     return Flight(states, inputs, states[1:] + sigma * (noise[:, 1] + 20.0 * sign))
 
