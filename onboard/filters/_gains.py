@@ -51,9 +51,9 @@ def whitened_inverse(B):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def independent_inverse(A):  # type: ignore[no-untyped-def]
-    """A^T (A A^T)^-1 (n, m) of rows A (m, n) of length one, in a tenth of the pseudo-inverse's time; (0, 0) if some
-    row comes near a combination of the others, where the product would lose digits."""
-    m, n = A.shape
+    """A^T (A A^T)^-1 (n, m) of rows A (m, n) of length one, in a tenth of the pseudo-inverse's time; (0, 0) if
+    some row comes near a combination of the others, where the product would lose digits."""
+    m = A.shape[0]
     product, lower_t = np.dot(A, A.T), np.empty((m, m), A.dtype)
     if not factor_into(product, lower_t):
         return np.empty((0, 0), A.dtype)

@@ -1,0 +1,161 @@
+"""Al-Shabi, Gadsden & Wilkerson, "The Cubature Smooth Variable Structure Filter Estimation Strategy Applied to a
+Quadrotor Controller".
+
+The paper's filters over simulated flights of a quadrotor whose model is right, or wrong in a dozen ways. Its
+equation of motion (4.1) is lost: see `onboard.models.quadrotor`. The truth is that model too, with other
+parameters and forces, as in the paper; a simulator with dynamics of its own is simlink's.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from importlib import import_module
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+
+from onboard.filters.cubature_smooth import FADING, PATIENCE
+from onboard.studies._quadrotor_cases import FORCE_SIGMA, NAMED, VARIANTS, simulate
+from onboard.studies._quadrotor_claims import claims_of
+from onboard.studies._quadrotor_filters import ADAPTIVE, MAIN, METHODS, Method, methods_on, track
+from onboard.studies._quadrotor_report import Result, Setting, markdown
+from onboard.studies._quadrotor_table import Row, Score, compare, limits_of, make_row, score
+
+NAME: Final = "csvsf-quadrotor"
+TITLE: Final = "Al-Shabi et al.: a quadrotor's own state, smooth variable structure filters"
+TOGETHER: Final = 20  # flights in a batch: fixed, so that results do not depend on the number of processes
+CHOOSING: Final = range(1000, 1020)  # the seeds that settings were chosen on
+FADINGS: Final = (0.02, 0.05, FADING, 0.2, 0.4)
+PATIENCES: Final = (1, 2, PATIENCE, 5, 8)
+SWEPT: Final = tuple(
+    ADAPTIVE._replace(fading=fading, patience=patience)
+    for fading, patience in [*((f, PATIENCE) for f in FADINGS), *((FADING, p) for p in PATIENCES if p != PATIENCE)]
+)
+
+
+class Task(NamedTuple):
+    """Flights of one variant, and the methods to fly on them."""
+
+    variant: str
+    seeds: tuple[int, ...]
+    methods: tuple[Method, ...]
+
+
+def run(
+    seeds: int = 60,
+    first_seed: int = 1,
+    jobs: int | None = None,
+    out: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Result:
+    """Fly every variant `seeds` times with each of its methods, in `jobs` processes (None: one per core).
+
+    `progress(done, total)` is called as flights with a method finish. With `out`, figures, report.md and
+    result.json are written there; figures need the extra `study` (else ImportError, before anything is flown).
+    """
+    if out is not None:
+        import_module("matplotlib")
+    if seeds < 1 or first_seed < 0:
+        raise ValueError("needs at least one seed, none of them negative")
+    flown = range(first_seed, first_seed + seeds)
+    choosing = CHOOSING[:seeds]
+    studied = [Task(v.name, s, methods_on(v)) for v in VARIANTS for s in _batches(flown)]
+    swept = [Task(name, s, SWEPT) for name in MAIN for s in _batches(choosing)]
+    found = _fly_all([*studied, *swept], jobs or os.cpu_count() or 1, progress)
+    rows = _rows(studied, found[: len(studied)])
+    result = Result(
+        seeds=seeds,
+        first_seed=first_seed,
+        rows=tuple(rows),
+        comparisons=tuple(c for row in rows for c in compare(row)),
+        claims=claims_of({(row.variant, row.method): row for row in rows}),
+        figures=(),
+        limits=tuple(limits_of(rows, [method.name for method in METHODS])),
+        sweep=_sweep(swept, found[len(studied) :]),
+        sweep_seeds=len(choosing),
+        sweep_first_seed=choosing[0],
+    )
+    return result if out is None else _write(result, out)
+
+
+def to_json(result: Result) -> bytes:
+    """The result as a JSON document, NaN as null."""
+    return msgspec.json.format(msgspec.json.encode(result), indent=1)
+
+
+def fly_one(task: Task) -> list[list[Score]]:
+    """The scores of each of a task's methods."""
+    variant = NAMED[task.variant]
+    case = simulate(variant, task.seeds)
+    return [score(task.seeds, case, track(case, variant, method)) for method in task.methods]
+
+
+def _batches(seeds: range) -> list[tuple[int, ...]]:
+    return [tuple(seeds[k : k + TOGETHER]) for k in range(0, len(seeds), TOGETHER)]
+
+
+def _fly_all(tasks: list[Task], jobs: int, progress: Callable[[int, int], None] | None) -> list[list[list[Score]]]:
+    """Of each task the scores of each of its methods, in the order of tasks."""
+    total, done, found = sum(len(t.seeds) * len(t.methods) for t in tasks), 0, []
+    for task, scores in zip(tasks, _map(tasks, jobs), strict=True):
+        found.append(scores)
+        done += len(task.seeds) * len(task.methods)
+        if progress is not None:
+            progress(done, total)
+    return found
+
+
+def _map(tasks: list[Task], jobs: int) -> Iterator[list[list[Score]]]:
+    if jobs == 1:
+        yield from map(fly_one, tasks)
+        return
+    # spawned, not forked: whoever shows the progress may run threads
+    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=get_context("spawn")) as pool:
+        yield from pool.map(fly_one, tasks)
+
+
+def _rows(tasks: list[Task], found: list[list[list[Score]]]) -> list[Row]:
+    scores: dict[tuple[str, str], list[Score]] = {}
+    for task, each in zip(tasks, found, strict=True):
+        for method, some in zip(task.methods, each, strict=True):
+            scores.setdefault((task.variant, method.name), []).extend(some)
+    return [make_row(variant, method, some) for (variant, method), some in scores.items()]
+
+
+def _sweep(tasks: list[Task], found: list[list[list[Score]]]) -> tuple[Setting, ...]:
+    settings = []
+    for k, method in enumerate(SWEPT):
+        rows = {
+            t.variant: make_row(t.variant, method.name, scores[k]) for t, scores in zip(tasks, found, strict=True)
+        }
+        figures = {name: row.quantities for name, row in rows.items()}
+        nan = float("nan")
+        settings.append(
+            Setting(
+                fading=method.fading,
+                patience=method.patience,
+                none_m_s=figures["none"]["velocity_m_s"].value or nan,
+                weak_m_s=figures["weak"]["velocity_m_s"].value or nan,
+                outliers_m_s=figures["outliers"]["velocity_m_s"].value or nan,
+                motor_rad_s=figures["motor"]["rates_rad_s"].value or nan,
+            )
+        )
+    return tuple(settings)
+
+
+def _write(result: Result, out: Path) -> Result:
+    """Figures of the first seed, the report and the JSON, into the folder `out`."""
+    from onboard.studies import _quadrotor_figures  # noqa: PLC0415 - matplotlib is an extra
+
+    out.mkdir(parents=True, exist_ok=True)
+    flights = {}
+    for name in MAIN:
+        case = simulate(NAMED[name], (result.first_seed,))
+        flights[name] = (case, {m.name: track(case, NAMED[name], m) for m in _quadrotor_figures.DRAWN})
+    figures = _quadrotor_figures.draw(flights, result, out)
+    result = msgspec.structs.replace(result, figures=figures)
+    (out / "report.md").write_text(markdown(result, FORCE_SIGMA, (FADING, PATIENCE)), encoding="utf-8")
+    (out / "result.json").write_bytes(to_json(result))
+    return result
