@@ -1,12 +1,10 @@
 """What the paper claims of its filters on the quadrotor, and whether it held in our runs."""
 
 from collections.abc import Mapping
-from typing import Literal
 
-from onboard.messages import Record
+from onboard.studies._findings import Claim
 from onboard.studies._quadrotor_table import Row
 
-Verdict = Literal["holds", "holds only if", "does not hold"]
 Rows = Mapping[tuple[str, str], Row]
 
 GOOD = 0.5  # of the raw measurement's error: worth having a filter
@@ -15,15 +13,6 @@ MOST = 90.0  # % of runs: "diverges"
 FAULTS = ("weak", "motor")
 ERRORS = (*FAULTS, "mass-1.3", "mass-1.5", "inertia-0.5", "inertia-1.5", "gust")
 RAW = "svsf"  # with a layer of zero it repeats the measurement
-
-
-class Claim(Record, frozen=True, kw_only=True):
-    """A statement of the paper, where it stands, and what our runs say."""
-
-    claim: str
-    where: str
-    verdict: Verdict
-    evidence: str
 
 
 def claims_of(rows: Rows) -> tuple[Claim, ...]:
@@ -150,7 +139,8 @@ def _disturbances(rows: Rows) -> Claim:
         evidence=(
             f"Only if it is a force that disturbs: in gusts {_v(rows, 'gust', 'csvsf-printed'):.3f} m/s as "
             f"printed, {_v(rows, 'gust', 'csvsf'):.3f} recursive, "
-            f"{_v(rows, 'gust', 'csvsf-adaptive'):.3f} adaptive, the CKF {_v(rows, 'gust', 'ckf'):.3f}. With outliers it follows what it should refuse: "
+            f"{_v(rows, 'gust', 'csvsf-adaptive'):.3f} adaptive, the CKF {_v(rows, 'gust', 'ckf'):.3f}. "
+            "With outliers it follows what it should refuse: "
             f"{_v(rows, 'outliers', 'csvsf-printed'):.3f} as printed and {_v(rows, 'outliers', 'csvsf'):.3f} "
             f"recursive, the CKF {_v(rows, 'outliers', 'ckf'):.3f}. Rejecting until it persists: "
             f"{_v(rows, 'outliers', 'csvsf-robust'):.4f}, adaptive {_v(rows, 'outliers', 'csvsf-adaptive'):.4f}."

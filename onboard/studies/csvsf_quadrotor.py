@@ -6,11 +6,7 @@ equation of motion (4.1) is lost: see `onboard.models.quadrotor`. The truth is t
 parameters and forces, as in the paper; a simulator with dynamics of its own is simlink's.
 """
 
-import os
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -20,8 +16,10 @@ from onboard.filters.cubature_smooth import FADING, PATIENCE
 from onboard.studies._quadrotor_cases import FORCE_SIGMA, NAMED, VARIANTS, simulate
 from onboard.studies._quadrotor_claims import claims_of
 from onboard.studies._quadrotor_filters import ADAPTIVE, MAIN, METHODS, Method, methods_on, track
+from onboard.studies._quadrotor_misprints import misprints
 from onboard.studies._quadrotor_report import Result, Setting, markdown
 from onboard.studies._quadrotor_table import Row, Score, compare, limits_of, make_row, score
+from onboard.studies._workers import Part, Progress, compute, require_seeds
 
 NAME: Final = "csvsf-quadrotor"
 TITLE: Final = "Al-Shabi et al.: a quadrotor's own state, smooth variable structure filters"
@@ -48,22 +46,23 @@ def run(
     first_seed: int = 1,
     jobs: int | None = None,
     out: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
+    settings: tuple[Method, ...] = SWEPT,
 ) -> Result:
-    """Fly every variant `seeds` times with each of its methods, in `jobs` processes (None: one per core).
+    """Fly every variant `seeds` times with each of its methods, in `jobs` processes (None: one per core); and, on
+    the seeds for choosing, the adaptive form with other `settings`.
 
-    `progress(done, total)` is called as flights with a method finish. With `out`, figures, report.md and
-    result.json are written there; figures need the extra `study` (else ImportError, before anything is flown).
+    `progress(done, total)` is called as batches of flights finish. With `out`, figures, report.md and result.json
+    are written there; figures need the extra `study` (else ImportError, before anything is flown).
+
+    Raises ValueError.
     """
     if out is not None:
         import_module("matplotlib")
-    if seeds < 1 or first_seed < 0:
-        raise ValueError("needs at least one seed, none of them negative")
-    flown = range(first_seed, first_seed + seeds)
-    choosing = CHOOSING[:seeds]
-    studied = [Task(v.name, s, methods_on(v)) for v in VARIANTS for s in _batches(flown)]
-    swept = [Task(name, s, SWEPT) for name in MAIN for s in _batches(choosing)]
-    found = _fly_all([*studied, *swept], jobs or os.cpu_count() or 1, progress)
+    flown, choosing = require_seeds(seeds, first_seed), CHOOSING[:seeds]
+    studied = [Task(v.name, s, methods_on(v)) for s in _batches(flown) for v in VARIANTS]
+    swept = [Task(name, tuple(choosing), settings) for name in MAIN]
+    found = compute([Part(fly_one, (task,)) for task in (*studied, *swept)], jobs, progress)
     rows = _rows(studied, found[: len(studied)])
     result = Result(
         seeds=seeds,
@@ -76,6 +75,7 @@ def run(
         sweep=_sweep(swept, found[len(studied) :]),
         sweep_seeds=len(choosing),
         sweep_first_seed=choosing[0],
+        misprints=misprints(),
     )
     return result if out is None else _write(result, out)
 
@@ -96,26 +96,6 @@ def _batches(seeds: range) -> list[tuple[int, ...]]:
     return [tuple(seeds[k : k + TOGETHER]) for k in range(0, len(seeds), TOGETHER)]
 
 
-def _fly_all(tasks: list[Task], jobs: int, progress: Callable[[int, int], None] | None) -> list[list[list[Score]]]:
-    """Of each task the scores of each of its methods, in the order of tasks."""
-    total, done, found = sum(len(t.seeds) * len(t.methods) for t in tasks), 0, []
-    for task, scores in zip(tasks, _map(tasks, jobs), strict=True):
-        found.append(scores)
-        done += len(task.seeds) * len(task.methods)
-        if progress is not None:
-            progress(done, total)
-    return found
-
-
-def _map(tasks: list[Task], jobs: int) -> Iterator[list[list[Score]]]:
-    if jobs == 1:
-        yield from map(fly_one, tasks)
-        return
-    # spawned, not forked: whoever shows the progress may run threads
-    with ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=get_context("spawn")) as pool:
-        yield from pool.map(fly_one, tasks)
-
-
 def _rows(tasks: list[Task], found: list[list[list[Score]]]) -> list[Row]:
     scores: dict[tuple[str, str], list[Score]] = {}
     for task, each in zip(tasks, found, strict=True):
@@ -126,7 +106,7 @@ def _rows(tasks: list[Task], found: list[list[list[Score]]]) -> list[Row]:
 
 def _sweep(tasks: list[Task], found: list[list[list[Score]]]) -> tuple[Setting, ...]:
     settings = []
-    for k, method in enumerate(SWEPT):
+    for k, method in enumerate(tasks[0].methods):
         rows = {
             t.variant: make_row(t.variant, method.name, scores[k]) for t, scores in zip(tasks, found, strict=True)
         }
