@@ -28,15 +28,15 @@ met."""
 SWEEP: Final = """\
 Settings of the adaptive form were chosen on {seeds} flights of other seeds (from {first}), here swept one at a
 time: `fading`, the share of the newest innovation in the mean that tells a wrong model; `patience`, the samples
-that an exceedance must last before it is followed. Chosen: {fading:g}, which remembers a GPS's last second, and
-{patience}."""
+that an exceedance must last before it is followed. Chosen: {fading:g}, so that a GPS's last second counts, and
+{patience}. Less fading finds smaller errors, later; more patience bears more outliers in a row."""
 COMPARED: Final = """\
 Velocity, m/s, beside an independent implementation's 60 flights of other seeds: to agree within 5 % without error
 and within 10 % with. The UKF, the other errors and the accelerometer's noise are not in it. With Q x 300 and no
 error a scalar filter's steady gain gives .0349 m/s, too; the reference's .033 would take a factor of 220."""
 NOT_JUDGED: Final = """\
-Not judged: the paper's own curves, which are not in its text. Its R of the gyros (7e-12 and less) is no gyro's;
-here 4e-4 (rad/s)²."""
+Not judged: the paper's own curves, which are not in its text. Its R of the gyros (7e-12 and less) is no gyro's:
+4e-4 (rad/s)² here."""
 
 
 class Setting(Record, frozen=True, kw_only=True):

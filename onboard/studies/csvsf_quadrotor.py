@@ -23,7 +23,7 @@ from onboard.studies._workers import Part, Progress, compute, require_seeds
 
 NAME: Final = "csvsf-quadrotor"
 TITLE: Final = "Al-Shabi et al.: a quadrotor's own state, smooth variable structure filters"
-TOGETHER: Final = 20  # flights in a batch: fixed, so that results do not depend on the number of processes
+TOGETHER: Final = 30  # flights in a batch: fixed, so that results do not depend on the number of processes
 CHOOSING: Final = range(1000, 1020)  # the seeds that settings were chosen on
 FADINGS: Final = (0.02, 0.05, FADING, 0.2, 0.4)
 PATIENCES: Final = (1, 2, PATIENCE, 5, 8)
