@@ -28,7 +28,7 @@ Points = tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left wing, right w
 
 
 class Image(NamedTuple):
-    """One registered image: exposed at `t_ns` (boot clock), in units of the focal length."""
+    """One registered image: stamped `t_ns` (boot clock), in units of the focal length."""
 
     t_ns: int
     points: Points

@@ -111,6 +111,7 @@ class Camera(Record, frozen=True, kw_only=True):
     p_lose: Probability = 0.02  # registered -> not, per image
     p_regain: Probability = 0.38  # not registered -> registered, per image
     latency: NotNegative = 0.02  # s, from exposure to delivery
+    stamp_late: NotNegative = 0.0  # s by which stamps are later than the exposure, as if taken on the way
     wrong_blob: Probability = 0.0  # per registered image
     blob_span_px: tuple[Positive, Positive] = (10.0, 150.0)
     blackouts: tuple[Interval, ...] = ()
@@ -406,6 +407,8 @@ def _check(s: Scenario, source: str) -> None:
     names = [aircraft.name for aircraft in s.traffic.aircraft]
     if len(set(names)) < len(names) or len(names) > MOST_AIRCRAFT:
         raise ScenarioError(f"{source}: traffic.aircraft: at most {MOST_AIRCRAFT}, each with a name of its own")
+    if s.camera.stamp_late > s.camera.latency:
+        raise ScenarioError(f"{source}: camera.stamp_late: no image is stamped after its delivery (latency)")
     if s.camera.blob_span_px[0] > s.camera.blob_span_px[1]:
         raise ScenarioError(f"{source}: camera.blob_span_px: the smaller number comes first")
 

@@ -72,6 +72,7 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
     size = true_size(scenario, seed)
     camera = CameraSensor(scenario, seed, size)
     rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)
+    stamp_late_ns = round(scenario.camera.stamp_late * 1e9)
     on_the_way: deque[Image] = deque()
     traffic = Traffic(scenario, seed)
     for state, reading in readings(scenario, seed, states(scenario, seed)):
@@ -81,9 +82,9 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
             truth = truth_record(state, size, t_ns)
             points = camera.expose(state)
             if points is not None:
-                on_the_way.append(Image(t_ns, points))
+                on_the_way.append(Image(t_ns + stamp_late_ns, points))
         delivered = []
-        while on_the_way and on_the_way[0].t_ns + latency_ns <= t_ns:
+        while on_the_way and on_the_way[0].t_ns - stamp_late_ns + latency_ns <= t_ns:
             delivered.append(on_the_way.popleft())
         yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns))
 

@@ -51,6 +51,7 @@ def test_every_scenario_loads_and_says_what_it_is(name: str) -> None:
             "[leader]\nspeed = 4.0\nspeed_pulses = [{ start = 1.0, end = 2.0, change = -4.0 }]",
             "at least 1 m/s",
         ),
+        ("[camera]\nstamp_late = 0.03", "camera.stamp_late: no image is stamped after its delivery"),
         ("[leader", "end of document"),
     ],
 )

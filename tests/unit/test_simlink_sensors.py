@@ -1,6 +1,7 @@
 import math
 from itertools import islice
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -185,6 +186,22 @@ def test_a_flight_has_the_reference_rates_and_shapes_seed_1() -> None:
     distance = np.linalg.norm(flight.image_truth.r_FL_n, axis=1)
     assert np.nanmedian(span * distance) == pytest.approx(flight.size, rel=0.03)
     assert np.nanmax(np.abs(center)) < 0.3
+
+
+def test_late_stamps_are_all_that_differs_seed_1() -> None:
+    late = load_scenario("formation-late-stamp")
+    camera = msgspec.structs.replace(late.camera, stamp_late=0.0)
+    right = msgspec.structs.replace(late, camera=camera)
+    one, other = (
+        [e for e in simulate(s, 1, 3.0, "mavlink") if isinstance(e.message, TargetPoints)] for s in (right, late)
+    )
+    assert len(one) == len(other) > 50
+    for a, b in zip(one, other, strict=True):
+        assert isinstance(a.message, TargetPoints)
+        assert isinstance(b.message, TargetPoints)
+        assert a.t_ns == b.t_ns == a.message.t_ns + 100_000_000
+        assert b.message.t_ns == a.message.t_ns + 80_000_000
+        assert b.message.center == a.message.center
 
 
 @pytest.mark.parametrize(("rate", "steps"), [(25.0, [0, 8, 16, 24]), (60.0, [0, 4, 7, 10, 14, 17, 20, 24, 27])])
