@@ -158,7 +158,7 @@ class Autopilot:
                 v_acc=None,
             )
         lat_deg, lon_deg, height = geodetic_from_ned(reading.gps_r_OF_n, self._vehicle.origin)
-        north, east, _ = reading.gps_v_F_n
+        north, east, down = reading.gps_v_F_n
         return GpsFix(
             t_ns=t_ns,
             t_recv_ns=t_ns,
@@ -171,6 +171,7 @@ class Autopilot:
             course_rad=math.atan2(east, north),
             h_acc=1.5,
             v_acc=2.0,
+            v_down=down,
         )
 
     def _global_position(self, t_ns: int, reading: Reading) -> Message:

@@ -43,6 +43,8 @@ def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
         lines.append(f"rates_sigma_deg_s = {math.degrees(nav.rates_white):.4g}")
     if min(gps.position_white) > 0:
         lines.append(f"gps_position_sigma_m = {list(gps.position_white)}")
+    if scenario.imu.accel_bias > 0:
+        lines.append(f"bias_sigma_m_s2 = {scenario.imu.accel_bias}")
     if nav.attitude_deg.sigma == 0:
         lines += ["own_tilt_sigma_deg = 0.0", "own_yaw_sigma_deg = 0.0"]
     return [

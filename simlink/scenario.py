@@ -155,6 +155,7 @@ class Gps(Record, frozen=True, kw_only=True):
     position: GaussMarkov = GaussMarkov(sigma=1.0, time=30.0)
     position_white: Vec3 = (0.0, 0.0, 0.0)
     velocity_white: NotNegative = 0.1
+    vertical_velocity_white: NotNegative = 0.3  # MAVLink does not carry it; records do
     delay: NotNegative = 0.0
     outages: tuple[Interval, ...] = ()
 

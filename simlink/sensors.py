@@ -40,7 +40,9 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
     speed = errors(seed, "nav.velocity", nav.velocity)
     place = errors(seed, "nav.position", nav.position)
     gps_place = errors(seed, "gps.position", gps.position)
-    gps_speed = white(seed, "gps.velocity", gps.velocity_white)
+    gps_speed = _scaled(
+        seed, "gps.velocity", (gps.velocity_white, gps.velocity_white, gps.vertical_velocity_white)
+    )
     accel = white(seed, "imu.accel", imu.accel_white, imu.accel_bias)
     gyro = white(seed, "imu.gyro", imu.gyro_white, imu.gyro_bias)
     position_steps, gps_steps = steps_of(nav.position_delay), steps_of(gps.delay)
@@ -79,7 +81,8 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
 def outliers(scenario: Scenario, seed: int) -> Iterator[tuple[Vec3, Vec3, Vec3, Vec3]]:
     """What single wrong values add at each step to attitude (rad), rates, GPS position and velocity."""
     o, gps = scenario.outliers, scenario.gps
-    rates, speed = (scenario.nav.rates_white,) * 3, (gps.velocity_white,) * 3
+    rates = (scenario.nav.rates_white,) * 3
+    speed = (gps.velocity_white, gps.velocity_white, gps.vertical_velocity_white)
     sizes = (*scenario.nav.attitude_white, *rates, *gps.position_white, *speed)
     step, draw = 0, uniforms(seed, "outliers")
     while True:

@@ -65,8 +65,8 @@ class Config(Record, frozen=True, kw_only=True):
     rates_sigma_deg_s: Positive = 0.573
     gps_position_sigma_m: Positive3 | None = None  # north, east, down; None: what the receiver says
     gps_velocity_sigma_m_s: Positive3 = (0.15, 0.15, 0.3)
-    force_noise: Positive = 0.01  # of the specific force, m/s^2 per square root of Hz
-    # of the angular acceleration, rad/s^2 per square root of Hz; None: 0.2 where motors' torques are known, else 1
+    force_noise: Positive = 0.005  # of the specific force, m/s^2 per square root of Hz, beside its scatter
+    # of the angular acceleration, rad/s^2 per square root of Hz; None: 0.2 where motors' torques are known, else 2
     turning_noise: Positive | None = None
     bias_sigma_m_s2: Positive = 0.05  # of the accelerometer, or of gusts with force = "thrust" (then 3)
     bias_time_s: Positive = 50.0  # over which it changes (gusts: 1)

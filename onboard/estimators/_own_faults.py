@@ -31,6 +31,7 @@ MASS_CHANGE: Final = 0.12  # share of the mass
 TORQUE_CLEAR: Final = 0.08  # share of a motor's torque, below which nothing speaks of one motor
 PUSH: Final = 1.5  # m/s^2 sideways
 WRONG_VALUES: Final = 3  # within a second
+NEAR: Final = 2.0  # deviations: before and after a wrong value, innovations are this small
 SHAKEN_NS: Final = 400_000_000  # about the onset of another fault, innovations say nothing of sensors
 TRUST: Final = (0.03, 0.03, 0.03, 0.1)  # how well thrust and torques are known, shares of one motor's
 
@@ -150,7 +151,8 @@ class FaultMonitor:
         wrench = self._mixing @ thrusts
         omega, f_b = np.array(message.omega_b), np.array(message.f_b)
         momentum = self._inertia * omega
-        torque = wrench[1:] - np.cross(omega, momentum)
+        (p, q, r), (hp, hq, hr) = omega.tolist(), momentum.tolist()
+        torque = wrench[1:] - np.array([q * hr - r * hq, r * hp - p * hr, p * hq - q * hp])
         drag = np.zeros(2) if velocity_b is None else a.drag_per_s * velocity_b[:2]
         step = Balance(
             t_ns,
@@ -228,11 +230,15 @@ class FaultMonitor:
 
     def take_innovation(self, measured: Measured, update: Update, outside: npt.NDArray[np.bool_]) -> None:
         """A measurement's innovation and which of its components were outside their layer. One that is outside,
-        was not before, and is not after or to the other side, was a wrong value; one that stays is the model's."""
-        signs = np.sign(update.innovation) * outside
+        was small before, and is small after or as far to the other side, was a wrong value; else it is the
+        model's."""
+        # 1 or -1 outside, 0 well inside, else a half: neither
+        near = np.abs(update.innovation) < NEAR * np.sqrt(np.diag(update.innovation_covariance))
+        signs = np.where(outside, 1.0, 0.5) * np.sign(update.innovation) * ~near
         t_before, *before = self._signs.get(measured.sensor, (0, 0.0 * signs, 0.0 * signs))
         if len(before[1]) == len(signs):
-            for i in np.flatnonzero((before[0] == 0) & (before[1] != 0) & (signs != before[1])):
+            calm = (before[0] == 0) & ((signs == 0) | (signs == -before[1]))
+            for i in np.flatnonzero(calm & (np.abs(before[1]) == 1)):
                 self._wrong.append((t_before, f"{measured.sensor}.{measured.components[i]}"))
             self._signs[measured.sensor] = (measured.t_ns, before[1], signs)
         else:

@@ -43,6 +43,7 @@ __all__ = ["LISTENS", "Config", "Estimator"]
 
 LISTENS: Final = (Attitude, Imu, GpsFix, GlobalPosition, ActuatorOutputs)
 NS: Final = 1_000_000_000
+VELOCITIES: Final = np.ix_(VELOCITY, VELOCITY)
 PATIENCE: Final = 2  # measurements in a row that a gate may reject
 ATTITUDES: Final = 200  # kept, to begin with
 LONGEST_STEP_NS: Final = 20_000_000
@@ -50,6 +51,7 @@ ORIGIN_WAIT_NS: Final = 2 * NS  # for a GLOBAL_POSITION_INT that tells where the
 FIX_3D: Final = 3
 NO_FORCE: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # hovering, where no accelerometer is heard
 NO_FORCE_NOISE: Final = 3.0  # m/s^2 per square root of Hz
+MANOEUVRES: Final = 4.0  # how much the force of a flight differs from hovering, (m/s^2)^2 per Hz
 NO_TURNING: Final = np.zeros(3)
 TURN_NOISE: Final = np.full(own_motion.N, 1e-18)
 
@@ -252,10 +254,17 @@ class Estimator:
             force = NO_FORCE
             Q[list(VELOCITY)] += NO_FORCE_NOISE**2 * dt
         spin = NO_TURNING if turning is None else turning
+        # on a shaking vehicle the accelerometer is weighed against hovering, by what each tells of the true force
+        density = inputs.force.density(t1_ns)
+        weight = MANOEUVRES / (MANOEUVRES + density)
+        force = NO_FORCE + weight * (force - NO_FORCE)
+        spread = np.diag(Q)
+        R_nb = cell.R_na @ own_motion.rotations(self._filter.belief(cell.filtered).mean[None])[0]
+        spread[VELOCITIES] += (R_nb * (dt * weight * density)) @ R_nb.T
         filtered = self._filter.predict(
             cell.filtered,
             lambda rows: own_motion.process(rows, dt, force, spin, cell.R_na, self._inertia, self._fading),
-            np.diag(Q),
+            spread,
         )
         mean = self._filter.belief(filtered).mean
         if np.abs(mean[list(ATTITUDE)]).max() < own_motion.LARGEST:
@@ -346,6 +355,6 @@ def _process_noise(c: Config) -> tuple[Array, float]:
     Q[list(POSITION)] = 1e-8
     Q[list(VELOCITY)] = c.force_noise**2
     Q[list(ATTITUDE)] = 1e-6
-    Q[list(RATES)] = (c.turning_noise or (1.0 if c.airframe == "unknown" else 0.2)) ** 2
+    Q[list(RATES)] = (c.turning_noise or (2.0 if c.airframe == "unknown" else 0.2)) ** 2
     Q[list(own_motion.DISTURBANCE)] = 2 * sigma**2 / time
     return Q, 1.0 / time

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.geometry.rotations import Array, matrix_from_quaternion
+from onboard.geometry.rotations import Array
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, ROWS, VELOCITY
 
 N: Final = 15
@@ -72,20 +72,24 @@ def process(rows, dt, f_b, turning, R_na, inertia, fading):  # type: ignore[no-u
     return after
 
 
-def rotations(rows: Array) -> Array:
+@njit((ROWS,), cache=True, error_model="numpy")
+def rotations(rows):  # type: ignore[no-untyped-def]
     """R_ab (k, 3, 3) of rows (k, 15)."""
-    half = 0.5 * rows[:, list(ATTITUDE)]
-    (cr, cp, cy), (sr, sp, sy) = np.cos(half).T, np.sin(half).T
-    q = np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
-    return matrix_from_quaternion(q)
+    R = np.empty((rows.shape[0], 3, 3))
+    for s in range(rows.shape[0]):
+        c_phi, s_phi = np.cos(rows[s, 6]), np.sin(rows[s, 6])
+        c_th, s_th = np.cos(rows[s, 8]), np.sin(rows[s, 8])
+        c_psi, s_psi = np.cos(rows[s, 10]), np.sin(rows[s, 10])
+        R[s, 0, 0] = c_th * c_psi
+        R[s, 0, 1] = s_phi * s_th * c_psi - c_phi * s_psi
+        R[s, 0, 2] = c_phi * s_th * c_psi + s_phi * s_psi
+        R[s, 1, 0] = c_th * s_psi
+        R[s, 1, 1] = s_phi * s_th * s_psi + c_phi * c_psi
+        R[s, 1, 2] = c_phi * s_th * s_psi - s_phi * c_psi
+        R[s, 2, 0] = -s_th
+        R[s, 2, 1] = s_phi * c_th
+        R[s, 2, 2] = c_phi * c_th
+    return R
 
 
 def angles(R: Array) -> Array:

@@ -8,11 +8,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from onboard.messages import Attitude, Clock, GpsFix, Heartbeat, Imu, LocalPosition, Message
 from onboard.wire.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
 PX4: Final = 12
+RATES: Final = "vehicle_angular_velocity"
+SPEEDS: Final = ("rollspeed", "pitchspeed", "yawspeed")
 ACTIVE: Final = 4
 
 
@@ -24,16 +28,30 @@ def read_ulog(path: Path) -> Iterator[Message]:
     from pyulog import ULog  # noqa: PLC0415 - a flight never needs it
 
     try:
-        log = ULog(str(path), list(CONVERT), disable_str_exceptions=True)
+        log = ULog(str(path), [*CONVERT, RATES], disable_str_exceptions=True)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError) as error:
         raise NotALogError(f"this ULog cannot be read: {error}") from error
-    streams = [_stream(topic.name, topic.data) for topic in log.data_list if topic.multi_id == 0]
+    topics = {topic.name: topic.data for topic in log.data_list if topic.multi_id == 0}
+    _add_rates(topics)
+    streams = [_stream(name, data) for name, data in topics.items() if name in CONVERT]
     if not streams:
         raise NotALogError("this ULog holds no attitude, position, IMU or GPS")
     kind = int(log.initial_parameters.get("MAV_TYPE", 2))
     start_ns = int(log.start_timestamp) * 1000
     yield Heartbeat(**_header(start_ns), vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
     yield from heapq.merge(*streams, key=lambda m: m.t_ns)
+
+
+def _add_rates(topics: dict[str, Any]) -> None:
+    """Body rates to the attitude, which newer logs keep apart: those of the gyro, at the attitude's times."""
+    attitude = topics.get("vehicle_attitude")
+    rates, fields = topics.get(RATES), [f"xyz[{k}]" for k in range(3)]
+    if rates is None:
+        rates, fields = topics.get("sensor_combined"), [f"gyro_rad[{k}]" for k in range(3)]
+    if attitude is None or rates is None or "rollspeed" in attitude or not len(rates["timestamp"]):
+        return
+    for name, field in zip(SPEEDS, fields, strict=True):
+        attitude[name] = np.interp(attitude["timestamp"], rates["timestamp"], rates[field])
 
 
 def _stream(name: str, columns: Any) -> Iterator[Message]:
@@ -55,8 +73,7 @@ def _vector(columns: Any, i: int, *names: str) -> Any:
 
 
 def _attitude(c: Any, i: int, header: dict[str, Any]) -> Message:
-    rates = ("rollspeed", "pitchspeed", "yawspeed")  # older logs only; newer ones have them in another topic
-    omega = _vector(c, i, *rates) if rates[0] in c else (0.0, 0.0, 0.0)
+    omega = _vector(c, i, *SPEEDS) if SPEEDS[0] in c else (0.0, 0.0, 0.0)
     return Attitude(**header, q_nb=_vector(c, i, "q[0]", "q[1]", "q[2]", "q[3]"), omega_b=omega)
 
 
@@ -90,6 +107,7 @@ def _gps(c: Any, i: int, header: dict[str, Any]) -> Message:
         course_rad=course,
         h_acc=eph,
         v_acc=epv,
+        v_down=float(c["vel_d_m_s"][i]) if c["vel_ned_valid"][i] else None,
     )
 
 
