@@ -93,6 +93,14 @@ class OwnshipConfig(Record, frozen=True, kw_only=True):
     max_lead_s: NotNegative = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
 
 
+class OdometryConfig(Record, frozen=True, kw_only=True):
+    """`[odometry]`: our own state as MAVLink's ODOMETRY, on one of our links. Never let the autopilot whose
+    attitude we use fuse it: that would be its own word come back."""
+
+    link: str | None = None  # its name; None: not sent
+    rate_hz: Positive = 30.0
+
+
 class RecorderConfig(Record, frozen=True, kw_only=True):
     """`[recorder]`: raw bytes as they came, and every estimate, in an MCAP file."""
 
@@ -123,6 +131,7 @@ class Config(Record, frozen=True, kw_only=True):
     zenoh: ZenohConfig = ZenohConfig()
     recorder: RecorderConfig = RecorderConfig()
     traffic_out: TrafficOutConfig = TrafficOutConfig()
+    odometry: OdometryConfig = OdometryConfig()
 
     def camera_model(self) -> Camera:
         """The camera as geometry knows it."""
@@ -190,6 +199,8 @@ def parse_config(table: dict[str, Any]) -> Config:
     named = tuple(link.name for link in config.link)
     if config.traffic_out.link and config.traffic_out.link not in named:
         raise ConfigError(f"traffic_out.link: no link is called {config.traffic_out.link!r}{_among('', named)}")
+    if config.odometry.link and config.odometry.link not in named:
+        raise ConfigError(f"odometry.link: no link is called {config.odometry.link!r}{_among('', named)}")
     sections = {}
     for name, section in estimators.items():
         if name not in known():

@@ -16,13 +16,14 @@ from typing import Any, Final
 from onboard.config import Config
 from onboard.links import Link, LinkError, parse_link
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Health, Lifecycle, SinkHealth
+from onboard.messages import Datagram, Estimate, Health, Lifecycle, NavState, SinkHealth
 from onboard.pipeline import Pipeline
 from onboard.session import Session
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
 from onboard.traffic_out import TrafficOut
+from onboard.wire.odometry import OdometryStream
 
 TICK_S: Final = 0.05
 HEALTH_EVERY_NS: Final = 1_000_000_000
@@ -42,6 +43,7 @@ class Daemon:
         self._traffic_out = TrafficOut(config.traffic_out, config.autopilot.component)
         self._sinks: dict[str, SinkRunner[Any]] = {}
         self._zenoh: Any = None
+        self._odometry: OdometryStream | None = None
         self._states: dict[str, Lifecycle] = {}
         self._next_health_ns = 0
         self._frames: Counter[str] = Counter()
@@ -108,6 +110,8 @@ class Daemon:
         was_heard, reboots = pipeline.autopilot is not None, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
             self._publish(output)
+            if isinstance(output, NavState):
+                self._send_odometry(output)
             if isinstance(output, Estimate) and output.name == output.target:
                 self._tell(output)
             elif isinstance(output, Estimate) and self._traffic_out.link:  # one of many, that come and go
@@ -181,6 +185,16 @@ class Daemon:
             if link.channel == channel:
                 for frame in frames:
                     link.send(frame)
+
+    def _send_odometry(self, state: NavState) -> None:
+        """Our own state on the link chosen for it, which drops rather than waits."""
+        config, autopilot = self._config, self._pipeline.autopilot
+        if config.odometry.link is None or autopilot is None:
+            return
+        if self._odometry is None:
+            ids = autopilot.system, config.autopilot.component
+            self._odometry = OdometryStream(*ids, rate_hz=config.odometry.rate_hz)
+        self._send(config.odometry.link, self._odometry.frames(state))
 
     def _tell(self, estimate: Estimate) -> None:
         if self._states.get(estimate.name) is not estimate.state:

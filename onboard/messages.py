@@ -285,6 +285,20 @@ class CommandAck(Message, frozen=True, kw_only=True):
     result: int
 
 
+class Odometry(Message, frozen=True, kw_only=True):
+    """ODOMETRY: position from O in n and attitude, velocity and rates in b; covariances (21) are upper triangles,
+    row by row, of position and rotation, and of velocity and rates. `quality`: -1 not valid, 1 to 100 %."""
+
+    r_OF_n: Vec3
+    q_nb: Quaternion
+    v_F_b: Vec3
+    omega_b: Vec3
+    pose_covariance: tuple[float, ...]
+    velocity_covariance: tuple[float, ...]
+    reset_counter: int
+    quality: int
+
+
 class StatusText(Message, frozen=True, kw_only=True):
     """STATUSTEXT: severity (0 emergency .. 7 debug) and text."""
 

@@ -105,7 +105,7 @@ def camera_view(camera: Camera) -> "rrb.Spatial2DView":
 
 
 def plots() -> "rrb.Tabs":
-    """Five pages of plots; the first answers "where is it, and can I believe it"."""
+    """Six pages of plots; the first answers "where is it, and can I believe it"."""
     return rrb.Tabs(
         rrb.Vertical(
             plot("Range [m]: estimate ±3σ, truth white", "range"),
@@ -130,6 +130,16 @@ def plots() -> "rrb.Tabs":
             plot("NIS over its gate; 3 and more at the top", "nis", legend=True),
             plot("Age of the last image fused [s]", "age"),
             name="Filter",
+        ),
+        rrb.Vertical(
+            *(
+                plot(f"Own velocity {axis} [m/s], ±3σ; autopilot amber, truth white", f"own/{axis}")
+                for axis in scene.AXIS_NAMES
+            ),
+            *(plot(f"Own {angle} [°]", f"own/{angle}") for angle in ("roll", "pitch", "yaw")),
+            plot("Own height [m]", "own/height"),
+            plot("What the model cannot explain, and quality [%]", "own/trust", legend=True),
+            name="Own state",
         ),
         rrb.Vertical(
             plot("Streams [Hz]", "rate", legend=True),

@@ -55,6 +55,7 @@ def with_band(name: str = "estimate", colour: palette.Colour = palette.ESTIMATE)
 
 
 AXIS_NAMES = ("north", "east", "down")
+OWN_NAMES = (*AXIS_NAMES, "roll", "pitch", "yaw", "height")
 TRUTH_CURVE: list[Curve] = [("truth", palette.TRUTH, 1.2)]
 
 PLOTS: dict[str, list[Curve]] = {
@@ -71,6 +72,10 @@ PLOTS: dict[str, list[Curve]] = {
     "plots/innovation/gate": [("+3σ", palette.GATE, 1.0), ("-3σ", palette.GATE, 1.0)],
     "plots/nis/gate": [("gate", palette.GATE, 1.5)],
     "plots/age": [("age of last image fused", palette.AMBER, 1.5)],
+    **{f"plots/own/{name}/estimate": with_band() for name in OWN_NAMES},
+    **{f"plots/own/{name}/autopilot": [("autopilot", palette.OWN, 1.2)] for name in OWN_NAMES},
+    **{f"plots/own/{name}/truth": TRUTH_CURVE for name in OWN_NAMES},
+    "plots/own/trust": [("outside the layer %", palette.RED, 1.5), ("quality %", palette.GREEN, 1.5)],
 }
 
 

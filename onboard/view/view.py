@@ -9,8 +9,8 @@ from typing import Self
 import numpy as np
 
 from onboard.geometry.camera import Camera
-from onboard.messages import Estimate, Health, OwnPose, Truth
-from onboard.view import image, palette, plots, scene, space, words
+from onboard.messages import Estimate, Health, NavState, OwnPose, Truth
+from onboard.view import image, own, palette, plots, scene, space, words
 from onboard.view.columns import Columns, Spots, colours_2d, labels, texts
 from onboard.view.layout import blueprint
 from onboard.view.memory import Memory
@@ -79,15 +79,19 @@ class View:
             return
         self._keep_time(record.t_ns)
         match record:
+            case NavState():
+                own.plot_state(self._columns, self._memory, record)
             case Estimate():
                 if record.name == self._estimator:
                     self._show_estimate(record)
             case OwnPose():
                 space.draw_own(self._columns, self._memory, record)
+                own.plot_autopilot(self._columns, self._memory, record)
             case Truth():
                 self._memory.truths.append(record)
                 space.draw_truth(self._columns, self._memory, record)
                 plots.plot_truth(self._columns, record)
+                own.plot_truth(self._columns, self._memory, record)
                 plots.plot_errors(self._columns, self._memory)
             case Health():
                 plots.plot_health(self._columns, self._memory, record, self._stream)

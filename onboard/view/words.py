@@ -81,6 +81,10 @@ def health(record: Health) -> str:
     rows = [f"**{record.autopilot}**, up {record.uptime:.0f} s, clock from {record.clock_source or '–'}"]
     if record.round_trip is not None:
         rows[0] += f", round trip {record.round_trip * 1e3:.1f} ms"
+    rows += [
+        f"**{f.kind.upper()} {f.part}** since {f.t_onset_ns * 1e-9:.1f} s: {f.magnitude:.2f} {f.unit}"
+        for f in record.faults
+    ]
     rows += ["", "| stream | Hz | age s | count |", "|---|---:|---:|---:|"]
     rows += [f"| {name} | {s.rate:.1f} | {s.age:.2f} | {s.count} |" for name, s in sorted(record.streams.items())]
     for title, table in (("images", record.verdicts), ("rejected", record.rejected)):

@@ -21,6 +21,7 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    Odometry,
     StatusText,
     SystemTime,
     TargetPoints,
@@ -160,6 +161,25 @@ def _status_text(m: Any) -> list[Any]:
     return [dialect.MAVLink_statustext_message(m.severity, m.text.encode("ascii", "replace")[:50])]
 
 
+def _odometry(m: Any) -> list[Any]:
+    return [
+        dialect.MAVLink_odometry_message(
+            _usec(m),
+            dialect.MAV_FRAME_LOCAL_NED,
+            BODY_FRD,
+            *m.r_OF_n,
+            m.q_nb,
+            *m.v_F_b,
+            *m.omega_b,
+            m.pose_covariance,
+            m.velocity_covariance,
+            m.reset_counter,
+            dialect.MAV_ESTIMATOR_TYPE_GPS_INS,
+            m.quality,
+        )
+    ]
+
+
 def _adsb_vehicle(m: Any) -> list[Any]:
     present = {
         dialect.ADSB_FLAGS_VALID_COORDS: m.lat_deg is not None and m.lon_deg is not None,
@@ -214,4 +234,5 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     StatusText: _status_text,
     AdsbVehicle: _adsb_vehicle,
     Collision: _collision,
+    Odometry: _odometry,
 }
