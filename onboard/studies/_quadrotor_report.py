@@ -85,11 +85,11 @@ def limits_table(limits: Sequence[Limit]) -> list[tuple[str, ...]]:
     columns = ("none", "outliers", "weak", "motor")
     first = [by_name[METHODS[0].name, variant] for variant in columns]
     units = {"velocity_m_s": "m/s", "rates_rad_s": "rad/s"}
-    header = [f"{NAMED[x.variant].label}, ≤ {x.limit:.3g} {units[x.quantity]}" for x in first]
+    header = [f"{NAMED[x.variant].label}, ≤ {x.limit:.4g} {units[x.quantity]}" for x in first]
     lines: list[tuple[str, ...]] = [("", *header, "all")]
     for method in METHODS:
         found = [by_name[method.name, variant] for variant in columns]
-        cells = [f"**{_number(x.value)}**" if x.met else _number(x.value) for x in found]
+        cells = [f"**{_number(x.value, 4)}**" if x.met else _number(x.value, 4) for x in found]
         lines.append((method.label, *cells, "**yes**" if all(x.met for x in found) else "no"))
     return lines
 
@@ -183,8 +183,8 @@ def _cell(row: Row | None, quantity: str) -> str:
     return _number(row.quantities[quantity].value) + ("†" if row.diverged_percent > 50 else "")
 
 
-def _number(value: float | None) -> str:
-    return NOTHING if value is None else f"{value:.3g}"
+def _number(value: float | None, digits: int = 3) -> str:
+    return NOTHING if value is None else f"{value:.{digits}g}"
 
 
 def _table(lines: Sequence[Sequence[str]]) -> str:
