@@ -45,7 +45,7 @@ class Client:
         self._subscribers = [
             self._session.declare_subscriber(key, self._receive)
             for key in (
-                f"{config.prefix}/estimate/*",
+                f"{config.prefix}/estimate/**",
                 f"{config.prefix}/own_state",
                 f"{config.prefix}/ownship",
                 f"{config.prefix}/health",

@@ -166,7 +166,7 @@ def _watch(
         if view is not None:
             view.show(record)
         match record:
-            case Estimate():
+            case Estimate() if "/" not in record.target:  # of the leader, not of traffic
                 flight.estimates.append(record)
                 newest = record
                 _note_latency(flight, received)

@@ -66,7 +66,7 @@ def replay(
                 take(output)
                 if isinstance(output, NavState):
                     own_states.append(output)
-                elif isinstance(output, Estimate):
+                elif isinstance(output, Estimate) and "/" not in output.target:  # of one target, not of traffic
                     estimates.append(output)
             first = first or item.t_recv_ns
             last = max(last, item.t_recv_ns)

@@ -1,7 +1,7 @@
 """How the window opens: what is where, on 1400 x 900. The blueprint goes with the data, so nobody arranges it."""
 
 from onboard.geometry.camera import Camera
-from onboard.view import scene
+from onboard.view import scene, traffic
 from onboard.view.columns import TIMELINE
 from onboard.view.sdk import rrb
 from onboard.view.words import plain
@@ -104,8 +104,19 @@ def camera_view(camera: Camera) -> "rrb.Spatial2DView":
     )
 
 
+def traffic_view() -> "rrb.Spatial2DView":
+    """Other aircraft about us."""
+    bounds = [-0.5 * traffic.SHOWN, 0.5 * traffic.SHOWN]
+    return rrb.Spatial2DView(
+        name="Traffic: north up, ways of the next 20 s relative to us",
+        origin=f"/{traffic.MAP}",
+        background=BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=bounds, y_range=bounds),
+    )
+
+
 def plots() -> "rrb.Tabs":
-    """Six pages of plots; the first answers "where is it, and can I believe it"."""
+    """Six pages of plots, and one of traffic; the first answers "where is it, and can I believe it"."""
     return rrb.Tabs(
         rrb.Vertical(
             plot("Range [m]: estimate ±3σ, truth white", "range"),
@@ -145,6 +156,12 @@ def plots() -> "rrb.Tabs":
             plot("Streams [Hz]", "rate", legend=True),
             rrb.TextDocumentView(name="Health", origin="/health"),
             name="Links",
+        ),
+        rrb.Vertical(
+            traffic_view(),
+            rrb.TextDocumentView(name="The nearest to come", origin=f"/{traffic.TABLE}"),
+            name="Traffic",
+            row_shares=[1.3, 1.0],
         ),
         active_tab=0,
     )

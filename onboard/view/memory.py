@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from onboard.messages import MeasurementReport, OwnPose, Truth
+from onboard.messages import Estimate, MeasurementReport, OwnPose, Truth
 from onboard.view.motion import Track
 
 NEVER = -(10**18)
@@ -22,6 +22,7 @@ class Memory:
     shown: dict[str, str] = field(default_factory=dict)  # by strip, the state it shows
     trail: dict[str, tuple[float, ...]] = field(default_factory=dict)  # by trail, where it ends
     rates: set[str] = field(default_factory=set)  # streams whose curve has its name
+    traffic: dict[str, Estimate] = field(default_factory=dict)  # by target, the latest of each
     innovations: int = 0  # how many curves the plot of innovations has
     error: float | None = None  # distance of the last estimate from the truth, m
 

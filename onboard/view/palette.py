@@ -43,6 +43,12 @@ VERDICTS: dict[str, Colour] = {
     Verdict.DEGENERATE: (220, 90, 180),
     Verdict.NO_POSE: AMBER,
     Verdict.NUMERICAL: (220, 90, 180),
+    Verdict.STALE: AMBER,
+    Verdict.NO_POSITION: AMBER,
+    Verdict.IMPLAUSIBLE: RED,
+    Verdict.UNASSOCIATED: GREY,
+    Verdict.OURSELVES: GREY,
+    Verdict.FULL: AMBER,
     NO_IMAGE: DARK,
 }
 

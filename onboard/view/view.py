@@ -10,7 +10,7 @@ import numpy as np
 
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Health, NavState, OwnPose, Truth
-from onboard.view import image, own, palette, plots, scene, space, words
+from onboard.view import image, own, palette, plots, scene, space, traffic, words
 from onboard.view.columns import Columns, Spots, colours_2d, labels, texts
 from onboard.view.layout import blueprint
 from onboard.view.memory import Memory
@@ -22,6 +22,7 @@ BATCH_NS = 200_000_000  # of flight, for somebody who watches
 PLOT_EVERY = 3  # batches
 BATCH_FILE_NS = 2_000_000_000  # for a file alone: a tenth of the overhead
 STATUS_HZ = 5.0
+TRAFFIC = "traffic"
 RESTART_NS = 5_000_000_000  # a time that far back is another boot, not a late record
 
 
@@ -68,6 +69,7 @@ class View:
         self._stream = rr.RecordingStream(application_id)
         self._stream.set_sinks(*sinks, default_blueprint=blueprint(camera))
         scene.log_static(self._stream, camera)
+        traffic.log_static(self._stream)
         if spawn and self.url is not None:
             self.viewer = start_viewer(self.url)
 
@@ -84,6 +86,8 @@ class View:
             case Estimate():
                 if record.name == self._estimator:
                     self._show_estimate(record)
+                elif record.name == TRAFFIC:
+                    traffic.draw_traffic(self._columns, self._memory, record)
             case OwnPose():
                 space.draw_own(self._columns, self._memory, record)
                 own.plot_autopilot(self._columns, self._memory, record)

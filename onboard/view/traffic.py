@@ -1,0 +1,134 @@
+"""Other aircraft on a map about us, north up, and in a table, the nearest to come first."""
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.geometry.rotations import Array
+from onboard.messages import Estimate, Lifecycle, ThreatLevel
+from onboard.view import palette
+from onboard.view.columns import Columns, texts
+from onboard.view.memory import Memory
+from onboard.view.sdk import rr
+
+MAP: Final = "traffic/map"
+TABLE: Final = "traffic/table"
+RINGS: Final = (500.0, 1000.0, 2000.0, 4000.0)  # m
+SHOWN: Final = 6000.0  # m
+HZ: Final = 4.0
+AHEAD_S: Final = 20.0  # of the line that shows where an aircraft goes, relative to us
+LONGEST_TABLE: Final = 20
+SIGMAS: Final = 3.0
+THREATS: Final = {ThreatLevel.HIGH: palette.RED, ThreatLevel.LOW: palette.AMBER}
+
+
+class Marks(NamedTuple):
+    """Labelled points of a map (n, 2), each with its colour."""
+
+    places: Array
+    colours: Sequence[palette.Colour]
+    labels: Sequence[str]
+
+
+def marks(values: Sequence[Marks]) -> Any:
+    """Columns of labelled points."""
+    lengths = [len(v.places) for v in values]
+    return [
+        *rr.Points2D.columns(positions=np.concatenate([v.places.reshape(-1, 2) for v in values])).partition(
+            lengths
+        ),
+        *rr.Points2D.columns(colors=_colours([v.colours for v in values])).partition(lengths),
+        *rr.Points2D.columns(labels=[text for v in values for text in v.labels]).partition(lengths),
+    ]
+
+
+def lines(values: Sequence[tuple[Sequence[Array], Sequence[palette.Colour]]]) -> Any:
+    """Columns of any number of lines (n, 2), each with its colour."""
+    lengths = [len(strips) for strips, _ in values]
+    return [
+        *rr.LineStrips2D.columns(strips=[strip for strips, _ in values for strip in strips]).partition(lengths),
+        *rr.LineStrips2D.columns(colors=_colours([colours for _, colours in values])).partition(lengths),
+    ]
+
+
+def log_static(stream: "rr.RecordingStream") -> None:
+    """Range rings and ourselves."""
+    around = np.linspace(0.0, 2 * np.pi, 97)
+    circle = np.column_stack([np.cos(around), np.sin(around)])
+    rings = [radius * circle for radius in RINGS]
+    stream.log(f"{MAP}/rings", rr.LineStrips2D(rings, colors=palette.GRID), static=True)
+    numbers = [f"{radius:.0f} m" for radius in RINGS]
+    places = [[0.0, -radius] for radius in RINGS]
+    stream.log(f"{MAP}/numbers", rr.Points2D(places, labels=numbers, colors=palette.FAINT), static=True)
+    stream.log(f"{MAP}/us", rr.Points2D([[0.0, 0.0]], labels="us", colors=palette.OWN), static=True)
+
+
+def draw_traffic(columns: Columns, memory: Memory, estimate: Estimate) -> None:
+    """Take one track in; draw all of them when it is time."""
+    memory.traffic[estimate.target] = estimate
+    if estimate.mean is None:
+        del memory.traffic[estimate.target]
+    t_ns = estimate.t_ns
+    if not memory.due("traffic", t_ns, HZ):
+        return
+    tracks = list(memory.traffic.values())
+    colours = [colour_of(e) for e in tracks]
+    mean = np.array([e.mean for e in tracks], dtype=float).reshape(-1, 6)
+    places, ways = on_map(mean[:, :3]), on_map(mean[:, 3:])
+    columns.add(marks, f"{MAP}/aircraft", t_ns, Marks(places, colours, [label(e) for e in tracks]))
+    along = [np.stack([place, place + AHEAD_S * way]) for place, way in zip(places, ways, strict=True)]
+    columns.add(lines, f"{MAP}/ways", t_ns, (along, [palette.shade(c, 0.7) for c in colours]))
+    around = [place + ellipse(e) for place, e in zip(places, tracks, strict=True)]
+    columns.add(lines, f"{MAP}/ellipses", t_ns, (around, [palette.UNCERTAIN] * len(around)))
+    columns.add(texts, TABLE, t_ns, table(tracks))
+
+
+def on_map(vectors: Array) -> Array:
+    """NED (n, 3) as (n, 2) on the map: east to the right, north up, where the screen's y points down."""
+    return np.column_stack([vectors[:, 1], -vectors[:, 0]])
+
+
+def ellipse(estimate: Estimate) -> Array:
+    """The outline (33, 2) of three sigma of the horizontal position, about the map's origin."""
+    around = np.linspace(0.0, 2 * np.pi, 33)
+    circle = np.stack([np.cos(around), np.sin(around)])
+    P = np.array(estimate.covariance)[:2, :2]
+    values, vectors = np.linalg.eigh(P)
+    level = (vectors * SIGMAS * np.sqrt(np.maximum(values, 0.0))) @ circle
+    return on_map(level.T)
+
+
+def colour_of(estimate: Estimate) -> palette.Colour:
+    """Red and amber for threats; grey for what is not to be relied on."""
+    if not estimate.valid:
+        return palette.GREY
+    threat = estimate.intruder.approach.threat if estimate.intruder else ThreatLevel.NONE
+    return THREATS.get(threat, palette.GREEN if estimate.state is Lifecycle.TRACKING else palette.VIOLET)
+
+
+def label(estimate: Estimate) -> str:
+    """Who it is and how far above us, m."""
+    assert estimate.mean is not None  # noqa: S101 - only those with one are drawn
+    called = estimate.intruder.callsign if estimate.intruder else ""
+    return f"{called or estimate.target} {-estimate.mean[2]:+.0f} m"
+
+
+def table(tracks: Sequence[Estimate]) -> str:
+    """Markdown: the tracks that come nearest first."""
+    rows = ["| aircraft | state | distance | closest | in | sources |", "|---|---|---|---|---|---|"]
+    known = [(e, e.intruder) for e in tracks if e.intruder is not None]
+    for e, who in sorted(known, key=lambda pair: pair[1].approach.distance)[:LONGEST_TABLE]:
+        a = who.approach
+        strong = "**" if a.threat is not ThreatLevel.NONE else ""
+        distance = np.linalg.norm(np.array(e.mean)[:3])
+        rows.append(
+            f"| {strong}{who.callsign or e.target}{strong} | {e.state} | {distance:.0f} m "
+            f"| {a.distance:.0f} ±{a.distance_sigma:.0f} m | {a.time:.0f} s | {', '.join(who.sources)} |"
+        )
+    return "\n".join(rows)
+
+
+def _colours(rows: Sequence[Sequence[palette.Colour]]) -> Array:
+    flat = [colour[:3] for row in rows for colour in row]
+    return np.array(flat, dtype=np.uint8).reshape(-1, 3)  # type: ignore[return-value]  # as Rerun takes them
