@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from onboard.estimators._traffic_filter import Choice, Places, join, put, take
+from onboard.estimators._traffic_filter import Choice, join, put, take
+from onboard.filters.association import Places
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.geometry.rotations import Array
 from onboard.models import intruder

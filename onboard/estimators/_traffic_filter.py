@@ -10,14 +10,13 @@ from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from onboard.filters import extended, kalman, multiple_model, square_root, unscented
+from onboard.filters.association import Places
 from onboard.filters.belief import Belief, Method, Rows, Update
 from onboard.geometry.rotations import Array
 from onboard.models import intruder
 
-Places = NDArray[np.int64]
 FilterName = Literal["kf", "ekf", "ukf", "srukf", "imm"]
 SINGLE: Final[dict[str, Method]] = {
     "kf": kalman.METHODS[0],

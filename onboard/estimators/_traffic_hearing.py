@@ -6,12 +6,12 @@ from typing import Final
 import numpy as np
 
 from onboard.estimators._traffic_batch import Judged
-from onboard.estimators._traffic_filter import Places
 from onboard.estimators._traffic_frame import Frame
 from onboard.estimators._traffic_reports import Key, Report, report_of, same_again
 from onboard.estimators._traffic_table import REPORT, Table
 from onboard.estimators._traffic_telling import farewell
 from onboard.estimators._traffic_track import NS, name_of
+from onboard.filters.association import Places
 from onboard.geometry.rotations import Array
 from onboard.messages import AdsbVehicle, PeerPosition, Verdict
 from onboard.models import intruder

@@ -3,12 +3,11 @@ tracks begin, most of which come to nothing."""
 
 import numpy as np
 
-from onboard.estimators._traffic_association import assign, candidates
 from onboard.estimators._traffic_batch import Radar
-from onboard.estimators._traffic_filter import Places
 from onboard.estimators._traffic_frame import Frame
 from onboard.estimators._traffic_table import ECHO, REPORT, Table
 from onboard.estimators._traffic_track import NS
+from onboard.filters.association import Places, assign, candidates
 from onboard.filters.gating import normalised_squared
 from onboard.geometry.rotations import Array, matrix_from_euler
 from onboard.messages import RadarScan, Verdict

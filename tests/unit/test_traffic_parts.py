@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from scipy.optimize import linear_sum_assignment
 
 from onboard.estimators._traffic_approach import closest
-from onboard.estimators._traffic_association import assign, candidates
+from onboard.filters.association import assign, candidates
 from onboard.geometry.geodesy import geodetic_from_ecef, geodetic_rows
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.models import intruder

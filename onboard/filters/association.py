@@ -1,4 +1,5 @@
-"""Which echo is of which track: gates, and the best assignment where they overlap.
+"""Which measurement is of which track: gates, and the best assignment where they overlap (global nearest
+neighbour). Measurements are range, azimuth and elevation.
 
 Only echoes whose range is within a track's gate are looked at more closely, and the assignment is solved for each
 knot of tracks and echoes that compete, so that the work grows with the number of tracks, not with its square.
@@ -8,13 +9,16 @@ from typing import Final
 
 import numpy as np
 from numba import njit, types
+from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from onboard.estimators._traffic_filter import Places
 from onboard.geometry.rotations import Array
-from onboard.models.intruder import CUBES, ROWS
+
+Places = NDArray[np.int64]
 
 FORBIDDEN: Final = 1e9
+ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
+CUBES: Final = types.Array(types.float64, 3, "A", readonly=True)
 INDICES: Final = types.Array(types.int64, 1, "A", readonly=True)
 
 

@@ -1,0 +1,108 @@
+"""`onboard run` beside `simlink run traffic`, each a process: reports over UDP, echoes over Zenoh, tracks out over
+Zenoh, and what a ground station on a link of its own is told."""
+
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import zenoh
+from pymavlink.dialects.v20 import common
+
+from onboard.client import Client
+from onboard.messages import Estimate, Health
+from tests.programs import free_ports, run, started, until
+
+UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
+
+
+def connect(endpoint: str) -> Client | None:
+    try:
+        return Client(endpoint, "1")
+    except Exception:  # not up yet
+        return None
+
+
+def frames(listener: socket.socket) -> list[Any]:
+    parser, found = common.MAVLink(None), []
+    while True:
+        try:
+            data = listener.recv(65_536)
+        except BlockingIOError:
+            return found
+        found += parser.parse_buffer(data) or []
+
+
+def test_all_the_traffic_is_tracked_published_and_told_a_ground_station(tmp_path: Path) -> None:
+    (autopilot,) = free_ports(UDP)
+    (router,) = free_ports(TCP)
+    station = socket.socket(socket.AF_INET, UDP)
+    station.bind(("127.0.0.1", 0))
+    station.setblocking(False)
+    endpoint = f"tcp/127.0.0.1:{router}"
+    config = tmp_path / "traffic.toml"
+    config.write_text(run("simlink", "config", "traffic").stdout)
+    links = (
+        f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot}'}}, "
+        f"{{name='station', url='udpout:127.0.0.1:{station.getsockname()[1]}', autopilot=false}}]"
+    )
+    settings = [
+        links,
+        f"zenoh.listen=['{endpoint}']",
+        "traffic_out.link='station'",
+        "traffic_out.adsb_vehicle='all'",
+    ]
+    overrides = [argument for setting in settings for argument in ("--set", setting)]
+    fly = ("simlink", "run", "traffic", "--mavlink", f"udpout:127.0.0.1:{autopilot}", "--tcp", "none")
+    with started(tmp_path / "daemon", "onboard", "run", config, *overrides) as daemon:
+        daemon.wait_for("zenoh:")
+        client: Client = until(lambda: connect(endpoint), "the daemon's Zenoh")
+        newest: dict[str, Estimate] = {}
+        health: list[Health] = []
+
+        def all_tracked() -> bool:
+            while (received := client.take(0.02)) is not None and time.monotonic() < deadline:
+                match received.record:
+                    case Estimate() as e if e.name == "traffic":
+                        newest[e.target] = e
+                    case Health() as h:
+                        health.append(h)
+            return sum(e.valid for e in newest.values()) == 20
+
+        try:
+            with started(tmp_path / "simlink", *fly, "--zenoh", endpoint, "--wait", "20") as simulator:
+                deadline = time.monotonic() + 60
+                until(all_tracked, "twenty tracks")
+                # a late joiner asks for one track by its name
+                with zenoh.open(_client(endpoint)) as session:
+                    (reply,) = session.get("onboard/1/estimate/traffic/icao/4b1a00", timeout=5.0)
+                    late = msgspec.json.decode(reply.ok.payload.to_bytes(), type=Estimate)
+                simulator.end()
+        finally:
+            client.close()
+        assert late.target == "icao/4b1a00"
+        assert late.intruder is not None
+        assert late.intruder.callsign == "HEAD-ON"
+        told = frames(station)
+        daemon.end()
+    station.close()
+    vehicles = {m.ICAO_address for m in told if m.get_type() == "ADSB_VEHICLE"}
+    assert 0x4B1A00 in vehicles
+    assert any(address >= 0xF10000 for address in vehicles)
+    assert {m.get_srcComponent() for m in told} == {191}
+    assert "traffic: " not in daemon.said()
+    assert sum(name.startswith("icao/") for name in newest) == 13
+    assert health[-1].verdicts["traffic.fused"] > 100
+    assert health[-1].rejected.get("bad_radar", 0) == 0
+
+
+def _client(endpoint: str) -> zenoh.Config:
+    config = zenoh.Config()
+    for key, value in {
+        "mode": '"client"',
+        "connect/endpoints": f'["{endpoint}"]',
+        "scouting/multicast/enabled": "false",
+    }.items():
+        config.insert_json5(key, value)
+    return config
