@@ -167,7 +167,8 @@ def track(flights: Flights, setting: Setting, method: Method, late: Lateness = O
             image = image_at.get(k)
             if image is not None:
                 pool.see(k, image, flights.image_points[:, image], registered[:, image])
-            pool.tell(k, min(k + late.delivery, samples - 1))
+            if k + late.delivery < samples:
+                pool.tell(k, k + late.delivery)
     return out
 
 

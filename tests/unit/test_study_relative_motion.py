@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -377,3 +378,37 @@ def test_an_attitude_error_that_is_told_of_widens_what_is_said_seed_1(flights: F
     added = told.covariance[-1] - without.covariance[-1]
     expected = rotation_covariance(without.mean[-1], np.full(3, np.radians(0.5)))
     np.testing.assert_allclose(added, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_a_filter_with_more_states_than_nine_tells_nine_and_a_delay_seed_1(flights: Flights) -> None:
+    class Wider(NamedTuple):
+        nine: Belief
+        delay: Array  # (B,)
+
+    def make(setting: Setting) -> Filter:
+        inner = TUNED.make(setting)
+
+        def see(state: Wider, view: View) -> Seen:
+            seen = inner.see(state.nine, view)
+            return seen._replace(state=Wider(seen.state, state.delay + 0.001))
+
+        return Filter(
+            start=lambda view: Wider(inner.start(view), np.zeros(len(view.points))),
+            predict=lambda state, step: state._replace(nine=inner.predict(state.nine, step)),
+            see=see,
+            to_nine=lambda state: inner.to_nine(state.nine),
+            degrees=4,
+            delay=lambda state: (state.delay, np.full(len(state.delay), 0.01)),
+        )
+
+    setting = Setting(SCENARIO.camera)
+    found, plain = track(flights, setting, Method("wider", "wider", make)), track(flights, setting, TUNED)
+    assert np.array_equal(found.mean, plain.mean, equal_nan=True)
+    assert found.delay is not None
+    for b in range(3):  # each of its own images, for its state is put back where it was taken from
+        images = np.isfinite(flights.image_points[b]).all(axis=(1, 2)).sum()
+        assert found.delay[b, -1, 0] == pytest.approx(0.001 * (images - 1))
+    one = score(1, flights.one(0), found.one(0), stamps_late=float(found.delay[0, -1, 0]))
+    assert one.nis_degrees == 4
+    assert one.delay_found_s is not None
+    assert 10.0 < one.delay_found_s < flights.nav_t[-1]
