@@ -78,6 +78,7 @@ VARIANTS: Final = (
         multirate=True,
     ),
     Variant("multirate-gust", "gust for 2 s, GPS 10 Hz", gust="short", sensors=RATES_OF_TWO, multirate=True),
+    Variant("multirate-gusts", "gusts from 10 s, GPS 10 Hz", gust="long", sensors=RATES_OF_TWO, multirate=True),
 )
 NAMED: Final = {variant.name: variant for variant in VARIANTS}
 

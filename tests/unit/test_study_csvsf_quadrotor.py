@@ -201,7 +201,7 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
     result: tuple[study.Result, Path, list[tuple[int, int]]],
 ) -> None:
     found, out, calls = result
-    assert calls == [(k, 16) for k in range(1, 17)]
+    assert calls == [(k, 17) for k in range(1, 18)]
     assert {(r.variant, r.method) for r in found.rows} == {
         (v.name, m.name) for v in VARIANTS for m in methods_on(v)
     }
@@ -225,7 +225,7 @@ def test_what_the_reference_says_seeds_3_and_4(result: tuple[study.Result, Path,
     """Of two flights, and all but one figure: Q x 300, see the report."""
     found = result[0]
     differ = {(c.variant, c.method) for c in found.comparisons if not c.agrees}
-    assert len(found.comparisons) == 25
+    assert len(found.comparisons) == 26
     assert len(differ) <= 5
     rows = {(r.variant, r.method): r for r in found.rows}
     assert rows["weak", "ckf"].diverged_why == ("zd",)
