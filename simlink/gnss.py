@@ -76,7 +76,10 @@ def receive(
     """A flight at times t (N,), evenly spaced, s, with positions and velocities (N, 3) in e.
 
     Random numbers are drawn for all satellites at all times, so that faults do not change them elsewhere.
+    Raises ValueError for a single time, and for a mask that lets satellites below the horizon in.
     """
+    if len(t) < 2 or not receiver.mask_deg > 0:
+        raise ValueError("needs two times at least, and a mask above the horizon")
     n, dt = len(t), float(t[1] - t[0])
     degraded, lost = _within(t, conditions.degraded), _within(t, conditions.lost)
     clock = _clock(receiver, conditions, degraded, dt, rng)

@@ -120,7 +120,8 @@ def in_scan(radar: Radar, seen: Array) -> npt.NDArray[np.bool_]:
 
 def elevation_above_horizon(distance: Array, height: Array) -> Array:
     """Phi (N,), rad, of targets at a range and height, m, over an Earth of 4/3 the radius."""
-    above = ((EARTH + height) ** 2 - distance**2 - EARTH**2) / (2 * distance * EARTH)
+    near = np.maximum(distance, 1.0)
+    above = ((EARTH + height) ** 2 - near**2 - EARTH**2) / (2 * near * EARTH)
     return np.asarray(np.arcsin(np.clip(above, -1.0, 1.0)))
 
 
@@ -149,7 +150,7 @@ def signal_to_noise(
     cross_section: float = 10**0.01,  # 0.1 dBsm
 ) -> Array:
     """S/N (N,) of one pulse (eq 46), or S/(J+N) where the target jams, as ratios."""
-    wavelength, r = _wavelength(radar), seen[:, 0]
+    wavelength, r = _wavelength(radar), np.maximum(seen[:, 0], 1.0)  # nearer is the far field of no radar
     both = _ratio(radar.transmit_gain_db) * _ratio(radar.receive_gain_db)
     energy = radar.peak_power * radar.pulse * both * wavelength**2 * cross_section / ((4 * np.pi) ** 3 * r**4)
     energy = energy / 10 ** (losses_db(radar, seen, height, rain_mm_h) / 10)

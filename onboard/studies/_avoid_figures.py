@@ -1,6 +1,7 @@
 """Figures 1-17 of De Vivo et al., redrawn. Single flights are those of the first seed."""
 
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -17,6 +18,12 @@ from onboard.studies._outcomes import ACCELERATION, POSITION
 
 SHOWN = ("ekf", "ukf", MINE)
 LABELS = {"ekf": "EKF", "ukf": "UKF", MINE: "square-root UKF, Joseph"}
+# curves lie on each other: the first is broad, the others broken
+LINES: dict[str, Any] = {
+    "ekf": {"linestyle": "-", "linewidth": 2.2, "alpha": 0.6},
+    "ukf": {"linestyle": "--", "linewidth": 1.4},
+    MINE: {"linestyle": ":", "linewidth": 1.4},
+}
 RADAR_FAULTS = (*scenes.JAMMED, *scenes.SIGNAL_LOST)
 GNSS_FAULTS = (*scenes.DEGRADED, *scenes.NO_SATELLITES)
 
@@ -79,7 +86,9 @@ def _validation(m: Measured) -> Figure:
     t, found = scenes.validation_times(), m.validation.outcomes
     for i, axis in enumerate(axes.flat[:3]):
         for name in SHOWN:
-            axis.semilogy(t, found[name].rms[:, POSITION[i]], color=COLOURS[name], label=LABELS[name])
+            axis.semilogy(
+                t, found[name].rms[:, POSITION[i]], color=COLOURS[name], label=LABELS[name], **LINES[name]
+            )
         axis.set_ylabel(f"{'xyz'[i]}, m")
     difference = [np.linalg.norm(found[name].rms[:, POSITION], axis=1) for name in ("ukf", MINE)]
     axes[1, 1].plot(t, difference[0] - difference[1], color="black")
@@ -152,7 +161,7 @@ def _condition_panel(axis: Axes, flown: Flown, t: Array) -> None:
         label = {"ekf-plain": "EKF as printed κ(P)"}.get(
             name, f"{LABELS.get(name)} κ({'S' if name == MINE else 'P'})"
         )
-        axis.semilogy(t, flown.outcomes[name].condition, color=COLOURS[name], label=label)
+        axis.semilogy(t, flown.outcomes[name].condition, color=COLOURS[name], label=label, **LINES.get(name, {}))
     axis.set_ylabel("condition number")
     axis.legend(fontsize=8, ncols=2)
 
@@ -164,7 +173,7 @@ def _accelerations(
     for i, axis in enumerate(axes[:, 0]):
         for name in SHOWN:
             mean = flown.outcomes[name].first_mean[:, ACCELERATION[i]]
-            axis.plot(t, mean, color=COLOURS[name], linewidth=0.8, label=LABELS[name])
+            axis.plot(t, mean, color=COLOURS[name], label=LABELS[name], **LINES[name])
         axis.plot(t, truth[:, ACCELERATION[i]], color="black", linewidth=0.9, linestyle=(0, (4, 2)), label="truth")
         reach = 1.6 * float(np.abs(truth[:, ACCELERATION[i]]).max()) + 1
         axis.set_ylim(-reach, reach)

@@ -100,6 +100,12 @@ def test_beside_behind_and_above_there_is_no_beam_seed_2(r: list[float]) -> None
     assert np.isfinite(look.sigma).all()
 
 
+def test_at_the_radar_itself_nothing_is_divided_by_zero_seed_3() -> None:
+    look = phased_array.look(RADAR, np.zeros(2), np.zeros((2, 3)), np.random.default_rng(3))
+    assert np.isfinite(look.sigma).all()
+    assert np.isfinite(look.snr_db).all()
+
+
 # ---------------------------------------------------------------------------------------------------- GNSS
 
 
@@ -226,3 +232,10 @@ def test_what_the_troposphere_costs_uncorrected_seed_5() -> None:
     assert fixes[0] is not None and fixes[1] is not None  # noqa: PT018 - the types need both
     extra = (fixes[1].y - fixes[0].y)[: len(fixes[0].slots)]
     assert 1.9 < extra.min() < extra.max() < 14
+
+
+@pytest.mark.parametrize(("receiver", "count"), [(gnss.Receiver(), 1), (gnss.Receiver(mask_deg=0.0), 5)])
+def test_what_a_receiver_cannot_do_is_refused(receiver: gnss.Receiver, count: int) -> None:
+    t, r_e, v_e = flight(1)
+    with pytest.raises(ValueError, match="mask"):
+        gnss.receive(receiver, t[:count], r_e[:count], v_e[:count], np.random.default_rng(1))
