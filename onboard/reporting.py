@@ -13,7 +13,7 @@ import msgspec
 from rich.console import Console
 from rich.markdown import Markdown
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.table import Column, Table
 
 from onboard import studies
 from onboard.config import Config
@@ -160,7 +160,8 @@ def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
         _make_folder(out / name)
     _check_targets(json_file)
     results: dict[str, Any] = {}
-    table = Table("study", "claims: hold", "only if", "do not", "agree with reference", box=None)
+    name_column = Column("study", no_wrap=True)
+    table = Table(name_column, "claims: hold", "only if", "do not", "agree with reference", box=None)
     for name in known:
         results[name] = result = _measure(name, seeds, out)
         verdicts = [claim["verdict"] for claim in result.get("claims", ())]

@@ -20,12 +20,17 @@ from typing import Any, Final
 import numpy as np
 from numba import njit, types
 
+from onboard.filters.belief import FilterError
 from onboard.filters.discretisation import van_loan
 from onboard.geometry.rotations import Array
 from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, UNITS, VELOCITY, N
 
 __all__ = ["ACCELERATION", "COMPONENTS", "POSITION", "UNITS", "VELOCITY", "N", "coefficients", "noise", "process"]
 
+SHORT: Final = 0.5  # rad: the series of `_noise` end where a step turns less than this, or decays less
+GAUSS: Final = np.polynomial.legendre.leggauss(8)
+NODES: Final = 0.5 * GAUSS[0]  # of the interval [-1/2, 1/2]
+WEIGHTS: Final = 0.5 * GAUSS[1]
 SLOW: Final = 1.0  # m/s, added in squares to the speed: a hovering target has no direction to turn from
 
 
@@ -49,6 +54,19 @@ def noise(mean: Array, dt: float, q: Any = 1.0) -> Array:
 
     Raises FilterError.
     """
+    density = np.broadcast_to(np.asarray(q, float), 3)
+    if not (np.isfinite(density) & (density >= 0)).all():
+        raise FilterError(f"q: must be finite and not negative, not {q}")
+    if dt > 0:
+        rows = mean.reshape(-1, mean.shape[-1])
+        Q, reach = _noise(rows, float(dt), density, NODES, WEIGHTS)
+        if reach <= SHORT:
+            whole: Array = Q.reshape(*mean.shape[:-1], N, N)
+            return whole
+    return _noise_of_any_step(mean, dt, density)
+
+
+def _noise_of_any_step(mean: Array, dt: float, density: Array) -> Array:
     alpha, omega = coefficients(mean)
     A = np.zeros((*alpha.shape, 3, 3))
     A[..., 0, 1] = A[..., 1, 2] = 1.0
@@ -56,13 +74,51 @@ def noise(mean: Array, dt: float, q: Any = 1.0) -> Array:
     A[..., 2, 2] = -2.0 * alpha
     one = van_loan(A, np.diag([0.0, 0.0, 1.0]), dt).Q
     Q = np.zeros((*alpha.shape, N, N))
-    for axis, density in enumerate(np.broadcast_to(np.asarray(q, float), 3)):
+    for axis in range(3):
         at = slice(3 * axis, 3 * axis + 3)
-        Q[..., at, at] = density * one
+        Q[..., at, at] = density[axis] * one
     return Q
 
 
 ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
+VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
+
+
+@njit((ROWS, types.float64, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")
+def _noise(rows, dt, density, nodes, weights):  # type: ignore[no-untyped-def]
+    """(Q (k, 9, 9), the largest turn or decay in a step). The response to a unit impulse is the series of
+    a_dot = -p v - r a from v = 0, a = 1; its products are integrated by Gauss' rule, all of whose terms are
+    positive, so Q is, too."""
+    Q = np.zeros((rows.shape[0], 9, 9))
+    c, reach = np.empty(3), 0.0
+    for s in range(rows.shape[0]):
+        vv, va, aa = SLOW * SLOW, 0.0, 0.0
+        for i in range(0, 9, 3):
+            vv += rows[s, i + 1] * rows[s, i + 1]
+            va += rows[s, i + 1] * rows[s, i + 2]
+            aa += rows[s, i + 2] * rows[s, i + 2]
+        alpha = -va / vv
+        r = 2.0 * alpha
+        p = 2.0 * alpha * alpha + max((vv - SLOW * SLOW) * aa - va * va, 0.0) / (vv * vv)
+        reach = max(reach, dt * max(abs(r), np.sqrt(p)))
+        for g in range(nodes.shape[0]):
+            t = dt * (0.5 + nodes[g])
+            term, before = 1.0, 0.0  # of the acceleration's series, and the one before
+            c[0] = c[1] = c[2] = 0.0
+            for k in range(15):
+                c[2] += term
+                c[1] += term * t / (k + 1)
+                c[0] += term * t * t / ((k + 1) * (k + 2))
+                after = -(r * t * term + (p * t * t * before / k if k else 0.0)) / (k + 1)
+                term, before = after, term
+            for i in range(3):
+                for j in range(3):
+                    Q[s, i, j] += dt * weights[g] * c[i] * c[j]
+        for axis in range(2, -1, -1):  # the first block last: the others are made from it
+            for i in range(3):
+                for j in range(3):
+                    Q[s, 3 * axis + i, 3 * axis + j] = density[axis] * Q[s, i, j]
+    return Q, reach
 
 
 @njit(cache=True, error_model="numpy")

@@ -44,26 +44,28 @@ def test_mended_closed_forms_cancel_where_van_loan_does_not() -> None:
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, Path]:
     out = tmp_path_factory.mktemp("avoid")
-    return study.run(seeds=4, first_seed=200, jobs=1, out=out), out
+    return study.run(seeds=2, first_seed=200, jobs=1, out=out), out
 
 
-def test_the_reference_s_numbers_seeds_200_to_203(found: tuple[Findings, Path]) -> None:
-    """40 runs of the validation, 4 of radar and GNSS: wider than the full study's tolerance where it scatters."""
+def test_the_reference_s_numbers_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
+    """20 runs of the validation, 2 of radar and GNSS: wider than the full study's tolerance where it scatters."""
     ours = {c.name: c for c in found[0].checks}
     wide = {"validation: position RMSE, UKF", "validation: position RMSE, Joseph"}
     scattered = {
         "float32: share that fails, textbook downdates",
         "α as printed: share diverged",
         "20 km: NEES of Joseph over UKF",
+        "20 km: first position, UKF",
         "eqs 21, 22 as printed: share diverged",
     }
     assert ours["eqs 21, 22 as printed: share diverged"].ours > 0.7
+    assert ours["20 km: first position, UKF"].ours > 4 * ours["20 km: first position, iterated"].ours
     for name in wide:
         assert ours[name].ours == pytest.approx(88.8, abs=9)
     assert [n for n, c in ours.items() if not c.agrees and n not in wide | scattered] == []
 
 
-def test_claims_are_judged_seeds_200_to_203(found: tuple[Findings, Path]) -> None:
+def test_claims_are_judged_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
     verdicts = [c.verdict for c in found[0].claims]
     assert len(verdicts) == 14
     assert verdicts[0] == "does not hold"  # much more accurate
@@ -74,7 +76,7 @@ def test_claims_are_judged_seeds_200_to_203(found: tuple[Findings, Path]) -> Non
     assert all(m.proven for m in found[0].misprints)
 
 
-def test_what_is_written_can_be_read_seeds_200_to_203(found: tuple[Findings, Path]) -> None:
+def test_what_is_written_can_be_read_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
     written = json.loads((found[1] / "result.json").read_bytes())
     assert len(written["misprints"]) == 19
     assert len(written["figures"]) == 10

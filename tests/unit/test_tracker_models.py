@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from onboard.filters.belief import FilterError
 from onboard.filters.discretisation import van_loan, wiener_acceleration
 from onboard.geometry.rotations import Array
 from onboard.models import constant_acceleration, gnss_clock, pseudorange, radar, variable_turn
@@ -133,10 +134,32 @@ def test_coefficients_and_noise_seed_5() -> None:
     np.testing.assert_allclose(variable_turn.noise(rows[k], 0.4)[6:, 6:], Q[k, 6:, 6:] / 3, rtol=1e-12)
 
 
+@pytest.mark.parametrize("dt", [0.01, 0.1, 1.0, 5.0])
+@pytest.mark.parametrize("turning", [1.0, 30.0])
+def test_noise_is_van_loan_s_for_short_steps_and_long_seed_7(dt: float, turning: float) -> None:
+    rows = states(7, 40)
+    rows[:, [2, 5, 8]] *= turning
+    alpha, omega = variable_turn.coefficients(rows)
+    found = variable_turn.noise(rows, dt)[:, :3, :3]
+    for k in range(40):
+        A = np.array([[0, 1, 0], [0, 0, 1], [0, -(2 * alpha[k] ** 2 + omega[k] ** 2), -2 * alpha[k]]])
+        right = van_loan(A, np.diag([0.0, 0, 1]), dt).Q
+        np.testing.assert_allclose(found[k], right, rtol=1e-9, atol=1e-12 * np.abs(right).max())
+        assert np.linalg.eigvalsh(found[k] / right.max())[0] > -1e-15
+
+
+@pytest.mark.parametrize(("dt", "q"), [(0.0, 1.0), (float("nan"), 1.0), (0.1, -1.0), (0.1, float("nan"))])
+def test_noise_of_no_step_or_of_no_density_is_refused(dt: float, q: float) -> None:
+    with pytest.raises(FilterError):
+        variable_turn.noise(states(8), dt, q)
+
+
 def test_standing_still_is_finite() -> None:
     rows = np.zeros((1, 9))
     assert np.array_equal(variable_turn.process(rows, 0.1), rows)
-    np.testing.assert_allclose(variable_turn.noise(rows, 0.1), wiener_acceleration(0.1, by_axis=True).Q[None])
+    np.testing.assert_allclose(
+        variable_turn.noise(rows, 0.1), wiener_acceleration(0.1, by_axis=True).Q[None], rtol=1e-12
+    )
 
 
 # ---------------------------------------------------------------------------------------------------- GNSS
