@@ -1,0 +1,80 @@
+"""`onboard run` beside `simlink run quadrotor`: our own state over Zenoh and, as ODOMETRY, over MAVLink."""
+
+import math
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.client import Client
+from onboard.messages import Health, NavState, Truth
+from tests.programs import free_ports, run, started, until
+
+NEAR_NS = 25_000_000
+UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
+
+
+def test_a_weak_motor_is_flown_named_and_told_seed_2(tmp_path: Path) -> None:
+    autopilot, ground, zenoh = free_ports(UDP, UDP, TCP)
+    endpoint = f"tcp/127.0.0.1:{zenoh}"
+    config = tmp_path / "q.toml"
+    config.write_text(run("simlink", "config", "quadrotor-motor").stdout)
+    links = f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot}'}}, "
+    links += f"{{name='ground', url='udpout:127.0.0.1:{ground}', autopilot=false}}]"
+    settings = [links, f"zenoh.listen=['{endpoint}']", "odometry.link='ground'"]
+    receiver = socket.socket(socket.AF_INET, UDP)
+    receiver.bind(("127.0.0.1", ground))
+    receiver.settimeout(0.05)
+    command = ("onboard", "run", config, *(a for s in settings for a in ("--set", s)))
+    simulator = ("simlink", "run", "quadrotor-motor", "--seed", "2", "--camera", "none", "--tcp", "none")
+    simulator += ("--mavlink", f"udpout:127.0.0.1:{autopilot}", "--zenoh", endpoint, "--wait", "15")
+    records: list[Any] = []
+    odometry: list[Any] = []
+    parser = dialect.MAVLink(None)
+    with receiver, started(tmp_path / "daemon.log", *command) as daemon:
+        daemon.wait_for("link ground")
+        client: Client = until(lambda: Client(endpoint, "1"), "the daemon's Zenoh")
+        try:
+            with started(tmp_path / "simlink.log", *simulator, "--duration", "13") as flying:
+                while flying.popen.poll() is None:
+                    collect(client, receiver, parser, records, odometry)
+                end = time.monotonic() + 1.5  # for the last health
+                while time.monotonic() < end:
+                    collect(client, receiver, parser, records, odometry)
+        finally:
+            client.close()
+        assert daemon.end() == 0
+    states = [r for r in records if isinstance(r, NavState) and r.valid]
+    truths = [r for r in records if isinstance(r, Truth)]
+    assert len(states) > 100
+    settled = states[0].t_ns + 5 * 10**9
+    nearest = [(min(states, key=lambda s: abs(s.t_ns - t.t_ns)), t) for t in truths if t.t_ns > settled]
+    pairs = [(s, t) for s, t in nearest if abs(s.t_ns - t.t_ns) < NEAR_NS]
+    assert len(pairs) > 30
+    assert max(math.dist(s.mean[3:6], t.v_F_n) for s, t in pairs) < 0.8  # type: ignore[index]
+    assert {f.part for r in records if isinstance(r, Health) for f in r.faults} == {"motor 1"}
+    assert len(odometry) > 100
+    # of one time there may be two states: a fix that has come since makes another
+    by_time = {s.t_ns // 1000: s for s in states}
+    same = [m for m in odometry if m.time_usec in by_time]
+    assert len(same) > 100
+    apart = sorted(math.dist((m.x, m.y, m.z), by_time[m.time_usec].mean[:3]) for m in same)  # type: ignore[index]
+    assert apart[len(apart) // 2] < 1e-3
+    assert {(m.frame_id, m.child_frame_id, m.reset_counter) for m in same} == {(1, 12, 0)}
+
+
+def collect(client: Client, receiver: socket.socket, parser: Any, records: list[Any], odometry: list[Any]) -> None:
+    """Take what has come over both ways."""
+    for _ in range(200):
+        received = client.take(0.0)
+        if received is None:
+            break
+        records.append(received.record)
+    try:
+        for _ in range(50):
+            messages = parser.parse_buffer(receiver.recv(65535)) or ()
+            odometry += [m for m in messages if m.get_type() == "ODOMETRY"]
+    except TimeoutError:
+        return

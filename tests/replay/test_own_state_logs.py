@@ -1,0 +1,82 @@
+"""Our own state on real autopilots' streams, beside their own estimates and, where it is known, the truth."""
+
+import gzip
+from collections.abc import Iterator
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.config import parse_config
+from onboard.messages import Datagram, LocalPosition, Message, NavState
+from onboard.pipeline import Pipeline
+from onboard.wire.tlog import read_tlog
+from onboard.wire.ulog import read_ulog
+from tests.programs import DATA
+
+S = 1_000_000_000
+pytestmark = pytest.mark.skipif(
+    not DATA.is_dir(), reason="the recorded flights are not part of this repository (../shared/data)"
+)
+
+
+def told(items: Iterator[Datagram | Message], **delay: Any) -> tuple[list[NavState], list[LocalPosition]]:
+    """Our states, and the autopilot's own, as stamped."""
+    pipeline = Pipeline(parse_config({"estimator": {"own_state": {}}, "delay": delay}))
+    states: list[NavState] = []
+    theirs: list[LocalPosition] = []
+    for item in items:
+        messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
+        theirs += [m for m in messages if isinstance(m, LocalPosition) and pipeline.is_ours(m)]
+        states += [o for o in pipeline.advance(messages) if isinstance(o, NavState) and o.mean is not None]
+    return states, theirs
+
+
+def within(states: list[NavState], t: np.ndarray, velocity: np.ndarray, settle: float) -> tuple[float, float]:
+    """How often a velocity (N, 3) at times t (s) is within 3 of our sigmas, per axis; and the RMS difference."""
+    at = np.array([s.t_ns for s in states]) / S
+    mean = np.array([s.mean[3:6] for s in states])  # type: ignore[index]
+    sigma = np.sqrt(np.array([np.diag(np.array(s.covariance))[3:6] for s in states]))
+    judged = (t > at[0] + settle) & (t < at[-1])
+    assert judged.sum() > 100
+    ours = np.stack([np.interp(t[judged], at, mean[:, k]) for k in range(3)], axis=1)
+    spread = np.stack([np.interp(t[judged], at, sigma[:, k]) for k in range(3)], axis=1)
+    difference = np.abs(ours - velocity[judged])
+    return float((difference < 3 * spread).mean(axis=0).min()), float(np.sqrt((difference**2).sum(axis=1).mean()))
+
+
+def test_a_real_px4_that_loses_a_motor_agrees_with_its_own_filter() -> None:
+    """The IMU is logged at 9 Hz and shaken by 4 to 12 m/s^2: what we say of our accuracy must follow."""
+    states, theirs = told(read_ulog(DATA / "logs" / "frrs_motor_failure.ulg"), gps_s=0.11)
+    t = np.array([m.t_ns for m in theirs]) / S
+    share, difference = within(states, t, np.array([m.v_F_n for m in theirs]), 10.0)
+    assert share >= 0.95
+    assert difference < 1.0
+    assert states[-1].reset_count == 0
+
+
+def test_ardupilots_stream_agrees_with_the_truth_and_with_its_own_filter() -> None:
+    log = DATA / "formation-copter" / "follower.tlog"
+    datagrams = (d for d, _ in read_tlog(log.read_bytes()) if d is not None)
+    first = next(datagrams)
+    states, theirs = told(takewhile(lambda d: d.t_recv_ns - first.t_recv_ns < 45 * S, datagrams))
+    truth = _truth(log.parent / "follower_state_truth.csv.gz")
+    share, error = within(states, truth[:, 0], truth[:, 4:7], 15.0)
+    assert share >= 0.99
+    assert error < 0.05
+    t = np.array([m.t_ns for m in theirs]) / S - 0.0225  # older than they say
+    share, difference = within(states, t, np.array([m.v_F_n for m in theirs]), 15.0)
+    assert share >= 0.95
+    assert difference < 0.1
+    assert not [f for s in states for f in s.faults]
+
+
+def _truth(path: Path) -> np.ndarray:
+    """SIM2 rows: time (s), position, velocity, (N, 7)."""
+    with gzip.open(path, "rt") as file:
+        rows = [line.split(",") for line in file if line.startswith("SIM2")]
+    table = np.array([[float(x) for x in row[1:8]] for row in rows])
+    table[:, 0] *= 1e-6
+    return table
