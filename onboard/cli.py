@@ -137,7 +137,7 @@ def _replay(a: argparse.Namespace) -> int:
     from onboard.reporting import replay_log  # noqa: PLC0415
 
     config = load_config(a.config, tuple(a.set))
-    return replay_log(a.log, config, out=a.out, truth=a.truth, json_file=a.json, rrd=a.rrd)
+    return replay_log(a.log, config, out=a.out, truth=a.truth, json_file=a.json, rrd=a.rrd, own=a.own)
 
 
 def _view(a: argparse.Namespace) -> int:
@@ -229,6 +229,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     replay.add_argument("log", type=Path, help=".tlog, PX4 .ulg, or .mcap recorded by `onboard run`")
     replay.add_argument("--out", type=Path, metavar="FILE.csv", help="one row per estimate; columns carry units")
+    replay.add_argument("--own", type=Path, metavar="FILE.csv", help="the same of [estimator.own_state]")
     replay.add_argument("--config", type=Path, metavar="C", help="TOML file")
     replay.add_argument("--truth", type=Path, metavar="FILE.csv[.gz]", help="score against it")
     replay.add_argument("--json", type=Path, metavar="FILE", help="write the summary's numbers here as well")

@@ -15,13 +15,15 @@ from onboard.config import Config
 from onboard.errors import UserError
 from onboard.messages import Datagram, Estimate, Health, Message, NavState, Output
 from onboard.models import relative_motion
+from onboard.models.own_motion import COMPONENTS as OWN_COMPONENTS
+from onboard.models.own_motion import UNITS as OWN_UNITS
 from onboard.pipeline import Pipeline
 from onboard.wire import ulog
 from onboard.wire.recording import is_recording, read_recording
 from onboard.wire.tlog import NotALogError, read_tlog
 
 PROGRESS_EVERY: Final = 2000
-UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad"}
+UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad", "rad/s": "rad_s"}
 
 
 class ReplayError(UserError, ValueError):
@@ -131,6 +133,25 @@ class CsvWriter:
         """Append an estimate's row; other records have none."""
         if isinstance(estimate, Estimate) and estimate.components == relative_motion.COMPONENTS:
             self._writer.writerow(row(estimate))
+
+
+class OwnCsvWriter:
+    """One row per state of our own vehicle: as `CsvWriter`, then the attitude's quaternion, the share of
+    measurements outside their layer, the quality and the faults that last. NED from the origin."""
+
+    def __init__(self, file: IO[str]) -> None:
+        self._writer = csv.writer(file, lineterminator="\n")
+        more = ["q_w", "q_x", "q_y", "q_z", "switch_fraction", "quality", "faults"]
+        self._writer.writerow([*header(OWN_COMPONENTS, OWN_UNITS), *more])
+
+    def write(self, state: Output) -> None:
+        """Append a state's row; other records have none."""
+        if not isinstance(state, NavState):
+            return
+        q = [f"{x:.9f}" for x in state.q_nb] if state.valid and state.q_nb else [""] * 4
+        switched = "" if state.switch_fraction is None else f"{state.switch_fraction:.4f}"
+        faults = "; ".join(f"{f.kind} {f.part}".strip() for f in state.faults)
+        self._writer.writerow([*row(state), *q, switched, str(state.quality), faults])
 
 
 def header(components: tuple[str, ...], units: tuple[str, ...]) -> list[str]:

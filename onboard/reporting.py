@@ -20,8 +20,8 @@ from onboard.config import Config
 from onboard.demo import Report, flight_name, run_demo
 from onboard.errors import UserError
 from onboard.messages import Estimate
-from onboard.replay import CsvWriter, Replayed, check_log, replay
-from onboard.scorecard import print_health, print_score
+from onboard.replay import CsvWriter, OwnCsvWriter, Replayed, check_log, replay
+from onboard.scorecard import print_health, print_own, print_score
 from onboard.scoring import Score, reference_from_csv, score
 
 if TYPE_CHECKING:
@@ -97,11 +97,13 @@ def replay_log(
     truth: Path | None,
     json_file: Path | None,
     rrd: Path | None,
+    own: Path | None = None,
 ) -> int:
-    """`onboard replay`: a log through the pipeline; rows to `out`, the view to `rrd`, a summary to the screen."""
+    """`onboard replay`: a log through the pipeline; rows to `out`, of our own state to `own`, the view to `rrd`, a
+    summary to the screen."""
     reference = reference_from_csv(truth) if truth is not None else None
     check_log(log)
-    _check_targets(out, json_file, rrd, inputs=(log, truth))
+    _check_targets(out, json_file, rrd, own, inputs=(log, truth))
     with ExitStack() as stack:
         takers: list[Callable[[Any], None]] = []
         if rrd is not None:
@@ -109,12 +111,13 @@ def replay_log(
 
             view = stack.enter_context(View(camera=config.camera_model(), rrd=rrd))
             takers.append(view.show)
-        if out is not None:
+        for path, writer in ((out, CsvWriter), (own, OwnCsvWriter)):
+            if path is None:
+                continue
             try:
-                writer = CsvWriter(stack.enter_context(out.open("w", encoding="utf-8", newline="")))
+                takers.append(writer(stack.enter_context(path.open("w", encoding="utf-8", newline=""))).write)
             except OSError as error:
-                raise UserError(f"cannot write {out}: {error.strerror}") from error
-            takers.append(writer.write)
+                raise UserError(f"cannot write {path}: {error.strerror}") from error
         bar = stack.enter_context(_progress(Console(stderr=True)))
         task = bar.add_task(f"replaying {log.name}", total=None)
         replayed = replay(
@@ -124,7 +127,7 @@ def replay_log(
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
     result = score(replayed.estimates, reference)
-    _print_replay(log, replayed, result, out, rrd)
+    _print_replay(log, replayed, result, out, own, rrd)
     if json_file is not None:
         _write_json(json_file, replay_numbers(replayed, result))
     return 0
@@ -200,7 +203,7 @@ def _measure(name: str, seeds: int | None, out: Path) -> dict[str, Any]:
     return numbers
 
 
-def _print_replay(log: Path, replayed: Replayed, result: Score, out: Path | None, rrd: Path | None) -> None:
+def _print_replay(log: Path, replayed: Replayed, result: Score, *written: Path | None) -> None:
     console = Console()
     damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
     console.print(
@@ -212,7 +215,8 @@ def _print_replay(log: Path, replayed: Replayed, result: Score, out: Path | None
     if not result.verdicts:
         console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
     print_score(console, "leader relative to follower, NED", result)
-    for path in (out, rrd):
+    print_own(console, replayed.own_states)
+    for path in written:
         if path is not None:
             console.print(f"written: {path}", highlight=False, soft_wrap=True)
 

@@ -1,9 +1,11 @@
 """A score for people: one table, each figure with its unit and, where there is one, the bound it should keep."""
 
+from collections.abc import Sequence
+
 from rich.console import Console
 from rich.table import Table
 
-from onboard.messages import Health
+from onboard.messages import Health, NavState
 from onboard.scoring import Latency, Score
 
 
@@ -64,6 +66,21 @@ def print_health(console: Console, health: Health) -> None:
     console.print(f"messages:  {streams or 'none'}", highlight=False)
     rejected = ", ".join(f"{reason} {n}" for reason, n in sorted(health.rejected.items()))
     console.print(f"rejected:  {rejected or 'none'}", highlight=False)
+
+
+def print_own(console: Console, states: Sequence[NavState]) -> None:
+    """Print what became of our own state: how often it was valid, whether its covariance fits, what was wrong."""
+    if not states:
+        return
+    valid = sum(s.valid for s in states)
+    ratios = [s.nis_ratio for s in states if s.nis_ratio is not None]
+    ratio = f"NIS {sum(ratios) / len(ratios):.2f} of its expectation" if ratios else "no NIS"
+    text = f"own state: {len(states)} ({valid} valid), {ratio}, begun anew {states[-1].reset_count} times"
+    console.print(text, highlight=False)
+    faults = {(f.kind, f.part, f.t_onset_ns): f for s in states for f in s.faults}
+    for f in sorted(faults.values(), key=lambda f: f.t_onset_ns):
+        name = f"{f.kind} {f.part}".strip()
+        console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)
 
 
 def _between(bounds: tuple[float, float] | None, what: str) -> str:

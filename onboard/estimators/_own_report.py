@@ -24,11 +24,6 @@ from onboard.models import own_motion
 from onboard.models.quadrotor import POSITION, RATES, VELOCITY
 
 NAME: Final = "own_state"
-COMPONENTS: Final = (
-    *("r_north", "r_east", "r_down", "v_north", "v_east", "v_down"),
-    *("roll", "pitch", "yaw", "p", "q", "r"),
-)
-UNITS: Final = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("rad/s",) * 3)
 WINDOW_NS: Final = 1_000_000_000
 
 Outside = npt.NDArray[np.bool_]
@@ -140,8 +135,8 @@ def nav_state(
         valid=valid,
         reason=reason,
         frame="n",
-        components=COMPONENTS,
-        units=UNITS,
+        components=own_motion.COMPONENTS,
+        units=own_motion.UNITS,
         mean=mean,
         covariance=covariance,
         age=None if math.isinf(age) else age,

@@ -24,6 +24,11 @@ N: Final = 15
 DISTURBANCE: Final = (12, 13, 14)
 GRAVITY: Final = 9.80665
 LARGEST: Final = 0.5  # rad
+COMPONENTS: Final = (
+    *("r_north", "r_east", "r_down", "v_north", "v_east", "v_down"),
+    *("roll", "pitch", "yaw", "p", "q", "r"),
+)
+UNITS: Final = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("rad/s",) * 3)
 NAVIGATION: Final = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)  # the states that are told, in the order they are
 
 VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)

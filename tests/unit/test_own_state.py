@@ -1,7 +1,10 @@
 """The estimator of our own state: what it says, when it says nothing, and what it names as wrong."""
 
+import csv
 import math
+import re
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +22,7 @@ from onboard.models import own_motion
 from onboard.pipeline import Pipeline
 from simlink.scenario import load_scenario
 from simlink.simulation import datagrams
+from tests.programs import run
 
 MS = 1_000_000
 ORIGIN = (47.4, 8.5, 500.0)
@@ -382,3 +386,22 @@ def test_nothing_is_named_where_nothing_is_wrong_or_only_the_inertia_seed_14() -
     for name in ("quadrotor", "quadrotor-inertia-half", "quadrotor-gps-loss"):
         _, states, _ = flown(name, 14, 25.0)
         assert not [f for s in states for f in s.faults], name
+
+
+def test_a_replay_writes_our_own_state_seed_1(tmp_path: Path) -> None:
+    log, config, rows = tmp_path / "f.tlog", tmp_path / "f.toml", tmp_path / "own.csv"
+    assert simlink("log", "quadrotor-heavier", "--duration", "12", "--out", log).returncode == 0
+    config.write_text(simlink("config", "quadrotor-heavier").stdout)
+    done = run("onboard", "replay", log, "--config", config, "--own", rows)
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"own state: \d+ \(\d+ valid\), NIS 0\.\d+ of its expectation", done.stdout)
+    assert re.search(r"50\.\d+ s: mass, 1\.[23]\d times the known mass", done.stdout)
+    table = list(csv.DictReader(rows.read_text().splitlines()))
+    assert {"time_boot_s", "r_north_m", "v_down_m_s", "sigma_yaw_rad", "p_rad_s", "q_w"} <= set(table[0])
+    assert table[-1]["faults"] == "mass"
+    assert float(table[-1]["r_down_m"]) == pytest.approx(-10.0, abs=2.0)
+    assert table[0]["r_north_m"] == ""  # nothing known yet
+
+
+def simlink(*command: str | Path) -> Any:
+    return run("simlink", *command)
