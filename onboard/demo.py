@@ -18,7 +18,8 @@ from typing import IO, TYPE_CHECKING, Final, NamedTuple
 from onboard.client import Client, Received
 from onboard.config import Config, load_config
 from onboard.errors import UserError
-from onboard.messages import Estimate, Health, Record, SimStatus, Truth
+from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
+from onboard.own_scoring import OwnScore, score_own
 from onboard.scoring import Latency, Score, percentiles, reference_from_records, score
 from onboard.sinks import SinkError
 
@@ -54,6 +55,7 @@ class Report(Record, frozen=True, kw_only=True):
     score: Score
     latency_ms: Latency
     drops: Drops
+    own_state: OwnScore | None = None
 
 
 class Flight(NamedTuple):
@@ -65,6 +67,7 @@ class Flight(NamedTuple):
     status: SimStatus | None
     to_publish_ms: list[float]
     own_ms: list[float]
+    own_states: list[NavState]
 
 
 def run_demo(
@@ -150,7 +153,7 @@ def _watch(
     progress: Callable[[float, Estimate | None], None],
 ) -> Flight:
     """Take and show all records until the simulator says it has finished and the last ones have come."""
-    flight = Flight([], [], None, None, [], [])
+    flight = Flight([], [], None, None, [], [], [])
     daemon, simlink = processes
     newest: Estimate | None = None
     finished_at: float | None = None
@@ -166,6 +169,8 @@ def _watch(
         if view is not None:
             view.show(record)
         match record:
+            case NavState():
+                flight.own_states.append(record)
             case Estimate() if "/" not in record.target:  # of the leader, not of traffic
                 flight.estimates.append(record)
                 newest = record
@@ -202,7 +207,8 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
     truth = reference_from_records(flight.truths)
     p50, p99 = percentiles(flight.to_publish_ms)
     own50, own99 = percentiles(flight.own_ms)
-    received = sum(flight.health.verdicts.values()) if flight.health else 0
+    verdicts = flight.health.verdicts.items() if flight.health else ()
+    received = sum(count for name, count in verdicts if name.startswith("leader."))
     sent = flight.status.images if flight.status else 0
     numbers = [e.sequence for e in flight.estimates]
     missed = numbers[-1] - numbers[0] + 1 - len(numbers) if numbers else 0
@@ -220,6 +226,7 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
             estimates_missed=missed,
             sink_drops=sum(s.dropped for s in sinks),
         ),
+        own_state=score_own(flight.own_states, flight.truths),
     )
 
 

@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.table import Table
 
 from onboard.messages import Health, NavState
+from onboard.own_scoring import OwnScore
 from onboard.scoring import Latency, Score
 
 
@@ -81,6 +82,18 @@ def print_own(console: Console, states: Sequence[NavState]) -> None:
     for f in sorted(faults.values(), key=lambda f: f.t_onset_ns):
         name = f"{f.kind} {f.part}".strip()
         console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)
+
+
+def print_own_score(console: Console, score: OwnScore) -> None:
+    """Print how good our own state was."""
+    lines = [f"own state: {score.states} ({score.valid} valid), begun anew {score.resets} times"]
+    if score.velocity_rmse_m_s is not None and score.attitude_rmse_deg is not None:
+        errors = f"velocity {score.velocity_rmse_m_s:.3f} m/s, attitude {score.attitude_rmse_deg:.2f} degrees"
+        lines.append(f"  off the truth after {score.settle_s:g} s: {errors} RMS")
+    if score.inside_3_sigma_percent is not None:
+        lines.append(f"  velocity within 3 sigmas: {score.inside_3_sigma_percent:.1f} %")
+    lines += [f"  named: {fault}" for fault in score.faults]
+    console.print("\n".join(lines), highlight=False)
 
 
 def _between(bounds: tuple[float, float] | None, what: str) -> str:

@@ -14,7 +14,7 @@ FLOORS = (
     {"geometry", "messages", "filters"},
     {"models", "ownship", "clocks", "wire", "schemas"},
     {"estimators", "links", "sinks"},
-    {"config", "pipeline", "session", "scoring", "scorecard", "traffic_scoring", "traffic_out"}
+    {"config", "pipeline", "session", "scoring", "scorecard", "own_scoring", "traffic_scoring", "traffic_out"}
     | {"client", "view", "studies", "replay"},
     {"compiling", "daemon", "demo", "reporting", "watching"},
     {"cli"},
