@@ -143,6 +143,8 @@ class TargetPoints(Message, frozen=True, kw_only=True):
     Each point is (Y_c/X_c, Z_c/X_c): position in the image plane of a pinhole camera with unit focal length,
     lens distortion removed, positive right and positive down. `sigma` holds, for the center, left and right
     point, the standard deviation of each coordinate in the same unit; None: the configured pixel noise.
+    `target` is empty where the vision process does not tell one aircraft from another. `half_view` is how far the
+    image reaches right and down from its axis; None: as configured.
     """
 
     camera: str
@@ -151,6 +153,7 @@ class TargetPoints(Message, frozen=True, kw_only=True):
     left: ImagePoint
     right: ImagePoint
     sigma: Vec3 | None = None
+    half_view: ImagePoint | None = None
 
 
 class Pixel(Record, frozen=True, kw_only=True):
@@ -331,9 +334,10 @@ class Verdict(StrEnum):
     TOO_NEW = "too_new"  # stamped after now
     NOT_FINITE = "not_finite"  # NaN or infinity in it
     DEGENERATE = "degenerate"  # geometry no camera gives, such as wingtips that coincide
+    OUT_OF_VIEW = "out_of_view"  # at or beyond the image's edge: cut off, or not of this camera
     NO_POSE = "no_pose"  # our own pose at its time is not known
     NUMERICAL = "numerical"  # the filter could not use it without losing its covariance
-    STALE = "stale"  # the sender had not been heard for too long when it was sent
+    STALE = "stale"  # old news: its sender had not heard for too long, or a camera hangs and shows the same points
     NO_POSITION = "no_position"  # without valid coordinates or altitude
     IMPLAUSIBLE = "implausible"  # farther from its track than anything flies in the time
     UNASSOCIATED = "unassociated"  # belongs to no track, nor starts one
@@ -418,6 +422,7 @@ class Estimate(Record, frozen=True, kw_only=True):
     covariance: tuple[tuple[float, ...], ...] | None
     age: float | None  # seconds from the last fused measurement to t_ns
     reset_count: int
+    state_since_ns: int = 0  # when the state began
     measurement: MeasurementReport | None = None
     intruder: Intruder | None = None  # of traffic only
 

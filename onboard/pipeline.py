@@ -184,8 +184,8 @@ class Pipeline:
         own = self.ownship.own_pose(self.ownship.now_ns)
         if own is not None:
             outputs.append(own)
-        ready = [m for m in self._waiting if self.ownship.knows(m.t_ns)]
-        self._waiting = [m for m in self._waiting if not self.ownship.knows(m.t_ns)]
+        ready = [m for m in self._waiting if self._is_ready(m)]
+        self._waiting = [m for m in self._waiting if not self._is_ready(m)]
         for waited in ready:
             outputs.extend(self._observe(waited))
         outputs.extend(self._observe(message))
@@ -204,6 +204,11 @@ class Pipeline:
                 for e in estimates
             ]
         return self._noted(estimates)
+
+    def _is_ready(self, waiting: Message) -> bool:
+        """Whether our motion is known then, or has not become so for too long: a stream has stopped."""
+        late_ns = self.ownship.now_ns - waiting.t_ns
+        return self.ownship.knows(waiting.t_ns) or late_ns > self._config.ownship.max_lead_s * 1e9
 
     def _must_wait(self, image: Message) -> bool:
         """Whether an image is of a moment our own motion is not known at yet, but may soon be. A camera's clock

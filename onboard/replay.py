@@ -131,8 +131,9 @@ class CsvWriter:
 
     def write(self, estimate: Output) -> None:
         """Append an estimate's row; other records have none."""
-        if isinstance(estimate, Estimate) and estimate.components == relative_motion.COMPONENTS:
-            self._writer.writerow(row(estimate))
+        nine = len(relative_motion.COMPONENTS)
+        if isinstance(estimate, Estimate) and estimate.components[:nine] == relative_motion.COMPONENTS:
+            self._writer.writerow(row(estimate, nine))
 
 
 class OwnCsvWriter:
@@ -158,16 +159,16 @@ def header(components: tuple[str, ...], units: tuple[str, ...]) -> list[str]:
     """Column names of an estimate's rows."""
     names = [f"{c}_{UNIT_SUFFIX[u]}" for c, u in zip(components, units, strict=True)]
     sigmas = [f"sigma_{n}" for n in names]
-    return ["time_boot_s", "state", *names, *sigmas, "verdict", "nis", "valid", "age_s", "reset_count"]
+    told = ("verdict", "nis", "valid", "age_s", "reset_count", "target")
+    return ["time_boot_s", "state", *names, *sigmas, *told]
 
 
-def row(estimate: Estimate) -> list[str]:
-    """The row of one estimate."""
-    n = len(estimate.components)
+def row(estimate: Estimate, n: int) -> list[str]:
+    """The row of one estimate, with its first n components."""
     numbers = list(itertools.repeat("", 2 * n))
     if estimate.valid and estimate.mean is not None and estimate.covariance is not None:
         sigma = np.sqrt(np.diag(np.array(estimate.covariance)))
-        numbers = [f"{x:.6f}" for x in (*estimate.mean, *sigma.tolist())]
+        numbers = [f"{x:.6f}" for x in (*estimate.mean[:n], *sigma[:n].tolist())]
     report = estimate.measurement
     return [
         f"{estimate.t_ns * 1e-9:.6f}",
@@ -178,4 +179,5 @@ def row(estimate: Estimate) -> list[str]:
         "1" if estimate.valid else "0",
         f"{estimate.age:.3f}" if estimate.age is not None else "",
         str(estimate.reset_count),
+        estimate.target,
     ]

@@ -195,7 +195,7 @@ def wrong_arrays(**arrays: Any) -> FilterError:
 # ------------------------------------------------------------------------------------- as methods
 
 
-def _method(name: str, weights: Callable[[int], Weights], considered: tuple[int, ...] = (), **more: Any) -> Method:
+def method(name: str, weights: Callable[[int], Weights], considered: tuple[int, ...] = (), **more: Any) -> Method:
     """The filter with given weights, as every method is called."""
 
     def predict_(state: Belief, process: Rows, Q: Array) -> Belief:
@@ -210,10 +210,10 @@ def _method(name: str, weights: Callable[[int], Weights], considered: tuple[int,
 SINGLE: Final = "a millimetre after a kilometre needs more digits than float32 has; a square root halves the need"
 
 METHODS: Final = (
-    _method("unscented", julier_weights, exempt={"long_run_float32": SINGLE}),
-    _method("unscented-scaled-1", lambda n: scaled_weights(n, 1.0, 2.0), exempt={"long_run_float32": SINGLE}),
-    _method("unscented-scaled-0.1", lambda n: scaled_weights(n, 0.1, 2.0)),
-    _method(
+    method("unscented", julier_weights, exempt={"long_run_float32": SINGLE}),
+    method("unscented-scaled-1", lambda n: scaled_weights(n, 1.0, 2.0), exempt={"long_run_float32": SINGLE}),
+    method("unscented-scaled-0.1", lambda n: scaled_weights(n, 0.1, 2.0)),
+    method(
         "unscented-considered",
         julier_weights,
         (0,),

@@ -25,9 +25,9 @@ class Target(Record, frozen=True, kw_only=True):
     met: bool = False
 
 
-def judged(rows: Sequence[Row], method: str, limits: Sequence[Limit]) -> tuple[Target, ...]:
-    """The targets of those variants that `method` flew."""
-    ours = {row.variant: row for row in rows if row.method == method}
+def judged(rows: Sequence[Row], methods: Mapping[str, str], limits: Sequence[Limit]) -> tuple[Target, ...]:
+    """The targets of the variants, each judged by the method named for it."""
+    ours = {row.variant: row for row in rows if row.method == methods.get(row.variant)}
     bound = next((limit for limit in limits if limit.variant == "a"), None)
     targets: list[Target] = []
     for variant, row in ours.items():

@@ -6,17 +6,18 @@ import numpy as np
 
 from onboard.studies._formation import B0, Lateness, Method, Setting
 from onboard.studies._formation_methods import AS_PRINTED, PAPER_MENDED, R_ALONE, SHIPPED, TUNED
+from onboard.studies._formation_wing_line import WING_LINE, WING_LINE_DELAY
 from simlink.scenario import Scenario, from_the_side, load_scenario
 
-# the last of them is the one that is judged; the paper's claims are held against the first
-OURS: Final = (SHIPPED,)
+# what the daemon flies; science.md's rows know the first, the last is judged
+OURS: Final = (SHIPPED, WING_LINE)
 COMPARED: Final = (PAPER_MENDED, *OURS)
 SAMPLE: Final = 0.02  # s between navigation samples
 
 
 class Variant(NamedTuple):
     """`angle_deg`: the slot turned about the leader, the camera turned back. `size_factor`: of the size prior.
-    `multirotor`: the filter is told that the leader is one."""
+    `multirotor`: the filter is told that the leader is one. `judged` is the method to be flown behind."""
 
     name: str
     scenario: str
@@ -26,6 +27,7 @@ class Variant(NamedTuple):
     size_factor: float = 1.0
     late: Lateness = Lateness()
     multirotor: bool = False
+    judged: Method = OURS[-1]
 
 
 VARIANTS: Final = (
@@ -36,7 +38,14 @@ VARIANTS: Final = (
     Variant("e", "formation-wrong-blobs", "2 % wrong blobs", (PAPER_MENDED, TUNED, *OURS)),
     Variant("f1.3", "formation", "size prior × 1.3", size_factor=1.3),
     Variant("f0.7", "formation", "size prior × 0.7", size_factor=0.7),
-    Variant("g", "formation", "stamps 80 ms late, untold", late=Lateness(stamp=4)),
+    Variant(
+        "g",
+        "formation",
+        "stamps 80 ms late, untold",
+        (*COMPARED, WING_LINE_DELAY),
+        late=Lateness(stamp=4),
+        judged=WING_LINE_DELAY,
+    ),
     Variant("g-known", "formation", "images 80 ms late, stamps right", late=Lateness(delivery=4)),
     Variant("h", "formation-nav-error", "our own state in error"),
     Variant("i", "formation-out-of-view", "leader leaves the view, passes behind"),

@@ -1,4 +1,4 @@
-"""States of many filters: a NamedTuple of arrays with a leading axis, or several nested, row by row."""
+"""States of many filters: tuples of arrays with a leading axis, perhaps nested, row by row."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -33,5 +33,6 @@ def concatenated(states: Sequence[Any]) -> Any:
 def _map(function: Callable[..., Any], *states: Any) -> Any:
     first = states[0]
     if isinstance(first, tuple):
-        return type(first)(*(_map(function, *fields) for fields in zip(*states, strict=True)))
+        fields = (_map(function, *fields) for fields in zip(*states, strict=True))
+        return type(first)(*fields) if hasattr(first, "_fields") else tuple(fields)
     return function(*states)

@@ -23,7 +23,6 @@ from onboard.studies._relative_motion_report import Result, markdown
 from onboard.studies._relative_motion_table import compare, make_bound, make_row
 from onboard.studies._relative_motion_variants import (
     BY_NAME,
-    OURS,
     SAMPLE,
     VARIANTS,
     Variant,
@@ -90,7 +89,7 @@ def run(
         first_seed=first_seed,
         rows=tuple(rows),
         bounds=least,
-        targets=judged(rows, OURS[-1].name, least),
+        targets=judged(rows, {variant.name: variant.judged.name for variant in variants}, least),
         comparisons=tuple(c for row in rows for c in compare(row)),
         claims=claims_of({(row.variant, row.method): row for row in rows}),
         figures=(),

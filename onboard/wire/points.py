@@ -48,6 +48,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
         center=point(m.center),
         left=point(m.left),
         right=point(m.right),
+        half_view=(k.cx_px / k.fx_px, k.cy_px / k.fy_px) if min(k.cx_px, k.cy_px) > 0 else None,
         sigma=None if None in sigmas else tuple(s / f_px for s in sigmas if s is not None),  # type: ignore[arg-type]  # three of three
     )
 

@@ -61,17 +61,20 @@ def replay(tmp_path_factory: pytest.TempPathFactory) -> Flights:
     return Flights(tmp_path_factory.mktemp("flights"))
 
 
+# Of 1400 right images the gate turns away 1.4 on average, and more than six in one run of a thousand.
+CHANCE = 6
 # scenario: range error %, position inside the 95 % ellipsoid at least %, gated images at most
 BOUNDS = {
-    "formation": (4.0, 85, 0),
-    "formation-drop-out": (4.0, 85, 0),
-    "formation-late-image": (4.0, 85, 0),
-    "formation-s-turn": (4.0, 85, 0),
+    "formation": (4.0, 85, CHANCE),
+    "formation-drop-out": (4.0, 85, CHANCE),
+    "formation-late-image": (4.0, 85, CHANCE),
+    "formation-s-turn": (4.0, 85, CHANCE),
     "formation-wrong-blobs": (4.0, 85, 60),
-    "formation-old-stamps": (4.0, 85, 0),
+    "formation-old-stamps": (4.0, 85, CHANCE),
     "formation-nav-error": (4.0, 70, 40),
-    "formation-speed-change": (10.0, 60, 150),  # 1 m/s^2 along the track is not in the model: followed with a lag
-    "formation-out-of-view": (10.0, 55, 0),  # two flights in one: to 30 m ahead and back, with a gap
+    "formation-speed-change": (4.0, 85, CHANCE),
+    "formation-from-the-side": (4.0, 85, CHANCE),
+    "formation-out-of-view": (10.0, 55, CHANCE),  # two flights in one: to 30 m ahead and back, with a gap
 }
 
 
@@ -148,7 +151,7 @@ def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
 
 def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Flights) -> None:
     """Oh & Johnson's settings: NEES near 0.2 of 9 and NIS near 0.003 of 3: bounds far wider than the errors."""
-    numbers = replay("formation", "estimator.leader.noise=paper").numbers
+    numbers = replay("formation", "estimator.leader.filter=paper").numbers
     assert numbers["diverged"] is False
     assert 0.05 < numbers["nees_mean"] < 0.6
     assert 0.0005 < numbers["nis_mean"] < 0.02
@@ -156,9 +159,10 @@ def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Fl
     assert numbers["verdicts"].get("gated", 0) == 0
 
 
-def test_a_leader_seen_from_the_side_seed_1_looks_farther_as_documented(replay: Flights) -> None:
-    """The known limit: yawed by 40 degrees it looks 0.8 times as wide, so a quarter farther; and stays so."""
-    numbers = replay("formation-from-the-side").numbers
+def test_a_leader_seen_from_the_side_seed_1_looks_farther_to_the_papers_angles(replay: Flights) -> None:
+    """Yawed by 40 degrees it looks 0.8 times as wide: a quarter farther, to who takes the wing to be in the image
+    plane."""
+    numbers = replay("formation-from-the-side", "estimator.leader.filter=subtended").numbers
     assert numbers["diverged"] is False
     assert 15 < numbers["range_error_rms_percent"] < 35
 

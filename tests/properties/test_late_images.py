@@ -211,11 +211,11 @@ def absurd_own(rng: np.random.Generator, message: Message) -> Message:
 
 
 @pytest.mark.parametrize(
-    ("seed", "noise", "initialise"), [(11, "honest", 3), (12, "honest", 1), (13, "paper", 1)], ids=str
+    ("seed", "noise", "initialise"), [(11, "wing-line", 3), (12, "subtended", 1), (13, "paper", 1)], ids=str
 )
 def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(seed: int, noise: str, initialise: int) -> None:
     rng = np.random.default_rng(seed)
-    config = make_config(f"estimator.leader.noise={noise}", f"estimator.leader.initialise_images={initialise}")
+    config = make_config(f"estimator.leader.filter={noise}", f"estimator.leader.initialise_images={initialise}")
     valid = 0
     for _ in range(250):
         start = rng.uniform(5, 50)

@@ -103,6 +103,7 @@ def test_what_became_of_every_image_is_told(formation: tuple[Run, Health]) -> No
         Verdict.GATED,
         Verdict.INITIALISING,
         Verdict.NO_POSE,
+        Verdict.OUT_OF_VIEW,
     }
 
 

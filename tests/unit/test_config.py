@@ -40,7 +40,7 @@ def test_values_of_a_file_are_taken(tmp_path: Path) -> None:
         mount_rpy_deg = [0, 15, 0]
         [estimator.leader]
         size_prior_m = 2.67
-        noise = "paper"
+        filter = "paper"
         process_noise = { velocity_walk = 0.5 }
         """,
     )
@@ -80,7 +80,7 @@ def test_an_unknown_key_is_named_with_those_known(tmp_path: Path, text: str, pat
         ("estimator = 5", "estimator"),
         ("[estimator]\nleader = 5", "estimator.leader"),
         ("[estimator.leader]\nsize_prior_m = true", "estimator.leader.size_prior_m"),
-        ('[estimator.leader]\nnoise = "loud"', "estimator.leader.noise"),
+        ('[estimator.leader]\nfilter = "loud"', "estimator.leader.filter"),
         ("[estimator.leader]\nprocess_noise = 3", "estimator.leader.process_noise"),
         ("[estimator.leader]\ninitialise_images = 1.5", "estimator.leader.initialise_images"),
         ("[zenoh]\nvehicle = 7", "zenoh.vehicle"),

@@ -78,7 +78,7 @@ DEFAULTS = {  # key -> default, as the README's table gives them
     "estimator.leader.size_prior_m": 2.0,
     "estimator.leader.size_prior_sigma_m": None,
     "estimator.leader.leader_class": "multirotor",
-    "estimator.leader.noise": "honest",
+    "estimator.leader.filter": "wing-line",
     "estimator.leader.own_tilt_sigma_deg": 0.3,
     "estimator.leader.own_yaw_sigma_deg": 1.0,
     "estimator.leader.validity_timeout_s": 2,

@@ -1,0 +1,75 @@
+"""One image made ready for a track: whether it can be used, what it measures, and from where it was taken."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.estimators._leader_filters import LeaderFilter, Seen, View
+from onboard.geometry.camera import Camera
+from onboard.geometry.rotations import Array
+from onboard.messages import ImagePoint, TargetPoints, Verdict
+from onboard.ownship import Ownship, Pose
+
+AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
+AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
+SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says nothing of the range
+WIDEST: Final = 100.0  # focal lengths from the axis (89.4 degrees): no lens shows a point beyond
+SIGMAS: Final = (1e-7, 10.0)  # focal lengths: finer or coarser than this no point is found
+TURN_NS: Final = 40_000_000  # over which the camera's rates are taken
+
+
+class Image(NamedTuple):
+    """An image made ready, and the camera's view then; `final` once that is interpolated: an extrapolated one is
+    asked for again."""
+
+    message: TargetPoints
+    seen: Seen
+    view: View
+    final: bool
+
+
+def ready(
+    message: TargetPoints, ownship: Ownship, camera: Camera, filter_: LeaderFilter, edge_px: float
+) -> Image | Verdict:
+    """The image, or why it cannot be used. Points within `edge_px` of the image's edge are outside it: an aircraft
+    cut by the edge is not seen where it is."""
+    points = np.array([message.center, message.left, message.right])
+    sigmas = np.full(3, camera.sigma) if message.sigma is None else np.array(message.sigma)
+    if not (np.isfinite(points).all() and np.isfinite(sigmas).all()):
+        return Verdict.NOT_FINITE
+    pose = ownship.pose_at(message.t_ns)
+    if pose is None:
+        newer = message.t_ns > ownship.now_ns and ownship.now_ns > 0
+        return Verdict.TOO_NEW if newer else Verdict.NO_POSE
+    if np.abs(points).max() > WIDEST or sigmas.min() < SIGMAS[0] or sigmas.max() > SIGMAS[1]:
+        return Verdict.DEGENERATE
+    if not in_view(points, camera, message.half_view, edge_px):
+        return Verdict.OUT_OF_VIEW
+    seen = filter_.see(points, sigmas)
+    if seen.span < SMALLEST_SPAN_SIGMA * seen.span_sigma:
+        return Verdict.DEGENERATE
+    view = view_at(pose, message.t_ns, ownship, camera)
+    return Image(message, seen, view, ownship.knows(message.t_ns))
+
+
+def in_view(points: Array, camera: Camera, half_view: ImagePoint | None, edge_px: float) -> bool:
+    """Whether all points (k, 2) are inside the image, of the given half extent or the configured camera's."""
+    half = half_view or (0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px)
+    return bool((np.abs(points) <= np.array(half) - edge_px / camera.f_px).all())
+
+
+def view_at(pose: Pose, t_ns: int, ownship: Ownship, camera: Camera) -> View:
+    """The camera's own pose and rates, from ours."""
+    R_cn = camera.R_bc.T @ pose.R_nb.T
+    before = ownship.pose_at(t_ns - TURN_NS)
+    # R_c(now) c(before) = exp(-[turn])
+    turned = np.eye(3) if before is None else R_cn @ (before.R_nb @ camera.R_bc)
+    turn = np.array([turned[1, 2] - turned[2, 1], turned[2, 0] - turned[0, 2], turned[0, 1] - turned[1, 0]])
+    return View(R_cn, pose.R_nb @ camera.r_FC_b, pose.v_F_n, 0.5 * turn / (TURN_NS * 1e-9))
+
+
+def agree(a: Image, b: Image) -> bool:
+    """Whether two images could be of one aircraft a moment apart: same direction in n, same span."""
+    ratio = a.seen.span / b.seen.span
+    near = float((a.seen.look_c @ a.view.R_cn) @ (b.seen.look_c @ b.view.R_cn)) > np.cos(AGREE_RAD)
+    return bool(near and 1 / AGREE_RATIO < ratio < AGREE_RATIO)

@@ -1,0 +1,200 @@
+"""How a leader flies, in more detail than Oh & Johnson's model: along its track too, with a heading and a bank.
+
+State rows: the nine of `relative_motion` first, [r_FL_n (3), v_FL_n (3), b, a_lat, a_long], then
+- `a_along`: acceleration along the track (m/s^2), which the paper leaves out;
+- `heading`: of the nose, rad from north, not wrapped; it leans towards the course as far as there is one;
+- `bank_error`: rad beyond the bank that the acceleration asks for, tan(bank) = a_right / (g - a_down): lift, or
+  the rotors' thrust, is what turns any aircraft, so its wing stands square to what accelerates it;
+then, if they are estimated, `delay`: s by which images are older than their stamps, and `bias_*`: the small
+rotation (rad, about the camera's axes) from the attitude the camera is thought to have to its true one.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit, types
+
+from onboard.geometry.rotations import Array
+from onboard.models import relative_motion
+from onboard.models.relative_motion import A_LAT, A_LONG, ROWS, SIZE
+
+G: Final = 9.80665
+A_ALONG: Final = 9
+HEADING: Final = 10
+BANK_ERROR: Final = 11
+BASE: Final = 12  # states there always are
+TINY: Final = 1e-12  # m^2/s^2, in place of 0/0
+COURSE: Final = 3.0  # times `eps`: from about this speed on the nose follows the course
+N_DELAY: Final = BASE + 1  # with the delay
+N_BIAS: Final = BASE + 3  # with the bias
+N_BOTH: Final = BASE + 4
+COMPONENTS: Final = (*relative_motion.COMPONENTS, "a_along", "heading", "bank_error")
+UNITS: Final = (*relative_motion.UNITS, "m/s^2", "rad", "rad")
+DELAY_COMPONENTS: Final = ("delay",)
+BIAS_COMPONENTS: Final = ("bias_forward", "bias_right", "bias_down")
+
+CUBE: Final = types.Array(types.float64, 3, "A", readonly=True)
+
+
+class Habits(NamedTuple):
+    """What an aircraft of a kind keeps to. Times (s) in which a deviation dies out; `eps` as in
+    `relative_motion.leader_acceleration`: below this speed (m/s) a course means little."""
+
+    eps: float
+    along_time: float
+    heading_time: float
+    bank_time: float
+    bias_time: float
+
+
+class Sight(NamedTuple):
+    """From where, and when, B images are taken: R_cn (B, 3, 3), r_FC_n (B, 3), F's velocity v_F_n (B, 3), the
+    camera's rates omega_c (B, 3), and the axes (B, 3, 3) that the measurement is made in, as rows in c: the
+    direction the leader was seen in, and to the right and down of it."""
+
+    R_cn: Array
+    r_FC_n: Array
+    v_F_n: Array
+    omega_c: Array
+    axes: Array
+
+
+def process(rows: Array, dt: float, v_F_n: Array, a_F_n: Array, habits: Habits) -> Array:
+    """Rows (B k, n) of B filters after `dt` seconds in which their followers, at first at v_F_n (B, 3), accelerate
+    by a_F_n (B, 3): eqs 5-10 without noise, and the decay of deviations; one step of RK4."""
+    eps, *times = habits
+    after: Array = _process(rows, dt, v_F_n, a_F_n, eps, *(np.exp(-dt / time) for time in times))
+    return after
+
+
+PROCESS_SIGNATURE: Final = (ROWS, types.float64, ROWS, ROWS, *[types.float64] * 5)
+
+
+@njit(cache=True, error_model="numpy")
+def _accelerates(u, v, w, lat, up, along, c, s, eps):  # type: ignore[no-untyped-def]
+    """a_L_n at the velocity (u, v, w) with the nose to (c, s): eq 2, and along the track. One that hovers has no
+    track: the nose's direction, with a speed of eps, is added to it."""
+    u, v = u + eps * c, v + eps * s
+    level2 = u * u + v * v + TINY
+    level = np.sqrt(level2)
+    speed = np.sqrt(level2 + w * w)
+    pull, turn, climb = along / speed, lat / level, up / (level * speed)
+    return pull * u - turn * v + climb * u * w, pull * v + turn * u + climb * v * w, pull * w - climb * level2
+
+
+@njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
+def _process(rows, dt, v_F, a_F, eps, along_kept, heading_kept, bank_kept, bias_kept):  # type: ignore[no-untyped-def]
+    count, n = rows.shape
+    after = np.empty(rows.shape)
+    each = count // v_F.shape[0]
+    h = 0.5 * dt
+    for s in range(count):
+        f = s // each
+        a0, a1, a2 = a_F[f, 0], a_F[f, 1], a_F[f, 2]
+        U, V, W = rows[s, 3] + v_F[f, 0], rows[s, 4] + v_F[f, 1], rows[s, 5] + v_F[f, 2]
+        lat, up, along = rows[s, A_LAT], rows[s, A_LONG], rows[s, A_ALONG]
+        c, s_ = np.cos(rows[s, HEADING]), np.sin(rows[s, HEADING])
+        # the leader's own velocity, so that the follower's acceleration enters at the end alone
+        x1, y1, z1 = _accelerates(U, V, W, lat, up, along, c, s_, eps)
+        x2, y2, z2 = _accelerates(U + h * x1, V + h * y1, W + h * z1, lat, up, along, c, s_, eps)
+        x3, y3, z3 = _accelerates(U + h * x2, V + h * y2, W + h * z2, lat, up, along, c, s_, eps)
+        x4, y4, z4 = _accelerates(U + dt * x3, V + dt * y3, W + dt * z3, lat, up, along, c, s_, eps)
+        sixth = dt * dt / 6.0
+        after[s, 0] = rows[s, 0] + dt * rows[s, 3] + sixth * (x1 + x2 + x3) - 0.5 * dt * dt * a0
+        after[s, 1] = rows[s, 1] + dt * rows[s, 4] + sixth * (y1 + y2 + y3) - 0.5 * dt * dt * a1
+        after[s, 2] = rows[s, 2] + dt * rows[s, 5] + sixth * (z1 + z2 + z3) - 0.5 * dt * dt * a2
+        dU, dV = dt / 6.0 * (x1 + 2.0 * x2 + 2.0 * x3 + x4), dt / 6.0 * (y1 + 2.0 * y2 + 2.0 * y3 + y4)
+        after[s, 3] = rows[s, 3] + dU - dt * a0
+        after[s, 4] = rows[s, 4] + dV - dt * a1
+        after[s, 5] = rows[s, 5] + dt / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4) - dt * a2
+        for i in range(SIZE, n):
+            after[s, i] = rows[s, i]
+        after[s, A_ALONG] *= along_kept
+        # the nose turns with the course, and leans towards it, as far as there is a course
+        speed2 = U * U + V * V
+        share = speed2 * speed2 / (speed2 * speed2 + (COURSE * eps) ** 4)
+        turned = np.arctan2(U * (V + dV) - V * (U + dU), U * (U + dU) + V * (V + dV))
+        aside = rows[s, HEADING] - np.arctan2(V, U)
+        aside -= 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
+        after[s, HEADING] += share * (turned - (1.0 - heading_kept) * aside)
+        after[s, BANK_ERROR] *= bank_kept
+        if n >= N_BIAS:
+            for i in range(n - 3, n):
+                after[s, i] *= bias_kept
+    return after
+
+
+def wing_axes(rows: Array, v_F_n: Array, eps: float) -> Array:
+    """The direction (k, 3) in n from the left wingtip to the right one, of state rows (k, n)."""
+    axes: Array = _wing_axes(rows, np.atleast_2d(v_F_n), eps)
+    return axes
+
+
+@njit(cache=True, error_model="numpy")
+def _wing_axis(row, u, v, w, eps):  # type: ignore[no-untyped-def]
+    """Of one state row and the leader's own velocity."""
+    c, s = np.cos(row[HEADING]), np.sin(row[HEADING])
+    x, y, z = _accelerates(u, v, w, row[A_LAT], row[A_LONG], row[A_ALONG], c, s, eps)
+    bank = np.arctan2(y * c - x * s, G - z) + row[BANK_ERROR]
+    level = np.cos(bank)
+    return -s * level, c * level, np.sin(bank)
+
+
+@njit((ROWS, ROWS, types.float64), cache=True, error_model="numpy")
+def _wing_axes(rows, v_F, eps):  # type: ignore[no-untyped-def]
+    axes = np.empty((rows.shape[0], 3))
+    each = rows.shape[0] // v_F.shape[0]
+    for s in range(rows.shape[0]):
+        f = s // each
+        u, v, w = rows[s, 3] + v_F[f, 0], rows[s, 4] + v_F[f, 1], rows[s, 5] + v_F[f, 2]
+        axes[s, 0], axes[s, 1], axes[s, 2] = _wing_axis(rows[s], u, v, w, eps)
+    return axes
+
+
+def measure(rows: Array, sight: Sight, eps: float) -> Array:
+    """What the camera sees, (B k, 4), of rows (B k, n): see `wing_line`. A wing's points are half the size b to
+    both sides of L, square to the thrust and to the nose."""
+    seen: Array = _measure(rows, *sight, eps)
+    return seen
+
+
+@njit(cache=True, error_model="numpy")
+def project_about(axes, x, y, z):  # type: ignore[no-untyped-def]
+    """Stereographic coordinates (right, down) of the direction of (x, y, z) in c about the first of `axes`."""
+    length = np.sqrt(x * x + y * y + z * z)
+    ahead = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
+    twice = 2.0 / max(length + ahead, 1e-9 * length)
+    return (
+        twice * (axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z),
+        twice * (axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z),
+    )
+
+
+@njit((ROWS, CUBE, ROWS, ROWS, ROWS, CUBE, types.float64), cache=True, error_model="numpy")
+def _measure(rows, R_cn, r_FC, v_F, omega_c, axes, eps):  # type: ignore[no-untyped-def]
+    count, n = rows.shape
+    seen = np.empty((count, 4))
+    each = count // v_F.shape[0]
+    q, d = np.empty(3), np.empty(3)
+    for s in range(count):
+        f = s // each
+        row = rows[s]
+        late = row[BASE] if n in (N_DELAY, N_BOTH) else 0.0
+        wx, wy, wz = _wing_axis(row, row[3] + v_F[f, 0], row[4] + v_F[f, 1], row[5] + v_F[f, 2], eps)
+        x = row[0] - late * row[3] - r_FC[f, 0]
+        y = row[1] - late * row[4] - r_FC[f, 1]
+        z = row[2] - late * row[5] - r_FC[f, 2]
+        for i in range(3):
+            q[i] = R_cn[f, i, 0] * x + R_cn[f, i, 1] * y + R_cn[f, i, 2] * z
+            d[i] = 0.5 * row[SIZE] * (R_cn[f, i, 0] * wx + R_cn[f, i, 1] * wy + R_cn[f, i, 2] * wz)
+        # the camera as it stood when the image was taken, and as it truly stands: small rotations
+        t0, t1, t2 = late * omega_c[f, 0], late * omega_c[f, 1], late * omega_c[f, 2]
+        if n >= N_BIAS:
+            t0, t1, t2 = t0 - row[n - 3], t1 - row[n - 2], t2 - row[n - 1]
+        q0, q1, q2 = q[0] + t1 * q[2] - t2 * q[1], q[1] + t2 * q[0] - t0 * q[2], q[2] + t0 * q[1] - t1 * q[0]
+        d0, d1, d2 = d[0] + t1 * d[2] - t2 * d[1], d[1] + t2 * d[0] - t0 * d[2], d[2] + t0 * d[1] - t1 * d[0]
+        seen[s, 0], seen[s, 1] = project_about(axes[f], q0, q1, q2)
+        right = project_about(axes[f], q0 + d0, q1 + d1, q2 + d2)
+        left = project_about(axes[f], q0 - d0, q1 - d1, q2 - d2)
+        seen[s, 2], seen[s, 3] = right[0] - left[0], right[1] - left[1]
+    return seen
