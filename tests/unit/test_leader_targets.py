@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from onboard.estimators import leader
 from onboard.geometry.camera import make_camera
-from onboard.messages import Attitude, Lifecycle, TargetPoints, Verdict
+from onboard.messages import Attitude, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship
 from tests.streams import MS, Flight, Item, S, Stream, encode, feed, make_config
 
