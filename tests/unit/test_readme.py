@@ -12,7 +12,7 @@ import pytest
 
 from onboard import cli, schemas
 from onboard.config import Config, load_config
-from onboard.estimators.leader import Estimator
+from onboard.estimators import load
 from simlink import cli as simlink_cli
 from simlink.describe import daemon_config
 from simlink.scenario import load_scenario, scenario_names
@@ -133,13 +133,14 @@ def test_keys_named_in_the_text_exist() -> None:
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda p: p.name)
 def test_configuration_files_load(path: Path) -> None:
     config = load_config(path)
-    Estimator(config.estimator["leader"], config.camera_model())
+    for name, section in config.estimator.items():
+        load(name).Estimator(section, config.camera_model())
     assert all("0.0.0.0" not in link.url for link in config.link)  # noqa: S104 - what must not be there
     assert all(address.startswith("tcp/127.0.0.1:") for address in config.zenoh.listen)
 
 
-def test_there_are_the_three_configuration_files() -> None:
-    assert [p.name for p in CONFIGS] == ["companion.toml", "demo.toml", "fleet.toml"]
+def test_there_are_the_configuration_files() -> None:
+    assert [p.name for p in CONFIGS] == ["companion.toml", "demo.toml", "fleet.toml", "traffic.toml"]
 
 
 def test_demo_toml_is_what_the_demo_uses(tmp_path: Path) -> None:
