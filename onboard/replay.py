@@ -152,7 +152,7 @@ class OwnCsvWriter:
         q = [f"{x:.9f}" for x in state.q_nb] if state.valid and state.q_nb else [""] * 4
         switched = "" if state.switch_fraction is None else f"{state.switch_fraction:.4f}"
         faults = "; ".join(f"{f.kind} {f.part}".strip() for f in state.faults)
-        self._writer.writerow([*row(state), *q, switched, str(state.quality), faults])
+        self._writer.writerow([*row(state, len(OWN_COMPONENTS)), *q, switched, str(state.quality), faults])
 
 
 def header(components: tuple[str, ...], units: tuple[str, ...]) -> list[str]:

@@ -12,7 +12,7 @@ offset of the leader only by motion, too: its variance is carried into the posit
 Everything has a leading axis B of targets or runs, so that a study flies the same code as the daemon.
 """
 
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -61,11 +61,32 @@ class Filter(NamedTuple):
         return chi_square_threshold(self.manner.gate_probability, wing_line.M)
 
 
+class Step(NamedTuple):
+    """What a prediction over one time step needs, for each mode: habits and Q; and the passing between modes."""
+
+    habits: tuple[flight.Habits, ...]
+    noises: tuple[Array, ...]
+    passing: Array
+
+
+@lru_cache(maxsize=64)
+def _step(filter_: Filter, dt_us: int) -> Step:
+    """Of a step of so many microseconds, to which time steps are rounded here: most are alike."""
+    dt = max(dt_us, 1) * 1e-6
+    manner, extras = filter_.manner, filter_.extras
+    noises = noise.process_noise(manner, extras, filter_.size, dt)
+    step = Step(noise.habits(manner, extras), noises, noise.passing(manner, dt))
+    for array in (*step.noises, step.passing):
+        array.flags.writeable = False  # cached, so shared
+    return step
+
+
+@lru_cache(maxsize=64)
 def modes(filter_: Filter) -> tuple[Method, ...]:
     """The unscented filter for each mode, with no weight on the centre: with n + lambda three, as usual, it would
     be negative, and a wide prior after a long gap then loses its covariance."""
-    n = float(filter_.extras.states)
-    method = unscented.method("wing-line", lambda _: unscented.julier_weights(int(n), n), considered=(SIZE,))
+    weights = unscented.julier_weights(filter_.extras.states, float(filter_.extras.states))
+    method = unscented.method("wing-line", lambda _: weights, considered=(SIZE,))
     return (method,) * len(noise.habits(filter_.manner, filter_.extras))
 
 
@@ -152,13 +173,9 @@ def advance(filter_: Filter, state: ModesState, dt: float, v_F_n: Array, a_F_n: 
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    manner, extras = filter_.manner, filter_.extras
-    processes = [
-        partial(flight.process, dt=dt, v_F_n=v_F_n, a_F_n=a_F_n, habits=habits)
-        for habits in noise.habits(manner, extras)
-    ]
-    noises = noise.process_noise(manner, extras, filter_.size, dt)
-    return multiple_model.predict(modes(filter_), state, processes, noises, noise.passing(manner, dt))
+    step = _step(filter_, round(dt * 1e6))
+    processes = [partial(flight.process, dt=dt, v_F_n=v_F_n, a_F_n=a_F_n, habits=habits) for habits in step.habits]
+    return multiple_model.predict(modes(filter_), state, processes, step.noises, step.passing)
 
 
 def fuse(filter_: Filter, state: ModesState, y: Array, R_y: Array, sight: Sight) -> ModesUpdate:

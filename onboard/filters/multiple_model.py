@@ -125,7 +125,7 @@ def believed(methods: Sequence[Method], state: ModesState) -> Belief:
 
 
 def _sum_to_one(weights: Array) -> bool:
-    return bool((weights >= 0).all() and np.allclose(weights.sum(axis=-1), 1, rtol=0, atol=1e-6))
+    return bool(weights.min() >= 0 and np.abs(weights.sum(axis=-1) - 1).max() < 1e-6)
 
 
 def _beliefs(methods: Sequence[Method], state: ModesState) -> Belief:

@@ -9,6 +9,7 @@ then, if they are estimated, `delay`: s by which images are older than their sta
 rotation (rad, about the camera's axes) from the attitude the camera is thought to have to its true one.
 """
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -62,8 +63,9 @@ class Sight(NamedTuple):
 def process(rows: Array, dt: float, v_F_n: Array, a_F_n: Array, habits: Habits) -> Array:
     """Rows (B k, n) of B filters after `dt` seconds in which their followers, at first at v_F_n (B, 3), accelerate
     by a_F_n (B, 3): eqs 5-10 without noise, and the decay of deviations; one step of RK4."""
-    eps, *times = habits
-    after: Array = _process(rows, dt, v_F_n, a_F_n, eps, *(np.exp(-dt / time) for time in times))
+    eps, along, heading, bank, bias = habits
+    kept = math.exp(-dt / along), math.exp(-dt / heading), math.exp(-dt / bank), math.exp(-dt / bias)
+    after: Array = _process(rows, dt, v_F_n, a_F_n, eps, *kept)
     return after
 
 

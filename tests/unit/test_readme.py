@@ -81,6 +81,7 @@ DEFAULTS = {  # key -> default, as the README's table gives them
     "estimator.leader.filter": "wing-line",
     "estimator.leader.own_tilt_sigma_deg": 0.3,
     "estimator.leader.own_yaw_sigma_deg": 1.0,
+    "estimator.leader.delay_sigma_s": 0.0,
     "estimator.leader.validity_timeout_s": 2,
     "estimator.leader.reset_timeout_s": 10,
     "camera.mount_rpy_deg": (0, 0, 0),
