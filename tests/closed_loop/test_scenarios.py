@@ -138,6 +138,16 @@ def test_old_stamps_seed_1_are_mended_by_what_is_known_of_ardupilot(replay: Flig
     assert mended["nis_mean"] < believed["nis_mean"] or mended["velocity_rmse_m_s"] < believed["velocity_rmse_m_s"]
 
 
+def test_stamps_80_ms_late_seed_1_are_found_out_when_the_delay_is_estimated(replay: Flights) -> None:
+    """Untold, the filter is sure of what is wrong; with the delay estimated it does as well as on stamps in time."""
+    untold = replay("formation-late-stamp").numbers
+    found = replay("formation-late-stamp", "estimator.leader.delay_sigma_s=0.15").numbers
+    in_time = replay("formation").numbers
+    assert untold["inside_95_percent"] < 50
+    assert found["inside_95_percent"] > 85
+    assert found["velocity_rmse_m_s"] < 1.15 * in_time["velocity_rmse_m_s"] < untold["velocity_rmse_m_s"]
+
+
 def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
     """Half a degree of our own attitude: without being told, the ellipsoid would hold the truth almost never."""
     told = replay("formation-nav-error").numbers
