@@ -129,8 +129,9 @@ class Hearing:
         return off > self._table.config.max_speed_m_s * elapsed + 100.0
 
     def _stray(self, report: Report, row: int, copies: int) -> None:
-        """A report that its track does not fit. A few that fit each other are believed: as the track's own if
-        nothing else has been heard of that, else as another aircraft of the same address."""
+        """A report that its track does not fit. A few that fit each other are believed. If the track has heard
+        its own in the meantime, they are of another aircraft with the same address; else the track is where they
+        say, and what a radar has seen in its place is somebody else."""
         track = self._table.tracks[row]
         if track.said is not None and track.said.verdict is Verdict.DUPLICATE:
             return
@@ -139,9 +140,13 @@ class Hearing:
         track.strays.append(report)
         if len(track.strays) < STRAYS:
             return
-        alone = track.fused_ns < track.strays[0].t_ns
+        first_ns = track.strays[0].t_ns
+        heard = track.sources.get(SOURCE[report.key[0]], 0) >= first_ns
+        seen = track.fused_ns >= first_ns
         track.strays.clear()
-        if alone and not self._is_far(report, row):
+        if not heard and (seen or not self._is_far(report, row)):
+            if seen:
+                self._split(row)
             self._table.batch.restart(row, *self._first_belief(report))
             track.resets += 1
             track.fuse(report.t_ns, SOURCE[report.key[0]])
@@ -149,6 +154,14 @@ class Hearing:
             self._begin_with(report, copies + 1)
             for other in self._table.tracks:
                 other.shared = other.shared or other.key == report.key
+
+    def _split(self, row: int) -> None:
+        """What a radar sees in this track's place is not who it says it is: that goes on without a name, to be
+        confirmed by its own echoes, or forgotten."""
+        track, (mean, covariance) = self._table.tracks[row], self._table.batch.belief()
+        for source, seen_ns in track.sources.items():
+            if source.startswith("radar/") and seen_ns == track.fused_ns:
+                self._table.begin(mean[row], covariance[row], None, seen_ns, source)
 
     def _adopt(self, report: Report) -> bool:
         """Give a radar's track the name of the report that fits it, if one and only one does."""

@@ -26,7 +26,7 @@ NAME: Final = "traffic"
 TITLE: Final = "Traffic: twenty aircraft by ADS-B, MAVLink and radar"
 SCENARIO: Final = "traffic"
 LOW, HIGH = 93.0, 97.0  # percent: what a 95 % ellipsoid is to hold
-FIRST_SEED: Final = 101  # settings were chosen on seeds 1 to 4
+FIRST_SEED: Final = 201  # settings were chosen on seeds 1 to 4, and 108 showed a fault that was mended
 
 
 def fly(seed: int, filter_: FilterName = "imm", duration: float | None = None) -> Score:

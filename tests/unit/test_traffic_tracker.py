@@ -231,6 +231,21 @@ def test_two_aircraft_with_one_address_are_two_tracks() -> None:
     assert set(sky.told) == {NAME, f"{NAME}-2"}
 
 
+def test_a_name_goes_with_its_reports_when_a_radar_sees_somebody_else_in_its_place() -> None:
+    """A track that echoes of another aircraft have drawn away; or a transponder that tells lies. Both places are
+    tracked, the seen one without a name."""
+    sky, off = Sky(), 400.0 * EAST
+    for k in range(14):
+        sky.hear(sky.adsb(R0 + V0 * sky.t + (off if k >= 6 else 0.0), V0))
+        scan(sky, 10, (R0, V0))
+    named = sky.told[NAME]
+    np.testing.assert_allclose(mean(named)[:3], R0 + V0 * sky.t + off, atol=5.0)
+    assert named.reset_count == 1
+    (unnamed,) = [e for name, e in sky.told.items() if name.startswith("radar/") and e.valid]
+    np.testing.assert_allclose(mean(unnamed)[:3], R0 + V0 * sky.t, atol=5.0)
+    assert sum(e.valid for e in sky.told.values()) == 2
+
+
 def test_an_aircraft_that_did_move_is_found_again_under_its_name() -> None:
     """It turned back while it was not heard: its reports fit each other, nothing contradicts them."""
     sky = Sky(gate_probability=0.99)
