@@ -19,6 +19,7 @@ from onboard.models import intruder
 SOURCE: Final = {"icao": "adsb", "system": "peer"}
 STRAYS: Final = 3  # reports that fit each other and not their track, before they are believed ...
 STRAYS_WITHIN_S: Final = 5.0  # ... when no two are farther apart: one in a thousand strays by chance
+SAME_PLACE_M: Final = 100.0  # from its track a report is of the same aircraft, and the filter has lagged
 COPIES: Final = 4  # tracks of one address
 ADOPTED_WITHIN: Final = 1000.0  # m: how far a report may be from the radar track whose name it gives
 LOOK_BACK: Final = 0.02  # share of a manoeuvre's variance that comes and goes within a second
@@ -123,10 +124,14 @@ class Hearing:
 
     def _is_far(self, report: Report, row: int) -> bool:
         """Whether nothing flies from its track to where a report says it is in the time between."""
-        predicted = self._table.batch.belief().mean[row, intruder.R]
         elapsed = max(abs(report.t_ns - self._table.tracks[row].fused_ns) / NS, 1.0)
-        off = float(np.linalg.norm(report.y[:3] - predicted))
-        return off > self._table.config.max_speed_m_s * elapsed + 100.0
+        return self._off(report, row) > self._table.config.max_speed_m_s * elapsed + SAME_PLACE_M
+
+    def _off(self, report: Report, row: int) -> float:
+        """How far a report is from where its track was then, m."""
+        mean = self._table.batch.belief().mean[row]
+        then = intruder.located(mean[None], np.array([self._table.lag(report.t_ns)]))[0]
+        return float(np.linalg.norm(report.y[:3] - then))
 
     def _stray(self, report: Report, row: int, copies: int) -> None:
         """A report that its track does not fit. A few that fit each other are believed. If the track has heard
@@ -143,9 +148,10 @@ class Hearing:
         first_ns = track.strays[0].t_ns
         heard = track.sources.get(SOURCE[report.key[0]], 0) >= first_ns
         seen = track.fused_ns >= first_ns
+        near = self._off(report, row) < SAME_PLACE_M
         track.strays.clear()
-        if not heard and (seen or not self._is_far(report, row)):
-            if seen:
+        if near or (not heard and (seen or not self._is_far(report, row))):
+            if seen and not near:
                 self._split(row)
             self._table.batch.restart(row, *self._first_belief(report))
             track.resets += 1
