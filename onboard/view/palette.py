@@ -43,6 +43,7 @@ VERDICTS: dict[str, Colour] = {
     Verdict.DEGENERATE: (220, 90, 180),
     Verdict.NO_POSE: AMBER,
     Verdict.NUMERICAL: (220, 90, 180),
+    Verdict.OUT_OF_VIEW: AMBER,
     Verdict.STALE: AMBER,
     Verdict.NO_POSITION: AMBER,
     Verdict.IMPLAUSIBLE: RED,
