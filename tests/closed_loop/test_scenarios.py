@@ -139,7 +139,7 @@ def test_old_stamps_seed_1_are_mended_by_what_is_known_of_ardupilot(replay: Flig
 
 
 def test_stamps_80_ms_late_seed_1_are_found_out_when_the_delay_is_estimated(replay: Flights) -> None:
-    """Untold, the filter is sure of what is wrong; with the delay estimated it does as well as on stamps in time."""
+    """Untold, the filter is sure of what is wrong; with the delay estimated it does as well as on time."""
     untold = replay("formation-late-stamp").numbers
     found = replay("formation-late-stamp", "estimator.leader.delay_sigma_s=0.15").numbers
     in_time = replay("formation").numbers
