@@ -11,15 +11,17 @@ from typing import NamedTuple
 FIRST_ESTIMATE = """
 import numpy as np
 import onboard.pipeline
-from onboard.estimators import leader
-from onboard.filters import Belief, unscented
-from onboard.models import camera_angles, relative_motion
-still = relative_motion.FollowerMotion(*np.zeros((4, 3)))
-belief = Belief(np.array([30.0, 1, 1, 1, 0, 0, 2, 0, 0]), np.eye(9))
-moves = lambda rows: relative_motion.process(rows, 0.02, still, 1.0)
-sees = lambda rows: camera_angles.measure(rows, np.eye(3), np.zeros(3))
-belief = unscented.predict(belief, moves, np.eye(9), leader.WEIGHTS)
-unscented.update(belief, np.zeros(3), sees, np.eye(3), leader.WEIGHTS)
+from onboard.estimators import _wing_line
+from onboard.models import wing_line
+from onboard.models.leader_flight import Sight
+points = np.array([[[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]])
+still = np.zeros((1, 3))
+y, R, axes = wing_line.from_points(points, np.full((1, 3), 1e-3))
+sight = Sight(np.eye(3)[None], still, still, still, axes)
+leader = _wing_line.Filter(2.0, 0.04)
+state = _wing_line.start(leader, y, R, sight)
+state = _wing_line.advance(leader, state, 0.02, still, still)
+_wing_line.fuse(leader, state, y, R, sight)
 """
 PIPELINE = """
 from time import perf_counter

@@ -186,7 +186,18 @@ def fuse(filter_: Filter, state: ModesState, y: Array, R_y: Array, sight: Sight)
 
     each = modes(filter_)
     seen = partial(flight.measure, sight=sight, eps=filter_.manner.hover_speed)
-    return multiple_model.update(each, state, y, (seen,) * len(each), R_y)
+    return multiple_model.update(
+        each, state, _tips_in_order(y, seen(state.states[0].mean)), (seen,) * len(each), R_y
+    )
+
+
+def _tips_in_order(y: Array, expected: Array) -> Array:
+    """Measurements (B, 4) with the wingtips exchanged where that is nearer to what is expected (B, 4): a detector
+    may take the left one for the right one, and an aircraft does not turn round between two images."""
+    exchanged = np.sum(y[:, 2:] * expected[:, 2:], axis=1) < 0
+    if not exchanged.any():
+        return y
+    return np.where(exchanged[:, None], y * np.array([1.0, 1.0, -1.0, -1.0]), y)
 
 
 def believed(filter_: Filter, state: ModesState) -> Belief:
