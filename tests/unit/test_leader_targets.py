@@ -70,6 +70,17 @@ def test_images_without_an_id_go_to_the_track_they_are_most_like() -> None:
     assert bearings == pytest.approx([0.0, np.arctan(SIDE)], abs=0.02)
 
 
+def test_another_aircraft_without_an_id_that_comes_later_begins_a_track_of_its_own() -> None:
+    def there(item: Item) -> bool:
+        m = item.message
+        return not isinstance(m, TargetPoints) or abs(m.center[0]) < 0.1 or m.t_ns > 7 * S
+
+    one = estimator()
+    items = sorted(filter(there, two_aircraft("", "")), key=lambda i: i.message.t_ns)
+    told = {e.target: e for e in one.tick(play(one, items))}
+    assert [told[name].state for name in ("leader", "unnamed/1")] == [Lifecycle.TRACKING] * 2
+
+
 def test_there_are_no_more_targets_than_allowed() -> None:
     one = estimator("estimator.leader.max_targets=2")
     ownship = Ownship(max_extrapolation=0.1)

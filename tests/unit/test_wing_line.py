@@ -85,6 +85,14 @@ def test_a_coordinated_turn_banks_the_wing_by_the_arctangent_of_a_over_g() -> No
     np.testing.assert_allclose(wing, expected, atol=1e-9)
 
 
+def test_a_pull_up_lessens_the_bank_that_a_turn_needs() -> None:
+    """Lift carries the weight and the pull: 3 m/s^2 up, tan(bank) = a / (g + 3)."""
+    x = row(a_lat=2.4, a_long=3.0, a_along=0.0)
+    x[V] = (1.0, 2.0, 0.0)
+    wing = leader_flight.wing_axes(x[None], np.array([15.0, 2.0, 0.0]), 1e-9)[0]
+    assert np.arcsin(wing[2]) == pytest.approx(np.arctan(2.4 / (G + 3.0)), abs=1e-9)
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_is_predicted_is_what_points_projected_by_hand_measure(seed: int) -> None:
     rng = np.random.default_rng(seed)
