@@ -16,10 +16,10 @@ from onboard.estimators._wing_line_noise import Extras
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
-from onboard.filters.multiple_model import ModesState
 from onboard.geometry.rotations import Array
 from onboard.models import camera_angles, relative_motion, wing_line
 from onboard.models.leader_flight import Sight
+from onboard.models.leader_modes import Modes
 from onboard.models.relative_motion import FollowerMotion
 from onboard.ownship import Step
 
@@ -119,22 +119,22 @@ class _WingLine:
         sigma = float(np.sqrt(along @ R[0, 2:, 2:] @ along))
         return Seen(y[0], R[0], span, sigma, axes[0, 0], axes[0])
 
-    def start(self, seen: Seen, view: View, before: Any) -> ModesState:
-        known = None if before is None else _wing_line.believed(self._filter, before)
+    def start(self, seen: Seen, view: View, before: Any) -> Modes:
+        known = None if before is None else _wing_line.believed(before)
         return _wing_line.start(self._filter, seen.y[None], seen.R[None], _sight(seen, view), known)
 
-    def advance(self, state: ModesState, step: Step) -> ModesState:
+    def advance(self, state: Modes, step: Step) -> Modes:
         return _wing_line.advance(self._filter, state, step.dt, step.v0[None], step.a[None])
 
-    def fuse(self, state: ModesState, seen: Seen, view: View) -> Update:
+    def fuse(self, state: Modes, seen: Seen, view: View) -> Update:
         u = _wing_line.fuse(self._filter, state, seen.y[None], seen.R[None], _sight(seen, view))
         return Update(u.belief, u.innovation[0], u.innovation_covariance[0], u.predicted[0], float(u.nis[0]))
 
-    def believed(self, state: ModesState) -> Belief:
-        mean, covariance = _wing_line.believed(self._filter, state)
+    def believed(self, state: Modes) -> Belief:
+        mean, covariance = _wing_line.believed(state)
         return Belief(mean[0], covariance[0])
 
-    def expected(self, state: ModesState, seen: Seen, update: Update, view: View) -> Array:
+    def expected(self, state: Modes, seen: Seen, update: Update, view: View) -> Array:
         del update
         eps = self._filter.manner.hover_speed
         return _wing_line.expected_points(self.believed(state), _sight(seen, view), eps)

@@ -12,21 +12,22 @@ offset of the leader only by motion, too: its variance is carried into the posit
 Everything has a leading axis B of targets or runs, so that a study flies the same code as the daemon.
 """
 
-from functools import lru_cache, partial
-from typing import Any, Final, NamedTuple
+from functools import lru_cache
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.estimators import _wing_line_noise as noise
 from onboard.estimators._wing_line_noise import Extras, Manner
-from onboard.filters import multiple_model, unscented
-from onboard.filters.belief import Belief, Method
+from onboard.filters import unscented
+from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
-from onboard.filters.multiple_model import ModesState, ModesUpdate
+from onboard.filters.unscented import Weights
 from onboard.geometry.rotations import Array
 from onboard.models import leader_flight as flight
-from onboard.models import wing_line
+from onboard.models import leader_modes, wing_line
 from onboard.models.leader_flight import A_ALONG, BANK_ERROR, HEADING, Sight
+from onboard.models.leader_modes import Modes, Step
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
 
 START_BANK: Final = np.radians(10.0)  # rad, of the wing in the first image about level
@@ -61,36 +62,26 @@ class Filter(NamedTuple):
         return chi_square_threshold(self.manner.gate_probability, wing_line.M)
 
 
-class Step(NamedTuple):
-    """What a prediction over one time step needs, for each mode: habits and Q; and the passing between modes."""
-
-    habits: tuple[flight.Habits, ...]
-    noises: tuple[Array, ...]
-    passing: Array
-
-
 @lru_cache(maxsize=64)
 def _step(filter_: Filter, dt_us: int) -> Step:
     """Of a step of so many microseconds, to which time steps are rounded here: most are alike."""
     dt = max(dt_us, 1) * 1e-6
     manner, extras = filter_.manner, filter_.extras
     noises = noise.process_noise(manner, extras, filter_.size, dt)
-    step = Step(noise.habits(manner, extras), noises, noise.passing(manner, dt))
-    for array in (*step.noises, step.passing):
+    step = Step(np.array(noise.habits(manner, extras)), np.array(noises), noise.passing(manner, dt))
+    for array in step:
         array.flags.writeable = False  # cached, so shared
     return step
 
 
 @lru_cache(maxsize=64)
-def modes(filter_: Filter) -> tuple[Method, ...]:
-    """The unscented filter for each mode, with no weight on the centre: with n + lambda three, as usual, it would
-    be negative, and a wide prior after a long gap then loses its covariance."""
-    weights = unscented.julier_weights(filter_.extras.states, float(filter_.extras.states))
-    method = unscented.method("wing-line", lambda _: weights, considered=(SIZE,))
-    return (method,) * len(noise.habits(filter_.manner, filter_.extras))
+def _weights(n: int) -> Weights:
+    """No weight on the centre: with n + lambda three, as usual, it would be negative, and a wide prior after a
+    long gap then loses its covariance."""
+    return unscented.julier_weights(n, float(n))
 
 
-def start(filter_: Filter, y: Array, R_y: Array, sight: Sight, before: Belief | None = None) -> ModesState:
+def start(filter_: Filter, y: Array, R_y: Array, sight: Sight, before: Belief | None = None) -> Modes:
     """The belief after one image of each of B targets: y (B, 4), R_y (B, 4, 4). `before` is what was believed of
     targets seen earlier, (B, n): where they are is forgotten, how they fly is not."""
     n = filter_.extras.states
@@ -115,10 +106,10 @@ def start(filter_: Filter, y: Array, R_y: Array, sight: Sight, before: Belief | 
         P[:, [0, 1, 2], [0, 1, 2]] += velocity * extras.delay**2
     if before is not None:
         _remember(mean, P, before)
-    each = modes(filter_)
-    likely = np.full(len(each), LIKELY_MANOEUVRE / (len(each) - 1))
+    count = len(noise.habits(manner, extras))
+    likely = np.full(count, LIKELY_MANOEUVRE / (count - 1))
     likely[0] = 1.0 - LIKELY_MANOEUVRE
-    return multiple_model.start(each, mean, P, likely)
+    return leader_modes.start(mean, P, likely)
 
 
 def _likely_heading(sight: Sight, b: int) -> float:
@@ -168,49 +159,27 @@ def _remember(mean: Array, P: Array, before: Belief) -> None:
                 P[b, :, i] *= np.sqrt(before.covariance[b, i, i] / P[b, i, i])
 
 
-def advance(filter_: Filter, state: ModesState, dt: float, v_F_n: Array, a_F_n: Array) -> ModesState:
+def advance(filter_: Filter, modes: Modes, dt: float, v_F_n: Array, a_F_n: Array) -> Modes:
     """After `dt` seconds in which the followers, at first at v_F_n (B, 3), accelerate by a_F_n (B, 3).
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     step = _step(filter_, round(dt * 1e6))
-    processes = [partial(flight.process, dt=dt, v_F_n=v_F_n, a_F_n=a_F_n, habits=habits) for habits in step.habits]
-    return multiple_model.predict(modes(filter_), state, processes, step.noises, step.passing)
+    return leader_modes.predict(modes, step, dt, v_F_n, a_F_n, _weights(filter_.extras.states))
 
 
-def fuse(filter_: Filter, state: ModesState, y: Array, R_y: Array, sight: Sight) -> ModesUpdate:
-    """After an image of each; whoever calls compares the NIS with the gate.
+def fuse(filter_: Filter, modes: Modes, y: Array, R_y: Array, sight: Sight) -> Update:
+    """After an image of each, y (B, m) and R_y (B, m, m); whoever calls compares the NIS with the gate.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-
-    each = modes(filter_)
-    seen = partial(flight.measure, sight=sight, eps=filter_.manner.hover_speed)
-    return multiple_model.update(
-        each, state, _tips_in_order(y, seen(state.states[0].mean)), (seen,) * len(each), R_y
-    )
+    weights, eps = _weights(filter_.extras.states), filter_.manner.hover_speed
+    return leader_modes.update(modes, y, R_y, sight, eps, weights, (SIZE,))
 
 
-def _tips_in_order(y: Array, expected: Array) -> Array:
-    """Measurements (B, 4) with the wingtips exchanged where that is nearer to what is expected (B, 4): a detector
-    may take the left one for the right one, and an aircraft does not turn round between two images."""
-    exchanged = np.sum(y[:, 2:] * expected[:, 2:], axis=1) < 0
-    if not exchanged.any():
-        return y
-    return np.where(exchanged[:, None], y * np.array([1.0, 1.0, -1.0, -1.0]), y)
-
-
-def believed(filter_: Filter, state: ModesState) -> Belief:
+def believed(modes: Modes) -> Belief:
     """Mean (B, n) and covariance (B, n, n)."""
-    return multiple_model.believed(modes(filter_), state)
-
-
-def take(state: ModesState, which: Any) -> ModesState:
-    """The states of some of the B."""
-    return ModesState(
-        tuple(Belief(mean[which], covariance[which]) for mean, covariance in state.states),
-        state.probabilities[which],
-    )
+    return leader_modes.believed(modes)
 
 
 def expected_points(belief: Belief, sight: Sight, eps: float) -> Array:

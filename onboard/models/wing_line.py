@@ -58,3 +58,12 @@ def _from_points(points, sigmas):  # type: ignore[no-untyped-def]
                     jv = (2.0 * axes[b, 1 + j, 2] - at[j] * (v / length + axes[b, 0, 2])) / below
                     R[b, first + i, first + j] += sigmas[b, p] ** 2 * (iu * ju + iv * jv)
     return y, R, axes
+
+
+@njit(cache=True, error_model="numpy")
+def order_tips_into(y, expected, ordered):  # type: ignore[no-untyped-def]
+    """The measurement (m,) with its wingtips exchanged where that is nearer to what is expected (m,): a detector
+    may take the left one for the right one, and an aircraft does not turn round between two images."""
+    ordered[:] = y
+    if y[2] * expected[2] + y[3] * expected[3] < 0:
+        ordered[2], ordered[3] = -y[2], -y[3]

@@ -16,10 +16,10 @@ from onboard.estimators._image import AGREE_RAD, AGREE_RATIO
 from onboard.estimators._track import TOO_WIDE
 from onboard.estimators._wing_line_noise import Extras
 from onboard.filters.belief import Belief
-from onboard.filters.multiple_model import ModesState
 from onboard.geometry.rotations import Array
 from onboard.models import leader_flight, wing_line
 from onboard.models.leader_flight import Sight
+from onboard.models.leader_modes import Modes
 from onboard.models.relative_motion import N, R
 from onboard.studies._formation import Filter, Mask, Method, Seen, Setting, Step, View
 from onboard.studies._rows import put, taken
@@ -35,7 +35,7 @@ class Flown(NamedTuple):
     """Of B flights: the filter's modes; how many images agree, if not yet enough; the last direction (B, 3) in n
     and span seen; since when images are gated (inf: they are not), and when one was last fused."""
 
-    modes: ModesState
+    modes: Modes
     agreeing: Array
     look: Array
     span: Array
@@ -76,14 +76,14 @@ def _filter(setting: Setting, delay: float) -> Filter:
         begun = state.agreeing >= IMAGES
         alike = np.sum(look * state.look, axis=1) > np.cos(AGREE_RAD)
         alike &= (span < AGREE_RATIO * state.span) & (state.span < AGREE_RATIO * span)
-        wide = begun & (view.t - state.fused_at > COAST) & _is_wide(own, state.modes)
+        wide = begun & (view.t - state.fused_at > COAST) & _is_wide(state.modes)
         fused = ~wide & np.where(begun, update.nis <= own.gate, alike)
         gated_since = np.where(fused, np.inf, np.minimum(state.gated_since, view.t))
         given_up = begun & ~wide & (view.t - gated_since > RELOCK)
         anew = wide | given_up | (~begun & ~alike)
         modes = _chosen(fused, update.belief, state.modes)
         if anew.any():
-            before = _wing_line.believed(own, taken(state.modes, anew))
+            before = _wing_line.believed(taken(state.modes, anew))
             for i, b in enumerate(np.flatnonzero(anew)):
                 rows = np.array([b])
                 known = Belief(before.mean[[i]], before.covariance[[i]]) if wide[b] else None
@@ -101,7 +101,7 @@ def _filter(setting: Setting, delay: float) -> Filter:
         return Seen(after, np.where(wide, np.nan, update.nis), fused & begun)
 
     def to_nine(state: Flown) -> Belief:
-        mean, covariance = _wing_line.believed(own, state.modes)
+        mean, covariance = _wing_line.believed(state.modes)
         unknown = state.agreeing < IMAGES
         mean, covariance = mean[:, :N].copy(), covariance[:, :N, :N].copy()
         mean[unknown], covariance[unknown] = np.nan, np.nan
@@ -109,7 +109,7 @@ def _filter(setting: Setting, delay: float) -> Filter:
 
     def lateness(state: Flown) -> tuple[Array, Array]:
         at = leader_flight.BASE
-        mean, covariance = _wing_line.believed(own, state.modes)
+        mean, covariance = _wing_line.believed(state.modes)
         return mean[:, at], np.sqrt(covariance[:, at, at])
 
     return Filter(start, predict, see, to_nine, wing_line.M, lateness if delay else None)
@@ -131,25 +131,19 @@ def _look(sight: Sight) -> Array:
     return np.asarray(np.einsum("bi,bij->bj", sight.axes[:, 0], sight.R_cn))
 
 
-def _is_wide(own: _wing_line.Filter, modes: ModesState) -> Mask:
-    mean, covariance = _wing_line.believed(own, modes)
+def _is_wide(modes: Modes) -> Mask:
+    mean, covariance = _wing_line.believed(modes)
     widest = np.linalg.eigvalsh(covariance[:, R, R])[:, -1]
     return np.asarray(widest > (TOO_WIDE * np.linalg.norm(mean[:, R], axis=1)) ** 2)
 
 
-def _chosen(fused: Mask, after: ModesState, before: ModesState) -> ModesState:
+def _chosen(fused: Mask, after: Modes, before: Modes) -> Modes:
     """The states after an image where it was fused, before it elsewhere."""
 
     def where(a: Array, b: Array) -> Array:
         return np.asarray(np.where(fused.reshape(-1, *[1] * (a.ndim - 1)), a, b))
 
-    return ModesState(
-        tuple(
-            Belief(where(a.mean, b.mean), where(a.covariance, b.covariance))
-            for a, b in zip(after.states, before.states, strict=True)
-        ),
-        where(after.probabilities, before.probabilities),
-    )
+    return Modes(*(where(a, b) for a, b in zip(after, before, strict=True)))
 
 
 WING_LINE: Final = Method("wing-line", "the daemon's default", partial(_filter, delay=0.0))
