@@ -8,7 +8,7 @@ accelerometer bias can part the two.
 
 import math
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
@@ -27,6 +27,7 @@ HISTORY_NS: Final = 5_000_000_000
 FASTEST: Final = 1e4  # m/s; what is stated beyond these is no motion of a vehicle
 FARTHEST: Final = 1e7  # m
 QUICKEST: Final = 1e3  # rad/s
+MOST_KEPT: Final = 256  # ways between two times, kept for the next target
 FALLBACK_NS: Final = 1_000_000_000  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
 
 
@@ -57,16 +58,19 @@ class Step(NamedTuple):
 
 class Ownship:
     """Histories of attitude and navigation. `now_ns` is the newest stamp seen, before any delay is taken off:
-    the time that estimates are predicted to."""
+    the time that estimates are predicted to; `samples` counts those taken, so that whoever keeps what follows from
+    them knows when it is old."""
 
     def __init__(self, *, max_extrapolation: float) -> None:
         self.now_ns = 0
+        self.samples = 0
         self.nav_times: list[int] = []
         self._max_extrapolation_ns = round(max_extrapolation * 1e9)
         self._nav: list[NavSample] = []
         self._attitude_times: list[int] = []
         self._attitudes: list[tuple[Array, Array]] = []
         self._last_local_ns = -FALLBACK_NS
+        self._ways: dict[tuple[int, int], Sequence[Step]] = {}  # since the last navigation sample
         self.rejected: dict[str, int] = {}
 
     def receive(self, message: Message, stamp_ns: int) -> bool:
@@ -104,8 +108,16 @@ class Ownship:
             and t_ns <= self._attitude_times[-1]
         )
 
-    def steps(self, t0_ns: int, t1_ns: int) -> Iterator[Step]:
-        """The way from t0 to t1, cut at every navigation sample between."""
+    def steps(self, t0_ns: int, t1_ns: int) -> Sequence[Step]:
+        """The way from t0 to t1, cut at every navigation sample between. Many targets go the same way."""
+        way = self._ways.get((t0_ns, t1_ns))
+        if way is None:
+            if len(self._ways) >= MOST_KEPT:
+                self._ways.clear()
+            way = self._ways[t0_ns, t1_ns] = tuple(self._cut(t0_ns, t1_ns))
+        return way
+
+    def _cut(self, t0_ns: int, t1_ns: int) -> Iterator[Step]:
         first = bisect_right(self.nav_times, t0_ns)
         last = bisect_left(self.nav_times, t1_ns)
         cuts = [t0_ns, *self.nav_times[first:last], t1_ns]
@@ -141,6 +153,7 @@ class Ownship:
             # ATTITUDE and ATTITUDE_QUATERNION of one instant are the same attitude: not an error
             return m.t_ns == self._attitude_times[-1] or self._reject("attitude_out_of_order")
         self.now_ns = max(self.now_ns, stamp_ns)
+        self.samples += 1
         self._attitude_times.append(m.t_ns)
         self._attitudes.append((q / math.sqrt(float(q @ q)), omega))
         _trim(self._attitude_times, self._attitudes)
@@ -152,6 +165,8 @@ class Ownship:
         if self.nav_times and m.t_ns <= self.nav_times[-1]:
             return self._reject("position_out_of_order")
         self.now_ns = max(self.now_ns, stamp_ns)
+        self.samples += 1
+        self._ways.clear()
         self.nav_times.append(m.t_ns)
         self._nav.append(NavSample(r, v))
         _trim(self.nav_times, self._nav)

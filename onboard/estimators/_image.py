@@ -8,7 +8,7 @@ from onboard.estimators._leader_filters import LeaderFilter, Seen, View
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import Array
 from onboard.messages import ImagePoint, TargetPoints, Verdict
-from onboard.ownship import Ownship, Pose
+from onboard.ownship import Ownship
 
 AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
 AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
@@ -16,6 +16,7 @@ SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says no
 WIDEST: Final = 100.0  # focal lengths from the axis (89.4 degrees): no lens shows a point beyond
 SIGMAS: Final = (1e-7, 10.0)  # focal lengths: finer or coarser than this no point is found
 TURN_NS: Final = 40_000_000  # over which the camera's rates are taken
+MOST_VIEWS: Final = 64  # kept, where own motion stands still and images do not
 
 
 class Image(NamedTuple):
@@ -28,17 +29,49 @@ class Image(NamedTuple):
     final: bool
 
 
+class Eye:
+    """The camera as it flies: its own pose and rates, from ours. What is the same for all targets in an image is
+    found once."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self._views: dict[int, View | None] = {}
+        self._as_of: tuple[Ownship, int] | None = None
+
+    def at(self, t_ns: int, ownship: Ownship) -> View | None:
+        """The view at a time, None where our pose is not known."""
+        as_of = ownship, ownship.samples
+        if self._as_of != as_of or len(self._views) >= MOST_VIEWS:
+            self._views.clear()
+            self._as_of = as_of
+        if t_ns not in self._views:
+            self._views[t_ns] = self._view(t_ns, ownship)
+        return self._views[t_ns]
+
+    def _view(self, t_ns: int, ownship: Ownship) -> View | None:
+        pose, before = ownship.pose_at(t_ns), ownship.pose_at(t_ns - TURN_NS)
+        if pose is None:
+            return None
+        camera = self.camera
+        R_cn = camera.R_bc.T @ pose.R_nb.T
+        # R_c(now) c(before) = exp(-[turn])
+        turned = np.eye(3) if before is None else R_cn @ (before.R_nb @ camera.R_bc)
+        turn = np.array([turned[1, 2] - turned[2, 1], turned[2, 0] - turned[0, 2], turned[0, 1] - turned[1, 0]])
+        return View(R_cn, pose.R_nb @ camera.r_FC_b, pose.v_F_n, 0.5 * turn / (TURN_NS * 1e-9))
+
+
 def ready(
-    message: TargetPoints, ownship: Ownship, camera: Camera, filter_: LeaderFilter, edge_px: float
+    message: TargetPoints, ownship: Ownship, eye: Eye, filter_: LeaderFilter, edge_px: float
 ) -> Image | Verdict:
     """The image, or why it cannot be used. Points within `edge_px` of the image's edge are outside it: an aircraft
     cut by the edge is not seen where it is."""
     points = np.array([message.center, message.left, message.right])
+    camera = eye.camera
     sigmas = np.full(3, camera.sigma) if message.sigma is None else np.array(message.sigma)
     if not (np.isfinite(points).all() and np.isfinite(sigmas).all()):
         return Verdict.NOT_FINITE
-    pose = ownship.pose_at(message.t_ns)
-    if pose is None:
+    view = eye.at(message.t_ns, ownship)
+    if view is None:
         newer = message.t_ns > ownship.now_ns and ownship.now_ns > 0
         return Verdict.TOO_NEW if newer else Verdict.NO_POSE
     if np.abs(points).max() > WIDEST or sigmas.min() < SIGMAS[0] or sigmas.max() > SIGMAS[1]:
@@ -48,7 +81,6 @@ def ready(
     seen = filter_.see(points, sigmas)
     if seen.span < SMALLEST_SPAN_SIGMA * seen.span_sigma:
         return Verdict.DEGENERATE
-    view = view_at(pose, message.t_ns, ownship, camera)
     return Image(message, seen, view, ownship.knows(message.t_ns))
 
 
@@ -56,16 +88,6 @@ def in_view(points: Array, camera: Camera, half_view: ImagePoint | None, edge_px
     """Whether all points (k, 2) are inside the image, of the given half extent or the configured camera's."""
     half = half_view or (0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px)
     return bool((np.abs(points) <= np.array(half) - edge_px / camera.f_px).all())
-
-
-def view_at(pose: Pose, t_ns: int, ownship: Ownship, camera: Camera) -> View:
-    """The camera's own pose and rates, from ours."""
-    R_cn = camera.R_bc.T @ pose.R_nb.T
-    before = ownship.pose_at(t_ns - TURN_NS)
-    # R_c(now) c(before) = exp(-[turn])
-    turned = np.eye(3) if before is None else R_cn @ (before.R_nb @ camera.R_bc)
-    turn = np.array([turned[1, 2] - turned[2, 1], turned[2, 0] - turned[0, 2], turned[0, 1] - turned[1, 0]])
-    return View(R_cn, pose.R_nb @ camera.r_FC_b, pose.v_F_n, 0.5 * turn / (TURN_NS * 1e-9))
 
 
 def agree(a: Image, b: Image) -> bool:

@@ -13,11 +13,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.estimators._history import History
-from onboard.estimators._image import Image, agree, in_view, ready, view_at
+from onboard.estimators._image import Eye, Image, agree, in_view, ready
 from onboard.estimators._leader_filters import LeaderFilter, View
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update
-from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import Array
 from onboard.messages import (
     Estimate,
@@ -62,9 +61,9 @@ class Outcome(NamedTuple):
 class Track:
     """All state of one target is in the fields below."""
 
-    def __init__(self, name: str, target: str, filter_: LeaderFilter, camera: Camera, times: Times) -> None:
+    def __init__(self, name: str, target: str, filter_: LeaderFilter, eye: Eye, times: Times) -> None:
         self.target = target
-        self._name, self._filter, self._camera, self._times = name, filter_, camera, times
+        self._name, self._filter, self._eye, self._times = name, filter_, eye, times
         self._history: History[Any, Ownship] | None = None
         self._candidates: deque[Image] = deque(maxlen=filter_.images or times.initialise_images)
         self._last_fused_ns: int | None = None
@@ -161,7 +160,7 @@ class Track:
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
     def _ready(self, message: TargetPoints, ownship: Ownship) -> Image | Verdict:
-        return ready(message, ownship, self._camera, self._filter, self._times.edge_px)
+        return ready(message, ownship, self._eye, self._filter, self._times.edge_px)
 
     def _is_stale(self, image: Image) -> bool:
         """Whether the points have been exactly these for too long, although the camera turned: it hangs."""
@@ -172,7 +171,7 @@ class Track:
         first = self._last_seen[1]
         long = message.t_ns - first.message.t_ns > self._times.stale_after_s * NS
         turned = float(np.abs(image.view.R_cn - first.view.R_cn).max())
-        return long and turned > TURNED_SIGMAS * self._camera.sigma
+        return long and turned > TURNED_SIGMAS * self._eye.camera.sigma
 
     def _is_wide(self, history: History[Any, Ownship], t_ns: int, ownship: Ownship) -> bool:
         if self._age(t_ns) <= self._times.coast_after_s:
@@ -249,8 +248,7 @@ class Track:
     def _fuse(self, state: Any, image: Image, ownship: Ownship) -> tuple[Any, Outcome]:
         view = image.view
         if not image.final:
-            pose = ownship.pose_at(image.message.t_ns)
-            view = view if pose is None else view_at(pose, image.message.t_ns, ownship, self._camera)
+            view = self._eye.at(image.message.t_ns, ownship) or view
         update = self._filter.fuse(state, image.seen, view)
         fused = self._filter.gate is None or update.nis <= self._filter.gate
         return (update.belief if fused else state), Outcome(fused, update, state, view)
@@ -274,11 +272,11 @@ class Track:
 
     def _expects_view(self, mean: Array, t_ns: int, ownship: Ownship) -> bool:
         """Whether the target's center should be in the image now."""
-        pose = ownship.pose_at(t_ns)
-        if pose is None:
+        view = self._eye.at(t_ns, ownship)
+        if view is None:
             return True
-        r_c = self._camera.R_bc.T @ (pose.R_nb.T @ mean[R] - self._camera.r_FC_b)
-        return bool(r_c[0] > 0 and in_view(r_c[None, 1:] / r_c[0], self._camera, None, 0.0))
+        r_c = view.R_cn @ (mean[R] - view.r_FC_n)
+        return bool(r_c[0] > 0 and in_view(r_c[None, 1:] / r_c[0], self._eye.camera, None, 0.0))
 
     def _believed(self, ownship: Ownship) -> tuple[int, Belief] | None:
         """What the track believes now; nothing goes out that has no factor."""

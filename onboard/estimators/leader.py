@@ -11,6 +11,7 @@ from typing import Annotated, Final, Literal
 import msgspec
 import numpy as np
 
+from onboard.estimators._image import Eye
 from onboard.estimators._leader_filters import LeaderFilter, make
 from onboard.estimators._track import Times, Track
 from onboard.estimators._wing_line_noise import Extras
@@ -58,7 +59,7 @@ class Estimator:
     def __init__(self, config: Config, camera: Camera) -> None:
         if not config.coast_after_s <= config.validity_timeout_s <= config.reset_timeout_s:
             raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
-        self._config, self._camera = config, camera
+        self._config, self._eye = config, Eye(camera)
         self._filter = _filter(config)
         times = {name: getattr(config, name) for name in Times.__struct_fields__}
         self._times = Times(**times)
@@ -85,7 +86,7 @@ class Estimator:
             track.reset(reason)
 
     def _track(self, target: str) -> Track:
-        return Track(NAME, target, self._filter, self._camera, self._times)
+        return Track(NAME, target, self._filter, self._eye, self._times)
 
     def _named(self, target: str) -> Track | None:
         """The track of that id, begun if need be; None when there are too many."""
