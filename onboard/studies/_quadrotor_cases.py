@@ -34,7 +34,7 @@ class Sensor(NamedTuple):
 
 class Variant(NamedTuple):
     """What is wrong, and what is measured. `gust`: none, all the time from 10 s with a Gauss-Markov part, or for
-    two seconds."""
+    two seconds. `late`: until 10 s it is the same flight as without error."""
 
     name: str
     label: str
@@ -44,6 +44,7 @@ class Variant(NamedTuple):
     gust: str = ""
     sensors: tuple[Sensor, ...] = (Sensor(ALL, 1),)
     multirate: bool = False
+    late: bool = False
 
 
 def heavier(factor: float) -> Airframe:
@@ -61,8 +62,8 @@ RATES_OF_TWO: Final = (Sensor(FAST, 1), Sensor(SLOW, GNSS_EVERY))
 
 VARIANTS: Final = (
     Variant("none", "no error"),
-    Variant("weak", "all inputs x .7 from 10 s", actuation=weak_inputs),
-    Variant("motor", "one motor -25 % from 10 s", actuation=weak_motor),
+    Variant("weak", "all inputs x .7 from 10 s", actuation=weak_inputs, late=True),
+    Variant("motor", "one motor -25 % from 10 s", actuation=weak_motor, late=True),
     Variant("outliers", "2 % outliers of 20 sigma", outliers=0.02),
     Variant("mass-1.3", "mass x 1.3", truth=heavier(1.3)),
     Variant("mass-1.5", "mass x 1.5", truth=heavier(1.5)),
@@ -93,6 +94,19 @@ class Case(NamedTuple):
     R: Array
     force: Array
     start: Array
+
+
+def one(case: Case, b: int) -> Case:
+    """One of a case's flights, as a case."""
+    only = slice(b, b + 1)
+    return Case(
+        case.states[:, only],
+        case.inputs[:, only],
+        case.measurements[:, only],
+        case.R,
+        case.force[:, only],
+        case.start[only],
+    )
 
 
 def simulate(variant: Variant, seeds: Sequence[int], steps: int = STEPS) -> Case:

@@ -11,9 +11,10 @@ from onboard.geometry.rotations import Array
 from onboard.models import quadrotor, quadrotor_flight
 from onboard.models.quadrotor import RATES, VELOCITY
 from onboard.models.quadrotor_flight import DT
-from onboard.studies._quadrotor_cases import FAULT, NOMINAL, Case, Sensor, Variant, matrices
+from onboard.studies._quadrotor_cases import FAULT, NOMINAL, Case, Sensor, Variant, matrices, one
 
 CONSISTENCY_EVERY: Final = 10  # steps
+HALFWAY: Final = round(FAULT / DT)  # steps
 MEMORY: Final = ("residual", "lasted", "switching")  # what a smooth filter keeps of each sensor
 
 
@@ -68,39 +69,50 @@ def methods_on(variant: Variant) -> tuple[Method, ...]:
 
 class Track(NamedTuple):
     """Estimates (N, B, 12), NaN after a failure; NEES (B,), the mean from 10 s on; NIS (B,) of the first sensor,
-    likewise; the smooth filters' `switching` of it (N, B, m), zero for others."""
+    likewise; the smooth filters' `switching` of it (N, B, m), zero for others. And the filter's state and memory
+    of each sensor at 10 s, from where a flight goes on that is the same until then."""
 
     mean: Array
     nees: Array
     nis: Array
     switching: Array
+    halfway: tuple[Any, dict[Sensor, Any]] | None = None
 
 
-def track(case: Case, variant: Variant, method: Method) -> Track:
-    """Fly `method` over all flights of a case. If the batch fails numerically, each of its flights for itself."""
+def track(case: Case, variant: Variant, method: Method, since: Track | None = None) -> Track:
+    """Fly `method` over all flights of a case. If the batch fails numerically, each of its flights for itself.
+    `since` is the track of the same flights without error: a late variant goes on from its tenth second."""
     B = case.start.shape[0]
-    found = _track(case, variant, method)
+    found = _track(case, variant, method, since)
     if B == 1 or np.isfinite(found.mean).all():
         return found
-    alone = [_track(_one(case, b), variant, method) for b in range(B)]
-    return Track(
-        *(np.concatenate([getattr(t, name) for t in alone], axis=axis)
-          for name, axis in (("mean", 1), ("nees", 0), ("nis", 0), ("switching", 1)))
-    )  # fmt: skip
+    alone = [_track(one(case, b), variant, method, None) for b in range(B)]
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(t, name) for t in alone], axis=axis)
+        for name, axis in (("mean", 1), ("nees", 0), ("nis", 0), ("switching", 1))
+    }
+    return Track(**joined)
 
 
-def _track(case: Case, variant: Variant, method: Method) -> Track:
+def _track(case: Case, variant: Variant, method: Method, since: Track | None) -> Track:
     """Up to where the batch fails."""
     steps, B = case.inputs.shape[:2]
     flown, Q = methods()[method.filter], _process_noise(method.widened)
     state = flown.start(case.start, np.tile(4.0 * case.R, (B, 1, 1)))
-    first = variant.sensors[0]
+    first, begin = variant.sensors[0], 0
     mean = np.full((steps, B, quadrotor.N), np.nan)
     switching = np.zeros((steps, B, len(first.states)))
     nees, nis = [], []
     memory: dict[Sensor, Any] = {}
+    halfway = None
+    if since is not None and since.halfway is not None:
+        begin = HALFWAY
+        mean[:begin], switching[:begin] = since.mean[:begin], since.switching[:begin]
+        state, memory = since.halfway[0], dict(since.halfway[1])
     try:
-        for k in range(steps):
+        for k in range(begin, steps):
+            if k == HALFWAY:
+                halfway = state, dict(memory)
             state = flown.predict(state, _process(case, k, method), Q)
             for sensor in variant.sensors:
                 if (k + 1) % sensor.every:
@@ -119,7 +131,7 @@ def _track(case: Case, variant: Variant, method: Method) -> Track:
                 nees.append(normalised_squared(belief.mean - case.states[k + 1], belief.covariance))
     except FilterError:  # numerical: the rest of `mean` stays NaN
         pass
-    return Track(mean, _mean(nees, B), _mean(nis, B), switching)
+    return Track(mean, _mean(nees, B), _mean(nis, B), switching, halfway)
 
 
 def _process(case: Case, k: int, method: Method) -> Rows:
@@ -165,18 +177,6 @@ def _process_noise(widened: float) -> Array:
     which = [*VELOCITY, *RATES]
     Q[which, which] *= widened
     return Q
-
-
-def _one(case: Case, b: int) -> Case:
-    one = slice(b, b + 1)
-    return Case(
-        case.states[:, one],
-        case.inputs[:, one],
-        case.measurements[:, one],
-        case.R,
-        case.force[:, one],
-        case.start[one],
-    )
 
 
 def _mean(figures: list[Any], count: int) -> Array:

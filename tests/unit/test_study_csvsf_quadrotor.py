@@ -99,6 +99,16 @@ def test_sensors_of_two_rates_have_memories_of_their_own_seed_3() -> None:
     np.testing.assert_allclose(smooth, kalman, rtol=1e-9, atol=1e-9)
 
 
+def test_a_late_variant_goes_on_from_the_flight_without_error_seeds_3_and_4(case: Case) -> None:
+    for method in (CKF, filters.PRINTED, ADAPTIVE):
+        clean = track(case, NAMED["none"], method)
+        weak = simulate(NAMED["weak"], (3, 4))
+        alone, shared = (track(weak, NAMED["weak"], method, since) for since in (None, clean))
+        for field in ("mean", "nees", "nis", "switching"):
+            np.testing.assert_allclose(getattr(shared, field), getattr(alone, field), rtol=1e-9, atol=1e-9)
+    assert {v.name for v in VARIANTS if v.late} == {"weak", "motor"}
+
+
 def test_a_failure_stops_one_flight_and_not_its_batch_seeds_3_and_4(
     case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -172,6 +182,15 @@ def test_comparisons_agree_within_5_percent_and_with_errors_10(variant: str, our
     assert not compare(make_row(variant, "ukf", [a_score(1, ours)]))
 
 
+@pytest.mark.parametrize(
+    ("ours", "agrees", "as_printed"), [(0.0346, True, True), (0.0351, False, True), (0.0353, False, False)]
+)
+def test_a_reference_of_two_digits_leaves_open_what_it_rounds(ours: float, agrees: bool, as_printed: bool) -> None:
+    """.033 stands for .0325 to .0335, and 5 % of the latter reach .0352."""
+    (found,) = compare(make_row("none", "ckf-wide", [a_score(1, ours)]))
+    assert (found.agrees, found.agrees_as_printed) == (agrees, as_printed)
+
+
 def test_the_misprints_are_proven() -> None:
     assert all(m.proven for m in misprints())
 
@@ -201,7 +220,7 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
     result: tuple[study.Result, Path, list[tuple[int, int]]],
 ) -> None:
     found, out, calls = result
-    assert calls == [(k, 17) for k in range(1, 18)]
+    assert calls == [(k, 13) for k in range(1, 14)]
     assert {(r.variant, r.method) for r in found.rows} == {
         (v.name, m.name) for v in VARIANTS for m in methods_on(v)
     }
@@ -224,9 +243,9 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
 def test_what_the_reference_says_seeds_3_and_4(result: tuple[study.Result, Path, list[tuple[int, int]]]) -> None:
     """Of two flights, and all but one figure: Q x 300, see the report."""
     found = result[0]
-    differ = {(c.variant, c.method) for c in found.comparisons if not c.agrees}
+    differ = {(c.variant, c.method) for c in found.comparisons if not c.agrees_as_printed}
     assert len(found.comparisons) == 26
-    assert len(differ) <= 5
+    assert len(differ) <= 2
     rows = {(r.variant, r.method): r for r in found.rows}
     assert rows["weak", "ckf"].diverged_why == ("zd",)
     assert rows["motor", "ckf"].diverged_why == ("q",)
