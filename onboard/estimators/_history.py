@@ -8,7 +8,8 @@ it is done again once the motion is known. Measurements that were gated stay in,
 
 from bisect import bisect_right
 from collections.abc import Callable
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from operator import attrgetter
+from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 
 class Motion(Protocol):
@@ -36,6 +37,9 @@ class Node(NamedTuple):
     outcome: Any | None = None  # what `fuse` last said of the measurement
 
 
+TIME: Final = attrgetter("t_ns")
+
+
 class History(Generic[B, M]):
     """Beliefs of one track. `advance(belief, t0_ns, t1_ns, ownship)` predicts; `fuse(belief, measurement,
     ownship)` updates and says what came of it. Both must be pure; what they raise passes through."""
@@ -60,7 +64,7 @@ class History(Generic[B, M]):
 
     def insert(self, t_ns: int, measurement: Any, ownship: M) -> Any:
         """Put a measurement in where it belongs (it must reach) and redo what came after; what `fuse` said."""
-        after = bisect_right([n.t_ns for n in self._nodes], t_ns)
+        after = bisect_right(self._nodes, t_ns, key=TIME)
         later = self._nodes[after:]
         del self._nodes[after:]
         outcome = self._append(t_ns, measurement, ownship)
@@ -78,7 +82,7 @@ class History(Generic[B, M]):
         if ownship.nav_times:
             self._pass_samples(ownship.nav_times[-1] + 1, ownship)
         oldest = self._nodes[-1].t_ns - self._horizon_ns
-        keep = max(bisect_right([n.t_ns for n in self._nodes], oldest) - 1, 0)
+        keep = max(bisect_right(self._nodes, oldest, key=TIME) - 1, 0)
         for i, node in enumerate(self._nodes[: keep + 1]):
             if not node.final:  # it will be done again, from the node before it
                 keep = max(i - 1, 0)

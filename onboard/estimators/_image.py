@@ -1,12 +1,13 @@
 """One image made ready for a track: whether it can be used, what it measures, and from where it was taken."""
 
+import math
+from collections.abc import Iterable
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.estimators._leader_filters import LeaderFilter, Seen, View
 from onboard.geometry.camera import Camera
-from onboard.geometry.rotations import Array
 from onboard.messages import ImagePoint, TargetPoints, Verdict
 from onboard.ownship import Ownship
 
@@ -65,29 +66,31 @@ def ready(
 ) -> Image | Verdict:
     """The image, or why it cannot be used. Points within `edge_px` of the image's edge are outside it: an aircraft
     cut by the edge is not seen where it is."""
-    points = np.array([message.center, message.left, message.right])
     camera = eye.camera
-    sigmas = np.full(3, camera.sigma) if message.sigma is None else np.array(message.sigma)
-    if not (np.isfinite(points).all() and np.isfinite(sigmas).all()):
+    points = message.center, message.left, message.right
+    sigmas = message.sigma or (camera.sigma,) * 3
+    numbers = [*message.center, *message.left, *message.right]  # a few: Python's own arithmetic is the fastest
+    if not (all(map(math.isfinite, numbers)) and all(map(math.isfinite, sigmas))):
         return Verdict.NOT_FINITE
     view = eye.at(message.t_ns, ownship)
     if view is None:
         newer = message.t_ns > ownship.now_ns and ownship.now_ns > 0
         return Verdict.TOO_NEW if newer else Verdict.NO_POSE
-    if np.abs(points).max() > WIDEST or sigmas.min() < SIGMAS[0] or sigmas.max() > SIGMAS[1]:
+    if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
     if not in_view(points, camera, message.half_view, edge_px):
         return Verdict.OUT_OF_VIEW
-    seen = filter_.see(points, sigmas)
+    seen = filter_.see(np.array(points), np.array(sigmas))
     if seen.span < SMALLEST_SPAN_SIGMA * seen.span_sigma:
         return Verdict.DEGENERATE
     return Image(message, seen, view, ownship.knows(message.t_ns))
 
 
-def in_view(points: Array, camera: Camera, half_view: ImagePoint | None, edge_px: float) -> bool:
-    """Whether all points (k, 2) are inside the image, of the given half extent or the configured camera's."""
+def in_view(points: Iterable[ImagePoint], camera: Camera, half_view: ImagePoint | None, edge_px: float) -> bool:
+    """Whether all points are inside the image, of the given half extent or the configured camera's."""
     half = half_view or (0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px)
-    return bool((np.abs(points) <= np.array(half) - edge_px / camera.f_px).all())
+    edge = edge_px / camera.f_px
+    return all(abs(u) <= half[0] - edge and abs(v) <= half[1] - edge for u, v in points)
 
 
 def agree(a: Image, b: Image) -> bool:

@@ -4,6 +4,7 @@
 three angles, with their noise settings as printed and with honest ones (`_leader_noise`).
 """
 
+import math
 from functools import partial
 from typing import Any, Final, NamedTuple, Protocol
 
@@ -17,12 +18,13 @@ from onboard.filters import unscented
 from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
 from onboard.geometry.rotations import Array
-from onboard.models import camera_angles, relative_motion, wing_line
+from onboard.models import camera_angles, leader_modes, relative_motion, wing_line
 from onboard.models.leader_flight import Sight
 from onboard.models.leader_modes import Modes
 from onboard.models.relative_motion import FollowerMotion
 from onboard.ownship import Step
 
+WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
 
 
@@ -114,10 +116,10 @@ class _WingLine:
 
     def see(self, points: Array, sigmas: Array) -> Seen:
         y, R, axes = wing_line.from_points(points[None], sigmas[None])
-        span = float(np.hypot(y[0, 2], y[0, 3]))
-        along = y[0, 2:] / span if span > 0 else np.array([1.0, 0.0])
-        sigma = float(np.sqrt(along @ R[0, 2:, 2:] @ along))
-        return Seen(y[0], R[0], span, sigma, axes[0, 0], axes[0])
+        (a, b), ((aa, ab), (_, bb)) = y[0, WING].tolist(), R[0, WING, WING].tolist()
+        span = math.hypot(a, b)
+        along = max(a * a * aa + 2 * a * b * ab + b * b * bb, 0.0)
+        return Seen(y[0], R[0], span, math.sqrt(along) / span if span > 0 else math.sqrt(aa), axes[0, 0], axes[0])
 
     def start(self, seen: Seen, view: View, before: Any) -> Modes:
         known = None if before is None else _wing_line.believed(before)
@@ -136,8 +138,8 @@ class _WingLine:
 
     def expected(self, state: Modes, seen: Seen, update: Update, view: View) -> Array:
         del update
-        eps = self._filter.manner.hover_speed
-        return _wing_line.expected_points(self.believed(state), _sight(seen, view), eps)
+        points: Array = leader_modes.expected_points(state, _sight(seen, view), self._filter.manner.hover_speed)[0]
+        return points
 
 
 def _sight(seen: Seen, view: View) -> Sight:

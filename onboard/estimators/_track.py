@@ -7,6 +7,7 @@ has coasted so long that the leader could be almost anywhere about us is not cor
 filter can do from so far: the track begins anew where images agree, and keeps what it knows of the motion.
 """
 
+import math
 from collections import deque
 from typing import Any, Final, NamedTuple
 
@@ -16,7 +17,7 @@ from onboard.estimators._history import History
 from onboard.estimators._image import Eye, Image, agree, in_view, ready
 from onboard.estimators._leader_filters import LeaderFilter, View
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update
+from onboard.filters.belief import Belief, FilterError, Update
 from onboard.geometry.rotations import Array
 from onboard.messages import (
     Estimate,
@@ -82,8 +83,8 @@ class Track:
         """Check an image, then start the track with it or fuse it."""
         try:
             report = self._take(message, ownship)
-        except NotPositiveDefiniteError:
-            self._forget("the covariance was lost")
+        except FilterError as error:
+            self._forget(f"the filter failed: {error}")
             report = self._report(message, Verdict.NUMERICAL)
         return self._estimate(ownship, report)
 
@@ -92,8 +93,8 @@ class Track:
         if self._history is not None:
             try:
                 self._settle(self._history, ownship)
-            except NotPositiveDefiniteError:
-                self._forget("the covariance was lost")
+            except FilterError as error:
+                self._forget(f"the filter failed: {error}")
         if self._history is not None and self._age(ownship.now_ns) > self._times.reset_timeout_s:
             self._forget("no image for longer than the reset timeout")
         return self._estimate(ownship, None)
@@ -122,7 +123,7 @@ class Track:
         try:
             _, state = self._history.belief_at(message.t_ns, ownship)
             outcome = self._fuse(state, image, ownship)[1]
-        except NotPositiveDefiniteError:
+        except FilterError:
             return float("inf")
         return float(outcome.update.nis) / (self._filter.gate or float("inf"))
 
@@ -275,8 +276,8 @@ class Track:
         view = self._eye.at(t_ns, ownship)
         if view is None:
             return True
-        r_c = view.R_cn @ (mean[R] - view.r_FC_n)
-        return bool(r_c[0] > 0 and in_view(r_c[None, 1:] / r_c[0], self._eye.camera, None, 0.0))
+        ahead, right, down = (view.R_cn @ (mean[R] - view.r_FC_n)).tolist()
+        return ahead > 0 and in_view([(right / ahead, down / ahead)], self._eye.camera, None, 0.0)
 
     def _believed(self, ownship: Ownship) -> tuple[int, Belief] | None:
         """What the track believes now; nothing goes out that has no factor."""
@@ -286,8 +287,8 @@ class Track:
             t_ns, state = self._history.belief_at(ownship.now_ns, ownship)
             belief = self._filter.believed(state)
             unscented.factor(belief.covariance)
-        except NotPositiveDefiniteError:
-            self._forget("the covariance was lost")
+        except FilterError as error:
+            self._forget(f"the filter failed: {error}")
             return None
         return t_ns, belief
 
@@ -342,7 +343,9 @@ class Track:
             measured=tuple(image.seen.y.tolist()) if image else None,
             predicted=tuple(update.predicted.tolist()) if update else None,
             innovation=tuple(update.innovation.tolist()) if update else None,
-            innovation_sigma=tuple(np.sqrt(np.diag(update.innovation_covariance)).tolist()) if update else None,
+            innovation_sigma=tuple(map(math.sqrt, update.innovation_covariance.diagonal().tolist()))
+            if update
+            else None,
             nis=update.nis if update else None,
             gate=self._filter.gate,
             points=(message.center, message.left, message.right),
@@ -351,7 +354,5 @@ class Track:
 
     def _expected(self, image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] | None:
         """Where the points were expected, unless one was behind the camera."""
-        points = self._filter.expected(outcome.prior, image.seen, outcome.update, outcome.view)
-        if not np.isfinite(points).all():
-            return None
-        return tuple((float(u), float(v)) for u, v in points)
+        points = self._filter.expected(outcome.prior, image.seen, outcome.update, outcome.view).tolist()
+        return tuple((u, v) for u, v in points) if all(math.isfinite(u + v) for u, v in points) else None

@@ -28,7 +28,7 @@ from onboard.models import leader_flight as flight
 from onboard.models import leader_modes, wing_line
 from onboard.models.leader_flight import A_ALONG, BANK_ERROR, HEADING, Sight
 from onboard.models.leader_modes import Modes, Step
-from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, V
 
 START_BANK: Final = np.radians(10.0)  # rad, of the wing in the first image about level
 MOVING: Final = 3.0  # m/s: faster, and we take our own course for the leader's at first, slower where we look
@@ -180,13 +180,3 @@ def fuse(filter_: Filter, modes: Modes, y: Array, R_y: Array, sight: Sight) -> U
 def believed(modes: Modes) -> Belief:
     """Mean (B, n) and covariance (B, n, n)."""
     return leader_modes.believed(modes)
-
-
-def expected_points(belief: Belief, sight: Sight, eps: float) -> Array:
-    """Where in the image (3, 2) a target's center, left and right point are expected, of one belief (n,)."""
-    wing = flight.wing_axes(belief.mean[None], sight.v_F_n[:1], eps)[0]
-    half = 0.5 * belief.mean[SIZE] * wing
-    r = belief.mean[R] - sight.r_FC_n[0]
-    in_c = np.array([r, r - half, r + half]) @ sight.R_cn[0].T
-    ahead = np.where(in_c[:, :1] > 1e-6, in_c[:, :1], np.nan)
-    return np.asarray(in_c[:, 1:] / ahead)

@@ -16,11 +16,12 @@ from onboard.filters.belief import OK, SHAPE, Belief, Update, refuse
 from onboard.filters.unscented import Weights, flags
 from onboard.geometry.rotations import Array
 from onboard.models import wing_line
-from onboard.models.leader_flight import CUBE, Sight, _measure, _process
-from onboard.models.relative_motion import ROWS
+from onboard.models.leader_flight import CUBE, Sight, _measure, _process, _wing_axis
+from onboard.models.relative_motion import ROWS, SIZE
 
 FOUR: Final = types.Array(types.float64, 4, "A", readonly=True)
 NUMBER: Final = types.float64
+CLOSEST: Final = 1e-6  # m ahead of the camera: what is nearer is in no image
 
 
 class Modes(NamedTuple):
@@ -54,6 +55,12 @@ def believed(modes: Modes) -> Belief:
     """Mean (B, n) and covariance (B, n, n) of the mixture."""
     mean, covariance = mix(modes.means, modes.covariances, modes.probabilities[:, :, None])
     return Belief(mean[:, 0], covariance[:, 0])
+
+
+def expected_points(modes: Modes, sight: Sight, eps: float) -> Array:
+    """Where in the image (B, 3, 2) the centers, left and right wingtips are expected; NaN for what is behind."""
+    points: Array = _expected_points(modes.means, modes.probabilities, *sight[:3], eps)
+    return points
 
 
 def predict(modes: Modes, step: Step, dt: float, v_F_n: Array, a_F_n: Array, weights: Weights) -> Modes:
@@ -111,6 +118,30 @@ def _predict(  # type: ignore[no-untyped-def]
             if status != OK:
                 return means_out, P_out, ahead, status
     return means_out, P_out, ahead, OK
+
+
+@njit((CUBE, ROWS, CUBE, ROWS, ROWS, NUMBER), cache=True, error_model="numpy")
+def _expected_points(means, weights, R_cn, r_FC, v_F, eps):  # type: ignore[no-untyped-def]
+    count, r, n = means.shape
+    points, x = np.full((count, 3, 2), np.nan), np.empty(n)
+    for b in range(count):
+        for i in range(n):
+            x[i] = 0.0
+            for k in range(r):
+                x[i] += weights[b, k] * means[b, k, i]
+        wing = _wing_axis(x, x[3] + v_F[b, 0], x[4] + v_F[b, 1], x[5] + v_F[b, 2], eps)
+        for p in range(3):
+            half = 0.5 * x[SIZE] * (0.0, -1.0, 1.0)[p]
+            for i in range(3):
+                x[i] += half * wing[i] - r_FC[b, i]
+            ahead = R_cn[b, 0, 0] * x[0] + R_cn[b, 0, 1] * x[1] + R_cn[b, 0, 2] * x[2]
+            if ahead > CLOSEST:
+                for i in range(2):
+                    q = R_cn[b, 1 + i, 0] * x[0] + R_cn[b, 1 + i, 1] * x[1] + R_cn[b, 1 + i, 2] * x[2]
+                    points[b, p, i] = q / ahead
+            for i in range(3):
+                x[i] -= half * wing[i] - r_FC[b, i]
+    return points
 
 
 SIGHT: Final = (CUBE, ROWS, ROWS, ROWS, CUBE)
