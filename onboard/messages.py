@@ -374,9 +374,10 @@ class ThreatLevel(StrEnum):
 
 
 class ClosestApproach(Record, frozen=True, kw_only=True):
-    """The nearest two aircraft come if neither changes its velocity: in `time` seconds from the estimate's own
-    time (0: they part already), at `distance`; each with its standard deviation. `horizontal` and `vertical` are
-    the parts of the distance, vertical positive when the other is above."""
+    """The nearest two aircraft come if neither changes its velocity, or if the other goes on with the turn it is
+    in (`turn_rate`, rad/s, to the right; 0: straight): in `time` seconds from the estimate's own time (0: they
+    part already), at `distance`; each with its standard deviation. `horizontal` and `vertical` are the parts of
+    the distance, vertical positive when the other is above."""
 
     time: float
     time_sigma: float
@@ -385,6 +386,7 @@ class ClosestApproach(Record, frozen=True, kw_only=True):
     horizontal: float
     vertical: float
     threat: ThreatLevel
+    turn_rate: float = 0.0
 
 
 class Intruder(Record, frozen=True, kw_only=True):

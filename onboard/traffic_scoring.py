@@ -18,6 +18,7 @@ CLOSE_M: Final = 15.0  # an error up to this is small ...
 CLOSE_SHARE: Final = 0.1  # ... or up to this share of the distance
 SETTLE_S: Final = 5.0  # of a track, before its ellipsoid is judged
 FRESH_S: Final = 3.0  # detections or messages this recent: it could be tracked
+KNOWN_S: Final = 10.0  # without a longer gap than that: what is foretold has something to go by
 BEGIN_S: Final = 4.0  # and has this long to be found
 SWAPPED_S: Final = 1.0  # off its own aircraft and on another for so long is a swap
 APART: Final = chi_square_threshold(0.9999, 3)
@@ -26,11 +27,12 @@ NS: Final = 1e9
 
 class Encounter(NamedTuple):
     """A closest approach: when it was (s on the boot clock), how near (m), and what was foretold `LEAD_S` before
-    (NaN: no valid track of it then)."""
+    (NaN: no valid track of it then). `known`: it had been heard or seen all the time for a while before that."""
 
     t: float
     distance: float
     foretold: float
+    known: bool = True
 
     @property
     def close(self) -> bool:
@@ -190,4 +192,11 @@ def _encounters(
             near = [e for s, e, _ in row if abs(s - (t - LEAD_S)) <= 0.06]
             if near and near[0].intruder is not None:
                 foretold = near[0].intruder.approach.distance
-        yield Encounter(t, float(distance[i]), foretold)
+        yield Encounter(t, float(distance[i]), foretold, _known(told, k, t - LEAD_S))
+
+
+def _known(told: _Truth, k: int, t: float) -> bool:
+    """Whether it was heard or seen in every few seconds of the last ones."""
+    ends = np.arange(t, max(t - KNOWN_S, told.t[0] + FRESH_S), -0.5)
+    now, before = np.searchsorted(told.t, ends), np.searchsorted(told.t, ends - FRESH_S)
+    return bool((told.signs[now, k] > told.signs[before, k]).all())

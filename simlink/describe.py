@@ -2,7 +2,7 @@
 
 import math
 
-from simlink.scenario import Quadrotor, Scenario, TrafficScene
+from simlink.scenario import Nav, Quadrotor, Scenario, TrafficScene
 
 
 def daemon_config(scenario: Scenario) -> str:
@@ -29,7 +29,7 @@ def daemon_config(scenario: Scenario) -> str:
     if scenario.quadrotor is not None:
         lines += _own_state(scenario.quadrotor, scenario)
     if scenario.traffic.aircraft:
-        lines += ["", *_traffic(scenario.traffic)]
+        lines += ["", *_traffic(scenario.traffic, scenario.nav)]
     return "\n".join(lines)
 
 
@@ -61,9 +61,10 @@ def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
     ]
 
 
-def _traffic(scene: TrafficScene) -> list[str]:
-    """What is known of other aircraft's reports and of our radar: their data sheets, in effect. A step is as good
-    as an error that is even over it; an altitude's stays the same for long in level flight."""
+def _traffic(scene: TrafficScene, nav: Nav) -> list[str]:
+    """What is known of other aircraft's reports, of our radar and of our own navigation: their data sheets, in
+    effect. A step is as good as an error that is even over it; an altitude's, which lasts for a few reports in
+    level flight, as one of twice the size. Reports are compared with our own position: its error adds."""
     lines = ["[estimator.traffic]"]
     for name, reports in (("adsb", scene.adsb), ("peer", scene.peer)):
         earliest, latest = reports.latency
@@ -75,14 +76,23 @@ def _traffic(scene: TrafficScene) -> list[str]:
             f"{name}_position_sigma_m = {place:.6g}",
             f"{name}_velocity_sigma_m_s = {speed:.6g}",
         ]
-    adsb = scene.adsb
-    bias = adsb.position
+    adsb, attitude = scene.adsb, nav.attitude_deg
+    bias = math.hypot(adsb.position.sigma, nav.position.sigma)
+    altitude = math.hypot(adsb.position_white, 2.0 * _even(adsb.altitude_step))
     return [
         *lines,
-        f"adsb_altitude_sigma_m = {max(adsb.position_white, 0.1):.6g}",
-        f"report_bias_m = {max(bias.sigma, 0.1):.6g}",
-        f"report_bias_altitude_m = {max(math.hypot(bias.sigma, _even(adsb.altitude_step)), 0.1):.6g}",
-        f"report_bias_time_s = {bias.time:.6g}",
+        f"adsb_altitude_sigma_m = {max(altitude, 0.1):.6g}",
+        f"report_bias_m = {max(bias, 0.1):.6g}",
+        f"report_bias_altitude_m = {max(bias, 0.1):.6g}",
+        f"peer_bias_m = {max(math.hypot(scene.peer.position.sigma, nav.position.sigma), 0.1):.6g}",
+        f"report_bias_time_s = {adsb.position.time:.6g}",
+        f"radar_glint_m = {scene.radar.glint:.6g}",
+        f"own_yaw_sigma_deg = {attitude.sigma:.6g}",
+        f"own_tilt_sigma_deg = {attitude.sigma:.6g}",
+        f"own_attitude_time_s = {attitude.time:.6g}",
+        f"own_position_sigma_m = {nav.position.sigma:.6g}",
+        f"own_position_time_s = {nav.position.time:.6g}",
+        f"own_velocity_sigma_m_s = {nav.velocity.sigma:.6g}",
     ]
 
 

@@ -251,19 +251,25 @@ class Reports(Record, frozen=True, kw_only=True):
 
 
 class TrafficRadar(Record, frozen=True, kw_only=True):
-    """A radar on our vehicle that looks all round, up and down to `elevation_deg`."""
+    """A phased array on our vehicle (De Vivo et al., Table 4), of `panels` all round. While it is jammed every
+    aircraft radiates `jammer_power` (W); while it is lost there is no signal. `glint`: how far (m, each axis, from
+    scan to scan) from an aircraft's centre its echo comes; what is seen at all is missed once in a while."""
 
     name: str = "nose"
     rate: Rate = 10.0
+    panels: Annotated[int, msgspec.Meta(ge=3, le=12)] = 3
     range_max: Positive = 6000.0
-    elevation_deg: Positive = 30.0  # of false alarms
-    sigma_range: Positive = 8.0
-    sigma_deg: Positive = 0.5  # azimuth and elevation
-    p_detect: Probability = 0.9
+    cross_section: Positive = 1.0233  # m^2: 0.1 dBsm
+    glint: NotNegative = 1.0
+    rain_mm_h: NotNegative = 0.0
+    p_detect: Probability = 0.9  # of a signal far above the threshold
+    false_alarm_probability: Annotated[float, msgspec.Meta(gt=0, lt=0.5)] = 1e-6  # sets the threshold
     false_alarms: NotNegative = 2.0  # on average, per scan
+    elevation_deg: Positive = 30.0  # up and down to which there are false alarms
     jammed: tuple[Interval, ...] = ()
-    jammed_p_detect: Probability = 0.0
+    jammer_power: Positive = 15.0
     jammed_false_alarms: NotNegative = 10.0
+    lost: tuple[Interval, ...] = ()
 
 
 class Aircraft(Record, frozen=True, kw_only=True):
@@ -386,6 +392,7 @@ def _check(s: Scenario, source: str) -> None:
         ("camera.blackouts", s.camera.blackouts),
         ("gps.outages", s.gps.outages),
         ("traffic.radar.jammed", s.traffic.radar.jammed),
+        ("traffic.radar.lost", s.traffic.radar.lost),
     ):
         for interval in intervals:
             if not interval.start < interval.end <= s.repeat:

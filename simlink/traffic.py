@@ -20,16 +20,14 @@ from onboard.messages import (
     GlobalPosition,
     IntruderTruth,
     Message,
-    Quaternion,
-    RadarDetection,
     RadarDetections,
     TrafficTruth,
     Vec3,
 )
-from simlink import attitude
 from simlink.noise import gauss_markov, normals, uniforms
-from simlink.scenario import Aircraft, Scenario, TrafficRadar
+from simlink.scenario import Aircraft, Scenario
 from simlink.sensors import add
+from simlink.traffic_radar import RadarSensor
 from simlink.world import STEPS_PER_SECOND, State, difference
 
 STRIDE: Final = 4  # steps of the world for one of the traffic: 50 Hz
@@ -209,56 +207,6 @@ class Transmitter:
             v_F_n=v,
             heading_rad=math.atan2(v[1], v[0]),
         )
-
-
-class RadarSensor:
-    """A radar on our vehicle that looks all round: noise, missed echoes, false alarms, jamming."""
-
-    def __init__(self, radar: TrafficRadar, seed: int) -> None:
-        self._radar = radar
-        self._u, self._z = uniforms(seed, "traffic.radar.link"), normals(seed, "traffic.radar.noise")
-        self._sigma = (radar.sigma_range, math.radians(radar.sigma_deg), math.radians(radar.sigma_deg))
-
-    def scan(
-        self, t: float, t_ns: int, q_nF: Quaternion, others: list[Vec3]
-    ) -> tuple[RadarDetections, list[bool]]:
-        """The scan now of others at r_FT_n, and which of them are in it."""
-        radar = self._radar
-        jammed = any(j.start <= t < j.end for j in radar.jammed)
-        p_detect = radar.jammed_p_detect if jammed else radar.p_detect
-        detections, seen = [], []
-        for other in others:
-            x, y, z = attitude.to_b(q_nF, other)
-            polar = math.sqrt(x * x + y * y + z * z), math.atan2(y, x), math.atan2(-z, math.hypot(x, y))
-            noisy = [p + s * next(self._z) for p, s in zip(polar, self._sigma, strict=True)]
-            hit = next(self._u) < p_detect and polar[0] <= radar.range_max
-            if hit:
-                detections.append(self._detection(*noisy))
-            seen.append(hit)
-        for _ in range(self._poisson(radar.jammed_false_alarms if jammed else radar.false_alarms)):
-            # as many per square metre of range ring near as far: range goes with the root
-            far, around, up = next(self._u), next(self._u), next(self._u)
-            elevation = math.radians(radar.elevation_deg) * (2 * up - 1)
-            detections.append(self._detection(radar.range_max * math.sqrt(far), 2 * math.pi * around, elevation))
-        order = sorted(range(len(detections)), key=lambda i: detections[i].azimuth)  # so that order tells nothing
-        found = tuple(detections[i] for i in order)
-        return RadarDetections(t_ns=t_ns, clock=Clock.BOOT, radar=radar.name, detections=found), seen
-
-    def _detection(self, distance: float, azimuth: float, elevation: float) -> RadarDetection:
-        return RadarDetection(
-            range=max(distance, 1.0),
-            azimuth=math.remainder(azimuth, 2 * math.pi),
-            elevation=min(max(elevation, -math.pi / 2), math.pi / 2),
-            sigma=self._sigma,
-        )
-
-    def _poisson(self, mean: float) -> int:
-        """Knuth's product of uniforms."""
-        limit, product, count = math.exp(-mean), next(self._u), 0
-        while product > limit:
-            product *= next(self._u)
-            count += 1
-        return count
 
 
 class Traffic:

@@ -11,9 +11,11 @@ import numpy as np
 
 from onboard.estimators._traffic_filter import Choice, join, put, take
 from onboard.filters.association import Places
-from onboard.filters.belief import Belief, FilterError, Update
+from onboard.filters.belief import Belief, FilterError
 from onboard.geometry.rotations import Array
 from onboard.models import intruder
+
+Model = Callable[[Array, Places], Array]  # of rows of states, and of which measurement each row is
 
 
 class Radar(NamedTuple):
@@ -46,7 +48,7 @@ class Batch:
         self._belief: Belief | None = None
 
     def add(self, mean: Array, covariance: Array) -> None:
-        """One more track, with mean (12,) and covariance (12, 12). Raises FilterError."""
+        """One more track, with mean (15,) and covariance (15, 15). Raises FilterError."""
         state = self._choice.start(mean[None], covariance[None])
         self._set(state if self.size == 0 else join(self._state, state))
         self.size += 1
@@ -63,7 +65,7 @@ class Batch:
         self._set(None)
 
     def belief(self) -> Belief:
-        """Mean (size, 12) and covariance (size, 12, 12)."""
+        """Mean (size, 15) and covariance (size, 15, 15)."""
         if self.size == 0:
             return Belief(np.zeros((0, intruder.N)), np.zeros((0, intruder.N, intruder.N)))
         if self._belief is None:
@@ -81,22 +83,24 @@ class Batch:
         try:
             self._set(self._choice.predict(self._state, dt))
         except FilterError:
-            return self._one_by_one(lambda one: self._choice.predict(one, dt))
+            return self._predict_singly(dt)
         return np.zeros(0, np.int64)
 
-    def judge_reports(self, rows: Places, lag: Array, y: Array, R: Array) -> Judged:
-        """Reports y (k, 6) with noise R (k, 6, 6), `lag` (k,) seconds old, of the tracks in these rows (k,)."""
-        return self._judge(rows, lag, y, R, intruder.reported, ())
+    def judge_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias: Array) -> Judged:
+        """Reports y (k, 6) with noise R (k, 6, 6), `lag` (k,) seconds old and steadily off by about `bias` (k, 3),
+        of the tracks in these rows (k,)."""
+        said = lambda points, which: intruder.reported(points, lag[which], bias[which])  # noqa: E731 - a model
+        return self._judge(rows, y, R, said, ())
 
     def judge_echoes(self, rows: Places, lag: float, y: Array, sigma: Array, radar: Radar) -> Judged:
         """Echoes y (k, 3): range, azimuth, elevation, with standard deviations (k, 3)."""
-        lags = np.full(len(rows), lag)
         if self._choice.polar:
             R = sigma[:, :, None] ** 2 * np.eye(3)
-            see = lambda points, lag: intruder.seen(points, lag, *radar)  # noqa: E731 - a model, at this radar
-            return self._judge(rows, lags, y, R, see, intruder.POLAR_ANGULAR)
+            see = lambda points, which: intruder.seen(points, np.full(len(which), lag), *radar)  # noqa: E731 - as above
+            return self._judge(rows, y, R, see, intruder.POLAR_ANGULAR)
         R = intruder.position_noise(y, sigma, radar.R_rn)
-        return self._judge(rows, lags, intruder.position(y, *radar), R, intruder.located, ())
+        there = lambda points, which: intruder.located(points, np.full(len(which), lag))  # noqa: E731 - as above
+        return self._judge(rows, intruder.position(y, *radar), R, there, ())
 
     def correct(self, rows: Places, judged: Judged, chosen: Places) -> None:
         """Take in the judged measurements at the places `chosen`, which are of tracks `rows[chosen]`."""
@@ -111,72 +115,50 @@ class Batch:
         self._state = state
         self._belief = None
 
-    def _judge(
-        self,
-        rows: Places,
-        lag: Array,
-        y: Array,
-        R: Array,
-        model: Callable[[Array, Array], Array],
-        angular: tuple[int, ...],
-    ) -> Judged:
-        state = take(self._state, rows)
+    def _judge(self, rows: Places, y: Array, R: Array, model: Model, angular: tuple[int, ...]) -> Judged:
+        """All at once; should that fail, one by one."""
+        state, every = take(self._state, rows), np.arange(len(y))
         try:
-            update = self._update(state, lag, y, R, model, angular)
+            return self._judge_these(state, every, y, R, model, angular)
         except FilterError:
-            return self._judge_singly(state, lag, y, R, model, angular)
-        return _judged(update)
+            nothing = np.full((1, y.shape[1]), np.nan)
+            no_answer = (nothing, np.full((1, y.shape[1], y.shape[1]), np.nan), nothing, np.full(1, np.nan))
 
-    def _update(
-        self,
-        state: Any,
-        lag: Array,
-        y: Array,
-        R: Array,
-        model: Callable[[Array, Array], Array],
-        angular: tuple[int, ...],
-    ) -> Update:
-        measure = lambda points: model(points, np.repeat(lag, len(points) // len(lag)))  # noqa: E731 - over rows
-        return self._choice.update(state, y, measure, R, angular)
-
-    def _judge_singly(
-        self,
-        state: Any,
-        lag: Array,
-        y: Array,
-        R: Array,
-        model: Callable[[Array, Array], Array],
-        angular: tuple[int, ...],
-    ) -> Judged:
-        parts: list[Judged] = []
-        m = y.shape[1]
-        for i in range(len(y)):
-            at = np.array([i])
-            one = take(state, at)
+        def judge(one: Any, i: int) -> Judged:
+            at = every[i : i + 1]
             try:
-                parts.append(_judged(self._update(one, lag[at], y[at], R[at], model, angular)))
+                return self._judge_these(one, at, y[at], R[at], model, angular)
             except FilterError:
-                nothing = np.full((1, m), np.nan)
-                parts.append(Judged(one, nothing, np.full((1, m, m), np.nan), nothing, np.full(1, np.nan)))
-        whole = parts[0]
-        for part in parts[1:]:
-            whole = join(whole, part)
-        return whole
+                return Judged(one, *no_answer)
 
-    def _one_by_one(self, step: Callable[[Any], Any]) -> Places:
-        failed, states = [], None
-        for i in range(self.size):
-            one = take(self._state, np.array([i]))
+        judged: Judged = _singly(judge, state, len(y))
+        return judged
+
+    def _judge_these(
+        self, state: Any, which: Places, y: Array, R: Array, model: Model, angular: tuple[int, ...]
+    ) -> Judged:
+        measure = lambda points: model(points, np.repeat(which, len(points) // len(which)))  # noqa: E731 - over rows
+        update = self._choice.update(state, y, measure, R, angular)
+        nis = np.asarray(update.nis)
+        return Judged(update.belief, update.innovation, update.innovation_covariance, update.predicted, nis)
+
+    def _predict_singly(self, dt: float) -> Places:
+        failed: list[int] = []
+
+        def predict(one: Any, i: int) -> Any:
             try:
-                one = step(one)
+                return self._choice.predict(one, dt)
             except FilterError:
                 failed.append(i)
-            states = one if states is None else join(states, one)
-        self._set(states)
+                return one
+
+        self._set(_singly(predict, self._state, self.size))
         return np.array(failed, np.int64)
 
 
-def _judged(update: Update) -> Judged:
-    return Judged(
-        update.belief, update.innovation, update.innovation_covariance, update.predicted, np.asarray(update.nis)
-    )
+def _singly(step: Callable[[Any, int], Any], state: Any, count: int) -> Any:
+    """What `step` makes of each track's state, and its number, alone: as one again."""
+    whole = step(take(state, np.array([0])), 0)
+    for i in range(1, count):
+        whole = join(whole, step(take(state, np.array([i])), i))
+    return whole

@@ -32,8 +32,9 @@ class Config(Record, frozen=True, kw_only=True):
     peer_latency_sigma_s: NotNegative = 0.03
     peer_position_sigma_m: Positive = 2.0
     peer_velocity_sigma_m_s: Positive = 0.3
-    report_bias_m: Positive = 4.0  # horizontally: how far reported positions are steadily off
+    report_bias_m: Positive = 4.0  # horizontally: how far reported positions are steadily off, ours with them
     report_bias_altitude_m: Positive = 10.0
+    peer_bias_m: Positive = 3.0  # the same of other vehicles, on each axis
     report_bias_time_s: Positive = 60.0  # for how long
     geoid_undulation_m: float = 0.0  # of the ellipsoid here: mean sea level = GNSS height - this
     pressure_altitude_offset_m: float = 0.0  # mean sea level = reported pressure altitude + this
@@ -44,13 +45,27 @@ class Config(Record, frozen=True, kw_only=True):
     radar_range_sigma_m: Positive = 10.0
     radar_azimuth_sigma_deg: Positive = 0.5
     radar_elevation_sigma_deg: Positive = 0.5
+    radar_glint_m: NotNegative = 1.0  # how far from an aircraft's centre its echo comes
 
-    # how aircraft move: accelerations, and how long they last. The mixture (imm) has both, others the second
+    # how well our own autopilot knows its attitude and position, for how long each errs the same way; its velocity
+    own_yaw_sigma_deg: NotNegative = 1.0
+    own_tilt_sigma_deg: NotNegative = 0.5
+    own_attitude_time_s: Positive = 10.0
+    own_position_sigma_m: NotNegative = 1.0
+    own_position_time_s: Positive = 60.0
+    own_velocity_sigma_m_s: NotNegative = 0.1
+
+    # how aircraft move: gusts; accelerations, and how long they last. The mixture (imm) has a steady mode, which
+    # keeps its turn, and one that manoeuvres; other filters have the second only
+    gust_m_s: NotNegative = 0.5
+    gust_vertical_m_s: NotNegative = 0.25
+    gust_time_s: Positive = 5.0
     quiet_acceleration_m_s2: Positive = 0.3
-    quiet_time_s: Positive = 1.0
+    quiet_time_s: Positive = 60.0
     manoeuvre_acceleration_m_s2: Positive = 2.5
     manoeuvre_time_s: Positive = 8.0
-    stay_probability: Probability = 0.9  # of being in the same mode a second later
+    quiet_lasts_s: Positive = 50.0  # from one manoeuvre to the next, on average
+    manoeuvre_lasts_s: Positive = 5.0
     max_speed_m_s: Positive = 350.0  # nothing is faster: of jumps, and of what is said
     initial_speed_sigma_m_s: Positive = 40.0  # of a track begun by radar alone
 

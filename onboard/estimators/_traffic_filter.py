@@ -37,34 +37,38 @@ class Choice(NamedTuple):
     polar: bool
 
 
-def choose(name: FilterName, quiet: intruder.Noise, manoeuvring: intruder.Noise, stay: float) -> Choice:
+def choose(
+    name: FilterName, quiet: intruder.Noise, manoeuvring: intruder.Noise, lasts: tuple[float, float]
+) -> Choice:
     """The filter of that name. Single filters have the noise of `manoeuvring`; the mixture of two extended filters
-    has both, and is after a second in the same mode with probability `stay`."""
+    has both, each of which `lasts` so many seconds on average."""
     if name == "imm":
-        return _mixture((extended.METHODS[0],) * 2, (quiet, manoeuvring), stay)
+        return _mixture((extended.METHODS[0],) * 2, (quiet, manoeuvring), lasts)
     method, step = SINGLE[name], _remembering(manoeuvring)
 
     def predict(state: Any, dt: float) -> Any:
-        F, Q = step(dt)
-        return method.predict(state, _linear(F), Q)
+        then = step(dt)
+        return method.predict(state, _mover(then), then.Q)
 
     return Choice(method.start, predict, method.update, method.belief, name != "kf")
 
 
-def _mixture(modes: tuple[Method, ...], noises: tuple[intruder.Noise, ...], stay: float) -> Choice:
+def _mixture(
+    modes: tuple[Method, Method], noises: tuple[intruder.Noise, intruder.Noise], lasts: tuple[float, float]
+) -> Choice:
     """Interacting filters, a mode each, that differ in how freely the aircraft accelerates."""
     count = len(modes)
+    share = np.array(lasts) / sum(lasts)  # of all time
     steps = [_remembering(noise) for noise in noises]
 
     def start(mean: Array, covariance: Array) -> Any:
-        return multiple_model.start(modes, mean, covariance, np.full(count, 1 / count))
+        return multiple_model.start(modes, mean, covariance, share)
 
     def predict(state: Any, dt: float) -> Any:
-        transition = np.full((count, count), (1 - stay**dt) / (count - 1))
-        np.fill_diagonal(transition, stay**dt)
+        kept = np.exp(-dt * sum(1.0 / time for time in lasts))
+        transition = kept * np.eye(count) + (1.0 - kept) * share
         each = [step(dt) for step in steps]
-        processes = [_linear(F) for F, _ in each]
-        return multiple_model.predict(modes, state, processes, [Q for _, Q in each], transition)
+        return multiple_model.predict(modes, state, [_mover(s) for s in each], [s.Q for s in each], transition)
 
     def update(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
         return Update(*multiple_model.update(modes, state, y, [measure] * count, R, angular)[:5])
@@ -72,8 +76,8 @@ def _mixture(modes: tuple[Method, ...], noises: tuple[intruder.Noise, ...], stay
     return Choice(start, predict, update, lambda state: multiple_model.believed(modes, state), polar=True)
 
 
-def _linear(F: Array) -> Rows:
-    return lambda rows: rows @ F.T
+def _mover(step: intruder.Step) -> Rows:
+    return lambda rows: intruder.moved(rows, step)
 
 
 def _remembering(noise: intruder.Noise) -> Callable[[float], intruder.Step]:

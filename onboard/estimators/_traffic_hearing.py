@@ -101,7 +101,8 @@ class Hearing:
             R[:, i, i] += push * LOOK_BACK * lag**4
             R[:, 3 + i, 3 + i] += push * LOOK_BACK * lag**2
         at = np.array(rows, np.int64)
-        return self._table.batch.judge_reports(at, lag, np.stack([r.y for r in reports]), R), at
+        y, bias = np.stack([r.y for r in reports]), np.stack([r.bias for r in reports])
+        return self._table.batch.judge_reports(at, lag, y, R, bias), at
 
     def _accept(self, report: Report, row: int, judged: Judged, p: int) -> bool:
         """Whether a report fits its track; what it is told of, either way."""
@@ -205,12 +206,11 @@ class Hearing:
 
     def _first_belief(self, report: Report) -> tuple[Array, Array]:
         """What one report says: y = r + bias + noise, so that r and the bias err against each other."""
-        B = np.diag(self._table.bias**2)
         covariance = self._table.first_covariance()
         covariance[:6, :6] = report.R
-        covariance[intruder.R, intruder.R] += B
-        covariance[intruder.R, intruder.BIAS] = covariance[intruder.BIAS, intruder.R] = -B
-        mean = np.concatenate([report.y, np.zeros(6)])
+        covariance[intruder.R, intruder.R] += np.diag(report.bias**2)
+        covariance[intruder.R, intruder.BIAS] = covariance[intruder.BIAS, intruder.R] = -np.diag(report.bias)
+        mean = np.concatenate([report.y, np.zeros(intruder.N - 6)])
         F = np.eye(intruder.N)
         F[:9, :9] = intruder.back(-self._table.lag(report.t_ns))
         return F @ mean, F @ covariance @ F.T

@@ -22,12 +22,13 @@ Key = tuple[str, int]  # ("icao", address) or ("system", number)
 
 
 class Report(NamedTuple):
-    """`y` (6,): r_OT_n and v_T_n, with noise R (6, 6), true at `t_ns`."""
+    """`y` (6,): r_OT_n and v_T_n, with noise R (6, 6), true at `t_ns`; steadily off by about `bias` (3,), m."""
 
     key: Key
     t_ns: int
     y: Array
     R: Array
+    bias: Array
     message: AdsbVehicle | PeerPosition
 
 
@@ -77,7 +78,8 @@ def _adsb(m: AdsbVehicle, frame: Frame, config: Config) -> Report | Verdict:
         speeds if climb is not None else UNKNOWN,
     )
     t_ns = m.t_ns - round(age * 1e9)
-    return _report(("icao", m.icao), t_ns, (m.lat_deg, m.lon_deg, height), v_l, sigma, unsure, m, frame)
+    bias = (config.report_bias_m, config.report_bias_m, config.report_bias_altitude_m)
+    return _report(("icao", m.icao), t_ns, (m.lat_deg, m.lon_deg, height), v_l, sigma, bias, unsure, m, frame)
 
 
 def _peer(m: PeerPosition, frame: Frame, config: Config) -> Report | Verdict:
@@ -89,7 +91,8 @@ def _peer(m: PeerPosition, frame: Frame, config: Config) -> Report | Verdict:
     sigma = (position, position, speed, speed)
     t_ns = m.t_ns - round(config.peer_latency_s * 1e9)
     place = (m.lat_deg, m.lon_deg, m.alt_msl)
-    return _report(("system", m.system), t_ns, place, m.v_n, sigma, config.peer_latency_sigma_s, m, frame)
+    bias = (config.peer_bias_m,) * 3
+    return _report(("system", m.system), t_ns, place, m.v_n, sigma, bias, config.peer_latency_sigma_s, m, frame)
 
 
 def _flies(lat_deg: float, lon_deg: float, height: float, v: tuple[float, float, float], config: Config) -> bool:
@@ -102,6 +105,7 @@ def _report(
     place: tuple[float, float, float],
     v_l: tuple[float, float, float],
     sigma: tuple[float, float, float, float],
+    bias: tuple[float, float, float],
     unsure: float,
     message: AdsbVehicle | PeerPosition,
     frame: Frame,
@@ -114,4 +118,4 @@ def _report(
     R = np.zeros((6, 6))
     R[:3, :3] = (R_nl * np.array([horizontal, horizontal, vertical]) ** 2) @ R_nl.T + unsure**2 * np.outer(v, v)
     R[3:, 3:] = (R_nl * np.array([level, level, climb]) ** 2) @ R_nl.T
-    return Report(key, t_ns, np.concatenate([frame.position(*place), v]), R, message)
+    return Report(key, t_ns, np.concatenate([frame.position(*place), v]), R, np.array(bias), message)

@@ -39,7 +39,7 @@ class Seeing:
         offset = own.R_nb @ np.array(self._table.config.radar_offset_m)
         radar = Radar(own.r + offset, np.ascontiguousarray(R_rn))
         measured = np.array([(d.range, d.azimuth, d.elevation) for d in scan.detections]).reshape(-1, 3)
-        sigma = np.array([d.sigma or self._echo_sigma for d in scan.detections]).reshape(-1, 3)
+        sigma = self._sigma(scan, measured)
         seen: set[int] = set()
         free = np.arange(len(measured))
         relock_ns = round(self._table.config.relock_after_s * NS)
@@ -61,6 +61,17 @@ class Seeing:
         for j in free:
             self._begin_with(measured[[j]], sigma[[j]], scan.t_ns, radar, f"radar/{scan.radar}")
         self._stitch(found, scan.t_ns)
+
+    def _sigma(self, scan: RadarScan, measured: Array) -> Array:
+        """Standard deviations (k, 3) of echoes (k, 3): the radar's, and that an aircraft is no point."""
+        sigma = np.array([d.sigma or self._echo_sigma for d in scan.detections]).reshape(-1, 3)
+        near = np.maximum(measured[:, 0], 1.0)
+        level = np.maximum(near * np.cos(measured[:, 2]), 1.0)
+        glint = self._table.config.radar_glint_m / np.stack([np.ones_like(near), level, near], axis=1)
+        sigma = np.hypot(sigma, glint)
+        if not self._table.batch.polar:  # a filter of places cannot tell what is turned from noise
+            sigma[:, 1:] = np.hypot(sigma[:, 1:], self._table.turned.max())
+        return np.asarray(sigma)
 
     def _stitch(self, found: list[int], t_ns: int) -> None:
         """Tracks just found that go on where one that coasts should be are that one, seen again."""
@@ -115,8 +126,14 @@ class Seeing:
 
     def _begin_with(self, polar: Array, sigma: Array, t_ns: int, radar: Radar, source: str) -> None:
         covariance = self._table.first_covariance()
+        place = intruder.position(polar, *radar)[0]
+        # seen at place = r + w x d + noise, with the rotation w of which nothing is known yet but its size
+        across, turned = intruder.crossing(place - radar.r), self._table.turned**2
         covariance[intruder.R, intruder.R] = intruder.position_noise(polar, sigma, radar.R_rn)[0]
-        mean = np.concatenate([intruder.position(polar, *radar)[0], np.zeros(intruder.N - 3)])
+        covariance[intruder.R, intruder.R] += (across * turned) @ across.T
+        covariance[intruder.R, intruder.TURNED] = across * turned
+        covariance[intruder.TURNED, intruder.R] = covariance[intruder.R, intruder.TURNED].T
+        mean = np.concatenate([place, np.zeros(intruder.N - 3)])
         F = np.eye(intruder.N)
         F[:9, :9] = intruder.back(-self._table.lag(t_ns))
         covariance = F @ covariance @ F.T

@@ -28,15 +28,27 @@ class Table:
         self.verdicts: Counter[str] = Counter()
         self.tracks: list[Track] = []
         self.farewells: list[Estimate] = []
-        self.bias = np.array([config.report_bias_m, config.report_bias_m, config.report_bias_altitude_m])
+        tilt, yaw = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
+        self.turned = np.radians([tilt, tilt, yaw])
+        gusts = np.array([config.gust_m_s, config.gust_m_s, config.gust_vertical_m_s])
         quiet, manoeuvring = (
-            intruder.Noise(acceleration, time, self.bias, config.report_bias_time_s)
-            for acceleration, time in (
-                (config.quiet_acceleration_m_s2, config.quiet_time_s),
-                (config.manoeuvre_acceleration_m_s2, config.manoeuvre_time_s),
+            intruder.Noise(
+                acceleration,
+                time,
+                keeps_turn,
+                gusts * np.sqrt(2.0 / config.gust_time_s),
+                config.own_position_sigma_m * np.sqrt(2.0 / config.own_position_time_s),
+                config.report_bias_time_s,
+                self.turned,
+                config.own_attitude_time_s,
+            )
+            for acceleration, time, keeps_turn in (
+                (config.quiet_acceleration_m_s2, config.quiet_time_s, True),
+                (config.manoeuvre_acceleration_m_s2, config.manoeuvre_time_s, False),
             )
         )
-        self.batch = Batch(choose(config.filter, quiet, manoeuvring, config.stay_probability))
+        lasts = config.quiet_lasts_s, config.manoeuvre_lasts_s
+        self.batch = Batch(choose(config.filter, quiet, manoeuvring, lasts))
         self.gates = {m: chi_square_threshold(config.gate_probability, m) for m in (ECHO, REPORT)}
         self._numbers = 0
 
@@ -45,11 +57,11 @@ class Table:
         return (self.batch.t_ns - t_ns) / NS
 
     def first_covariance(self) -> Array:
-        """What is known of an aircraft of which nothing is known but where it is: (12, 12), without its place."""
+        """What is known of an aircraft of which nothing is known but where it is: (15, 15), without its place."""
         c = self.config
         accelerations = np.full(3, c.manoeuvre_acceleration_m_s2)
         speeds = np.full(3, c.initial_speed_sigma_m_s)
-        return np.diag(np.concatenate([np.zeros(3), speeds, accelerations, self.bias]) ** 2)
+        return np.diag(np.concatenate([np.zeros(3), speeds, accelerations, np.ones(3), self.turned]) ** 2)
 
     def advance(self, t_ns: int) -> None:
         """Predict every track to a time."""

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from onboard.estimators._traffic_approach import closest
+from onboard.estimators._traffic_approach import closest_in_turns
 from onboard.estimators._traffic_config import Config
 from onboard.estimators._traffic_frame import Frame, Own
 from onboard.estimators._traffic_track import Track
@@ -20,15 +20,16 @@ SURE: Final = 2.0  # sigmas
 def tell(
     tracks: Sequence[Track], belief: Belief, own: Own, frame: Frame, t_ns: int, config: Config
 ) -> list[Estimate]:
-    """An estimate of each track, beliefs (k, 12) and (k, 12, 12) at `t_ns`; ourselves at the same time."""
+    """An estimate of each track, beliefs (k, 15) and (k, 15, 15) at `t_ns`; ourselves at the same time."""
     if not tracks:
         return []
     turn = own.R_nl.T  # the frame -> NED where we are
-    r, v = belief.mean[:, intruder.R], belief.mean[:, intruder.V]
+    r, v, a = belief.mean[:, intruder.R], belief.mean[:, intruder.V], belief.mean[:, intruder.A]
     mean = np.concatenate([(r - own.r) @ turn.T, (v - own.v) @ turn.T], axis=1)
-    both = np.kron(np.eye(2), turn)
-    covariance = both @ belief.covariance[:, :6, :6] @ both.T
-    approach = closest(mean[:, :3], mean[:, 3:], covariance)
+    each = np.kron(np.eye(3), turn)
+    covariance = each @ belief.covariance[:, :9, :9] @ each.T
+    covariance[:, intruder.V, intruder.V] += config.own_velocity_sigma_m_s**2 * np.eye(3)
+    approach = closest_in_turns(mean[:, :3], mean[:, 3:], a @ turn.T, covariance, turn @ own.v)
     places, over_ground = frame.geodetic(r).tolist(), (v @ turn.T).tolist()
     near = [
         ClosestApproach(
@@ -39,15 +40,16 @@ def tell(
             horizontal=float(np.hypot(north, east)),
             vertical=-down,
             threat=_threat(time, distance, sigma, config),
+            turn_rate=rate,
         )
-        for time, time_sigma, distance, sigma, (north, east, down) in zip(
+        for time, time_sigma, distance, sigma, (north, east, down), rate in zip(
             *(a.tolist() for a in approach), strict=True
         )
     ]
     return [
         _estimate(track, m, c, _who(track, place, ground, closest_), t_ns, config)
         for track, m, c, place, ground, closest_ in zip(
-            tracks, mean.tolist(), covariance.tolist(), places, over_ground, near, strict=True
+            tracks, mean.tolist(), covariance[:, :6, :6].tolist(), places, over_ground, near, strict=True
         )
     ]
 

@@ -1,10 +1,14 @@
 """Another aircraft's motion in a Cartesian frame n, and what a radar and its own reports say of it.
 
-State rows: [r_OT_n (3), v_T_n (3), a_T_n (3), bias (3)], SI. The acceleration is Singer's (1970): it fades with a
-time constant and is driven by white noise. `bias` is by how much the positions that the aircraft reports of itself
-are steadily off (its GNSS, its altimeter, the age of its reports): a first-order Gauss-Markov process, known apart
-only where a radar sees the aircraft too. Without it, a reported position that errs the same way for a minute would
-be averaged as if every report were news.
+State rows: [r_OT_n (3), v_T_n (3), a_T_n (3), bias (3), turned (3)], SI. The acceleration is Singer's (1970): it
+fades with a time constant and is driven by white noise; gusts add to the velocity. Of an aircraft that keeps its
+turn the acceleration goes round with the velocity (`moved`).
+
+`bias` is by how much the positions that the aircraft reports of itself are steadily off (its GNSS, its altimeter,
+the age of its reports), in units of what is expected of that kind of report; `turned` is the rotation (rad, about
+n's axes) by which our radar sees everything turned, because our own attitude is off. Both are first-order
+Gauss-Markov processes, known apart only where an aircraft is both heard and seen. Without them, a position that
+errs the same way for seconds or minutes would be averaged as if every measurement were news.
 
 A measurement may be older than the state: `lag` seconds, for each row. The state is then moved back as if its
 acceleration were constant; what noise does in a second is small against any reported position.
@@ -18,11 +22,14 @@ from numba import njit, types
 from onboard.filters.discretisation import van_loan
 from onboard.geometry.rotations import Array
 
-N: Final = 12
+N: Final = 15
 R: Final = slice(0, 3)
 V: Final = slice(3, 6)
 A: Final = slice(6, 9)
 BIAS: Final = slice(9, 12)
+TURNED: Final = slice(12, 15)
+SLOWEST: Final = 5.0  # m/s: what is slower has no turn rate to speak of ...
+FASTEST_TURN: Final = 0.5  # rad/s: ... and nothing turns faster
 COMPONENTS: Final = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")
 UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s")
 FRAME: Final = "n (local NED at our vehicle), the other aircraft relative to us"
@@ -35,20 +42,29 @@ VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 
 
 class Noise(NamedTuple):
-    """Acceleration: standard deviation on each axis (m/s^2) and time constant (s). The bias's standard deviation
-    on each axis (3,), m, and time constant (s)."""
+    """Acceleration: standard deviation on each axis (m/s^2) and time constant (s), and whether it goes round with
+    the velocity. Gusts: by how much velocity walks on each axis (3,), m/s per square root of a second. `drift`: by
+    how much our own position does, and with it all that is measured from it, m per square root of a second. The
+    time constant (s) of the bias; the standard deviations (3,), rad, and the time constant (s) of `turned`."""
 
     acceleration: float
     acceleration_time: float
-    bias: Array
+    keeps_turn: bool
+    gust: Array
+    drift: float
     bias_time: float
+    turned: Array
+    turned_time: float
 
 
 class Step(NamedTuple):
-    """What `dt` seconds do: x' = F x + noise of covariance Q, both (12, 12)."""
+    """What `dt` seconds do: x' = F x + noise of covariance Q, both (15, 15); with `keeps_turn` the acceleration
+    turns on beside."""
 
     F: Array
     Q: Array
+    dt: float
+    keeps_turn: bool
 
 
 def step(dt: float, noise: Noise) -> Step:
@@ -64,9 +80,41 @@ def step(dt: float, noise: Noise) -> Step:
     )
     F, Q = np.zeros((N, N)), np.zeros((N, N))
     F[:9, :9], Q[:9, :9] = np.kron(axis.F, np.eye(3)), np.kron(axis.Q, np.eye(3))
-    F[BIAS, BIAS] = np.exp(-dt / noise.bias_time) * np.eye(3)
-    Q[BIAS, BIAS] = np.diag(noise.bias**2 * (1.0 - np.exp(-2.0 * dt / noise.bias_time)))
-    return Step(F, Q)
+    walk = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    Q[:6, :6] += np.kron(walk, np.diag(noise.gust**2))
+    Q[R, R] += noise.drift**2 * dt * np.eye(3)
+    for part, time, sigma in (
+        (BIAS, noise.bias_time, np.ones(3)),
+        (TURNED, noise.turned_time, noise.turned),
+    ):
+        F[part, part] = np.exp(-dt / time) * np.eye(len(sigma))
+        Q[part, part] = np.diag(sigma**2 * (1.0 - np.exp(-2.0 * dt / time)))
+    return Step(F, Q, dt, noise.keeps_turn)
+
+
+def moved(rows: Array, step: Step) -> Array:
+    """Rows (k, 15) a step later, without noise. Where the aircraft keeps its turn, its horizontal acceleration is
+    that of the middle of the step and goes round with the velocity: steps much shorter than a turn make an arc."""
+    if not step.keeps_turn:
+        return np.asarray(rows @ step.F.T)
+    angle = 0.5 * step.dt * turn_rate(rows[:, V], rows[:, A])
+    c, s = np.cos(angle), np.sin(angle)
+    later = _turned_on(rows.copy(), c, s) @ step.F.T
+    return _turned_on(later, c, s)
+
+
+def _turned_on(rows: Array, c: Array, s: Array) -> Array:
+    """The same rows, with accelerations turned to the right by angles of these cosines and sines (k,)."""
+    north, east = rows[:, 6].copy(), rows[:, 7].copy()
+    rows[:, 6], rows[:, 7] = c * north - s * east, s * north + c * east
+    return rows
+
+
+def turn_rate(v: Array, a: Array) -> Array:
+    """By how much the course of velocities (k, 3) turns to the right under accelerations (k, 3), rad/s, (k,)."""
+    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, SLOWEST**2)
+    rate = (v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0]) / speed2
+    return np.asarray(np.clip(rate, -FASTEST_TURN, FASTEST_TURN))
 
 
 def back(lag: float) -> Array:
@@ -74,10 +122,11 @@ def back(lag: float) -> Array:
     return np.kron(np.array([[1.0, -lag, 0.5 * lag * lag], [0.0, 1.0, -lag], [0.0, 0.0, 1.0]]), np.eye(3))
 
 
-def reported(rows: Array, lag: Array) -> Array:
-    """Position (with its bias) and velocity (k, 6) that the aircraft said it had `lag` (k,) seconds before."""
+def reported(rows: Array, lag: Array, bias: Array) -> Array:
+    """Position and velocity (k, 6) that the aircraft said it had `lag` (k,) seconds before; its reports are
+    steadily off by about `bias` (k, 3), m."""
     said = np.empty((len(rows), 6))
-    said[:, R] = located(rows, lag) + rows[:, BIAS]
+    said[:, R] = located(rows, lag) + bias * rows[:, BIAS]
     said[:, V] = rows[:, V] - lag[:, None] * rows[:, A]
     return said
 
@@ -122,23 +171,27 @@ def position_noise(polar: Array, sigma: Array, R_rn: Array) -> Array:
 @njit((ROWS, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
 def _seen(rows, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
     polar = np.empty((rows.shape[0], 3))
+    d, turned = np.empty(3), np.empty(3)
     for s in range(rows.shape[0]):
-        x, y, z = 0.0, 0.0, 0.0
         for i in range(3):
             then = rows[s, i] - lag[s] * (rows[s, 3 + i] - 0.5 * lag[s] * rows[s, 6 + i])
-            difference = then - r_OR_n[i]
-            x += R_rn[0, i] * difference
-            y += R_rn[1, i] * difference
-            z += R_rn[2, i] * difference
-        level = np.sqrt(x * x + y * y)
-        polar[s, 0] = np.sqrt(level * level + z * z)
+            d[i] = then - r_OR_n[i]
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            turned[i] = d[i] + rows[s, 12 + j] * d[k] - rows[s, 12 + k] * d[j]
+        x, y, z = 0.0, 0.0, 0.0
+        for i in range(3):
+            x += R_rn[0, i] * turned[i]
+            y += R_rn[1, i] * turned[i]
+            z += R_rn[2, i] * turned[i]
+        polar[s, 0] = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         polar[s, 1] = np.arctan2(y, x)
-        polar[s, 2] = np.arctan2(-z, level)
+        polar[s, 2] = np.arctan2(-z, np.sqrt(x * x + y * y))
     return polar
 
 
 def expected(means: Array, covariances: Array, lag: float, r_OR_n: Array, R_rn: Array) -> tuple[Array, Array]:
-    """What a radar should see (k, 3) of beliefs (k, 12) and (k, 12, 12), and the covariance (k, 3, 3) of that
+    """What a radar should see (k, 3) of beliefs (k, 15) and (k, 15, 15), and the covariance (k, 3, 3) of that
     without the radar's own noise, to first order."""
     outputs: tuple[Array, Array] = _expected(means, covariances, lag, r_OR_n, R_rn)
     return outputs
@@ -148,40 +201,50 @@ CUBES: Final = types.Array(types.float64, 3, "A", readonly=True)
 EXPECTED: Final[Any] = (ROWS, CUBES, types.float64, VECTOR, ROWS)
 
 
+VECTORS: Final = (types.Array(types.float64, 1, "A"),) * 3
+
+
+@njit(VECTORS, cache=True, error_model="numpy")
+def _add_cross(a, b, out):  # type: ignore[no-untyped-def]
+    """out += a x b."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] += a[j] * b[k] - a[k] * b[j]
+
+
 @njit(EXPECTED, cache=True, error_model="numpy")
 def _expected(means, covariances, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
     count = means.shape[0]
     polar, spread = np.empty((count, 3)), np.empty((count, 3, 3))
-    P, H = np.empty((3, 3)), np.empty((3, 3))
-    back = np.array([1.0, -lag, 0.5 * lag * lag])
+    J = np.zeros((6, 15))  # of the place `lag` before, and of the rotation
+    for i in range(3):
+        J[i, i], J[i, 3 + i], J[i, 6 + i], J[3 + i, 12 + i] = 1.0, -lag, 0.5 * lag * lag, 1.0
+    back = J[:3].copy()
+    G, H = np.zeros((3, 3)), np.empty((3, 6))
     for s in range(count):
-        for i in range(3):  # covariance of the position `lag` before
-            for j in range(3):
-                total = 0.0
-                for a in range(3):
-                    for b in range(3):
-                        total += back[a] * back[b] * covariances[s, 3 * a + i, 3 * b + j]
-                P[i, j] = total
-        x, y, z = 0.0, 0.0, 0.0
-        for i in range(3):
-            difference = means[s, i] + back[1] * means[s, 3 + i] + back[2] * means[s, 6 + i] - r_OR_n[i]
-            x += R_rn[0, i] * difference
-            y += R_rn[1, i] * difference
-            z += R_rn[2, i] * difference
+        mean, P = means[s].copy(), covariances[s].copy()
+        rotation = mean[12:]
+        d = back @ mean - r_OR_n
+        turned = d.copy()
+        _add_cross(rotation, d, turned)
+        x, y, z = np.sum(R_rn[0] * turned), np.sum(R_rn[1] * turned), np.sum(R_rn[2] * turned)
         level2 = max(x * x + y * y, 1.0)  # straight above, where azimuth means nothing, it is not infinite
         level, r2 = np.sqrt(level2), max(x * x + y * y + z * z, 1.0)
-        r = np.sqrt(r2)
-        polar[s, 0], polar[s, 1], polar[s, 2] = r, np.arctan2(y, x), np.arctan2(-z, level)
-        for i in range(3):
-            a, b, c_ = R_rn[0, i], R_rn[1, i], R_rn[2, i]
-            H[0, i] = (x * a + y * b + z * c_) / r
-            H[1, i] = (x * b - y * a) / level2
-            H[2, i] = (z * (x * a + y * b) / level - level * c_) / r2
-        for i in range(3):
-            for j in range(3):
-                total = 0.0
-                for k in range(3):
-                    for m in range(3):
-                        total += H[i, k] * P[k, m] * H[j, m]
-                spread[s, i, j] = total
+        polar[s, 0] = max(np.sqrt(np.sum(d * d)), 1.0)
+        polar[s, 1], polar[s, 2] = np.arctan2(y, x), np.arctan2(-z, level)
+        # slopes by the turned place; a rotation w moves that by w x d, and the range not at all
+        G[1] = (x * R_rn[1] - y * R_rn[0]) / level2
+        G[2] = (z * (x * R_rn[0] + y * R_rn[1]) / level - level * R_rn[2]) / r2
+        H[:, :3], H[:, 3:] = G, 0.0
+        for m in range(1, 3):
+            _add_cross(G[m], rotation, H[m, :3])
+            _add_cross(d, G[m], H[m, 3:])
+        H[0, :3] = d / polar[s, 0]
+        slope = H @ J
+        spread[s] = slope @ P @ slope.T.copy()
     return polar, spread
+
+
+def crossing(d: Array) -> Array:
+    """[d x], (3, 3): what makes d x w of w."""
+    return np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])

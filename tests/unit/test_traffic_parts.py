@@ -7,44 +7,73 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import linear_sum_assignment
 
-from onboard.estimators._traffic_approach import closest
+from onboard.estimators._traffic_approach import closest, closest_in_turns
 from onboard.filters.association import assign, candidates
 from onboard.geometry.geodesy import geodetic_from_ecef, geodetic_rows
-from onboard.geometry.rotations import matrix_from_euler
+from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.models import intruder
 
 R_RN = matrix_from_euler(0.1, -0.2, 2.0).T
 RADAR = np.array([100.0, -50.0, -30.0])
+NOISE = intruder.Noise(
+    acceleration=2.5,
+    acceleration_time=8.0,
+    keeps_turn=False,
+    gust=np.array([0.3, 0.3, 0.15]),
+    drift=0.2,
+    bias_time=60.0,
+    turned=np.array([0.01, 0.01, 0.02]),
+    turned_time=10.0,
+)
 
 
 def beliefs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
-    mean = np.concatenate([rng.uniform(-2000, 2000, (count, 3)), rng.normal(0, 20, (count, 9))], axis=1)
-    root = rng.normal(0, 1, (count, 12, 12)) * np.repeat([5.0, 1.0, 0.5, 2.0], 3)[:, None]
-    return mean, root @ root.transpose(0, 2, 1) + 1e-3 * np.eye(12)
+    mean = np.concatenate([rng.uniform(-2000, 2000, (count, 3)), rng.normal(0, 20, (count, 12))], axis=1)
+    mean[:, 9:] *= np.repeat([0.1, 0.001], 3)
+    root = rng.normal(0, 1, (count, 15, 15)) * np.repeat([5.0, 1.0, 0.5, 1.0, 0.01], 3)[:, None]
+    return mean, root @ root.transpose(0, 2, 1) + 1e-6 * np.eye(15)
 
 
 # --------------------------------------------------------------------------------------- the model
 
 
 def test_the_transition_is_the_exponential_of_its_rates_and_the_noise_adds_up() -> None:
-    noise = intruder.Noise(2.5, 8.0, np.array([4.0, 4.0, 10.0]), 60.0)
-    A = np.zeros((12, 12))
+    A = np.zeros((15, 15))
     A[:3, 3:6] = A[3:6, 6:9] = np.eye(3)
-    A[6:9, 6:9], A[9:, 9:] = -np.eye(3) / 8.0, -np.eye(3) / 60.0
-    F, Q = intruder.step(0.7, noise)
+    A[6:9, 6:9], A[9:12, 9:12], A[12:, 12:] = -np.eye(3) / 8.0, -np.eye(3) / 60.0, -np.eye(3) / 10.0
+    F, Q = intruder.step(0.7, NOISE)[:2]
     np.testing.assert_allclose(F, expm(0.7 * A), atol=1e-12)
-    one, two = intruder.step(0.3, noise), intruder.step(0.4, noise)
+    one, two = intruder.step(0.3, NOISE), intruder.step(0.4, NOISE)
     np.testing.assert_allclose(two.F @ one.F, F, atol=1e-12)
     np.testing.assert_allclose(two.F @ one.Q @ two.F.T + two.Q, Q, atol=1e-9)
 
 
-def test_acceleration_and_bias_keep_the_variance_they_are_said_to_have() -> None:
-    noise = intruder.Noise(2.5, 8.0, np.array([4.0, 4.0, 10.0]), 60.0)
-    F, Q = intruder.step(0.5, noise)
-    P = np.diag([0.0] * 6 + [2.5**2] * 3 + [16.0, 16.0, 100.0])
+def test_acceleration_bias_and_what_is_turned_keep_the_variance_they_are_said_to_have() -> None:
+    calm = NOISE._replace(gust=np.zeros(3), drift=0.0)
+    F, Q = intruder.step(0.5, calm)[:2]
+    P = np.diag([0.0] * 6 + [2.5**2] * 3 + [1.0] * 3 + [1e-4, 1e-4, 4e-4])
     after = F @ P @ F.T + Q
     np.testing.assert_allclose(np.diag(after)[6:], np.diag(P)[6:], rtol=1e-9)
+    # gusts and our own drift add to velocity and position, by the second
+    more = intruder.step(0.5, NOISE).Q - Q
+    np.testing.assert_allclose(np.diag(more)[3:6], 0.5 * NOISE.gust**2)
+    np.testing.assert_allclose(np.diag(more)[:3], 0.5 * 0.2**2 + NOISE.gust**2 * 0.5**3 / 3)
+
+
+@pytest.mark.parametrize("rate", [0.1, -0.1])
+def test_an_aircraft_that_keeps_its_turn_flies_a_circle(rate: float) -> None:
+    speed, dt = 30.0, 0.02
+    step = intruder.step(dt, NOISE._replace(keeps_turn=True, acceleration_time=1e9))
+    row = np.zeros((1, 15))
+    row[0, 3], row[0, 7] = speed, speed * rate
+    start, center = row.copy(), np.array([0.0, speed / rate])
+    for _ in range(round(2 * math.pi / abs(rate) / dt)):
+        row = intruder.moved(row, step)
+        assert np.linalg.norm(row[0, :2] - center) == pytest.approx(speed / abs(rate), rel=0.01)
+    np.testing.assert_allclose(row[0, :9], start[0, :9], atol=0.3)
+    straight = intruder.moved(start, step._replace(keeps_turn=False))
+    assert straight[0, 6] == 0.0  # not turned
 
 
 def test_looking_back_undoes_a_steady_acceleration() -> None:
@@ -52,18 +81,35 @@ def test_looking_back_undoes_a_steady_acceleration() -> None:
     lag = np.array([0.0, 0.5, 1.0, -0.2, 3.0])
     then = np.array([intruder.back(dt) @ row[:9] for dt, row in zip(lag, rows, strict=True)])
     np.testing.assert_allclose(intruder.located(rows, lag), then[:, :3], atol=1e-9)
-    said = intruder.reported(rows, lag)
-    np.testing.assert_allclose(said, then[:, :6] + np.pad(rows[:, 9:], ((0, 0), (0, 3))), atol=1e-9)
+    bias = np.array([[4.0, 4.0, 10.0]] * 4 + [[2.0, 2.0, 2.0]])  # each report by its own kind
+    said = intruder.reported(rows, lag, bias)
+    np.testing.assert_allclose(said, then[:, :6] + np.pad(bias * rows[:, 9:12], ((0, 0), (0, 3))), atol=1e-9)
 
 
 def test_what_a_radar_sees_is_where_it_is() -> None:
     rows, _ = beliefs(50, 2)
+    rows[:, 12:] = 0.0
     polar = intruder.seen(rows, np.zeros(50), RADAR, R_RN)
     np.testing.assert_allclose(intruder.position(polar, RADAR, R_RN), rows[:, :3], atol=1e-8)
-    ahead = np.zeros((1, 12))
+    ahead = np.zeros((1, 15))
     ahead[0, :3] = 10.0, 10.0, -10.0  # north-east and above, seen from level: right and up
     expected = math.sqrt(300.0), math.pi / 4, math.atan2(10.0, math.hypot(10.0, 10.0))
     np.testing.assert_allclose(intruder.seen(ahead, np.zeros(1), np.zeros(3), np.eye(3))[0], expected)
+
+
+def test_our_own_attitude_turns_all_that_a_radar_sees_even_overhead() -> None:
+    rows, _ = beliefs(50, 2)
+    rows[0, :3] = RADAR[0] + 5.0, RADAR[1], RADAR[2] - 1000.0  # nearly straight above: azimuth swings
+    w = np.array([2e-3, -1e-3, 3e-3])
+    rows[:, 12:] = w
+    wrong = intruder.seen(rows, np.zeros(50), RADAR, R_RN)
+    half = 0.5 * w
+    believed = R_RN @ matrix_from_quaternion(np.array([1.0 - half @ half / 2, *half]))  # our attitude, wrongly
+    rows[:, 12:] = 0.0
+    expected = intruder.seen(rows, np.zeros(50), RADAR, believed)
+    np.testing.assert_allclose(wrong[:, 0], expected[:, 0], rtol=1e-12)
+    off = np.remainder(wrong - expected + np.pi, 2 * np.pi) - np.pi
+    assert np.abs(off[:, 1:]).max() < 2e-5 * (1 + np.abs(np.tan(expected[:, 2])).max())
 
 
 def test_what_is_expected_of_a_radar_is_the_models_tangent() -> None:
@@ -71,13 +117,13 @@ def test_what_is_expected_of_a_radar_is_the_models_tangent() -> None:
     polar, spread = intruder.expected(means, covariances, 0.4, RADAR, R_RN)
     lag = np.full(20, 0.4)
     np.testing.assert_allclose(polar, intruder.seen(means, lag, RADAR, R_RN), atol=1e-12)
-    H = np.zeros((20, 3, 12))
-    for i in range(12):
-        h = np.zeros(12)
-        h[i] = 1e-3
+    H = np.zeros((20, 3, 15))
+    for i in range(15):
+        h = np.zeros(15)
+        h[i] = 1e-3 if i < 12 else 1e-6
         up, down = (intruder.seen(means + s * h, lag, RADAR, R_RN) for s in (1, -1))
-        H[:, :, i] = (up - down) / 2e-3
-    np.testing.assert_allclose(spread, H @ covariances @ H.transpose(0, 2, 1), rtol=1e-4, atol=1e-12)
+        H[:, :, i] = (up - down) / (2 * h[i])
+    np.testing.assert_allclose(spread, H @ covariances @ H.transpose(0, 2, 1), rtol=1e-3, atol=1e-7)
 
 
 def test_the_noise_of_a_place_by_monte_carlo_seed_4() -> None:
@@ -89,7 +135,7 @@ def test_the_noise_of_a_place_by_monte_carlo_seed_4() -> None:
 
 def test_straight_above_the_radar_nothing_is_infinite() -> None:
     means, covariances = beliefs(1, 5)
-    means[0, :6] = 0.0
+    means[:] = 0.0
     means[0, 2] = -500.0
     polar, spread = intruder.expected(means, covariances, 0.0, np.zeros(3), np.eye(3))
     assert np.isfinite(polar).all()
@@ -185,6 +231,49 @@ def test_a_distance_shorter_than_its_own_uncertainty_has_that_of_the_whole_vecto
     )
     assert a.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert a.distance_sigma[0] == pytest.approx(math.sqrt(2 * (9.0 + 400.0)), rel=0.01)
+
+
+def along_a_turn(seconds: float = 40.0) -> tuple[float, float]:
+    """When and how near the aircraft of the next test comes, step by step."""
+    speed, rate, r, v_F = 30.0, 0.08, np.array([700.0, 250.0, -20.0]), np.array([20.0, 0.0, 0.0])
+    t = np.arange(0.0, seconds, 1e-3)
+    path = -speed / rate * np.column_stack([np.sin(rate * t), 1 - np.cos(rate * t), 0 * t])
+    distance = np.linalg.norm(r + path - v_F * t[:, None], axis=1)
+    return float(t[distance.argmin()]), float(distance.min())
+
+
+def turning(sigma: float) -> tuple[np.ndarray, ...]:
+    r, v = np.array([[700.0, 250.0, -20.0]]), np.array([[-50.0, 0.0, 0.0]])
+    P = np.diag(np.repeat([3.0, 0.4, sigma], 3) ** 2)[None]
+    return r, v, np.array([[0.0, -2.4, 0.0]]), P, np.array([20.0, 0.0, 0.0])
+
+
+def test_the_closest_approach_of_one_that_turns_is_along_its_turn() -> None:
+    time, distance = along_a_turn()
+    a = closest_in_turns(*turning(0.1))
+    assert a.turn_rate[0] == pytest.approx(0.08)
+    assert a.time[0] == pytest.approx(time, abs=1e-2)
+    assert a.distance[0] == pytest.approx(distance, abs=0.01)
+    assert np.linalg.norm(a.miss[0]) == pytest.approx(distance, abs=0.01)
+    r, v, _, P, _ = turning(0.1)
+    assert closest(r, v, P[:, :6, :6]).distance[0] > distance + 50.0  # straight on
+
+
+def test_its_sigmas_are_those_of_many_drawn_at_random_seed_9() -> None:
+    r, v, a, P, v_F = turning(0.2)
+    one = closest_in_turns(r, v, a, P, v_F)
+    draws = np.random.default_rng(9).multivariate_normal(np.concatenate([r, v, a], axis=1)[0], P[0], 4000)
+    sure = np.broadcast_to(1e-9 * np.eye(9), (4000, 9, 9))
+    many = closest_in_turns(draws[:, :3], draws[:, 3:6], draws[:, 6:], sure, v_F)
+    assert one.distance_sigma[0] == pytest.approx(many.distance.std(), rel=0.15)
+    assert one.time_sigma[0] == pytest.approx(many.time.std(), rel=0.15)
+
+
+def test_a_turn_that_is_in_doubt_is_none() -> None:
+    a = closest_in_turns(*turning(0.9))  # 2.4 m/s^2 is not three sigmas
+    assert a.turn_rate[0] == 0.0
+    r, v, _, P, _ = turning(0.9)
+    assert a.distance[0] == closest(r, v, P[:, :6, :6]).distance[0]
 
 
 def test_many_places_at_once_are_each_place() -> None:

@@ -418,7 +418,7 @@ def test_a_filter_that_fails_is_dropped_and_the_others_fly_on(monkeypatch: pytes
     sky.fly(0.5)
     batch = sky.estimator._table.batch
     broken = batch._state.covariance.copy()
-    broken[1] = -np.eye(12)
+    broken[1] = -np.eye(15)
     monkeypatch.setattr(batch, "_state", batch._state._replace(covariance=broken))
     sky.fly(0.5)
     assert sky.verdicts["numerical"] == 1
