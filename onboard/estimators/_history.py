@@ -6,7 +6,7 @@ measurement gives the same belief as one in order. A node reached with extrapola
 it is done again once the motion is known. Measurements that were gated stay in, to be judged again.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from operator import attrgetter
 from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
@@ -28,13 +28,12 @@ M = TypeVar("M", bound=Motion)
 
 
 class Node(NamedTuple):
-    """A belief at a time; after a measurement if there is one; final unless own motion was extrapolated."""
+    """A belief at a time; after a measurement if there is one."""
 
     t_ns: int
     belief: Any
-    measurement: Any
-    final: bool
-    outcome: Any | None = None  # what `fuse` last said of the measurement
+    measurement: Any | None = None
+    outcome: Any | None = None  # what `fuse` last said of it
 
 
 TIME: Final = attrgetter("t_ns")
@@ -53,7 +52,8 @@ class History(Generic[B, M]):
         advance: Callable[[B, int, int, M], B],
         fuse: Callable[[B, Any, M], tuple[B, Any]],
     ) -> None:
-        self._nodes = [Node(t_ns, belief, None, True)]
+        self._nodes = [Node(t_ns, belief)]
+        self._provisional_ns: int | None = None  # of the first node reached with extrapolated motion
         self._horizon_ns = horizon_ns
         self._advance = advance
         self._fuse = fuse
@@ -64,30 +64,26 @@ class History(Generic[B, M]):
 
     def insert(self, t_ns: int, measurement: Any, ownship: M) -> Any:
         """Put a measurement in where it belongs (it must reach) and redo what came after; what `fuse` said."""
-        after = bisect_right(self._nodes, t_ns, key=TIME)
-        later = self._nodes[after:]
-        del self._nodes[after:]
+        later = self._cut(bisect_right(self._nodes, t_ns, key=TIME))
         outcome = self._append(t_ns, measurement, ownship)
         self._redo(later, ownship)
         return outcome
 
-    def settle(self, ownship: M) -> None:
-        """New own motion is known: redo what was provisional, come up to the newest sample, forget the old."""
-        for i, node in enumerate(self._nodes):
-            if not node.final and ownship.knows(node.t_ns):
-                later = self._nodes[i:]
-                del self._nodes[i:]
-                self._redo(later, ownship)
-                break
+    def settle(self, ownship: M) -> bool:
+        """New own motion is known: redo what was provisional, come up to the newest sample, forget the old.
+        Whether any measurement was judged again."""
+        first, redone = self._provisional_ns, False
+        if first is not None and ownship.knows(first):
+            redone = True
+            self._redo(self._cut(self._before(first) + 1), ownship)
         if ownship.nav_times:
             self._pass_samples(ownship.nav_times[-1] + 1, ownship)
         oldest = self._nodes[-1].t_ns - self._horizon_ns
         keep = max(bisect_right(self._nodes, oldest, key=TIME) - 1, 0)
-        for i, node in enumerate(self._nodes[: keep + 1]):
-            if not node.final:  # it will be done again, from the node before it
-                keep = max(i - 1, 0)
-                break
+        if self._provisional_ns is not None:  # it will be done again, from the node before it
+            keep = min(keep, self._before(self._provisional_ns))
         del self._nodes[:keep]
+        return redone
 
     def belief_at(self, t_ns: int, ownship: M) -> tuple[int, B]:
         """The newest belief, predicted to t_ns (not back: the time it holds for comes with it)."""
@@ -104,6 +100,18 @@ class History(Generic[B, M]):
                 return t_ns
         return None
 
+    def _before(self, t_ns: int) -> int:
+        """Index of the last node before a time, or of the first."""
+        return max(bisect_left(self._nodes, t_ns, key=TIME) - 1, 0)
+
+    def _cut(self, index: int) -> list[Node]:
+        """Take away the nodes from an index on, which is not the first."""
+        later = self._nodes[index:]
+        del self._nodes[index:]
+        if self._provisional_ns is not None and self._provisional_ns > self._nodes[-1].t_ns:
+            self._provisional_ns = None
+        return later
+
     def _redo(self, nodes: list[Node], ownship: M) -> None:
         for node in nodes:
             if node.measurement is not None:
@@ -114,7 +122,9 @@ class History(Generic[B, M]):
         newest = self._nodes[-1]
         prior = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
         belief, outcome = self._fuse(prior, measurement, ownship)
-        self._nodes.append(Node(t_ns, belief, measurement, ownship.knows(t_ns), outcome))
+        self._nodes.append(Node(t_ns, belief, measurement, outcome))
+        if self._provisional_ns is None and not ownship.knows(t_ns):
+            self._provisional_ns = t_ns
         return outcome
 
     def _pass_samples(self, until_ns: int, ownship: M) -> None:
@@ -125,5 +135,5 @@ class History(Generic[B, M]):
             if t_ns >= until_ns:
                 break
             belief = self._advance(newest.belief, newest.t_ns, t_ns, ownship)
-            newest = Node(t_ns, belief, None, True)
+            newest = Node(t_ns, belief)
             self._nodes.append(newest)

@@ -149,7 +149,7 @@ class Track:
         late = self._last_fused_ns is not None and message.t_ns < self._last_fused_ns
         was_lost = self._age(message.t_ns) > self._times.validity_timeout_s
         outcome: Outcome = self._history.insert(message.t_ns, image, ownship)
-        self._settle(self._history, ownship)
+        self._settle(self._history, ownship, inserted=True)
         if not outcome.fused:
             self._gated(image, ownship)
             return self._report(message, Verdict.GATED, image, outcome)
@@ -207,13 +207,14 @@ class Track:
         self._last_fused_ns = first.message.t_ns
         self._gated_since_ns, self._to_agree = None, 0
         self._resets += before is not None
-        self._settle(self._history, ownship)
+        self._settle(self._history, ownship, inserted=True)
         held.clear()
 
-    def _settle(self, history: History[Any, Ownship], ownship: Ownship) -> None:
+    def _settle(self, history: History[Any, Ownship], ownship: Ownship, inserted: bool = False) -> None:
         """Come up to what is known; an image may have been gated at first, and be fused now that it is judged
         again with what came since."""
-        history.settle(ownship)
+        if not (history.settle(ownship) or inserted):
+            return
         fused_ns = history.newest(lambda outcome: outcome.fused)
         if fused_ns is not None and fused_ns > (self._last_fused_ns or 0):
             self._last_fused_ns = fused_ns

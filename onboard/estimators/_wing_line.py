@@ -12,8 +12,9 @@ offset of the leader only by motion, too: its variance is carried into the posit
 Everything has a leading axis B of targets or runs, so that a study flies the same code as the daemon.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -36,13 +37,17 @@ LIKELY_MANOEUVRE: Final = 0.1  # probability, at first, that the leader changes 
 FARTHEST_GUESS: Final = 0.1  # of the wing's length at least is seen: an edge-on wing says nothing of the range
 
 
-class Filter(NamedTuple):
+NONE: Final = Extras()
+
+
+@dataclass(frozen=True, eq=False)  # itself a key of caches, found by what it is and not by what is in it
+class Filter:
     """The filter's settings: `size` and `size_sigma` (m) of the leader."""
 
     size: float
     size_sigma: float
     manner: Manner = noise.FIXED_WING
-    extras: Extras = Extras()
+    extras: Extras = NONE
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -165,7 +170,7 @@ def advance(filter_: Filter, modes: Modes, dt: float, v_F_n: Array, a_F_n: Array
     Raises FilterError, NotPositiveDefiniteError.
     """
     step = _step(filter_, round(dt * 1e6))
-    return leader_modes.predict(modes, step, dt, v_F_n, a_F_n, _weights(filter_.extras.states))
+    return leader_modes.predict(modes, step, dt, v_F_n, a_F_n, _weights(modes.means.shape[-1]))
 
 
 def fuse(filter_: Filter, modes: Modes, y: Array, R_y: Array, sight: Sight) -> Update:
@@ -173,8 +178,8 @@ def fuse(filter_: Filter, modes: Modes, y: Array, R_y: Array, sight: Sight) -> U
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    weights, eps = _weights(filter_.extras.states), filter_.manner.hover_speed
-    return leader_modes.update(modes, y, R_y, sight, eps, weights, (SIZE,))
+    eps = filter_.manner.hover_speed
+    return leader_modes.update(modes, y, R_y, sight, eps, _weights(modes.means.shape[-1]), (SIZE,))
 
 
 def believed(modes: Modes) -> Belief:
