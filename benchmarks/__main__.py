@@ -51,6 +51,10 @@ def table(measured: Figures) -> Table:
     root, start = measured["square_root"], measured["startup"]
     made.add_row("radar, square root", f"{root['us']:.1f} us = {root['times_ukf']:.1f} of our UKF's")
     made.add_row("the same, of a batch", f"{root['batch_us']:.1f} us = {root['batch_times_ukf']:.1f} of our UKF's")
+    leaders = measured["leader_targets"]
+    made.add_row(
+        f"{leaders['targets']} leaders at 30 Hz, bytes to bytes", f"{100 * leaders['one_core']:.0f} % of one core"
+    )
     tracks = measured["traffic_tracks"]
     for count in COUNTS:
         made.add_row(f"{count} aircraft tracked at 10 Hz", f"{100 * tracks[f'imm_{count}']:.0f} % of one core")

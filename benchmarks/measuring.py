@@ -4,7 +4,7 @@ import platform
 from importlib.metadata import version
 from typing import Any
 
-from benchmarks import radar, square_root, start_up, traffic, vision
+from benchmarks import radar, square_root, start_up, targets, traffic, vision
 from benchmarks.timing import Side, compare
 
 BATCH = 500
@@ -62,6 +62,7 @@ def figures(pairs: int = 21, scale: float = 1.0, starts: int = 5) -> Figures:
             "batch_us": many[0],
             "batch_times_ukf": 1 / many[1],
         },
+        "leader_targets": targets.measure(scale),
         "traffic_tracks": traffic.measure(scale),
         "startup": start_up.measure(starts)._asdict(),
         "versions": {name: version(name) for name in ("filterpy", "stonesoup", "numpy", "numba")}

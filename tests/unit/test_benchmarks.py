@@ -23,6 +23,7 @@ KEYS = {
     "batch_ukf": {"us_per_step", "steps_per_s", "times_faster_than_filterpy"},
     "batch_radar": {"us_per_step", "steps_per_s", "times_faster_than_filterpy"},
     "square_root": {"us", "times_ukf", "batch_us", "batch_times_ukf"},
+    "leader_targets": {"targets", "one_core", "us_per_image", "fused"},
     "traffic_tracks": {f"imm_{count}{what}" for count in COUNTS for what in ("", "_tracked")}
     | {"kf_500", "ekf_500", "ukf_500", "srukf_500", "per_track_ratio"},
     "startup": {"cold_s", "warm_s", "import_pipeline_s"},
@@ -42,7 +43,7 @@ def test_every_figure_has_its_key_and_its_row() -> None:
     text = console.export_text()
     assert all(
         name in text
-        for name in ("radar", "vision", "square root", "of a batch", "Stone Soup", "start", "aircraft")
+        for name in ("radar", "vision", "square root", "of a batch", "Stone Soup", "start", "leaders", "aircraft")
     )
 
 
