@@ -37,6 +37,7 @@ class Encoding(StrEnum):
     MAVLINK_STREAM = "mavlink_stream"  # MAVLink frames cut anywhere (TCP, serial)
     POINTS = "points"  # one JSON `CameraPoints` (Zenoh)
     RADAR = "radar"  # one JSON `RadarDetections` (Zenoh)
+    RANGES = "ranges"  # one JSON `Pseudoranges` (Zenoh)
 
 
 class Datagram(Record, frozen=True, kw_only=True):
@@ -223,6 +224,37 @@ class PeerPosition(Message, frozen=True, kw_only=True):
     lon_deg: float
     alt_msl: float
     v_n: Vec3
+
+
+class SatelliteRange(Record, frozen=True, kw_only=True):
+    """What a GNSS receiver measured of one satellite: pseudorange (m) and its rate (m/s), with their standard
+    deviations if known. Position and velocity of the satellite are in e at the time of reception, with the Earth's
+    turn on the signal's way, the satellite's clock and the mean troposphere removed, as receivers do."""
+
+    satellite: str
+    r_e: Vec3
+    v_e: Vec3
+    pseudorange: float
+    rate: float
+    sigma: float | None = None
+    rate_sigma: float | None = None
+
+
+class PeerRanges(Message, frozen=True, kw_only=True):
+    """What another vehicle's GNSS receiver measured at one time, its own clock's error in all of it."""
+
+    peer: int
+    satellites: tuple[SatelliteRange, ...]
+
+
+class Pseudoranges(Record, frozen=True, kw_only=True):
+    """What another vehicle, of MAVLink system number `peer`, shares of its GNSS receiver, one per epoch, as JSON:
+    `t_ns` is the time of reception, on `clock`."""
+
+    t_ns: int
+    clock: Clock
+    peer: int
+    satellites: tuple[SatelliteRange, ...] = ()
 
 
 class Collision(Message, frozen=True, kw_only=True):

@@ -28,6 +28,7 @@ from onboard.messages import (
     NavState,
     Output,
     PeerPosition,
+    PeerRanges,
     RadarScan,
     SinkHealth,
     StreamHealth,
@@ -38,6 +39,7 @@ from onboard.ownship import Ownship
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.points import BadPointsError, decode_points
 from onboard.wire.radar import BadRadarError, decode_radar
+from onboard.wire.ranges import BadRangesError, decode_ranges
 
 MAV_AUTOPILOT_INVALID: Final = 8
 AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
@@ -47,7 +49,8 @@ SILENT_NS: Final = (
     1_000_000_000  # own motion this long unheard of, by arrival: time stands still, and no estimate holds
 )
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
-SENSED: Final = (TargetPoints, RadarScan)  # stamped by a sensor, and of use once our own pose then is known
+# stamped by a sensor, and of use once our own pose then is known
+SENSED: Final = (TargetPoints, RadarScan, PeerRanges)
 ANY_COMPONENT: Final = (*SENSED, AdsbVehicle)  # not of our own motion, so whoever of our vehicle sends it
 UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # of use though they say no time we know: true at arrival
 
@@ -101,6 +104,12 @@ class Pipeline:
                 return [decode_radar(datagram.data, datagram.t_recv_ns)]
             except BadRadarError:
                 self._rejected["bad_radar"] += 1
+                return []
+        if datagram.encoding is Encoding.RANGES:
+            try:
+                return [decode_ranges(datagram.data, datagram.t_recv_ns)]
+            except BadRangesError:
+                self._rejected["bad_ranges"] += 1
                 return []
         decoder = self._decoders.get(datagram.channel)
         if decoder is None:

@@ -7,7 +7,16 @@ from typing import Any, Final, Literal, Union, get_args, get_origin
 
 import msgspec
 
-from onboard.messages import CameraPoints, Estimate, Health, NavState, OwnPose, RadarDetections, Record
+from onboard.messages import (
+    CameraPoints,
+    Estimate,
+    Health,
+    NavState,
+    OwnPose,
+    Pseudoranges,
+    RadarDetections,
+    Record,
+)
 
 PUBLISHED: Final[dict[str, type[Record]]] = {
     "estimate/<name>": Estimate,
@@ -17,6 +26,7 @@ PUBLISHED: Final[dict[str, type[Record]]] = {
     "health": Health,
     "camera/<camera>/points": CameraPoints,
     "radar/<radar>/detections": RadarDetections,
+    "gnss/<peer>/pseudoranges": Pseudoranges,
 }
 """Key below `onboard/<vehicle>/` -> the record whose JSON it carries. The last two we read, not write."""
 

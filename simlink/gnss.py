@@ -55,7 +55,7 @@ class Fix(NamedTuple):
     sigma: Array  # (2 s,)
     position: Array  # (s, 3) in e
     velocity: Array  # (s, 3)
-    slots: npt.NDArray[np.intp]  # (s,), indices into constellation.SLOTS
+    slots: npt.NDArray[np.intp]  # (s,), places in the constellation
 
 
 class Reception(NamedTuple):
@@ -92,7 +92,7 @@ def receive(
             continue
         worse = (conditions.noise_factor, conditions.rate_noise_factor) if degraded[k] else (1.0, 1.0)
         seen = constellation.satellites(receiver.epoch + float(t[k]))
-        fixes.append(_fix(receiver, seen, r_e[k], v_e[k], clock[k], float(wet[k]), noise[k] * np.array([worse]).T))
+        fixes.append(fix(receiver, seen, r_e[k], v_e[k], clock[k], float(wet[k]), noise[k] * np.array([worse]).T))
     return Reception(clock, tuple(fixes))
 
 
@@ -109,7 +109,7 @@ def multipath(elevation: Array) -> Array:
     return np.asarray(0.13 + 0.53 * np.exp(-np.degrees(elevation) / 10))
 
 
-def _fix(
+def fix(
     receiver: Receiver,
     seen: constellation.Satellites,
     r_e: Array,
@@ -118,6 +118,8 @@ def _fix(
     wet: float,
     noise: Array,
 ) -> Fix:
+    """What the receiver gives of satellites at a place and velocity in e: its clock's error and drift (2,), the
+    wet zenith delay, m, and normal numbers (2, s) for each of them, above the mask or not."""
     elevation = elevations(seen.position, r_e)
     up = np.flatnonzero(elevation >= np.radians(receiver.mask_deg))
     position, velocity, elevation = seen.position[up], seen.velocity[up], elevation[up]

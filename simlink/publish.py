@@ -8,9 +8,10 @@ from typing import Any, Final
 
 import msgspec
 
-from onboard.messages import CameraPoints, RadarDetections, SimStatus, TrafficTruth, Truth
+from onboard.messages import CameraPoints, Pseudoranges, RadarDetections, SimStatus, TrafficTruth, Truth
 from onboard.wire.points import encode_points
 from onboard.wire.radar import encode_radar
+from onboard.wire.ranges import encode_ranges
 from simlink.links import LinkError
 
 
@@ -39,10 +40,10 @@ class ZenohPublisher:
             f"onboard/{vehicle}/radar/{radar}/detections",
             f"simlink/{vehicle}/traffic",
         )
-        self._session = session
+        self._session, self._vehicle = session, vehicle
+        self._kind = {"congestion_control": drop, "encoding": zenoh.Encoding.APPLICATION_JSON}
         self._points, self._truth, self._status, self._radar, self._traffic = (
-            session.declare_publisher(key, congestion_control=drop, encoding=zenoh.Encoding.APPLICATION_JSON)
-            for key in keys
+            session.declare_publisher(key, **self._kind) for key in keys
         )
 
     @classmethod
@@ -85,6 +86,11 @@ class ZenohPublisher:
     def put_scan(self, scan: RadarDetections) -> None:
         """Publish one radar scan."""
         self._radar.put(encode_radar(scan))
+
+    def put_ranges(self, epoch: Pseudoranges) -> None:
+        """Publish what one aircraft's receiver measured; one publisher each, so `put` by key."""
+        key = f"onboard/{self._vehicle}/gnss/{epoch.peer}/pseudoranges"
+        self._session.put(key, encode_ranges(epoch), **self._kind)
 
     def put_traffic(self, truth: TrafficTruth) -> None:
         """Publish the truth of all other aircraft."""

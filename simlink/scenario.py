@@ -272,12 +272,23 @@ class TrafficRadar(Record, frozen=True, kw_only=True):
     lost: tuple[Interval, ...] = ()
 
 
+class PeerReceiver(Record, frozen=True, kw_only=True):
+    """The GNSS receiver of an aircraft that shares its pseudoranges over Zenoh: standard deviations of them (m,
+    without multipath) and of their rates (m/s); when only three satellites are in sight, and when none is."""
+
+    rate: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0
+    sigma: Positive = 5.0
+    rate_sigma: Positive = 0.1
+    masked: tuple[Interval, ...] = ()
+    lost: tuple[Interval, ...] = ()
+
+
 class Aircraft(Record, frozen=True, kw_only=True):
     """One of the others. `start` NED from the origin at time 0, and how much it and the course differ from run to
     run; `a_lat` turns it to the right; `silent_from`: its transponder is switched off then (s)."""
 
     name: str
-    says: Literal["adsb", "peer", "nothing"] = "adsb"
+    says: Literal["adsb", "peer", "ranges", "nothing"] = "adsb"
     start: Vec3
     start_sigma: NotNegative = 15.0
     speed: Annotated[float, msgspec.Meta(ge=1)] = 30.0
@@ -306,6 +317,7 @@ class TrafficScene(Record, frozen=True, kw_only=True):
         velocity_step=0.0,
         climb_step=0.0,
     )
+    receiver: PeerReceiver = PeerReceiver()
     radar: TrafficRadar = TrafficRadar()
 
 
@@ -393,6 +405,8 @@ def _check(s: Scenario, source: str) -> None:
         ("gps.outages", s.gps.outages),
         ("traffic.radar.jammed", s.traffic.radar.jammed),
         ("traffic.radar.lost", s.traffic.radar.lost),
+        ("traffic.receiver.masked", s.traffic.receiver.masked),
+        ("traffic.receiver.lost", s.traffic.receiver.lost),
     ):
         for interval in intervals:
             if not interval.start < interval.end <= s.repeat:

@@ -210,6 +210,9 @@ class Server:
                     client.send([frame])
         if self._zenoh is not None and traffic.scan is not None:
             self._zenoh.put_scan(traffic.scan)
+        if self._zenoh is not None:
+            for epoch in traffic.ranges:
+                self._zenoh.put_ranges(epoch)
         if self._zenoh is not None and traffic.truth is not None:
             self._zenoh.put_traffic(traffic.truth)
 

@@ -18,6 +18,7 @@ from onboard.messages import (
     Datagram,
     Encoding,
     Message,
+    Pseudoranges,
     RadarDetections,
     TargetPoints,
     TrafficTruth,
@@ -26,6 +27,7 @@ from onboard.messages import (
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.points import encode_points
 from onboard.wire.radar import encode_radar
+from onboard.wire.ranges import encode_ranges
 from onboard.wire.tlog import frame_length
 from simlink.autopilot import Autopilot
 from simlink.camera import CameraSensor, Image, camera_points, is_exposure, target_points
@@ -58,7 +60,7 @@ class Event(NamedTuple):
     component of what is not the autopilot's own."""
 
     t_ns: int
-    message: Message | CameraPoints | RadarDetections | Truth | TrafficTruth
+    message: Message | CameraPoints | RadarDetections | Pseudoranges | Truth | TrafficTruth
     sender: tuple[int, int] | None = None
 
 
@@ -112,11 +114,13 @@ def simulate(
 
 
 def _traffic_events(tick: Tick, system: int) -> Iterator[Event]:
-    said, scan, truth = tick.traffic
+    said, ranges, scan, truth = tick.traffic
     if truth is not None:
         yield Event(tick.t_ns, truth)
     for message in said:
         yield Event(tick.t_ns, message, sender(message, system))
+    for epoch in ranges:
+        yield Event(tick.t_ns, epoch)
     if scan is not None:
         yield Event(tick.t_ns, scan)
 
@@ -125,7 +129,7 @@ def datagrams(
     scenario: Scenario, seed: int, duration: float | None = None, camera: CameraLink = "zenoh"
 ) -> Iterator[Datagram | Truth | TrafficTruth]:
     """`simulate` as bytes: one MAVLink frame (channel "autopilot", images "camera") or one JSON document
-    (channels "points" and "radar") per Datagram, arriving 1-2 ms after it left, never out of order; truth
+    (channels "points", "radar", "gnss") per Datagram, arriving 1-2 ms after it left, never out of order; truth
     between."""
     vehicle = scenario.vehicle
     encoder = MavlinkEncoder(vehicle.system, vehicle.component)
@@ -142,6 +146,8 @@ def datagrams(
             frames, channel, encoding = [encode_points(message)], "points", Encoding.POINTS
         elif isinstance(message, RadarDetections):
             frames, channel, encoding = [encode_radar(message)], "radar", Encoding.RADAR
+        elif isinstance(message, Pseudoranges):
+            frames, channel, encoding = [encode_ranges(message)], "gnss", Encoding.RANGES
         elif other is not None:
             theirs = others.setdefault(other, MavlinkEncoder(*other))
             frames, channel, encoding = [theirs.encode(message)], "autopilot", Encoding.MAVLINK

@@ -20,11 +20,13 @@ from onboard.messages import (
     GlobalPosition,
     IntruderTruth,
     Message,
+    Pseudoranges,
     RadarDetections,
     TrafficTruth,
     Vec3,
 )
 from simlink.noise import gauss_markov, normals, uniforms
+from simlink.peer_gnss import RangesSensor
 from simlink.scenario import Aircraft, Scenario
 from simlink.sensors import add
 from simlink.traffic_radar import RadarSensor
@@ -46,6 +48,7 @@ class Now(NamedTuple):
     """What the traffic has for the outside at one step."""
 
     said: tuple[Message, ...] = ()
+    ranges: tuple[Pseudoranges, ...] = ()
     scan: RadarDetections | None = None
     truth: TrafficTruth | None = None
 
@@ -114,6 +117,11 @@ class Transmitter:
             for axis in "xyz"
         ]
         self._due = self._period * next(self._u)
+        self._receiver: RangesSensor | None = None
+        if aircraft.says == "ranges":
+            receiver, origin = scenario.traffic.receiver, scenario.vehicle.origin
+            self._receiver = RangesSensor(receiver, self.system, origin, seed, name)
+            self._range_period = 1.0 / receiver.rate
         self._receivable = True
         self._heard: tuple[float, AdsbVehicle] | None = None
         self._on_the_way: list[tuple[float, int, Message]] = []
@@ -122,13 +130,13 @@ class Transmitter:
     @property
     def target(self) -> str:
         """What a daemon may call it; nothing for who says nothing."""
-        return {"adsb": f"icao/{self.icao:06x}", "peer": f"system/{self.system}", "nothing": ""}[
-            self.aircraft.says
-        ]
+        peer = f"system/{self.system}"
+        names = {"adsb": f"icao/{self.icao:06x}", "peer": peer, "ranges": peer, "nothing": ""}
+        return names[self.aircraft.says]
 
     def step(self, t: float, motion: Motion) -> list[Message]:
         """What reaches our vehicle at flight time t (s)."""
-        if self.aircraft.says == "nothing":
+        if self.aircraft.says in ("nothing", "ranges"):
             return []
         if t >= self._due:
             self._due += self._period
@@ -137,6 +145,17 @@ class Transmitter:
         while self._on_the_way and self._on_the_way[0][0] <= t:
             arrived.append(heapq.heappop(self._on_the_way)[2])
         return arrived
+
+    def ranges(self, t: float, t_ns: int, motion: Motion) -> list[Pseudoranges]:
+        """What its receiver shares at flight time t (s)."""
+        if self._receiver is None or t < self._due:
+            return []
+        self._due += self._range_period
+        measured = self._receiver.measure(t, t_ns, motion.r, motion.v)
+        if measured is None:
+            return []
+        self.received += 1
+        return [measured]
 
     def _transmit(self, t: float, motion: Motion) -> None:
         """A report on its way; or, when there is none, the receiver's memory of the last."""
@@ -220,7 +239,8 @@ class Traffic:
         self._motions = [motions(a, seed) for a in aircraft]
         self._sensor = RadarSensor(self._radar, seed)
         self._detections = [0] * len(self._motions)
-        self._scan_steps = max(round(STEPS_PER_SECOND / self._radar.rate / STRIDE) * STRIDE, STRIDE)
+        rate = self._radar.rate or STEPS_PER_SECOND  # 0: it is off
+        self._scan_steps = max(round(STEPS_PER_SECOND / rate / STRIDE) * STRIDE, STRIDE)
 
     def step(self, state: State, t_ns: int) -> Now:
         """What there is at this state of the world, `t_ns` on the boot clock."""
@@ -231,8 +251,13 @@ class Traffic:
         for transmitter, motion in zip(self._transmitters, now, strict=True):
             said += transmitter.step(state.t, motion)
         scanning = self._radar.rate > 0 and state.step % self._scan_steps == 0
+        ranges = tuple(
+            epoch
+            for transmitter, motion in zip(self._transmitters, now, strict=True)
+            for epoch in transmitter.ranges(state.t, t_ns, motion)
+        )
         if not scanning and state.step % TRUTH_STRIDE:
-            return Now(tuple(said))
+            return Now(tuple(said), ranges)
         # the autopilot's attitude is against the horizon where we are, and so is what the radar sees with it
         lat_deg, lon_deg, _ = geodetic_from_ned(state.r_OF_n, self._origin)
         level = level_at(lat_deg, lon_deg, self._origin)
@@ -244,7 +269,7 @@ class Traffic:
         if state.step % TRUTH_STRIDE == 0:
             v = [turned(level, difference(m.v, state.v_F_n)) for m in now]
             truth = self._truth(t_ns, r, v)
-        return Now(tuple(said), scan, truth)
+        return Now(tuple(said), ranges, scan, truth)
 
     def _truth(self, t_ns: int, r: list[Vec3], v: list[Vec3]) -> TrafficTruth:
         intruders = tuple(

@@ -32,6 +32,9 @@ class Config(Record, frozen=True, kw_only=True):
     peer_latency_sigma_s: NotNegative = 0.03
     peer_position_sigma_m: Positive = 2.0
     peer_velocity_sigma_m_s: Positive = 0.3
+    gnss_range_sigma_m: Positive = 5.0  # of others' pseudoranges that do not say it, and of their rates
+    gnss_rate_sigma_m_s: Positive = 0.1
+    gnss_bias_m: Positive = 2.0  # how far fixes of pseudoranges are steadily off, ours with them
     report_bias_m: Positive = 4.0  # horizontally: how far reported positions are steadily off, ours with them
     report_bias_altitude_m: Positive = 10.0
     peer_bias_m: Positive = 3.0  # the same of other vehicles, on each axis

@@ -53,6 +53,17 @@ class Frame:
         """r_On (3,) of a place; the frame must be known."""
         return np.asarray(self._turn() @ (ecef_from_geodetic(lat_deg, lon_deg, height) - self._anchor_e))
 
+    def place_in_e(self, r: Array | None) -> Array | None:
+        """Where r (3,) of the frame is in e; of None, where we were last."""
+        if self._newest is None:
+            return None
+        return np.asarray(self._anchor_e + (self._newest[1] if r is None else r) @ self._turn())
+
+    def from_e(self, y: Array, R: Array) -> tuple[Array, Array]:
+        """Position and velocity (6,) in e, and their covariance (6, 6), in the frame."""
+        both = np.kron(np.eye(2), self._turn())
+        return both @ np.concatenate([y[:3] - self._anchor_e, y[3:]]), both @ R @ both.T
+
     def turn(self, lat_deg: float, lon_deg: float) -> Array:
         """R_nl (3, 3): from NED at a place to the frame; it must be known."""
         return np.asarray(self._turn() @ rotation_ne(lat_deg, lon_deg).T)

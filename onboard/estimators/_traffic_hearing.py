@@ -7,16 +7,15 @@ import numpy as np
 
 from onboard.estimators._traffic_batch import Judged
 from onboard.estimators._traffic_frame import Frame
-from onboard.estimators._traffic_reports import Key, Report, report_of, same_again
+from onboard.estimators._traffic_reports import Heard, Key, Report, report_of, same_again
 from onboard.estimators._traffic_table import REPORT, Table
 from onboard.estimators._traffic_telling import farewell
 from onboard.estimators._traffic_track import NS, name_of
 from onboard.filters.association import Places
 from onboard.geometry.rotations import Array
-from onboard.messages import AdsbVehicle, PeerPosition, Verdict
+from onboard.messages import AdsbVehicle, PeerRanges, Verdict
 from onboard.models import intruder
 
-SOURCE: Final = {"icao": "adsb", "system": "peer"}
 STRAYS: Final = 3  # reports that fit each other and not their track, before they are believed ...
 STRAYS_WITHIN_S: Final = 5.0  # ... when no two are farther apart: one in a thousand strays by chance
 SAME_PLACE_M: Final = 100.0  # from its track a report is of the same aircraft, and the filter has lagged
@@ -33,15 +32,24 @@ class Hearing:
         self._table = table
         self._waiting: list[Report] = []
 
-    def hear(self, message: AdsbVehicle | PeerPosition, frame: Frame) -> None:
+    def hear(self, message: Heard, frame: Frame) -> None:
         """Take a message in, or count why not."""
-        report = report_of(message, frame, self._table.config)
+        near = self._near(message) if isinstance(message, PeerRanges) else None
+        report = report_of(message, frame, self._table.config, near)
         if isinstance(report, Verdict):
             self._table.verdicts[report] += 1
         elif len(self._waiting) >= WAITING:
             self._table.verdicts[Verdict.FULL] += 1
         else:
             self._waiting.append(report)
+
+    def _near(self, message: PeerRanges) -> Array | None:
+        """Where the track of this peer was then, if there is one."""
+        for i, track in enumerate(self._table.tracks):
+            if track.key == ("system", message.peer):
+                mean = self._table.batch.belief().mean[[i]]
+                return np.asarray(intruder.located(mean, np.array([self._table.lag(message.t_ns)]))[0])
+        return None
 
     def clear(self) -> None:
         """Forget what waits."""
@@ -114,7 +122,7 @@ class Hearing:
         elif verdict is Verdict.GATED and self._is_far(report, row):
             verdict = Verdict.IMPLAUSIBLE
         self._table.verdicts[verdict] += 1
-        source = SOURCE[report.key[0]]
+        source = report.source
         track.said = self._table.said(report.message, source, report.t_ns, verdict, judged, p)
         if verdict is Verdict.FUSED:
             track.fuse(report.t_ns, source)
@@ -147,7 +155,7 @@ class Hearing:
         if len(track.strays) < STRAYS:
             return
         first_ns = track.strays[0].t_ns
-        heard = track.sources.get(SOURCE[report.key[0]], 0) >= first_ns
+        heard = track.sources.get(report.source, 0) >= first_ns
         seen = track.fused_ns >= first_ns
         near = self._off(report, row) < SAME_PLACE_M
         track.strays.clear()
@@ -156,7 +164,7 @@ class Hearing:
                 self._split(row)
             self._table.batch.restart(row, *self._first_belief(report))
             track.resets += 1
-            track.fuse(report.t_ns, SOURCE[report.key[0]])
+            track.fuse(report.t_ns, report.source)
         elif copies < COPIES:
             self._begin_with(report, copies + 1)
             for other in self._table.tracks:
@@ -191,14 +199,12 @@ class Hearing:
             self._table.farewells.append(farewell(track, self._table.batch.t_ns, f"it is {name}"))
         track.target, track.key, track.reports = name, report.key, 1
         track.heard = report.message if isinstance(report.message, AdsbVehicle) else None
-        track.fuse(report.t_ns, SOURCE[report.key[0]])
+        track.fuse(report.t_ns, report.source)
         self._table.verdicts[Verdict.FUSED] += 1
         return True
 
     def _begin_with(self, report: Report, copy: int) -> None:
-        if not self._table.begin(
-            *self._first_belief(report), report.key, report.t_ns, SOURCE[report.key[0]], copy
-        ):
+        if not self._table.begin(*self._first_belief(report), report.key, report.t_ns, report.source, copy):
             return
         track = self._table.tracks[-1]
         track.reports, track.shared = 1, copy > 1

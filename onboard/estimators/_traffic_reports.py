@@ -8,8 +8,9 @@ import numpy as np
 
 from onboard.estimators._traffic_config import Config
 from onboard.estimators._traffic_frame import Frame, on_earth
+from onboard.estimators._traffic_ranges import solve
 from onboard.geometry.rotations import Array
-from onboard.messages import AdsbVehicle, AltitudeType, PeerPosition, Verdict
+from onboard.messages import AdsbVehicle, AltitudeType, PeerPosition, PeerRanges, Verdict
 
 LOWEST: Final = -1000.0  # m
 HIGHEST: Final = 30_000.0  # m; nothing that flies by its own wings is beyond
@@ -18,7 +19,10 @@ HALF: Final = 0.5  # s: what an age in whole seconds leaves out on average,
 WHOLE: Final = 1 / math.sqrt(12)  # and its sigma
 SLOW: Final = 1.0  # m/s; what stands still may say the same twice
 
+VAGUE: Final = 300.0  # m: a fix worse than that begins no track
+
 Key = tuple[str, int]  # ("icao", address) or ("system", number)
+Heard = AdsbVehicle | PeerPosition | PeerRanges
 
 
 class Report(NamedTuple):
@@ -29,17 +33,27 @@ class Report(NamedTuple):
     y: Array
     R: Array
     bias: Array
-    message: AdsbVehicle | PeerPosition
+    message: Heard
+
+    @property
+    def source(self) -> str:
+        """What brought it."""
+        return "adsb" if isinstance(self.message, AdsbVehicle) else _OF_PEERS[type(self.message)]
 
 
-def report_of(m: AdsbVehicle | PeerPosition, frame: Frame, config: Config) -> Report | Verdict:
-    """The report in a message; else the reason why there is none."""
+_OF_PEERS: Final[dict[type, str]] = {PeerPosition: "peer", PeerRanges: "gnss"}
+
+
+def report_of(m: Heard, frame: Frame, config: Config, near: Array | None = None) -> Report | Verdict:
+    """The report in a message; else the reason why there is none. `near`: where its track was then, if any."""
     if not frame.known:
         return Verdict.NO_POSE
+    if isinstance(m, PeerRanges):
+        return _ranges(m, frame, config, near)
     return _adsb(m, frame, config) if isinstance(m, AdsbVehicle) else _peer(m, frame, config)
 
 
-def same_again(a: AdsbVehicle | PeerPosition, b: AdsbVehicle | PeerPosition | None) -> bool:
+def same_again(a: Heard, b: Heard | None) -> bool:
     """Whether a receiver repeats what it had heard before: the same place to the last digit, of what moves."""
     return (
         isinstance(a, AdsbVehicle)
@@ -95,6 +109,25 @@ def _peer(m: PeerPosition, frame: Frame, config: Config) -> Report | Verdict:
     return _report(("system", m.system), t_ns, place, m.v_n, sigma, bias, config.peer_latency_sigma_s, m, frame)
 
 
+def _ranges(m: PeerRanges, frame: Frame, config: Config, near: Array | None) -> Report | Verdict:
+    """The fix is above the ellipsoid, where we are above mean sea level: the geoid between is taken off."""
+    place = frame.place_in_e(near)
+    if place is None or not m.satellites:
+        return Verdict.NO_POSITION
+    fix = solve(m.satellites, place, config.gnss_range_sigma_m, config.gnss_rate_sigma_m_s)
+    y, R = frame.from_e(fix.y, fix.R)
+    if near is None and np.trace(R[:3, :3]) > VAGUE**2:
+        return Verdict.NO_POSITION
+    if not fix.agree:
+        return Verdict.IMPLAUSIBLE
+    lat_deg, lon_deg, height = frame.geodetic(y[None, :3])[0].tolist()
+    height -= config.geoid_undulation_m
+    if not _flies(lat_deg, lon_deg, height, tuple(y[3:].tolist()), config):
+        return Verdict.IMPLAUSIBLE
+    y[:3] = frame.position(lat_deg, lon_deg, height)
+    return Report(("system", m.peer), m.t_ns, y, R, np.full(3, config.gnss_bias_m), m)
+
+
 def _flies(lat_deg: float, lon_deg: float, height: float, v: tuple[float, float, float], config: Config) -> bool:
     return on_earth(lat_deg, lon_deg) and LOWEST <= height <= HIGHEST and math.hypot(*v) <= config.max_speed_m_s
 
@@ -107,7 +140,7 @@ def _report(
     sigma: tuple[float, float, float, float],
     bias: tuple[float, float, float],
     unsure: float,
-    message: AdsbVehicle | PeerPosition,
+    message: Heard,
     frame: Frame,
 ) -> Report:
     """`sigma`: of horizontal position and height, horizontal and vertical speed; `unsure`: of the age, s, which

@@ -1,4 +1,4 @@
-"""Traffic: every other aircraft around us, from ADS-B, other vehicles' positions and a radar of our own.
+"""Traffic: every other aircraft around us, from ADS-B, other vehicles' positions or pseudoranges, and our radar.
 
 Tracks live in one Cartesian frame (`_traffic_frame`), all filters in one batch at one time (`_traffic_batch`).
 Reports wait for the next publication, when all that came are fused together; a radar scan is fused when it comes.
@@ -18,12 +18,20 @@ from onboard.estimators._traffic_telling import tell
 from onboard.estimators._traffic_track import NS
 from onboard.filters.belief import Belief
 from onboard.geometry.camera import Camera
-from onboard.messages import AdsbVehicle, Estimate, GlobalPosition, Message, PeerPosition, RadarScan
+from onboard.messages import (
+    AdsbVehicle,
+    Estimate,
+    GlobalPosition,
+    Message,
+    PeerPosition,
+    PeerRanges,
+    RadarScan,
+)
 from onboard.ownship import Ownship
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 
-LISTENS: Final = (AdsbVehicle, PeerPosition, RadarScan, GlobalPosition)
+LISTENS: Final = (AdsbVehicle, PeerPosition, PeerRanges, RadarScan, GlobalPosition)
 OWN_POSITION_TIMEOUT_S: Final = 3.0
 
 
@@ -52,7 +60,7 @@ class Estimator:
             self._frame.receive(message)
         elif isinstance(message, RadarScan):
             self._seeing.scan(message, self._frame, ownship)
-        elif isinstance(message, AdsbVehicle | PeerPosition):
+        elif isinstance(message, AdsbVehicle | PeerPosition | PeerRanges):
             self._hearing.hear(message, self._frame)
         return []
 

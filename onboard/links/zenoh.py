@@ -1,5 +1,6 @@
 """What sensors publish over Zenoh: one JSON `CameraPoints` per image on `<prefix>/camera/<camera>/points`, one
-JSON `RadarDetections` per scan on `<prefix>/radar/<radar>/detections`."""
+JSON `RadarDetections` per scan on `<prefix>/radar/<radar>/detections`, one JSON `Pseudoranges` per epoch of
+another vehicle's receiver on `<prefix>/gnss/<peer>/pseudoranges`."""
 
 import asyncio
 import threading
@@ -29,6 +30,7 @@ class ZenohLink:
         self._keys = {
             f"{prefix}/camera/*/points": Encoding.POINTS,
             f"{prefix}/radar/*/detections": Encoding.RADAR,
+            f"{prefix}/gnss/*/pseudoranges": Encoding.RANGES,
         }
 
     async def open(self) -> None:

@@ -1,0 +1,69 @@
+"""Pseudoranges as JSON <-> PeerRanges."""
+
+import math
+from typing import Final
+
+import msgspec
+
+from onboard.messages import PeerRanges, Pseudoranges, SatelliteRange
+
+LATEST_NS: Final = 2**63
+MOST: Final = 64  # satellites; no receiver follows more of one kind
+ORBITS: Final = (6.4e6, 1e8)  # m from the Earth's centre
+FASTEST: Final = 2e4  # m/s
+FARTHEST: Final = 1e9  # m: a pseudorange has the receiver's clock in it
+
+_decoder = msgspec.json.Decoder(Pseudoranges)
+
+
+class BadRangesError(ValueError):
+    """JSON that is no Pseudoranges; the message names the field."""
+
+
+def decode_ranges(data: bytes, t_recv_ns: int) -> PeerRanges:
+    """PeerRanges of one JSON document.
+
+    Raises BadRangesError when it is no JSON, a field is missing, unknown or of the wrong type, a number out of its
+    range, a satellite there twice, or the time not of 64 bits.
+    """
+    try:
+        m = _decoder.decode(data)
+    except msgspec.DecodeError as error:  # ValidationError is one too
+        raise BadRangesError(str(error)) from error
+    if not -LATEST_NS < m.t_ns < LATEST_NS:
+        raise BadRangesError("a time is of 64 bits - at `$.t_ns`")
+    if not 1 <= m.peer <= 255:
+        raise BadRangesError("a system number is 1 to 255 - at `$.peer`")
+    if len(m.satellites) > MOST or len({s.satellite for s in m.satellites}) < len(m.satellites):
+        raise BadRangesError(f"at most {MOST} satellites, each once - at `$.satellites`")
+    for i, satellite in enumerate(m.satellites):
+        if not _possible(satellite):
+            raise BadRangesError(
+                "orbits are 6400 to 100000 km from the Earth's centre, pseudoranges to 1e9 m, rates and "
+                f"velocities to 20 km/s, sigma > 0 - at `$.satellites[{i}]`"
+            )
+    return PeerRanges(
+        t_ns=m.t_ns,
+        t_recv_ns=t_recv_ns,
+        clock=m.clock,
+        system=0,
+        component=0,
+        peer=m.peer,
+        satellites=m.satellites,
+    )
+
+
+def encode_ranges(message: Pseudoranges) -> bytes:
+    """JSON of one epoch."""
+    return msgspec.json.encode(message)
+
+
+def _possible(s: SatelliteRange) -> bool:
+    low, high = ORBITS
+    return (
+        low < math.hypot(*s.r_e) < high
+        and math.hypot(*s.v_e) < FASTEST
+        and abs(s.pseudorange) < FARTHEST
+        and abs(s.rate) < FASTEST
+        and all(sigma is None or 0 < sigma < 1e6 for sigma in (s.sigma, s.rate_sigma))
+    )
