@@ -9,15 +9,16 @@ filter can do from so far: the track begins anew where images agree, and keeps w
 
 import math
 from collections import deque
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from onboard.estimators._history import History
 from onboard.estimators._image import Eye, Image, agree, in_view, ready
-from onboard.estimators._leader_filters import LeaderFilter, View
+from onboard.estimators._image_report import Outcome, report
+from onboard.estimators._leader_filters import LeaderFilter
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, FilterError, Update
+from onboard.filters.belief import Belief, FilterError
 from onboard.geometry.rotations import Array
 from onboard.messages import (
     Estimate,
@@ -50,20 +51,15 @@ class Times(Record, frozen=True, kw_only=True):
     edge_px: float
 
 
-class Outcome(NamedTuple):
-    """What the filter, in state `prior`, made of an image from a view."""
-
-    fused: bool
-    update: Update
-    prior: Any
-    view: View
-
-
 class Track:
     """All state of one target is in the fields below."""
 
-    def __init__(self, name: str, target: str, filter_: LeaderFilter, eye: Eye, times: Times) -> None:
+    def __init__(
+        self, name: str, target: str, filter_: LeaderFilter, eye: Eye, times: Times, *, full: bool = False
+    ) -> None:
         self.target = target
+        self._full = full  # there are too many tracks for this one, which takes nothing
+        self.look: tuple[float, ...] | None = None  # where it was last said to be, in n; None: not seen lately
         self._name, self._filter, self._eye, self._times = name, filter_, eye, times
         self._history: History[Any, Ownship] | None = None
         self._candidates: deque[Image] = deque(maxlen=filter_.images or times.initialise_images)
@@ -74,7 +70,7 @@ class Track:
         self._to_agree = 0  # images still to be fused before a lost track is believed again
         self._resets = 0
         self._sequence = 0
-        self._why = "no image yet"
+        self._why = "as many targets are followed as may be" if full else "no image yet"
         self._state_since: tuple[Lifecycle, int] | None = None
 
     # ----------------------------------------------------------------------------- what comes in
@@ -112,16 +108,13 @@ class Track:
         silent = newest is None or t_ns - newest > self._times.reset_timeout_s * NS
         return self._history is None and silent
 
-    def likeness(self, message: TargetPoints, ownship: Ownship) -> float:
+    def likeness(self, image: Image, ownship: Ownship) -> float:
         """How unlike an image is to what this track expects: its NIS over the gate, or infinity. Pure."""
-        image = self._ready(message, ownship)
-        if isinstance(image, Verdict):
-            return float("inf")
         if self._history is None:
             near = bool(self._candidates) and agree(self._candidates[-1], image)
             return 1.0 if near else float("inf")
         try:
-            _, state = self._history.belief_at(message.t_ns, ownship)
+            _, state = self._history.belief_at(image.message.t_ns, ownship)
             outcome = self._fuse(state, image, ownship)[1]
         except FilterError:
             return float("inf")
@@ -130,6 +123,8 @@ class Track:
     # -------------------------------------------------------------------------- one image's way
 
     def _take(self, message: TargetPoints, ownship: Ownship) -> MeasurementReport:
+        if self._full:
+            return self._report(message, Verdict.FULL)
         if message.t_ns in self._last_stamps:
             return self._report(message, Verdict.DUPLICATE)
         image = self._ready(message, ownship)
@@ -295,6 +290,7 @@ class Track:
 
     def _estimate(self, ownship: Ownship, report: MeasurementReport | None) -> Estimate:
         t_ns, mean, covariance, in_view = ownship.now_ns, None, None, True
+        self.look = None
         believed = self._believed(ownship)
         if believed is not None:
             t_ns, belief = believed
@@ -302,6 +298,9 @@ class Track:
             covariance = tuple(map(tuple, belief.covariance.tolist()))
             if self._age(t_ns) > self._times.coast_after_s:
                 in_view = self._expects_view(belief.mean, t_ns, ownship)
+            else:
+                range_ = math.hypot(*mean[R])
+                self.look = tuple(x / range_ for x in mean[R])
         age = self._age(t_ns)
         state, reason = self._lifecycle(age, in_view)
         if self._state_since is None or self._state_since[0] is not state:
@@ -333,27 +332,4 @@ class Track:
         image: Image | None = None,
         outcome: Outcome | None = None,
     ) -> MeasurementReport:
-        update = outcome.update if outcome else None
-        return MeasurementReport(
-            source=message.camera,
-            t_ns=message.t_ns,
-            t_recv_ns=message.t_recv_ns,
-            verdict=verdict,
-            components=self._filter.seen_components,
-            units=self._filter.seen_units,
-            measured=tuple(image.seen.y.tolist()) if image else None,
-            predicted=tuple(update.predicted.tolist()) if update else None,
-            innovation=tuple(update.innovation.tolist()) if update else None,
-            innovation_sigma=tuple(map(math.sqrt, update.innovation_covariance.diagonal().tolist()))
-            if update
-            else None,
-            nis=update.nis if update else None,
-            gate=self._filter.gate,
-            points=(message.center, message.left, message.right),
-            predicted_points=self._expected(image, outcome) if image and outcome else None,
-        )
-
-    def _expected(self, image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] | None:
-        """Where the points were expected, unless one was behind the camera."""
-        points = self._filter.expected(outcome.prior, image.seen, outcome.update, outcome.view).tolist()
-        return tuple((u, v) for u, v in points) if all(math.isfinite(u + v) for u, v in points) else None
+        return report(self._filter, message, verdict, image, outcome)

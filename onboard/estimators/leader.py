@@ -6,22 +6,25 @@ a gate; a life cycle that says when not to believe it. Every target has a track 
 whose they are, and images without one go to the track they are most like.
 """
 
+import math
 from typing import Annotated, Final, Literal
 
 import msgspec
 import numpy as np
 
-from onboard.estimators._image import Eye
+from onboard.estimators._image import Eye, Image, ready
 from onboard.estimators._leader_filters import LeaderFilter, make
 from onboard.estimators._track import Times, Track
 from onboard.estimators._wing_line_noise import Extras
 from onboard.geometry.camera import Camera
-from onboard.messages import Estimate, Message, NotNegative, Positive, Record, TargetPoints
+from onboard.messages import Estimate, Message, NotNegative, Positive, Record, TargetPoints, Verdict
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
 LISTENS: Final = (TargetPoints,)
 NO_ID: Final = ""
+FARTHER: Final = 3.0  # times as far from the image as the nearest track, ...
+BESIDE: Final = 0.04  # rad, and this: what is farther off is not what was seen
 SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is surer than this is not worth a state
 
 
@@ -70,8 +73,9 @@ class Estimator:
         """Fuse one image's points of one target at the time they were taken."""
         if not isinstance(message, TargetPoints):
             return []
-        track = self._nearest(message, ownship) if message.target == NO_ID else self._named(message.target)
-        return [] if track is None else [track.take(message, ownship)]
+        if message.target == NO_ID:
+            return [self._nearest(message, ownship).take(message, ownship)]
+        return [self._named(message.target, ownship).take(message, ownship)]
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict every target to the newest navigation sample; forget those long gone, but for the first."""
@@ -88,22 +92,38 @@ class Estimator:
     def _track(self, target: str) -> Track:
         return Track(NAME, target, self._filter, self._eye, self._times)
 
-    def _named(self, target: str) -> Track | None:
-        """The track of that id, begun if need be; None when there are too many."""
-        if target not in self._tracks and len(self._tracks) < self._config.max_targets:
-            self._tracks[target] = self._track(target)
-        return self._tracks.get(target)
+    def _named(self, target: str, ownship: Ownship) -> Track:
+        """The track of that id, begun if need be; if there are too many, one not kept, that takes nothing."""
+        if target in self._tracks:
+            return self._tracks[target]
+        followed = len(self._tracks) - self._tracks[NAME].idle_since(ownship.now_ns)
+        if followed >= self._config.max_targets:
+            return Track(NAME, target, self._filter, self._eye, self._times, full=True)
+        self._tracks[target] = self._track(target)
+        return self._tracks[target]
 
-    def _nearest(self, message: TargetPoints, ownship: Ownship) -> Track | None:
+    def _nearest(self, message: TargetPoints, ownship: Ownship) -> Track:
         """The track that an image without an id is most like, or a new one."""
-        unlike = {target: track.likeness(message, ownship) for target, track in self._tracks.items()}
+        image = ready(message, ownship, self._eye, self._filter, self._times.edge_px)
+        if isinstance(image, Verdict):
+            return self._tracks[NAME]  # to tell why it is of no use
+        unlike = {track.target: track.likeness(image, ownship) for track in self._towards(image)}
         nearest = min(unlike, key=lambda target: unlike[target])
         if unlike[nearest] <= 1.0:
             return self._tracks[nearest]
         if self._tracks[NAME].idle_since(ownship.now_ns):
             return self._tracks[NAME]
         self._numbered += 1
-        return self._named(f"unnamed/{self._numbered}")
+        return self._named(f"unnamed/{self._numbered}", ownship)
+
+    def _towards(self, image: Image) -> list[Track]:
+        """The tracks that an image may be of: those not seen lately, which may be anywhere, and of the others
+        those that are not much farther from where it looks than the nearest. To ask every one would take the
+        square of their number."""
+        look = (image.seen.look_c @ image.view.R_cn).tolist()
+        away = {t.target: math.dist(t.look, look) for t in self._tracks.values() if t.look is not None}
+        limit = FARTHER * min(away.values(), default=0.0) + BESIDE
+        return [t for t in self._tracks.values() if away.get(t.target, 0.0) <= limit]
 
 
 def _filter(config: Config) -> LeaderFilter:

@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators import leader
+from onboard.estimators._image import Image, ready
 from onboard.geometry.camera import make_camera
 from onboard.messages import Attitude, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship
@@ -84,14 +85,18 @@ def test_another_aircraft_without_an_id_that_comes_later_begins_a_track_of_its_o
 def test_there_are_no_more_targets_than_allowed() -> None:
     one = estimator("estimator.leader.max_targets=2")
     ownship = Ownship(max_extrapolation=0.1)
+    told: dict[str, set[Verdict]] = {}
     for item in Stream(flight=NEAR, t1=6.0).items():
         m = item.message
         if isinstance(m, TargetPoints):
-            for k in range(5):
-                one.observe(replace(m, target=f"target/{k}"), ownship)
+            for k in range(4):
+                (e,) = one.observe(replace(m, target=f"target/{k}"), ownship)
+                assert e.measurement is not None
+                told.setdefault(e.target, set()).add(e.measurement.verdict)
         else:
             ownship.receive(m, m.t_ns)
-    assert len(one.tick(ownship)) == 2
+    assert {e.target for e in one.tick(ownship) if e.valid} == {"target/0", "target/1"}
+    assert [Verdict.FULL in told[f"target/{k}"] for k in range(4)] == [False, False, True, True]
 
 
 def test_a_target_long_gone_is_forgotten() -> None:
@@ -146,3 +151,28 @@ def test_a_leader_out_of_view_is_said_to_be_there() -> None:
     }
     assert {e.state_since_ns for e in lost} == {lost[0].t_ns}
     assert not any(e.valid for e in lost)
+
+
+def test_an_image_without_an_id_that_is_of_no_use_begins_no_track() -> None:
+    one = estimator()
+    ownship = play(one, sorted(two_aircraft("", ""), key=lambda i: i.message.t_ns))
+    bad = replace(NEAR.image(ownship.now_ns), target="", center=(math.nan, 0.0))
+    (told,) = one.observe(bad, ownship)
+    assert told.measurement is not None
+    assert told.measurement.verdict is Verdict.NOT_FINITE
+    assert told.target == "leader"
+    assert len(one.tick(ownship)) == 2
+
+
+def test_only_tracks_towards_an_image_are_asked_whether_it_is_theirs() -> None:
+    """And all that have not been seen lately."""
+    one = estimator()
+    ownship = play(one, sorted(two_aircraft("leader", "target/1"), key=lambda i: i.message.t_ns))
+    seen = ready(NEAR.image(ownship.now_ns), ownship, one._eye, one._filter, 1.0)
+    assert isinstance(seen, Image)
+    assert [t.target for t in one._towards(seen)] == ["leader"]
+    for later in (ownship.now_ns + 200 * MS, ownship.now_ns + 400 * MS):
+        for m in (NEAR.attitude(later), NEAR.position(later)):
+            ownship.receive(m, later)
+        one.tick(ownship)
+    assert [t.target for t in one._towards(seen)] == ["leader", "target/1"]
