@@ -16,6 +16,7 @@ from onboard.estimators import known, load
 from onboard.geometry.camera import Camera, make_camera
 from onboard.messages import (
     Attitude,
+    Barometer,
     GlobalPosition,
     GpsFix,
     Imu,
@@ -159,6 +160,7 @@ def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], 
     return {
         Attitude: ns(delay.attitude_s, 0.0),
         Imu: ns(delay.imu_s, 0.0),
+        Barometer: ns(delay.imu_s, 0.0),
         LocalPosition: ns(delay.local_position_s, 0.0225),
         GlobalPosition: ns(delay.global_position_s, 0.0225),
         GpsFix: ns(delay.gps_s, 0.095),

@@ -126,10 +126,19 @@ class GpsFix(Message, frozen=True, kw_only=True):
 
 
 class Imu(Message, frozen=True, kw_only=True):
-    """HIGHRES_IMU, SCALED_IMU or RAW_IMU: specific force (m/s^2) and angular rate (rad/s), body FRD."""
+    """HIGHRES_IMU, SCALED_IMU or RAW_IMU: specific force (m/s^2) and angular rate (rad/s), body FRD; where the
+    message has a new one, the barometer's altitude (m, see `Barometer`)."""
 
     f_b: Vec3
     omega_b: Vec3
+    pressure_altitude: float | None = None
+
+
+class Barometer(Message, frozen=True, kw_only=True):
+    """SCALED_PRESSURE: the altitude that has this pressure in the standard atmosphere, m. Off by a slowly changing
+    offset, and by per cents where the air is warmer or colder than the standard's."""
+
+    pressure_altitude: float
 
 
 class ActuatorOutputs(Message, frozen=True, kw_only=True):

@@ -216,7 +216,13 @@ def _local_position(t_ns: int, reading: Reading) -> Message:
 
 
 def _imu(t_ns: int, reading: Reading) -> Message:
-    return Imu(t_ns=t_ns, t_recv_ns=t_ns, f_b=reading.imu_f_b, omega_b=reading.imu_omega_b)
+    return Imu(
+        t_ns=t_ns,
+        t_recv_ns=t_ns,
+        f_b=reading.imu_f_b,
+        omega_b=reading.imu_omega_b,
+        pressure_altitude=reading.pressure_altitude,
+    )
 
 
 def _servo(t_ns: int, reading: Reading) -> Message:

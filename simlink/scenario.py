@@ -148,6 +148,15 @@ class ImuErrors(Record, frozen=True, kw_only=True):
     gyro_bias: NotNegative = 0.0
 
 
+class Barometer(Record, frozen=True, kw_only=True):
+    """The altitude that a barometer tells, 50 times a second: white noise (m), an offset that drifts (m), and how
+    far heights are stretched by air that is not the standard's (share, drawn once a run)."""
+
+    white: NotNegative = 0.15
+    drift: GaussMarkov = GaussMarkov(sigma=0.5, time=100.0)
+    stretch: NotNegative = 0.02
+
+
 class Gps(Record, frozen=True, kw_only=True):
     """Raw fixes: correlated and white position error per axis (m), white velocity error (m/s), age at the stamp
     (s), and when there is no fix."""
@@ -333,6 +342,7 @@ class Scenario(Record, frozen=True, kw_only=True):
     camera: Camera = Camera()
     nav: Nav = Nav()
     imu: ImuErrors = ImuErrors()
+    barometer: Barometer = Barometer()
     gps: Gps = Gps()
     vehicle: Vehicle = Vehicle()
     outliers: Outliers = Outliers()

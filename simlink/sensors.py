@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from onboard.messages import Quaternion, Vec3
@@ -11,6 +11,7 @@ from simlink.noise import gauss_markov, normals, uniforms
 from simlink.scenario import GaussMarkov, Scenario
 from simlink.world import DT, STEPS_PER_SECOND, State
 
+BAROMETER_STEPS: Final = 4  # of the world between two samples
 NOTHING: Final[Vec3] = (0.0, 0.0, 0.0)
 
 
@@ -31,6 +32,7 @@ class Reading(NamedTuple):
     gps_v_F_n: Vec3
     gps_fix: bool = True
     pwm_us: tuple[int, ...] | None = None
+    pressure_altitude: float | None = None  # m, where the barometer has a new one
 
 
 def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[tuple[State, Reading]]:
@@ -50,6 +52,7 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
     rates_white = white(seed, "nav.rates_white", nav.rates_white)
     gps_white = _scaled(seed, "gps.position_white", gps.position_white)
     wrong = outliers(scenario, seed)
+    pressed = barometer(scenario, seed)
     past: deque[tuple[Vec3, Vec3, Vec3, Vec3]] = deque(maxlen=max(position_steps, gps_steps) + 1)
     for state in world:
         v_F_n = add(state.v_F_n, next(speed))
@@ -74,8 +77,24 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
                 gps_v_F_n=add(add(v_gps, next(gps_speed)), misled),
                 gps_fix=not any(o.start <= state.t < o.end for o in gps.outages),
                 pwm_us=state.pwm_us,
+                pressure_altitude=pressed(state),
             ),
         )
+
+
+def barometer(scenario: Scenario, seed: int) -> Callable[[State], float | None]:
+    """The barometer's altitude at a state, m; None between its samples. To be asked of one state after another."""
+    b, datum = scenario.barometer, scenario.vehicle.origin[2]
+    draw = normals(seed, "barometer")
+    stretch = 1.0 + b.stretch * next(draw)
+    drift = gauss_markov(normals(seed, "barometer.drift"), b.drift.sigma, b.drift.time, BAROMETER_STEPS * DT)
+
+    def at(state: State) -> float | None:
+        if state.step % BAROMETER_STEPS:
+            return None
+        return datum - stretch * state.r_OF_n[2] + next(drift) + b.white * next(draw)
+
+    return at
 
 
 def outliers(scenario: Scenario, seed: int) -> Iterator[tuple[Vec3, Vec3, Vec3, Vec3]]:

@@ -65,6 +65,9 @@ class Config(Record, frozen=True, kw_only=True):
     rates_sigma_deg_s: Positive = 0.573
     gps_position_sigma_m: Positive3 | None = None  # north, east, down; None: what the receiver says
     gps_velocity_sigma_m_s: Positive3 = (0.15, 0.15, 0.3)
+    pressure_rate_hz: NotNegative = 20.0  # as often as this a barometer's altitude is fused; 0: never
+    pressure_sigma_m: Positive = 0.3  # of one such altitude
+    pressure_drift: Positive = 0.07  # of its offset, m per square root of a second
     force_noise: Positive = 0.005  # of the specific force, m/s^2 per square root of Hz, beside its scatter
     # of the angular acceleration, rad/s^2 per square root of Hz; None: 0.2 where motors' torques are known, else 2
     turning_noise: Positive | None = None

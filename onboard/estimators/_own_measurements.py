@@ -6,9 +6,10 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.estimators._own_config import Config
+from onboard.filters.belief import Rows
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import Array, matrix_from_quaternion
-from onboard.messages import Attitude, GpsFix, Vec3, Verdict
+from onboard.messages import Attitude, Barometer, GpsFix, Imu, Vec3, Verdict
 from onboard.models import own_motion
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 
@@ -16,6 +17,8 @@ FARTHEST: Final = 1e6  # m from the origin; what is farther is no fix of this fl
 FASTEST: Final = 300.0  # m/s
 QUICKEST: Final = 100.0  # rad/s
 UNKNOWN_ACCURACY: Final = (2.0, 3.0)  # m, horizontal and vertical, where a receiver does not say
+HIGHEST: Final = 1e5  # m; a barometer's altitude beyond is none
+BAROMETER: Final = "barometer"
 LEAST_ACCURACY: Final = 0.05  # m
 
 
@@ -91,6 +94,33 @@ def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measured | Verdict:
         ("m", "m", "m", "m/s", "m/s", "m/s")[:n],
         np.zeros(4),
     )
+
+
+def from_barometer(m: Barometer | Imu, altitude: float, datum: float, config: Config) -> Measured | Verdict:
+    """A barometer's altitude above its `datum`, both m."""
+    if not math.isfinite(altitude):
+        return Verdict.NOT_FINITE
+    if abs(altitude) > HIGHEST:
+        return Verdict.DEGENERATE
+    return Measured(
+        BAROMETER,
+        m.t_ns,
+        m.t_recv_ns,
+        np.array([altitude - datum]),
+        np.array([[config.pressure_sigma_m**2]]),
+        (),
+        ("pressure_altitude",),
+        ("m",),
+        np.zeros(4),
+    )
+
+
+def predicted(measured: Measured) -> Rows:
+    """The measurement as a function of rows of states."""
+    if measured.sensor == BAROMETER:
+        return lambda rows: rows[:, own_motion.OFFSET :] - rows[:, POSITION[2], None]
+    seen = list(measured.states)
+    return lambda rows: rows[:, seen]
 
 
 def _accuracy(m: GpsFix, config: Config) -> Vec3:

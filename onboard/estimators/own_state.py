@@ -5,6 +5,7 @@ at its own rate and at the time it was true, however late it comes. What the fil
 and named where it can be (`_own_faults`).
 """
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from typing import Final, NamedTuple
@@ -17,7 +18,15 @@ from onboard.estimators._own_config import Airframe, Config
 from onboard.estimators._own_faults import FaultMonitor
 from onboard.estimators._own_filters import Filtered, SensorFilter
 from onboard.estimators._own_inputs import Inputs, Samples
-from onboard.estimators._own_measurements import Measured, attitude_rows, from_attitude, from_fix
+from onboard.estimators._own_measurements import (
+    BAROMETER,
+    Measured,
+    attitude_rows,
+    from_attitude,
+    from_barometer,
+    from_fix,
+    predicted,
+)
 from onboard.filters.belief import FilterError, NotPositiveDefiniteError, Update
 from onboard.filters.gating import chi_square_threshold
 from onboard.geometry.camera import Camera
@@ -26,6 +35,7 @@ from onboard.geometry.rotations import Array, matrix_from_quaternion
 from onboard.messages import (
     ActuatorOutputs,
     Attitude,
+    Barometer,
     Estimate,
     GlobalPosition,
     GpsFix,
@@ -41,8 +51,9 @@ from onboard.ownship import Ownship
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 
-LISTENS: Final = (Attitude, Imu, GpsFix, GlobalPosition, ActuatorOutputs)
+LISTENS: Final = (Attitude, Imu, Barometer, GpsFix, GlobalPosition, ActuatorOutputs)
 NS: Final = 1_000_000_000
+OFFSET_SIGMA: Final = 300.0  # m, of the barometer's datum over O
 VELOCITIES: Final = np.ix_(VELOCITY, VELOCITY)
 PATIENCE: Final = 2  # measurements in a row that a gate may reject
 ATTITUDES: Final = 200  # kept, to begin with
@@ -53,6 +64,8 @@ NO_FORCE: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # hovering, where n
 NO_FORCE_NOISE: Final = 3.0  # m/s^2 per square root of Hz
 MANOEUVRES: Final = 4.0  # how much the force of a flight differs from hovering, (m/s^2)^2 per Hz
 NO_TURNING: Final = np.zeros(3)
+NEW_DATUM: Final = np.full(own_motion.N, 1e-18)
+NEW_DATUM[own_motion.OFFSET] = OFFSET_SIGMA**2
 TURN_NOISE: Final = np.full(own_motion.N, 1e-18)
 
 
@@ -92,7 +105,8 @@ class Estimator:
         self._attitudes: deque[Measured] = deque(maxlen=ATTITUDES)
         self._origin: Vec3 | None = None
         self._velocity_b: Array | None = None
-        self._newest_ns = self._next_told_ns = 0
+        self._datum: float | None = None  # the first altitude of the barometer, m
+        self._newest_ns = self._next_told_ns = self._next_pressure_ns = 0
         self._told_silence = False
         self._first_fix_ns: int | None = None
         self._last_fix_ns: int | None = None
@@ -106,6 +120,10 @@ class Estimator:
         match message:
             case Imu():
                 self._take_force(message)
+                if message.pressure_altitude is not None:
+                    return self._take_pressure(message, message.pressure_altitude)
+            case Barometer():
+                return self._take_pressure(message, message.pressure_altitude)
             case ActuatorOutputs():
                 self._monitor.take_outputs(message)
             case GlobalPosition():
@@ -129,8 +147,8 @@ class Estimator:
         self._forget(reason)
         self._inputs = Inputs(Samples(3), Samples(3))
         self._attitudes.clear()
-        self._origin = self._velocity_b = self._first_fix_ns = self._last_fix_ns = None
-        self._newest_ns = self._next_told_ns = 0
+        self._origin = self._velocity_b = self._first_fix_ns = self._last_fix_ns = self._datum = None
+        self._newest_ns = self._next_told_ns = self._next_pressure_ns = 0
         self._told_silence = False
         self._monitor.clear()
 
@@ -146,6 +164,19 @@ class Estimator:
             turning = self._monitor.take_imu(message, self._velocity_b)
             if turning is not None:
                 self._inputs.turning.add(message.t_ns, turning)
+
+    def _take_pressure(self, message: Imu | Barometer, altitude: float) -> list[Estimate]:
+        rate = self._config.pressure_rate_hz
+        if rate == 0.0 or message.t_ns < self._next_pressure_ns:
+            return []
+        self._next_pressure_ns = message.t_ns + round(NS / rate) - NS // 1000
+        if self._datum is None and math.isfinite(altitude):
+            self._datum = altitude
+        measured = from_barometer(message, altitude, self._datum or 0.0, self._config)
+        if isinstance(measured, Verdict):
+            return [self._tell(_own_report.refused(message, BAROMETER, measured))]
+        self._fuse_in(measured)
+        return []
 
     def _learn_origin(self, message: GlobalPosition, ownship: Ownship) -> None:
         """Where the autopilot's own origin is, so that positions can be held against its own."""
@@ -210,6 +241,7 @@ class Estimator:
         P[list(ATTITUDE)], P[list(RATES)] = 4 * np.diag(near.R)[:3], 4 * np.diag(near.R)[3:]
         mean[list(RATES)] = near.y[3:]
         P[list(own_motion.DISTURBANCE)] = self._disturbance_variance
+        P[own_motion.OFFSET] = OFFSET_SIGMA**2
         R_na = matrix_from_quaternion(near.q_nb)
         cell = Cell(R_na, self._filter.start(mean, np.diag(P)), {})
         self._history = History(
@@ -275,15 +307,19 @@ class Estimator:
 
     def _fuse(self, cell: Cell, measured: Measured, _inputs: Inputs) -> tuple[Cell, Outcome]:
         y, angular = attitude_rows(measured, cell.R_na)
-        rows_of = list(measured.states)
-        filtered, update = self._filter.update(
-            cell.filtered, measured.sensor, y, lambda rows: rows[:, rows_of], measured.R, angular
-        )
-        if self._is_smooth:
+        args = measured.sensor, y, predicted(measured), measured.R, angular
+        filtered, update = self._filter.update(cell.filtered, *args)
+        is_barometer = measured.sensor == BAROMETER
+        if self._is_smooth and not is_barometer:
             return cell._replace(filtered=filtered), Outcome(True, update)
         # a filter without layers has a gate before it; what is outside for long is no wrong value, but the model's
         gated = update.nis > chi_square_threshold(self._config.gate_probability, len(y))
         run = cell.rejected.get(measured.sensor, 0) + 1 if gated else 0
+        if is_barometer and run > PATIENCE:
+            # of a barometer it is another datum, and no motion of ours: a door, a gust, ground effect
+            forgotten = self._filter.predict(cell.filtered, lambda rows: rows, np.diag(NEW_DATUM))
+            filtered, update = self._filter.update(forgotten, *args)
+            run = 0
         rejected = {**cell.rejected, measured.sensor: run}
         if gated and run <= PATIENCE:
             return cell._replace(rejected=rejected), Outcome(False, update)
@@ -347,7 +383,7 @@ class Estimator:
 
 
 def _process_noise(c: Config) -> tuple[Array, float]:
-    """Process noise per second of each state (15,), and the rate (1/s) at which disturbances fade."""
+    """Process noise per second of each state (16,), and the rate (1/s) at which disturbances fade."""
     sigma, time = np.full(3, c.bias_sigma_m_s2), c.bias_time_s
     if c.force == "thrust":
         sigma, time = np.array([3.0, 3.0, c.bias_sigma_m_s2]), 1.0
@@ -357,4 +393,5 @@ def _process_noise(c: Config) -> tuple[Array, float]:
     Q[list(ATTITUDE)] = 1e-6
     Q[list(RATES)] = (c.turning_noise or (2.0 if c.airframe == "unknown" else 0.2)) ** 2
     Q[list(own_motion.DISTURBANCE)] = 2 * sigma**2 / time
+    Q[own_motion.OFFSET] = c.pressure_drift**2
     return Q, 1.0 / time

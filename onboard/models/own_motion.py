@@ -1,9 +1,10 @@
-"""Our own vehicle's motion: the quadrotor of `models.quadrotor`, made fit to fly. Fifteen states,
+"""Our own vehicle's motion: the quadrotor of `models.quadrotor`, made fit to fly. Sixteen states,
 
-    [x, xd, y, yd, z, zd, phi, p, theta, q, psi, r, dx, dy, dz]
+    [x, xd, y, yd, z, zd, phi, p, theta, q, psi, r, dx, dy, dz, h]
 
-the twelve of Al-Shabi, Gadsden & Wilkerson and three of disturbance: what is to be subtracted, in b, from the
-specific force that drives the model (an accelerometer's bias; without lateral accelerometers, gusts).
+the twelve of Al-Shabi, Gadsden & Wilkerson; three of disturbance: what is to be subtracted, in b, from the
+specific force that drives the model (an accelerometer's bias; without lateral accelerometers, gusts); and a
+barometer's offset: how much higher than -z its altitude is, m.
 
 Two things differ from the paper's equations, which else are kept. The thrust is not computed from commands: the
 specific force is an input, in all three axes, so that -m f_z is the thrust and f_x, f_y are what else pushes. And
@@ -20,8 +21,9 @@ from numba import njit, types
 from onboard.geometry.rotations import Array
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, ROWS, VELOCITY
 
-N: Final = 15
+N: Final = 16
 DISTURBANCE: Final = (12, 13, 14)
+OFFSET: Final = 15
 GRAVITY: Final = 9.80665
 LARGEST: Final = 0.5  # rad
 COMPONENTS: Final = (
@@ -37,7 +39,7 @@ MATRIX: Final = types.Array(types.float64, 2, "A", readonly=True)
 
 @njit((ROWS, types.float64, VECTOR, VECTOR, MATRIX, VECTOR, types.float64), cache=True, error_model="numpy")
 def process(rows, dt, f_b, turning, R_na, inertia, fading):  # type: ignore[no-untyped-def]
-    """State rows (k, 15) after `dt` seconds of specific force f_b (3,) and angular acceleration by the motors
+    """State rows (k, 16) after `dt` seconds of specific force f_b (3,) and angular acceleration by the motors
     `turning` (3,), with a's attitude R_na (3, 3) and the moments of inertia (3,). Disturbances fade at the rate
     `fading` (1/s). Midpoint rule for attitude and velocity: what a step leaves is below 1e-4 rad at 3 rad/s and
     100 Hz.
@@ -74,12 +76,13 @@ def process(rows, dt, f_b, turning, R_na, inertia, fading):  # type: ignore[no-u
             after[s, 2 * i] = rows[s, 2 * i] + dt * (rows[s, 2 * i + 1] + 0.5 * dt * acceleration)
             after[s, 2 * i + 1] = rows[s, 2 * i + 1] + dt * acceleration
             after[s, 12 + i] = rows[s, 12 + i] * np.exp(-fading * dt)
+        after[s, 15] = rows[s, 15]
     return after
 
 
 @njit((ROWS,), cache=True, error_model="numpy")
 def rotations(rows):  # type: ignore[no-untyped-def]
-    """R_ab (k, 3, 3) of rows (k, 15)."""
+    """R_ab (k, 3, 3) of rows (k, 16)."""
     R = np.empty((rows.shape[0], 3, 3))
     for s in range(rows.shape[0]):
         c_phi, s_phi = np.cos(rows[s, 6]), np.sin(rows[s, 6])
@@ -110,14 +113,14 @@ def angles(R: Array) -> Array:
 
 
 def turned(rows: Array, R_ca: Array) -> Array:
-    """The same states (k, 15) with angles into another reference frame c instead of a."""
+    """The same states (k, 16) with angles into another reference frame c instead of a."""
     after = rows.copy()
     after[:, list(ATTITUDE)] = angles(R_ca @ rotations(rows))
     return after
 
 
 def told(covariance: Array, mean: Array) -> Array:
-    """Covariance (12, 12) of [r, v, rotation of b (rad, in b), rates] from that of the states (15, 15)."""
+    """Covariance (12, 12) of [r, v, rotation of b (rad, in b), rates] from that of the states (16, 16)."""
     P = np.array(covariance[np.ix_(NAVIGATION, NAVIGATION)])
     phi, theta = mean[ATTITUDE[0]], mean[ATTITUDE[1]]
     c_phi, s_phi, c_th = np.cos(phi), np.sin(phi), np.cos(theta)

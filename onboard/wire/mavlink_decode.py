@@ -22,6 +22,7 @@ from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
     Attitude,
+    Barometer,
     Clock,
     Collision,
     Command,
@@ -40,6 +41,10 @@ from onboard.messages import (
 )
 
 G: Final = 9.80665
+SEA_LEVEL_HPA: Final = 1013.25
+STANDARD_K: Final = 288.15
+LAPSE_K_PER_M: Final = 0.0065
+LAPSE_EXPONENT: Final = 0.190263
 UNIX_ERA_NS: Final = 10**18  # a 64-bit stamp above this (2001) is Unix time, below it time since boot
 TRIM_BYTES: Final = 4096
 PENDING_IMAGES: Final = 8  # images whose three points have not all come yet
@@ -169,7 +174,19 @@ def _gps_fix(m: Any, h: dict[str, Any]) -> Message:
 
 
 def _highres_imu(m: Any, h: dict[str, Any]) -> Message:
-    return Imu(**h, f_b=(m.xacc, m.yacc, m.zacc), omega_b=(m.xgyro, m.ygyro, m.zgyro))
+    return Imu(
+        **h,
+        f_b=(m.xacc, m.yacc, m.zacc),
+        omega_b=(m.xgyro, m.ygyro, m.zgyro),
+        pressure_altitude=m.pressure_alt if m.fields_updated & dialect.HIGHRES_IMU_UPDATED_PRESSURE_ALT else None,
+    )
+
+
+def _scaled_pressure(m: Any, h: dict[str, Any]) -> Message:
+    """The troposphere of the ISO standard atmosphere (ISO 2533); NaN where there is no pressure."""
+    ratio = m.press_abs / SEA_LEVEL_HPA
+    altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
+    return Barometer(**h, pressure_altitude=altitude)
 
 
 def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
@@ -273,6 +290,7 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
     "GPS_RAW_INT": _gps_fix,
     "HIGHRES_IMU": _highres_imu,
     "SCALED_IMU": _scaled_imu,
+    "SCALED_PRESSURE": _scaled_pressure,
     "RAW_IMU": _scaled_imu,
     "SERVO_OUTPUT_RAW": _servo_output_raw,
     "COMMAND_LONG": _command_long,

@@ -129,9 +129,12 @@ def _gps_fix(m: Any) -> list[Any]:
 
 
 def _imu(m: Any) -> list[Any]:
-    unknown = [0.0] * 7
     updated = 0b111111  # accelerometer and gyro fields
-    return [dialect.MAVLink_highres_imu_message(_usec(m), *m.f_b, *m.omega_b, *unknown, updated)]
+    altitude = 0.0
+    if m.pressure_altitude is not None:
+        altitude, updated = m.pressure_altitude, updated | dialect.HIGHRES_IMU_UPDATED_PRESSURE_ALT
+    rest = (0.0, 0.0, 0.0, 0.0, 0.0, altitude, 0.0)  # magnetometer, two pressures; temperature
+    return [dialect.MAVLink_highres_imu_message(_usec(m), *m.f_b, *m.omega_b, *rest, updated)]
 
 
 def _actuator_outputs(m: Any) -> list[Any]:

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from onboard.messages import Attitude, Clock, GpsFix, Heartbeat, Imu, LocalPosition, Message
+from onboard.messages import Attitude, Barometer, Clock, GpsFix, Heartbeat, Imu, LocalPosition, Message
 from onboard.wire.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -88,6 +88,10 @@ def _imu(c: Any, i: int, header: dict[str, Any]) -> Message:
     return Imu(**header, f_b=f_b, omega_b=_vector(c, i, *(f"gyro_rad[{k}]" for k in range(3))))
 
 
+def _air_data(c: Any, i: int, header: dict[str, Any]) -> Message:
+    return Barometer(**header, pressure_altitude=float(c["baro_alt_meter"][i]))
+
+
 def _gps(c: Any, i: int, header: dict[str, Any]) -> Message:
     if "latitude_deg" in c:
         lat, lon, alt = _vector(c, i, "latitude_deg", "longitude_deg", "altitude_msl_m")
@@ -115,5 +119,6 @@ CONVERT: Final[dict[str, Callable[[Any, int, dict[str, Any]], Message | None]]] 
     "vehicle_attitude": _attitude,
     "vehicle_local_position": _local_position,
     "sensor_combined": _imu,
+    "vehicle_air_data": _air_data,
     "vehicle_gps_position": _gps,
 }

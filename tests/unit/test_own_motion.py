@@ -46,10 +46,20 @@ def test_the_frame_its_angles_turn_into_is_of_no_account_seed_2() -> None:
 
 def test_disturbances_are_taken_from_the_force_and_fade() -> None:
     rows = np.zeros((1, own_motion.N))
-    rows[0, 12:] = [0.1, -0.2, 0.3]
+    rows[0, list(own_motion.DISTURBANCE)] = [0.1, -0.2, 0.3]
     after = own_motion.process(rows, 0.1, np.array([0.1, -0.2, 0.3 - 9.80665]), NONE, np.eye(3), INERTIA, 0.5)
     assert_allclose(after[0, list(VELOCITY)], 0.0, atol=1e-15)
-    assert_allclose(after[0, 12:], np.exp(-0.05) * rows[0, 12:])
+    assert_allclose(after[0, 12:15], np.exp(-0.05) * rows[0, 12:15])
+
+
+def test_a_barometer_s_offset_stays_and_moves_nothing_seed_5() -> None:
+    rows = drawn(5, 4)
+    other = rows.copy()
+    other[:, own_motion.OFFSET] += 7.0
+    force = np.array([0.1, -0.2, -9.0])
+    after, moved = (own_motion.process(r, 0.1, force, NONE, np.eye(3), INERTIA, 0.5) for r in (rows, other))
+    assert_allclose(after[:, own_motion.OFFSET], rows[:, own_motion.OFFSET])
+    assert_allclose(moved[:, :15], after[:, :15])
 
 
 def test_the_told_attitude_covariance_is_of_a_rotation_of_the_body_seed_3() -> None:

@@ -17,7 +17,18 @@ from onboard.estimators._own_filters import SensorFilter
 from onboard.estimators._own_inputs import Samples
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.geometry.rotations import quaternion_from_vector, quaternion_product
-from onboard.messages import Attitude, FaultKind, GpsFix, Heartbeat, Imu, Message, NavState, Truth, Verdict
+from onboard.messages import (
+    Attitude,
+    Barometer,
+    FaultKind,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    Message,
+    NavState,
+    Truth,
+    Verdict,
+)
 from onboard.models import own_motion
 from onboard.pipeline import Pipeline
 from simlink.scenario import load_scenario
@@ -99,6 +110,13 @@ def velocity_rmse(states: list[NavState], truths: list[Truth], after: float) -> 
     ]
     assert len(errors) > 100
     return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1))))
+
+
+def vertical_rmse(states: list[NavState], truths: list[Truth]) -> float:
+    """Of the velocity from 8 s on, m/s."""
+    at = {s.t_ns: s for s in states if s.mean is not None}
+    late = [t for t in truths if t.t_ns in at and t.t_ns - truths[0].t_ns > 8e9]
+    return float(np.sqrt(np.mean([(t.v_F_n[2] - at[t.t_ns].mean[5]) ** 2 for t in late])))  # type: ignore[index]
 
 
 # ------------------------------------------------------------------------------------- what it says
@@ -265,6 +283,8 @@ def test_an_autopilot_that_falls_silent_is_noticed() -> None:
         (replace(fix(5000), lat_deg=-47.0), Verdict.DEGENERATE),
         (fix(3000), Verdict.TOO_OLD),
         (fix(5900), Verdict.TOO_NEW),
+        (Barometer(**header(5000), pressure_altitude=math.nan), Verdict.NOT_FINITE),
+        (replace(imu(5000), pressure_altitude=1e7), Verdict.DEGENERATE),
     ],
 )
 def test_what_cannot_be_used_is_told_and_leaves_the_state_as_it_was(message: Message, verdict: Verdict) -> None:
@@ -275,6 +295,30 @@ def test_what_cannot_be_used_is_told_and_leaves_the_state_as_it_was(message: Mes
     assert after.measurement.verdict is verdict
     assert after.mean == before.mean
     assert after.valid
+
+
+def test_a_barometer_steadies_the_vertical_velocity_seeds_3_and_4() -> None:
+    """MAVLink's fixes have no vertical velocity."""
+    for seed in (3, 4):
+        with_it, without = (flown("quadrotor", seed, 16.0, pressure_rate_hz=r)[1:] for r in (20.0, 0.0))
+        assert vertical_rmse(*with_it) < 0.5 * vertical_rmse(*without)
+        assert vertical_rmse(*with_it) < 0.05
+
+
+@pytest.mark.parametrize("name", ["cubature", "csvsf-adaptive"])
+def test_a_barometer_that_jumps_moves_nothing_and_is_believed_anew(name: str) -> None:
+    p, datum = pipeline(filter=name, gps_position_sigma_m=(0.5, 0.5, 1.0)), 620.0
+    messages: list[Message] = [heartbeat()]
+    for message in hovering(1000, 31000):
+        t_ms = message.t_ns // MS
+        if t_ms >= 11000:
+            datum = 623.0  # a door opened, or the ground was left
+        messages.append(replace(message, pressure_altitude=datum) if isinstance(message, Imu) else message)
+    states = [s for s in told(p, messages) if s.valid and s.t_ns > 10000 * MS]
+    assert max(abs(s.mean[5]) for s in states) < 0.1  # type: ignore[index]
+    assert abs(states[-1].mean[5]) < 0.05  # type: ignore[index]
+    assert abs(states[-1].mean[2]) < 0.3  # type: ignore[index]
+    assert (states[-1].reset_count, states[-1].faults) == (0, ())
 
 
 def test_nan_from_the_accelerometer_is_ignored() -> None:

@@ -4,6 +4,7 @@ from itertools import islice
 import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import euler_from_quaternion
@@ -19,8 +20,8 @@ from simlink.camera import (
     target_points,
 )
 from simlink.flight import fly
-from simlink.scenario import Camera, GaussMarkov, Gps, ImuErrors, Interval, Nav, Scenario, load_scenario
-from simlink.sensors import readings
+from simlink.scenario import Barometer, Camera, GaussMarkov, Gps, ImuErrors, Interval, Nav, Scenario, load_scenario
+from simlink.sensors import barometer, readings
 from simlink.simulation import simulate
 from simlink.world import State, states
 
@@ -142,6 +143,19 @@ def test_the_nav_errors_have_the_sizes_of_the_scenario_seeds_0_to_39() -> None:
     assert np.degrees(np.std(roll)) == pytest.approx(0.5, rel=0.2)
     assert np.mean(acceleration) == pytest.approx(0.1524, rel=0.05)
     assert np.std(bias) == pytest.approx(math.hypot(0.03048, 0.1524 / math.sqrt(51)), rel=0.2)
+
+
+def test_a_barometer_tells_heights_over_sea_stretched_by_the_air_seeds_1_to_400() -> None:
+    scenario = load_scenario("formation")
+    quiet = replace(scenario, barometer=Barometer(white=0.0, drift=GaussMarkov(), stretch=0.0))
+    rows = list(islice(readings(quiet, 1, states(quiet, 1)), 9))
+    assert [r.pressure_altitude is None for _, r in rows] == [k % 4 > 0 for k in range(9)]
+    for state, reading in rows[::4]:
+        assert reading.pressure_altitude == pytest.approx(scenario.vehicle.origin[2] - state.r_OF_n[2])
+    state = rows[0][0]._replace(r_OF_n=(0.0, 0.0, -100.0), step=0)
+    high = [barometer(scenario, seed)(state) - scenario.vehicle.origin[2] for seed in range(1, 401)]  # type: ignore[operator]
+    assert np.mean(high) == pytest.approx(100.0, abs=0.4)
+    assert np.std(high) == pytest.approx(math.sqrt(2.0**2 + 0.5**2 + 0.15**2), rel=0.1)
 
 
 def test_delayed_streams_are_older_than_their_stamp_seed_1() -> None:

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import common
 from onboard.messages import (
     ActuatorOutputs,
     Attitude,
+    Barometer,
     Clock,
     Command,
     CommandAck,
@@ -238,7 +239,13 @@ RECORDS: tuple[tuple[Message, str, dict[str, Any]], ...] = (
     (
         Imu(**HEAD, f_b=(0.5, -0.25, -9.75), omega_b=(0.125, 0.0, -1.0)),
         "HIGHRES_IMU",
-        {"time_usec": 5_250_000, "xacc": 0.5, "yacc": -0.25, "zacc": -9.75, "xgyro": 0.125, "zgyro": -1.0},
+        {"time_usec": 5_250_000, "xacc": 0.5, "yacc": -0.25, "zacc": -9.75, "xgyro": 0.125, "zgyro": -1.0,
+         "pressure_alt": 0.0, "fields_updated": 0b111111},
+    ),
+    (
+        Imu(**HEAD, f_b=(0.5, -0.25, -9.75), omega_b=(0.125, 0.0, -1.0), pressure_altitude=512.5),
+        "HIGHRES_IMU",
+        {"time_usec": 5_250_000, "zacc": -9.75, "pressure_alt": 512.5, "fields_updated": 0b100000111111},
     ),
     (
         ActuatorOutputs(**HEAD, pwm_us=(1100, 1900)),
@@ -269,6 +276,21 @@ def test_what_is_encoded_an_independent_parser_reads(record: Message, name: str,
     (m,) = independent(MavlinkEncoder(7, 191).encode(record))
     assert (m.get_type(), m.get_srcSystem(), m.get_srcComponent()) == (name, 7, 191)
     assert {k: getattr(m, k) for k in fields} == pytest.approx(fields)
+
+
+@pytest.mark.parametrize(("press_abs", "altitude"), [(1013.25, 0.0), (898.746, 1000.0), (1037.51, -200.0)])
+def test_a_pressure_is_an_altitude_of_the_standard_atmosphere(press_abs: float, altitude: float) -> None:
+    """Pressures from the standard's table (ISO 2533)."""
+    m = one(frame(29, 115, struct.pack("<Iffh", 5250, press_abs, 0.0, 2500)))
+    assert isinstance(m, Barometer)
+    assert (m.t_ns, m.clock) == (5_250_000_000, Clock.BOOT)
+    assert m.pressure_altitude == pytest.approx(altitude, abs=0.05)
+
+
+@pytest.mark.parametrize("press_abs", [0.0, -1.0, math.nan])
+def test_no_pressure_is_no_altitude(press_abs: float) -> None:
+    m = one(frame(29, 115, struct.pack("<Iffh", 5250, press_abs, 0.0, 2500)))
+    assert math.isnan(m.pressure_altitude)
 
 
 @pytest.mark.parametrize(("record", "name", "fields"), RECORDS, ids=[name for _, name, _ in RECORDS])
