@@ -8,10 +8,17 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.geometry.rotations import Array
+from onboard.models.own_motion import GRAVITY
 
 KEPT_NS: Final = 3_000_000_000
 HELD_NS: Final = 200_000_000  # a sample stands for so long after it; then nothing is known
 NS: Final = 1e-9
+DOWN: Final = np.array([0.0, 0.0, 1.0])
+SPAN_NS: Final = 900_000_000  # between fixes that are compared, at least and at most
+LONGEST_NS: Final = 2_000_000_000
+FADING_S: Final = 5.0
+UNKNOWN: Final = 4.0  # (m/s^2)^2/Hz, where fixes have not told
+KEPT: Final = 100
 SCATTER_S: Final = 1.0  # over which the scatter of samples is averaged
 
 
@@ -82,11 +89,59 @@ class Samples:
         return self._sums[i] + 0.5 * dt * (self._values[i] + self._at(t_ns))
 
 
+class Manoeuvres:
+    """How much the specific force differs from hovering at our attitude, as a density (m/s^2)^2/Hz for the axes of
+    b: by how much more the velocity of fixes a second apart changes than attitude tells, whatever an accelerometer
+    is worth. No less than what the fixes' noise hides. The largest of late counts, and fades over `FADING_S`."""
+
+    def __init__(self) -> None:
+        self._hovering = Samples(3)  # acceleration in n, were the force that of hovering
+        self._fixes: list[tuple[int, Array]] = []
+        self._times: list[int] = []
+        self._found: list[Array] = []
+
+    def add_attitude(self, t_ns: int, R_nb: Array) -> None:
+        """The attitude then."""
+        self._hovering.add(t_ns, GRAVITY * (DOWN - R_nb[:, 2]))
+
+    def add_fix(self, t_ns: int, velocity: Array, sigma: Array) -> None:
+        """A fix's velocity in n, (2,) or (3,), and its noise."""
+        self._fixes = [(t, v) for t, v in self._fixes if t_ns - t <= LONGEST_NS and len(v) == len(velocity)]
+        before = [(t, v) for t, v in self._fixes if t_ns - t >= SPAN_NS]
+        if not self._fixes or t_ns > self._fixes[-1][0]:
+            self._fixes.append((t_ns, velocity))
+        if not before or len(velocity) < 2:
+            return
+        t0_ns, v0 = before[-1]
+        told = self._hovering.mean(t0_ns, t_ns)
+        if told is None or (self._times and t_ns <= self._times[-1]):
+            return
+        n, span = len(velocity), (t_ns - t0_ns) * NS
+        noise = 2 * sigma**2 / span
+        excess = np.maximum((velocity - v0 - told[:n] * span) ** 2 / span - noise, noise)
+        across = float(excess[:2].max())
+        along = float(excess[2]) if n == 3 else UNKNOWN
+        last = self.at(t_ns)
+        kept = 1.0 if not self._times else float(np.exp(-(t_ns - self._times[-1]) * NS / FADING_S))
+        found = np.array([across, across, along])
+        self._times.append(t_ns)
+        self._found.append(found if len(self._times) == 1 else np.maximum(found, kept * last))
+        if len(self._times) > KEPT:
+            del self._times[: -KEPT // 2], self._found[: -KEPT // 2]
+
+    def at(self, t_ns: int) -> Array:
+        """The density (3,) as known at a time."""
+        i = bisect_right(self._times, t_ns) - 1
+        return self._found[i] if i >= 0 else np.full(3, UNKNOWN)
+
+
 class Inputs(NamedTuple):
-    """Specific force (3,) of the accelerometer, and angular acceleration (3,) that the motors are to give."""
+    """Specific force (3,) of the accelerometer, and angular acceleration (3,) that the motors are to give; and how
+    much that force may differ from hovering."""
 
     force: Samples
     turning: Samples
+    manoeuvres: Manoeuvres
 
     @property
     def nav_times(self) -> list[int]:

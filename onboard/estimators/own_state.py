@@ -17,7 +17,7 @@ from onboard.estimators._history import History
 from onboard.estimators._own_config import Airframe, Config
 from onboard.estimators._own_faults import FaultMonitor
 from onboard.estimators._own_filters import Filtered, SensorFilter
-from onboard.estimators._own_inputs import Inputs, Samples
+from onboard.estimators._own_inputs import Inputs, Manoeuvres, Samples
 from onboard.estimators._own_measurements import (
     BAROMETER,
     Measured,
@@ -62,7 +62,6 @@ ORIGIN_WAIT_NS: Final = 2 * NS  # for a GLOBAL_POSITION_INT that tells where the
 FIX_3D: Final = 3
 NO_FORCE: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # hovering, where no accelerometer is heard
 NO_FORCE_NOISE: Final = 3.0  # m/s^2 per square root of Hz
-MANOEUVRES: Final = 4.0  # how much the force of a flight differs from hovering, (m/s^2)^2 per Hz
 NO_TURNING: Final = np.zeros(3)
 NEW_DATUM: Final = np.full(own_motion.N, 1e-18)
 NEW_DATUM[own_motion.OFFSET] = OFFSET_SIGMA**2
@@ -101,7 +100,7 @@ class Estimator:
         self._counts = _own_report.Counts(config.layer_sigmas)
         self._resets = self._sequence = 0
         self._history: History[Cell, Inputs] | None = None
-        self._inputs = Inputs(Samples(3), Samples(3))
+        self._inputs = Inputs(Samples(3), Samples(3), Manoeuvres())
         self._attitudes: deque[Measured] = deque(maxlen=ATTITUDES)
         self._origin: Vec3 | None = None
         self._velocity_b: Array | None = None
@@ -145,7 +144,7 @@ class Estimator:
     def reset(self, reason: str) -> None:
         """Forget everything: the time base or the origin is no longer what it was."""
         self._forget(reason)
-        self._inputs = Inputs(Samples(3), Samples(3))
+        self._inputs = Inputs(Samples(3), Samples(3), Manoeuvres())
         self._attitudes.clear()
         self._origin = self._velocity_b = self._first_fix_ns = self._last_fix_ns = self._datum = None
         self._newest_ns = self._next_told_ns = self._next_pressure_ns = 0
@@ -192,6 +191,7 @@ class Estimator:
         if self._attitudes and message.t_ns <= self._attitudes[-1].t_ns:
             return []  # ATTITUDE and ATTITUDE_QUATERNION of one instant are the same attitude
         self._attitudes.append(measured)
+        self._inputs.manoeuvres.add_attitude(measured.t_ns, matrix_from_quaternion(measured.q_nb))
         self._newest_ns, self._told_silence = message.t_ns, False
         outcome = self._fuse_in(measured)
         if message.t_ns < self._next_told_ns:
@@ -214,6 +214,7 @@ class Estimator:
         measured = from_fix(message, self._origin, self._config)
         if isinstance(measured, Verdict):
             return [self._tell(_own_report.refused(message, "gps", measured))]
+        self._inputs.manoeuvres.add_fix(measured.t_ns, measured.y[3:], np.sqrt(np.diag(measured.R)[3:]))
         if self._history is None:
             self._start(measured)
             return [self._tell(_own_report.refused(message, "gps", Verdict.INITIALISING))]
@@ -288,7 +289,8 @@ class Estimator:
         spin = NO_TURNING if turning is None else turning
         # on a shaking vehicle the accelerometer is weighed against hovering, by what each tells of the true force
         density = inputs.force.density(t1_ns)
-        weight = MANOEUVRES / (MANOEUVRES + density)
+        manoeuvres = inputs.manoeuvres.at(t1_ns)
+        weight = manoeuvres / (manoeuvres + density)
         force = NO_FORCE + weight * (force - NO_FORCE)
         spread = np.diag(Q)
         R_nb = cell.R_na @ own_motion.rotations(self._filter.belief(cell.filtered).mean[None])[0]
