@@ -34,6 +34,12 @@ def test_the_same_name_is_wrong_where_it_should_not_be_seed_3(flight: Flight) ->
     assert not silent.named
 
 
+def test_without_the_barometer_it_is_not_asked() -> None:
+    used = own_state.FILTERS[-1]
+    alone = own_state.section(used + own_state.NO_BAROMETER)
+    assert alone == {**own_state.section(used), "pressure_rate_hz": 0.0}
+
+
 def test_records_bring_the_vertical_velocity_that_mavlink_has_not_seed_3() -> None:
     scenario = load_scenario("quadrotor")
     for vertical, components in ((False, 5), (True, 6)):
