@@ -23,7 +23,7 @@ SEQUENCES = 150  # of each
 def test_no_sequence_of_images_breaks_a_track_seed_7(name: str) -> None:
     count: Counter[str] = Counter()
     for number in range(SEQUENCES):
-        count.update(fuzz.run(7, number, name))
+        count.update(fuzz.run(7, number, name, longest=12))
     met = {
         "fused",
         "duplicate",
