@@ -204,7 +204,9 @@ def check(told: list[Estimate], count: Counter[str]) -> None:
             np.linalg.cholesky(P)
         except np.linalg.LinAlgError as error:
             raise UnsoundError(f"not positive definite: {e}") from error
-        if e.valid != (e.state in (Lifecycle.TRACKING, Lifecycle.COASTING)) or (e.valid and not e.age <= 2.0):
+        if e.valid != (e.state in (Lifecycle.TRACKING, Lifecycle.COASTING)) or (
+            e.valid and (e.age is None or e.age > 2.0)
+        ):
             raise UnsoundError(f"valid, or not, without reason: {e}")
         m = e.measurement
         if m is not None and m.nis is not None and not (m.nis >= 0 and math.isfinite(m.nis)):
