@@ -20,7 +20,7 @@ from onboard.messages import (
 
 PUBLISHED: Final[dict[str, type[Record]]] = {
     "estimate/<name>": Estimate,
-    "estimate/traffic/<target>": Estimate,
+    "estimate/<name>/<target>": Estimate,
     "own_state": NavState,
     "ownship": OwnPose,
     "health": Health,
@@ -36,7 +36,7 @@ def key_of(record: Record) -> str:
     if isinstance(record, NavState):
         return "own_state"
     if isinstance(record, Estimate):
-        one_of_many = "/" in record.target  # such as icao/4b1a2c
+        one_of_many = record.target != record.name  # such as icao/4b1a2c
         return f"estimate/{record.name}/{record.target}" if one_of_many else f"estimate/{record.name}"
     return {OwnPose: "ownship", Health: "health"}[type(record)]
 

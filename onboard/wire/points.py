@@ -1,6 +1,7 @@
 """Camera points as JSON <-> TargetPoints: pixels and intrinsics on the outside, image points inside."""
 
 import math
+import re
 from typing import Final
 
 import msgspec
@@ -8,6 +9,7 @@ import msgspec
 from onboard.messages import CameraPoints, Pixel, TargetPoints
 
 LATEST_NS: Final = 2**63
+TARGET: Final = re.compile(r"(?=.{0,64}$)([A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*)?")  # part of a key to publish under
 
 _decoder = msgspec.json.Decoder(CameraPoints)
 
@@ -20,7 +22,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
     """TargetPoints of one JSON document.
 
     Raises BadPointsError when it is no JSON, a field is missing, unknown or of the wrong type, a focal
-    length is not positive, or the time not of 64 bits.
+    length is not positive, the time not of 64 bits, or the target no part of a key.
     """
     try:
         m = _decoder.decode(data)
@@ -31,6 +33,8 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
         raise BadPointsError("focal lengths must be positive - at `$.intrinsics`")
     if not -LATEST_NS < m.t_ns < LATEST_NS:
         raise BadPointsError("a time is of 64 bits - at `$.t_ns`")
+    if not TARGET.fullmatch(m.target):
+        raise BadPointsError("letters, digits and -_. with / between, 64 at most - at `$.target`")
     sigmas = (m.center.sigma_px, m.left.sigma_px, m.right.sigma_px)
     f_px = math.sqrt(k.fx_px) * math.sqrt(k.fy_px)
 

@@ -88,3 +88,4 @@ def test_one_of_many_targets_has_a_key_of_its_own() -> None:
     )
     assert key_of(one) == "estimate/traffic/icao/4b1a2c"
     assert key_of(msgspec.structs.replace(one, name="leader", target="leader")) == "estimate/leader"
+    assert key_of(msgspec.structs.replace(one, name="leader", target="wingman")) == "estimate/leader/wingman"

@@ -96,6 +96,17 @@ def test_what_is_no_json_of_ours_is_an_error_of_ours(data: bytes) -> None:
         decode_points(data, RECV)
 
 
+@pytest.mark.parametrize("target", ["a*", "a b", "/a", "a//b", "a/", "$", "?x", "#", "x" * 65, "\u00e9", "a\n"])
+def test_a_target_that_can_stand_in_no_key_is_refused(target: str) -> None:
+    with pytest.raises(BadPointsError, match="target"):
+        decode(document(target=target))
+
+
+def test_a_target_is_what_can_stand_in_a_key() -> None:
+    for fine in ("", "leader", "target/1", "unnamed/12", "alpha-2.b_c"):
+        assert decode(document(target=fine)).target == fine
+
+
 def test_a_time_beyond_64_bits_is_refused() -> None:
     """It could not be published again."""
     for t_ns in (2**63, -(2**63) - 1, 10**30):
