@@ -249,7 +249,7 @@ def _parser() -> argparse.ArgumentParser:
 
     study = commands.add_parser("study", help="a paper's claims, measured", **_explained(STUDY))
     study.add_argument("name", nargs="?", help="the paper, by its name in onboard/studies")
-    study.add_argument("--all", action="store_true", help="every paper, one after the other")
+    study.add_argument("--all", action="store_true", help="every paper, two at a time")
     study.add_argument("--seeds", type=_positive, metavar="N", help="(default: what the study needs)")
     study.add_argument(
         "--out", type=Path, default=Path("out/studies"), metavar="DIR", help="(default: %(default)s)"

@@ -3,8 +3,8 @@
 import os
 import pkgutil
 import sys
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from onboard.messages import Estimate
 from onboard.replay import CsvWriter, OwnCsvWriter, Replayed, check_log, replay
 from onboard.scorecard import print_health, print_own, print_own_score, print_score
 from onboard.scoring import Score, reference_from_csv, score
+from onboard.studies._together import run_all, run_study
 
 if TYPE_CHECKING:
     from onboard.view.view import View
@@ -161,16 +162,15 @@ def study(name: str, *, seeds: int | None, out: Path, json_file: Path | None) ->
 
 
 def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
-    """`onboard study --all`: every study one after the other; the JSON has their numbers by name."""
+    """`onboard study --all`: every study, two at a time; the JSON has their numbers by name."""
     known = study_names()
     for name in known:
         _make_folder(out / name)
     _check_targets(json_file)
-    results: dict[str, Any] = {}
+    results = _measure_all(known, seeds, out)
     name_column = Column("study", no_wrap=True)
     table = Table(name_column, "claims: hold", "only if", "do not", "agree with reference", box=None)
-    for name in known:
-        results[name] = result = _measure(name, seeds, out)
+    for name, result in results.items():
         verdicts = [claim["verdict"] for claim in result.get("claims", ())]
         held = [str(verdicts.count(verdict)) for verdict in ("holds", "holds only if", "does not hold")]
         compared = [c["agrees"] for c in result.get("checks", result.get("comparisons", ()))]
@@ -189,22 +189,38 @@ def study_names() -> list[str]:
 
 
 def _measure(name: str, seeds: int | None, out: Path) -> dict[str, Any]:
-    module = import_module(f"{studies.__name__}.{name.replace('-', '_')}")
-    asked = {} if seeds is None else {"seeds": seeds}
     with _progress(Console(stderr=True)) as bar:
-        task = bar.add_task(module.TITLE, total=None)
-        try:
-            result = module.run(
-                **asked,
-                out=out / name,
-                progress=lambda done, total: bar.update(task, completed=done, total=total),
+        task = bar.add_task(_title(name), total=None)
+        with _figures_possible():
+            return run_study(name, seeds, out, lambda done, total: bar.update(task, completed=done, total=total))
+
+
+def _measure_all(names: list[str], seeds: int | None, out: Path) -> dict[str, dict[str, Any]]:
+    with _progress(Console(stderr=True)) as bar:
+        tasks = {name: bar.add_task(_title(name), total=None) for name in names}
+        with _figures_possible():
+            return run_all(
+                names,
+                seeds,
+                out,
+                lambda name, done, total: bar.update(tasks[name], completed=done, total=total),
             )
-        except ModuleNotFoundError as error:
-            if error.name != "matplotlib":
-                raise
-            raise UserError("figures need matplotlib: pip install 'wingline[study]'") from error
-    numbers: dict[str, Any] = msgspec.to_builtins(result)
-    return numbers
+
+
+def _title(name: str) -> str:
+    title: str = import_module(f"{studies.__name__}.{name.replace('-', '_')}").TITLE
+    return title
+
+
+@contextmanager
+def _figures_possible() -> Iterator[None]:
+    """Raises UserError where they are not."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name != "matplotlib":
+            raise
+        raise UserError("figures need matplotlib: pip install 'wingline[study]'") from error
 
 
 def _print_replay(log: Path, replayed: Replayed, result: Score, *written: Path | None) -> None:

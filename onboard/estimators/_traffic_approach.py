@@ -4,19 +4,16 @@ with the turn it is in and we fly straight on."""
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
 
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.cubature import weights
 from onboard.filters.unscented import sigma_points
 from onboard.geometry.rotations import Array
-from onboard.models import intruder
+from onboard.models import arc, intruder
 
 SLOWEST: Final = 1e-3  # m/s; two aircraft that move together are as near as they will be
 TURNS: Final = 3.0  # sigmas of its turn rate: less, and it may as well fly straight
 HORIZON: Final = 60.0  # s; nobody keeps a turn for longer
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 
 
 class Approaches(NamedTuple):
@@ -81,7 +78,7 @@ def closest_in_turns(r: Array, v: Array, a: Array, covariance: Array, v_F: Array
         points = sigma_points(Belief(center, spread[turns]), weights(7))
     except FilterError:  # a covariance that has been lost; its track is about to be
         return straight
-    found = _along_arcs(points.reshape(-1, 7), v_F, HORIZON).reshape(len(turns), -1, 5)
+    found = arc.first_approach(points.reshape(-1, 7), v_F, HORIZON).reshape(len(turns), -1, 5)
     off = found[:, 1:, :2] - found[:, :1, :2]
     sigma = np.sqrt(np.mean(off**2, axis=1))
     values = (found[:, 0, 0], sigma[:, 0], found[:, 0, 1], sigma[:, 1], found[:, 0, 2:], rate[turns])
@@ -97,41 +94,3 @@ def _slopes(v: Array, a: Array, rate: Array) -> Array:
     by_v = (a[:, 1] - 2.0 * rate * v[:, 0], -a[:, 0] - 2.0 * rate * v[:, 1], nothing)
     by_a = (-v[:, 1], v[:, 0], nothing)
     return np.stack([nothing, nothing, nothing, *by_v, *by_a], axis=1) / speed2[:, None]
-
-
-@njit((ROWS, VECTOR, types.float64), cache=True, error_model="numpy")
-def _along_arcs(rows, v_F, horizon):  # type: ignore[no-untyped-def]
-    """Time, distance and miss vector (k, 5) of the first closest approach of rows (k, 7): relative position and
-    velocity, and turn rate. Half the slope of the squared distance is followed until it is no longer negative."""
-    step = 0.5
-    found = np.empty((rows.shape[0], 5))
-    p = np.empty(3)
-    for k in range(rows.shape[0]):
-        rate = rows[k, 6]
-        north, east = rows[k, 3] + v_F[0], rows[k, 4] + v_F[1]
-        low, high, t = 0.0, -1.0, 0.0
-        for _ in range(200):
-            angle = rate * t
-            c, s = np.cos(angle), np.sin(angle)
-            if abs(angle) < 1e-6:
-                along, across = t, 0.5 * rate * t * t
-            else:
-                along, across = s / rate, (1.0 - c) / rate
-            p[0] = rows[k, 0] + along * north - across * east - v_F[0] * t
-            p[1] = rows[k, 1] + along * east + across * north - v_F[1] * t
-            p[2] = rows[k, 2] + rows[k, 5] * t
-            slope = (
-                p[0] * (c * north - s * east - v_F[0]) + p[1] * (c * east + s * north - v_F[1]) + p[2] * rows[k, 5]
-            )
-            if slope >= 0.0:
-                high = t
-            else:
-                low = t
-            if high == 0.0 or low >= horizon or (high > 0.0 and high - low < 1e-4):
-                break
-            t = 0.5 * (low + high) if high > 0.0 else low + step
-        found[k, 0] = t
-        found[k, 1] = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-        for i in range(3):
-            found[k, 2 + i] = p[i]
-    return found
