@@ -21,9 +21,12 @@ def daemon_config(scenario: Scenario) -> str:
         f"mount_offset_m = {list(camera.mount_offset)}",
     ]
     lines += [f"sigma_px = {camera.sigma_px}"] if camera.sigma_px > 0 else []
-    lines += ["", "[estimator.leader]", f"size_prior_m = {leader.size}", 'leader_class = "fixed_wing"']
+    kind = "multirotor" if scenario.follower.attitude == "hover" else "fixed_wing"
+    lines += ["", "[estimator.leader]", f"size_prior_m = {leader.size}", f'leader_class = "{kind}"']
+    lines.append("center_on_wing = true")
     if leader.size_sigma_percent > 0:
         lines.append(f"size_prior_sigma_m = {leader.size * leader.size_sigma_percent / 100:.6g}")
+    lines.append(f"own_velocity_sigma_m_s = {scenario.nav.velocity.sigma:.6g}")
     if scenario.nav.attitude_deg.sigma == 0:
         lines += ["own_tilt_sigma_deg = 0.0", "own_yaw_sigma_deg = 0.0"]
     if scenario.quadrotor is not None:

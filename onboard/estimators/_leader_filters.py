@@ -108,14 +108,14 @@ class _WingLine:
 
     def __init__(self, filter_: WingLine) -> None:
         self.components, self.units = filter_.components, filter_.units
-        self.seen_components: tuple[str, ...] = wing_line.COMPONENTS
-        self.seen_units: tuple[str, ...] = wing_line.UNITS
+        self.seen_components: tuple[str, ...] = wing_line.COMPONENTS[: filter_.m]
+        self.seen_units: tuple[str, ...] = wing_line.UNITS[: filter_.m]
         self.gate: float | None = filter_.gate
         self.images: int | None = None
         self._filter = filter_
 
     def see(self, points: Array, sigmas: Array) -> Seen:
-        y, R, axes = wing_line.from_points(points[None], sigmas[None])
+        y, R, axes = wing_line.from_points(points[None], sigmas[None], self._filter.m)
         (a, b), ((aa, ab), (_, bb)) = y[0, WING].tolist(), R[0, WING, WING].tolist()
         span = math.hypot(a, b)
         along = max(a * a * aa + 2 * a * b * ab + b * b * bb, 0.0)

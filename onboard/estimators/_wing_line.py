@@ -4,6 +4,7 @@ Against Oh & Johnson's: the wing's foreshortening follows from the leader's head
 distance; its slope shows the bank and so the turn; the acceleration along the track is a state, in two modes (an
 interacting multiple model), so that a steady leader is tracked closely and one that changes its speed is not lost;
 the size is considered, not estimated. The delay of the camera and the error of our own attitude can be estimated.
+A multirotor, where the wing's middle shows its nose, may also hover, and turn its nose while it does.
 
 Observability: the delay shows when what the camera sees moves, by our own manoeuvres above all, since our motion
 is known; in steady flight it is told from a bearing offset by nothing. The attitude's error is told from a real
@@ -29,12 +30,12 @@ from onboard.models import leader_flight as flight
 from onboard.models import leader_modes, wing_line
 from onboard.models.leader_flight import A_ALONG, BANK_ERROR, HEADING, Sight
 from onboard.models.leader_modes import Modes, Step
-from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, V
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
 
 START_BANK: Final = np.radians(10.0)  # rad, of the wing in the first image about level
 MOVING: Final = 3.0  # m/s: faster, and we take our own course for the leader's at first, slower where we look
 LIKELY_MANOEUVRE: Final = 0.1  # probability, at first, that the leader changes its speed, or its heading
-FARTHEST_GUESS: Final = 0.1  # of the wing's length at least is seen: an edge-on wing says nothing of the range
+LEAST_SEEN: Final = 0.1  # of the wing's length: an edge-on wing says nothing of the range
 
 
 NONE: Final = Extras()
@@ -64,7 +65,12 @@ class Filter:
     @property
     def gate(self) -> float:
         """NIS above which an image is not believed."""
-        return chi_square_threshold(self.manner.gate_probability, wing_line.M)
+        return chi_square_threshold(self.manner.gate_probability, self.m)
+
+    @property
+    def m(self) -> int:
+        """How many numbers an image measures."""
+        return wing_line.M_MIDDLE if self.extras.middle else wing_line.M
 
 
 @lru_cache(maxsize=64)
@@ -73,7 +79,7 @@ def _step(filter_: Filter, dt_us: int) -> Step:
     dt = max(dt_us, 1) * 1e-6
     manner, extras = filter_.manner, filter_.extras
     noises = noise.process_noise(manner, extras, filter_.size, dt)
-    step = Step(np.array(noise.habits(manner, extras)), np.array(noises), noise.passing(manner, dt))
+    step = Step(np.array(noise.habits(manner, extras)), np.array(noises), noise.passing(manner, extras, dt))
     for array in step:
         array.flags.writeable = False  # cached, so shared
     return step
@@ -87,7 +93,7 @@ def _weights(n: int) -> Weights:
 
 
 def start(filter_: Filter, y: Array, R_y: Array, sight: Sight, before: Belief | None = None) -> Modes:
-    """The belief after one image of each of B targets: y (B, 4), R_y (B, 4, 4). `before` is what was believed of
+    """The belief after one image of each of B targets: y (B, m), R_y (B, m, m). `before` is what was believed of
     targets seen earlier, (B, n): where they are is forgotten, how they fly is not."""
     n = filter_.extras.states
     count = len(y)
@@ -134,7 +140,7 @@ def _first_place(
     bias = np.array(extras.bias) if extras.biased else np.full(3, 1e-12)
     mean = np.array([0.0, 0.0, y[2], y[3], filter_.size, course, 0.0, 0.0, 0.0, 0.0])
     P = np.diag([0, 0, 0, 0, filter_.size_sigma, filter_.manner.initial_heading, START_BANK, *bias]) ** 2
-    P[:4, :4] = R_y
+    P[:4, :4] = R_y[:4, :4]
     weights = unscented.julier_weights(len(mean), float(len(mean)))
     rows = unscented.sigma_points(Belief(mean, P), weights)
     quarter = 0.25 * (rows[:, :1] ** 2 + rows[:, 1:2] ** 2)
@@ -145,7 +151,7 @@ def _first_place(
     wing = np.column_stack([-np.sin(heading) * np.cos(bank), np.cos(heading) * np.cos(bank), np.sin(bank)])
     across = np.linalg.norm(wing - np.sum(wing * look, axis=1, keepdims=True) * look, axis=1)
     angle = np.hypot(rows[:, 2], rows[:, 3])
-    distance = rows[:, 4] * np.maximum(across, FARTHEST_GUESS) / np.maximum(angle, 1e-6)
+    distance = rows[:, 4] * np.maximum(across, LEAST_SEEN) / np.maximum(angle, 1e-6)
     images = np.column_stack(
         [sight.r_FC_n[b] + distance[:, None] * look, rows[:, 4], heading, rows[:, 7:], bank, angle]
     )
@@ -179,7 +185,26 @@ def fuse(filter_: Filter, modes: Modes, y: Array, R_y: Array, sight: Sight) -> U
     Raises FilterError, NotPositiveDefiniteError.
     """
     eps = filter_.manner.hover_speed
+    if filter_.extras.delay > 0:
+        R_y = R_y + _unseen_product(modes, sight, y.shape[-1])
     return leader_modes.update(modes, y, R_y, sight, eps, _weights(modes.means.shape[-1]), (SIZE,))
+
+
+def _unseen_product(modes: Modes, sight: Sight, m: int) -> Array:
+    """Variance (B, m, m) of the direction by the delay times the velocity, as far as both are unknown: a sigma
+    point strays from the mean in one of them at a time and does not see it. Left out, the filter is soon sure of
+    a delay that is wrong."""
+    mean, P = modes.means[:, 0], modes.covariances[:, 0]
+    at = flight.BASE
+    product = P[:, at, at, None, None] * P[:, V, V] + P[:, V, at, None] * P[:, None, at, V]
+    to_angles = sight.axes[:, 1:] @ sight.R_cn / np.linalg.norm(mean[:, R], axis=1)[:, None, None]
+    angles = to_angles @ product @ np.swapaxes(to_angles, 1, 2)
+    variance = np.zeros((len(mean), m, m))
+    places = (slice(0, 2), slice(4, 6))[: m // 3]  # the center, and the wing's middle
+    for i in places:
+        for j in places:
+            variance[:, i, j] = angles
+    return variance
 
 
 def believed(modes: Modes) -> Belief:

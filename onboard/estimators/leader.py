@@ -35,6 +35,7 @@ class Config(Record, frozen=True, kw_only=True):
     size_prior_m: Positive = 2.0  # the leader's wingspan, as far as it is known
     size_prior_sigma_m: Positive | None = None  # None: 2 % of it
     leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # which changes its speed how freely
+    center_on_wing: bool = False  # the center seen is the wing's middle, to 1 % of the wing: then it tells more
     process_noise: dict[str, float] = msgspec.field(
         default_factory=dict
     )  # overrides single settings of the chosen filter, by name
@@ -44,6 +45,7 @@ class Config(Record, frozen=True, kw_only=True):
     own_tilt_sigma_deg: NotNegative = 0.3  # how far our own roll and pitch may be steadily off, mount included
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw; 0 for both: our attitude is exact
     own_attitude_time_s: Positive = 60.0  # in which these errors change
+    own_velocity_sigma_m_s: NotNegative = 0.1  # how far our own velocity may be off
     estimate_bias: bool = True  # estimate these errors (else: only add them to what is reported)
     delay_sigma_s: NotNegative = 0.0  # how far the camera's stamps may be late; 0: they are exact, not estimated
     rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
@@ -139,5 +141,11 @@ def _filter(config: Config) -> LeaderFilter:
         leader_class=config.leader_class,
         overrides=config.process_noise,
         attitude_sigma=np.zeros(3) if wanted else sigma,
-        extras=Extras(config.delay_sigma_s, bias, config.own_attitude_time_s),
+        extras=Extras(
+            config.delay_sigma_s,
+            bias,
+            config.own_attitude_time_s,
+            config.own_velocity_sigma_m_s,
+            config.center_on_wing,
+        ),
     )

@@ -39,13 +39,16 @@ CUBE: Final = types.Array(types.float64, 3, "A", readonly=True)
 
 class Habits(NamedTuple):
     """What an aircraft of a kind keeps to. Times (s) in which a deviation dies out; `eps` as in
-    `relative_motion.leader_acceleration`: below this speed (m/s) a course means little."""
+    `relative_motion.leader_acceleration`: below this speed (m/s) a course means little. One that hovers loses its
+    own velocity and accelerations in `hover_time`; one that turns its nose does it at `nose_rate` (rad/s)."""
 
     eps: float
     along_time: float
     heading_time: float
     bank_time: float
     bias_time: float
+    hover_time: float = math.inf
+    nose_rate: float = 0.0
 
 
 class Sight(NamedTuple):
@@ -63,13 +66,13 @@ class Sight(NamedTuple):
 def process(rows: Array, dt: float, v_F_n: Array, a_F_n: Array, habits: Habits) -> Array:
     """Rows (B k, n) of B filters after `dt` seconds in which their followers, at first at v_F_n (B, 3), accelerate
     by a_F_n (B, 3): eqs 5-10 without noise, and the decay of deviations; one step of RK4."""
-    eps, along, heading, bank, bias = habits
+    eps, along, heading, bank, bias, hover, nose_rate = habits
     kept = math.exp(-dt / along), math.exp(-dt / heading), math.exp(-dt / bank), math.exp(-dt / bias)
-    after: Array = _process(rows, dt, v_F_n, a_F_n, eps, *kept)
+    after: Array = _process(rows, dt, v_F_n, a_F_n, eps, *kept, math.exp(-dt / hover), nose_rate)
     return after
 
 
-PROCESS_SIGNATURE: Final = (ROWS, types.float64, ROWS, ROWS, *[types.float64] * 5)
+PROCESS_SIGNATURE: Final = (ROWS, types.float64, ROWS, ROWS, *[types.float64] * 7)
 
 
 @njit(cache=True, error_model="numpy")
@@ -85,7 +88,9 @@ def _accelerates(u, v, w, lat, up, along, c, s, eps):  # type: ignore[no-untyped
 
 
 @njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
-def _process(rows, dt, v_F, a_F, eps, along_kept, heading_kept, bank_kept, bias_kept):  # type: ignore[no-untyped-def]
+def _process(  # type: ignore[no-untyped-def]
+    rows, dt, v_F, a_F, eps, along_kept, heading_kept, bank_kept, bias_kept, hover_kept, nose_rate
+):
     count, n = rows.shape
     after = np.empty(rows.shape)
     each = count // v_F.shape[0]
@@ -111,6 +116,13 @@ def _process(rows, dt, v_F, a_F, eps, along_kept, heading_kept, bank_kept, bias_
         after[s, 5] = rows[s, 5] + dt / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4) - dt * a2
         for i in range(SIZE, n):
             after[s, i] = rows[s, i]
+        if hover_kept < 1.0:
+            lost = 1.0 - hover_kept
+            after[s, 3] -= lost * (after[s, 3] + v_F[f, 0] + dt * a0)
+            after[s, 4] -= lost * (after[s, 4] + v_F[f, 1] + dt * a1)
+            after[s, 5] -= lost * (after[s, 5] + v_F[f, 2] + dt * a2)
+            after[s, A_LAT] *= hover_kept
+            after[s, A_LONG] *= hover_kept
         after[s, A_ALONG] *= along_kept
         # the nose turns with the course, and leans towards it, as far as there is a course
         speed2 = U * U + V * V
@@ -118,7 +130,7 @@ def _process(rows, dt, v_F, a_F, eps, along_kept, heading_kept, bank_kept, bias_
         turned = np.arctan2(U * (V + dV) - V * (U + dU), U * (U + dU) + V * (V + dV))
         aside = rows[s, HEADING] - np.arctan2(V, U)
         aside -= 2.0 * np.pi * np.rint(aside / (2.0 * np.pi))
-        after[s, HEADING] += share * (turned - (1.0 - heading_kept) * aside)
+        after[s, HEADING] += share * (turned - (1.0 - heading_kept) * aside) + nose_rate * dt
         after[s, BANK_ERROR] *= bank_kept
         if n >= N_BIAS:
             for i in range(n - 3, n):
@@ -153,10 +165,10 @@ def _wing_axes(rows, v_F, eps):  # type: ignore[no-untyped-def]
     return axes
 
 
-def measure(rows: Array, sight: Sight, eps: float) -> Array:
-    """What the camera sees, (B k, 4), of rows (B k, n): see `wing_line`. A wing's points are half the size b to
+def measure(rows: Array, sight: Sight, eps: float, m: int) -> Array:
+    """What the camera sees, (B k, m), of rows (B k, n): see `wing_line`. A wing's points are half the size b to
     both sides of L, square to the thrust and to the nose."""
-    seen: Array = _measure(rows, *sight, eps)
+    seen: Array = _measure(rows, *sight, eps, m)
     return seen
 
 
@@ -172,10 +184,10 @@ def project_about(axes, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@njit((ROWS, CUBE, ROWS, ROWS, ROWS, CUBE, types.float64), cache=True, error_model="numpy")
-def _measure(rows, R_cn, r_FC, v_F, omega_c, axes, eps):  # type: ignore[no-untyped-def]
+@njit((ROWS, CUBE, ROWS, ROWS, ROWS, CUBE, types.float64, types.int64), cache=True, error_model="numpy")
+def _measure(rows, R_cn, r_FC, v_F, omega_c, axes, eps, m):  # type: ignore[no-untyped-def]
     count, n = rows.shape
-    seen = np.empty((count, 4))
+    seen = np.empty((count, m))
     each = count // v_F.shape[0]
     q, d = np.empty(3), np.empty(3)
     for s in range(count):
@@ -199,4 +211,6 @@ def _measure(rows, R_cn, r_FC, v_F, omega_c, axes, eps):  # type: ignore[no-unty
         right = project_about(axes[f], q0 + d0, q1 + d1, q2 + d2)
         left = project_about(axes[f], q0 - d0, q1 - d1, q2 - d2)
         seen[s, 2], seen[s, 3] = right[0] - left[0], right[1] - left[1]
+        if m > 4:
+            seen[s, 4], seen[s, 5] = 0.5 * (right[0] + left[0]), 0.5 * (right[1] + left[1])
     return seen

@@ -33,7 +33,7 @@ class Modes(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a prediction needs for each of r modes: `leader_flight.Habits` as rows (r, 5), Q (r, n, n), and the
+    """What a prediction needs for each of r modes: `leader_flight.Habits` as rows (r, 7), Q (r, n, n), and the
     probabilities (r, r) of passing from one (row) to another."""
 
     habits: Array
@@ -111,8 +111,10 @@ def _predict(  # type: ignore[no-untyped-def]
             if status != OK:
                 return means_out, P_out, ahead, status
     for j in range(r):
-        kept = np.exp(-dt / habits[j, 1:])
-        rows = _process(points[j], dt, v_F, a_F, habits[j, 0], kept[0], kept[1], kept[2], kept[3])
+        kept = np.exp(-dt / habits[j, 1:6])
+        rows = _process(
+            points[j], dt, v_F, a_F, habits[j, 0], kept[0], kept[1], kept[2], kept[3], kept[4], habits[j, 6]
+        )
         for b in range(count):
             status = gather_into(rows[b * k : (b + 1) * k], w_mean, w_cov, w, Q[j], means_out[b, j], P_out[b, j])
             if status != OK:
@@ -162,7 +164,13 @@ def _update(  # type: ignore[no-untyped-def]
         np.empty(count),
     )
     points = np.empty((count, r, k, n))
-    z, e, covariances, expected = np.empty(m), np.empty((r, m)), np.empty((r, m, m)), np.empty((r, m))
+    z, R_z, e, covariances, expected = (
+        np.empty(m),
+        np.empty((m, m)),
+        np.empty((r, m)),
+        np.empty((r, m, m)),
+        np.empty((r, m)),
+    )
     each_nis, log_l = np.empty(r), np.empty(r)
     status = OK
     if y.shape[0] != count or R_y.shape[0] != count or R_cn.shape[0] != count:
@@ -172,17 +180,17 @@ def _update(  # type: ignore[no-untyped-def]
             status = spread_into(means[b, j], P[b, j], gamma, points[b, j])
             if status != OK:
                 return means_out, P_out, posterior, innovation, S, predicted, nis, status
-    rows = _measure(points.reshape(count * r * k, n), R_cn, r_FC, v_F, omega_c, axes, eps)
+    rows = _measure(points.reshape(count * r * k, n), R_cn, r_FC, v_F, omega_c, axes, eps, m)
     images = rows.reshape(count, r, k, m)
     for b in range(count):
-        wing_line.order_tips_into(y[b], images[b, 0, 0], z)
+        wing_line.order_tips_into(y[b], R_y[b], images[b, 0, 0], z, R_z)
         for j in range(r):
             status, each_nis[j] = correct_into(
                 points[b, j],
                 images[b, j],
                 P[b, j],
                 z,
-                R_y[b],
+                R_z,
                 w_cov,
                 w,
                 angular,

@@ -5,33 +5,39 @@ Measurement (4): the center's direction and the line from the left wingtip to th
 stereographic: smooth everywhere but exactly opposite, so a leader thought to be behind the camera is not folded
 over to the front of it, and for what is near it is the angle itself. Against Oh & Johnson's subtended angle
 (eq 17) this adds the wing's slope, which shows the bank, and leaves its length to the leader's heading.
+
+Where the center is the middle between the wingtips, as Oh & Johnson have it, the middle of the wing as seen can be
+measured too (6): a second look at the direction, and, as the nearer half of a wing looks longer, a look at which
+way and how far the wing is turned out of the image plane. The latter is half the wing over the distance of
+half the wing: a few percent of it, less than what a swept wing moves the middle by.
 """
 
 from typing import Final
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
 from onboard.geometry.rotations import Array
 from onboard.models.leader_flight import CUBE, project_about
 from onboard.models.relative_motion import ROWS
 
 M: Final = 4
-COMPONENTS: Final = ("right", "down", "wing_right", "wing_down")
-UNITS: Final = ("rad", "rad", "rad", "rad")
+M_MIDDLE: Final = 6  # with the wing's middle
+COMPONENTS: Final = ("right", "down", "wing_right", "wing_down", "middle_right", "middle_down")
+UNITS: Final = ("rad",) * M_MIDDLE
 
 
-def from_points(points: Array, sigmas: Array) -> tuple[Array, Array, Array]:
-    """Measurements y (B, 4) and their noise R (B, 4, 4) from image points (B, 3, 2), the center, left and right
+def from_points(points: Array, sigmas: Array, m: int = M) -> tuple[Array, Array, Array]:
+    """Measurements y (B, m) and their noise R (B, m, m) from image points (B, 3, 2), the center, left and right
     one, whose coordinates have standard deviations `sigmas` (B, 3); and the axes (B, 3, 3) they are made in."""
-    y, R, axes = _from_points(points, sigmas)
+    y, R, axes = _from_points(points, sigmas, m)
     return y, R, axes
 
 
-@njit((CUBE, ROWS), cache=True, error_model="numpy")
-def _from_points(points, sigmas):  # type: ignore[no-untyped-def]
+@njit((CUBE, ROWS, types.int64), cache=True, error_model="numpy")
+def _from_points(points, sigmas, m):  # type: ignore[no-untyped-def]
     count = points.shape[0]
-    y, R, axes = np.zeros((count, 4)), np.zeros((count, 4, 4)), np.zeros((count, 3, 3))
+    y, R, axes = np.zeros((count, m)), np.zeros((count, m, m)), np.zeros((count, 3, 3))
     for b in range(count):
         u, v = points[b, 0, 0], points[b, 0, 1]
         length, level = np.sqrt(1.0 + u * u + v * v), np.sqrt(1.0 + u * u)
@@ -45,10 +51,13 @@ def _from_points(points, sigmas):  # type: ignore[no-untyped-def]
             length = np.sqrt(1.0 + u * u + v * v)
             below = length + axes[b, 0, 0] + axes[b, 0, 1] * u + axes[b, 0, 2] * v
             first = 0 if p == 0 else 2
+            sign = 1.0 if p == 2 else -1.0
             if p > 0:
-                sign = 1.0 if p == 2 else -1.0
                 y[b, 2] += sign * at[0]
                 y[b, 3] += sign * at[1]
+                if m > M:
+                    y[b, 4] += 0.5 * at[0]
+                    y[b, 5] += 0.5 * at[1]
             # d at / d (u, v), of 2 e.q / (|q| + m.q)
             for i in range(2):
                 iu = (2.0 * axes[b, 1 + i, 1] - at[i] * (u / length + axes[b, 0, 1])) / below
@@ -56,14 +65,22 @@ def _from_points(points, sigmas):  # type: ignore[no-untyped-def]
                 for j in range(2):
                     ju = (2.0 * axes[b, 1 + j, 1] - at[j] * (u / length + axes[b, 0, 1])) / below
                     jv = (2.0 * axes[b, 1 + j, 2] - at[j] * (v / length + axes[b, 0, 2])) / below
-                    R[b, first + i, first + j] += sigmas[b, p] ** 2 * (iu * ju + iv * jv)
+                    covariance = sigmas[b, p] ** 2 * (iu * ju + iv * jv)
+                    R[b, first + i, first + j] += covariance
+                    if p > 0 and m > M:
+                        R[b, 4 + i, 4 + j] += 0.25 * covariance
+                        R[b, 2 + i, 4 + j] += 0.5 * sign * covariance
+                        R[b, 4 + i, 2 + j] += 0.5 * sign * covariance
     return y, R, axes
 
 
 @njit(cache=True, error_model="numpy")
-def order_tips_into(y, expected, ordered):  # type: ignore[no-untyped-def]
-    """The measurement (m,) with its wingtips exchanged where that is nearer to what is expected (m,): a detector
-    may take the left one for the right one, and an aircraft does not turn round between two images."""
-    ordered[:] = y
+def order_tips_into(y, R, expected, ordered, ordered_R):  # type: ignore[no-untyped-def]
+    """The measurement (m,) and its noise (m, m), with the wingtips exchanged where that is nearer to what is
+    expected (m,): a detector may take the left one for the right one, and an aircraft does not turn round between
+    two images."""
+    ordered[:], ordered_R[:] = y, R
     if y[2] * expected[2] + y[3] * expected[3] < 0:
-        ordered[2], ordered[3] = -y[2], -y[3]
+        ordered[2:4] *= -1.0
+        ordered_R[2:4] *= -1.0
+        ordered_R[:, 2:4] *= -1.0

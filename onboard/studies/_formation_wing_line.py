@@ -45,7 +45,7 @@ class Flown(NamedTuple):
 
 
 def _filter(setting: Setting, delay: float) -> Filter:
-    extras = Extras(delay, *_bias(setting.nav))
+    extras = Extras(delay, *_bias(setting.nav), setting.nav.velocity.sigma, middle=True)
     own = _wing_line.Filter(
         setting.size, setting.size_sigma, _wing_line_noise.MANNERS[setting.leader_class], extras
     )
@@ -112,7 +112,7 @@ def _filter(setting: Setting, delay: float) -> Filter:
         mean, covariance = _wing_line.believed(state.modes)
         return mean[:, at], np.sqrt(covariance[:, at, at])
 
-    return Filter(start, predict, see, to_nine, wing_line.M, lateness if delay else None)
+    return Filter(start, predict, see, to_nine, own.m, lateness if delay else None)
 
 
 def _bias(nav: Nav) -> tuple[tuple[float, float, float], float]:
@@ -122,7 +122,9 @@ def _bias(nav: Nav) -> tuple[tuple[float, float, float], float]:
 
 
 def _measured(view: View) -> tuple[Array, Array, Sight]:
-    y, R_y, axes = wing_line.from_points(view.points, np.full(view.points.shape[:2], view.sigma))
+    y, R_y, axes = wing_line.from_points(
+        view.points, np.full(view.points.shape[:2], view.sigma), wing_line.M_MIDDLE
+    )
     return y, R_y, Sight(view.R_cn, view.r_FC_n, view.v_F_n, view.omega_b @ view.R_bc, axes)
 
 
@@ -146,7 +148,9 @@ def _chosen(fused: Mask, after: Modes, before: Modes) -> Modes:
     return Modes(*(where(a, b) for a, b in zip(after, before, strict=True)))
 
 
-WING_LINE: Final = Method("wing-line", "the daemon's default", partial(_filter, delay=0.0))
+WING_LINE: Final = Method(
+    "wing-line", "the daemon's default, told that the center is on the wing", partial(_filter, delay=0.0)
+)
 WING_LINE_DELAY: Final = Method(
     "wing-line, delay", "the same, with the camera's delay estimated", partial(_filter, delay=DELAY_SIGMA)
 )

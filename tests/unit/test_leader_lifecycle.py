@@ -95,7 +95,8 @@ def test_never_valid_for_longer_than_the_timeout_after_the_last_image_while_tick
 def test_a_lost_track_is_believed_again_only_after_three_images() -> None:
     """One image at 10.4 s, four seconds after the last, is not believed; three from 11 s on are. By then it could
     be so far away that the track begins anew, with what is known of the motion."""
-    run = fly(lambda t: t <= 6.4 or 10.39 <= t <= 10.41 or t >= 11.0, 11.5)
+    agile = "estimator.leader.process_noise={push=2.5}"
+    run = fly(lambda t: t <= 6.4 or 10.39 <= t <= 10.41 or t >= 11.0, 11.5, CIRCLE, agile)
     seen = [e for e in run.estimates if e.measurement and e.measurement.t_ns > 7 * S]
     held = [Verdict.INITIALISING] * 4
     assert [e.measurement.verdict for e in seen if e.measurement][:5] == [*held, Verdict.FUSED]

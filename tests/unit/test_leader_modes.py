@@ -21,16 +21,16 @@ BOTH = Extras(0.1, (0.005, 0.005, 0.02))
 FILTERS = (
     Filter(2.0, 0.04, FIXED_WING),
     Filter(2.0, 0.04, MULTIROTOR, BOTH),
-    Filter(2.0, 0.04, MULTIROTOR._replace(nose_walk=0.5), BOTH._replace(delay=0.0)),  # a third mode
+    Filter(2.0, 0.04, MULTIROTOR, BOTH._replace(own_velocity=0.1, middle=True)),  # may hover: five modes
 )
 
 
-def images(rng: np.random.Generator, count: int) -> tuple[Array, Array, Sight]:
+def images(rng: np.random.Generator, count: int, m: int) -> tuple[Array, Array, Sight]:
     """y, R and from where, of `count` targets, the wingtips of some the wrong way round."""
     center = rng.uniform(-0.2, 0.2, (count, 1, 2))
     half = np.array([[[0.0, 0.0], [-0.04, 0.01], [0.04, -0.01]]])
     points = center + half * rng.choice([-1.0, 1.0], (count, 1, 1)) + rng.normal(size=(count, 3, 2)) * 1e-3
-    y, R_y, axes = wing_line.from_points(points, np.full((count, 3), 1e-3))
+    y, R_y, axes = wing_line.from_points(points, rng.uniform(0.5e-3, 2e-3, (count, 3)), m)
     R_cn = np.array([matrix_from_euler(*rng.uniform(-0.2, 0.2, 3)).T for _ in range(count)])
     vectors = rng.normal(size=(3, count, 3))
     return y, R_y, Sight(R_cn, 0.1 * vectors[0], 5.0 * vectors[1], 0.1 * vectors[2], axes)
@@ -51,10 +51,18 @@ def by_parts(own: Filter, state: Modes, a: Array, seen: tuple[Array, Array, Sigh
         for row in step.habits
     ]
     modes = multiple_model.predict(methods, modes, processes, step.noises, step.passing)
-    measure = partial(leader_flight.measure, sight=sight, eps=own.manner.hover_speed)
+    measure = partial(leader_flight.measure, sight=sight, eps=own.manner.hover_speed, m=own.m)
+    if own.extras.delay > 0:
+        means, covariances = (
+            np.stack([s.mean for s in modes.states], 1),
+            np.stack([s.covariance for s in modes.states], 1),
+        )
+        R_y = R_y + _wing_line._unseen_product(Modes(means, covariances, modes.probabilities), sight, own.m)
     swapped = np.sum(y[:, 2:4] * measure(modes.states[0].mean)[:, 2:4], axis=1) < 0
-    y = y.copy()
+    y, R_y = y.copy(), R_y.copy()
     y[swapped, 2:4] *= -1
+    R_y[swapped, 2:4] *= -1
+    R_y[swapped, :, 2:4] *= -1
     update = multiple_model.update(methods, modes, y, [measure] * r, R_y)
     believed = multiple_model.believed(methods, update.belief)
     each = update.belief.states
@@ -74,10 +82,10 @@ def by_parts(own: Filter, state: Modes, a: Array, seen: tuple[Array, Array, Sigh
 @pytest.mark.parametrize("count", [1, 3])
 def test_a_step_of_all_modes_is_what_the_parts_make_seed_1(own: Filter, count: int) -> None:
     rng = np.random.default_rng(1)
-    y, R_y, sight = images(rng, count)
+    y, R_y, sight = images(rng, count, own.m)
     state = _wing_line.start(own, y, R_y, sight)
     for _ in range(20):
-        seen, a = images(rng, count), rng.normal(size=(count, 3))
+        seen, a = images(rng, count, own.m), rng.normal(size=(count, 3))
         expected = by_parts(own, state, a, seen)
         state = _wing_line.advance(own, state, DT, seen[2].v_F_n, a)
         update = _wing_line.fuse(own, state, *seen)
@@ -89,7 +97,7 @@ def test_a_step_of_all_modes_is_what_the_parts_make_seed_1(own: Filter, count: i
 
 def test_one_of_a_batch_is_what_it_is_alone_seed_2() -> None:
     own, rng = FILTERS[1], np.random.default_rng(2)
-    seen, a = images(rng, 4), rng.normal(size=(4, 3))
+    seen, a = images(rng, 4, own.m), rng.normal(size=(4, 3))
     state = _wing_line.start(own, *seen)
     together = _wing_line.fuse(own, _wing_line.advance(own, state, DT, seen[2].v_F_n, a), *seen)
     for b in range(4):
@@ -103,7 +111,7 @@ def test_one_of_a_batch_is_what_it_is_alone_seed_2() -> None:
 
 def test_what_cannot_be_done_is_refused_with_its_reason_seed_3() -> None:
     own, rng = FILTERS[0], np.random.default_rng(3)
-    (y, R_y, sight), none = images(rng, 2), np.zeros((2, 3))
+    (y, R_y, sight), none = images(rng, 2, own.m), np.zeros((2, 3))
     state = _wing_line.start(own, y, R_y, sight)
     with pytest.raises(FilterError, match="shapes do not fit"):
         _wing_line.advance(own, state, DT, none[:1], none)

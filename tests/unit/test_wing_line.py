@@ -100,9 +100,10 @@ def test_what_is_predicted_is_what_points_projected_by_hand_measure(seed: int) -
     x = row(a_along=0.4, bank_error=rng.uniform(-0.2, 0.2), heading=rng.uniform(-1, 1))
     wing = leader_flight.wing_axes(x[None], np.array([15.0, 2.0, 0.0]), 1.0)[0]
     points = image_of(x, wing, R_cn, np.array([0.3, -0.1, 0.2]))
-    y, _, axes = wing_line.from_points(points[None], np.full((1, 3), 1e-3))
-    predicted = leader_flight.measure(x[None], sight(R_cn, axes[0]), 1.0)[0]
-    np.testing.assert_allclose(predicted, y[0], atol=1e-12)
+    for m in (wing_line.M, wing_line.M_MIDDLE):
+        y, _, axes = wing_line.from_points(points[None], np.full((1, 3), 1e-3), m)
+        predicted = leader_flight.measure(x[None], sight(R_cn, axes[0]), 1.0, m)[0]
+        np.testing.assert_allclose(predicted, y[0], atol=1e-12)
     np.testing.assert_allclose(axes[0] @ axes[0].T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes[0]) == pytest.approx(1.0)
 
@@ -120,27 +121,30 @@ def test_the_noise_is_that_of_the_points_by_differences(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.uniform(-0.6, 0.6, 2) + rng.uniform(-0.2, 0.2, (3, 2))
     sigmas = rng.uniform(1e-3, 3e-3, 3)
-    _, R_y, axes = wing_line.from_points(points[None], sigmas[None])
+    _, R_y, axes = wing_line.from_points(points[None], sigmas[None], wing_line.M_MIDDLE)
 
     def coordinates(p: Array) -> Array:
         d = np.column_stack([np.ones(3), p])
         d /= np.linalg.norm(d, axis=1)[:, None]
         s = 2 * d @ axes[0, 1:].T / (1 + d @ axes[0, 0])[:, None]
-        return np.concatenate([s[0], s[2] - s[1]])
+        return np.concatenate([s[0], s[2] - s[1], 0.5 * (s[1] + s[2])])
 
-    J = np.zeros((4, 6))
+    J = np.zeros((6, 6))
     for i in range(6):
         step = np.zeros(6)
         step[i] = 1e-6
         J[:, i] = (coordinates(points + step.reshape(3, 2)) - coordinates(points - step.reshape(3, 2))) / 2e-6
-    np.testing.assert_allclose(R_y[0], J @ np.diag(np.repeat(sigmas, 2) ** 2) @ J.T, rtol=1e-5, atol=1e-14)
+    expected = J @ np.diag(np.repeat(sigmas, 2) ** 2) @ J.T
+    np.testing.assert_allclose(R_y[0], expected, rtol=1e-5, atol=1e-14)
+    _, without, _ = wing_line.from_points(points[None], sigmas[None])
+    np.testing.assert_array_equal(without[0], R_y[0, :4, :4])
 
 
 def test_a_leader_behind_the_camera_is_not_folded_to_the_front() -> None:
     ahead, behind = row(), row()
     behind[R] = -ahead[R]
     axes = np.eye(3)
-    seen = leader_flight.measure(np.array([ahead, behind]), sight(np.eye(3), axes), 1.0)
+    seen = leader_flight.measure(np.array([ahead, behind]), sight(np.eye(3), axes), 1.0, wing_line.M)
     assert np.hypot(*seen[0, :2]) < 0.5
     assert np.hypot(*seen[1, :2]) > 4.0
 
@@ -161,9 +165,9 @@ def test_a_delay_shows_where_the_leader_was_and_how_the_camera_stood() -> None:
     then[R] -= tau * x[V]
     then[leader_flight.BASE] = 0.0
     axes = np.eye(3)
-    expected = leader_flight.measure(then[None], sight(R_then, axes), 1.0)[0]
-    ours = leader_flight.measure(x[None], sight(R_cn, axes, omega=omega), 1.0)[0]
-    undelayed = leader_flight.measure((x * (np.arange(13) != 12))[None], sight(R_cn, axes), 1.0)[0]
+    expected = leader_flight.measure(then[None], sight(R_then, axes), 1.0, wing_line.M)[0]
+    ours = leader_flight.measure(x[None], sight(R_cn, axes, omega=omega), 1.0, wing_line.M)[0]
+    undelayed = leader_flight.measure((x * (np.arange(13) != 12))[None], sight(R_cn, axes), 1.0, wing_line.M)[0]
     np.testing.assert_allclose(ours, expected, atol=1e-4)
     assert np.abs(undelayed - expected).max() > 3e-3
 
@@ -174,6 +178,33 @@ def test_a_bias_is_the_rotation_from_the_camera_as_told_to_the_camera_as_it_stan
     x[-3:] = bias
     R_cn = matrix_from_euler(0.1, -0.05, 0.3).T
     B = np.array([[0, -bias[2], bias[1]], [bias[2], 0, -bias[0]], [-bias[1], bias[0], 0]])
-    expected = leader_flight.measure(x[None, :12], sight((np.eye(3) - B) @ R_cn, np.eye(3)), 1.0)
-    np.testing.assert_allclose(leader_flight.measure(x[None], sight(R_cn, np.eye(3)), 1.0), expected, atol=1e-12)
+    expected = leader_flight.measure(x[None, :12], sight((np.eye(3) - B) @ R_cn, np.eye(3)), 1.0, 6)
+    ours = leader_flight.measure(x[None], sight(R_cn, np.eye(3)), 1.0, 6)
+    np.testing.assert_allclose(ours, expected, atol=1e-12)
     assert x[BANK_ERROR] == 0.0
+
+
+def test_a_leader_that_hovers_loses_its_own_velocity_and_turns_its_nose_at_a_rate() -> None:
+    """Its own velocity, not that relative to a follower that speeds up meanwhile."""
+    x, v_F, a_F = row(a_lat=0.5, a_long=-0.2), np.array([[3.0, 1.0, 0.0]]), np.array([[0.4, -0.2, 0.1]])
+    habits = RIGID._replace(eps=1.0)  # its nose follows no course at a walking pace
+    x[V] = (0.5, -0.2, 0.1) - v_F[0]
+    on = leader_flight.process(x[None], 0.1, v_F, a_F, habits)[0]
+    still = leader_flight.process(x[None], 0.1, v_F, a_F, habits._replace(hover_time=0.5, nose_rate=0.3))[0]
+    own = [after[V] + v_F[0] + 0.1 * a_F[0] for after in (on, still)]
+    np.testing.assert_allclose(own[1], np.exp(-0.1 / 0.5) * own[0], rtol=1e-12)
+    np.testing.assert_allclose(still[[A_LAT, A_LONG]], np.exp(-0.1 / 0.5) * x[[A_LAT, A_LONG]], rtol=1e-12)
+    assert still[HEADING] - on[HEADING] == pytest.approx(0.03)
+
+
+def test_the_middle_of_a_wing_turned_aside_is_seen_beside_its_center_by_hand() -> None:
+    """The nearer half looks longer, by s^2 sin cos / (r^2 - (s sin)^2): s half the wing, r its distance."""
+    s, r, turned = 1.3, 25.0, np.radians(60.0)
+    x = row(heading=turned, a_lat=0.0, a_long=0.0)
+    x[R], x[V], x[SIZE] = (r, 0.0, 0.0), 0.0, 2 * s
+    here = sight(np.eye(3), np.eye(3), (0.0, 0.0, 0.0))._replace(r_FC_n=np.zeros((1, 3)))
+    seen = leader_flight.measure(x[None], here, 1.0, wing_line.M_MIDDLE)[0]
+    # the right wingtip of a nose to the right is the nearer one
+    beside = s * s * np.sin(turned) * np.cos(turned) / (r * r - (s * np.sin(turned)) ** 2)
+    assert seen[4] - seen[0] == pytest.approx(beside, rel=2e-2)
+    assert seen[2] == pytest.approx(2 * s * np.cos(turned) / r, rel=1e-2)
