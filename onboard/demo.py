@@ -117,6 +117,7 @@ def run_demo(
         ),
     ]
     with contextlib.ExitStack() as stack:
+        heed = stack.enter_context(_interruptions())
         daemon = stack.enter_context(_process(daemon_command, directory / f"{name}.daemon.log"))
         client = _connect(endpoint, config.zenoh.vehicle, daemon)
         stack.callback(client.close)
@@ -124,7 +125,7 @@ def run_demo(
         if shown is not None:
             stack.callback(shown.close)
         simlink = stack.enter_context(_process(simlink_command, directory / f"{name}.simlink.log"))
-        flight = _watch(client, shown, (daemon, simlink), progress)
+        flight = _watch(client, shown, (daemon, simlink), progress, heed)
     return _report(flight, scenario, seed, duration)
 
 
@@ -151,14 +152,17 @@ def _watch(
     view: "View | None",
     processes: "tuple[Process, Process]",
     progress: Callable[[float, Estimate | None], None],
+    heed: Callable[[], None],
 ) -> Flight:
-    """Take and show all records until the simulator says it has finished and the last ones have come."""
+    """Take and show all records until the simulator says it has finished and the last ones have come, or `heed`
+    raises."""
     flight = Flight([], [], None, None, [], [], [])
     daemon, simlink = processes
     newest: Estimate | None = None
     finished_at: float | None = None
     while finished_at is None or time.monotonic() < finished_at + LINGER_S + _health_wait(flight):
         received = client.take(0.1)
+        heed()
         if received is None:
             daemon.check()
             if simlink.popen.poll() is not None and finished_at is None:
@@ -231,6 +235,28 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
 
 
 # ---------------------------------------------------------------------------------------- processes
+
+
+@contextlib.contextmanager
+def _interruptions() -> Iterator[Callable[[], None]]:
+    """A function that raises KeyboardInterrupt if the user has wanted an end. The handler raises it too, but what
+    is raised while an object is finalised, say, is only printed, and the demo would end as if it had flown."""
+    came: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    def heed() -> None:
+        if came:
+            raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    try:
+        yield heed
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 class Process(NamedTuple):

@@ -78,9 +78,11 @@ DEFAULTS = {  # key -> default, as the README's table gives them
     "estimator.leader.size_prior_m": 2.0,
     "estimator.leader.size_prior_sigma_m": None,
     "estimator.leader.leader_class": "multirotor",
+    "estimator.leader.center_on_wing": False,
     "estimator.leader.filter": "wing-line",
     "estimator.leader.own_tilt_sigma_deg": 0.3,
     "estimator.leader.own_yaw_sigma_deg": 1.0,
+    "estimator.leader.own_velocity_sigma_m_s": 0.1,
     "estimator.leader.delay_sigma_s": 0.0,
     "estimator.leader.validity_timeout_s": 2,
     "estimator.leader.reset_timeout_s": 10,
@@ -114,7 +116,9 @@ def test_every_configuration_key_named_exists_with_the_default_shown() -> None:
         assert found == default, key
     for key, shown in documented.items():
         value = DEFAULTS[key]
-        if isinstance(value, str) and value not in {"router", "1"}:
+        if isinstance(value, bool):
+            assert str(value).lower() in shown, key
+        elif isinstance(value, str) and value not in {"router", "1"}:
             assert value in shown, key
         elif isinstance(value, (int, float)) and key != "autopilot.system":
             assert f"{value:g}" in shown, (key, shown)
