@@ -39,9 +39,9 @@ class Manner(NamedTuple):
     turns_for: float = 3.0  # s
     nose_rate: float = 0.3  # rad/s, of a nose that turns to either side
     nose_walk: float = 0.3  # rad, of its heading
-    heading: float = np.radians(1.2)  # rad, of the nose about the course
+    heading: float = np.radians(2.0)  # rad, of the nose about the course
     heading_time: float = 3.0  # s
-    bank: float = np.radians(1.1)  # rad, of the bank about that of a coordinated turn
+    bank: float = np.radians(1.0)  # rad, of the bank about that of a coordinated turn
     bank_time: float = 1.0  # s
     hover_speed: float = 1.0  # m/s, below which a course means little
     initial_velocity: float = 3.7  # m/s

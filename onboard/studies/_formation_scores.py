@@ -47,7 +47,8 @@ class Score(Record, frozen=True, kw_only=True):
     angle_error_deg: tuple[float, float, float]  # root mean square of measured minus true angles
     position_sigma_ft: tuple[float, float, float]  # reported, at DROP_OUT
     gated: int
-    delay_error_ms: float | None = None  # largest after 20 s, of methods that estimate the stamps' delay
+    delay_at_20_s_ms: float | None = None  # error of methods that estimate the stamps' delay
+    delay_error_ms: float | None = None  # the largest of it after 20 s
     delay_found_s: float | None = None  # from when on it stays within 15 ms; None: not at the end
 
 
@@ -74,7 +75,7 @@ def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, s
     inside[settled] = nearness <= chi_square_threshold(COVERAGE, 3)
     hidden: Mask | None = None if unseen is None or not unseen.any() else settled & unseen
     first = track.t[0] if not np.isfinite(flight.image_points).any() else _first_image(flight)
-    delay_error, delay_found = _delay(track, stamps_late)
+    at_20_s, delay_error, delay_found = _delay(track, stamps_late)
     return Score(
         seed=seed,
         diverged=_diverged(track, truth, range_error),
@@ -96,6 +97,7 @@ def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, s
         angle_error_deg=_angle_error_deg(flight),
         position_sigma_ft=_position_sigma(track),
         gated=int(np.sum(np.isfinite(track.nis) & ~track.fused)),
+        delay_at_20_s_ms=at_20_s,
         delay_error_ms=delay_error,
         delay_found_s=delay_found,
     )
@@ -132,15 +134,16 @@ def _position_sigma(track: Track) -> tuple[float, float, float]:
     return float(before), float(during), float(after)
 
 
-def _delay(track: Track, stamps_late: float) -> tuple[float | None, float | None]:
-    """Largest error after 20 s, ms, and the time from which on it stays within 15 ms."""
+def _delay(track: Track, stamps_late: float) -> tuple[float | None, float | None, float | None]:
+    """The error at 20 s and the largest after, ms, and the time from which on it stays within 15 ms."""
     if track.delay is None:
-        return None, None
+        return None, None, None
     error = np.abs(track.delay[:, 0] - stamps_late)
     beyond = np.flatnonzero(~(error <= DELAY_LIMIT))  # an estimate that is not there is not near either
     found = 0 if not beyond.size else int(beyond[-1]) + 1
-    largest = float(1e3 * np.max(error[track.t >= DELAY_FROM])) if track.t[-1] >= DELAY_FROM else None
-    return largest, float(track.t[found]) if found < len(track.t) else None
+    after = 1e3 * error[track.t >= DELAY_FROM]
+    first, largest = (float(after[0]), float(np.max(after))) if len(after) else (None, None)
+    return first, largest, float(track.t[found]) if found < len(track.t) else None
 
 
 def _angle_error_deg(flight: Flight) -> tuple[float, float, float]:

@@ -93,6 +93,7 @@ class Row(Record, frozen=True, kw_only=True):
     nis_bounds: tuple[float, float]  # the same of the NIS
     nis_degrees: int
     position_sigma_ft: tuple[float, ...]  # reported (root mean square) before, in and after a drop-out
+    delay_at_20_s_ms: float | None  # root mean square
     delay_error_ms: float | None  # largest of 95 % of runs after 20 s, of a method that estimates the delay
     delay_found_s: float | None  # by when 95 % of runs had it to stay within 15 ms
     scores: tuple[Score, ...]
@@ -129,6 +130,7 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
     quantities |= {name: _mean(_known([getattr(s, name) for s in scores])) for name in OF_ALL}
     times = [s.a_lat_converged_s for s in kept if s.a_lat_converged_s is not None]
     nis_degrees = scores[0].nis_degrees
+    at_20_s = [s.delay_at_20_s_ms for s in kept if s.delay_at_20_s_ms is not None]
     delays = [s.delay_error_ms for s in kept if s.delay_error_ms is not None]
     return Row(
         variant=variant,
@@ -146,6 +148,7 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
         nis_bounds=mean_bounds(nis_degrees, max(len(kept), 1)),
         nis_degrees=nis_degrees,
         position_sigma_ft=tuple(_rms([s.position_sigma_ft[i] for s in kept]).value or np.nan for i in range(3)),
+        delay_at_20_s_ms=_rms(at_20_s).value,
         delay_error_ms=float(np.quantile(delays, SLOWEST)) if delays else None,
         delay_found_s=_by_when([s.delay_found_s for s in scores]),
         scores=tuple(scores),

@@ -176,6 +176,8 @@ def test_a_delay_is_found_when_it_stays_within_15_ms(flight: Flight) -> None:
     s = score(1, flight, found, stamps_late=0.08)
     assert s.delay_found_s == pytest.approx(8.0)
     assert s.delay_error_ms == pytest.approx(14.0)
+    assert s.delay_at_20_s_ms is not None
+    assert s.delay_at_20_s_ms <= s.delay_error_ms
     assert score(1, flight, found, stamps_late=0.0).delay_found_s is None
 
 
