@@ -10,6 +10,7 @@ from onboard.estimators._traffic_config import Config
 from onboard.estimators._traffic_frame import Frame, Own
 from onboard.estimators._traffic_track import Track
 from onboard.filters.belief import Belief
+from onboard.geometry.rotations import Array
 from onboard.messages import ClosestApproach, Estimate, Intruder, Lifecycle, ThreatLevel
 from onboard.models import intruder
 
@@ -29,6 +30,7 @@ def tell(
     each = np.kron(np.eye(3), turn)
     covariance = each @ belief.covariance[:, :9, :9] @ each.T
     covariance[:, intruder.V, intruder.V] += config.own_velocity_sigma_m_s**2 * np.eye(3)
+    covariance[:, :3, :3] += curvature(mean[:, :3], covariance[:, :3, :3])
     approach = closest_in_turns(mean[:, :3], mean[:, 3:], a @ turn.T, covariance, turn @ own.v)
     places, over_ground = frame.geodetic(r).tolist(), (v @ turn.T).tolist()
     near = [
@@ -52,6 +54,21 @@ def tell(
             tracks, mean.tolist(), covariance[:, :6, :6].tolist(), places, over_ground, near, strict=True
         )
     ]
+
+
+def curvature(r: Array, P: Array) -> Array:
+    """What the covariances P (k, 3, 3) of places r (k, 3) lack, where a radar has measured the distance well and
+    the direction badly: the truth is on a sphere, not on its tangent plane. E[(x^2 + y^2)^2] / 4 r^2, along r."""
+    distance = np.maximum(np.linalg.norm(r, axis=1), 1.0)
+    u = r / distance[:, None]
+    Pu = np.einsum("kij,kj->ki", P, u)
+    along = np.einsum("ki,ki->k", u, Pu)
+    across = np.trace(P, axis1=1, axis2=2) - along
+    squared = np.einsum("kij,kij->k", P, P) - 2.0 * np.einsum("ki,ki->k", Pu, Pu) + along**2
+    sag2 = np.minimum(
+        (across**2 + 2.0 * squared) / (4.0 * distance**2), across
+    )  # nearer than it is unsure: no more
+    return np.asarray(sag2[:, None, None] * u[:, :, None] * u[:, None, :])
 
 
 def farewell(track: Track, t_ns: int, reason: str) -> Estimate:

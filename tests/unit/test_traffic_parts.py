@@ -8,6 +8,7 @@ from scipy.linalg import expm
 from scipy.optimize import linear_sum_assignment
 
 from onboard.estimators._traffic_approach import closest, closest_in_turns
+from onboard.estimators._traffic_telling import curvature
 from onboard.filters.association import assign, candidates
 from onboard.geometry.geodesy import geodetic_from_ecef, geodetic_rows
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
@@ -231,6 +232,19 @@ def test_a_distance_shorter_than_its_own_uncertainty_has_that_of_the_whole_vecto
     )
     assert a.distance[0] == pytest.approx(0.0, abs=1e-9)
     assert a.distance_sigma[0] == pytest.approx(math.sqrt(2 * (9.0 + 400.0)), rel=0.01)
+
+
+def test_the_truth_is_on_a_sphere_and_the_covariance_knows_seed_11() -> None:
+    r, sigma = np.array([3000.0, 400.0, -200.0]), 40.0
+    u = r / np.linalg.norm(r)
+    P = 0.25 * np.outer(u, u) + sigma**2 * (np.eye(3) - np.outer(u, u))
+    draws = np.random.default_rng(11).multivariate_normal(np.zeros(3), P, 20_000)
+    places = r + draws
+    on_it = places / np.linalg.norm(places, axis=1)[:, None] * (np.linalg.norm(r) + draws @ u)[:, None]
+    sag = (on_it - r) @ u - draws @ u
+    (more,) = curvature(r[None], P[None])
+    assert u @ more @ u == pytest.approx(np.mean(sag**2), rel=0.1)
+    assert np.trace(more) == pytest.approx(u @ more @ u)  # along the line of sight alone
 
 
 def along_a_turn(seconds: float = 40.0) -> tuple[float, float]:
