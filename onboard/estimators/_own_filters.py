@@ -12,14 +12,15 @@ from onboard.filters import methods
 from onboard.filters.belief import Belief, Method, Rows, Update
 from onboard.geometry.rotations import Array
 
-BELIEF_FIELDS: Final = {"mean", "covariance", "factor"}
+BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "doubt"}
 
 
 class Filtered(NamedTuple):
-    """A filter's state, and of each sensor what the filter remembers of it."""
+    """A filter's state, and of each sensor what the filter remembers of it, and doubts by it."""
 
     state: Any
     memory: Mapping[str, Any]
+    doubts: Mapping[str, Array]
 
 
 class SensorFilter:
@@ -33,7 +34,7 @@ class SensorFilter:
 
     def start(self, mean: Array, covariance: Array) -> Filtered:
         """A state that has seen no measurement."""
-        return Filtered(self._method.start(mean, covariance), {})
+        return Filtered(self._method.start(mean, covariance), {}, {})
 
     def predict(self, filtered: Filtered, process: Rows, Q: Array) -> Filtered:
         """Time update. Raises FilterError, NotPositiveDefiniteError."""
@@ -49,8 +50,11 @@ class SensorFilter:
             remembered = _memory(self._method.start(belief.mean, belief.covariance))
         state = _remembering(filtered.state, remembered)
         update = self._method.update(state, y, measure, R, angular)
-        memory = {**filtered.memory, sensor: _memory(update.belief)}
-        return Filtered(update.belief, memory), update
+        memory, after = {**filtered.memory, sensor: _memory(update.belief)}, update.belief
+        if not hasattr(after, "doubt"):
+            return Filtered(after, memory, {}), update
+        doubts = {**filtered.doubts, sensor: after.doubt}
+        return Filtered(after._replace(doubt=sum(doubts.values())), memory, doubts), update
 
     def belief(self, filtered: Filtered) -> Belief:
         """What the filter believes."""

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.filters._gains import joseph_into, mixed, solve_into, widen_into
+from onboard.filters._gains import joseph_into, mixed, right_inverse, solve_into, widen_into
 from onboard.filters._kernels import FLAGS, _signatures, factor_into, wrapped
 from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MEASUREMENT, NOISE, OK, SHAPE
 
@@ -22,6 +22,9 @@ FIXED: Final = 0  # every component by the switching gain
 VARIABLE: Final = 1  # by the Kalman gain where the optimal layer is within the limit
 SWITCHED: Final = 2  # by the Kalman gain where |e| + gamma |residual| is within scale deviations of the innovation
 ADAPTIVE: Final = 3  # as SWITCHED, of a prior that is first made wider where the innovation keeps to one side
+
+SLOWER: Final = 5  # a mean that remembers so many times longer finds smaller errors, too late to be followed ...
+DOUBTED: Final = 2.0  # ... beyond so many of its deviations: they are told
 
 
 @njit(cache=True, error_model="numpy")
@@ -97,14 +100,14 @@ def decide_into(kind, e, residual, B, S, R, given, gamma, scale, lasted, layer, 
 
 
 @njit(cache=True, error_model="numpy")
-def lean_into(e, S, scale, fading, switching, extra):  # type: ignore[no-untyped-def]
+def lean_into(e, S, scale, fading, deviations, switching, extra):  # type: ignore[no-untyped-def]
     """The fading mean of sat(e/psi), psi = scale sqrt(S_aa), into `switching`; the variance that explains it into
     `extra`, zero where it is within what white innovations make of it. True if any is not.
 
     In sliding mode the mean of the switching term is what the model lacks (Utkin's equivalent control). For white
-    e that of sat(e/psi) has the variance fading / (2 - fading) / scale^2; `scale` deviations of it are allowed.
+    e that of sat(e/psi) has the variance fading / (2 - fading) / scale^2; so many `deviations` of it are allowed.
     """
-    limit = np.sqrt(fading / (2 - fading))
+    limit = deviations / scale * np.sqrt(fading / (2 - fading))
     found = False
     for a in range(e.shape[0]):
         psi = scale * np.sqrt(S[a, a])
@@ -116,18 +119,30 @@ def lean_into(e, S, scale, fading, switching, extra):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy")
-def update_into(  # type: ignore[no-untyped-def]
+def doubt_into(L_t, B, followed, rest, doubt):  # type: ignore[no-untyped-def]
+    """G D G^T (n, n) with D the variances `rest` (m,) of those quantities that have none in `followed`, and G the
+    weighted right inverse."""
+    G = right_inverse(L_t, B, True)
+    for a in range(G.shape[1]):
+        if followed[a] == 0:
+            for i in range(G.shape[0]):
+                for j in range(G.shape[0]):
+                    doubt[i, j] += G[i, a] * rest[a] * G[j, a]
+
+
+@njit(cache=True, error_model="numpy")
+def update_into(  # type: ignore[no-untyped-def]  # noqa: PLR0912 - one filter's update, step by step
     mean, P, images, y, R, residual, given, angular, kind, gamma, scale, patience, weighted, fading, lasted,
-    switching, out,
+    switching, leaning, out,
 ):  # fmt: skip
     """One filter's update into `out`; (status, NIS)."""
-    mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected = out
+    mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected, doubt = out
     n, m = mean.shape[0], y.shape[0]
     if images.shape[0] != 2 * n + 1 or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m or m == 0:
         return SHAPE, 0.0
     if residual.shape[0] != m or lasted.shape[0] != m or (given.shape[0] != m and given.shape[0] != 0):
         return SHAPE, 0.0
-    if switching.shape[0] != m:
+    if switching.shape[0] != m or leaning.shape[0] != m:
         return SHAPE, 0.0
     dtype = mean.dtype
     L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
@@ -144,8 +159,11 @@ def update_into(  # type: ignore[no-untyped-def]
     s, ratio, switched = np.empty(m, dtype), np.empty(m, dtype), np.empty(m, np.bool_)
     wider = S
     if kind == ADAPTIVE:
-        extra = np.empty(m, dtype)
-        if lean_into(e, S, scale, fading, switching, extra):
+        extra, rest = np.empty(m, dtype), np.empty(m, dtype)
+        found = lean_into(e, S, scale, fading, scale, switching, extra)
+        if lean_into(e, S, scale, fading / SLOWER, DOUBTED, leaning, rest):
+            doubt_into(L_t, B, extra, rest, doubt)
+        if found:
             wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen by what it is judged
             if not widen_into(L_t, B, N, extra, wider):
                 return COVARIANCE, 0.0
@@ -166,19 +184,19 @@ def update_into(  # type: ignore[no-untyped-def]
 
 
 @njit(
-    _signatures(2, 3, 3, 2, 3, 2, 2, 2, 2, FLAGS, types.int64, "f", "f", types.int64, types.boolean, "f"),
+    _signatures(2, 3, 3, 2, 3, 2, 2, 2, 2, 2, FLAGS, types.int64, "f", "f", types.int64, types.boolean, "f"),
     cache=True,
     error_model="numpy",
 )
 def update_batch(  # type: ignore[no-untyped-def]
-    mean, P, images, y, R, residual, lasted, switching, given, angular, kind, gamma, scale, patience, weighted,
-    fading,
+    mean, P, images, y, R, residual, lasted, switching, leaning, given, angular, kind, gamma, scale, patience,
+    weighted, fading,
 ):  # fmt: skip
     """Updates of a batch: mean (B, n), P (B, n, n), images (B, 2n+1, m), y (B, m), R (B or 1, m, m), residual,
-    lasted and switching (B, m), layers given (B or 1, m), or (1, 0) for `scale` standard deviations of R.
+    lasted, switching and leaning (B, m), layers given (B or 1, m), or (1, 0) for `scale` standard deviations of R.
 
-    (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii, outside, rejected, lasted, switching,
-    NIS, status).
+    (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii, outside, rejected, doubt, lasted,
+    switching, leaning, NIS, status).
     """
     count, n = mean.shape
     m = y.shape[1]
@@ -193,9 +211,14 @@ def update_batch(  # type: ignore[no-untyped-def]
         np.empty((count, m), dtype),
         np.empty((count, m), np.bool_),
         np.empty((count, m), np.bool_),
+        np.zeros((count, n, n), dtype),
     )
-    lasted, switching, nis, status = lasted.copy(), switching.copy(), np.empty(count, dtype), OK
-    for size in (P.shape[0], images.shape[0], y.shape[0], residual.shape[0], lasted.shape[0], switching.shape[0]):
+    lasted, switching, leaning = lasted.copy(), switching.copy(), leaning.copy()
+    nis, status = np.empty(count, dtype), OK
+    for size in (P.shape[0], images.shape[0], y.shape[0], residual.shape[0], lasted.shape[0]):
+        if size != count:
+            status = SHAPE
+    for size in (switching.shape[0], leaning.shape[0]):
         if size != count:
             status = SHAPE
     for size in (R.shape[0], given.shape[0]):
@@ -206,10 +229,11 @@ def update_batch(  # type: ignore[no-untyped-def]
             given_b = given[b % given.shape[0]]
             R_b = R[b % R.shape[0]]
             rows = (
-                out[0][b], out[1][b], out[2][b], out[3][b], out[4][b], out[5][b], out[6][b], out[7][b], out[8][b]
+                out[0][b], out[1][b], out[2][b], out[3][b], out[4][b], out[5][b], out[6][b], out[7][b], out[8][b],
+                out[9][b],
             )  # fmt: skip
             status, nis[b] = update_into(
                 mean[b], P[b], images[b], y[b], R_b, residual[b], given_b, angular, kind, gamma, scale, patience,
-                weighted, fading, lasted[b], switching[b], rows,
+                weighted, fading, lasted[b], switching[b], leaning[b], rows,
             )  # fmt: skip
-    return (*out, lasted, switching, nis, status)
+    return (*out, lasted, switching, leaning, nis, status)

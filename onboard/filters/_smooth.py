@@ -14,20 +14,23 @@ from onboard.filters.unscented import flags, over_rows, sigma_points
 from onboard.geometry.rotations import Array
 
 GAMMA: Final = 0.1  # the convergence rate
-NAMES: Final = ("mean", "covariance", "measure", "y", "R", "residual", "lasted", "switching", "layer")
+NAMES: Final = ("mean", "covariance", "measure", "y", "R", "residual", "lasted", "switching", "leaning", "layer")
 AXES: Final = {"covariance": 2, "measure": 2, "R": 2}
 
 
 class SmoothState(NamedTuple):
     """A belief, mean (..., n) and covariance (..., n, n); the residual (..., m) after the last update; for how
     many updates each component has been outside of its layer (..., m); and, of the adaptive form, the fading mean
-    of sat(e/layer) (..., m). Before the first update m is 0."""
+    of sat(e/layer) (..., m), one that fades more slowly, and the covariance (..., n, n) of the model's error that
+    the latter finds, which is told but not followed. Before the first update m is 0."""
 
     mean: Array
     covariance: Array
     residual: Array
     lasted: Array
     switching: Array
+    leaning: Array
+    doubt: Array
 
 
 class SmoothUpdate(NamedTuple):
@@ -63,12 +66,12 @@ def start(mean: Array, covariance: Array) -> SmoothState:
     Raises FilterError.
     """
     nothing = np.zeros((*beliefs.start(mean, covariance).mean.shape[:-1], 0), mean.dtype)
-    return SmoothState(mean, covariance, nothing, nothing, nothing)
+    return SmoothState(mean, covariance, nothing, nothing, nothing, nothing, np.zeros_like(covariance))
 
 
 def believed(state: SmoothState) -> Belief:
-    """What the filter believes."""
-    return Belief(state.mean, state.covariance)
+    """What the filter believes: with the error of its model that it knows of and does not follow."""
+    return Belief(state.mean, state.covariance + state.doubt)
 
 
 def predict(state: SmoothState, process: Rows, Q: Array) -> SmoothState:
@@ -76,7 +79,7 @@ def predict(state: SmoothState, process: Rows, Q: Array) -> SmoothState:
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    mean, covariance = cubature.predict(believed(state), process, Q)
+    mean, covariance = cubature.predict(Belief(state.mean, state.covariance), process, Q)
     return state._replace(mean=mean, covariance=covariance)
 
 
@@ -100,14 +103,14 @@ def correct(
         raise FilterError(f"sigmas, kappa: must not be negative, not {settings.scale}")
     if layer is not None and not (np.asarray(layer) >= 0).all():
         raise FilterError("layer: must be (m,) and not negative")
-    mean, P, residual, lasted, switching = state
+    mean, P, residual, lasted, switching, leaning, _ = state
     points = sigma_points(Belief(mean, P), cubature.weights(mean.shape[-1]))
     images = over_rows(measure, points)
     if not isinstance(y, np.ndarray) or y.ndim != mean.ndim:
         raise FilterError(f"y: must be an array, with the axes of the mean {mean.shape}: has {np.shape(y)}")
     if residual.shape != y.shape or lasted.shape != y.shape:  # the first measurement, or one of another sensor
-        residual = lasted = switching = np.zeros_like(y, mean.dtype)
-    given = dict(zip(NAMES, (mean, P, images, y, R, residual, lasted, switching, layer), strict=True))
+        residual = lasted = switching = leaning = np.zeros_like(y, mean.dtype)
+    given = dict(zip(NAMES, (mean, P, images, y, R, residual, lasted, switching, leaning, layer), strict=True))
     if layer is None:
         given["layer"] = np.empty(0, mean.dtype)
     lifted = {name: _lifted(array, AXES.get(name, 1)) for name, array in given.items()}
@@ -125,9 +128,9 @@ def correct(
     )
     if mean.ndim == 1:
         outputs = [output[0] for output in outputs]
-    mean, P, e, S, predicted, width, smoothing, outside, rejected, lasted, switching, nis = outputs
+    mean, P, e, S, predicted, width, smoothing, outside, rejected, doubt, lasted, switching, leaning, nis = outputs
     residual = wrapped(y - over_rows(measure, mean[..., None, :])[..., 0, :], marks)
-    after = SmoothState(mean, P, residual, lasted, switching)
+    after = SmoothState(mean, P, residual, lasted, switching, leaning, doubt)
     return SmoothUpdate(
         after, e, S, predicted, nis if nis.ndim else float(nis), width, outside, rejected
     ), smoothing

@@ -116,6 +116,9 @@ def update_adaptive(
     give it, the prior's variance of that quantity grows by (w psi)^2, the square of the persistent innovation, and
     of states that are not measured by their correlation with it. One outlier moves w by no more than `fading`.
 
+    What this leaves below its limit, a mean five times slower finds: beyond two deviations it is added to the
+    covariance that is `believed`, and not followed.
+
     w is the state's `switching`, a meter of the model's error: within sqrt(fading / (2 - fading)) if there is
     none. `innovation_covariance` and NIS are those of the prior before it was widened, `layer` is that after.
 

@@ -15,7 +15,7 @@ from onboard.studies._quadrotor_cases import FAULT, NOMINAL, Case, Sensor, Varia
 
 CONSISTENCY_EVERY: Final = 10  # steps
 HALFWAY: Final = round(FAULT / DT)  # steps
-MEMORY: Final = ("residual", "lasted", "switching")  # what a smooth filter keeps of each sensor
+MEMORY: Final = ("residual", "lasted", "switching", "leaning")  # what a smooth filter keeps of each sensor
 
 
 class Method(NamedTuple):
