@@ -30,6 +30,13 @@ def test_probabilities_of_passing_are_those_of_a_markov_chain(manner: noise.Mann
     assert modes == (5 if manner is MULTIROTOR and extras.middle else 2)
 
 
+def test_what_hovers_keeps_its_nose_or_turns_it_right_or_left() -> None:
+    habits = noise.habits(MULTIROTOR, Extras(middle=True))
+    rate = MULTIROTOR.nose_rate
+    assert [h.nose_rate for h in habits] == [0.0, 0.0, 0.0, rate, -rate]
+    assert [h.hover_time < np.inf for h in habits] == [False, False, True, True, True]
+
+
 def test_a_nose_that_turns_unseen_is_not_looked_for() -> None:
     """Without the middle of the wing it is told from flying away by nothing."""
     assert not noise.hovers(MULTIROTOR, Extras())
