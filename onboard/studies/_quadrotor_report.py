@@ -27,10 +27,10 @@ What is asked of one filter at once: where nothing is wrong the CKF's accuracy w
 ≤ .016 m/s; with all inputs x .7 ≤ .09 m/s; with a weak motor ≤ .06 rad/s; and none diverged. In bold what is
 met."""
 SWEEP: Final = """\
-Settings of the adaptive form were chosen on flights of other seeds, of which {seeds} (from {first}) are swept here one
-at a time: `fading`, the share of the newest innovation in the mean that tells a wrong model; `patience`, the samples
-that an exceedance must last before it is followed. Chosen: {fading:g}, so that a GPS's last second counts, and
-{patience}. Less fading finds smaller errors, later; more patience bears more outliers in a row."""
+Settings of the adaptive form were chosen on flights of other seeds, of which {seeds} (from {first}) are swept here
+one at a time: `fading`, the share of the newest innovation in the mean that tells a wrong model; `patience`, the
+samples that an exceedance must last before it is followed. Chosen: {fading:g}, so that a GPS's last second counts,
+and {patience}. Less fading finds smaller errors, later; more patience bears more outliers in a row."""
 COMPARED: Final = """\
 Velocity, m/s, with its standard error, beside an independent implementation's 60 flights of other seeds: to agree
 within 5 % without error and within 10 % with. *As printed only*: farther off than that, but not from every number
