@@ -1,4 +1,4 @@
-"""Compiled arithmetic of the sigma-point filters: plain loops over one filter, and over a batch of them.
+"""Compiled arithmetic of the sigma-point filters: plain loops over one filter; `_kernels_points` calls them.
 
 The signatures are given, so that nothing is ever compiled in flight: it happens when this module is first imported
 on a computer (`onboard compile` does it ahead), and the machine code is kept on disk. Arguments are declared
@@ -26,6 +26,8 @@ from onboard.filters.belief import (
 )
 
 TWO_PI: Final = 2.0 * np.pi
+# A product and a sum may be rounded once, as the processor can; they are never reordered.
+COMPILED: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 def _in(dtype: Any, ndim: int) -> Any:
@@ -33,47 +35,46 @@ def _in(dtype: Any, ndim: int) -> Any:
 
 
 def _signatures(*arguments: Any) -> list[Any]:
-    """The signatures for both precisions; an int stands for an array of so many dimensions, "f" for a number."""
+    """The signatures for both precisions; an int stands for an array of so many dimensions, "f" for a number,
+    "out" for a matrix to write into."""
     made = []
     for dtype in (types.float64, types.float32):
-        kinds = [_in(dtype, a) if isinstance(a, int) else dtype if a == "f" else a for a in arguments]
-        made.append(tuple(kinds))
+        kinds = {"f": dtype, "out": types.Array(dtype, 2, "C")}
+        made.append(tuple(_in(dtype, a) if isinstance(a, int) else kinds.get(a, a) for a in arguments))
     return made
 
 
 FLAGS: Final = types.Array(types.boolean, 1, "A", readonly=True)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def factor_into(A, lower_t):  # type: ignore[no-untyped-def]
     """Cholesky factor of A (n, n), transposed, into `lower_t` (n, n): row j is column j of the lower factor.
     False if A is not positive definite or not finite. Only A's upper triangle is read."""
     n = A.shape[0]
     for j in range(n):
-        for i in range(j, n):
-            lower_t[j, i] = A[j, i]
+        pivot = A[j, j]
         for k in range(j):
-            f = lower_t[k, j]
-            for i in range(j, n):
-                lower_t[j, i] -= f * lower_t[k, i]
-        pivot = lower_t[j, j]
+            pivot -= lower_t[k, j] * lower_t[k, j]
         if not (pivot > 0.0 and pivot < np.inf):
             return False
         root = np.sqrt(pivot)
         inverse = 1.0 / root
         lower_t[j, j] = root
-        for i in range(j + 1, n):
-            lower_t[j, i] *= inverse
-        for i in range(j):
-            lower_t[j, i] = 0.0
+        for i in range(j + 1, n):  # sums in registers: half the time of subtracting row from row
+            value = A[j, i]
+            for k in range(j):
+                value -= lower_t[k, i] * lower_t[k, j]
+            lower_t[j, i] = value * inverse
+            lower_t[i, j] = 0.0
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
     """Sigma points of one filter into `points` (2n+1, n); a status."""
     n = mean.shape[0]
-    if P.shape[0] != n or P.shape[1] != n:
+    if P.shape[0] != n or P.shape[1] != n or points.shape[0] != 2 * n + 1 or points.shape[1] != n:
         return SHAPE
     for i in range(n):
         if not np.isfinite(mean[i]):
@@ -84,225 +85,229 @@ def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
     for j in range(1, n + 1):
         for i in range(n):
             offset = gamma * points[j, i]
-            points[j, i] = mean[i] + offset
-            points[n + j, i] = mean[i] - offset
+            points[j, i] = points[0, i] + offset
+            points[n + j, i] = points[0, i] - offset
     return OK
 
 
-@njit(cache=True, error_model="numpy")
-def gather_into(points, w_mean, w_cov, w, Q, mean, P):  # type: ignore[no-untyped-def]
+@njit(**COMPILED)
+def products_into(a, b, count, upper, out):  # type: ignore[no-untyped-def]
+    """out = a[:, :count] b[:, :count]^T, with `upper` only its upper triangle (and what is in its blocks).
+
+    Numbers of rows must be multiples of three: nine sums at a time need six loads, where one needs two.
+    """
+    for i in range(0, a.shape[0], 3):
+        for j in range(i if upper else 0, b.shape[0], 3):
+            u, v, w, x, y, z = (
+                a[i, 0],
+                a[i + 1, 0],
+                a[i + 2, 0],
+                b[j, 0],
+                b[j + 1, 0],
+                b[j + 2, 0],
+            )
+            ux, uy, uz, vx, vy, vz, wx, wy, wz = u * x, u * y, u * z, v * x, v * y, v * z, w * x, w * y, w * z
+            for s in range(1, count):
+                u, v, w = a[i, s], a[i + 1, s], a[i + 2, s]
+                x, y, z = b[j, s], b[j + 1, s], b[j + 2, s]
+                ux += u * x
+                uy += u * y
+                uz += u * z
+                vx += v * x
+                vy += v * y
+                vz += v * z
+                wx += w * x
+                wy += w * y
+                wz += w * z
+            out[i, j], out[i, j + 1], out[i, j + 2] = ux, uy, uz
+            out[i + 1, j], out[i + 1, j + 1], out[i + 1, j + 2] = vx, vy, vz
+            out[i + 2, j], out[i + 2, j + 1], out[i + 2, j + 2] = wx, wy, wz
+
+
+@njit(**COMPILED)
+def threes(rows):  # type: ignore[no-untyped-def]
+    """`rows`, up to a multiple of three."""
+    return (rows + 2) // 3 * 3
+
+
+@njit(**COMPILED)
+def gather_room(n):  # type: ignore[no-untyped-def]
+    """Shape of the scratch of `gather_into`."""
+    return 2 * threes(n), 2 * n + 3
+
+
+@njit(**COMPILED)
+def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):  # type: ignore[no-untyped-def]
     """Weighted mean and covariance, plus Q, of one filter's points (2n+1, n); a status."""
     k, n = points.shape
     if k != 2 * n + 1 or Q.shape[0] != n or Q.shape[1] != n:
         return SHAPE
-    d = np.empty((n, k), points.dtype)  # one row per component: the sums below then run along memory
-    for i in range(n):
-        total = points[1, i]
-        for s in range(2, k):
-            total += points[s, i]
-        mean[i] = w * total + w_mean * points[0, i]
-        if not np.isfinite(mean[i]):
-            return POINTS
+    rows = threes(n)
+    d, sums = scratch[:rows], scratch[rows:]  # d: one row per component, so that sums run along memory
+    others = points[1:]
+    minus = others[n:]
+    for i in range(n, rows):
         for s in range(k):
-            d[i, s] = points[s, i] - mean[i]
-    status = OK
+            d[i, s] = w - w
     for i in range(n):
+        total = w - w
+        for s in range(n):
+            total += others[s, i] + minus[s, i]
+        centre = w * total + w_mean * points[0, i]
+        for s in range(k - 1):
+            d[i, s] = others[s, i] - centre
+        d[i, k - 1] = points[0, i] - centre
+        mean[i] = centre
+        if not np.isfinite(centre):
+            return POINTS
+    products_into(d, d, k - 1, True, sums)
+    off = w - w  # stays zero as long as all is finite
+    half = mean.dtype.type(0.5)
+    for i in range(n):
+        share = w_cov * d[i, k - 1]
         for j in range(i, n):
-            total = d[i, 1] * d[j, 1]
-            for s in range(2, k):
-                total += d[i, s] * d[j, s]
-            value = w * total + w_cov * d[i, 0] * d[j, 0] + 0.5 * (Q[i, j] + Q[j, i])
-            if not np.isfinite(value):
-                status = NOISE
+            value = w * sums[i, j] + share * d[j, k - 1] + half * (Q[i, j] + Q[j, i])
+            off += value - value
             P[i, j] = value
             P[j, i] = value
-    return status
+    return OK if off == 0 else NOISE
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**COMPILED)
 def wrapped(x):  # type: ignore[no-untyped-def]
     """An angle in [-pi, pi]."""
     return x - TWO_PI * np.rint(x * (1.0 / TWO_PI))
 
 
-@njit(cache=True, error_model="numpy")
-def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
-    points, images, P, y, R, w_cov, w, angular, considered, mean_out, P_out, innovation, S, predicted
-):
-    """Measurement update of one filter from its points (2n+1, n) and their images (2n+1, m); (status, NIS)."""
-    k, n = points.shape
-    m = y.shape[0]
-    if images.shape[0] != k or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m:
-        return SHAPE, 0.0
-    d = np.empty((k, m), points.dtype)
+@njit(**COMPILED)
+def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: ignore[no-untyped-def]
+    """Deviations d (m, 2n+1) of one filter's images (2n+1, m) from their mean `predicted`, the centre's last, and
+    the innovation; a status."""
+    k, m = images.shape
+    n = k // 2
+    plus, minus = images[1:], images[n + 1 :]
     for a in range(m):  # relative to the centre's image, so that a mean of angles does not break at +-pi
-        total = 0.0
-        for s in range(k):
-            difference = images[s, a] - images[0, a]
+        centre = images[0, a]
+        total = w - w
+        row, opposite = d[a], d[a, n:]
+        for s in range(n):
+            one, other = plus[s, a] - centre, minus[s, a] - centre
             if angular[a]:
-                difference = wrapped(difference)
-            d[s, a] = difference
-            if s > 0:
-                total += difference
+                one, other = wrapped(one), wrapped(other)
+            row[s], opposite[s] = one, other
+            total += one + other
         shift = w * total
-        predicted[a] = images[0, a] + shift
-        for s in range(k):
-            d[s, a] -= shift
+        for s in range(k - 1):
+            row[s] -= shift
+        row[k - 1] = -shift
+        predicted[a] = centre + shift
         z = y[a] - predicted[a]
         if angular[a]:
             z = wrapped(z)
         innovation[a] = z
         if not np.isfinite(predicted[a]):
-            return IMAGES, 0.0
+            return IMAGES
         if not np.isfinite(z):
-            return MEASUREMENT, 0.0
-    cross = np.zeros((m, n), points.dtype)  # transposed: (m, n)
-    for a in range(m):
-        for b in range(a, m):
-            total = 0.0
-            for s in range(1, k):
-                total += d[s, a] * d[s, b]
-            S[a, b] = w * total + w_cov * d[0, a] * d[0, b] + 0.5 * (R[a, b] + R[b, a])
-            S[b, a] = S[a, b]
-        for s in range(1, n + 1):  # the centre's own deviation is zero, and the set is symmetric
-            f = w * (d[s, a] - d[n + s, a])
-            for i in range(n):
-                cross[a, i] += f * (points[s, i] - points[0, i])
-    L_t = np.empty((m, m), points.dtype)
-    if not factor_into(S, L_t):
-        return INNOVATION, 0.0
-    # whiten: z = L^-1 innovation, half = L^-1 cross (m, n), so that K S K^T = half^T half
-    z_white = np.empty(m, points.dtype)
-    nis = 0.0
+            return MEASUREMENT
+    return OK
+
+
+@njit(**COMPILED)
+def whiten_into(S, innovation, cross, lower, inverse, white):  # type: ignore[no-untyped-def]
+    """white (m,) = L^-1 innovation, and each row of `cross` (n, m) times L^-T in place, with L L^T = S (m, m);
+    (whether L exists, NIS). `lower` (m, m) and `inverse` (m,) are for L and the inverse of its diagonal."""
+    m = S.shape[0]
+    nis = S.dtype.type(0)
     for a in range(m):
         value = innovation[a]
         for b in range(a):
-            value -= L_t[b, a] * z_white[b]
-            for i in range(n):
-                cross[a, i] -= L_t[b, a] * cross[b, i]
-        inverse = 1.0 / L_t[a, a]
-        z_white[a] = value * inverse
-        nis += z_white[a] * z_white[a]
-        for i in range(n):
-            cross[a, i] *= inverse
+            entry = S[b, a]
+            for c in range(b):
+                entry -= lower[a, c] * lower[b, c]
+            entry *= inverse[b]
+            lower[a, b] = entry
+            value -= entry * white[b]
+        pivot = S[a, a]
+        for c in range(a):
+            pivot -= lower[a, c] * lower[a, c]
+        if not (pivot > 0.0 and pivot < np.inf):
+            return False, nis
+        inverse[a] = 1.0 / np.sqrt(pivot)
+        white[a] = value * inverse[a]
+        nis += white[a] * white[a]
+    for i in range(cross.shape[0]):
+        for a in range(m):
+            entry = cross[i, a]
+            for b in range(a):
+                entry -= lower[a, b] * cross[i, b]
+            cross[i, a] = entry * inverse[a]
+    return True, nis
+
+
+@njit(**COMPILED)
+def correct_room(n, m):  # type: ignore[no-untyped-def]
+    """Shape of the scratch of `correct_into`."""
+    return 2 * threes(m) + 2 * threes(n) + max(threes(n), m + 2), max(2 * n + 1, threes(m))
+
+
+@njit(**COMPILED)
+def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
+    points, images, P, y, R, w_cov, w, angular, considered, scratch, mean_out, P_out, innovation, S, predicted
+):
+    """Measurement update of one filter from its points (2n+1, n) and their images (2n+1, m); (status, NIS)."""
+    k, n = points.shape
+    m = y.shape[0]
+    zero = points.dtype.type(0)
+    if images.shape[0] != k or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m:
+        return SHAPE, zero
+    few, many = threes(m), threes(n)
+    d, sums, rest = scratch[:few], scratch[few : 2 * few], scratch[2 * few :]
+    offsets, cross, reductions = rest[:many], rest[many : 2 * many], rest[2 * many :]
+    for s in range(k):
+        for a in range(m, few):
+            d[a, s] = zero
+        for i in range(n, many):
+            offsets[i, s] = zero
+    status = deviations_into(images, y, w, angular, d, innovation, predicted)
+    if status != OK:
+        return status, zero
+    products_into(d, d, k - 1, True, sums)
+    half = points.dtype.type(0.5)
+    for a in range(m):
+        for b in range(a, m):
+            S[a, b] = w * sums[a, b] + w_cov * d[a, k - 1] * d[b, k - 1] + half * (R[a, b] + R[b, a])
+            S[b, a] = S[a, b]
+        row, opposite = d[a], d[a, n:]
+        for s in range(n):  # the centre's own deviation is zero, and the set is symmetric
+            row[s] = w * (row[s] - opposite[s])
+    plus = points[1:]
     for i in range(n):
-        step = 0.0
-        if not considered[i]:
-            for a in range(m):
-                step += cross[a, i] * z_white[a]
-        mean_out[i] = points[0, i] + step
+        for s in range(n):
+            offsets[i, s] = plus[s, i] - points[0, i]
+    products_into(offsets, d, n, False, cross)
+    white = reductions[m + 1]  # where the sums come later
+    exists, nis = whiten_into(S, innovation, cross[:n], reductions[:m], reductions[m], white)
+    if not exists:
+        return INNOVATION, zero
+    loose = False  # whether any pair of states is moved as usual, and which are not
+    for i in range(n):
+        loose |= considered[i]
+        step = zero
+        for a in range(m):
+            step += cross[i, a] * white[a]
+        mean_out[i] = points[0, i] + (zero if considered[i] else step)
+    if m > 0:
+        products_into(cross, cross, m, True, reductions)  # K S K^T
+    else:
+        reductions[:] = zero
+    if loose:
+        for i in range(n):
+            for j in range(i, n):
+                if considered[i] and considered[j]:
+                    reductions[i, j] = zero
+    for i in range(n):
         for j in range(i, n):
-            reduction = 0.0
-            if not (considered[i] and considered[j]):
-                for a in range(m):
-                    reduction += cross[a, i] * cross[a, j]
-            value = 0.5 * (P[i, j] + P[j, i]) - reduction
+            value = P[i, j] - reductions[i, j]
             P_out[i, j] = value
             P_out[j, i] = value
     return OK, nis
-
-
-# ------------------------------------------------------------------------------------- one filter
-
-
-@njit(_signatures(2), cache=True, error_model="numpy")
-def factor(A):  # type: ignore[no-untyped-def]
-    """(transposed Cholesky factor (n, n), whether there is one)."""
-    lower_t = np.empty(A.shape, A.dtype)
-    return lower_t, factor_into(A, lower_t)
-
-
-@njit(_signatures(1, 2, "f"), cache=True, error_model="numpy")
-def spread(mean, P, gamma):  # type: ignore[no-untyped-def]
-    """(points (2n+1, n), status)."""
-    n = mean.shape[0]
-    points = np.empty((2 * n + 1, n), mean.dtype)
-    return points, spread_into(mean, P, gamma, points)
-
-
-@njit(_signatures(2, "f", "f", "f", 2), cache=True, error_model="numpy")
-def gather(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
-    """(mean (n,), covariance (n, n), status)."""
-    n = points.shape[1]
-    mean, P = np.empty(n, points.dtype), np.empty((n, n), points.dtype)
-    return mean, P, gather_into(points, w_mean, w_cov, w, Q, mean, P)
-
-
-@njit(_signatures(2, 2, 2, 1, 2, "f", "f", FLAGS, FLAGS), cache=True, error_model="numpy")
-def correct(points, images, P, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
-    """(mean, covariance, innovation, its covariance, predicted, NIS, status)."""
-    n, m = points.shape[1], y.shape[0]
-    mean_out, P_out = np.empty(n, points.dtype), np.empty((n, n), points.dtype)
-    innovation, predicted, S = np.empty(m, points.dtype), np.empty(m, points.dtype), np.empty((m, m), points.dtype)
-    status, nis = correct_into(
-        points, images, P, y, R, w_cov, w, angular, considered, mean_out, P_out, innovation, S, predicted
-    )
-    return mean_out, P_out, innovation, S, predicted, nis, status
-
-
-# ---------------------------------------------------------------------------------- a batch of them
-
-
-@njit(_signatures(2, 3, "f"), cache=True, error_model="numpy")
-def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
-    """(points (B, 2n+1, n), the first status that is not OK)."""
-    count, n = mean.shape
-    points = np.empty((count, 2 * n + 1, n), mean.dtype)
-    if P.shape[0] != count:
-        return points, SHAPE
-    for b in range(count):
-        status = spread_into(mean[b], P[b], gamma, points[b])
-        if status != OK:
-            return points, status
-    return points, OK
-
-
-@njit(_signatures(3, "f", "f", "f", 3), cache=True, error_model="numpy")
-def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
-    """(mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
-    count, _, n = points.shape
-    mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
-    if Q.shape[0] != 1 and Q.shape[0] != count:
-        return mean, P, SHAPE
-    for b in range(count):
-        status = gather_into(points[b], w_mean, w_cov, w, Q[b % Q.shape[0]], mean[b], P[b])
-        if status != OK:
-            return mean, P, status
-    return mean, P, OK
-
-
-@njit(_signatures(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), cache=True, error_model="numpy")
-def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
-    """As `correct`, each with a leading axis B; R (B or 1, m, m)."""
-    count, _, n = points.shape
-    m = y.shape[1]
-    dtype = points.dtype
-    mean_out, P_out = np.empty((count, n), dtype), np.empty((count, n, n), dtype)
-    innovation, predicted, S = (
-        np.empty((count, m), dtype),
-        np.empty((count, m), dtype),
-        np.empty((count, m, m), dtype),
-    )
-    nis = np.empty(count, dtype)
-    if images.shape[0] != count or P.shape[0] != count or y.shape[0] != count or R.shape[0] not in (1, count):
-        return mean_out, P_out, innovation, S, predicted, nis, SHAPE
-    for b in range(count):
-        status, nis[b] = correct_into(
-            points[b],
-            images[b],
-            P[b],
-            y[b],
-            R[b % R.shape[0]],
-            w_cov,
-            w,
-            angular,
-            considered,
-            mean_out[b],
-            P_out[b],
-            innovation[b],
-            S[b],
-            predicted[b],
-        )
-        if status != OK:
-            return mean_out, P_out, innovation, S, predicted, nis, status
-    return mean_out, P_out, innovation, S, predicted, nis, OK

@@ -91,6 +91,7 @@ INDEFINITE: Final = 10
 FACTOR: Final = 11
 DOWNDATE: Final = 12
 PREDICTED: Final = 13
+POSTERIOR: Final = 14
 
 REASONS: Final = {
     MEAN: "mean: not finite",
@@ -107,12 +108,13 @@ REASONS: Final = {
     FACTOR: "factor: not lower triangular with a positive diagonal, or not finite",
     DOWNDATE: "downdate: leaves a factor that is not positive definite",
     PREDICTED: "predicted covariance: not positive definite",
+    POSTERIOR: "covariance after the update: not positive definite",
 }
 
 
 def refuse(status: int) -> None:
     """Raise what a kernel's status means. Raises FilterError, NotPositiveDefiniteError; never returns."""
-    square_roots = {COVARIANCE, INNOVATION, INDEFINITE, FACTOR, DOWNDATE, PREDICTED}
+    square_roots = {COVARIANCE, INNOVATION, INDEFINITE, FACTOR, DOWNDATE, PREDICTED, POSTERIOR}
     kind = NotPositiveDefiniteError if status in square_roots else FilterError
     raise kind(REASONS[status])
 

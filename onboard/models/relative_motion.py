@@ -17,6 +17,7 @@ V: Final = slice(3, 6)
 SIZE: Final = 6
 A_LAT: Final = 7
 A_LONG: Final = 8
+BLOCK: Final = 64  # rows computed at a time
 COMPONENTS: Final = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")
 UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s", "m", "m/s^2", "m/s^2")
 FRAME: Final = "n (local NED), leader relative to follower"
@@ -86,36 +87,56 @@ def process(points: Array, dt: float, follower: FollowerMotion, eps: float) -> A
     return after
 
 
+@njit(cache=True, error_model="numpy")
+def _changes(now, then, count, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
+    """What RK4 adds over dt to relative position and velocity, `then` (6 BLOCK,): of relative velocity and the
+    two accelerations, `now` (5 BLOCK,), of `count` rows."""
+    h, sixth = 0.5 * dt, dt / 6.0
+    u0, u1, u2 = v0[0], v0[1], v0[2]
+    w0, w1, w2 = v1[0], v1[1], v1[2]
+    m0, m1, m2 = 0.5 * (u0 + w0), 0.5 * (u1 + w1), 0.5 * (u2 + w2)
+    b0, b1, b2 = a0[0], a0[1], a0[2]
+    d0, d1, d2 = a1[0], a1[1], a1[2]
+    c0, c1, c2 = 0.5 * (b0 + d0), 0.5 * (b1 + d1), 0.5 * (b2 + d2)
+    for s in range(count):
+        u, v, w = now[s], now[BLOCK + s], now[2 * BLOCK + s]
+        lat, up = now[3 * BLOCK + s], now[4 * BLOCK + s]
+        x1, y1, z1 = _acceleration(u + u0, v + u1, w + u2, lat, up, eps)
+        x1, y1, z1 = x1 - b0, y1 - b1, z1 - b2
+        x2, y2, z2 = _acceleration(u + h * x1 + m0, v + h * y1 + m1, w + h * z1 + m2, lat, up, eps)
+        x2, y2, z2 = x2 - c0, y2 - c1, z2 - c2
+        x3, y3, z3 = _acceleration(u + h * x2 + m0, v + h * y2 + m1, w + h * z2 + m2, lat, up, eps)
+        x3, y3, z3 = x3 - c0, y3 - c1, z3 - c2
+        x4, y4, z4 = _acceleration(u + dt * x3 + w0, v + dt * y3 + w1, w + dt * z3 + w2, lat, up, eps)
+        x4, y4, z4 = x4 - d0, y4 - d1, z4 - d2
+        # the position's own RK4 stages are v, v + h k1, v + h k2, v + dt k3; written out they collapse to this
+        then[s] = dt * (u + sixth * (x1 + x2 + x3))
+        then[BLOCK + s] = dt * (v + sixth * (y1 + y2 + y3))
+        then[2 * BLOCK + s] = dt * (w + sixth * (z1 + z2 + z3))
+        then[3 * BLOCK + s] = sixth * (x1 + 2.0 * x2 + 2.0 * x3 + x4)
+        then[4 * BLOCK + s] = sixth * (y1 + 2.0 * y2 + 2.0 * y3 + y4)
+        then[5 * BLOCK + s] = sixth * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
+
+
 @njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
 def _process(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
+    """The rows in blocks, each component of a block by itself: so the compiler makes one instruction of several
+    rows' roots and divisions, which are most of the work."""
     after = np.empty(points.shape)
-    h = 0.5 * dt
-    v_mid, a_mid = 0.5 * (v0 + v1), 0.5 * (a0 + a1)
-    for s in range(points.shape[0]):
-        u, v, w = points[s, 3], points[s, 4], points[s, 5]
-        lat, up = points[s, A_LAT], points[s, A_LONG]
-        x1, y1, z1 = _acceleration(u + v0[0], v + v0[1], w + v0[2], lat, up, eps)
-        x1, y1, z1 = x1 - a0[0], y1 - a0[1], z1 - a0[2]
-        x2, y2, z2 = _acceleration(
-            u + h * x1 + v_mid[0], v + h * y1 + v_mid[1], w + h * z1 + v_mid[2], lat, up, eps
-        )
-        x2, y2, z2 = x2 - a_mid[0], y2 - a_mid[1], z2 - a_mid[2]
-        x3, y3, z3 = _acceleration(
-            u + h * x2 + v_mid[0], v + h * y2 + v_mid[1], w + h * z2 + v_mid[2], lat, up, eps
-        )
-        x3, y3, z3 = x3 - a_mid[0], y3 - a_mid[1], z3 - a_mid[2]
-        x4, y4, z4 = _acceleration(u + dt * x3 + v1[0], v + dt * y3 + v1[1], w + dt * z3 + v1[2], lat, up, eps)
-        x4, y4, z4 = x4 - a1[0], y4 - a1[1], z4 - a1[2]
-        # the position's own RK4 stages are v, v + h k1, v + h k2, v + dt k3; written out they collapse to this
-        sixth = dt * dt / 6.0
-        after[s, 0] = points[s, 0] + dt * u + sixth * (x1 + x2 + x3)
-        after[s, 1] = points[s, 1] + dt * v + sixth * (y1 + y2 + y3)
-        after[s, 2] = points[s, 2] + dt * w + sixth * (z1 + z2 + z3)
-        after[s, 3] = u + dt / 6.0 * (x1 + 2.0 * x2 + 2.0 * x3 + x4)
-        after[s, 4] = v + dt / 6.0 * (y1 + 2.0 * y2 + 2.0 * y3 + y4)
-        after[s, 5] = w + dt / 6.0 * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
-        for i in range(SIZE, N):
-            after[s, i] = points[s, i]
+    now, then = np.empty(5 * BLOCK), np.empty(6 * BLOCK)
+    for first in range(0, points.shape[0], BLOCK):
+        count = min(BLOCK, points.shape[0] - first)
+        for s in range(count):
+            row = points[first + s]
+            now[s], now[BLOCK + s], now[2 * BLOCK + s] = row[3], row[4], row[5]
+            now[3 * BLOCK + s], now[4 * BLOCK + s] = row[A_LAT], row[A_LONG]
+        _changes(now, then, count, dt, v0, v1, a0, a1, eps)
+        for s in range(count):
+            row, to = points[first + s], after[first + s]
+            for i in range(6):
+                to[i] = row[i] + then[i * BLOCK + s]
+            for i in range(SIZE, N):
+                to[i] = row[i]
     return after
 
 

@@ -1,0 +1,177 @@
+"""What the sigma-point filters call: the arithmetic of `_kernels` for one filter, and for a batch of them.
+
+For one filter microseconds count. To hand an array from machine code to Python takes four times as long as to make
+it in Python, so the callers bring the arrays for the results.
+"""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters._kernels import (
+    COMPILED,
+    FLAGS,
+    _signatures,
+    correct_into,
+    correct_room,
+    factor_into,
+    gather_into,
+    gather_room,
+    spread_into,
+)
+from onboard.filters.belief import COVARIANCE, OK, POSTERIOR, PREDICTED, SHAPE
+
+
+@njit(_signatures(2), **COMPILED)
+def factor(A):  # type: ignore[no-untyped-def]
+    """(transposed Cholesky factor (n, n), whether there is one)."""
+    lower_t = np.empty(A.shape, A.dtype)
+    return lower_t, factor_into(A, lower_t)
+
+
+# ------------------------------------------------------------------------------------- one filter
+
+
+@njit(_signatures(1, 2, "f", "out"), **COMPILED)
+def spread(mean, P, gamma, points):  # type: ignore[no-untyped-def]
+    """Sigma points into `points` (2n+1, n); a status."""
+    return spread_into(mean, P, gamma, points)
+
+
+@njit(_signatures(2, "f", "f", "f", 2, "out"), **COMPILED)
+def gather(points, w_mean, w_cov, w, Q, out):  # type: ignore[no-untyped-def]
+    """Mean and covariance into the rows of `out` (1 + n, n); a status."""
+    scratch = np.empty(gather_room(out.shape[1]), points.dtype)
+    return gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
+
+
+@njit(_signatures(2, 1, 2, "out"), **COMPILED)
+def redraw(moved, weights, Q, drawn):  # type: ignore[no-untyped-def]
+    """Mean and covariance of the moved points, and new points of them: into the rows of `drawn` (2n+1 + n, n) the
+    points, of which the first is the mean, and the covariance; a status. `weights` (4,) as in `Weights`."""
+    n = drawn.shape[1]
+    points, P = drawn[: 2 * n + 1], drawn[2 * n + 1 :]
+    gamma, w_mean, w_cov, w = weights[0], weights[1], weights[2], weights[3]
+    scratch = np.empty(gather_room(n), drawn.dtype)
+    status = gather_into(moved, w_mean, w_cov, w, Q, scratch, points[0], P)
+    if status == OK:
+        status = spread_into(points[0], P, gamma, points)
+    return PREDICTED if status == COVARIANCE else status
+
+
+@njit(_signatures(2, 2, 2, 1, 2, "f", "f", FLAGS, FLAGS, "out", "out"), **COMPILED)
+def correct(points, images, P, y, R, w_cov, w, angular, considered, out, told):  # type: ignore[no-untyped-def]
+    """Mean and covariance into the rows of `out` (1 + n, n); innovation, prediction and the covariance of the
+    innovation into those of `told` (2 + m, m). (status, NIS)."""
+    scratch = np.empty(correct_room(points.shape[1], y.shape[0]), points.dtype)
+    return correct_into(
+        points,
+        images,
+        P,
+        y,
+        R,
+        w_cov,
+        w,
+        angular,
+        considered,
+        scratch,
+        out[0],
+        out[1:],
+        told[0],
+        told[2:],
+        told[1],
+    )
+
+
+@njit(_signatures("out", 2, 1, 2, 1, FLAGS), **COMPILED)
+def correct_and_redraw(drawn, images, y, R, weights, marks):  # type: ignore[no-untyped-def]
+    """Update in place of `drawn`, as `redraw` gives it; `marks` (m + n,) are those of angular components and of
+    considered states. (status, NIS)."""
+    n, m = drawn.shape[1], y.shape[0]
+    if marks.shape[0] != m + n:
+        return SHAPE, drawn.dtype.type(0)
+    gamma, w_cov, w = weights[0], weights[2], weights[3]
+    points, P = drawn[: 2 * n + 1], drawn[2 * n + 1 :]
+    rows, width = correct_room(n, m)
+    room = np.empty((rows + 2 + m, width), drawn.dtype)
+    scratch, told = room[:rows], room[rows:, :m]
+    angular, considered = marks[:m], marks[m:]
+    innovation, predicted, S, mean = told[0], told[1], told[2:], points[0]
+    status, nis = correct_into(  # reads each number for the last time before it writes there
+        points, images, P, y, R, w_cov, w, angular, considered, scratch, mean, P, innovation, S, predicted
+    )
+    if status == OK:
+        status = spread_into(mean, P, gamma, points)
+        if status == COVARIANCE:
+            status = POSTERIOR
+    return status, nis
+
+
+# ---------------------------------------------------------------------------------- a batch of them
+
+
+@njit(_signatures(2, 3, "f"), **COMPILED)
+def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
+    """(points (B, 2n+1, n), the first status that is not OK)."""
+    count, n = mean.shape
+    points = np.empty((count, 2 * n + 1, n), mean.dtype)
+    if P.shape[0] != count:
+        return points, SHAPE
+    for b in range(count):
+        status = spread_into(mean[b], P[b], gamma, points[b])
+        if status != OK:
+            return points, status
+    return points, OK
+
+
+@njit(_signatures(3, "f", "f", "f", 3), **COMPILED)
+def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
+    """(mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
+    count, _, n = points.shape
+    mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
+    if Q.shape[0] != 1 and Q.shape[0] != count:
+        return mean, P, SHAPE
+    scratch = np.empty(gather_room(n), points.dtype)
+    for b in range(count):
+        status = gather_into(points[b], w_mean, w_cov, w, Q[b % Q.shape[0]], scratch, mean[b], P[b])
+        if status != OK:
+            return mean, P, status
+    return mean, P, OK
+
+
+@njit(_signatures(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), **COMPILED)
+def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
+    """As `correct`, each with a leading axis B; R (B or 1, m, m)."""
+    count, _, n = points.shape
+    m = y.shape[1]
+    dtype = points.dtype
+    mean_out, P_out = np.empty((count, n), dtype), np.empty((count, n, n), dtype)
+    innovation, predicted, S = (
+        np.empty((count, m), dtype),
+        np.empty((count, m), dtype),
+        np.empty((count, m, m), dtype),
+    )
+    nis = np.empty(count, dtype)
+    if images.shape[0] != count or P.shape[0] != count or y.shape[0] != count or R.shape[0] not in (1, count):
+        return mean_out, P_out, innovation, S, predicted, nis, SHAPE
+    scratch = np.empty(correct_room(n, m), dtype)
+    for b in range(count):
+        status, nis[b] = correct_into(
+            points[b],
+            images[b],
+            P[b],
+            y[b],
+            R[b % R.shape[0]],
+            w_cov,
+            w,
+            angular,
+            considered,
+            scratch,
+            mean_out[b],
+            P_out[b],
+            innovation[b],
+            S[b],
+            predicted[b],
+        )
+        if status != OK:
+            return mean_out, P_out, innovation, S, predicted, nis, status
+    return mean_out, P_out, innovation, S, predicted, nis, OK
