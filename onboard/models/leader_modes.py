@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from onboard.filters._kernels import FLAGS, correct_into, gather_into, spread_into
+from onboard.filters._kernels import FLAGS, correct_into, correct_room, gather_into, gather_room, spread_into
 from onboard.filters._kernels_mixture import mix, mix_into, pass_into, weigh_into
 from onboard.filters.belief import OK, SHAPE, Belief, Update, refuse
 from onboard.filters.unscented import Weights, flags
@@ -100,7 +100,7 @@ def _predict(  # type: ignore[no-untyped-def]
     k = 2 * n + 1
     means_out, P_out, ahead = np.empty((count, r, n)), np.empty((count, r, n, n)), np.empty((count, r))
     mixing, mean, covariance = np.empty((r, r)), np.empty(n), np.empty((n, n))
-    points = np.empty((r, count * k, n))
+    points, scratch = np.empty((r, count * k, n)), np.empty(gather_room(n))
     if v_F.shape[0] != count or a_F.shape[0] != count or habits.shape[0] != r or Q.shape[0] != r:
         return means_out, P_out, ahead, SHAPE
     for b in range(count):
@@ -116,7 +116,8 @@ def _predict(  # type: ignore[no-untyped-def]
             points[j], dt, v_F, a_F, habits[j, 0], kept[0], kept[1], kept[2], kept[3], kept[4], habits[j, 6]
         )
         for b in range(count):
-            status = gather_into(rows[b * k : (b + 1) * k], w_mean, w_cov, w, Q[j], means_out[b, j], P_out[b, j])
+            moved, mean_out = rows[b * k : (b + 1) * k], means_out[b, j]
+            status = gather_into(moved, w_mean, w_cov, w, Q[j], scratch, mean_out, P_out[b, j])
             if status != OK:
                 return means_out, P_out, ahead, status
     return means_out, P_out, ahead, OK
@@ -163,7 +164,7 @@ def _update(  # type: ignore[no-untyped-def]
         np.empty((count, m)),
         np.empty(count),
     )
-    points = np.empty((count, r, k, n))
+    points, scratch = np.empty((count, r, k, n)), np.empty(correct_room(n, m))
     z, R_z, e, covariances, expected = (
         np.empty(m),
         np.empty((m, m)),
@@ -195,6 +196,7 @@ def _update(  # type: ignore[no-untyped-def]
                 w,
                 angular,
                 considered,
+                scratch,
                 means_out[b, j],
                 P_out[b, j],
                 e[j],
