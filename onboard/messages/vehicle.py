@@ -1,0 +1,127 @@
+"""What a vehicle says of itself, and what is said to it."""
+
+from onboard.messages.base import Message, Quaternion, Vec3
+
+
+class Heartbeat(Message, frozen=True, kw_only=True):
+    """HEARTBEAT. `vehicle_type` and `autopilot` are MAV_TYPE and MAV_AUTOPILOT numbers."""
+
+    vehicle_type: int
+    autopilot: int
+    armed: bool
+    status: int
+
+
+class SystemTime(Message, frozen=True, kw_only=True):
+    """SYSTEM_TIME: boot time beside the autopilot's idea of Unix time (0 when unknown)."""
+
+    unix_ns: int
+
+
+class TimeSync(Message, frozen=True, kw_only=True):
+    """TIMESYNC. `tc1_ns` is 0 in a request; a reply echoes the request's `ts1_ns`."""
+
+    tc1_ns: int
+    ts1_ns: int
+
+
+class Attitude(Message, frozen=True, kw_only=True):
+    """ATTITUDE_QUATERNION or ATTITUDE: body to NED (Hamilton, scalar first) and body rates, rad/s."""
+
+    q_nb: Quaternion
+    omega_b: Vec3
+
+
+class LocalPosition(Message, frozen=True, kw_only=True):
+    """LOCAL_POSITION_NED: the vehicle F relative to its EKF origin O, m and m/s, NED."""
+
+    r_OF_n: Vec3
+    v_F_n: Vec3
+
+
+class GlobalPosition(Message, frozen=True, kw_only=True):
+    """GLOBAL_POSITION_INT: WGS-84 degrees, metres above mean sea level and above home, m/s NED."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_msl: float
+    height: float
+    v_F_n: Vec3
+    heading_rad: float | None
+
+
+class GpsFix(Message, frozen=True, kw_only=True):
+    """GPS_RAW_INT: a raw fix. Speeds in m/s, course in rad, accuracies in m (None when not given); `v_down` only
+    from logs, MAVLink's message has none."""
+
+    fix_type: int
+    satellites: int | None
+    lat_deg: float
+    lon_deg: float
+    alt_msl: float
+    ground_speed: float | None
+    course_rad: float | None
+    h_acc: float | None
+    v_acc: float | None
+    v_down: float | None = None
+
+
+class Imu(Message, frozen=True, kw_only=True):
+    """HIGHRES_IMU, SCALED_IMU or RAW_IMU: specific force (m/s^2) and angular rate (rad/s), body FRD; where the
+    message has a new one, the barometer's altitude (m, see `Barometer`)."""
+
+    f_b: Vec3
+    omega_b: Vec3
+    pressure_altitude: float | None = None
+
+
+class Barometer(Message, frozen=True, kw_only=True):
+    """SCALED_PRESSURE: the altitude that has this pressure in the standard atmosphere, m. Off by a slowly changing
+    offset, and by per cents where the air is warmer or colder than the standard's."""
+
+    pressure_altitude: float
+
+
+class ActuatorOutputs(Message, frozen=True, kw_only=True):
+    """SERVO_OUTPUT_RAW: pulse widths in microseconds, 0 where unused."""
+
+    pwm_us: tuple[int, ...]
+
+
+class Command(Message, frozen=True, kw_only=True):
+    """COMMAND_LONG or COMMAND_INT: a MAV_CMD number and its seven parameters."""
+
+    target_system: int
+    target_component: int
+    command: int
+    params: tuple[float, float, float, float, float, float, float]
+
+
+class CommandAck(Message, frozen=True, kw_only=True):
+    """COMMAND_ACK: MAV_RESULT of a MAV_CMD; `target_*` is who had asked."""
+
+    target_system: int
+    target_component: int
+    command: int
+    result: int
+
+
+class Odometry(Message, frozen=True, kw_only=True):
+    """ODOMETRY: position from O in n and attitude, velocity and rates in b; covariances (21) are upper triangles,
+    row by row, of position and rotation, and of velocity and rates. `quality`: -1 not valid, 1 to 100 %."""
+
+    r_OF_n: Vec3
+    q_nb: Quaternion
+    v_F_b: Vec3
+    omega_b: Vec3
+    pose_covariance: tuple[float, ...]
+    velocity_covariance: tuple[float, ...]
+    reset_counter: int
+    quality: int
+
+
+class StatusText(Message, frozen=True, kw_only=True):
+    """STATUSTEXT: severity (0 emergency .. 7 debug) and text."""
+
+    severity: int
+    text: str
