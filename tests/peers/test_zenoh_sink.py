@@ -65,7 +65,7 @@ def until(condition: Callable[[], Any]) -> None:
 def estimate(sequence: int = 1, name: str = "ukf") -> Estimate:
     return Estimate(
         name=name,
-        target="leader",
+        target=name,
         sequence=sequence,
         t_ns=10**9,
         state=Lifecycle.TRACKING,

@@ -37,7 +37,7 @@ def datagrams(count: int) -> list[Datagram]:
 def estimate(sequence: int) -> Estimate:
     return Estimate(
         name="ukf",
-        target="leader",
+        target="ukf",
         sequence=sequence,
         t_ns=sequence * 10**8,
         state=Lifecycle.TRACKING,
