@@ -32,10 +32,10 @@ TARGETS: Final = ("leader", "leader", "leader", "target/1", "")
 CAMERA: Final = make_camera(f_px=554.256, width_px=640, height_px=480)
 SETTINGS: Final = {
     "wing-line": (),
-    "wing-line fixed-wing": ("leader_class=fixed_wing", "initialise_images=1"),
+    "wing-line fixed-wing": ("leader_class=fixed_wing", "center_on_wing=true", "initialise_images=1"),
     "wing-line delay": ("delay_sigma_s=0.1", "initialise_images=2"),
     "wing-line exact attitude": ("own_tilt_sigma_deg=0", "own_yaw_sigma_deg=0", "initialise_images=1"),
-    "wing-line nose": ("process_noise.nose_walk=0.5", "initialise_images=1"),
+    "wing-line middle": ("center_on_wing=true", "initialise_images=1"),
     "wing-line delay, size unknown": ("delay_sigma_s=0.3", "size_prior_sigma_m=2.0", "initialise_images=1"),
     "subtended": ("filter=subtended", "initialise_images=1"),
     "paper": ("filter=paper",),
