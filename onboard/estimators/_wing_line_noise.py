@@ -1,9 +1,9 @@
 """What the wing-line filter assumes of how leaders fly: settings for two kinds of aircraft."""
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from onboard.geometry.rotations import Array
 from onboard.models import leader_flight as flight
@@ -90,6 +90,7 @@ class Extras(NamedTuple):
 
 
 STILL_WALK: Final = 0.01  # m/s^2 per square root of a second, of the accelerations of what hovers
+NEARBY: Final = 0.05  # of an exponential's argument, for which eight terms of its series do
 DELAY_WALK: Final = 0.001  # s per square root of a second: clocks and exposures drift
 
 
@@ -153,7 +154,21 @@ def passing(manner: Manner, extras: Extras, dt: float) -> Array:
                 [0.0, go, end, 0.0, 0.0],
             ]
         )
-    return np.asarray(expm((rates - np.diag(rates.sum(axis=1))) * dt))
+    return _exponential((rates - np.diag(rates.sum(axis=1))) * dt)
+
+
+def _exponential(x: Array) -> Array:
+    """exp(x) of a small matrix (r, r), by its series and squaring. Time steps come in all lengths, so this is done
+    in flight, and SciPy's takes longer than the filter's step."""
+    halvings = max(0, math.ceil(math.log2(max(float(np.abs(x).max()), 1e-9) / NEARBY)))
+    x = x / 2.0**halvings
+    one = np.eye(len(x))
+    result = one
+    for k in range(8, 0, -1):  # the ninth term is below 1e-15
+        result = one + x @ result / k
+    for _ in range(halvings):
+        result = result @ result
+    return result
 
 
 def _kept(sigma: float, time: float, dt: float) -> float:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from onboard.estimators import _wing_line
 from onboard.estimators import _wing_line_noise as noise
@@ -16,6 +17,13 @@ from onboard.studies._formation_scores import truth_of
 from onboard.studies._formation_wing_line import WING_LINE
 from onboard.studies._relative_motion_variants import BY_NAME, scenario_of, setting_of
 from simlink.flights import fly_many
+
+
+@pytest.mark.parametrize("largest", [0.0, 1e-6, 0.02, 0.3, 12.0])
+def test_the_exponential_of_rates_is_scipys_seed_5(largest: float) -> None:
+    rates = np.random.default_rng(5).uniform(0.0, 1.0, (5, 5))
+    x = largest * (rates - np.diag(rates.sum(axis=1)))
+    np.testing.assert_allclose(noise._exponential(x), expm(x), rtol=1e-11, atol=1e-15)
 
 
 @pytest.mark.parametrize("extras", [Extras(), Extras(middle=True)])
