@@ -36,9 +36,7 @@ START_BANK: Final = np.radians(10.0)  # rad, of the wing in the first image abou
 MOVING: Final = 3.0  # m/s: faster, and we take our own course for the leader's at first, slower where we look
 LIKELY_MANOEUVRE: Final = 0.1  # probability, at first, that the leader changes its speed, or its heading
 LEAST_SEEN: Final = 0.1  # of the wing's length: an edge-on wing says nothing of the range
-
-
-NONE: Final = Extras()
+NO_EXTRAS: Final = Extras()
 
 
 @dataclass(frozen=True, eq=False)  # itself a key of caches, found by what it is and not by what is in it
@@ -48,7 +46,7 @@ class Filter:
     size: float
     size_sigma: float
     manner: Manner = noise.FIXED_WING
-    extras: Extras = NONE
+    extras: Extras = NO_EXTRAS
 
     @property
     def components(self) -> tuple[str, ...]:
