@@ -25,7 +25,7 @@ from onboard.messages import (
 )
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
-from simlink.scenario import Vehicle
+from simlink.scene import Vehicle
 from simlink.sensors import Reading
 from simlink.world import STEP_NS, G
 

@@ -21,7 +21,8 @@ from onboard.messages import (
 from simlink import attitude
 from simlink.motion import Real
 from simlink.noise import normals, uniforms
-from simlink.scenario import Camera, Scenario
+from simlink.scenario import Scenario
+from simlink.scene import Camera
 from simlink.world import STEPS_PER_SECOND, State, difference
 
 Points = tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left wing, right wing of the leader

@@ -2,7 +2,8 @@
 
 import math
 
-from simlink.scenario import Nav, Quadrotor, Scenario, TrafficScene
+from simlink.scenario import Scenario
+from simlink.scene import Nav, Quadrotor, TrafficScene
 
 
 def daemon_config(scenario: Scenario) -> str:

@@ -28,7 +28,8 @@ from simlink.camera import (
 from simlink.flight import NAV_RATE, Flight, TruthArrays
 from simlink.motion import Kinematics, Rates, advance, leader_motion, pulses, slot, slot_in_n
 from simlink.noise import gauss_markov, stream
-from simlink.scenario import GaussMarkov, Nav, Scenario
+from simlink.scenario import Scenario
+from simlink.scene import GaussMarkov, Nav
 from simlink.sensors import steps_of
 from simlink.world import DT, STEPS_PER_SECOND, G, coordinated_angles, hovering_angles, true_size
 

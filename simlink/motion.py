@@ -12,7 +12,8 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from onboard.messages import Vec3
-from simlink.scenario import Follower, Pulse, Scenario, Wave
+from simlink.scenario import Scenario
+from simlink.scene import Follower, Pulse, Wave
 
 Kinematics = tuple[float, ...]  # course, climb, r_L (3), r_F (3), v_F (3)
 Real = Any  # a float, or an array of them

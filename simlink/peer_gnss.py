@@ -10,7 +10,7 @@ from onboard.geometry.geodesy import ecef_from_geodetic, rotation_ne
 from onboard.messages import Clock, Pseudoranges, SatelliteRange, Vec3
 from simlink import almanac, gnss, troposphere
 from simlink.noise import stream
-from simlink.scenario import Interval, PeerReceiver
+from simlink.scene import Interval, PeerReceiver
 
 EPOCH: Final = 61_440.0  # s of the almanac's week, when the flight begins
 

@@ -14,7 +14,7 @@ from onboard.messages import Quaternion, Vec3
 from simlink import attitude
 from simlink.noise import gauss_markov, normals
 from simlink.quadrotor_control import Controller, Reference, thrusting
-from simlink.scenario import Interval, Quadrotor, QuadrotorFault
+from simlink.scene import Interval, Quadrotor, QuadrotorFault
 
 G: Final = 9.80665
 PWM_US: Final = (1000, 2000)  # of a rotor at rest and at its fastest

@@ -13,7 +13,7 @@ import numpy as np
 from onboard.messages import Quaternion, Vec3
 from simlink import attitude
 from simlink.noise import uniforms
-from simlink.scenario import Quadrotor
+from simlink.scene import Quadrotor
 
 G: Final = 9.80665
 POSITION_GAIN: Final = (4.0, 4.0, 4.0)  # 1/s^2

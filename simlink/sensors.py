@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 from onboard.messages import Quaternion, Vec3
 from simlink import attitude
 from simlink.noise import gauss_markov, normals, uniforms
-from simlink.scenario import GaussMarkov, Scenario
+from simlink.scenario import Scenario
+from simlink.scene import GaussMarkov
 from simlink.world import DT, STEPS_PER_SECOND, State
 
 BAROMETER_STEPS: Final = 4  # of the world between two samples

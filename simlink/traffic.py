@@ -27,7 +27,8 @@ from onboard.messages import (
 )
 from simlink.noise import gauss_markov, normals, uniforms
 from simlink.peer_gnss import RangesSensor
-from simlink.scenario import Aircraft, Scenario
+from simlink.scenario import Scenario
+from simlink.scene import Aircraft
 from simlink.sensors import add
 from simlink.traffic_radar import RadarSensor
 from simlink.world import STEPS_PER_SECOND, State, difference

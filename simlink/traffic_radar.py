@@ -16,7 +16,7 @@ import numpy.typing as npt
 from onboard.messages import Clock, Quaternion, RadarDetection, RadarDetections, Vec3
 from simlink import attitude, phased_array
 from simlink.noise import normals, uniforms
-from simlink.scenario import Interval, TrafficRadar
+from simlink.scene import Interval, TrafficRadar
 
 Array = npt.NDArray[np.float64]
 

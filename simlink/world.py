@@ -18,7 +18,8 @@ from simlink.motion import Rates, Real, Real3, advance, make_motion, pulses
 from simlink.noise import gauss_markov, normals, uniforms
 from simlink.quadrotor import motions
 from simlink.quadrotor_control import Reference, figure_eight
-from simlink.scenario import Quadrotor, Scenario
+from simlink.scenario import Scenario
+from simlink.scene import Quadrotor
 
 G = 9.80665
 STEPS_PER_SECOND = 200

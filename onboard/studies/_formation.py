@@ -17,7 +17,7 @@ from onboard.geometry.rotations import Array, matrix_from_euler, matrix_from_qua
 from onboard.models.relative_motion import FollowerMotion
 from onboard.studies._rows import concatenated, put, taken
 from simlink.flights import Flights
-from simlink.scenario import Camera, Nav
+from simlink.scene import Camera, Nav
 
 FT: Final = 0.3048
 B0: Final = 8.75 * FT  # the size the filter believes; the true one of each run differs by 2 % (1 sigma)

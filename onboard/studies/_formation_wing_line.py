@@ -23,7 +23,7 @@ from onboard.models.leader_modes import Modes
 from onboard.models.relative_motion import N, R
 from onboard.studies._formation import Filter, Mask, Method, Seen, Setting, Step, View
 from onboard.studies._rows import put, taken
-from simlink.scenario import Nav
+from simlink.scene import Nav
 
 IMAGES: Final = 3  # that must agree
 RELOCK: Final = 1.0  # s

@@ -6,7 +6,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import Command, CommandAck, Heartbeat, Message, TimeSync
 from simlink.autopilot import Autopilot, AutopilotLink
-from simlink.scenario import Rates, Scenario, Vehicle
+from simlink.scenario import Scenario
+from simlink.scene import Rates, Vehicle
 from simlink.simulation import boot_ns_of, ticks
 
 MS = 1_000_000

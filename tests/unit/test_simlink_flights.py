@@ -11,7 +11,8 @@ from onboard.geometry.rotations import Array, euler_from_quaternion, matrix_from
 from simlink.flight import fly
 from simlink.flights import fly_many
 from simlink.motion import pulses
-from simlink.scenario import Camera, Pulse, Scenario, ScenarioError, load_scenario, parse_scenario
+from simlink.scenario import Scenario, ScenarioError, load_scenario, parse_scenario
+from simlink.scene import Camera, Pulse
 
 
 def difference(one: Array, other: Array) -> float:

@@ -13,7 +13,8 @@ from onboard.messages import ActuatorOutputs, Attitude, GpsFix
 from simlink import attitude
 from simlink.cli import main
 from simlink.quadrotor import Forces, acting, advance, derivative
-from simlink.scenario import GaussMarkov, Quadrotor, QuadrotorFault, Scenario, load_scenario, parse_scenario
+from simlink.scenario import Scenario, load_scenario, parse_scenario
+from simlink.scene import GaussMarkov, Quadrotor, QuadrotorFault
 from simlink.sensors import readings
 from simlink.simulation import simulate
 from simlink.world import State, states

@@ -20,7 +20,8 @@ from simlink.camera import (
     target_points,
 )
 from simlink.flight import fly
-from simlink.scenario import Barometer, Camera, GaussMarkov, Gps, ImuErrors, Interval, Nav, Scenario, load_scenario
+from simlink.scenario import Scenario, load_scenario
+from simlink.scene import Barometer, Camera, GaussMarkov, Gps, ImuErrors, Interval, Nav
 from simlink.sensors import barometer, readings
 from simlink.simulation import simulate
 from simlink.world import State, states

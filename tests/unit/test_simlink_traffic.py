@@ -22,7 +22,8 @@ from onboard.messages import (
     Vec3,
 )
 from simlink.describe import daemon_config
-from simlink.scenario import Interval, ScenarioError, TrafficRadar, load_scenario, parse_scenario
+from simlink.scenario import ScenarioError, load_scenario, parse_scenario
+from simlink.scene import Interval, TrafficRadar
 from simlink.simulation import Event, datagrams, simulate
 from simlink.traffic_radar import RadarSensor
 

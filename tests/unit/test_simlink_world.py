@@ -7,7 +7,8 @@ from numpy.testing import assert_allclose
 
 from onboard.geometry import rotations
 from simlink import attitude
-from simlink.scenario import Leader, Scenario, Wave, load_scenario
+from simlink.scenario import Scenario, load_scenario
+from simlink.scene import Leader, Wave
 from simlink.world import State, coordinated, states, true_size
 
 HZ = 200

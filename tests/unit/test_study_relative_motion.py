@@ -24,7 +24,8 @@ from onboard.studies._relative_motion_variants import BY_NAME, VARIANTS
 from onboard.studies._workers import Part, compute
 from simlink.flight import Flight
 from simlink.flights import Flights, fly_many
-from simlink.scenario import GaussMarkov, Nav, load_scenario
+from simlink.scenario import load_scenario
+from simlink.scene import GaussMarkov, Nav
 
 SCENARIO = load_scenario("formation")
 FLOWN = tuple(BY_NAME[name] for name in ("a", "d", "e", "k45"))
