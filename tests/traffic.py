@@ -26,7 +26,13 @@ from onboard.ownship import Ownship
 S: Final = 1_000_000_000
 HOME: Final = (47.397742, 8.545594, 500.0)
 ICAO: Final = 0x4B1A2C
+NAME: Final = f"icao/{ICAO:06x}"
 CAMERA: Final = make_camera(f_px=500.0, width_px=640.0, height_px=480.0)
+# An aircraft from home, NED: where it begins, m, and its velocity, m/s.
+R0: Final = np.array([2000.0, -500.0, -100.0])
+V0: Final = np.array([-30.0, 20.0, 1.0])
+NORTH: Final = np.eye(3)[0]
+EAST: Final = np.eye(3)[1]
 
 
 class Sky:
@@ -134,3 +140,17 @@ def mean(e: Estimate) -> Array:
     """The estimate's mean; there must be one."""
     assert e.mean is not None
     return np.array(e.mean)
+
+
+def follow(sky: Sky, seconds: int, r0: Array = R0, v: Array = V0, **changes: Any) -> None:
+    """Reports at 1 Hz of an aircraft on a straight line."""
+    for _ in range(seconds):
+        sky.hear(sky.adsb(r0 + v * sky.t, v, **changes))
+        sky.fly(1.0)
+
+
+def scan(sky: Sky, scans: int, *lines: tuple[Array, Array]) -> None:
+    """Scans at 10 Hz of aircraft on straight lines."""
+    for _ in range(scans):
+        sky.see([r + v * sky.t for r, v in lines])
+        sky.fly(0.1)

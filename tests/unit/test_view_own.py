@@ -15,7 +15,7 @@ pytest.importorskip("rerun")
 
 from onboard.view import own, scene, words
 from onboard.view.memory import Memory
-from tests.unit.test_view import health_of, truth_of
+from tests.view_flight import health_of, truth_of
 
 
 class Kept:
