@@ -8,6 +8,7 @@ import pytest
 
 from onboard.filters.belief import Belief, FilterError, Method, Rows
 from onboard.geometry.rotations import Array
+from tests.filter_problems import spd
 
 
 class Linear(NamedTuple):
@@ -28,11 +29,6 @@ class Linear(NamedTuple):
 
     def as_dtype(self, dtype: type) -> "Linear":
         return Linear(*(array.astype(dtype) for array in self))
-
-
-def spd(rng: np.random.Generator, n: int) -> Array:
-    A = rng.normal(0, 1, (n, n))
-    return np.asarray(A @ A.T + 0.1 * np.eye(n))
 
 
 def linear(rng: np.random.Generator, method: Method, n: int = 4) -> Linear:
@@ -125,10 +121,6 @@ def locked(state: Any) -> Any:
     for array in arrays_of(state):
         array.flags.writeable = False
     return state
-
-
-def identity(rows: Array) -> Array:
-    return rows.copy()
 
 
 def broken(rows_of: Rows, value: float) -> Callable[[Array], Array]:

@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 
 from onboard.filters import unscented
-from onboard.filters.augmented import (
-    Rule,
-    additive,
-    predict_augmented,
-    step_augmented,
-    update_augmented,
-)
+from onboard.filters.augmented import Rule, additive, predict_augmented, step_augmented, update_augmented
 from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError
 from onboard.filters.unscented import julier_weights, scaled_weights
 from onboard.geometry.rotations import Array
+from tests.filter_problems import spd
 
 RULES: dict[str, Rule] = {
     "julier": julier_weights,
@@ -28,13 +23,8 @@ rules = pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
 
 def problem(seed: int, n: int = 4, m: int = 2) -> tuple[Belief, Array, Array, Array, Array, Array]:
     rng = np.random.default_rng(seed)
-
-    def spd(k: int) -> Array:
-        A = rng.normal(0, 1, (k, k))
-        return np.asarray(A @ A.T + 0.1 * np.eye(k))
-
-    belief = Belief(rng.normal(0, 2, n), spd(n))
-    return belief, rng.normal(0, 1, (n, n)), spd(n), rng.normal(0, 1, (m, n)), spd(m), rng.normal(0, 2, m)
+    belief, F, Q = Belief(rng.normal(0, 2, n), spd(rng, n)), rng.normal(0, 1, (n, n)), spd(rng, n)
+    return belief, F, Q, rng.normal(0, 1, (m, n)), spd(rng, m), rng.normal(0, 2, m)
 
 
 @rules

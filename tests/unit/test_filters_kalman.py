@@ -8,13 +8,9 @@ import pytest
 
 from onboard.filters import cubature, extended, kalman, posterior_linearisation, unscented
 from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Update
+from tests.filter_problems import bend, bend_slope, radar, spd
 
 N, M = 5, 2
-
-
-def spd(rng: np.random.Generator, n: int, lead: tuple[int, ...] = ()) -> Any:
-    A = rng.normal(0, 1, (*lead, n, n))
-    return A @ np.swapaxes(A, -1, -2) + 0.1 * np.eye(n)
 
 
 def problem(seed: int, lead: tuple[int, ...] = ()) -> dict[str, Any]:
@@ -32,25 +28,6 @@ def problem(seed: int, lead: tuple[int, ...] = ()) -> dict[str, Any]:
     for array in made.values():
         array.flags.writeable = False
     return made
-
-
-def bend(rows: Any) -> Any:
-    """A process with products and sines."""
-    return rows + 0.05 * np.sin(rows) * rows[:, ::-1]
-
-
-def bend_slope(rows: Any) -> Any:
-    n = rows.shape[1]
-    slope = np.tile(np.eye(n), (len(rows), 1, 1))
-    for i in range(n):
-        slope[:, i, i] += 0.05 * np.cos(rows[:, i]) * rows[:, n - 1 - i]
-        slope[:, i, n - 1 - i] += 0.05 * np.sin(rows[:, i])
-    return slope
-
-
-def radar(rows: Any) -> Any:
-    """Range and bearing of the first two states."""
-    return np.stack([np.hypot(rows[:, 0], rows[:, 1]), np.arctan2(rows[:, 1], rows[:, 0])], axis=1)
 
 
 def textbook(p: dict[str, Any]) -> tuple[Any, Any, Any, Any, float]:

@@ -12,24 +12,12 @@ from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError
 from onboard.filters.cubature import weights as cubature_weights
 from onboard.filters.square_root import SquareRoot
 from onboard.filters.unscented import Weights
+from tests.filter_problems import bend, radar, radar_slope, spd
 
 N = 5
 CENTRED = Weights(np.sqrt(8.0), 1 - N / 8, 1 - N / 8, 1 / 16)  # centre 3/8
 RULES = {"cubature": cubature_weights(N), "centred": CENTRED, "beta": unscented.scaled_weights(N, 1.0, 2.0)}
 every_rule = pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
-
-
-def spd(rng: np.random.Generator, n: int, lead: tuple[int, ...] = ()) -> Any:
-    A = rng.normal(0, 1, (*lead, n, n))
-    return A @ np.swapaxes(A, -1, -2) + 0.1 * np.eye(n)
-
-
-def bend(rows: Any) -> Any:
-    return rows + 0.05 * np.sin(rows) * rows[:, ::-1]
-
-
-def radar(rows: Any) -> Any:
-    return np.stack([np.hypot(rows[:, 0], rows[:, 1]), np.arctan2(rows[:, 1], rows[:, 0])], axis=1)
 
 
 def problem(seed: int, lead: tuple[int, ...] = ()) -> tuple[Belief, Any, Any, Any]:
@@ -97,13 +85,6 @@ def test_a_negative_centre_is_a_downdate_seed_3() -> None:
     close(square_root.belief(told.belief).covariance, want.belief.covariance)
     with pytest.raises(FilterError, match="weights"):
         square_root.update(state, y, radar, R, rule, (1,))
-
-
-def radar_slope(rows: Any) -> Any:
-    x, y = rows[:, 0], rows[:, 1]
-    r, slope = np.hypot(x, y), np.zeros((len(rows), 2, N))
-    slope[:, 0, 0], slope[:, 0, 1], slope[:, 1, 0], slope[:, 1, 1] = x / r, y / r, -y / r**2, x / r**2
-    return slope
 
 
 @pytest.mark.parametrize("jacobian", [radar_slope, None], ids=["given", "differences"])

@@ -15,8 +15,8 @@ from onboard.messages import AdsbVehicle, AltitudeType, Clock, Collision, RadarD
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.radar import BadRadarError, decode_radar, encode_radar
+from tests.mavlink_frames import RECV, crc_x25
 
-RECV = 1_735_689_605_000_000_000
 # Packed with struct from the field table of common.xml (size order), not with any encoder.
 ALL_VALID = 1 | 2 | 4 | 8 | 16 | 32 | 128
 ADSB: dict[str, Any] = {
@@ -35,15 +35,6 @@ ADSB: dict[str, Any] = {
     "tslc": 3,
 }
 EXTRA = 184
-
-
-def crc_x25(data: bytes) -> int:
-    crc = 0xFFFF
-    for byte in data:
-        t = byte ^ (crc & 0xFF)
-        t ^= (t << 4) & 0xFF
-        crc = ((crc >> 8) ^ (t << 8) ^ (t << 3) ^ (t >> 4)) & 0xFFFF
-    return crc
 
 
 def adsb_frame(**changes: Any) -> bytes:
