@@ -39,6 +39,7 @@ def table(measured: Figures) -> Table:
     made.caption = "(our model): filterpy given our compiled model, in place of one written for it in NumPy"
     for name, key in (
         ("radar", "radar_ukf"),
+        ("radar, a model of one's own, compiled", "radar_ukf_own_model"),
         ("radar, our model in NumPy too", "radar_ukf_numpy_model"),
         ("vision", "vision_ukf"),
         ("radar, of a batch", "batch_radar"),

@@ -41,6 +41,8 @@ def figures(pairs: int = 21, scale: float = 1.0, starts: int = 5) -> Figures:
         "times_faster_than_filterpy_our_model": our_model,
         "times_faster_than_stonesoup": stonesoup,
     }
+    us, filterpy = times(side(radar.ours_own_model, 2000), side(radar.filterpy, 60))
+    radar_own = {"us": us, "times_faster_than_filterpy": filterpy}
     us, filterpy = times(side(radar.ours_numpy, 1000), side(radar.filterpy, 60))
     radar_numpy = {"us": us, "times_faster_than_filterpy": filterpy}
     us, filterpy = times(side(vision.ours, 2000), side(vision.filterpy, 20))
@@ -56,6 +58,7 @@ def figures(pairs: int = 21, scale: float = 1.0, starts: int = 5) -> Figures:
     many = times(side(square_root.run(BATCH), 4, BATCH), side(square_root.unscented_run(BATCH), 4, BATCH))
     return {
         "radar_ukf": radar_ukf,
+        "radar_ukf_own_model": radar_own,
         "radar_ukf_numpy_model": radar_numpy,
         "vision_ukf": vision_ukf,
         "batch_ukf": _batch(side(vision.batch(BATCH), 10, BATCH), side(vision.filterpy, 20), pairs),

@@ -36,10 +36,11 @@ def _in(dtype: Any, ndim: int) -> Any:
 
 def _signatures(*arguments: Any) -> list[Any]:
     """The signatures for both precisions; an int stands for an array of so many dimensions, "f" for a number,
-    "out" for a matrix to write into."""
+    "out" for a matrix to write into, "packed" and the dimensions for an array without gaps."""
     made = []
     for dtype in (types.float64, types.float32):
         kinds = {"f": dtype, "out": types.Array(dtype, 2, "C")}
+        kinds |= {f"packed {d}": types.Array(dtype, d, "C", readonly=True) for d in (2, 3)}
         made.append(tuple(_in(dtype, a) if isinstance(a, int) else kinds.get(a, a) for a in arguments))
     return made
 
@@ -59,7 +60,7 @@ def factor_into(A, lower_t):  # type: ignore[no-untyped-def]
         if not (pivot > 0.0 and pivot < np.inf):
             return False
         root = np.sqrt(pivot)
-        inverse = 1.0 / root
+        inverse = root * (1.0 / pivot)  # while the root is being drawn
         lower_t[j, j] = root
         for i in range(j + 1, n):  # sums in registers: half the time of subtracting row from row
             value = A[j, i]
@@ -91,13 +92,13 @@ def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
 
 
 @njit(**COMPILED)
-def products_into(a, b, count, upper, out):  # type: ignore[no-untyped-def]
-    """out = a[:, :count] b[:, :count]^T, with `upper` only its upper triangle (and what is in its blocks).
+def products_into(a, b, count, lower, out):  # type: ignore[no-untyped-def]
+    """out = a[:, :count] b[:, :count]^T, with `lower` only its lower triangle (and what is in its blocks).
 
     Numbers of rows must be multiples of three: nine sums at a time need six loads, where one needs two.
     """
     for i in range(0, a.shape[0], 3):
-        for j in range(i if upper else 0, b.shape[0], 3):
+        for j in range(0, i + 1 if lower else b.shape[0], 3):
             u, v, w, x, y, z = (
                 a[i, 0],
                 a[i + 1, 0],
@@ -164,12 +165,13 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):  # type: ignore[
     off = w - w  # stays zero as long as all is finite
     half = mean.dtype.type(0.5)
     for i in range(n):
-        share = w_cov * d[i, k - 1]
-        for j in range(i, n):
+        share, here = w_cov * d[i, k - 1], w - w
+        for j in range(i + 1):
             value = w * sums[i, j] + share * d[j, k - 1] + half * (Q[i, j] + Q[j, i])
-            off += value - value
+            here += value - value
             P[i, j] = value
             P[j, i] = value
+        off += here
     return OK if off == 0 else NOISE
 
 
@@ -274,7 +276,7 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     products_into(d, d, k - 1, True, sums)
     half = points.dtype.type(0.5)
     for a in range(m):
-        for b in range(a, m):
+        for b in range(a + 1):
             S[a, b] = w * sums[a, b] + w_cov * d[a, k - 1] * d[b, k - 1] + half * (R[a, b] + R[b, a])
             S[b, a] = S[a, b]
         row, opposite = d[a], d[a, n:]
@@ -302,12 +304,12 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
         reductions[:] = zero
     if loose:
         for i in range(n):
-            for j in range(i, n):
+            for j in range(i + 1):
                 if considered[i] and considered[j]:
                     reductions[i, j] = zero
     for i in range(n):
-        for j in range(i, n):
-            value = P[i, j] - reductions[i, j]
+        for j in range(i + 1):
+            value = P[j, i] - reductions[i, j]
             P_out[i, j] = value
             P_out[j, i] = value
     return OK, nis

@@ -109,7 +109,7 @@ def correct_and_redraw(drawn, images, y, R, weights, marks):  # type: ignore[no-
 # ---------------------------------------------------------------------------------- a batch of them
 
 
-@njit(_signatures(2, 3, "f"), **COMPILED)
+@njit(_signatures("packed 2", "packed 3", "f"), **COMPILED)
 def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
     """(points (B, 2n+1, n), the first status that is not OK)."""
     count, n = mean.shape
@@ -123,7 +123,7 @@ def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
     return points, OK
 
 
-@njit(_signatures(3, "f", "f", "f", 3), **COMPILED)
+@njit(_signatures("packed 3", "f", "f", "f", "packed 3"), **COMPILED)
 def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
     """(mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
     count, _, n = points.shape
@@ -138,7 +138,9 @@ def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
     return mean, P, OK
 
 
-@njit(_signatures(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), **COMPILED)
+@njit(
+    _signatures("packed 3", "packed 3", "packed 3", "packed 2", "packed 3", "f", "f", FLAGS, FLAGS), **COMPILED
+)
 def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
     """As `correct`, each with a leading axis B; R (B or 1, m, m)."""
     count, _, n = points.shape

@@ -27,7 +27,14 @@ def mean_bounds(degrees: int, samples: int, probability: float = 0.95) -> tuple[
 
 
 def normalised_squared(error: ArrayLike, covariance: ArrayLike) -> Array:
-    """NEES (or NIS): error^T covariance^-1 error, for error (..., n) and covariance (..., n, n)."""
-    e = np.asarray(error, dtype=float)
-    solved = np.linalg.solve(np.asarray(covariance, dtype=float), e[..., None])[..., 0]
+    """NEES (or NIS): error^T covariance^-1 error, for error (..., n) and covariance (..., n, n). Infinite where a
+    covariance is singular: it says that something is known exactly."""
+    e, P = np.asarray(error, dtype=float), np.asarray(covariance, dtype=float)
+    try:
+        solved = np.linalg.solve(P, e[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # NumPy then gives none of them
+        if P.ndim == 2 and e.ndim == 1:
+            return np.asarray(np.inf)
+        e, P = np.broadcast_arrays(e[..., None], P)
+        return np.array([normalised_squared(one, C) for one, C in zip(e[..., 0], P, strict=True)])
     return np.asarray(np.sum(e * solved, axis=-1))

@@ -57,33 +57,39 @@ def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float 
 
 
 class Rule(NamedTuple):
-    """What stays the same from step to step, made ready by `rule`."""
+    """What stays the same from step to step, made ready by `rule`: weights, also as an array; the marks of angular
+    components and of considered states; and the array that a step fills, by its shape and precision."""
 
     weights: Weights
     numbers: Array
     marks: Array
+    room: tuple[int, int]
+    dtype: Any
 
 
 class Drawn(NamedTuple):
-    """What `step` gives: a belief, with the sigma points of the next one drawn by `rule`. Read-only.
+    """What `step` gives: a belief, with the sigma points (2n+1, n) of the next one drawn by `rule`. Read-only.
 
-    `rows` (3n+1, n) are the 2n+1 points, the first of which is the mean, and the covariance.
+    `room` (3n+1, n) holds the points, the first of which is the mean, and the covariance.
     """
 
-    rows: Array
+    points: Array
+    room: Array
     nis: float
     rule: Rule
 
     @property
     def mean(self) -> Array:
         """Mean (n,)."""
-        mean: Array = self.rows[0]
+        mean: Array = self.points[0]
         return mean
 
     @property
     def covariance(self) -> Array:
         """Covariance (n, n)."""
-        return self.rows[2 * self.rows.shape[1] + 1 :]
+        covariance = self.room[len(self.points) :]
+        covariance.setflags(write=False)
+        return covariance
 
 
 def rule(
@@ -102,7 +108,7 @@ def rule(
         marks = np.concatenate([flags(angular, m), flags(considered, n)])
     except IndexError as error:
         raise FilterError(f"angular {angular}, considered {considered}: must be below {m} and {n}") from error
-    return Rule(weights, np.array(weights, dtype), marks)
+    return Rule(weights, np.array(weights, dtype), marks, (3 * n + 1, n), np.dtype(dtype))
 
 
 @lru_cache(maxsize=256)
@@ -140,7 +146,7 @@ def sigma_points(belief: Belief | Drawn, weights: Weights) -> Array:
             points = np.empty((2 * n + 1, n), mean.dtype)
             status = kernels.spread(mean, covariance, weights.spread, points)
         else:
-            points, status = kernels.spread_batch(mean, covariance, weights.spread)
+            points, status = kernels.spread_batch(_packed(mean), _packed(covariance), weights.spread)
     except (TypeError, AttributeError) as error:
         raise wrong_arrays(mean=mean, covariance=covariance) from error
     if status:
@@ -161,7 +167,7 @@ def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
             mean, covariance = out[0], out[1:]
             status = kernels.gather(points, w_mean, w_cov, w, noise, out)
         else:
-            mean, covariance, status = kernels.gather_batch(points, w_mean, w_cov, w, _batched(noise))
+            mean, covariance, status = kernels.gather_batch(_packed(points), w_mean, w_cov, w, _batched(noise))
     except (TypeError, AttributeError) as error:
         raise wrong_arrays(process=points, Q=noise) from error
     if status:
@@ -212,7 +218,7 @@ def correct(
         return _correct(points, images, belief.covariance, y, R, weights, angular, considered)
     try:
         marks = flags(angular, y.shape[-1]), flags(considered, points.shape[-1])
-        given = points, images, belief.covariance, y, _batched(R)
+        given = _packed(points), _packed(images), _packed(belief.covariance), _packed(y), _batched(R)
         *posterior, innovation, S, predicted, nis, status = kernels.correct_batch(*given, *weights[2:], *marks)
     except (TypeError, AttributeError, IndexError) as error:
         raise wrong_arrays(mean=belief.mean, measure=images, y=y, R=R) from error
@@ -229,31 +235,29 @@ def step(belief: Belief | Drawn, process: Rows, Q: Array, y: Array, measure: Row
     Raises FilterError, NotPositiveDefiniteError (for the posterior, too).
     """
     if type(belief) is Drawn and belief.rule is rule:
-        rows = belief.rows
-        n = rows.shape[1]
-        points = rows[: 2 * n + 1]
+        points = belief.points
     else:
         points = sigma_points(belief, rule.weights)
-        n = points.shape[-1]
         if points.ndim > 2:
             raise FilterError("step: takes one filter; a batch takes predict and update")
     moved = process(points)
-    drawn = np.empty((3 * n + 1, n), points.dtype)
+    room = np.empty(rule.room, rule.dtype)
     try:
-        status = kernels.redraw(moved, rule.numbers, Q, drawn)
+        status = kernels.redraw(moved, rule.numbers, Q, room)
     except TypeError as error:
         raise wrong_arrays(mean=points, process=moved, Q=Q) from error
     if status:
         refuse(status)
-    images = measure(drawn[: 2 * n + 1])
+    points = room[: 2 * rule.room[1] + 1]
+    points.setflags(False)  # the parts depend on one another, and a model could write into its rows
+    images = measure(points)
     try:
-        status, nis = kernels.correct_and_redraw(drawn, images, y, R, rule.numbers, rule.marks)
+        status, nis = kernels.correct_and_redraw(room, images, y, R, rule.numbers, rule.marks)
     except TypeError as error:
         raise wrong_arrays(mean=points, measure=images, y=y, R=R) from error
     if status:
         refuse(status)
-    drawn.setflags(write=False)  # its parts depend on one another, and a model could write into its rows
-    return Drawn(drawn, nis, rule)
+    return Drawn(points, room, nis, rule)
 
 
 def _correct(
@@ -292,7 +296,12 @@ def over_rows(model: Rows, points: Array) -> Array:
 
 
 def _batched(noise: Array) -> Array:
-    return noise if noise.ndim == 3 else noise[None]
+    return _packed(noise if noise.ndim == 3 else noise[None])
+
+
+def _packed(array: Array) -> Array:
+    """As the kernels of batches take it: without gaps."""
+    return array if array.flags.c_contiguous else array.copy()
 
 
 def wrong_arrays(**arrays: Any) -> FilterError:

@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from onboard.geometry.arctangent import arctan2
 from onboard.geometry.rotations import Array
 from onboard.models import relative_motion
-from onboard.models.relative_motion import BATCH, ROWS, VECTOR
+from onboard.models.relative_motion import BATCH, BLOCK, INTO, ROWS, VECTOR
 
 M: Final = 3
 COMPONENTS: Final = ("azimuth", "elevation", "subtended")
@@ -23,24 +24,38 @@ ANGULAR: Final = (0, 1, 2)  # all wrap
 def measure(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
     """Angles (k, 3) of state rows (k, 9), from a camera with attitude R_cn (3, 3) at r_FC_n (3,): eq 14,
     with atan2 in the place of atan, which folds over behind the camera."""
-    angles: Array = _measure(points, R_cn, r_FC_n)
+    angles = np.empty((len(points), M))  # here: to hand it over from machine code takes longer
+    _measure(points, R_cn, r_FC_n, angles)
     return angles
 
 
-@njit((ROWS, ROWS, VECTOR), cache=True, error_model="numpy")
-def _measure(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
-    angles = np.empty((points.shape[0], 3))
-    for s in range(points.shape[0]):
-        x, y, z = 0.0, 0.0, 0.0
-        for i in range(3):
-            difference = points[s, i] - r_FC_n[i]
-            x += R_cn[0, i] * difference
-            y += R_cn[1, i] * difference
-            z += R_cn[2, i] * difference
-        angles[s, 0] = np.arctan2(y, x)
-        angles[s, 1] = np.arctan2(z, x)
-        angles[s, 2] = 2.0 * np.arctan2(points[s, relative_motion.SIZE], 2.0 * np.sqrt(x * x + y * y + z * z))
-    return angles
+@njit(cache=True, error_model="numpy")
+def _look(places, seen, count):  # type: ignore[no-untyped-def]
+    """The angles of `count` places in the camera's frame and sizes, x, y, z and size each by itself: (4 BLOCK,),
+    into (3 BLOCK,)."""
+    for s in range(count):
+        x, y, z = places[s], places[BLOCK + s], places[2 * BLOCK + s]
+        seen[s] = arctan2(y, x)
+        seen[BLOCK + s] = arctan2(z, x)
+        seen[2 * BLOCK + s] = 2.0 * arctan2(places[3 * BLOCK + s], 2.0 * np.sqrt(x * x + y * y + z * z))
+
+
+@njit((ROWS, ROWS, VECTOR, INTO), cache=True, error_model="numpy")
+def _measure(points, R_cn, r_FC_n, angles):  # type: ignore[no-untyped-def]
+    """In blocks, so that the compiler makes one instruction of several rows' roots and arctangents."""
+    places, seen = np.empty(4 * BLOCK), np.empty(3 * BLOCK)
+    for first in range(0, points.shape[0], BLOCK):
+        count = min(BLOCK, points.shape[0] - first)
+        for s in range(count):
+            row = points[first + s]
+            north, east, down = row[0] - r_FC_n[0], row[1] - r_FC_n[1], row[2] - r_FC_n[2]
+            for i in range(3):
+                places[i * BLOCK + s] = R_cn[i, 0] * north + R_cn[i, 1] * east + R_cn[i, 2] * down
+            places[3 * BLOCK + s] = row[relative_motion.SIZE]
+        _look(places, seen, count)
+        for s in range(count):
+            for i in range(3):
+                angles[first + s, i] = seen[i * BLOCK + s]
 
 
 def measure_batch(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
@@ -53,7 +68,7 @@ def measure_batch(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
 def _measure_batch(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
     angles = np.empty((points.shape[0], points.shape[1], 3))
     for b in range(points.shape[0]):
-        angles[b] = _measure(points[b], R_cn[b], r_FC_n[b])
+        _measure(points[b], R_cn[b], r_FC_n[b], angles[b])
     return angles
 
 

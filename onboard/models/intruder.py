@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.filters.discretisation import van_loan
+from onboard.geometry.arctangent import arctan2
 from onboard.geometry.rotations import Array
 
 N: Final = 15
@@ -30,6 +31,7 @@ BIAS: Final = slice(9, 12)
 TURNED: Final = slice(12, 15)
 SLOWEST: Final = 5.0  # m/s: what is slower has no turn rate to speak of ...
 FASTEST_TURN: Final = 0.5  # rad/s: ... and nothing turns faster
+BLOCK: Final = 64  # rows computed at a time
 COMPONENTS: Final = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")
 UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s")
 FRAME: Final = "n (local NED at our vehicle), the other aircraft relative to us"
@@ -168,25 +170,38 @@ def position_noise(polar: Array, sigma: Array, R_rn: Array) -> Array:
     return np.asarray(turned @ np.swapaxes(turned, -1, -2))
 
 
+@njit(cache=True, error_model="numpy")
+def _look(places, angles, count):  # type: ignore[no-untyped-def]
+    """Azimuth and elevation, (2 BLOCK,), of `count` places in the radar's frame, x, y and z each by itself."""
+    for s in range(count):
+        x, y, z = places[s], places[BLOCK + s], places[2 * BLOCK + s]
+        angles[s] = arctan2(y, x)
+        angles[BLOCK + s] = arctan2(-z, np.sqrt(x * x + y * y))
+
+
 @njit((ROWS, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
 def _seen(rows, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
+    """In blocks, so that the compiler makes one instruction of several rows' arctangents."""
     polar = np.empty((rows.shape[0], 3))
+    places, angles = np.empty(3 * BLOCK), np.empty(2 * BLOCK)
     d, turned = np.empty(3), np.empty(3)
-    for s in range(rows.shape[0]):
-        for i in range(3):
-            then = rows[s, i] - lag[s] * (rows[s, 3 + i] - 0.5 * lag[s] * rows[s, 6 + i])
-            d[i] = then - r_OR_n[i]
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            turned[i] = d[i] + rows[s, 12 + j] * d[k] - rows[s, 12 + k] * d[j]
-        x, y, z = 0.0, 0.0, 0.0
-        for i in range(3):
-            x += R_rn[0, i] * turned[i]
-            y += R_rn[1, i] * turned[i]
-            z += R_rn[2, i] * turned[i]
-        polar[s, 0] = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-        polar[s, 1] = np.arctan2(y, x)
-        polar[s, 2] = np.arctan2(-z, np.sqrt(x * x + y * y))
+    for first in range(0, rows.shape[0], BLOCK):
+        count = min(BLOCK, rows.shape[0] - first)
+        for s in range(count):
+            row, back = rows[first + s], lag[first + s]
+            for i in range(3):
+                d[i] = row[i] - back * (row[3 + i] - 0.5 * back * row[6 + i]) - r_OR_n[i]
+            turned[0] = d[0] + row[13] * d[2] - row[14] * d[1]
+            turned[1] = d[1] + row[14] * d[0] - row[12] * d[2]
+            turned[2] = d[2] + row[12] * d[1] - row[13] * d[0]
+            for i in range(3):
+                places[i * BLOCK + s] = (
+                    R_rn[i, 0] * turned[0] + R_rn[i, 1] * turned[1] + R_rn[i, 2] * turned[2]
+                )
+            polar[first + s, 0] = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+        _look(places, angles, count)
+        for s in range(count):
+            polar[first + s, 1], polar[first + s, 2] = angles[s], angles[BLOCK + s]
     return polar
 
 

@@ -27,7 +27,8 @@ FRAME: Final = "n (local NED), leader relative to follower"
 VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
 BATCH: Final = types.Array(types.float64, 3, "A", readonly=True)
-PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64)
+INTO: Final = types.Array(types.float64, 2, "C")
+PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, INTO)
 ACCELERATION_SIGNATURE: Final = (ROWS, VECTOR, VECTOR, types.float64)
 
 
@@ -83,7 +84,8 @@ def rotation_covariance(mean: Array, sigma_n: Array) -> Array:
 def process(points: Array, dt: float, follower: FollowerMotion, eps: float) -> Array:
     """State rows (k, 9) after `dt` seconds: eqs 5-10 without noise, one step of RK4 with the follower's
     velocity and acceleration interpolated over it."""
-    after: Array = _process(points, dt, *follower, eps)
+    after = np.empty(points.shape)  # here: to hand it over from machine code takes longer
+    _process(points, dt, *follower, eps, after)
     return after
 
 
@@ -119,10 +121,9 @@ def _changes(now, then, count, dt, v0, v1, a0, a1, eps):  # type: ignore[no-unty
 
 
 @njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
-def _process(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
+def _process(points, dt, v0, v1, a0, a1, eps, after):  # type: ignore[no-untyped-def]
     """The rows in blocks, each component of a block by itself: so the compiler makes one instruction of several
     rows' roots and divisions, which are most of the work."""
-    after = np.empty(points.shape)
     now, then = np.empty(5 * BLOCK), np.empty(6 * BLOCK)
     for first in range(0, points.shape[0], BLOCK):
         count = min(BLOCK, points.shape[0] - first)
@@ -137,7 +138,6 @@ def _process(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
                 to[i] = row[i] + then[i * BLOCK + s]
             for i in range(SIZE, N):
                 to[i] = row[i]
-    return after
 
 
 def process_batch(points: Array, dt: float, followers: FollowerMotion, eps: float) -> Array:
@@ -150,5 +150,5 @@ def process_batch(points: Array, dt: float, followers: FollowerMotion, eps: floa
 def _process_batch(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
     after = np.empty(points.shape)
     for b in range(points.shape[0]):
-        after[b] = _process(points[b], dt, v0[b], v1[b], a0[b], a1[b], eps)
+        _process(points[b], dt, v0[b], v1[b], a0[b], a1[b], eps, after[b])
     return after

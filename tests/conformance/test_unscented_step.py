@@ -77,7 +77,7 @@ def test_a_belief_of_another_rule_is_drawn_anew_seed_402() -> None:
     arguments = problem.process, problem.Q, problem.seen[1], problem.measure, problem.R
     rule = unscented.rule(narrow, 4, 2, (0,))
     anew = unscented.step(Belief(first.mean, first.covariance), *arguments, rule)
-    np.testing.assert_array_equal(unscented.step(first, *arguments, rule).rows, anew.rows)
+    np.testing.assert_array_equal(unscented.step(first, *arguments, rule).room, anew.room)
     two = unscented.predict(Belief(first.mean, first.covariance), problem.process, problem.Q, narrow)
     np.testing.assert_allclose(unscented.predict(first, problem.process, problem.Q, narrow).mean, two.mean)
 
@@ -87,7 +87,7 @@ def test_what_a_step_gives_cannot_be_written_into_seed_402() -> None:
     first = unscented.step(
         problem.start, problem.process, problem.Q, problem.seen[0], problem.measure, problem.R, rule
     )
-    before = first.rows.copy()
+    before = first.room.copy()
     for array in (first.mean, first.covariance):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
@@ -98,7 +98,7 @@ def test_what_a_step_gives_cannot_be_written_into_seed_402() -> None:
 
     with pytest.raises(ValueError, match="read-only"):
         unscented.step(first, in_place, problem.Q, problem.seen[1], problem.measure, problem.R, rule)
-    np.testing.assert_array_equal(first.rows, before)
+    np.testing.assert_array_equal(first.room, before)
 
 
 def test_a_step_refuses_what_the_two_calls_refuse_seed_402() -> None:

@@ -19,6 +19,7 @@ KEYS = {
         "times_faster_than_filterpy_our_model",
         "times_faster_than_stonesoup",
     },
+    "radar_ukf_own_model": {"us", "times_faster_than_filterpy"},
     "radar_ukf_numpy_model": {"us", "times_faster_than_filterpy"},
     "vision_ukf": {
         "us",

@@ -38,3 +38,14 @@ def test_normalised_squared_of_one_and_of_many() -> None:
     assert float(normalised_squared([1.0, -1.0], P)) == pytest.approx(2.0, rel=1e-15)
     many = normalised_squared([[1.0, 0.0], [1.0, -1.0]], np.stack([P, P]))
     assert many == pytest.approx([2 / 3, 2.0], rel=1e-15)
+
+
+def test_normalised_squared_is_infinite_where_nothing_is_unsure() -> None:
+    P = np.array([[2.0, 1.0], [1.0, 2.0]])
+    exact = np.array([[1.0, 1.0], [1.0, 1.0]])
+    assert float(normalised_squared([1.0, -1.0], exact)) == np.inf
+    assert normalised_squared([1.0, -1.0], np.stack([P, exact, P])) == pytest.approx([2.0, np.inf, 2.0])
+    one_for_all = normalised_squared([[1.0, -1.0], [1.0, 0.0]], exact)
+    assert one_for_all.shape == (2,)
+    assert np.isinf(one_for_all).all()
+    assert normalised_squared(np.ones((2, 3, 2)), np.broadcast_to(exact, (2, 3, 2, 2))).shape == (2, 3)
