@@ -1,13 +1,16 @@
 """The square-root filter that flies (by triangularisation) beside the unscented one, on the radar problem."""
 
 from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 
 from benchmarks import radar
 from onboard.filters import Belief, square_root, unscented
 
-WEIGHTS = unscented.julier_weights(radar.N, float(radar.N))  # the centre's zero, as a square root needs
+WEIGHTS: Final = unscented.julier_weights(radar.N, float(radar.N))  # the centre's zero, as a square root needs
+RULE: Final = square_root.rule(WEIGHTS, radar.N, 3, radar.ANGULAR)
+UNSCENTED_RULE: Final = unscented.rule(WEIGHTS, radar.N, 3, radar.ANGULAR)
 
 
 def run(count: int | None = None) -> Callable[[int], object]:
@@ -24,6 +27,24 @@ def run(count: int | None = None) -> Callable[[int], object]:
         return square_root.belief(state)
 
     return steps_of
+
+
+def ours(steps: int) -> Belief:
+    """The square-root filter, a step at a time."""
+    belief: Any = square_root.start(*radar.START)
+    for k in range(steps):
+        y = radar.SEEN[k % radar.STEPS]
+        belief = square_root.step(belief, radar.process, radar.Q, y, radar.measure, radar.R, RULE)
+    return Belief(belief.mean, belief.covariance)
+
+
+def unscented_ours(steps: int) -> Belief:
+    """The same of the unscented filter, with the same points."""
+    belief: Any = radar.START
+    for k in range(steps):
+        y = radar.SEEN[k % radar.STEPS]
+        belief = unscented.step(belief, radar.process, radar.Q, y, radar.measure, radar.R, UNSCENTED_RULE)
+    return Belief(belief.mean, belief.covariance)
 
 
 def unscented_run(count: int | None = None) -> Callable[[int], object]:

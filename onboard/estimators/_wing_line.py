@@ -22,9 +22,8 @@ import numpy as np
 from onboard.estimators import _wing_line_noise as noise
 from onboard.estimators._wing_line_noise import Extras, Manner
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, Update
+from onboard.filters.belief import Belief, Update, Weights
 from onboard.filters.gating import chi_square_threshold
-from onboard.filters.unscented import Weights
 from onboard.geometry.rotations import Array
 from onboard.models import leader_flight as flight
 from onboard.models import leader_modes, wing_line

@@ -183,8 +183,8 @@ def wrapped(x):  # type: ignore[no-untyped-def]
 
 @njit(**COMPILED)
 def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: ignore[no-untyped-def]
-    """Deviations d (m, 2n+1) of one filter's images (2n+1, m) from their mean `predicted`, the centre's last, and
-    the innovation; a status."""
+    """Deviations of one filter's images (2n+1, m) from their mean `predicted`, and the innovation; a status. In
+    d (m, 2n+1): n differences of opposite images, n sums of their deviations, and the centre's deviation."""
     k, m = images.shape
     n = k // 2
     plus, minus = images[1:], images[n + 1 :]
@@ -196,11 +196,11 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: i
             one, other = plus[s, a] - centre, minus[s, a] - centre
             if angular[a]:
                 one, other = wrapped(one), wrapped(other)
-            row[s], opposite[s] = one, other
+            row[s], opposite[s] = one - other, one + other
             total += one + other
         shift = w * total
-        for s in range(k - 1):
-            row[s] -= shift
+        for s in range(n):
+            opposite[s] -= shift + shift
         row[k - 1] = -shift
         predicted[a] = centre + shift
         z = y[a] - predicted[a]
@@ -215,9 +215,9 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: i
 
 
 @njit(**COMPILED)
-def whiten_into(S, innovation, cross, lower, inverse, white):  # type: ignore[no-untyped-def]
-    """white (m,) = L^-1 innovation, and each row of `cross` (n, m) times L^-T in place, with L L^T = S (m, m);
-    (whether L exists, NIS). `lower` (m, m) and `inverse` (m,) are for L and the inverse of its diagonal."""
+def whiten_into(S, innovation, scale, cross, lower, inverse, white):  # type: ignore[no-untyped-def]
+    """white (m,) = L^-1 innovation, and each row of `cross` (n, m) times `scale` L^-T in place, with L L^T = S
+    (m, m); (whether L exists, NIS). `lower` (m, m) and `inverse` (m,) are for L and its diagonal's inverse."""
     m = S.shape[0]
     nis = S.dtype.type(0)
     for a in range(m):
@@ -239,7 +239,7 @@ def whiten_into(S, innovation, cross, lower, inverse, white):  # type: ignore[no
         nis += white[a] * white[a]
     for i in range(cross.shape[0]):
         for a in range(m):
-            entry = cross[i, a]
+            entry = scale * cross[i, a]
             for b in range(a):
                 entry -= lower[a, b] * cross[i, b]
             cross[i, a] = entry * inverse[a]
@@ -265,10 +265,11 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     few, many = threes(m), threes(n)
     d, sums, rest = scratch[:few], scratch[few : 2 * few], scratch[2 * few :]
     offsets, cross, reductions = rest[:many], rest[many : 2 * many], rest[2 * many :]
-    for s in range(k):
-        for a in range(m, few):
+    for a in range(m, few):
+        for s in range(k):
             d[a, s] = zero
-        for i in range(n, many):
+    for i in range(n, many):
+        for s in range(k):
             offsets[i, s] = zero
     status = deviations_into(images, y, w, angular, d, innovation, predicted)
     if status != OK:
@@ -277,18 +278,16 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     half = points.dtype.type(0.5)
     for a in range(m):
         for b in range(a + 1):
-            S[a, b] = w * sums[a, b] + w_cov * d[a, k - 1] * d[b, k - 1] + half * (R[a, b] + R[b, a])
+            noise = half * (w * sums[a, b] + R[a, b] + R[b, a])  # two squares make one of a sum and a difference
+            S[a, b] = noise + w_cov * d[a, k - 1] * d[b, k - 1]
             S[b, a] = S[a, b]
-        row, opposite = d[a], d[a, n:]
-        for s in range(n):  # the centre's own deviation is zero, and the set is symmetric
-            row[s] = w * (row[s] - opposite[s])
     plus = points[1:]
     for i in range(n):
         for s in range(n):
             offsets[i, s] = plus[s, i] - points[0, i]
-    products_into(offsets, d, n, False, cross)
+    products_into(offsets, d, n, False, cross)  # the set is symmetric: differences of opposite images are enough
     white = reductions[m + 1]  # where the sums come later
-    exists, nis = whiten_into(S, innovation, cross[:n], reductions[:m], reductions[m], white)
+    exists, nis = whiten_into(S, innovation, w, cross[:n], reductions[:m], reductions[m], white)
     if not exists:
         return INNOVATION, zero
     loose = False  # whether any pair of states is moved as usual, and which are not

@@ -138,9 +138,7 @@ def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
     return mean, P, OK
 
 
-@njit(
-    _signatures("packed 3", "packed 3", "packed 3", "packed 2", "packed 3", "f", "f", FLAGS, FLAGS), **COMPILED
-)
+@njit(_signatures("packed 3", "packed 3", "packed 3", "packed 2", "packed 3", "f", "f", FLAGS, FLAGS), **COMPILED)
 def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
     """As `correct`, each with a leading axis B; R (B or 1, m, m)."""
     count, _, n = points.shape

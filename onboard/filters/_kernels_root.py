@@ -22,8 +22,27 @@ from onboard.filters.belief import (
     MEAN,
     OK,
     POINTS,
+    POSTERIOR,
+    PREDICTED,
     SHAPE,
 )
+
+
+@njit(cache=True, error_model="numpy")
+def spread_into(mean, lower, gamma, points):  # type: ignore[no-untyped-def]
+    """Sigma points of one filter into `points` (2n+1, n); a status."""
+    n = mean.shape[0]
+    if not sound(lower):
+        return FACTOR
+    for i in range(n):
+        if not np.isfinite(mean[i]):
+            return MEAN
+        points[0, i] = mean[i]
+        for j in range(n):
+            offset = gamma * lower[i, j] if j <= i else mean.dtype.type(0)
+            points[1 + j, i] = points[0, i] + offset
+            points[1 + n + j, i] = points[0, i] - offset
+    return OK
 
 
 @njit(signatures(2, 3, "f"), cache=True, error_model="numpy")
@@ -34,43 +53,46 @@ def spread(mean, L, gamma):  # type: ignore[no-untyped-def]
     if count < 0 or L.shape[1:] != (n, n):
         return points, SHAPE
     for b in range(count):
-        centre, lower = mean[b % mean.shape[0]], L[b % L.shape[0]]
-        if not sound(lower):
-            return points, FACTOR
-        for i in range(n):
-            if not np.isfinite(centre[i]):
-                return points, MEAN
-            points[b, 0, i] = centre[i]
-            for j in range(n):
-                offset = gamma * lower[i, j] if j <= i else mean.dtype.type(0)
-                points[b, 1 + j, i] = centre[i] + offset
-                points[b, 1 + n + j, i] = centre[i] - offset
+        status = spread_into(mean[b % mean.shape[0]], L[b % L.shape[0]], gamma, points[b])
+        if status != OK:
+            return points, status
     return points, OK
+
+
+@njit(cache=True, error_model="numpy")
+def gather_into(points, Q, w_cov, w, plain, extra, centre, mean, L):  # type: ignore[no-untyped-def]
+    """Mean (n,) and factor (n, n) of one filter's points (2n+1, n) plus noise (eqs 20-22), with scratch `extra`
+    (n, 2n+1) and `centre` (n,), and `plain` (n,) to say that no state is an angle; a status."""
+    size, n = points.shape
+    if Q.shape != (n, n) or size != 2 * n + 1:
+        return SHAPE
+    root, root_centre = np.sqrt(w), np.sqrt(abs(w_cov))
+    if not centred_into(points, w, without(points, w_cov), plain, mean, extra):
+        return POINTS
+    if not semifactor_into(Q, L):
+        return INDEFINITE
+    for i in range(n):
+        centre[i] = root_centre * extra[i, 0]
+        extra[i, 0] = centre[i] if w_cov > 0 else points.dtype.type(0)
+        for s in range(1, size):
+            extra[i, s] *= root
+    tria_into(L, extra)
+    return OK if w_cov >= 0 or downdate_into(L, centre) else DOWNDATE
 
 
 @njit(signatures(3, 3, "f", "f"), cache=True, error_model="numpy")
 def gather(points, Q, w_cov, w):  # type: ignore[no-untyped-def]
-    """(mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q (eqs 20-22)."""
-    count, size, n = points.shape
+    """(mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q."""
+    count, _, n = points.shape
     mean, L = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
-    if Q.shape[0] not in (1, count) or Q.shape[1:] != (n, n) or size != 2 * n + 1:
+    if Q.shape[0] not in (1, count):
         return mean, L, SHAPE
-    extra, centre = np.empty((n, size), points.dtype), np.empty(n, points.dtype)
-    angular = np.zeros(n, np.bool_)
-    root, root_centre = np.sqrt(w), np.sqrt(abs(w_cov))
+    extra, centre = np.empty((n, 2 * n + 1), points.dtype), np.empty(n, points.dtype)
+    plain = np.zeros(n, np.bool_)
     for b in range(count):
-        if not centred_into(points[b], w, without(points[b], w_cov), angular, mean[b], extra):
-            return mean, L, POINTS
-        if not semifactor_into(Q[b % Q.shape[0]], L[b]):
-            return mean, L, INDEFINITE
-        for i in range(n):
-            centre[i] = root_centre * extra[i, 0]
-            extra[i, 0] = centre[i] if w_cov > 0 else points.dtype.type(0)
-            for s in range(1, size):
-                extra[i, s] *= root
-        tria_into(L[b], extra)
-        if w_cov < 0 and not downdate_into(L[b], centre):
-            return mean, L, DOWNDATE
+        status = gather_into(points[b], Q[b % Q.shape[0]], w_cov, w, plain, extra, centre, mean[b], L[b])
+        if status != OK:
+            return mean, L, status
     return mean, L, OK
 
 
@@ -141,13 +163,13 @@ def gain_into(L, odd, root, innovation, considered, K, U, S):  # type: ignore[no
 @njit(cache=True, error_model="numpy")
 def joseph_into(L, slope, K, V, out):  # type: ignore[no-untyped-def]
     """out := tria[L - K slope, K V]: eq 32, transposed as it must be; slope (m, n) is H L, and K V V^T K^T is what
-    noise the gain lets in."""
+    noise the gain lets in. `out` may be L."""
     n, m = K.shape
     extra = np.empty((n, n + m), L.dtype)
     for i in range(n):
         for j in range(n):
-            out[i, j] = 0.0
             extra[i, j] = L[i, j] if j <= i else L.dtype.type(0)
+            out[i, j] = 0.0
             for a in range(m):
                 extra[i, j] -= K[i, a] * slope[a, j]
         for c in range(m):
@@ -155,6 +177,43 @@ def joseph_into(L, slope, K, V, out):  # type: ignore[no-untyped-def]
             for a in range(c, m):
                 extra[i, n + c] += K[i, a] * V[a, c]
     tria_into(out, extra)
+
+
+@njit(cache=True, error_model="numpy")
+def correct_into(  # type: ignore[no-untyped-def]
+    points,
+    L,
+    images,
+    y,
+    R,
+    w_cov,
+    w,
+    angular,
+    considered,
+    odd,
+    V,
+    root,
+    mean_out,
+    L_out,
+    K,
+    U,
+    innovation,
+    S,
+    predicted,
+):
+    """Update of one filter by triangularisation; (status, NIS). `odd`, `V` and `root` as in `linearise_into`."""
+    status = linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root)
+    if status == OK:
+        status = innovate_into(y, predicted, angular, innovation)
+    if status != OK:
+        return status, points.dtype.type(0)
+    nis = gain_into(L, odd, root, innovation, considered, K, U, S)
+    for i in range(K.shape[0]):
+        mean_out[i] = points[0, i]
+        for a in range(K.shape[1]):
+            mean_out[i] += K[i, a] * innovation[a]
+    joseph_into(L, odd, K, V, L_out)
+    return OK, nis
 
 
 @njit(signatures(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), cache=True, error_model="numpy")
@@ -174,19 +233,27 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):  # type: ig
     odd, V, root = np.empty((m, n), dtype), np.empty((m, m), dtype), np.empty((m, m), dtype)
     for b in range(count):
         if status == OK:
-            noise = R[b % R.shape[0]]
-            status = linearise_into(images[b], noise, w_cov, w, angular, predicted[b], odd, V, root)
-        if status == OK:
-            status = innovate_into(y[b % y.shape[0]], predicted[b], angular, innovation[b])
-        if status != OK:
-            return mean_out, L_out, K, U, innovation, S, predicted, nis, status
-        prior = L[b % L.shape[0]]
-        nis[b] = gain_into(prior, odd, root, innovation[b], considered, K[b], U[b], S[b])
-        for i in range(n):
-            mean_out[b, i] = points[b, 0, i]
-            for a in range(m):
-                mean_out[b, i] += K[b, i, a] * innovation[b, a]
-        joseph_into(prior, odd, K[b], V, L_out[b])
+            status, nis[b] = correct_into(
+                points[b],
+                L[b % L.shape[0]],
+                images[b],
+                y[b % y.shape[0]],
+                R[b % R.shape[0]],
+                w_cov,
+                w,
+                angular,
+                considered,
+                odd,
+                V,
+                root,
+                mean_out[b],
+                L_out[b],
+                K[b],
+                U[b],
+                innovation[b],
+                S[b],
+                predicted[b],
+            )
     return mean_out, L_out, K, U, innovation, S, predicted, nis, status
 
 
@@ -211,3 +278,62 @@ def joseph(L, H, K, R):  # type: ignore[no-untyped-def]
         if not sound(out[b]):
             return out, MATRIX
     return out, OK
+
+
+# ------------------------------------------------------------------- one filter, a step at a time (`stepping`)
+
+
+@njit(signatures(2, 1, 2, "out"), cache=True, error_model="numpy")
+def redraw(moved, weights, Q, room):  # type: ignore[no-untyped-def]
+    """Mean and factor of the moved points, and new points of them: into the rows of `room` (2n+1 + n, n) the
+    points, of which the first is the mean, and the factor; a status. `weights` (4,) as in `Weights`."""
+    n = room.shape[1]
+    points, L = room[: 2 * n + 1], room[2 * n + 1 :]
+    extra, centre = np.empty((n, 2 * n + 1), room.dtype), np.empty(n, room.dtype)
+    status = gather_into(moved, Q, weights[2], weights[3], np.zeros(n, np.bool_), extra, centre, points[0], L)
+    if status == OK:
+        status = spread_into(points[0], L, weights[0], points)
+    return PREDICTED if status == FACTOR else status
+
+
+@njit(signatures("out", 2, 1, 2, 1, FLAGS), cache=True, error_model="numpy")
+def correct_and_redraw(room, images, y, R, weights, marks):  # type: ignore[no-untyped-def]
+    """Update in place of `room`, as `redraw` gives it; `marks` (m + n,) are those of angular components and of
+    considered states. (status, NIS)."""
+    n, m = room.shape[1], y.shape[0]
+    points, L = room[: 2 * n + 1], room[2 * n + 1 :]
+    if marks.shape[0] != m + n or images.shape != (2 * n + 1, m) or R.shape != (m, m):
+        return SHAPE, room.dtype.type(0)
+    scratch = np.empty((4 * m + 2 * n + 2, max(m, n)), room.dtype)
+    odd, V, root, S = (
+        scratch[:m, :n],
+        scratch[m : 2 * m, :m],
+        scratch[2 * m : 3 * m, :m],
+        scratch[3 * m : 4 * m, :m],
+    )
+    K, U = scratch[4 * m : 4 * m + n, :m], scratch[4 * m + n : 4 * m + 2 * n, :m]
+    told = scratch[4 * m + 2 * n :, :m]
+    status, nis = correct_into(
+        points,
+        L,
+        images,
+        y,
+        R,
+        weights[2],
+        weights[3],
+        marks[:m],
+        marks[m:],
+        odd,
+        V,
+        root,
+        points[0],
+        L,
+        K,
+        U,
+        told[0],
+        S,
+        told[1],
+    )
+    if status == OK:
+        status = spread_into(points[0], L, weights[0], points)
+    return POSTERIOR if status == FACTOR else status, nis

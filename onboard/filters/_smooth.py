@@ -9,8 +9,8 @@ from onboard.filters import _kernels_smooth as kernels
 from onboard.filters import belief as beliefs
 from onboard.filters import cubature
 from onboard.filters._calls import straight
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update
-from onboard.filters.unscented import flags, over_rows, sigma_points
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, flags
+from onboard.filters.unscented import over_rows, sigma_points
 from onboard.geometry.rotations import Array
 
 GAMMA: Final = 0.1  # the convergence rate

@@ -21,8 +21,8 @@ import numpy as np
 from onboard.filters import _kernels_augmented as kernels
 from onboard.filters import unscented
 from onboard.filters._calls import call
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, start
-from onboard.filters.unscented import Weights, flags, julier_weights, scaled_weights, wrong_arrays
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, Weights, flags, start, wrong_arrays
+from onboard.filters.unscented import julier_weights, scaled_weights
 from onboard.geometry.rotations import Array
 
 NoisyRows = Callable[[Array, Array], Array]

@@ -6,6 +6,7 @@ those of each filter together.
 """
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
@@ -32,6 +33,16 @@ class Update(NamedTuple):
     innovation_covariance: Array
     predicted: Array
     nis: Any
+
+
+class Weights(NamedTuple):
+    """A symmetric sigma-point set: `spread` is gamma, the distance in standard deviations; the centre's weight in
+    the mean and in the covariance; and the weight of each of the 2n others."""
+
+    spread: float
+    mean: float
+    covariance: float
+    other: float
 
 
 class Method(NamedTuple):
@@ -117,6 +128,26 @@ def refuse(status: int) -> None:
     square_roots = {COVARIANCE, INNOVATION, INDEFINITE, FACTOR, DOWNDATE, PREDICTED, POSTERIOR}
     kind = NotPositiveDefiniteError if status in square_roots else FilterError
     raise kind(REASONS[status])
+
+
+def wrong_arrays(**arrays: Any) -> FilterError:
+    """The error for arrays that no kernel takes: no arrays, no floating point, of different precision or rank."""
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray):
+            return FilterError(f"{name}: must be a NumPy array, not {type(array).__name__}")
+        if array.dtype not in (np.float64, np.float32):
+            return FilterError(f"{name}: must be float64 or float32, not {array.dtype}")
+    described = ", ".join(f"{name} {array.dtype} {array.shape}" for name, array in arrays.items())
+    return FilterError(f"arrays must agree in precision and in batch axes: {described}")
+
+
+@lru_cache(maxsize=256)
+def flags(chosen: tuple[int, ...], size: int) -> Any:
+    """A mask (size,) with the chosen components set."""
+    mask = np.zeros(size, bool)
+    mask[list(chosen)] = True
+    mask.flags.writeable = False  # cached, so shared
+    return mask
 
 
 def start(mean: Array, covariance: Array) -> Belief:

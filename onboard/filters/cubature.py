@@ -10,8 +10,7 @@ from typing import Final
 
 from onboard.filters import _kernels_slopes, unscented
 from onboard.filters._calls import call, images_of
-from onboard.filters.belief import Belief, Method, Rows, Update, start
-from onboard.filters.unscented import Weights, flags
+from onboard.filters.belief import Belief, Method, Rows, Update, Weights, flags, start
 from onboard.geometry.rotations import Array
 
 

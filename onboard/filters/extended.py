@@ -12,8 +12,7 @@ import numpy as np
 
 from onboard.filters import _kernels_linear, _kernels_slopes, kalman
 from onboard.filters._calls import call, images_of
-from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, start
-from onboard.filters.unscented import flags
+from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, flags, start
 from onboard.geometry.rotations import Array
 
 Jacobian = Callable[[Array], Array]

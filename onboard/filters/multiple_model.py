@@ -18,8 +18,7 @@ import numpy as np
 
 from onboard.filters import _kernels_mixture as kernels
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, refuse
-from onboard.filters.unscented import flags
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, flags, refuse
 from onboard.geometry.rotations import Array
 
 

@@ -10,8 +10,7 @@ from typing import Final
 
 from onboard.filters import _kernels_slopes, cubature, kalman, unscented
 from onboard.filters._calls import alike, call, images_of
-from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, start
-from onboard.filters.unscented import Weights, flags
+from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, Weights, flags, start
 from onboard.geometry.rotations import Array
 
 

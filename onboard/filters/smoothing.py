@@ -12,9 +12,8 @@ import numpy as np
 
 from onboard.filters import _kernels_slopes
 from onboard.filters._calls import straight
-from onboard.filters.belief import Belief, FilterError, Method, Rows
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Weights
 from onboard.filters.posterior_linearisation import regression
-from onboard.filters.unscented import Weights
 from onboard.geometry.rotations import Array
 
 

@@ -19,13 +19,14 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.filters import _kernels_factor, extended
+from onboard.filters import _kernels_factor, extended, stepping
 from onboard.filters import _kernels_root as kernels
 from onboard.filters import belief as beliefs
 from onboard.filters._calls import call, images_of, marks
-from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update
+from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, Weights
 from onboard.filters.cubature import weights as cubature_weights
-from onboard.filters.unscented import Weights, julier_weights
+from onboard.filters.stepping import Drawn, Rule
+from onboard.filters.unscented import julier_weights
 from onboard.geometry.rotations import Array
 
 
@@ -80,10 +81,42 @@ def update(
 
     Raises FilterError for a negative centre weight, and what else cannot be used; NotPositiveDefiniteError.
     """
-    if weights.covariance < 0:
-        raise FilterError("weights: the centre's must not be negative")
+    _require_centre(weights)
     mean, factor, _, _, *rest = _correct(state, y, measure, R, weights, angular, considered)
     return _told(SquareRoot(mean, factor), *rest)
+
+
+def rule(
+    weights: Weights,
+    n: int,
+    m: int,
+    angular: tuple[int, ...] = (),
+    considered: tuple[int, ...] = (),
+    dtype: Any = np.float64,
+) -> Rule:
+    """`predict` and `update` for `step`, of n states and m measured components; the last arguments are those of
+    `update`.
+
+    Raises FilterError.
+    """
+    _require_centre(weights)
+    _require_scale(weights)
+    return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS)
+
+
+def sigma_points(state: SquareRoot | Drawn, weights: Weights) -> Array:
+    """Sigma points (..., 2n+1, n), the mean first (eqs 19, 23).
+
+    Raises FilterError.
+    """
+    if isinstance(state, Drawn):
+        state = start(state.mean, state.covariance)
+    (points,) = call(kernels.spread, weights.spread, mean=state.mean, factor=state.factor)
+    return np.asarray(points)
+
+
+KERNELS: Final = stepping.Kernels(sigma_points, kernels.redraw, kernels.correct_and_redraw, factored=True)
+step: Final = stepping.step  # of this filter, by its `rule`
 
 
 def update_joseph(
@@ -126,10 +159,19 @@ def update_classical(
 
 
 def _images(state: SquareRoot, model: Rows, weights: Weights, y: Array | None) -> tuple[Array, Array]:
+    _require_scale(weights)
+    points = sigma_points(state, weights)
+    return points, images_of(model, points, y)
+
+
+def _require_centre(weights: Weights) -> None:
+    if weights.covariance < 0:
+        raise FilterError("weights: the centre's must not be negative")
+
+
+def _require_scale(weights: Weights) -> None:
     if abs(2 * weights.other * weights.spread**2 - 1) > 1e-6:
         raise FilterError("weights: twice the weight of a point times its squared spread must be one")
-    (points,) = call(kernels.spread, weights.spread, mean=state.mean, factor=state.factor)
-    return points, images_of(model, points, y)
 
 
 def _correct(

@@ -9,12 +9,12 @@ advance in one call; the model then gets the rows of all of them, (B (2n+1), n),
 """
 
 from collections.abc import Callable
-from functools import lru_cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from onboard.filters import _kernels_points as kernels
+from onboard.filters import stepping
 from onboard.filters.belief import (
     Belief,
     FilterError,
@@ -22,20 +22,14 @@ from onboard.filters.belief import (
     NotPositiveDefiniteError,
     Rows,
     Update,
+    Weights,
+    flags,
     refuse,
     start,
+    wrong_arrays,
 )
+from onboard.filters.stepping import Drawn, Rule
 from onboard.geometry.rotations import Array
-
-
-class Weights(NamedTuple):
-    """A symmetric sigma-point set: `spread` is gamma, the distance in standard deviations; the centre's weight in
-    the mean and in the covariance; and the weight of each of the 2n others."""
-
-    spread: float
-    mean: float
-    covariance: float
-    other: float
 
 
 def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
@@ -56,42 +50,6 @@ def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float 
     return Weights(float(np.sqrt(total)), centre, centre + 1.0 - alpha * alpha + beta, 0.5 / total)
 
 
-class Rule(NamedTuple):
-    """What stays the same from step to step, made ready by `rule`: weights, also as an array; the marks of angular
-    components and of considered states; and the array that a step fills, by its shape and precision."""
-
-    weights: Weights
-    numbers: Array
-    marks: Array
-    room: tuple[int, int]
-    dtype: Any
-
-
-class Drawn(NamedTuple):
-    """What `step` gives: a belief, with the sigma points (2n+1, n) of the next one drawn by `rule`. Read-only.
-
-    `room` (3n+1, n) holds the points, the first of which is the mean, and the covariance.
-    """
-
-    points: Array
-    room: Array
-    nis: float
-    rule: Rule
-
-    @property
-    def mean(self) -> Array:
-        """Mean (n,)."""
-        mean: Array = self.points[0]
-        return mean
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance (n, n)."""
-        covariance = self.room[len(self.points) :]
-        covariance.setflags(write=False)
-        return covariance
-
-
 def rule(
     weights: Weights,
     n: int,
@@ -100,24 +58,11 @@ def rule(
     considered: tuple[int, ...] = (),
     dtype: Any = np.float64,
 ) -> Rule:
-    """For `step` of n states and m measured components: weights, and the last arguments of `update`.
+    """This filter for `step`, of n states and m measured components; the last arguments are those of `update`.
 
     Raises FilterError.
     """
-    try:
-        marks = np.concatenate([flags(angular, m), flags(considered, n)])
-    except IndexError as error:
-        raise FilterError(f"angular {angular}, considered {considered}: must be below {m} and {n}") from error
-    return Rule(weights, np.array(weights, dtype), marks, (3 * n + 1, n), np.dtype(dtype))
-
-
-@lru_cache(maxsize=256)
-def flags(chosen: tuple[int, ...], size: int) -> Any:
-    """A mask (size,) with the chosen components set."""
-    mask = np.zeros(size, bool)
-    mask[list(chosen)] = True
-    mask.flags.writeable = False  # cached, so shared
-    return mask
+    return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS)
 
 
 def factor(covariance: Array) -> Array:
@@ -152,6 +97,10 @@ def sigma_points(belief: Belief | Drawn, weights: Weights) -> Array:
     if status:
         refuse(status)
     return points
+
+
+KERNELS: Final = stepping.Kernels(sigma_points, kernels.redraw, kernels.correct_and_redraw, factored=False)
+step: Final = stepping.step  # of this filter, by its `rule`
 
 
 def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
@@ -227,39 +176,6 @@ def correct(
     return Update(Belief(*posterior), innovation, S, predicted, nis)
 
 
-def step(belief: Belief | Drawn, process: Rows, Q: Array, y: Array, measure: Rows, R: Array, rule: Rule) -> Drawn:
-    """`predict`, and `update` of what it gave, in one call: the same belief and NIS in half the time, for those
-    who need no more of the update. What it gives goes into the next step. Arguments as theirs, of one filter. The
-    rows that `measure` is given are written over when it has returned.
-
-    Raises FilterError, NotPositiveDefiniteError (for the posterior, too).
-    """
-    if type(belief) is Drawn and belief.rule is rule:
-        points = belief.points
-    else:
-        points = sigma_points(belief, rule.weights)
-        if points.ndim > 2:
-            raise FilterError("step: takes one filter; a batch takes predict and update")
-    moved = process(points)
-    room = np.empty(rule.room, rule.dtype)
-    try:
-        status = kernels.redraw(moved, rule.numbers, Q, room)
-    except TypeError as error:
-        raise wrong_arrays(mean=points, process=moved, Q=Q) from error
-    if status:
-        refuse(status)
-    points = room[: 2 * rule.room[1] + 1]
-    points.setflags(False)  # the parts depend on one another, and a model could write into its rows
-    images = measure(points)
-    try:
-        status, nis = kernels.correct_and_redraw(room, images, y, R, rule.numbers, rule.marks)
-    except TypeError as error:
-        raise wrong_arrays(mean=points, measure=images, y=y, R=R) from error
-    if status:
-        refuse(status)
-    return Drawn(points, room, nis, rule)
-
-
 def _correct(
     points: Array,
     images: Array,
@@ -304,17 +220,6 @@ def _packed(array: Array) -> Array:
     return array if array.flags.c_contiguous else array.copy()
 
 
-def wrong_arrays(**arrays: Any) -> FilterError:
-    """The error for arrays that no kernel takes: no arrays, no floating point, of different precision or rank."""
-    for name, array in arrays.items():
-        if not isinstance(array, np.ndarray):
-            return FilterError(f"{name}: must be a NumPy array, not {type(array).__name__}")
-        if array.dtype not in (np.float64, np.float32):
-            return FilterError(f"{name}: must be float64 or float32, not {array.dtype}")
-    described = ", ".join(f"{name} {array.dtype} {array.shape}" for name, array in arrays.items())
-    return FilterError(f"arrays must agree in precision and in batch axes: {described}")
-
-
 # ------------------------------------------------------------------------------------- as methods
 
 
@@ -333,7 +238,7 @@ def method(name: str, weights: Callable[[int], Weights], considered: tuple[int, 
 SINGLE: Final = "a millimetre after a kilometre needs more digits than float32 has; a square root halves the need"
 
 METHODS: Final = (
-    method("unscented", julier_weights, exempt={"long_run_float32": SINGLE}),
+    method("unscented", julier_weights),
     method("unscented-scaled-1", lambda n: scaled_weights(n, 1.0, 2.0), exempt={"long_run_float32": SINGLE}),
     method("unscented-scaled-0.1", lambda n: scaled_weights(n, 0.1, 2.0), exempt={"long_run_float32": SINGLE}),
     method(

@@ -195,9 +195,7 @@ def _seen(rows, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
             turned[1] = d[1] + row[14] * d[0] - row[12] * d[2]
             turned[2] = d[2] + row[12] * d[1] - row[13] * d[0]
             for i in range(3):
-                places[i * BLOCK + s] = (
-                    R_rn[i, 0] * turned[0] + R_rn[i, 1] * turned[1] + R_rn[i, 2] * turned[2]
-                )
+                places[i * BLOCK + s] = R_rn[i, 0] * turned[0] + R_rn[i, 1] * turned[1] + R_rn[i, 2] * turned[2]
             polar[first + s, 0] = np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
         _look(places, angles, count)
         for s in range(count):

@@ -12,8 +12,7 @@ from numba import njit, types
 
 from onboard.filters._kernels import FLAGS, correct_into, correct_room, gather_into, gather_room, spread_into
 from onboard.filters._kernels_mixture import mix, mix_into, pass_into, weigh_into
-from onboard.filters.belief import OK, SHAPE, Belief, Update, refuse
-from onboard.filters.unscented import Weights, flags
+from onboard.filters.belief import OK, SHAPE, Belief, Update, Weights, flags, refuse
 from onboard.geometry.rotations import Array
 from onboard.models import wing_line
 from onboard.models.leader_flight import CUBE, Sight, _measure, _process, _wing_axis

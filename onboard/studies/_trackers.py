@@ -4,17 +4,17 @@ from collections.abc import Callable
 from typing import Final
 
 from onboard.filters import extended, posterior_linearisation, square_root, unscented
-from onboard.filters.belief import Belief, Update
+from onboard.filters.belief import Belief, Update, Weights
 from onboard.filters.cubature import weights as cubature_weights
 from onboard.studies._tracking import Tracker
 
 
-def centred(n: int) -> unscented.Weights:
+def centred(n: int) -> Weights:
     """The unscented filter's weights with none at the centre: sqrt(n) apart, the cubature filter's points."""
     return cubature_weights(n)
 
 
-def sigma_point_tracker(name: str, label: str, rule: Callable[[int], unscented.Weights]) -> Tracker:
+def sigma_point_tracker(name: str, label: str, rule: Callable[[int], Weights]) -> Tracker:
     """The unscented filter with weights by the number of states."""
     return Tracker(
         name,

@@ -142,7 +142,7 @@ def fly_and_judge(name: str, seeds: Sequence[int], seconds: float, used: str) ->
 
 
 def run(
-    seeds: int = 6,
+    seeds: int = 3,
     first_seed: int = 101,
     jobs: int | None = None,
     out: Path | None = None,

@@ -8,10 +8,9 @@ import pytest
 from scipy.linalg import expm
 
 from onboard.filters import extended, square_root, unscented
-from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError
+from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Weights
 from onboard.filters.cubature import weights as cubature_weights
 from onboard.filters.square_root import SquareRoot
-from onboard.filters.unscented import Weights
 from tests.filter_problems import bend, radar, radar_slope, spd
 
 N = 5

@@ -1,11 +1,11 @@
-"""`unscented.step`, a prediction and an update in one call, against the two calls: the same to the last bits."""
+"""`step`, a prediction and an update in one call, of two kinds of filter, against the two calls."""
 
 from typing import Any
 
 import numpy as np
 import pytest
 
-from onboard.filters import Belief, FilterError, NotPositiveDefiniteError, unscented
+from onboard.filters import Belief, FilterError, NotPositiveDefiniteError, square_root, unscented
 from onboard.geometry.rotations import Array
 from tests.conformance.problems import spd
 
@@ -141,3 +141,53 @@ def test_a_step_refuses_what_the_two_calls_refuse_seed_402() -> None:
             unscented.step(**{**good, **wrong})
     with pytest.raises(FilterError, match="must be below 2 and 4"):
         unscented.rule(rule.weights, 4, 2, (2,))
+
+
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (3, 1), (4, 2), (5, 5), (9, 3)])
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("considered", [(), (0,)])
+def test_a_step_of_the_square_root_is_a_prediction_and_an_update_seeds_101_to_903(
+    n: int, m: int, dtype: type, considered: tuple[int, ...]
+) -> None:
+    problem, weights = Bent(n, m, dtype), unscented.julier_weights(n, float(n) + 1)
+    rule = square_root.rule(weights, n, m, (0,), considered, dtype=dtype)
+    one: Any = square_root.start(*problem.start)
+    two = one
+    tolerance = 1e-10 if dtype == np.float64 else 1e-3
+    for y in problem.seen:
+        one = square_root.step(one, problem.process, problem.Q, y, problem.measure, problem.R, rule)
+        prior = square_root.predict(two, problem.process, problem.Q, weights)
+        told = square_root.update(prior, y, problem.measure, problem.R, weights, (0,), considered)
+        two = told.belief
+        np.testing.assert_allclose(one.mean, two.mean, rtol=tolerance, atol=tolerance)
+        covariance = square_root.belief(two).covariance
+        np.testing.assert_allclose(one.covariance, covariance, rtol=tolerance, atol=tolerance)
+        assert one.nis == pytest.approx(told.nis, rel=100 * tolerance)
+    assert one.mean.dtype == one.covariance.dtype == dtype
+
+
+def test_a_step_of_the_square_root_refuses_what_its_two_calls_refuse_seed_402() -> None:
+    problem = Bent(4, 2)
+    rule = square_root.rule(unscented.julier_weights(4, 5.0), 4, 2, (0,))
+    start = square_root.start(*problem.start)
+    arguments = problem.process, problem.Q, problem.seen[0], problem.measure, problem.R
+    first = square_root.step(start, *arguments, rule)
+    with pytest.raises(ValueError, match="read-only"):
+        first.covariance[0] = 0.0
+    process, Q, y, measure, R = arguments
+    cases: list[tuple[tuple[Any, ...], str]] = [
+        ((lambda rows: rows * np.nan, Q, y, measure, R), "process: gave states that are not finite"),
+        ((process, -Q, y, measure, R), "Q or R: not positive semi-definite"),
+        ((process, Q, y, lambda rows: rows[:, :2] * np.nan, R), "measure: gave measurements that are not finite"),
+        ((process, Q, np.array([0.0, np.nan]), measure, R), "y: not finite"),
+        ((process, Q, np.zeros(3), measure, R), "shapes do not fit"),
+        ((process, Q.astype(np.float32), y, measure, R), "arrays must agree in precision"),
+    ]
+    for wrong, message in cases:
+        with pytest.raises(FilterError, match=message):
+            square_root.step(first, *wrong, rule)
+    with pytest.raises(FilterError, match="must not be negative"):
+        square_root.rule(unscented.julier_weights(4, 3.0), 4, 2)
+    other = square_root.rule(unscented.julier_weights(4, 6.0), 4, 2, (0,))
+    anew = square_root.step(square_root.start(first.mean, first.covariance), *arguments, other)
+    np.testing.assert_allclose(square_root.step(first, *arguments, other).mean, anew.mean, rtol=1e-12)
