@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 
 QUARTER: Final = 0.25 * np.pi
-QUARTER_REST: Final = 3.061616997868383e-17  # pi / 4 less what a double holds of it
 EIGHTH_TANGENT: Final = np.sqrt(2.0) - 1.0
 # (arctan(t) - t) / t^3 as a polynomial in t^2, by interpolation at Chebyshev nodes of 0 <= t <= tan(pi / 8), in
 # fifty digits; off by 5e-18 of the whole.
@@ -56,4 +55,4 @@ def arctan2(y, x):  # type: ignore[no-untyped-def]
     quarters, angle = (2.0 - quarters, -angle) if steep else (quarters, angle)
     backward = np.copysign(1.0, x) < 0.0
     quarters, angle = (4.0 - quarters, -angle) if backward else (quarters, angle)
-    return np.copysign(quarters * QUARTER + (quarters * QUARTER_REST + angle), y)
+    return np.copysign(quarters * QUARTER + angle, y)

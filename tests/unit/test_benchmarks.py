@@ -29,7 +29,14 @@ KEYS = {
     },
     "batch_ukf": {"us_per_step", "steps_per_s", "times_faster_than_filterpy"},
     "batch_radar": {"us_per_step", "steps_per_s", "times_faster_than_filterpy"},
-    "square_root": {"us", "times_ukf", "batch_us", "batch_times_ukf"},
+    "square_root": {
+        "us",
+        "times_ukf",
+        "us_in_two_calls",
+        "times_ukf_in_two_calls",
+        "batch_us",
+        "batch_times_ukf",
+    },
     "leader_targets": {"targets", "one_core", "us_per_image", "fused"},
     "traffic_tracks": {f"imm_{count}{what}" for count in COUNTS for what in ("", "_tracked")}
     | {"kf_500", "ekf_500", "ukf_500", "srukf_500", "per_track_ratio"},
