@@ -1,5 +1,5 @@
 # Everything here sets up what it needs: a virtual environment in .venv with the pinned dependencies. The demo
-# needs few of them and starts sooner; the tests need all.
+# needs few of them, compiles what it needs itself and so starts sooner; the tests need all.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -10,7 +10,7 @@ READY_DEV := $(VENV)/.ready-dev
 
 .PHONY: demo test lint bench clean
 
-demo: $(COMPILED)  ## fly the simulated formation, with a live view where there is a display
+demo: $(READY)  ## fly the simulated formation, with a live view where there is a display
 	$(BIN)/onboard demo $(ARGS)
 
 test: $(READY_DEV) $(COMPILED) lint  ## everything CI runs
@@ -41,6 +41,6 @@ $(READY_DEV): $(READY)
 	$(INSTALL) -e '.[view,study,dev]'
 	@touch $@
 
-$(COMPILED): $(READY) $(wildcard onboard/filters/*.py onboard/models/*.py)
+$(COMPILED): $(READY) $(wildcard onboard/filters/*.py onboard/geometry/*.py onboard/models/*.py)
 	$(BIN)/onboard compile
 	@touch $@

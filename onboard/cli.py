@@ -14,10 +14,13 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from onboard import __version__
 from onboard.errors import UserError
+
+if TYPE_CHECKING:
+    from onboard.compiling import Module
 
 USER_ERROR: Final = 2
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
@@ -72,11 +75,12 @@ example:
   onboard schema --json > schema.json
 """
 COMPILE: Final = """\
-example:
-  onboard compile
+examples:
+  onboard compile                        everything
+  onboard compile companion.toml         what a flight with this configuration needs, which is much less
 
-Estimating is done by machine code that is made on each computer once, in some ten seconds to a minute, and again
-after an update. `make` does it with this command; do it after an installation by other means.
+Estimating is done by machine code that is made on each computer once, on all cores, in half a minute to some
+minutes, and again after an update. `onboard demo` makes what it needs; do it before you fly.
 
 The code is kept beside the sources (__pycache__). Where that folder cannot be written to, Numba keeps it in the
 user's cache folder (~/.cache/numba on Linux), so run this as the user who flies; NUMBA_CACHE_DIR names another.
@@ -171,16 +175,25 @@ def _schema(a: argparse.Namespace) -> int:
     return 0
 
 
-def _compile(_: argparse.Namespace) -> int:
-    from onboard.compiling import compile_all  # noqa: PLC0415
+def _compile(a: argparse.Namespace) -> int:
+    from rich.console import Console  # noqa: PLC0415
 
-    _say("compiling what is not ready yet: a minute, on a small computer some minutes")
-    total, folder = 0.0, ""
-    for module in compile_all(time.perf_counter):
-        what = f"{module.compiled} compiled" + (f", {module.loaded} there already" if module.loaded else "")
-        print(f"{module.name:40}{module.seconds:6.1f} s  {what}", flush=True)
-        total, folder = total + module.seconds, module.folder or folder
-    print(f"ready in {total:.1f} s; kept in {folder}")
+    from onboard.config import named_estimators, parse_config, read_table  # noqa: PLC0415
+    from onboard.progress import compile_shown  # noqa: PLC0415
+
+    _end_as_if_interrupted()
+    start = time.perf_counter()
+    table = read_table(a.config, tuple(a.set)) if a.config is not None or a.set else None
+
+    def tell(module: "Module") -> None:
+        there = f", {module.loaded} there already" if module.loaded else ""
+        print(f"{module.name:40}{module.seconds:6.1f} s  {module.compiled} compiled{there}", flush=True)
+
+    modules = compile_shown(None if table is None else named_estimators(table), Console(stderr=True), tell)
+    if table is not None:
+        parse_config(table)  # its mistakes are better told of now than before the flight
+    folder = os.path.commonpath([module.folder for module in modules])
+    print(f"ready in {time.perf_counter() - start:.1f} s; kept in {folder}")
     return 0
 
 
@@ -264,6 +277,8 @@ def _parser() -> argparse.ArgumentParser:
     ahead = commands.add_parser(
         "compile", help="compile the filters before the first flight", **_explained(COMPILE)
     )
+    ahead.add_argument("config", nargs="?", type=Path, help="TOML file: only what it flies with (none: all)")
+    _add_set(ahead)
     ahead.set_defaults(command=_compile)
     return parser
 

@@ -173,6 +173,11 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
 
     Raises ConfigError.
     """
+    return parse_config(read_table(path, overrides))
+
+
+def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
+    """What `load_config` makes a configuration of, unchecked. Raises ConfigError for what is not TOML."""
     table: dict[str, Any] = {}
     if path is not None:
         try:
@@ -184,15 +189,23 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
     for override in overrides:
         _put(table, override)
     table.setdefault("estimator", {"leader": {}})
-    return parse_config(table)
+    return table
+
+
+def named_estimators(table: dict[str, Any]) -> dict[str, Any]:
+    """The sections of a table's estimators by their names, unchecked, without loading any. Raises ConfigError."""
+    sections = table.get("estimator", {})
+    if not isinstance(sections, dict):
+        raise ConfigError("`estimator` must be a table of tables, such as [estimator.leader]")
+    for name in sections:
+        if name not in known():
+            raise ConfigError(f"unknown key estimator.{name}{_among(name, known())}")
+    return sections
 
 
 def parse_config(table: dict[str, Any]) -> Config:
     """The configuration of a table as TOML gives it. Raises ConfigError."""
-    estimators = table.get("estimator", {})
     config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
-    if not isinstance(estimators, dict):
-        raise ConfigError("`estimator` must be a table of tables, such as [estimator.leader]")
     for name, rate in config.autopilot.rates_hz.items():
         if not _is_message(name):
             raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
@@ -204,9 +217,7 @@ def parse_config(table: dict[str, Any]) -> Config:
     if config.odometry.link and config.odometry.link not in named:
         raise ConfigError(f"odometry.link: no link is called {config.odometry.link!r}{_among('', named)}")
     sections = {}
-    for name, section in estimators.items():
-        if name not in known():
-            raise ConfigError(f"unknown key estimator.{name}{_among(name, known())}")
+    for name, section in named_estimators(table).items():
         module = load(name)
         sections[name] = _convert(section, module.Config, f"estimator.{name}")
         try:

@@ -11,12 +11,12 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, NamedTuple
 
 from onboard.client import Client, Received
-from onboard.config import Config, load_config
+from onboard.config import Config, named_estimators, parse_config, read_table
 from onboard.errors import UserError
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
 from onboard.own_scoring import OwnScore, score_own
@@ -77,11 +77,12 @@ def run_demo(
     duration: float,
     directory: Path,
     overrides: tuple[str, ...],
+    prepare: Callable[[Iterable[str]], object],
     view: "Callable[[Config], View | None]",
     progress: Callable[[float, Estimate | None], None],
 ) -> Report:
-    """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `progress` is told the seconds
-    flown and the newest estimate.
+    """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` is given the names of
+    the estimators before any is loaded; `progress` is told the seconds flown and the newest estimate.
 
     Raises DemoError, and ConfigError for bad overrides.
     """
@@ -90,7 +91,9 @@ def run_demo(
     described.write_bytes(_described(scenario))
     autopilot_port, camera_port, zenoh_port = _free_ports()
     settings = (*overrides, f"zenoh.listen=['tcp/127.0.0.1:{zenoh_port}']")
-    config = load_config(described, settings)
+    table = read_table(described, settings)
+    prepare(named_estimators(table))
+    config = parse_config(table)
     links = (
         f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot_port}'}}, "
         f"{{name='camera', url='udpin:127.0.0.1:{camera_port}', autopilot=false}}]"

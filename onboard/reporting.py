@@ -2,7 +2,6 @@
 
 import os
 import pkgutil
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from rich.console import Console
 from rich.markdown import Markdown
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Column, Table
 
 from onboard import studies
@@ -20,6 +18,7 @@ from onboard.config import Config
 from onboard.demo import Report, flight_name, run_demo
 from onboard.errors import UserError
 from onboard.messages import Estimate
+from onboard.progress import compile_shown, progress_bar
 from onboard.replay import CsvWriter, OwnCsvWriter, Replayed, check_log, replay
 from onboard.scorecard import print_health, print_own, print_own_score, print_score
 from onboard.scoring import Score, reference_from_csv, score
@@ -54,7 +53,7 @@ def demo(
             console.print(f"no display here: the view is recorded to {rrd}")
         return View(camera=config.camera_model(), rrd=rrd, spawn=shown)
 
-    with _progress(console) as bar:
+    with progress_bar(console) as bar:
         task = bar.add_task("starting simulator and daemon", total=duration)
 
         def progress(flown: float, newest: Estimate | None) -> None:
@@ -66,6 +65,7 @@ def demo(
             duration=duration,
             directory=directory,
             overrides=overrides,
+            prepare=lambda estimators: compile_shown(estimators, console, lambda _: None),
             view=view,
             progress=progress,
         )
@@ -123,7 +123,7 @@ def replay_log(
                 takers.append(writer(stack.enter_context(path.open("w", encoding="utf-8", newline=""))).write)
             except OSError as error:
                 raise UserError(f"cannot write {path}: {error.strerror}") from error
-        bar = stack.enter_context(_progress(Console(stderr=True)))
+        bar = stack.enter_context(progress_bar(Console(stderr=True)))
         task = bar.add_task(f"replaying {log.name}", total=None)
         replayed = replay(
             log,
@@ -189,14 +189,14 @@ def study_names() -> list[str]:
 
 
 def _measure(name: str, seeds: int | None, out: Path) -> dict[str, Any]:
-    with _progress(Console(stderr=True)) as bar:
+    with progress_bar(Console(stderr=True)) as bar:
         task = bar.add_task(_title(name), total=None)
         with _figures_possible():
             return run_study(name, seeds, out, lambda done, total: bar.update(task, completed=done, total=total))
 
 
 def _measure_all(names: list[str], seeds: int | None, out: Path) -> dict[str, dict[str, Any]]:
-    with _progress(Console(stderr=True)) as bar:
+    with progress_bar(Console(stderr=True)) as bar:
         tasks = {name: bar.add_task(_title(name), total=None) for name in names}
         with _figures_possible():
             return run_all(
@@ -281,16 +281,3 @@ def _in_words(newest: Estimate | None) -> str:
         return "searching" if newest is None else str(newest.state)
     distance = sum(x * x for x in newest.mean[:3]) ** 0.5
     return f"{newest.state}: leader at {distance:.1f} m"
-
-
-def _progress(console: Console) -> Progress:
-    """A bar where somebody watches, silence where not."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeRemainingColumn(),
-        console=console,
-        disable=not sys.stderr.isatty() or os.environ.get("TERM") == "dumb",
-        transient=True,
-    )

@@ -16,7 +16,7 @@ FLOORS = (
     {"estimators", "links", "sinks"},
     {"config", "pipeline", "session", "scoring", "scorecard", "own_scoring", "traffic_scoring", "traffic_out"}
     | {"client", "view", "studies", "replay"},
-    {"compiling", "daemon", "demo", "reporting", "watching"},
+    {"compiling", "daemon", "demo", "progress", "reporting", "watching"},
     {"cli"},
     {"__main__"},
 )
