@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -136,6 +137,16 @@ def test_two_that_save_code_of_one_function_do_not_mix_it_up(
 def test_a_process_that_is_killed_is_told() -> None:
     with pytest.raises(CompileError, match="killed"), compiling._processes(1) as pool:
         pool.submit(os._exit, 9).result()
+
+
+def test_an_interruption_does_not_wait_for_what_is_being_compiled() -> None:
+    """If it did, this would run into the tests' time limit."""
+    with pytest.raises(KeyboardInterrupt), compiling._processes(1) as pool:
+        _interrupt(pool.submit(time.sleep, 3600.0))
+
+
+def _interrupt(_: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_an_interruption_leaves_no_process_behind(tmp_path: Path) -> None:
