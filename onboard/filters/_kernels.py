@@ -24,10 +24,9 @@ from onboard.filters.belief import (
     POINTS,
     SHAPE,
 )
+from onboard.filters.compiled import CONTRACTED, FILLING
 
 TWO_PI: Final = 2.0 * np.pi
-# A product and a sum may be rounded once, as the processor can; they are never reordered.
-COMPILED: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 def _in(dtype: Any, ndim: int) -> Any:
@@ -48,7 +47,7 @@ def _signatures(*arguments: Any) -> list[Any]:
 FLAGS: Final = types.Array(types.boolean, 1, "A", readonly=True)
 
 
-@njit(**COMPILED)
+@njit(**FILLING, **CONTRACTED)
 def factor_into(A, lower_t):  # type: ignore[no-untyped-def]
     """Cholesky factor of A (n, n), transposed, into `lower_t` (n, n): row j is column j of the lower factor.
     False if A is not positive definite or not finite. Only A's upper triangle is read."""
@@ -71,7 +70,7 @@ def factor_into(A, lower_t):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(**COMPILED)
+@njit(**FILLING, **CONTRACTED)
 def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
     """Sigma points of one filter into `points` (2n+1, n); a status."""
     n = mean.shape[0]
@@ -91,26 +90,19 @@ def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
     return OK
 
 
-@njit(**COMPILED)
-def products_into(a, b, count, lower, out):  # type: ignore[no-untyped-def]
-    """out = a[:, :count] b[:, :count]^T, with `lower` only its lower triangle (and what is in its blocks).
+@njit(**FILLING, **CONTRACTED)
+def squares_into(a, count, out):  # type: ignore[no-untyped-def]
+    """The lower triangle (and what else is in its blocks) of out = a[:, :count] a[:, :count]^T.
 
-    Numbers of rows must be multiples of three: nine sums at a time need six loads, where one needs two.
+    The number of rows must be a multiple of three: nine sums at a time need six loads, where one needs two.
     """
     for i in range(0, a.shape[0], 3):
-        for j in range(0, i + 1 if lower else b.shape[0], 3):
-            u, v, w, x, y, z = (
-                a[i, 0],
-                a[i + 1, 0],
-                a[i + 2, 0],
-                b[j, 0],
-                b[j + 1, 0],
-                b[j + 2, 0],
-            )
+        for j in range(0, i + 1, 3):
+            u, v, w, x, y, z = a[i, 0], a[i + 1, 0], a[i + 2, 0], a[j, 0], a[j + 1, 0], a[j + 2, 0]
             ux, uy, uz, vx, vy, vz, wx, wy, wz = u * x, u * y, u * z, v * x, v * y, v * z, w * x, w * y, w * z
             for s in range(1, count):
                 u, v, w = a[i, s], a[i + 1, s], a[i + 2, s]
-                x, y, z = b[j, s], b[j + 1, s], b[j + 2, s]
+                x, y, z = a[j, s], a[j + 1, s], a[j + 2, s]
                 ux += u * x
                 uy += u * y
                 uz += u * z
@@ -125,19 +117,19 @@ def products_into(a, b, count, lower, out):  # type: ignore[no-untyped-def]
             out[i + 2, j], out[i + 2, j + 1], out[i + 2, j + 2] = wx, wy, wz
 
 
-@njit(**COMPILED)
+@njit(**FILLING)
 def threes(rows):  # type: ignore[no-untyped-def]
     """`rows`, up to a multiple of three."""
     return (rows + 2) // 3 * 3
 
 
-@njit(**COMPILED)
+@njit((types.int64,), **FILLING)
 def gather_room(n):  # type: ignore[no-untyped-def]
     """Shape of the scratch of `gather_into`."""
     return 2 * threes(n), 2 * n + 3
 
 
-@njit(**COMPILED)
+@njit(**FILLING, **CONTRACTED)
 def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):  # type: ignore[no-untyped-def]
     """Weighted mean and covariance, plus Q, of one filter's points (2n+1, n); a status."""
     k, n = points.shape
@@ -161,7 +153,7 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):  # type: ignore[
         mean[i] = centre
         if not np.isfinite(centre):
             return POINTS
-    products_into(d, d, k - 1, True, sums)
+    squares_into(d, k - 1, sums)
     off = w - w  # stays zero as long as all is finite
     half = mean.dtype.type(0.5)
     for i in range(n):
@@ -175,13 +167,13 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):  # type: ignore[
     return OK if off == 0 else NOISE
 
 
-@njit(**COMPILED)
+@njit(**FILLING, **CONTRACTED)
 def wrapped(x):  # type: ignore[no-untyped-def]
     """An angle in [-pi, pi]."""
     return x - TWO_PI * np.rint(x * (1.0 / TWO_PI))
 
 
-@njit(**COMPILED)
+@njit(**FILLING, **CONTRACTED)
 def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: ignore[no-untyped-def]
     """Deviations of one filter's images (2n+1, m) from their mean `predicted`, and the innovation; a status. In
     d (m, 2n+1): n differences of opposite images, n sums of their deviations, and the centre's deviation."""
@@ -214,10 +206,10 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: i
     return OK
 
 
-@njit(**COMPILED)
-def whiten_into(S, innovation, scale, cross, lower, inverse, white):  # type: ignore[no-untyped-def]
-    """white (m,) = L^-1 innovation, and each row of `cross` (n, m) times `scale` L^-T in place, with L L^T = S
-    (m, m); (whether L exists, NIS). `lower` (m, m) and `inverse` (m,) are for L and its diagonal's inverse."""
+@njit(**FILLING, **CONTRACTED)
+def whiten_into(S, innovation, lower, inverse, white):  # type: ignore[no-untyped-def]
+    """white (m,) = L^-1 innovation, with L L^T = S (m, m); (whether L exists, NIS). L is left in `lower` (m, m),
+    the inverse of its diagonal in `inverse` (m,)."""
     m = S.shape[0]
     nis = S.dtype.type(0)
     for a in range(m):
@@ -237,22 +229,49 @@ def whiten_into(S, innovation, scale, cross, lower, inverse, white):  # type: ig
         inverse[a] = 1.0 / np.sqrt(pivot)
         white[a] = value * inverse[a]
         nis += white[a] * white[a]
-    for i in range(cross.shape[0]):
-        for a in range(m):
-            entry = scale * cross[i, a]
-            for b in range(a):
-                entry -= lower[a, b] * cross[i, b]
-            cross[i, a] = entry * inverse[a]
     return True, nis
 
 
-@njit(**COMPILED)
+@njit(**FILLING, **CONTRACTED)
+def offsets_by_into(points, d, m, out):  # type: ignore[no-untyped-def]
+    """out (n, m) = the sum over points 1 to n of their offsets from the centre, times those of d (threes(m), n).
+    Nine sums at a time, as in `squares_into`."""
+    n = points.shape[1]
+    plus, whole, zero = points[1 : n + 1], n // 3 * 3, points.dtype.type(0)
+    for i in range(0, whole, 3):
+        p, q, r = points[0, i], points[0, i + 1], points[0, i + 2]
+        for j in range(0, m, 3):
+            ux, uy, uz, vx, vy, vz, wx, wy, wz = zero, zero, zero, zero, zero, zero, zero, zero, zero
+            for s in range(n):
+                u, v, w = plus[s, i] - p, plus[s, i + 1] - q, plus[s, i + 2] - r
+                x, y, z = d[j, s], d[j + 1, s], d[j + 2, s]
+                ux += u * x
+                uy += u * y
+                uz += u * z
+                vx += v * x
+                vy += v * y
+                vz += v * z
+                wx += w * x
+                wy += w * y
+                wz += w * z
+            out[i, j], out[i, j + 1], out[i, j + 2] = ux, uy, uz
+            out[i + 1, j], out[i + 1, j + 1], out[i + 1, j + 2] = vx, vy, vz
+            out[i + 2, j], out[i + 2, j + 1], out[i + 2, j + 2] = wx, wy, wz
+    for i in range(whole, n):
+        for a in range(m):
+            total = zero
+            for s in range(n):
+                total += (plus[s, i] - points[0, i]) * d[a, s]
+            out[i, a] = total
+
+
+@njit((types.int64, types.int64), **FILLING)
 def correct_room(n, m):  # type: ignore[no-untyped-def]
     """Shape of the scratch of `correct_into`."""
-    return 2 * threes(m) + 2 * threes(n) + max(threes(n), m + 2), max(2 * n + 1, threes(m))
+    return 2 * threes(m) + threes(n) + max(threes(n), m + 2), max(2 * n + 1, threes(m))
 
 
-@njit(**COMPILED)
+@njit(**FILLING, **CONTRACTED)
 def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     points, images, P, y, R, w_cov, w, angular, considered, scratch, mean_out, P_out, innovation, S, predicted
 ):
@@ -264,32 +283,34 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
         return SHAPE, zero
     few, many = threes(m), threes(n)
     d, sums, rest = scratch[:few], scratch[few : 2 * few], scratch[2 * few :]
-    offsets, cross, reductions = rest[:many], rest[many : 2 * many], rest[2 * many :]
+    cross, reductions = rest[:many], rest[many:]
     for a in range(m, few):
         for s in range(k):
             d[a, s] = zero
     for i in range(n, many):
-        for s in range(k):
-            offsets[i, s] = zero
+        for a in range(m):
+            cross[i, a] = zero
     status = deviations_into(images, y, w, angular, d, innovation, predicted)
     if status != OK:
         return status, zero
-    products_into(d, d, k - 1, True, sums)
+    squares_into(d, k - 1, sums)
     half = points.dtype.type(0.5)
     for a in range(m):
         for b in range(a + 1):
             noise = half * (w * sums[a, b] + R[a, b] + R[b, a])  # two squares make one of a sum and a difference
             S[a, b] = noise + w_cov * d[a, k - 1] * d[b, k - 1]
             S[b, a] = S[a, b]
-    plus = points[1:]
-    for i in range(n):
-        for s in range(n):
-            offsets[i, s] = plus[s, i] - points[0, i]
-    products_into(offsets, d, n, False, cross)  # the set is symmetric: differences of opposite images are enough
-    white = reductions[m + 1]  # where the sums come later
-    exists, nis = whiten_into(S, innovation, w, cross[:n], reductions[:m], reductions[m], white)
+    lower, inverse, white = reductions[:m], reductions[m], reductions[m + 1]  # where the sums come later
+    exists, nis = whiten_into(S, innovation, lower, inverse, white)  # a chain of roots, while the rest goes on
     if not exists:
         return INNOVATION, zero
+    offsets_by_into(points, d, m, cross)  # the set is symmetric: differences of opposite images are enough
+    for i in range(n):  # cross = cross w L^-T
+        for a in range(m):
+            entry = w * cross[i, a]
+            for b in range(a):
+                entry -= lower[a, b] * cross[i, b]
+            cross[i, a] = entry * inverse[a]
     loose = False  # whether any pair of states is moved as usual, and which are not
     for i in range(n):
         loose |= considered[i]
@@ -298,7 +319,7 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
             step += cross[i, a] * white[a]
         mean_out[i] = points[0, i] + (zero if considered[i] else step)
     if m > 0:
-        products_into(cross, cross, m, True, reductions)  # K S K^T
+        squares_into(cross, m, reductions)  # K S K^T
     else:
         reductions[:] = zero
     if loose:

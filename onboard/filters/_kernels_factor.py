@@ -10,9 +10,10 @@ from numba import njit
 from onboard.filters._kernels import _signatures as signatures
 from onboard.filters._kernels import factor_into
 from onboard.filters.belief import COVARIANCE, DOWNDATE, OK, SHAPE
+from onboard.filters.compiled import FILLING
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def tria_into(lower, extra):  # type: ignore[no-untyped-def]
     """lower := the lower-triangular S with S S^T = lower lower^T + extra extra^T and no negative diagonal, by
     Householder reflections from the right. lower (n, n) must be so already; extra (n, k) is used up.
@@ -43,7 +44,7 @@ def tria_into(lower, extra):  # type: ignore[no-untyped-def]
                 extra[i, c] -= step * extra[j, c]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def downdate_into(lower, x):  # type: ignore[no-untyped-def]
     """lower := the factor of lower lower^T - x x^T (rank one; x (n,) is used up); False if that is not positive
     definite."""
@@ -61,7 +62,7 @@ def downdate_into(lower, x):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def sound(lower):  # type: ignore[no-untyped-def]
     """Whether a factor is finite, with a positive diagonal."""
     good = True

@@ -21,9 +21,10 @@ from onboard.filters.belief import (
     OK,
     SHAPE,
 )
+from onboard.filters.compiled import FILLING
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
     """Cholesky factor (n, n) of the symmetric part of A, which may be singular; False if it is indefinite or not
     finite. A pivot lost in rounding gives a column of zeros: process noise often has rank one."""
@@ -54,7 +55,7 @@ def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def finite(A):  # type: ignore[no-untyped-def]
     """Whether a matrix is finite."""
     good = True
@@ -133,7 +134,7 @@ def joseph_into(P, H, K, R, out):  # type: ignore[no-untyped-def]
     sandwich_into(G, P, KRK, out)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def solve_into(lower_t, rows):  # type: ignore[no-untyped-def]
     """rows (k, m) := rows (L L^T)^-1 in place, with L's transpose (m, m)."""
     m = lower_t.shape[0]
@@ -148,7 +149,7 @@ def solve_into(lower_t, rows):  # type: ignore[no-untyped-def]
             rows[i, a] /= lower_t[a, a]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def innovate_into(y, predicted, angular, innovation):  # type: ignore[no-untyped-def]
     """y - predicted, wrapped where it is an angle; a status."""
     for a in range(y.shape[0]):

@@ -5,9 +5,10 @@ from numba import njit
 
 from onboard.filters._kernels import FLAGS, TWO_PI, _signatures, factor_into
 from onboard.filters.belief import INNOVATION, OK
+from onboard.filters.compiled import FILLING
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def mix_into(means, P, weights, mean_out, P_out):  # type: ignore[no-untyped-def]
     """Mean and covariance of the mixture of means (r, n) and covariances (r, n, n) with weights (r,). Taken about
     the first mode: a mixture of equals is then that mode to the last digit, however far from zero."""
@@ -39,7 +40,7 @@ def mix(means, P, weights):  # type: ignore[no-untyped-def]
     return mean_out, P_out
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def pass_into(prior, transition, ahead, mixing):  # type: ignore[no-untyped-def]
     """The modes' probabilities (r,) `ahead` after passing from one to another by `transition` (r, r), and in
     column j of `mixing` (r, r) how much of each mode is in mode j then; one that nothing leads to keeps itself."""

@@ -8,7 +8,6 @@ import numpy as np
 from numba import njit
 
 from onboard.filters._kernels import (
-    COMPILED,
     FLAGS,
     _signatures,
     correct_into,
@@ -19,9 +18,10 @@ from onboard.filters._kernels import (
     spread_into,
 )
 from onboard.filters.belief import COVARIANCE, OK, POSTERIOR, PREDICTED, SHAPE
+from onboard.filters.compiled import CONTRACTED, FILLING, MAKING
 
 
-@njit(_signatures(2), **COMPILED)
+@njit(_signatures(2), **MAKING, **CONTRACTED)
 def factor(A):  # type: ignore[no-untyped-def]
     """(transposed Cholesky factor (n, n), whether there is one)."""
     lower_t = np.empty(A.shape, A.dtype)
@@ -31,34 +31,43 @@ def factor(A):  # type: ignore[no-untyped-def]
 # ------------------------------------------------------------------------------------- one filter
 
 
-@njit(_signatures(1, 2, "f", "out"), **COMPILED)
+@njit(_signatures(1, 2, "f", "out"), **MAKING, **CONTRACTED)
 def spread(mean, P, gamma, points):  # type: ignore[no-untyped-def]
     """Sigma points into `points` (2n+1, n); a status."""
     return spread_into(mean, P, gamma, points)
 
 
-@njit(_signatures(2, "f", "f", "f", 2, "out"), **COMPILED)
+@njit(_signatures(2, "f", "f", "f", 2, "out"), **MAKING, **CONTRACTED)
 def gather(points, w_mean, w_cov, w, Q, out):  # type: ignore[no-untyped-def]
     """Mean and covariance into the rows of `out` (1 + n, n); a status."""
     scratch = np.empty(gather_room(out.shape[1]), points.dtype)
     return gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
 
 
-@njit(_signatures(2, 1, 2, "out"), **COMPILED)
+def scratch(n: int, m: int) -> int:
+    """How many numbers `redraw` and `correct_and_redraw` need behind the points and the covariance."""
+    rows, width = correct_room(n, m)
+    height, length = gather_room(n)
+    return int(max(height * length, (rows + 2 + m) * width))
+
+
+@njit(_signatures(2, 1, 2, "out"), **FILLING, **CONTRACTED)
 def redraw(moved, weights, Q, drawn):  # type: ignore[no-untyped-def]
-    """Mean and covariance of the moved points, and new points of them: into the rows of `drawn` (2n+1 + n, n) the
-    points, of which the first is the mean, and the covariance; a status. `weights` (4,) as in `Weights`."""
+    """Mean and covariance of the moved points, and new points of them: into the rows of `drawn` (2n+1 + n, n), and
+    `scratch`, the points, of which the first is the mean, and the covariance; a status. `weights` (4,) as in
+    `Weights`."""
     n = drawn.shape[1]
-    points, P = drawn[: 2 * n + 1], drawn[2 * n + 1 :]
+    points, P = drawn[: 2 * n + 1], drawn[2 * n + 1 : 3 * n + 1]
     gamma, w_mean, w_cov, w = weights[0], weights[1], weights[2], weights[3]
-    scratch = np.empty(gather_room(n), drawn.dtype)
+    rows, width = gather_room(n)
+    scratch = drawn[3 * n + 1 :].reshape(-1)[: rows * width].reshape(rows, width)
     status = gather_into(moved, w_mean, w_cov, w, Q, scratch, points[0], P)
     if status == OK:
         status = spread_into(points[0], P, gamma, points)
     return PREDICTED if status == COVARIANCE else status
 
 
-@njit(_signatures(2, 2, 2, 1, 2, "f", "f", FLAGS, FLAGS, "out", "out"), **COMPILED)
+@njit(_signatures(2, 2, 2, 1, 2, "f", "f", FLAGS, FLAGS, "out", "out"), **MAKING, **CONTRACTED)
 def correct(points, images, P, y, R, w_cov, w, angular, considered, out, told):  # type: ignore[no-untyped-def]
     """Mean and covariance into the rows of `out` (1 + n, n); innovation, prediction and the covariance of the
     innovation into those of `told` (2 + m, m). (status, NIS)."""
@@ -82,7 +91,7 @@ def correct(points, images, P, y, R, w_cov, w, angular, considered, out, told): 
     )
 
 
-@njit(_signatures("out", 2, 1, 2, 1, FLAGS), **COMPILED)
+@njit(_signatures("out", 2, 1, 2, 1, FLAGS), **FILLING, **CONTRACTED)
 def correct_and_redraw(drawn, images, y, R, weights, marks):  # type: ignore[no-untyped-def]
     """Update in place of `drawn`, as `redraw` gives it; `marks` (m + n,) are those of angular components and of
     considered states. (status, NIS)."""
@@ -90,9 +99,9 @@ def correct_and_redraw(drawn, images, y, R, weights, marks):  # type: ignore[no-
     if marks.shape[0] != m + n:
         return SHAPE, drawn.dtype.type(0)
     gamma, w_cov, w = weights[0], weights[2], weights[3]
-    points, P = drawn[: 2 * n + 1], drawn[2 * n + 1 :]
+    points, P = drawn[: 2 * n + 1], drawn[2 * n + 1 : 3 * n + 1]
     rows, width = correct_room(n, m)
-    room = np.empty((rows + 2 + m, width), drawn.dtype)
+    room = drawn[3 * n + 1 :].reshape(-1)[: (rows + 2 + m) * width].reshape(rows + 2 + m, width)
     scratch, told = room[:rows], room[rows:, :m]
     angular, considered = marks[:m], marks[m:]
     innovation, predicted, S, mean = told[0], told[1], told[2:], points[0]
@@ -109,7 +118,7 @@ def correct_and_redraw(drawn, images, y, R, weights, marks):  # type: ignore[no-
 # ---------------------------------------------------------------------------------- a batch of them
 
 
-@njit(_signatures("packed 2", "packed 3", "f"), **COMPILED)
+@njit(_signatures("packed 2", "packed 3", "f"), **MAKING, **CONTRACTED)
 def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
     """(points (B, 2n+1, n), the first status that is not OK)."""
     count, n = mean.shape
@@ -123,7 +132,7 @@ def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
     return points, OK
 
 
-@njit(_signatures("packed 3", "f", "f", "f", "packed 3"), **COMPILED)
+@njit(_signatures("packed 3", "f", "f", "f", "packed 3"), **MAKING, **CONTRACTED)
 def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
     """(mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
     count, _, n = points.shape
@@ -138,7 +147,9 @@ def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
     return mean, P, OK
 
 
-@njit(_signatures("packed 3", "packed 3", "packed 3", "packed 2", "packed 3", "f", "f", FLAGS, FLAGS), **COMPILED)
+@njit(
+    _signatures("packed 3", 3, "packed 3", "packed 2", "packed 3", "f", "f", FLAGS, FLAGS), **MAKING, **CONTRACTED
+)
 def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
     """As `correct`, each with a leading axis B; R (B or 1, m, m)."""
     count, _, n = points.shape

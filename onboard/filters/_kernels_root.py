@@ -26,9 +26,10 @@ from onboard.filters.belief import (
     PREDICTED,
     SHAPE,
 )
+from onboard.filters.compiled import FILLING
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def spread_into(mean, lower, gamma, points):  # type: ignore[no-untyped-def]
     """Sigma points of one filter into `points` (2n+1, n); a status."""
     n = mean.shape[0]
@@ -59,7 +60,7 @@ def spread(mean, L, gamma):  # type: ignore[no-untyped-def]
     return points, OK
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**FILLING)
 def gather_into(points, Q, w_cov, w, plain, extra, centre, mean, L):  # type: ignore[no-untyped-def]
     """Mean (n,) and factor (n, n) of one filter's points (2n+1, n) plus noise (eqs 20-22), with scratch `extra`
     (n, 2n+1) and `centre` (n,), and `plain` (n,) to say that no state is an angle; a status."""

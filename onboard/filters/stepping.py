@@ -18,12 +18,14 @@ from onboard.geometry.rotations import Array
 
 class Kernels(NamedTuple):
     """A filter's arithmetic: `draw(belief, weights)` gives points (2n+1, n) of a belief, the compiled ones fill
-    the array of a step, `Drawn.room`. `factored`: it carries the covariance's lower factor in its place."""
+    the array of a step, `Drawn.room`, in which they may need `scratch(n, m)` numbers more. `factored`: it carries
+    the covariance's lower factor in its place."""
 
     draw: Callable[[Any, Weights], Array]
     redraw: Callable[..., int]
     correct_and_redraw: Callable[..., tuple[int, float]]
     factored: bool
+    scratch: Callable[[int, int], int] | None = None
 
 
 class Rule(NamedTuple):
@@ -41,7 +43,8 @@ class Rule(NamedTuple):
 class Drawn(NamedTuple):
     """What `step` gives: a belief, with the sigma points (2n+1, n) of the next one drawn by `rule`. Read-only.
 
-    `room` (3n+1, n) holds the points, the first of which is the mean, and the covariance or its factor.
+    `room` (3n+1 or more, n) holds the points, the first of which is the mean, the covariance or its factor, and
+    scratch.
     """
 
     points: Array
@@ -58,7 +61,8 @@ class Drawn(NamedTuple):
     @property
     def covariance(self) -> Array:
         """Covariance (n, n)."""
-        carried = self.room[len(self.points) :]
+        k, n = self.points.shape
+        carried = self.room[k : k + n]
         covariance = carried @ carried.T if self.rule.kernels.factored else carried
         covariance.setflags(write=False)
         return covariance
@@ -78,7 +82,9 @@ def rule(
         marks = np.concatenate([flags(angular, m), flags(considered, n)])
     except IndexError as error:
         raise FilterError(f"angular {angular}, considered {considered}: must be below {m} and {n}") from error
-    return Rule(weights, np.array(weights, dtype), marks, (3 * n + 1, n), np.dtype(dtype), kernels)
+    scratch = kernels.scratch(n, m) if kernels.scratch else 0
+    rows = 3 * n + 1 + -(-scratch // n)
+    return Rule(weights, np.array(weights, dtype), marks, (rows, n), np.dtype(dtype), kernels)
 
 
 def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array, rule: Rule) -> Drawn:
@@ -90,7 +96,7 @@ def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array
 
     Raises FilterError, NotPositiveDefiniteError (for the posterior, too).
     """
-    _, redraw, correct_and_redraw, _ = rule.kernels
+    _, redraw, correct_and_redraw, _, _ = rule.kernels
     if type(belief) is Drawn and belief.rule is rule:
         points = belief.points
     else:

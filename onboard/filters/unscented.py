@@ -99,7 +99,9 @@ def sigma_points(belief: Belief | Drawn, weights: Weights) -> Array:
     return points
 
 
-KERNELS: Final = stepping.Kernels(sigma_points, kernels.redraw, kernels.correct_and_redraw, factored=False)
+KERNELS: Final = stepping.Kernels(
+    sigma_points, kernels.redraw, kernels.correct_and_redraw, factored=False, scratch=kernels.scratch
+)
 step: Final = stepping.step  # of this filter, by its `rule`
 
 
@@ -167,7 +169,7 @@ def correct(
         return _correct(points, images, belief.covariance, y, R, weights, angular, considered)
     try:
         marks = flags(angular, y.shape[-1]), flags(considered, points.shape[-1])
-        given = _packed(points), _packed(images), _packed(belief.covariance), _packed(y), _batched(R)
+        given = _packed(points), images, _packed(belief.covariance), _packed(y), _batched(R)
         *posterior, innovation, S, predicted, nis, status = kernels.correct_batch(*given, *weights[2:], *marks)
     except (TypeError, AttributeError, IndexError) as error:
         raise wrong_arrays(mean=belief.mean, measure=images, y=y, R=R) from error

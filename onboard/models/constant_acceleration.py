@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numba import njit, types
 
+from onboard.filters.compiled import FILLING
 from onboard.geometry.rotations import Array
 
 N: Final = 9
@@ -34,7 +35,7 @@ def _signature(dtype: Any) -> tuple[Any, Any, Any]:
     return types.Array(dtype, 2, "A", readonly=True), types.float64, types.Array(dtype, 2, "C")
 
 
-@njit([_signature(types.float64), _signature(types.float32)], cache=True, error_model="numpy")
+@njit([_signature(types.float64), _signature(types.float32)], **FILLING)
 def _process(rows, seconds, after):  # type: ignore[no-untyped-def]
     dt = rows.dtype.type(seconds)
     half = rows.dtype.type(0.5) * dt * dt

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from numba import njit, types
 
+from onboard.filters.compiled import FILLING
 from onboard.geometry.arctangent import arctan2
 from onboard.geometry.rotations import Array
 
@@ -16,14 +17,13 @@ M: Final = 3
 COMPONENTS: Final = ("range", "azimuth", "elevation")
 UNITS: Final = ("m", "rad", "rad")
 ANGULAR: Final = (1, 2)
-BLOCK: Final = 64  # rows computed at a time
 
 
 def measure(rows: Array) -> Array:
     """Range (m), azimuth and elevation (rad), (k, 3), of state rows (k, 9 or more), in the rows' precision."""
-    seen = np.empty((len(rows), M), rows.dtype)  # here: to hand it over from machine code takes longer
+    seen = np.empty((M, len(rows)), rows.dtype)  # here: to hand it over from machine code takes longer
     _measure(rows, seen)
-    return seen
+    return seen.T
 
 
 def jacobian(rows: Array) -> Array:
@@ -47,30 +47,24 @@ BOTH: Final = [_rows(types.float64), _rows(types.float32)]
 BOTH_INTO: Final = [(*rows, types.Array(rows[0].dtype, 2, "C")) for rows in BOTH]
 
 
-@njit(cache=True, error_model="numpy")
-def _look(places, polar, count):  # type: ignore[no-untyped-def]
-    """Range, azimuth and elevation of `count` places, x, y and z each by itself: (3 BLOCK,) both."""
-    for s in range(count):
-        x, y, z = places[s], places[BLOCK + s], places[2 * BLOCK + s]
+@njit(**FILLING)
+def _look(first, second, third):  # type: ignore[no-untyped-def]
+    """Range, azimuth and elevation in place of x, y and z."""
+    for s in range(first.shape[0]):
+        x, y, z = first[s], second[s], third[s]
         level2 = x * x + y * y
-        polar[s] = np.sqrt(level2 + z * z)
-        polar[BLOCK + s] = arctan2(x, y)
-        polar[2 * BLOCK + s] = arctan2(z, np.sqrt(level2))
+        first[s] = np.sqrt(level2 + z * z)
+        second[s] = arctan2(x, y)
+        third[s] = arctan2(z, np.sqrt(level2))
 
 
-@njit(BOTH_INTO, cache=True, error_model="numpy")
+@njit(BOTH_INTO, **FILLING)
 def _measure(rows, seen):  # type: ignore[no-untyped-def]
-    """In blocks, so that the compiler makes one instruction of several rows' roots and arctangents."""
-    places, polar = np.empty(3 * BLOCK, rows.dtype), np.empty(3 * BLOCK, rows.dtype)
-    for first in range(0, rows.shape[0], BLOCK):
-        count = min(BLOCK, rows.shape[0] - first)
-        for s in range(count):
-            for i in range(3):
-                places[i * BLOCK + s] = rows[first + s, 3 * i]
-        _look(places, polar, count)
-        for s in range(count):
-            for i in range(3):
-                seen[first + s, i] = polar[i * BLOCK + s]
+    """Each component by itself: the compiler makes one instruction of several rows' roots and arctangents."""
+    for i in range(3):
+        for s in range(rows.shape[0]):
+            seen[i, s] = rows[s, 3 * i]
+    _look(seen[0], seen[1], seen[2])
 
 
 @njit(BOTH, cache=True, error_model="numpy")

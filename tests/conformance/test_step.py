@@ -77,7 +77,9 @@ def test_a_belief_of_another_rule_is_drawn_anew_seed_402() -> None:
     arguments = problem.process, problem.Q, problem.seen[1], problem.measure, problem.R
     rule = unscented.rule(narrow, 4, 2, (0,))
     anew = unscented.step(Belief(first.mean, first.covariance), *arguments, rule)
-    np.testing.assert_array_equal(unscented.step(first, *arguments, rule).room, anew.room)
+    drawn = unscented.step(first, *arguments, rule)
+    np.testing.assert_array_equal(drawn.points, anew.points)
+    np.testing.assert_array_equal(drawn.covariance, anew.covariance)
     two = unscented.predict(Belief(first.mean, first.covariance), problem.process, problem.Q, narrow)
     np.testing.assert_allclose(unscented.predict(first, problem.process, problem.Q, narrow).mean, two.mean)
 
