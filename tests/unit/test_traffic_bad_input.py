@@ -1,6 +1,7 @@
 """What the tracker of traffic refuses and why: reports, floods, settings."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -90,9 +91,21 @@ def test_there_are_no_more_tracks_than_may_be() -> None:
 def test_a_flood_of_reports_costs_its_newest_and_no_memory() -> None:
     sky = Sky()
     report = sky.adsb(R0, V0)
-    for _ in range(6000):
+    for _ in range(5000):
         sky.hear(report)
-    assert sky.verdicts["full"] == 1000
+    tracemalloc.start()
+    try:
+        for _ in range(10_000):
+            sky.hear(report)
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert sky.verdicts == {"full": 10_000}
+    assert kept < 100_000  # bytes: kept, the reports would be millions
+    sky.fly(0.2)
+    assert sky.verdicts["full"] == 10_000
+    assert sum(sky.verdicts.values()) == 15_000
+    assert len(sky.told) == 1
 
 
 def test_a_configuration_that_does_not_hold_is_refused() -> None:

@@ -52,7 +52,9 @@ def test_no_measurement_stops_the_view(tmp_path: Path, verdict: Verdict) -> None
         nis=NAN,
     )
     records = [msgspec.structs.replace(estimate, t_ns=r.t_ns, measurement=r) for r in (bare, odd)]
-    assert rows_of(record_flight(tmp_path / "odd.rrd", records))["/images"] >= 1
+    rows = rows_of(record_flight(tmp_path / "odd.rrd", records))
+    assert rows["/images"] == (1 if verdict is odd.verdict else 2)  # what stays as it is has one row
+    assert rows["/scene/follower/camera/measured"] == rows["/scene/follower/camera/verdict"] == 2
 
 
 def test_poses_that_are_not_finite_are_left_out(tmp_path: Path) -> None:
