@@ -7,8 +7,12 @@ import tempfile
 import time
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Final
 
 from onboard.errors import UserError
+
+ALIKE: Final = 5  # pictures in a row, a fifth of a second apart: it is painted
+PAINTING_S: Final = 15.0  # a live view never comes to rest
 
 
 class ViewerError(UserError, RuntimeError):
@@ -112,7 +116,8 @@ def _last_words(log: str) -> str:
 
 
 def _take(process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | None, deadline: float) -> None:
-    """Wait until the viewer listens and has loaded everything, go to the time, and let it paint twice."""
+    """Wait until the viewer listens and has loaded everything, go to the time, and let it paint until the
+    picture stays as it is: the first painting lays out, views appear in the second, plots come to rest."""
     from rerun.experimental import ViewerClient  # noqa: PLC0415  (drags in a query engine)
 
     def wait(what: str) -> None:
@@ -139,7 +144,10 @@ def _take(process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | 
         wait("loading the recording")
     if at is not None:
         client.set_time("boot_time", duration=at, play_state="paused")
-    client.take_screenshot(max_size=64)  # the first painting lays out; views appear in the second
-    time.sleep(5.0)
+    picture, alike, begun = b"", 0, time.monotonic()
+    while alike < ALIKE and time.monotonic() < begun + PAINTING_S:
+        newest = client.take_screenshot()  # once it is painted
+        picture, alike = newest, alike + 1 if newest == picture else 1
+        wait("painting")
     png.parent.mkdir(parents=True, exist_ok=True)
-    png.write_bytes(client.take_screenshot())
+    png.write_bytes(picture)
