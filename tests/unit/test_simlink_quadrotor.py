@@ -1,6 +1,6 @@
 """The quadrotor's truth: conservation laws, hand-made numbers, and faults that do what their scenario says."""
 
-from itertools import islice, pairwise
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -10,24 +10,18 @@ from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import ActuatorOutputs, Attitude, GpsFix
-from simlink import attitude
 from simlink.cli import main
 from simlink.quadrotor import Forces, acting, advance, derivative
-from simlink.scenario import Scenario, load_scenario, parse_scenario
+from simlink.scenario import load_scenario, parse_scenario
 from simlink.scene import GaussMarkov, Quadrotor, QuadrotorFault
 from simlink.sensors import readings
 from simlink.simulation import simulate
 from simlink.world import State, states
+from tests.simlink_truth import HZ, G, dead_reckoned, flight
 
-HZ = 200
-G = 9.80665
 SPINNING = (0.0, 0.0, 0.0, 1.0, -2.0, 0.5, 0.6, -0.4, 0.5, 0.48, 3.0, -2.0, 4.0, 0.0, 0.0, 0.0, 0.0)
 STILL = (0.0,) * 4
 BARE = Quadrotor(inertia=(4e-3, 6e-3, 9e-3), drag=0.0, turbulence=GaussMarkov(sigma=0.0))
-
-
-def flight(scenario: Scenario, seed: int, seconds: float) -> list[State]:
-    return list(islice(states(scenario, seed), round(seconds * HZ) + 1))
 
 
 def test_a_free_body_keeps_its_angular_momentum_its_energy_and_falls() -> None:
@@ -61,11 +55,7 @@ def test_each_rotor_turns_the_body_the_way_its_place_says() -> None:
 
 def test_the_imu_integrates_to_velocity_and_attitude_seed_4() -> None:
     rows = flight(load_scenario("quadrotor-gust"), 4, 15.0)
-    v, q = np.array(rows[0].v_F_n), rows[0].q_nF
-    for before, now in pairwise(rows):
-        f_n = np.array(attitude.to_n(q, before.f_b))
-        q = attitude.product(q, attitude.from_vector(*(w / HZ for w in now.omega_b)))
-        v += (f_n + np.array(attitude.to_n(q, now.f_b))) / 2 / HZ + np.array([0.0, 0.0, G]) / HZ
+    v, q = dead_reckoned(rows)
     assert_allclose(q, rows[-1].q_nF, atol=1e-9)
     assert_allclose(v, rows[-1].v_F_n, atol=0.05)  # the gust begins and ends within a step
 

@@ -1,5 +1,4 @@
 import math
-from itertools import islice, pairwise
 
 import numpy as np
 import pytest
@@ -9,14 +8,8 @@ from onboard.geometry import rotations
 from simlink import attitude
 from simlink.scenario import Scenario, load_scenario
 from simlink.scene import Leader, Wave
-from simlink.world import State, coordinated, states, true_size
-
-HZ = 200
-G = 9.80665
-
-
-def flight(scenario: Scenario, seed: int, seconds: float) -> list[State]:
-    return list(islice(states(scenario, seed), round(seconds * HZ) + 1))
+from simlink.world import State, coordinated, true_size
+from tests.simlink_truth import HZ, G, dead_reckoned, flight
 
 
 def column(rows: list[State], name: str) -> np.ndarray:
@@ -40,11 +33,7 @@ def test_velocity_and_acceleration_are_the_derivatives_seed_3(name: str, who: st
 
 def test_the_imu_integrates_to_velocity_and_attitude_seed_4() -> None:
     rows = flight(load_scenario("formation-s-turn"), 4, 20.0)
-    v, q = np.array(rows[0].v_F_n), rows[0].q_nF
-    for before, now in pairwise(rows):
-        f_n = np.array(attitude.to_n(q, before.f_b))
-        q = attitude.product(q, attitude.from_vector(*(w / HZ for w in now.omega_b)))
-        v += (f_n + np.array(attitude.to_n(q, now.f_b))) / 2 / HZ + np.array([0.0, 0.0, G]) / HZ
+    v, q = dead_reckoned(rows)
     assert_allclose(v, rows[-1].v_F_n, atol=1e-3)
     assert_allclose(q, rows[-1].q_nF, atol=1e-9)
 

@@ -1,0 +1,37 @@
+"""Messages with stamps of two clocks."""
+
+from onboard.clocks import OUR_TAG, Clocks
+from onboard.messages import Clock, LocalPosition, TargetPoints, TimeSync
+
+MS = 1_000_000
+
+
+S = 1_000_000_000
+
+
+EPOCH = 1_735_689_600 * S
+
+
+def sample(t_ns: int, t_recv_ns: int) -> LocalPosition:
+    return LocalPosition(t_ns=t_ns, t_recv_ns=t_recv_ns, r_OF_n=(0, 0, 0), v_F_n=(0, 0, 0))
+
+
+def image(t_ns: int, t_recv_ns: int, clock: Clock = Clock.BOOT) -> TargetPoints:
+    at = (0.0, 0.0)
+    return TargetPoints(t_ns=t_ns, t_recv_ns=t_recv_ns, clock=clock, camera="c", center=at, left=at, right=at)
+
+
+def run(clocks: Clocks, start_s: float, seconds: float, host_ns: int = EPOCH + 2 * MS, period_ms: int = 20) -> int:
+    """Samples every 20 ms; how many came through."""
+    through = 0
+    for ms in range(round(start_s * 1000), round((start_s + seconds) * 1000), period_ms):
+        through += clocks.align(sample(ms * MS, host_ns + ms * MS)) is not None
+    return through
+
+
+def reply(boot_ns: int, out_ns: int, back_ns: int, *, host_ns: int = EPOCH, tag: int = OUR_TAG) -> TimeSync:
+    """A reply made at boot time `boot_ns`, asked for `out_ns` before and heard `back_ns` after."""
+    ts1 = host_ns + boot_ns - out_ns
+    ts1 += tag - ts1 % 1000
+    recv = host_ns + boot_ns + back_ns
+    return TimeSync(t_ns=recv, t_recv_ns=recv, clock=Clock.NONE, tc1_ns=boot_ns, ts1_ns=ts1)
