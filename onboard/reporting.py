@@ -2,7 +2,7 @@
 
 import os
 import pkgutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
 from pathlib import Path
@@ -14,6 +14,7 @@ from rich.markdown import Markdown
 from rich.table import Column, Table
 
 from onboard import studies
+from onboard.compiling import Module
 from onboard.config import Config
 from onboard.demo import Report, flight_name, run_demo
 from onboard.errors import UserError
@@ -53,8 +54,13 @@ def demo(
             console.print(f"no display here: the view is recorded to {rrd}")
         return View(camera=config.camera_model(), rrd=rrd, spawn=shown)
 
-    with progress_bar(console) as bar:
+    with ExitStack() as stack:
+        bar = progress_bar(console)
         task = bar.add_task("starting simulator and daemon", total=duration)
+
+        def prepare(estimators: Iterable[str]) -> None:
+            compile_shown(estimators, console, _told_once(console))
+            stack.enter_context(bar)  # after that of the compiling: a terminal shows one at a time
 
         def progress(flown: float, newest: Estimate | None) -> None:
             bar.update(task, completed=min(flown, duration), description=_in_words(newest))
@@ -65,7 +71,7 @@ def demo(
             duration=duration,
             directory=directory,
             overrides=overrides,
-            prepare=lambda estimators: compile_shown(estimators, console, lambda _: None),
+            prepare=prepare,
             view=view,
             progress=progress,
         )
@@ -86,6 +92,18 @@ def demo(
     if json_file is not None:
         _write_json(json_file, demo_numbers(report))
     return 1 if report.score.diverged and not flown_alone else 0
+
+
+def _told_once(console: Console) -> Callable[[Module], None]:
+    """Says, when the first module had to be compiled, that this takes a while."""
+    said: list[Module] = []
+
+    def tell(module: Module) -> None:
+        if module.compiled and not said:
+            said.append(module)
+            console.print("compiling what this flight needs (half a minute on two cores, once)", highlight=False)
+
+    return tell
 
 
 def demo_numbers(report: Report) -> dict[str, Any]:
