@@ -5,7 +5,7 @@ filter by filter, and whichever fails is told.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from onboard.filters.belief import Belief, FilterError
 from onboard.geometry.rotations import Array
 from onboard.models import intruder
 
+NONE: Final = np.zeros(0, np.int64)
 Model = Callable[[Array, Places], Array]  # of rows of states, and of which measurement each row is
 
 
@@ -72,7 +73,7 @@ class Batch:
             self._belief = self._choice.belief(self._state)
         return self._belief
 
-    def advance(self, t_ns: int) -> Places:
+    def advance(self, t_ns: int, turning: intruder.Turning) -> Places:
         """Predict all to a time, never back; the rows of tracks whose filter failed, which stay as they were."""
         dt = (t_ns - self.t_ns) * 1e-9
         if dt <= 0:
@@ -81,9 +82,9 @@ class Batch:
         if self.size == 0:
             return np.zeros(0, np.int64)
         try:
-            self._set(self._choice.predict(self._state, dt))
+            self._set(self._choice.predict(self._state, dt, turning))
         except FilterError:
-            return self._predict_singly(dt)
+            return self._predict_singly(dt, turning)
         return np.zeros(0, np.int64)
 
     def judge_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias: Array) -> Judged:
@@ -110,6 +111,11 @@ class Batch:
     def restart(self, row: int, mean: Array, covariance: Array) -> None:
         """Begin a track anew."""
         self._set(put(self._state, np.array([row]), self._choice.start(mean[None], covariance[None])))
+
+    def registered(self, rotation: Belief) -> None:
+        """The rotation of all that a radar sees has become known, (3,) and (3, 3)."""
+        if self.size and self.polar:
+            self._set(self._choice.change(self._state, lambda b: intruder.told_turned(b, rotation)))
 
     def _set(self, state: Any) -> None:
         self._state = state
@@ -142,12 +148,12 @@ class Batch:
         nis = np.asarray(update.nis)
         return Judged(update.belief, update.innovation, update.innovation_covariance, update.predicted, nis)
 
-    def _predict_singly(self, dt: float) -> Places:
+    def _predict_singly(self, dt: float, turning: intruder.Turning) -> Places:
         failed: list[int] = []
 
         def predict(one: Any, i: int) -> Any:
             try:
-                return self._choice.predict(one, dt)
+                return self._choice.predict(one, dt, turning)
             except FilterError:
                 failed.append(i)
                 return one

@@ -1,6 +1,6 @@
 """The filters a tracker may use, all tracks in one batch: any of `onboard.filters`, called alike.
 
-state = choice.predict(state, dt)
+state = choice.predict(state, dt, turning)
 part = take(state, rows)                        # of some tracks
 state = put(state, rows, update.belief)
 """
@@ -27,13 +27,15 @@ SINGLE: Final[dict[str, Method]] = {
 
 
 class Choice(NamedTuple):
-    """A filter over tracks, as `onboard.filters.Method`, but that `predict(state, dt)` knows the model. `polar`:
-    whether it takes a radar's measurements as they are, or only Cartesian ones."""
+    """A filter over tracks, as `onboard.filters.Method`, but that `predict(state, dt, turning)` knows the model.
+    `change(state, f)` is the state with `f` of its beliefs in their places, however many it has of each track.
+    `polar`: whether it takes a radar's measurements as they are, or only Cartesian ones."""
 
     start: Callable[[Array, Array], Any]
-    predict: Callable[[Any, float], Any]
+    predict: Callable[[Any, float, intruder.Turning], Any]
     update: Callable[[Any, Array, Rows, Array, tuple[int, ...]], Update]
     belief: Callable[[Any], Belief]
+    change: Callable[[Any, Callable[[Belief], Belief]], Any]
     polar: bool
 
 
@@ -46,11 +48,14 @@ def choose(
         return _mixture((extended.METHODS[0],) * 2, (quiet, manoeuvring), lasts)
     method, step = SINGLE[name], _remembering(manoeuvring)
 
-    def predict(state: Any, dt: float) -> Any:
-        then = step(dt)
+    def predict(state: Any, dt: float, turning: intruder.Turning) -> Any:
+        then = intruder.turning(step(dt), turning)
         return method.predict(state, _mover(then), then.Q)
 
-    return Choice(method.start, predict, method.update, method.belief, name != "kf")
+    def change(state: Any, f: Callable[[Belief], Belief]) -> Any:
+        return method.start(*f(method.belief(state)))
+
+    return Choice(method.start, predict, method.update, method.belief, change, name != "kf")
 
 
 def _mixture(
@@ -64,16 +69,23 @@ def _mixture(
     def start(mean: Array, covariance: Array) -> Any:
         return multiple_model.start(modes, mean, covariance, share)
 
-    def predict(state: Any, dt: float) -> Any:
+    def predict(state: Any, dt: float, turning: intruder.Turning) -> Any:
         kept = np.exp(-dt * sum(1.0 / time for time in lasts))
         transition = kept * np.eye(count) + (1.0 - kept) * share
-        each = [step(dt) for step in steps]
+        each = [intruder.turning(step(dt), turning) for step in steps]
         return multiple_model.predict(modes, state, [_mover(s) for s in each], [s.Q for s in each], transition)
 
     def update(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
         return Update(*multiple_model.update(modes, state, y, [measure] * count, R, angular)[:5])
 
-    return Choice(start, predict, update, lambda state: multiple_model.believed(modes, state), polar=True)
+    def belief(state: Any) -> Belief:
+        return multiple_model.believed(modes, state)
+
+    def change(state: Any, f: Callable[[Belief], Belief]) -> Any:
+        each = zip(modes, state.states, strict=True)
+        return state._replace(states=tuple(mode.start(*f(mode.belief(one))) for mode, one in each))
+
+    return Choice(start, predict, update, belief, change, polar=True)
 
 
 def _mover(step: intruder.Step) -> Rows:

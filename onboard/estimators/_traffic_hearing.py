@@ -127,6 +127,7 @@ class Hearing:
         if verdict is Verdict.FUSED:
             track.fuse(report.t_ns, source)
             track.reports += 1
+            track.report = report
             track.confirmed = track.confirmed or track.reports >= 2
             track.heard = report.message if isinstance(report.message, AdsbVehicle) else track.heard
         return verdict is Verdict.FUSED

@@ -3,8 +3,9 @@ tracks begin, most of which come to nothing."""
 
 import numpy as np
 
-from onboard.estimators._traffic_batch import Radar
+from onboard.estimators._traffic_batch import NONE, Radar
 from onboard.estimators._traffic_frame import Frame
+from onboard.estimators._traffic_registration import Sight
 from onboard.estimators._traffic_table import ECHO, REPORT, Table
 from onboard.estimators._traffic_track import NS
 from onboard.filters.association import Places, assign, candidates
@@ -37,30 +38,53 @@ class Seeing:
         self._table.advance(scan.t_ns)
         R_rn = self._R_rb @ own.R_nb.T if scan.frame == "body" else own.R_nl.T
         offset = own.R_nb @ np.array(self._table.config.radar_offset_m)
-        radar = Radar(own.r + offset, np.ascontiguousarray(R_rn))
+        nominal = Radar(own.r + offset, np.ascontiguousarray(R_rn))
         measured = np.array([(d.range, d.azimuth, d.elevation) for d in scan.detections]).reshape(-1, 3)
         sigma = self._sigma(scan, measured)
-        seen: set[int] = set()
-        free = np.arange(len(measured))
-        relock_ns = round(self._table.config.relock_after_s * NS)
-        for settled in (True, False):
-            # what has coasted for long has a wide gate, and would take the first false alarm in it for itself
-            rows = np.array(
-                [
-                    i
-                    for i, t in enumerate(self._table.tracks)
-                    if t.settled is settled and scan.t_ns - t.fused_ns <= relock_ns
-                ],
-                np.int64,
-            )
-            if len(rows) and len(free):
-                tracks, echoes = self._associate(rows, measured[free], sigma[free], scan, radar)
-                seen |= set(tracks.tolist())
-                free = np.delete(free, echoes)
+        self._table.registration.advance(scan.t_ns)
+        radar, noisy = self._registered(nominal, sigma)
+        rows, echoes = self._associate(self._near(scan.t_ns, settled=True), measured, noisy, scan, radar)
+        self._register(rows, measured[echoes], sigma[echoes], scan.t_ns, nominal)
+        radar, noisy = self._registered(nominal, sigma)
+        seen = self._take(rows, measured[echoes], noisy[echoes], scan, radar)
+        free = np.delete(np.arange(len(measured)), echoes)
+        rows, echoes = self._associate(
+            self._near(scan.t_ns, settled=False), measured[free], noisy[free], scan, radar
+        )
+        seen |= self._take(rows, measured[free[echoes]], noisy[free[echoes]], scan, radar)
+        free = np.delete(free, echoes)
         found = [i for i, t in enumerate(self._table.tracks) if t.scan(hit=i in seen, config=self._table.config)]
         for j in free:
-            self._begin_with(measured[[j]], sigma[[j]], scan.t_ns, radar, f"radar/{scan.radar}")
+            self._begin_with(measured[[j]], noisy[[j]], scan.t_ns, radar, f"radar/{scan.radar}")
         self._stitch(found, scan.t_ns)
+
+    def _near(self, t_ns: int, *, settled: bool) -> Places:
+        """Rows of tracks that an echo may be of. What has coasted for long has a wide gate, and would take the
+        first false alarm in it for itself."""
+        since_ns = t_ns - round(self._table.config.relock_after_s * NS)
+        tracks = enumerate(self._table.tracks)
+        return np.array([i for i, t in tracks if t.settled is settled and t.fused_ns >= since_ns], np.int64)
+
+    def _registered(self, radar: Radar, sigma: Array) -> tuple[Radar, Array]:
+        """The radar as our attitude is now thought to be, and its noise (k, 3) with what is not known of that."""
+        registration = self._table.registration
+        noisy = np.hypot(sigma, np.array([0.0, 1.0, 1.0]) * registration.jitter)
+        return Radar(radar.r, registration.turned_back(radar.R_rn)), noisy
+
+    def _register(self, rows: Places, measured: Array, sigma: Array, t_ns: int, radar: Radar) -> None:
+        """Learn of our own attitude from those that also say where they are."""
+        table = self._table
+        fresh_ns = round(table.config.coast_after_s * NS)
+        places = intruder.position(measured, *radar)
+        noise = intruder.position_noise(measured, sigma, radar.R_rn)
+        sights = [
+            Sight(track.number, places[k], noise[k], track.report)
+            for k, track in enumerate(table.tracks[i] for i in rows)
+            if track.report is not None and t_ns - track.report.t_ns <= fresh_ns
+        ]
+        told = table.registration.scan(t_ns, sights, radar.r)
+        if told is not None:
+            table.batch.registered(told)
 
     def _sigma(self, scan: RadarScan, measured: Array) -> Array:
         """Standard deviations (k, 3) of echoes (k, 3): the radar's, and that an aircraft is no point."""
@@ -70,7 +94,7 @@ class Seeing:
         glint = self._table.config.radar_glint_m / np.stack([np.ones_like(near), level, near], axis=1)
         sigma = np.hypot(sigma, glint)
         if not self._table.batch.polar:  # a filter of places cannot tell what is turned from noise
-            sigma[:, 1:] = np.hypot(sigma[:, 1:], self._table.turned.max())
+            sigma[:, 1:] = np.hypot(sigma[:, 1:], np.sqrt(self._table.registration.residual.covariance.max()))
         return np.asarray(sigma)
 
     def _stitch(self, found: list[int], t_ns: int) -> None:
@@ -104,15 +128,20 @@ class Seeing:
     def _associate(
         self, rows: Places, measured: Array, sigma: Array, scan: RadarScan, radar: Radar
     ) -> tuple[Places, Places]:
-        """(tracks seen, echoes they were seen by)."""
+        """(rows of tracks, the echoes they fit best)."""
+        if not len(rows) or not len(measured):
+            return NONE, NONE
         belief, lag = self._table.batch.belief(), self._table.lag(scan.t_ns)
         polar, spread = intruder.expected(belief.mean[rows], belief.covariance[rows], lag, *radar)
         pairs = candidates(polar, spread, measured, sigma**2, self._table.gates[ECHO])
         which, echoes = assign(*pairs)
-        if not len(which):
-            return which, echoes
-        at = rows[which]
-        judged = self._table.batch.judge_echoes(at, lag, measured[echoes], sigma[echoes], radar)
+        return rows[which], echoes
+
+    def _take(self, at: Places, measured: Array, sigma: Array, scan: RadarScan, radar: Radar) -> set[int]:
+        """Correct tracks in these rows by an echo each; the rows where it could be done."""
+        if not len(at):
+            return set()
+        judged = self._table.batch.judge_echoes(at, self._table.lag(scan.t_ns), measured, sigma, radar)
         fine = np.flatnonzero(np.isfinite(judged.nis))
         self._table.batch.correct(at, judged, fine)
         self._table.verdicts[Verdict.FUSED] += len(fine)
@@ -122,16 +151,16 @@ class Seeing:
             track = self._table.tracks[at[p]]
             track.fuse(scan.t_ns, source)
             track.said = self._table.said(scan, source, scan.t_ns, Verdict.FUSED, judged, p)
-        return at[fine], echoes[fine]
+        return set(at[fine].tolist())
 
     def _begin_with(self, polar: Array, sigma: Array, t_ns: int, radar: Radar, source: str) -> None:
         covariance = self._table.first_covariance()
         place = intruder.position(polar, *radar)[0]
         # seen at place = r + w x d + noise, with the rotation w of which nothing is known yet but its size
-        across, turned = intruder.crossing(place - radar.r), self._table.turned**2
+        across, turned = intruder.crossing(place - radar.r), covariance[intruder.TURNED, intruder.TURNED]
         covariance[intruder.R, intruder.R] = intruder.position_noise(polar, sigma, radar.R_rn)[0]
-        covariance[intruder.R, intruder.R] += (across * turned) @ across.T
-        covariance[intruder.R, intruder.TURNED] = across * turned
+        covariance[intruder.R, intruder.R] += across @ turned @ across.T
+        covariance[intruder.R, intruder.TURNED] = across @ turned
         covariance[intruder.TURNED, intruder.R] = covariance[intruder.R, intruder.TURNED].T
         mean = np.concatenate([place, np.zeros(intruder.N - 3)])
         F = np.eye(intruder.N)

@@ -8,6 +8,7 @@ import numpy as np
 from onboard.estimators._traffic_batch import Batch, Judged
 from onboard.estimators._traffic_config import Config
 from onboard.estimators._traffic_filter import choose
+from onboard.estimators._traffic_registration import Registration
 from onboard.estimators._traffic_reports import Key
 from onboard.estimators._traffic_telling import farewell
 from onboard.estimators._traffic_track import NS, Track, name_of
@@ -28,8 +29,7 @@ class Table:
         self.verdicts: Counter[str] = Counter()
         self.tracks: list[Track] = []
         self.farewells: list[Estimate] = []
-        tilt, yaw = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
-        self.turned = np.radians([tilt, tilt, yaw])
+        self.registration = Registration(config)
         gusts = np.array([config.gust_m_s, config.gust_m_s, config.gust_vertical_m_s])
         quiet, manoeuvring = (
             intruder.Noise(
@@ -39,8 +39,6 @@ class Table:
                 gusts * np.sqrt(2.0 / config.gust_time_s),
                 config.own_position_sigma_m * np.sqrt(2.0 / config.own_position_time_s),
                 config.report_bias_time_s,
-                self.turned,
-                config.own_attitude_time_s,
             )
             for acceleration, time, keeps_turn in (
                 (config.quiet_acceleration_m_s2, config.quiet_time_s, True),
@@ -61,11 +59,13 @@ class Table:
         c = self.config
         accelerations = np.full(3, c.manoeuvre_acceleration_m_s2)
         speeds = np.full(3, c.initial_speed_sigma_m_s)
-        return np.diag(np.concatenate([np.zeros(3), speeds, accelerations, np.ones(3), self.turned]) ** 2)
+        covariance = np.diag(np.concatenate([np.zeros(3), speeds, accelerations, np.ones(3), np.zeros(3)]) ** 2)
+        covariance[intruder.TURNED, intruder.TURNED] = self.registration.residual.covariance
+        return covariance
 
     def advance(self, t_ns: int) -> None:
         """Predict every track to a time."""
-        failed = self.batch.advance(t_ns)
+        failed = self.batch.advance(t_ns, self.registration.residual)
         if len(failed):
             self.verdicts[Verdict.NUMERICAL] += len(failed)
             self.drop(set(failed.tolist()), "the covariance was lost")
@@ -103,6 +103,7 @@ class Table:
         """Forget all tracks and the time."""
         self.drop(set(range(len(self.tracks))), reason)
         self.batch.clear()
+        self.registration.clear()
 
     def said(
         self, message: Message, source: str, t_ns: int, verdict: Verdict, judged: Judged, p: int

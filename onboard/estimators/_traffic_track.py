@@ -28,6 +28,7 @@ class Track:
     shared: bool = False  # its address is another track's, too
     resets: int = 0
     sequence: int = 0
+    report: Report | None = None  # the last that was fused
     strays: list[Report] = field(default_factory=list)
     said: MeasurementReport | None = None
 

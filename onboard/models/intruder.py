@@ -6,9 +6,10 @@ turn the acceleration goes round with the velocity (`moved`).
 
 `bias` is by how much the positions that the aircraft reports of itself are steadily off (its GNSS, its altimeter,
 the age of its reports), in units of what is expected of that kind of report; `turned` is the rotation (rad, about
-n's axes) by which our radar sees everything turned, because our own attitude is off. Both are first-order
-Gauss-Markov processes, known apart only where an aircraft is both heard and seen. Without them, a position that
-errs the same way for seconds or minutes would be averaged as if every measurement were news.
+n's axes) by which our radar sees everything turned, because our own attitude is off, or what remains of it where
+others have told (`Turning`). Both are first-order Gauss-Markov processes, known apart only where an aircraft is
+both heard and seen. Without them, a position that errs the same way for seconds or minutes would be averaged as if
+every measurement were news.
 
 A measurement may be older than the state: `lag` seconds, for each row. The state is then moved back as if its
 acceleration were constant; what noise does in a second is small against any reported position.
@@ -19,6 +20,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit, types
 
+from onboard.filters.belief import Belief
 from onboard.filters.discretisation import van_loan
 from onboard.geometry.arctangent import arctan2
 from onboard.geometry.rotations import Array
@@ -47,7 +49,7 @@ class Noise(NamedTuple):
     """Acceleration: standard deviation on each axis (m/s^2) and time constant (s), and whether it goes round with
     the velocity. Gusts: by how much velocity walks on each axis (3,), m/s per square root of a second. `drift`: by
     how much our own position does, and with it all that is measured from it, m per square root of a second. The
-    time constant (s) of the bias; the standard deviations (3,), rad, and the time constant (s) of `turned`."""
+    time constant (s) of the bias."""
 
     acceleration: float
     acceleration_time: float
@@ -55,8 +57,20 @@ class Noise(NamedTuple):
     gust: Array
     drift: float
     bias_time: float
-    turned: Array
-    turned_time: float
+
+
+class Turning(NamedTuple):
+    """How `turned` goes on: along the columns of `axes` (3, 3), rad, independent Gauss-Markov processes of first
+    order with these `variances` (3,) and time constants `times` (3,), s."""
+
+    axes: Array
+    variances: Array
+    times: Array
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3), rad^2."""
+        return np.asarray((self.axes * self.variances) @ self.axes.T)
 
 
 class Step(NamedTuple):
@@ -70,7 +84,7 @@ class Step(NamedTuple):
 
 
 def step(dt: float, noise: Noise) -> Step:
-    """The transition over `dt` > 0 seconds and its noise.
+    """The transition over `dt` > 0 seconds and its noise, but for `turned`: see `turning`.
 
     Raises FilterError.
     """
@@ -85,13 +99,18 @@ def step(dt: float, noise: Noise) -> Step:
     walk = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     Q[:6, :6] += np.kron(walk, np.diag(noise.gust**2))
     Q[R, R] += noise.drift**2 * dt * np.eye(3)
-    for part, time, sigma in (
-        (BIAS, noise.bias_time, np.ones(3)),
-        (TURNED, noise.turned_time, noise.turned),
-    ):
-        F[part, part] = np.exp(-dt / time) * np.eye(len(sigma))
-        Q[part, part] = np.diag(sigma**2 * (1.0 - np.exp(-2.0 * dt / time)))
+    F[BIAS, BIAS] = np.exp(-dt / noise.bias_time) * np.eye(3)
+    Q[BIAS, BIAS] = (1.0 - np.exp(-2.0 * dt / noise.bias_time)) * np.eye(3)
     return Step(F, Q, dt, noise.keeps_turn)
+
+
+def turning(step: Step, turning: Turning) -> Step:
+    """The step with `turned` going on so."""
+    F, Q = step.F.copy(), step.Q.copy()
+    axes, fade = turning.axes, np.exp(-step.dt / turning.times)
+    F[TURNED, TURNED] = (axes * fade) @ np.linalg.inv(axes)
+    Q[TURNED, TURNED] = (axes * (turning.variances * (1.0 - fade**2))) @ axes.T
+    return Step(F, Q, step.dt, step.keeps_turn)
 
 
 def moved(rows: Array, step: Step) -> Array:
@@ -261,3 +280,16 @@ def _expected(means, covariances, lag, r_OR_n, R_rn):  # type: ignore[no-untyped
 def crossing(d: Array) -> Array:
     """[d x], (3, 3): what makes d x w of w."""
     return np.array([[0.0, -d[2], d[1]], [d[2], 0.0, -d[0]], [-d[1], d[0], 0.0]])
+
+
+def told_turned(belief: Belief, rotation: Belief) -> Belief:
+    """Beliefs (..., 15) of which `turned` has become known to be `rotation`, (3,) and (3, 3), and is counted from
+    there on; the other states go along as far as they depend on it."""
+    mean, P = belief
+    own = P[..., TURNED, TURNED]
+    gain = np.swapaxes(np.linalg.solve(own + 1e-16 * np.eye(3), P[..., TURNED, :]), -1, -2)
+    gain[..., TURNED, :] = np.eye(3)
+    after = mean + np.einsum("...ij,...j->...i", gain, rotation.mean - mean[..., TURNED])
+    after[..., TURNED] = 0.0
+    covariance = P + gain @ (rotation.covariance - own) @ np.swapaxes(gain, -1, -2)
+    return Belief(after, 0.5 * (covariance + np.swapaxes(covariance, -1, -2)))

@@ -23,9 +23,12 @@ NOISE = intruder.Noise(
     gust=np.array([0.3, 0.3, 0.15]),
     drift=0.2,
     bias_time=60.0,
-    turned=np.array([0.01, 0.01, 0.02]),
-    turned_time=10.0,
 )
+TURNING = intruder.Turning(np.diag([0.01, 0.01, 0.02]), np.ones(3), np.full(3, 10.0))
+
+
+def stepped(dt: float, noise: intruder.Noise) -> intruder.Step:
+    return intruder.turning(intruder.step(dt, noise), TURNING)
 
 
 def beliefs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -43,21 +46,21 @@ def test_the_transition_is_the_exponential_of_its_rates_and_the_noise_adds_up() 
     A = np.zeros((15, 15))
     A[:3, 3:6] = A[3:6, 6:9] = np.eye(3)
     A[6:9, 6:9], A[9:12, 9:12], A[12:, 12:] = -np.eye(3) / 8.0, -np.eye(3) / 60.0, -np.eye(3) / 10.0
-    F, Q = intruder.step(0.7, NOISE)[:2]
+    F, Q = stepped(0.7, NOISE)[:2]
     np.testing.assert_allclose(F, expm(0.7 * A), atol=1e-12)
-    one, two = intruder.step(0.3, NOISE), intruder.step(0.4, NOISE)
+    one, two = stepped(0.3, NOISE), stepped(0.4, NOISE)
     np.testing.assert_allclose(two.F @ one.F, F, atol=1e-12)
     np.testing.assert_allclose(two.F @ one.Q @ two.F.T + two.Q, Q, atol=1e-9)
 
 
 def test_acceleration_bias_and_what_is_turned_keep_the_variance_they_are_said_to_have() -> None:
     calm = NOISE._replace(gust=np.zeros(3), drift=0.0)
-    F, Q = intruder.step(0.5, calm)[:2]
+    F, Q = stepped(0.5, calm)[:2]
     P = np.diag([0.0] * 6 + [2.5**2] * 3 + [1.0] * 3 + [1e-4, 1e-4, 4e-4])
     after = F @ P @ F.T + Q
     np.testing.assert_allclose(np.diag(after)[6:], np.diag(P)[6:], rtol=1e-9)
     # gusts and our own drift add to velocity and position, by the second
-    more = intruder.step(0.5, NOISE).Q - Q
+    more = stepped(0.5, NOISE).Q - Q
     np.testing.assert_allclose(np.diag(more)[3:6], 0.5 * NOISE.gust**2)
     np.testing.assert_allclose(np.diag(more)[:3], 0.5 * 0.2**2 + NOISE.gust**2 * 0.5**3 / 3)
 

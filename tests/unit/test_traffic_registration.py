@@ -1,0 +1,224 @@
+"""Our own attitude's error, learnt from aircraft that are seen and say where they are: against truth drawn from
+the model, and against what must not be believed."""
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from onboard.estimators._traffic_config import Config
+from onboard.estimators._traffic_registration import MOST, Registration, Sight
+from onboard.estimators._traffic_reports import Report
+from onboard.filters.belief import Belief
+from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector
+from onboard.messages import PeerPosition
+from onboard.models import intruder
+
+CONFIG = Config(own_yaw_sigma_deg=0.6, own_tilt_sigma_deg=0.4, report_bias_m=3.0, own_position_sigma_m=1.0)
+UNKNOWN = np.radians([0.4, 0.4, 0.6])
+RADAR = np.array([5.0, -3.0, 2.0])
+NOISE, WHITE = 3.0, 2.0  # m: of the radar, and of each report
+SECOND = 1_000_000_000
+SAID = PeerPosition(t_ns=0, t_recv_ns=0, system=1, lat_deg=0.0, lon_deg=0.0, alt_msl=0.0, v_n=(0.0, 0.0, 0.0))
+
+
+class World:
+    """Aircraft at rest around us, each steadily off by what is said, and a rotation drawn from the model; the
+    radar scans ten times a second, and each aircraft reports once. With `north` metres all are on one side."""
+
+    def __init__(self, count: int, seed: int, own_sigma: float = 1.0, north: float = 0.0) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.places = self.rng.uniform(-1, 1, (count, 3)) * [3000.0, 3000.0, 400.0]
+        if north:
+            self.places = north * np.array([1.0, 0.0, 0.0]) + 0.1 * self.places
+        self.biases = self.rng.normal(0, 3.0, (count, 3))
+        self.own = self.rng.normal(0, own_sigma, 3)
+        self.rotation = self.rng.normal(0, UNKNOWN)
+        self.reports = [self.report(k, 0) for k in range(count)]
+
+    def report(self, k: int, t_ns: int) -> Report:
+        y = np.concatenate([self.places[k] + self.biases[k] + self.rng.normal(0, WHITE, 3), np.zeros(3)])
+        R = np.diag([WHITE**2] * 3 + [1e-4] * 3)
+        return Report(("system", k), t_ns, y, R, np.full(3, 3.0), SAID)
+
+    def scan(self, number: int) -> list[Sight]:
+        """Sights of scan `number`, a tenth of a second after the one before."""
+        t_ns = number * SECOND // 10
+        fade = np.exp(-0.1 / 10.0)
+        self.rotation = fade * self.rotation + self.rng.normal(0, UNKNOWN * np.sqrt(1 - fade**2))
+        sights = []
+        for k, place in enumerate(self.places):
+            if number % 10 == k % 10:
+                self.reports[k] = self.report(k, t_ns)
+            seen = place + np.cross(self.rotation, place - RADAR) + self.own + self.rng.normal(0, NOISE, 3)
+            sights.append(Sight(k, seen, NOISE**2 * np.eye(3), self.reports[k]))
+        return sights
+
+
+def watched(world: World, scans: int, config: Config = CONFIG) -> Registration:
+    registration = Registration(config)
+    for number in range(scans):
+        registration.advance(number * SECOND // 10)
+        registration.scan(number * SECOND // 10, world.scan(number), RADAR)
+    return registration
+
+
+def covariance_of(registration: Registration) -> np.ndarray:
+    return registration.residual.covariance + registration.jitter**2 * np.eye(3)
+
+
+def test_the_rotation_is_found_and_as_surely_as_said_seeds_1_to_120() -> None:
+    nees, errors = [], []
+    for seed in range(1, 121):
+        world = World(8, seed)
+        registration = watched(world, 31)
+        off = world.rotation - registration.rotation
+        nees.append(off @ np.linalg.solve(covariance_of(registration), off))
+        errors.append(off)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.25 * np.mean(UNKNOWN)
+    assert 2.25 < np.mean(nees) < 3.75  # 120 times three degrees of freedom, 99.9 %
+
+
+def test_an_error_of_our_own_position_is_not_taken_for_a_rotation_seeds_1_to_120() -> None:
+    config = structs.replace(CONFIG, own_position_sigma_m=8.0)
+    nees = []
+    for seed in range(1, 121):
+        world = World(6, seed, own_sigma=8.0, north=2000.0)
+        registration = watched(world, 4, config)
+        off = world.rotation - registration.rotation
+        nees.append(off @ np.linalg.solve(registration._belief.covariance[:3, :3], off))
+    assert 2.25 < np.mean(nees) < 3.75
+
+
+def test_a_new_report_errs_anew_seeds_1_to_120() -> None:
+    """One anchor's reports, each with noise of its own: averaged they would be, were it taken for one."""
+    nees = []
+    for seed in range(1, 121):
+        world = World(1, seed, north=1500.0)
+        registration = watched(world, 41)
+        off = (world.rotation - registration.rotation)[1:]
+        nees.append(off @ np.linalg.solve(registration._belief.covariance[1:3, 1:3], off))
+    assert 1.4 < np.mean(nees) < 2.6  # 120 times two, 99.9 %
+
+
+def test_what_lasts_is_that_of_the_biases_and_our_position_by_hand() -> None:
+    """Four anchors 1000 m north: the yaw they leave open, by hand."""
+    world = World(4, 1)
+    world.places = np.tile([1000.0, 0.0, 0.0], (4, 1)) + RADAR
+    registration = Registration(CONFIG)
+    reports = [Report(r.key, 0, np.r_[world.places[0], np.zeros(3)], r.R, r.bias, SAID) for r in world.reports]
+    sights = [Sight(k, world.places[0], NOISE**2 * np.eye(3), report) for k, report in enumerate(reports)]
+    registration.advance(0)
+    registration.scan(0, sights, RADAR)
+    alone = 1.0 / (1.0 / UNKNOWN[2] ** 2 + 4 * 1000.0**2 / 3.0**2)
+    yaw = alone + 1.0**2 * (alone * 4 * 1000.0 / 3.0**2) ** 2
+    assert registration.residual.covariance[2, 2] == pytest.approx(yaw, rel=1e-9)
+    assert registration.residual.covariance[0, 0] == pytest.approx(UNKNOWN[0] ** 2, rel=1e-9)
+    # about their direction it goes on as fast as our attitude does, elsewhere nearly as slowly as what they err by
+    assert np.sort(registration.residual.times)[0] == pytest.approx(CONFIG.own_attitude_time_s)
+    assert np.sort(registration.residual.times)[1] > 0.7 * CONFIG.report_bias_time_s / 2
+
+
+def test_what_lasts_shrinks_with_more_anchors_and_never_below_our_own_position() -> None:
+    sizes = [np.trace(watched(World(count, 7), 6).residual.covariance) for count in (0, 1, 3, MOST)]
+    assert sizes[0] == pytest.approx(np.sum(UNKNOWN**2))
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[-1] < 0.02 * sizes[0]
+    more = watched(World(3 * MOST, 7), 6)
+    assert np.all(np.isfinite(more.rotation))
+    assert len(more._anchors) == MOST
+
+
+def test_one_who_lies_about_his_place_is_not_believed_seed_5() -> None:
+    honest, other = World(6, 5), World(6, 5)
+    other.places = np.vstack([other.places, [4000.0, 3000.0, -50.0]])
+    other.biases = np.vstack([other.biases, [-90.0, 120.0, 0.0]])
+    other.reports.append(other.report(6, 0))
+    fooled = watched(other, 60)
+    assert fooled.residual.covariance == pytest.approx(watched(honest, 60).residual.covariance, rel=0.02, abs=1e-9)
+    off = other.rotation - fooled.rotation
+    assert off @ np.linalg.solve(covariance_of(fooled), off) < 11.3  # 99 % of three
+
+
+def test_without_anchors_it_is_forgotten_as_fast_as_it_changes_seed_6() -> None:
+    registration = watched(World(6, 6), 31)
+    known = registration.rotation.copy()
+    for number in range(31, 200):
+        registration.advance(number * SECOND // 10)
+        assert registration.scan(number * SECOND // 10, [], RADAR) is None
+    np.testing.assert_allclose(registration.residual.covariance, np.diag(UNKNOWN**2))
+    np.testing.assert_allclose(registration.rotation, known * np.exp(-16.9 / 10.0), rtol=1e-6)
+    assert registration.jitter == 0.0
+
+
+def test_a_clock_that_jumps_back_changes_nothing_seed_6() -> None:
+    registration = watched(World(6, 6), 11)
+    before = registration.rotation.copy()
+    registration.advance(0)
+    np.testing.assert_array_equal(registration.rotation, before)
+
+
+def test_the_radar_is_turned_back_by_what_is_known_seed_8() -> None:
+    registration = watched(World(8, 8), 11)
+    w = registration.rotation
+    R_rn = matrix_from_quaternion(quaternion_from_vector([0.3, -0.2, 1.0]))
+    d = np.array([1000.0, -500.0, 100.0])
+    np.testing.assert_allclose(registration.turned_back(R_rn) @ d, R_rn @ (d + np.cross(w, d)), atol=1.0)
+
+
+def test_tracks_are_told_at_once_and_then_no_more_seed_9() -> None:
+    world, registration = World(8, 9), Registration(CONFIG)
+    told = []
+    for number in range(50):
+        registration.advance(number * SECOND // 10)
+        told.append(registration.scan(number * SECOND // 10, world.scan(number), RADAR))
+    assert told[0] is not None
+    np.testing.assert_array_less(np.abs(told[0].mean), 3.0 * UNKNOWN)
+    assert sum(x is not None for x in told[1:]) <= 2
+
+
+def test_tracks_are_not_told_how_the_rotation_moved_since_the_last_scan_seed_11() -> None:
+    """What is told is of the rotation as the tracks know it; its newest step is in no track's place."""
+    world, registration = World(8, 11), Registration(CONFIG)
+    world.places[0] = [3000.0, 0.0, 0.0]
+    world.reports[0] = world.report(0, 0)
+    for number in range(20):
+        registration.advance(number * SECOND // 10)
+        registration.scan(number * SECOND // 10, world.scan(number)[:1], RADAR)
+    registration.advance(2 * SECOND)
+    before = registration.rotation.copy()
+    told = registration.scan(2 * SECOND, world.scan(20), RADAR)
+    assert told is not None  # about the first one's direction it has become known
+    moved = registration.rotation - before
+    assert told.mean[0] == pytest.approx(moved[0], rel=0.2)
+    assert abs(told.mean[2]) < 0.9 * abs(moved[2])
+
+
+# ------------------------------------------------------------------------------------- in the tracks' model
+
+
+def test_what_turns_keeps_its_covariance_and_each_axis_its_time() -> None:
+    axes = matrix_from_quaternion(quaternion_from_vector([0.2, 0.5, -0.1])) @ np.diag([1e-3, 4e-3, 2e-3])
+    turning = intruder.Turning(axes, np.array([1.0, 0.3, 0.5]), np.array([10.0, 60.0, 30.0]))
+    noise = intruder.Noise(2.5, 8.0, False, np.full(3, 0.3), 0.2, 60.0)
+    step = intruder.turning(intruder.step(0.7, noise), turning)
+    F, Q = step.F[intruder.TURNED, intruder.TURNED], step.Q[intruder.TURNED, intruder.TURNED]
+    np.testing.assert_allclose(F @ turning.covariance @ F.T + Q, turning.covariance, rtol=1e-9, atol=1e-20)
+    np.testing.assert_allclose(F @ axes[:, 1], np.exp(-0.7 / 60.0) * axes[:, 1], rtol=1e-12)
+
+
+def test_what_tracks_are_told_is_what_a_measurement_of_it_would_have_told_seed_10() -> None:
+    """Told a posterior of the rotation, a track's other states must be as if it had been measured."""
+    rng = np.random.default_rng(10)
+    root = rng.normal(0, 1, (2, 15, 15)) * np.repeat([5.0, 1.0, 0.5, 1.0, 0.01], 3)[:, None]
+    P, mean = root @ root.transpose(0, 2, 1), rng.normal(0, 1, (2, 15))
+    seen, noise = np.array([0.004, -0.002, 0.003]), np.diag([1e-5, 2e-5, 3e-5])
+    H = np.zeros((3, 15))
+    H[:, intruder.TURNED] = np.eye(3)
+    for b in range(2):
+        K = P[b] @ H.T @ np.linalg.inv(H @ P[b] @ H.T + noise)
+        after, rest = mean[b] + K @ (seen - H @ mean[b]), P[b] - K @ H @ P[b]
+        told = Belief(after[intruder.TURNED], rest[intruder.TURNED, intruder.TURNED])
+        found = intruder.told_turned(Belief(mean, P), told)
+        np.testing.assert_allclose(found.mean[b, :12], after[:12], rtol=1e-6, atol=1e-9)
+        np.testing.assert_array_equal(found.mean[b, 12:], 0.0)
+        np.testing.assert_allclose(found.covariance[b], rest, rtol=1e-5, atol=1e-9)
