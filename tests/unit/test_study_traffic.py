@@ -49,3 +49,11 @@ def test_a_flight_is_scored_seed_101() -> None:
     assert len(found.tables[0].rows) == 20
     assert found.claims[0].verdict == "holds"
     assert {c.unit for c in found.checks} == {"", "s", "%"}
+
+
+def test_aircraft_that_only_the_radar_sees_are_known_by_those_that_are_heard_too_seed_102() -> None:
+    """Half a degree of our own attitude is 15 m at their distance."""
+    told = traffic.fly(102, "imm", 30.0)
+    silent = [a for a in told.aircraft if a.name.startswith("crossing-") and a.samples > 100]
+    assert len(silent) >= 3
+    assert max(a.rmse for a in silent) < 8.0
