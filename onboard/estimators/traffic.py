@@ -3,8 +3,8 @@
 Tracks live in one Cartesian frame (`_traffic_frame`), all filters in one batch at one time (`_traffic_batch`).
 Reports wait for the next publication, when all that came are fused together; a radar scan is fused when it comes.
 Both may be older than the filters: the model looks back. An address is an identity: what it says goes to its own
-track and to no other; echoes go to the tracks they fit best. Those that are both heard and seen tell by how much our
-own attitude is off (`_traffic_registration`).
+track and to no other; echoes go to the tracks they fit best. Those that are both heard and seen tell by how much
+our own attitude is off (`_traffic_registration`).
 """
 
 from collections import Counter

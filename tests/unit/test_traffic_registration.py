@@ -25,8 +25,10 @@ class World:
     """Aircraft at rest around us, each steadily off by what is said, and a rotation drawn from the model; the
     radar scans ten times a second, and each aircraft reports once. With `north` metres all are on one side."""
 
-    def __init__(self, count: int, seed: int, own_sigma: float = 1.0, north: float = 0.0) -> None:
-        self.rng = np.random.default_rng(seed)
+    def __init__(
+        self, count: int, seed: int, own_sigma: float = 1.0, north: float = 0.0, white: float = WHITE
+    ) -> None:
+        self.rng, self.white = np.random.default_rng(seed), white
         self.places = self.rng.uniform(-1, 1, (count, 3)) * [3000.0, 3000.0, 400.0]
         if north:
             self.places = north * np.array([1.0, 0.0, 0.0]) + 0.1 * self.places
@@ -36,8 +38,8 @@ class World:
         self.reports = [self.report(k, 0) for k in range(count)]
 
     def report(self, k: int, t_ns: int) -> Report:
-        y = np.concatenate([self.places[k] + self.biases[k] + self.rng.normal(0, WHITE, 3), np.zeros(3)])
-        R = np.diag([WHITE**2] * 3 + [1e-4] * 3)
+        y = np.concatenate([self.places[k] + self.biases[k] + self.rng.normal(0, self.white, 3), np.zeros(3)])
+        R = np.diag([self.white**2] * 3 + [1e-4] * 3)
         return Report(("system", k), t_ns, y, R, np.full(3, 3.0), SAID)
 
     def scan(self, number: int) -> list[Sight]:
@@ -93,7 +95,7 @@ def test_a_new_report_errs_anew_seeds_1_to_120() -> None:
     """One anchor's reports, each with noise of its own: averaged they would be, were it taken for one."""
     nees = []
     for seed in range(1, 121):
-        world = World(1, seed, north=1500.0)
+        world = World(1, seed, north=1500.0, white=8.0)
         registration = watched(world, 41)
         off = (world.rotation - registration.rotation)[1:]
         nees.append(off @ np.linalg.solve(registration._belief.covariance[1:3, 1:3], off))
