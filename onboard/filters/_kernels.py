@@ -92,12 +92,25 @@ def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
 
 @njit(**FILLING, **CONTRACTED)
 def squares_into(a, count, out):  # type: ignore[no-untyped-def]
-    """The lower triangle (and what else is in its blocks) of out = a[:, :count] a[:, :count]^T.
+    """The lower triangle of out = a[:, :count] a[:, :count]^T.
 
     The number of rows must be a multiple of three: nine sums at a time need six loads, where one needs two.
     """
     for i in range(0, a.shape[0], 3):
-        for j in range(0, i + 1, 3):
+        u, v, w = a[i, 0], a[i + 1, 0], a[i + 2, 0]
+        uu, vu, vv, wu, wv, ww = u * u, v * u, v * v, w * u, w * v, w * w
+        for s in range(1, count):
+            u, v, w = a[i, s], a[i + 1, s], a[i + 2, s]
+            uu += u * u
+            vu += v * u
+            vv += v * v
+            wu += w * u
+            wv += w * v
+            ww += w * w
+        out[i, i] = uu
+        out[i + 1, i], out[i + 1, i + 1] = vu, vv
+        out[i + 2, i], out[i + 2, i + 1], out[i + 2, i + 2] = wu, wv, ww
+        for j in range(0, i, 3):
             u, v, w, x, y, z = a[i, 0], a[i + 1, 0], a[i + 2, 0], a[j, 0], a[j + 1, 0], a[j + 2, 0]
             ux, uy, uz, vx, vy, vz, wx, wy, wz = u * x, u * y, u * z, v * x, v * y, v * z, w * x, w * y, w * z
             for s in range(1, count):
@@ -305,18 +318,17 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     if not exists:
         return INNOVATION, zero
     offsets_by_into(points, d, m, cross)  # the set is symmetric: differences of opposite images are enough
-    for i in range(n):  # cross = cross w L^-T
-        for a in range(m):
+    loose = False  # whether any pair of states is moved as usual, and which are not
+    for i in range(n):
+        step = zero
+        for a in range(m):  # cross = cross w L^-T
             entry = w * cross[i, a]
             for b in range(a):
                 entry -= lower[a, b] * cross[i, b]
-            cross[i, a] = entry * inverse[a]
-    loose = False  # whether any pair of states is moved as usual, and which are not
-    for i in range(n):
+            entry *= inverse[a]
+            cross[i, a] = entry
+            step += entry * white[a]
         loose |= considered[i]
-        step = zero
-        for a in range(m):
-            step += cross[i, a] * white[a]
         mean_out[i] = points[0, i] + (zero if considered[i] else step)
     if m > 0:
         squares_into(cross, m, reductions)  # K S K^T
