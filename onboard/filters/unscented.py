@@ -35,7 +35,7 @@ from onboard.geometry.rotations import Array
 def _keep_pages() -> None:
     """Let a large batch keep its memory from step to step. The C library (glibc) gives free memory at the top of
     the heap back when it is more than twice the largest piece it has seen come and go, and a batch of 500 would
-    take it again in each step, page by page, for a tenth of its time. A piece of 8 MB, never touched, is enough."""
+    take it again in each step, page by page, for a tenth of its time. A piece of 8 MB, never touched, will do."""
     np.empty(8 << 20, np.uint8)
 
 
