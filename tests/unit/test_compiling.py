@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -149,6 +150,15 @@ def _interrupt(_: object) -> None:
     raise KeyboardInterrupt
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """As in a terminal: what a shell starts in the background ignores interruptions, and so do its children."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interruption_is_kept_for_whoever_looks() -> None:
     before = signal.getsignal(signal.SIGINT)
     with compiling._interruptions() as came:
@@ -157,6 +167,7 @@ def test_an_interruption_is_kept_for_whoever_looks() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.usefixtures("interruptible")
 def test_an_interruption_leaves_no_process_behind(tmp_path: Path) -> None:
     """It comes while they compile: nothing is there yet."""
     environment = dict(os.environ, NUMBA_CACHE_DIR=str(tmp_path))
