@@ -12,7 +12,6 @@ import importlib
 import multiprocessing
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -35,7 +34,6 @@ FIRST: Final = (
     *("onboard.filters._kernels_root", "onboard.filters._kernels_smooth", "onboard.filters._kernels_points"),
     *("onboard.filters._kernels_mixture", "onboard.models.leader_modes", "onboard.filters._kernels_augmented"),
 )
-LOOK_S: Final = 0.2  # how often an interruption is looked for
 PROGRAMS: Final = ("onboard.daemon", "onboard.demo", "onboard.replay", "onboard.view.view")
 LOADS_ITS_PACKAGE: Final = "onboard.filters.methods"  # the function that imports every module beside it
 
@@ -73,16 +71,13 @@ def compile_all(names: Iterable[str] | None = None, *, workers: int | None = Non
     running: dict[Future[Module | None], str] = {}
     made: list[Module] = []
     done, total = 0, sum(map(_has_kernels, wanted))
-    with _processes(count) as pool, _interruptions() as interruptions:
+    with _processes(count) as pool:
         while order.is_active():
             waiting = sorted({*waiting, *order.get_ready()}, key=_rank)
             while waiting and len(running) < count:
                 name = waiting.pop(0)
                 running[pool.submit(_make_ready, name)] = name
-            finished = wait(running, LOOK_S, FIRST_COMPLETED).done
-            if interruptions:
-                raise KeyboardInterrupt
-            for future in finished:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
                 name, module = running.pop(future), future.result()
                 order.done(name)
                 made += [module] if module is not None else []
@@ -178,23 +173,6 @@ def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
             if isinstance(error, OSError):
                 raise CompileError(f"compile: the machine code cannot be kept: {error}") from error
             raise
-
-
-@contextmanager
-def _interruptions() -> Iterator[list[int]]:
-    """The signals that came and would have interrupted, for whoever looks: raised where they come they may be
-    lost, in a finaliser or a callback of the pool's."""
-    came: list[int] = []
-    kept = {}
-    if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if signal.getsignal(number) is signal.default_int_handler:
-                kept[number] = signal.signal(number, lambda which, _: came.append(which))
-    try:
-        yield came
-    finally:
-        for number, handler in kept.items():
-            signal.signal(number, handler)
 
 
 def _begin(lock: Any) -> None:

@@ -49,7 +49,7 @@ def choose(
     method, step = SINGLE[name], _remembering(manoeuvring)
 
     def predict(state: Any, dt: float, turning: intruder.Turning) -> Any:
-        then = intruder.turning(step(dt), turning)
+        then = intruder.with_turning(step(dt), turning)
         return method.predict(state, _mover(then), then.Q)
 
     def change(state: Any, f: Callable[[Belief], Belief]) -> Any:
@@ -72,7 +72,7 @@ def _mixture(
     def predict(state: Any, dt: float, turning: intruder.Turning) -> Any:
         kept = np.exp(-dt * sum(1.0 / time for time in lasts))
         transition = kept * np.eye(count) + (1.0 - kept) * share
-        each = [intruder.turning(step(dt), turning) for step in steps]
+        each = [intruder.with_turning(step(dt), turning) for step in steps]
         return multiple_model.predict(modes, state, [_mover(s) for s in each], [s.Q for s in each], transition)
 
     def update(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:

@@ -59,7 +59,6 @@ class Registration:
         known = np.radians([c.own_tilt_sigma_deg, c.own_tilt_sigma_deg, c.own_yaw_sigma_deg])
         attitude = np.maximum(known, EXACT)
         self._unknown = intruder.Turning(np.diag(attitude), np.ones(3), np.full(3, c.own_attitude_time_s))
-        self._own = c.own_position_sigma_m
         self._sigma = np.concatenate([attitude, np.full(3, c.own_position_sigma_m)])
         self._time = np.repeat([c.own_attitude_time_s, c.own_position_time_s], 3)
         self._push = c.manoeuvre_acceleration_m_s2
@@ -225,7 +224,7 @@ class Registration:
         before = np.linalg.inv(self._unknown.covariance)
         covariance = np.linalg.inv(before + (weighed @ across).sum(axis=0))
         ours = covariance @ weighed.sum(axis=0)  # our own position is off in all of them alike
-        return np.asarray(covariance + self._own**2 * ours @ ours.T)
+        return np.asarray(covariance + self._sigma[OWN][0] ** 2 * ours @ ours.T)
 
 
 def _blocks(matrices: Array) -> Array:

@@ -44,7 +44,7 @@ def gather(points, w_mean, w_cov, w, Q, out):  # type: ignore[no-untyped-def]
     return gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
 
 
-def scratch(n: int, m: int) -> int:
+def scratch_size(n: int, m: int) -> int:
     """How many numbers `redraw` and `correct_and_redraw` need behind the points and the covariance."""
     rows, width = correct_room(n, m)
     height, length = gather_room(n)
@@ -54,7 +54,7 @@ def scratch(n: int, m: int) -> int:
 @njit(_signatures(2, 1, 2, "out"), **FILLING, **CONTRACTED)
 def redraw(moved, weights, Q, drawn):  # type: ignore[no-untyped-def]
     """Mean and covariance of the moved points, and new points of them: into the rows of `drawn` (2n+1 + n, n), and
-    `scratch`, the points, of which the first is the mean, and the covariance; a status. `weights` (4,) as in
+    scratch, the points, of which the first is the mean, and the covariance; a status. `weights` (4,) as in
     `Weights`."""
     n = drawn.shape[1]
     points, P = drawn[: 2 * n + 1], drawn[2 * n + 1 : 3 * n + 1]

@@ -18,14 +18,14 @@ from onboard.geometry.rotations import Array
 
 class Kernels(NamedTuple):
     """A filter's arithmetic: `draw(belief, weights)` gives points (2n+1, n) of a belief, the compiled ones fill
-    the array of a step, `Drawn.room`, in which they may need `scratch(n, m)` numbers more. `factored`: it carries
+    the array of a step, `Drawn.room`, in which they may need `scratch_size(n, m)` numbers more. `factored`: it carries
     the covariance's lower factor in its place."""
 
     draw: Callable[[Any, Weights], Array]
     redraw: Callable[..., int]
     correct_and_redraw: Callable[..., tuple[int, float]]
     factored: bool
-    scratch: Callable[[int, int], int] | None = None
+    scratch_size: Callable[[int, int], int] | None = None
 
 
 class Rule(NamedTuple):
@@ -82,8 +82,8 @@ def rule(
         marks = np.concatenate([flags(angular, m), flags(considered, n)])
     except IndexError as error:
         raise FilterError(f"angular {angular}, considered {considered}: must be below {m} and {n}") from error
-    scratch = kernels.scratch(n, m) if kernels.scratch else 0
-    rows = 3 * n + 1 + -(-scratch // n)
+    size = kernels.scratch_size(n, m) if kernels.scratch_size else 0
+    rows = 3 * n + 1 + -(-size // n)
     return Rule(weights, np.array(weights, dtype), marks, (rows, n), np.dtype(dtype), kernels)
 
 

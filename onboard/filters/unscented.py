@@ -110,7 +110,7 @@ def sigma_points(belief: Belief | Drawn, weights: Weights) -> Array:
 
 
 KERNELS: Final = stepping.Kernels(
-    sigma_points, kernels.redraw, kernels.correct_and_redraw, factored=False, scratch=kernels.scratch
+    sigma_points, kernels.redraw, kernels.correct_and_redraw, factored=False, scratch_size=kernels.scratch_size
 )
 step: Final = stepping.step  # of this filter, by its `rule`
 

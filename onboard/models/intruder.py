@@ -84,7 +84,7 @@ class Step(NamedTuple):
 
 
 def step(dt: float, noise: Noise) -> Step:
-    """The transition over `dt` > 0 seconds and its noise, but for `turned`: see `turning`.
+    """The transition over `dt` > 0 seconds and its noise, but for `turned`: see `with_turning`.
 
     Raises FilterError.
     """
@@ -104,7 +104,7 @@ def step(dt: float, noise: Noise) -> Step:
     return Step(F, Q, dt, noise.keeps_turn)
 
 
-def turning(step: Step, turning: Turning) -> Step:
+def with_turning(step: Step, turning: Turning) -> Step:
     """The step with `turned` going on so."""
     F, Q = step.F.copy(), step.Q.copy()
     axes, fade = turning.axes, np.exp(-step.dt / turning.times)

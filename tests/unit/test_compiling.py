@@ -159,15 +159,6 @@ def interruptible() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("interruptible")
-def test_an_interruption_is_kept_for_whoever_looks() -> None:
-    before = signal.getsignal(signal.SIGINT)
-    with compiling._interruptions() as came:
-        signal.raise_signal(signal.SIGINT)
-        assert came == [signal.SIGINT]
-    assert signal.getsignal(signal.SIGINT) is before
-
-
-@pytest.mark.usefixtures("interruptible")
 def test_an_interruption_leaves_no_process_behind(tmp_path: Path) -> None:
     """It comes while they compile: nothing is there yet."""
     environment = dict(os.environ, NUMBA_CACHE_DIR=str(tmp_path))

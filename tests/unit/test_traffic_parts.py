@@ -28,7 +28,7 @@ TURNING = intruder.Turning(np.diag([0.01, 0.01, 0.02]), np.ones(3), np.full(3, 1
 
 
 def stepped(dt: float, noise: intruder.Noise) -> intruder.Step:
-    return intruder.turning(intruder.step(dt, noise), TURNING)
+    return intruder.with_turning(intruder.step(dt, noise), TURNING)
 
 
 def beliefs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -202,7 +202,7 @@ def test_what_turns_keeps_its_covariance_and_each_axis_its_time() -> None:
     axes = matrix_from_quaternion(quaternion_from_vector([0.2, 0.5, -0.1])) @ np.diag([1e-3, 4e-3, 2e-3])
     turning = intruder.Turning(axes, np.array([1.0, 0.3, 0.5]), np.array([10.0, 60.0, 30.0]))
     noise = intruder.Noise(2.5, 8.0, False, np.full(3, 0.3), 0.2, 60.0)
-    step = intruder.turning(intruder.step(0.7, noise), turning)
+    step = intruder.with_turning(intruder.step(0.7, noise), turning)
     F, Q = step.F[intruder.TURNED, intruder.TURNED], step.Q[intruder.TURNED, intruder.TURNED]
     np.testing.assert_allclose(F @ turning.covariance @ F.T + Q, turning.covariance, rtol=1e-9, atol=1e-20)
     np.testing.assert_allclose(F @ axes[:, 1], np.exp(-0.7 / 60.0) * axes[:, 1], rtol=1e-12)
