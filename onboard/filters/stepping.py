@@ -18,8 +18,8 @@ from onboard.geometry.rotations import Array
 
 class Kernels(NamedTuple):
     """A filter's arithmetic: `draw(belief, weights)` gives points (2n+1, n) of a belief, the compiled ones fill
-    the array of a step, `Drawn.room`, in which they may need `scratch_size(n, m)` numbers more. `factored`: it carries
-    the covariance's lower factor in its place."""
+    the array of a step, `Drawn.room`, in which they may need `scratch_size(n, m)` numbers more. `factored`: it
+    carries the covariance's lower factor in its place."""
 
     draw: Callable[[Any, Weights], Array]
     redraw: Callable[..., int]
