@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from onboard.messages import Estimate, Health, NavState, OwnPose, Record, SimStatus, Truth
-from onboard.sinks.zenoh import ZenohConfig, open_session
+from onboard.zenoh_session import ZenohConfig, open_session
 
 KINDS: Final[dict[str, type[Record]]] = {
     "estimate": Estimate,
@@ -41,7 +41,7 @@ class Client:
         self.undecodable = 0
         self._records: queue.SimpleQueue[Received] = queue.SimpleQueue()
         self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in KINDS.items()}
-        self._session: Any = open_session(config)
+        self._session = open_session(config)
         self._subscribers = [
             self._session.declare_subscriber(key, self._receive)
             for key in (
@@ -56,9 +56,7 @@ class Client:
             for name in ("truth", "status")
         ]
         token = f"{config.prefix}/alive"
-        self._subscribers.append(
-            self._session.liveliness().declare_subscriber(token, self._see_alive, history=True)
-        )
+        self._subscribers.append(self._session.watch_liveliness(token, self._see_alive))
 
     def take(self, timeout: float) -> Received | None:
         """The next record, None if none comes within `timeout` seconds."""

@@ -24,6 +24,7 @@ from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
 from onboard.traffic_out import TrafficOut
 from onboard.wire.odometry import OdometryStream
+from onboard.zenoh_session import ZenohSession, open_session
 
 TICK_S: Final = 0.05
 HEALTH_EVERY_NS: Final = 1_000_000_000
@@ -42,7 +43,7 @@ class Daemon:
         self._sessions = {link.name: Session(config.autopilot) for link in config.link if link.autopilot}
         self._traffic_out = TrafficOut(config.traffic_out, config.autopilot.component)
         self._sinks: dict[str, SinkRunner[Any]] = {}
-        self._zenoh: Any = None
+        self._zenoh: ZenohSession | None = None
         self._odometry: OdometryStream | None = None
         self._states: dict[str, Lifecycle] = {}
         self._next_health_ns = 0
@@ -73,7 +74,7 @@ class Daemon:
         """Claim ports, devices and files, so that a mistake shows before the flight does."""
         config = self._config
         if config.zenoh.enabled:
-            self._zenoh = await asyncio.to_thread(publishing.open_session, config.zenoh)
+            self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
             sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix, now_ns=self._now_ns)
             self._sinks["zenoh"] = SinkRunner("zenoh", sink, publishing.CAPACITY)
             self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix))

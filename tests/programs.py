@@ -33,7 +33,14 @@ def argv(*command: str | Path) -> list[str]:
 def environment() -> dict[str, str]:
     """Ours, with the sources found from any folder, no display, and no colours."""
     kept = {k: v for k, v in os.environ.items() if k not in {"DISPLAY", "WAYLAND_DISPLAY", "FORCE_COLOR"}}
-    return {**kept, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", "COLUMNS": "160", "NO_COLOR": "1"}
+    return {
+        **kept,
+        "PYTHONPATH": str(ROOT),
+        "PYTHONUNBUFFERED": "1",
+        "COLUMNS": "160",
+        "NO_COLOR": "1",
+        "PYTHONFAULTHANDLER": "1",
+    }
 
 
 class Program:
@@ -75,7 +82,10 @@ class Program:
         """Send a signal to it, or to all of its group; its exit code."""
         if self.popen.poll() is None:
             (os.killpg if group else os.kill)(self.popen.pid, number)
-        return self.popen.wait(PATIENCE)
+        code = self.popen.wait(PATIENCE)
+        if code < 0 and code != -number:
+            print(f"died of {signal.Signals(-code).name}, having said:\n{self.said()}", file=sys.stderr)
+        return code
 
 
 @contextmanager

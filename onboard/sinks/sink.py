@@ -108,23 +108,16 @@ class SinkRunner(Generic[T]):
     async def run(self) -> None:
         """Until cancelled; a failing sink is restarted, never raised. On cancellation what is queued is still
         written and the sink closed, unless that takes longer than `close_timeout_s`."""
-        loop = asyncio.get_running_loop()
-        ended = asyncio.Event()
-
-        def work() -> None:
-            self._work()
-            with suppress(RuntimeError):  # the loop did not wait for us
-                loop.call_soon_threadsafe(ended.set)
-
         self._stop.clear()
-        threading.Thread(target=work, name=f"sink-{self.name}", daemon=True).start()
+        thread = threading.Thread(target=self._work, name=f"sink-{self.name}", daemon=True)
+        thread.start()
         try:
-            await ended.wait()
+            await asyncio.get_running_loop().create_future()  # that nothing resolves
         finally:
             self._stop.set()
-            with suppress(TimeoutError):
-                async with asyncio.timeout(self._close_timeout_s):
-                    await ended.wait()
+            # To its very end: what it lets go of last may be in a library of Rust's, in which no thread must be
+            # when Python ends (`onboard.zenoh_session`).
+            await asyncio.to_thread(thread.join, self._close_timeout_s)
 
     def _work(self) -> None:
         """The sink's thread: use it until told to stop, again after every failure, ever more slowly."""

@@ -1,4 +1,4 @@
-"""Zenoh: the one session of the program, and the sink that publishes on it.
+"""The sink that publishes over Zenoh.
 
 Below `onboard/<vehicle>/`: `estimate/<name>`, `own_state`, `ownship` and `health` are published as JSON and
 answer queries with the latest value; the attachment of what is published is the time of publication, in ns of
@@ -9,106 +9,19 @@ timeout comes back as lost and not valid: a late joiner can never take an old va
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final
 
 import msgspec
 
-from onboard.messages import Estimate, Health, Lifecycle, OwnPose, Record
+from onboard.messages import Estimate, Health, Lifecycle, OwnPose
 from onboard.schemas import key_of
 from onboard.sinks.sink import SinkError
-
-if TYPE_CHECKING:
-    import zenoh
+from onboard.zenoh_session import ZenohSession
 
 Published = Estimate | OwnPose | Health
 
 CAPACITY: Final = 2048  # records waiting; a second or two, or the tracks of a busy sky a few times
-FORBIDDEN: Final = "*$?#/"
 QUERYABLE: Final = ("estimate/**", "own_state", "ownship", "health")
-DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
-
-
-class ZenohConfig(Record, frozen=True, kw_only=True):
-    """How to take part in Zenoh. The defaults make us the router on this computer's loopback and nothing else.
-
-    `config_file` is a Zenoh JSON5 file for what is not here (TLS, passwords, access control); what it leaves
-    unsaid keeps our defaults, and `mode`, `listen` and `connect` then count only where it does.
-    """
-
-    enabled: bool = True
-    vehicle: str = "1"
-    mode: Literal["router", "peer", "client"] = "router"
-    listen: tuple[str, ...] = DEFAULT_LISTEN
-    connect: tuple[str, ...] = ()
-    max_message_size: int = 262_144  # bytes; Zenoh's own default would let a peer send us 1 GiB
-    config_file: str | None = None
-
-    def __post_init__(self) -> None:
-        """Raises ValueError for a vehicle that cannot stand in a key."""
-        v = self.vehicle
-        if not v or not v.isascii() or not v.isprintable() or any(c in FORBIDDEN or c.isspace() for c in v):
-            raise ValueError(f"vehicle {v!r} cannot be part of a key: use letters, digits, - and _, as uav-1")
-
-    @property
-    def prefix(self) -> str:
-        """What all our keys begin with."""
-        return f"onboard/{self.vehicle}"
-
-
-def open_session(config: ZenohConfig) -> "zenoh.Session":
-    """Open the session; blocks for some ten milliseconds (client and connect: until the peer answers).
-
-    Raises SinkError: port in use, no router there, unreadable file.
-    """
-    import zenoh  # noqa: PLC0415 - replay never loads it
-
-    try:
-        return zenoh.open(_zenoh_config(config))
-    except zenoh.ZError as error:
-        raise SinkError(_explanation(config, str(error))) from error
-
-
-def _explanation(config: ZenohConfig, error: str) -> str:
-    """One line for what Zenoh says at length."""
-    if "Address already in use" in error:
-        return f"zenoh: {', '.join(config.listen)} is in use: is another router, or another onboard, running?"
-    if config.mode == "client":
-        return f"zenoh: no router answers at {', '.join(config.connect) or 'any address: set connect'}"
-    reason = error.splitlines()[0].split(" at /")[0]  # the rest names places in Zenoh's sources
-    return f"zenoh: cannot open a session ({reason})"
-
-
-def _zenoh_config(config: ZenohConfig) -> Any:
-    """Zenoh's form of it. Raises SinkError when the file cannot be read."""
-    import zenoh  # noqa: PLC0415 - replay never loads it
-
-    untouched = zenoh.Config()
-    try:
-        result = zenoh.Config.from_file(config.config_file) if config.config_file else zenoh.Config()
-    except zenoh.ZError as error:
-        problem = "cannot be read as Zenoh JSON5" if Path(str(config.config_file)).exists() else "does not exist"
-        raise SinkError(f"zenoh: config_file {config.config_file} {problem}") from error
-    ours = {
-        "mode": config.mode,
-        "listen/endpoints": [] if config.mode == "client" else list(config.listen),
-        "connect/endpoints": list(config.connect),
-        "scouting/delay": 0,  # opening would wait half a second for the answers to a scouting we do not do
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/link/rx/max_message_size": config.max_message_size,
-        # Room for a tenth of a second of estimates, so that a subscriber may be busy for a moment; when it is
-        # full, drop at once rather than wait a millisecond (50 for fragments) for a peer that does not read.
-        "transport/link/tx/queue/size/data": 16,
-        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
-        "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": 0,
-        # A killed process would leave segments behind, and our messages are too short to gain by it.
-        "transport/shared_memory/enabled": False,
-    }
-    for key, value in ours.items():
-        if result.get_json(key) == untouched.get_json(key):
-            result.insert_json5(key, msgspec.json.encode(value).decode())
-    return result
 
 
 class ZenohSink:
@@ -116,7 +29,7 @@ class ZenohSink:
 
     def __init__(
         self,
-        session: "zenoh.Session",
+        session: ZenohSession,
         prefix: str,
         *,
         validity_s: float = 2.0,

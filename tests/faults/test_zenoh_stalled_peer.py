@@ -8,7 +8,8 @@ import sys
 import time
 
 from onboard.messages import OwnPose
-from onboard.sinks.zenoh import ZenohConfig, ZenohSink, open_session
+from onboard.sinks.zenoh import ZenohSink
+from onboard.zenoh_session import ZenohConfig, open_session
 
 SUBSCRIBER = """
 import sys, time, zenoh

@@ -6,7 +6,6 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -15,8 +14,9 @@ import zenoh
 
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Encoding, Estimate, Health, Lifecycle, OwnPose
-from onboard.sinks import SinkError, SinkRunner
-from onboard.sinks.zenoh import ZenohConfig, ZenohSink, open_session
+from onboard.sinks import SinkRunner
+from onboard.sinks.zenoh import ZenohSink
+from onboard.zenoh_session import ZenohConfig, open_session
 
 TIMEOUT_S = 10.0
 PREFIX = "onboard/uav-1"
@@ -266,31 +266,6 @@ def test_a_flood_of_points_costs_points_not_memory(session: Any, client: Any) ->
     asyncio.run(main())
 
 
-def test_the_default_listens_on_loopback_only_and_does_not_scout() -> None:
-    assert ZenohConfig(vehicle="a").listen == ("tcp/127.0.0.1:7447",)
-    endpoint = free_endpoint()
-    session = open_session(config(endpoint))
-    try:
-        port = int(endpoint.rsplit(":", 1)[1])
-        udp, tcp = Path("/proc/net/udp").read_text(), Path("/proc/net/tcp").read_text()
-        assert f"0100007F:{port:04X}" in tcp
-        assert f":{7446:04X} " not in udp  # Zenoh's scouting port
-    finally:
-        session.close()
-
-
-def test_a_port_in_use_is_one_clear_line(session: Any, endpoint: str) -> None:  # noqa: ARG001 - it holds the port
-    with pytest.raises(SinkError, match="is in use: is another router") as caught:
-        open_session(config(endpoint))
-    assert endpoint in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_client_whose_router_is_not_there_is_told_so(endpoint: str) -> None:
-    with pytest.raises(SinkError, match="no router answers at tcp/127"):
-        open_session(config(endpoint, mode="client", connect=(endpoint,)))
-
-
 def test_a_client_of_another_router_publishes_through_it(session: Any, client: Any, endpoint: str) -> None:  # noqa: ARG001
     ours = open_session(ZenohConfig(vehicle="uav-1", mode="client", connect=(endpoint,)))
     try:
@@ -300,38 +275,3 @@ def test_a_client_of_another_router_publishes_through_it(session: Any, client: A
         sink.close()
     finally:
         ours.close()
-
-
-@pytest.mark.parametrize("vehicle", ["", "a b", "a/b", "*", "$x", "a?", "#", "é", "a\n"])
-def test_a_vehicle_that_cannot_stand_in_a_key_is_refused(vehicle: str) -> None:
-    with pytest.raises(ValueError, match="cannot be part of a key"):
-        ZenohConfig(vehicle=vehicle)
-
-
-def test_a_config_file_rules_and_what_it_leaves_unsaid_keeps_our_defaults(tmp_path: Path) -> None:
-    theirs, ours = free_endpoint(), free_endpoint()
-    file = tmp_path / "zenoh.json5"
-    file.write_text(f'{{mode: "router", listen: {{endpoints: ["{theirs}"]}}}}')
-    session = open_session(config(ours, config_file=str(file)))
-    try:
-        with pytest.raises(SinkError, match="in use"):
-            open_session(config(theirs))
-        open_session(config(ours)).close()  # free: the file's endpoint was taken instead
-    finally:
-        session.close()
-    file.write_text("{}")
-    session = open_session(config(ours, config_file=str(file)))
-    try:
-        with pytest.raises(SinkError, match="in use"):
-            open_session(config(ours))
-    finally:
-        session.close()
-
-
-@pytest.mark.parametrize(("content", "says"), [(None, "does not exist"), ("{mode: ", "cannot be read")])
-def test_a_config_file_that_is_none_is_a_sink_error(tmp_path: Path, content: str | None, says: str) -> None:
-    file = tmp_path / "zenoh.json5"
-    if content is not None:
-        file.write_text(content)
-    with pytest.raises(SinkError, match=says):
-        open_session(config(free_endpoint(), config_file=str(file)))

@@ -229,3 +229,18 @@ def test_a_sink_that_keeps_failing_is_tried_ever_more_slowly_and_the_program_end
     health = with_runner(sink, story).health()
     assert 3 <= health.restarts <= 7  # 10, 20, 40 .. 320 ms; without back-off fifty
     assert health.error == "cannot open"
+
+
+def test_the_thread_of_a_sink_has_ended_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Slow(threading.Thread):
+        def run(self) -> None:
+            super().run()
+            time.sleep(0.2)
+
+    monkeypatch.setattr("onboard.sinks.sink.threading.Thread", Slow)
+
+    async def story(_: SinkRunner[int]) -> None:
+        await until(lambda: any(isinstance(thread, Slow) for thread in threading.enumerate()))
+
+    with_runner(Collector(), story)
+    assert not any(isinstance(thread, Slow) for thread in threading.enumerate())
