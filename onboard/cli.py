@@ -178,6 +178,7 @@ def _schema(a: argparse.Namespace) -> int:
 def _compile(a: argparse.Namespace) -> int:
     from rich.console import Console  # noqa: PLC0415
 
+    from onboard.compiling import needed_by_flight  # noqa: PLC0415
     from onboard.config import named_estimators, parse_config, read_table  # noqa: PLC0415
     from onboard.progress import compile_shown  # noqa: PLC0415
 
@@ -189,7 +190,8 @@ def _compile(a: argparse.Namespace) -> int:
         there = f", {module.loaded} there already" if module.loaded else ""
         print(f"{module.name:40}{module.seconds:6.1f} s  {module.compiled} compiled{there}", flush=True)
 
-    modules = compile_shown(None if table is None else named_estimators(table), Console(stderr=True), tell)
+    begun = None if table is None else needed_by_flight(named_estimators(table))
+    modules = compile_shown(begun, Console(stderr=True), tell)
     if table is not None:
         parse_config(table)  # its mistakes are better told of now than before the flight
     folder = os.path.commonpath([module.folder for module in modules])

@@ -92,10 +92,15 @@ def all_modules() -> set[str]:
     return {name for package in PACKAGES for name in _modules(package)}
 
 
-def needed_by(estimators: Iterable[str]) -> set[str]:
+def needed_by_flight(estimators: Iterable[str]) -> set[str]:
     """Every module of `onboard` that a flight with these estimators may import, as may its replay and the view."""
+    return needed_by([*PROGRAMS, *(f"onboard.estimators.{name}" for name in estimators)])
+
+
+def needed_by(names: Iterable[str]) -> set[str]:
+    """These modules of `onboard` and every one that they may import."""
     found: set[str] = set()
-    waiting = [*PROGRAMS, *(f"onboard.estimators.{name}" for name in estimators)]
+    waiting = [*names]
     while waiting:
         name = waiting.pop()
         if name not in found:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from onboard.compiling import Module, compile_all, needed_by
+from onboard.compiling import Module, compile_all
 
 
 def progress_bar(console: Console) -> Progress:
@@ -23,11 +23,11 @@ def progress_bar(console: Console) -> Progress:
     )
 
 
-def compile_shown(
-    estimators: Iterable[str] | None, console: Console, tell: Callable[[Module], None]
-) -> list[Module]:
-    """Compile what a flight with estimators of these names needs, or everything (None), and `tell` of each module
-    that has been made ready. Raises CompileError."""
+def compile_shown(modules: Iterable[str] | None, console: Console, tell: Callable[[Module], None]) -> list[Module]:
+    """Compile the modules of these names, or every one (None), and `tell` of each that has been made ready.
+
+    Raises CompileError.
+    """
     with progress_bar(console) as bar:
         task = bar.add_task("compiling what is not ready yet", total=None)
 
@@ -36,4 +36,4 @@ def compile_shown(
             if module is not None:
                 tell(module)
 
-        return compile_all(None if estimators is None else needed_by(estimators), told=told)
+        return compile_all(modules, told=told)

@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.markdown import Markdown
 from rich.table import Column, Table
 
-from onboard import studies
-from onboard.compiling import Module
+from onboard import estimators, studies
+from onboard.compiling import Module, needed_by, needed_by_flight
 from onboard.config import Config
 from onboard.demo import Report, flight_name, run_demo
 from onboard.errors import UserError
@@ -58,8 +58,8 @@ def demo(
         bar = progress_bar(console)
         task = bar.add_task("starting simulator and daemon", total=duration)
 
-        def prepare(estimators: Iterable[str]) -> None:
-            compile_shown(estimators, console, _told_once(console))
+        def prepare(names: Iterable[str]) -> None:
+            compile_shown(needed_by_flight(names), console, _told_once(console, "this flight", "half a minute"))
             stack.enter_context(bar)  # after that of the compiling: a terminal shows one at a time
 
         def progress(flown: float, newest: Estimate | None) -> None:
@@ -94,14 +94,14 @@ def demo(
     return 1 if report.score.diverged and not flown_alone else 0
 
 
-def _told_once(console: Console) -> Callable[[Module], None]:
+def _told_once(console: Console, what: str, how_long: str) -> Callable[[Module], None]:
     """Says, when the first module had to be compiled, that this takes a while."""
     said: list[Module] = []
 
     def tell(module: Module) -> None:
         if module.compiled and not said:
             said.append(module)
-            console.print("compiling what this flight needs (half a minute on two cores, once)", highlight=False)
+            console.print(f"compiling what {what} needs ({how_long} on two cores, once)", highlight=False)
 
     return tell
 
@@ -171,6 +171,7 @@ def study(name: str, *, seeds: int | None, out: Path, json_file: Path | None) ->
         raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")
     _make_folder(out / name)
     _check_targets(json_file)
+    _compile([name])
     result = _measure(name, seeds, out)
     Console().print(Markdown((out / name / "report.md").read_text(encoding="utf-8")))
     print(f"written: {out / name}/report.md, result.json and figures")
@@ -185,6 +186,7 @@ def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
     for name in known:
         _make_folder(out / name)
     _check_targets(json_file)
+    _compile(known)
     results = _measure_all(known, seeds, out)
     name_column = Column("study", no_wrap=True)
     table = Table(name_column, "claims: hold", "only if", "do not", "agree with reference", box=None)
@@ -204,6 +206,15 @@ def study_names() -> list[str]:
     """Every study there is: the modules of onboard/studies."""
     found = (m.name.replace("_", "-") for m in pkgutil.iter_modules(studies.__path__))
     return sorted(name for name in found if not name.startswith("-"))
+
+
+def _compile(names: list[str]) -> None:
+    """Ahead and by all cores together: each of a study's processes would compile the same."""
+    modules = needed_by(map(_module, names))
+    if "onboard.pipeline" in modules:  # which loads estimators by name
+        modules |= needed_by_flight(estimators.known())
+    console = Console(stderr=True)
+    compile_shown(modules, console, _told_once(console, "this study", "up to a minute and a half"))
 
 
 def _measure(name: str, seeds: int | None, out: Path) -> dict[str, Any]:
@@ -226,8 +237,12 @@ def _measure_all(names: list[str], seeds: int | None, out: Path) -> dict[str, di
 
 
 def _title(name: str) -> str:
-    title: str = import_module(f"{studies.__name__}.{name.replace('-', '_')}").TITLE
+    title: str = import_module(_module(name)).TITLE
     return title
+
+
+def _module(name: str) -> str:
+    return f"{studies.__name__}.{name.replace('-', '_')}"
 
 
 @contextmanager

@@ -1,6 +1,6 @@
-"""All studies, two at a time, each in a process of its own that has its own workers: while one draws its figures
-the workers of the other keep all cores busy."""
+"""All studies, two at a time, each with half of the cores: while one draws its figures, the other goes on."""
 
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from importlib import import_module
@@ -23,14 +23,19 @@ Told = Callable[[str, int, int], None]
 Said = tuple[str, int, int] | None
 
 
-def run_study(name: str, seeds: int | None, out: Path, progress: Progress) -> dict[str, Any]:
-    """One study, by its name; its files go to a folder of `out`. Its numbers as plain values.
+def run_study(
+    name: str, seeds: int | None, out: Path, progress: Progress, jobs: int | None = None
+) -> dict[str, Any]:
+    """One study, by its name, in `jobs` processes (None: one per core); its files go to a folder of `out`. Its
+    numbers as plain values.
 
     Raises ImportError where figures cannot be drawn.
     """
     module = import_module(f"{studies.__name__}.{name.replace('-', '_')}")
     asked = {} if seeds is None else {"seeds": seeds}
-    numbers: dict[str, Any] = msgspec.to_builtins(module.run(**asked, out=out / name, progress=progress))
+    numbers: dict[str, Any] = msgspec.to_builtins(
+        module.run(**asked, jobs=jobs, out=out / name, progress=progress)
+    )
     return numbers
 
 
@@ -56,7 +61,8 @@ def run_all(names: Sequence[str], seeds: int | None, out: Path, told: Told) -> d
 
 
 def _child(queue: "Queue[Said]", name: str, seeds: int | None, out: Path) -> dict[str, Any]:
-    return run_study(name, seeds, out, lambda done, total: queue.put((name, done, total)))
+    jobs = max(1, (os.cpu_count() or 1) // AT_ONCE)  # with one, a study starts no process of its own
+    return run_study(name, seeds, out, lambda done, total: queue.put((name, done, total)), jobs)
 
 
 def _listen(queue: "Queue[Said]", told: Told) -> None:

@@ -16,7 +16,7 @@ from numba.core.caching import CacheImpl, IndexDataCacheFile
 
 from onboard import compiling
 from onboard.cli import main
-from onboard.compiling import FIRST, CompileError, Module, all_modules, compile_all, needed_by
+from onboard.compiling import FIRST, CompileError, Module, all_modules, compile_all, needed_by_flight
 from onboard.models import relative_motion
 
 ROOT = Path(__file__).parents[2]
@@ -81,7 +81,7 @@ def test_a_flight_imports_no_kernels_but_those_foreseen(tmp_path: Path, scenario
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
     imported = {name for name in done.stdout.splitlines()[-1].split() if name in all_modules()}
     assert any("kernels" in name for name in imported)
-    assert imported <= needed_by([sections.partition("=")[0]])
+    assert imported <= needed_by_flight([sections.partition("=")[0]])
 
 
 def test_what_is_to_go_first_exists() -> None:

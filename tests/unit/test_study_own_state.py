@@ -12,7 +12,8 @@ Flight = tuple[list[NavState], list[Truth]]
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
-    return own_state.fly(load_scenario("quadrotor-motor"), 3, 12.0, "csvsf-adaptive")
+    (states,), truths = own_state.fly(load_scenario("quadrotor-motor"), 3, 12.0, ["csvsf-adaptive"])
+    return states, truths
 
 
 def test_the_right_name_in_time_seed_3(flight: Flight) -> None:
@@ -43,6 +44,8 @@ def test_without_the_barometer_it_is_not_asked() -> None:
 def test_records_bring_the_vertical_velocity_that_mavlink_has_not_seed_3() -> None:
     scenario = load_scenario("quadrotor")
     for vertical, components in ((False, 5), (True, 6)):
-        states, _ = own_state.fly(scenario, 3, 1.5, "cubature", vertical)
+        (states, others), _ = own_state.fly(scenario, 3, 1.5, ["cubature", "csvsf"], vertical)
+        assert len(states) == len(others)
+        assert states != others  # each by its own filter
         fixes = [s.measurement for s in states if s.measurement is not None and s.measurement.source == "gps"]
         assert {len(m.components) for m in fixes if m.components} == {components}
