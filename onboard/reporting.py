@@ -2,9 +2,10 @@
 
 import os
 import pkgutil
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -169,6 +170,7 @@ def study(name: str, *, seeds: int | None, out: Path, json_file: Path | None) ->
     known = study_names()
     if name not in known:
         raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")
+    _require_figures()
     _make_folder(out / name)
     _check_targets(json_file)
     _compile([name])
@@ -183,6 +185,7 @@ def study(name: str, *, seeds: int | None, out: Path, json_file: Path | None) ->
 def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
     """`onboard study --all`: every study, two at a time; the JSON has their numbers by name."""
     known = study_names()
+    _require_figures()
     for name in known:
         _make_folder(out / name)
     _check_targets(json_file)
@@ -220,20 +223,15 @@ def _compile(names: list[str]) -> None:
 def _measure(name: str, seeds: int | None, out: Path) -> dict[str, Any]:
     with progress_bar(Console(stderr=True)) as bar:
         task = bar.add_task(_title(name), total=None)
-        with _figures_possible():
-            return run_study(name, seeds, out, lambda done, total: bar.update(task, completed=done, total=total))
+        return run_study(name, seeds, out, lambda done, total: bar.update(task, completed=done, total=total))
 
 
 def _measure_all(names: list[str], seeds: int | None, out: Path) -> dict[str, dict[str, Any]]:
     with progress_bar(Console(stderr=True)) as bar:
         tasks = {name: bar.add_task(_title(name), total=None) for name in names}
-        with _figures_possible():
-            return run_all(
-                names,
-                seeds,
-                out,
-                lambda name, done, total: bar.update(tasks[name], completed=done, total=total),
-            )
+        return run_all(
+            names, seeds, out, lambda name, done, total: bar.update(tasks[name], completed=done, total=total)
+        )
 
 
 def _title(name: str) -> str:
@@ -245,15 +243,10 @@ def _module(name: str) -> str:
     return f"{studies.__name__}.{name.replace('-', '_')}"
 
 
-@contextmanager
-def _figures_possible() -> Iterator[None]:
-    """Raises UserError where they are not."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if error.name != "matplotlib":
-            raise
-        raise UserError("figures need matplotlib: pip install 'wingline[study]'") from error
+def _require_figures() -> None:
+    """Before anything is compiled or flown. Raises UserError where figures cannot be drawn."""
+    if find_spec("matplotlib") is None:
+        raise UserError("figures need matplotlib: pip install 'wingline[study]'")
 
 
 def _print_replay(log: Path, replayed: Replayed, result: Score, *written: Path | None) -> None:

@@ -273,6 +273,16 @@ def test_a_replay_loads_neither_zenoh_nor_rerun(flight: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("which", ["--all", "cwpa-kalman-tracker-3d"])
+def test_a_study_without_matplotlib_is_one_line_before_anything_is_done(
+    which: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert cli.main(["study", which, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == "onboard: figures need matplotlib: pip install 'wingline[study]'\n"
+    assert not (tmp_path / "out").exists()
+
+
 def test_output_into_a_pipe_that_closes_is_no_error() -> None:
     read, write = os.pipe()
     os.close(read)
