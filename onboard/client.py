@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 
 from onboard.messages import Estimate, Health, NavState, OwnPose, Record, SimStatus, Truth
-from onboard.zenoh_session import ZenohConfig, open_session
+from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 KINDS: Final[dict[str, type[Record]]] = {
     "estimate": Estimate,

@@ -28,8 +28,8 @@ from onboard.messages import (
     TargetPoints,
     Vec3,
 )
+from onboard.sinks.zenoh_session import ZenohConfig
 from onboard.wire.mavlink_encode import message_number
-from onboard.zenoh_session import ZenohConfig
 
 ARDUPILOT: Final = 3
 SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]

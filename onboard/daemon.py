@@ -22,9 +22,9 @@ from onboard.session import Session
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
+from onboard.sinks.zenoh_session import ZenohSession, open_session
 from onboard.traffic_out import TrafficOut
 from onboard.wire.odometry import OdometryStream
-from onboard.zenoh_session import ZenohSession, open_session
 
 TICK_S: Final = 0.05
 HEALTH_EVERY_NS: Final = 1_000_000_000

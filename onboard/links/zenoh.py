@@ -10,19 +10,18 @@ from typing import Any, Final
 
 from onboard.links.link import Deliver, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding
-from onboard.zenoh_session import ZenohSession
 
 LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
 WAITING: Final = 256  # images on their way into the loop: a flood costs its newest images, not our memory
 
 
 class ZenohLink:
-    """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.zenoh_session`).
+    """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh_session`).
 
     The channel of a datagram is its key. It takes no part in closing the session.
     """
 
-    def __init__(self, session: ZenohSession, prefix: str, channel: str = "zenoh") -> None:
+    def __init__(self, session: Any, prefix: str, channel: str = "zenoh") -> None:
         self.channel = channel
         self.received = 0
         self.sent = 0

@@ -116,7 +116,7 @@ class SinkRunner(Generic[T]):
         finally:
             self._stop.set()
             # To its very end: what it lets go of last may be in a library of Rust's, in which no thread must be
-            # when Python ends (`onboard.zenoh_session`).
+            # when Python ends (`onboard.sinks.zenoh_session`).
             await asyncio.to_thread(thread.join, self._close_timeout_s)
 
     def _work(self) -> None:

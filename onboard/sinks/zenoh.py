@@ -16,7 +16,7 @@ import msgspec
 from onboard.messages import Estimate, Health, Lifecycle, OwnPose
 from onboard.schemas import key_of
 from onboard.sinks.sink import SinkError
-from onboard.zenoh_session import ZenohSession
+from onboard.sinks.zenoh_session import ZenohSession
 
 Published = Estimate | OwnPose | Health
 

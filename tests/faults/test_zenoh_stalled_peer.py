@@ -9,7 +9,7 @@ import time
 
 from onboard.messages import OwnPose
 from onboard.sinks.zenoh import ZenohSink
-from onboard.zenoh_session import ZenohConfig, open_session
+from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 SUBSCRIBER = """
 import sys, time, zenoh

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 
 from onboard.sinks import SinkError
-from onboard.zenoh_session import ZenohConfig, open_session
+from onboard.sinks.zenoh_session import ZenohConfig, open_session
 from tests.programs import environment, free_ports
 
 # Python takes a second to end, during which a callback in a thread that it does not wait for wants to go on.
 ENDS_IN_A_CALLBACK = """
 import sys, threading, time
-from onboard.zenoh_session import ZenohConfig, open_session
+from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 class Lingering:
     sleep = time.sleep

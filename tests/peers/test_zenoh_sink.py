@@ -16,7 +16,7 @@ from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Encoding, Estimate, Health, Lifecycle, OwnPose
 from onboard.sinks import SinkRunner
 from onboard.sinks.zenoh import ZenohSink
-from onboard.zenoh_session import ZenohConfig, open_session
+from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 TIMEOUT_S = 10.0
 PREFIX = "onboard/uav-1"

@@ -31,9 +31,9 @@ def test_an_interruption_interrupts() -> None:
 
 def test_compiling_is_told_of_once_and_only_if_there_was_something_to_compile() -> None:
     console = Console(record=True, quiet=False, stderr=True)
-    tell = _told_once(console)
+    tell = _told_once(console, "this flight", "a minute")
     tell(Module("there", loaded=3, compiled=0, seconds=0.1, folder=""))
     assert console.export_text(clear=False) == ""
     for _ in range(2):
         tell(Module("new", loaded=0, compiled=3, seconds=9.0, folder=""))
-    assert console.export_text().count("compiling") == 1
+    assert console.export_text().count("compiling what this flight needs (a minute on two cores, once)") == 1
