@@ -193,12 +193,11 @@ def _work(
     few = -(-len(every) // 4)
     for name in EXPECTED:
         used = [each for scenario, each in keys if scenario == name]
-        records = tuple(each for each in used if each.endswith(WITH_VERTICAL))
-        lots = [(tuple(each for each in used if each not in records), every[:few])]
-        lots += [((default,), every[few:]), *([(records, every[:few])] if records else [])]
-        for together, seeds in lots:
-            for chunk in _chunks(seeds):
-                yield name, together, chunk
+        of_records = tuple(each for each in used if each.endswith(WITH_VERTICAL))
+        of_bytes = tuple(each for each in used if each not in of_records)
+        for together, seeds in ((of_bytes, every[:few]), ((default,), every[few:]), (of_records, every[:few])):
+            if together:
+                yield from ((name, together, chunk) for chunk in _chunks(seeds))
 
 
 def _chunks(seeds: range) -> list[range]:

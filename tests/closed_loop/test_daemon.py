@@ -50,6 +50,10 @@ class Relay:
         parser = dialect.MAVLink(None)
         return [m for data in list(self.from_daemon) for m in parser.parse_buffer(data) or []]
 
+    def heard(self, kind: str) -> int:
+        """How many messages of that kind the daemon sent."""
+        return sum(m.get_type() == kind for m in self.frames())
+
     def close(self) -> None:
         self._stop.set()
         self._thread.join()
@@ -238,8 +242,9 @@ def test_daemon_is_a_good_citizen_of_the_link_seed_2(setup: Setup) -> None:
                 assert health.autopilot == "PX4, system 1"
                 assert health.autopilot_reboots == 0
                 assert health.verdicts.get("leader.gated", 0) == 0
-                asked = len([m for m in relay.frames() if m.get_type() == "COMMAND_LONG"])
-                time.sleep(6)  # longer than until it would ask again
+                asked, beats = relay.heard("COMMAND_LONG"), relay.heard("HEARTBEAT")
+                # one a second: longer than until it would ask again
+                until(lambda: relay.heard("HEARTBEAT") >= beats + 7, "seven more heartbeats")
                 frames = relay.frames()
         finally:
             relay.close()
@@ -286,7 +291,9 @@ def test_daemon_survives_a_reboot_of_the_autopilot_seeds_3_and_4(setup: Setup) -
             value, attachment = queried(setup.endpoint, key)
             assert value["valid"] is True
             assert attachment["stale"] is False
-            time.sleep(3)  # so that the boot clock goes back by more than a second when it begins anew
+            begun = observer.estimates[-1].t_ns
+            # so that the boot clock goes back by more than a second when it begins anew
+            until(lambda: observer.is_tracking() and observer.estimates[-1].t_ns > begun + 3e9, "three seconds")
             simulator.end(signal.SIGKILL)
         daemon.wait_for("the autopilot is silent")
         value, attachment = queried(setup.endpoint, key)
