@@ -73,8 +73,9 @@ class Batch:
             self._belief = self._choice.belief(self._state)
         return self._belief
 
-    def advance(self, t_ns: int, turning: intruder.Turning) -> Places:
-        """Predict all to a time, never back; the rows of tracks whose filter failed, which stay as they were."""
+    def advance(self, t_ns: int, turning: intruder.Turning, bias: Array) -> Places:
+        """Predict all to a time, never back; the rows of tracks whose filter failed, which stay as they were. What
+        turns, and `bias` (size, 3), are `Choice.predict`'s."""
         dt = (t_ns - self.t_ns) * 1e-9
         if dt <= 0:
             return np.zeros(0, np.int64)
@@ -82,9 +83,9 @@ class Batch:
         if self.size == 0:
             return np.zeros(0, np.int64)
         try:
-            self._set(self._choice.predict(self._state, dt, turning))
+            self._set(self._choice.predict(self._state, dt, turning, bias))
         except FilterError:
-            return self._predict_singly(dt, turning)
+            return self._predict_singly(dt, turning, bias)
         return np.zeros(0, np.int64)
 
     def judge_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias: Array) -> Judged:
@@ -148,12 +149,12 @@ class Batch:
         nis = np.asarray(update.nis)
         return Judged(update.belief, update.innovation, update.innovation_covariance, update.predicted, nis)
 
-    def _predict_singly(self, dt: float, turning: intruder.Turning) -> Places:
+    def _predict_singly(self, dt: float, turning: intruder.Turning, bias: Array) -> Places:
         failed: list[int] = []
 
         def predict(one: Any, i: int) -> Any:
             try:
-                return self._choice.predict(one, dt, turning)
+                return self._choice.predict(one, dt, turning, bias[i : i + 1])
             except FilterError:
                 failed.append(i)
                 return one

@@ -63,8 +63,8 @@ class Config(Record, frozen=True, kw_only=True):
     gust_m_s: NotNegative = 0.5
     gust_vertical_m_s: NotNegative = 0.25
     gust_time_s: Positive = 5.0
-    quiet_acceleration_m_s2: Positive = 0.3
-    quiet_time_s: Positive = 60.0
+    quiet_acceleration_m_s2: Positive = 0.5
+    quiet_time_s: Positive = 170.0  # a turn that is kept does not fade
     manoeuvre_acceleration_m_s2: Positive = 2.5
     manoeuvre_time_s: Positive = 8.0
     quiet_lasts_s: Positive = 50.0  # from one manoeuvre to the next, on average

@@ -1,6 +1,6 @@
 """The filters a tracker may use, all tracks in one batch: any of `onboard.filters`, called alike.
 
-state = choice.predict(state, dt, turning)
+state = choice.predict(state, dt, turning, bias)
 part = take(state, rows)                        # of some tracks
 state = put(state, rows, update.belief)
 """
@@ -27,12 +27,13 @@ SINGLE: Final[dict[str, Method]] = {
 
 
 class Choice(NamedTuple):
-    """A filter over tracks, as `onboard.filters.Method`, but that `predict(state, dt, turning)` knows the model.
+    """A filter over tracks, as `onboard.filters.Method`, but that `predict(state, dt, turning, bias)` knows the
+    model; `bias` (tracks, 3) is of the reports that each has heard, see `intruder.with_reports`.
     `change(state, f)` is the state with `f` of its beliefs in their places, however many it has of each track.
     `polar`: whether it takes a radar's measurements as they are, or only Cartesian ones."""
 
     start: Callable[[Array, Array], Any]
-    predict: Callable[[Any, float, intruder.Turning], Any]
+    predict: Callable[[Any, float, intruder.Turning, Array], Any]
     update: Callable[[Any, Array, Rows, Array, tuple[int, ...]], Update]
     belief: Callable[[Any], Belief]
     change: Callable[[Any, Callable[[Belief], Belief]], Any]
@@ -48,8 +49,8 @@ def choose(
         return _mixture((extended.METHODS[0],) * 2, (quiet, manoeuvring), lasts)
     method, step = SINGLE[name], _remembering(manoeuvring)
 
-    def predict(state: Any, dt: float, turning: intruder.Turning) -> Any:
-        then = intruder.with_turning(step(dt), turning)
+    def predict(state: Any, dt: float, turning: intruder.Turning, bias: Array) -> Any:
+        then = intruder.with_reports(intruder.with_turning(step(dt), turning), bias)
         return method.predict(state, _mover(then), then.Q)
 
     def change(state: Any, f: Callable[[Belief], Belief]) -> Any:
@@ -69,10 +70,10 @@ def _mixture(
     def start(mean: Array, covariance: Array) -> Any:
         return multiple_model.start(modes, mean, covariance, share)
 
-    def predict(state: Any, dt: float, turning: intruder.Turning) -> Any:
+    def predict(state: Any, dt: float, turning: intruder.Turning, bias: Array) -> Any:
         kept = np.exp(-dt * sum(1.0 / time for time in lasts))
         transition = kept * np.eye(count) + (1.0 - kept) * share
-        each = [intruder.with_turning(step(dt), turning) for step in steps]
+        each = [intruder.with_reports(intruder.with_turning(step(dt), turning), bias) for step in steps]
         return multiple_model.predict(modes, state, [_mover(s) for s in each], [s.Q for s in each], transition)
 
     def update(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:

@@ -31,14 +31,17 @@ FIRST: Final = 6  # states before the anchors'
 EACH: Final = 6
 BETTER: Final = 2.0  # times smaller a variance, in any direction: worth telling the tracks at once
 EXACT: Final = 1e-8  # rad: what is known better has no inverse
+MEMORY_S: Final = 2.0  # for about as long do tracks average
+STEEP: Final = 0.01  # cosine of an elevation, above which azimuth means nothing
 
 
 class Sight(NamedTuple):
-    """An anchor in a scan: its track's `number`, where it was seen, r_OT_n (3,), with noise (3, 3), and its last
-    report."""
+    """An anchor in a scan: its track's `number`; where it was seen, r_OT_n (3,); where it should be, by its last
+    `report` and its track's motion since, (3,); and the noise (3, 3) of their difference, less the report's."""
 
     number: int
     seen: Array
+    said: Array
     noise: Array
     report: Report
 
@@ -52,7 +55,13 @@ class Anchor(NamedTuple):
 
 
 class Registration:
-    """The `rotation`, and what remains of it: `residual`, which lasts, and `jitter`, another in each scan."""
+    """The `rotation`, and what remains of it: `residual`, which lasts, and `jitter`, another in each scan.
+
+    What the noise of reports does to the rotation lasts for a second or two: for as long as they are the newest,
+    and after that by what was learnt from them. Tracks do not know of it and average scans, so as jitter it counts
+    for as much as is left of it on average. Its covariance is kept beside (`_noise`, part of the belief's), and
+    that with the rotation's errors in the last scans, summed (`_past`).
+    """
 
     def __init__(self, config: Config) -> None:
         c = config
@@ -61,7 +70,6 @@ class Registration:
         self._unknown = intruder.Turning(np.diag(attitude), np.ones(3), np.full(3, c.own_attitude_time_s))
         self._sigma = np.concatenate([attitude, np.full(3, c.own_position_sigma_m)])
         self._time = np.repeat([c.own_attitude_time_s, c.own_position_time_s], 3)
-        self._push = c.manoeuvre_acceleration_m_s2
         self._bias_time, self._forget_ns = c.report_bias_time_s, round(c.coast_after_s * NS)
         self._gate = chi_square_threshold(c.gate_probability, 3)
         self.clear()
@@ -71,8 +79,10 @@ class Registration:
         self._t_ns: int | None = None
         self._anchors: dict[int, Anchor] = {}  # by track numbers, in the order of their states
         self._belief = Belief(np.zeros(FIRST), np.diag(self._sigma**2))
+        self._noise, self._past = np.zeros((FIRST, FIRST)), np.zeros((FIRST, 3))
         self._bias = np.zeros(0)
         self.residual = self._unknown
+        self._jitter = np.zeros((3, 3))
         self._told = self._before = self.residual.covariance
 
     @property
@@ -81,11 +91,17 @@ class Registration:
         mean: Array = self._belief.mean
         return mean[ROTATION]
 
-    @property
-    def jitter(self) -> float:
-        """Its standard deviation, rad."""
-        more = self._belief.covariance[ROTATION, ROTATION] - self.residual.covariance
-        return float(np.sqrt(max(np.trace(more), 0.0) / 3.0))
+    def jitter(self, polar: Array, R_rn: Array) -> Array:
+        """By how much a radar with attitude R_rn (3, 3) sees aircraft in these directions (k, 3) off in a scan:
+        standard deviations of range (none), azimuth and elevation, (k, 3)."""
+        toward = intruder.position(polar * [0.0, 1.0, 1.0] + [1.0, 0.0, 0.0], np.zeros(3), R_rn)
+        level = np.maximum(np.cos(polar[:, 2]), STEEP)[:, None]
+        # a rotation w moves the direction by w x toward: along `aside` what is azimuth, across it elevation
+        aside = np.cross(R_rn[2], toward) / level
+        sigma = np.zeros_like(polar)
+        for at, axes in ((1, np.cross(toward, aside) / level), (2, aside)):
+            sigma[:, at] = np.sqrt(np.maximum(np.sum((axes @ self._jitter) * axes, axis=1), 0.0))
+        return sigma
 
     def turned_back(self, R_rn: Array) -> Array:
         """The attitude R_rn (3, 3) of a radar, without the rotation."""
@@ -97,14 +113,13 @@ class Registration:
         before, predicted = self.rotation, self._belief.covariance[ROTATION, ROTATION]
         self._meet(t_ns, sights)
         self._fuse(t_ns, [s for s in sights if s.number in self._anchors], r_OR_n)
+        self._past += self._noise[:, ROTATION]
         since_ns = t_ns - self._forget_ns
-        fitted = [a for a in self._anchors.values() if a.fitted_ns is not None and a.fitted_ns >= since_ns]
-        reports = [a.report for a in fitted]
-        if not reports:
-            self.residual = self._unknown
+        if not any(a.fitted_ns is not None and a.fitted_ns >= since_ns for a in self._anchors.values()):
+            self.residual, self._jitter = self._unknown, np.zeros((3, 3))
             self._told = self._belief.covariance[ROTATION, ROTATION]
             return None
-        lasting = self._lasting(reports, r_OR_n)
+        lasting, self._jitter = self._parts(predicted)
         self.residual = self._remaining(lasting)
         if np.linalg.eigvals(np.linalg.solve(lasting, self._told)).real.max() < BETTER:
             return None
@@ -123,6 +138,8 @@ class Registration:
         mean, P = self._belief
         self._before = P[ROTATION, ROTATION]
         self._belief = Belief(fade * mean, P * np.outer(fade, fade) + np.diag(sigma**2 * (1.0 - fade**2)))
+        self._noise = self._noise * np.outer(fade, fade)
+        self._past = np.exp(-dt / MEMORY_S) * fade[:, None] * self._past
 
     def _meet(self, t_ns: int, sights: Sequence[Sight]) -> None:
         """Forget anchors not seen for long, begin with new ones as long as there is room, and take new reports."""
@@ -140,6 +157,8 @@ class Registration:
                 noise = slice(FIRST + EACH * at + 3, FIRST + EACH * (at + 1))
                 mean[noise], P[noise, :], P[:, noise] = 0.0, 0.0, 0.0
                 P[noise, noise] = report.R[:3, :3]
+                self._noise[noise, :], self._noise[:, noise], self._past[noise] = 0.0, 0.0, 0.0
+                self._noise[noise, noise] = report.R[:3, :3]
             self._anchors[number] = Anchor(report, t_ns, anchor.fitted_ns)
         self._belief = Belief(mean, P)
         for sight in sorted(sights, key=lambda s: float(np.linalg.norm(s.report.bias))):
@@ -150,17 +169,21 @@ class Registration:
     def _append(self, report: Report) -> None:
         mean, P = self._belief
         n = len(mean)
-        wider = np.zeros((n + EACH, n + EACH))
-        wider[:n, :n] = P
-        wider[n : n + 3, n : n + 3], wider[n + 3 :, n + 3 :] = np.diag(report.bias**2), report.R[:3, :3]
-        self._belief = Belief(np.concatenate([mean, np.zeros(EACH)]), wider)
-        self._bias = np.concatenate([self._bias, report.bias, np.zeros(3)])
+        wider, noise = np.pad(P, (0, EACH)), np.pad(self._noise, (0, EACH))
+        # how far reports are off is said against our own position: of that, its own error is a state already
+        bias = np.sqrt(np.maximum(report.bias**2 - self._sigma[OWN] ** 2, (0.5 * report.bias) ** 2))
+        wider[n : n + 3, n : n + 3] = np.diag(bias**2)
+        wider[n + 3 :, n + 3 :] = noise[n + 3 :, n + 3 :] = report.R[:3, :3]
+        self._belief, self._noise = Belief(np.pad(mean, (0, EACH)), wider), noise
+        self._past = np.pad(self._past, ((0, EACH), (0, 0)))
+        self._bias = np.concatenate([self._bias, bias, np.zeros(3)])
 
     def _drop(self, at: int) -> None:
-        states = np.arange(FIRST + EACH * at, FIRST + EACH * (at + 1))
-        mean, P = self._belief
-        self._belief = Belief(np.delete(mean, states), np.delete(np.delete(P, states, 0), states, 1))
-        self._bias = np.delete(self._bias, states - FIRST)
+        kept = np.delete(np.arange(len(self._belief.mean)), np.arange(FIRST + EACH * at, FIRST + EACH * (at + 1)))
+        square = np.ix_(kept, kept)
+        self._belief = Belief(self._belief.mean[kept], self._belief.covariance[square])
+        self._noise, self._past = self._noise[square], self._past[kept]
+        self._bias = self._bias[kept[FIRST:] - FIRST]
 
     def _fuse(self, t_ns: int, sights: Sequence[Sight], r_OR_n: Array) -> None:
         """Take in where known anchors are seen."""
@@ -170,23 +193,25 @@ class Registration:
         size, count = len(self._belief.mean), len(sights)
         H, y, R = np.zeros((count, 3, size)), np.zeros((count, 3)), np.zeros((count, 3, 3))
         for k, sight in enumerate(sights):
-            age = (t_ns - sight.report.t_ns) / NS
-            said = sight.report.y[:3] + age * sight.report.y[3:]
             at = FIRST + EACH * places[sight.number]
-            y[k] = sight.seen - said
-            H[k, :, ROTATION] = -intruder.crossing(said - r_OR_n)
+            y[k] = sight.seen - sight.said
+            H[k, :, ROTATION] = -intruder.crossing(sight.said - r_OR_n)
             H[k, :, OWN] = np.eye(3)
             H[k, :, at : at + 3] = H[k, :, at + 3 : at + 6] = -np.eye(3)
-            R[k] = sight.noise + age**2 * sight.report.R[3:, 3:] + (0.5 * self._push * age**2) ** 2 * np.eye(3)
+            R[k] = sight.noise
         fits = self._consistent(y, H, R)
         if not len(fits):
             return
         try:
             wide = H[fits].reshape(-1, size)
-            self._belief = kalman.update(self._belief, y[fits].ravel(), wide, _blocks(R[fits])).belief
+            update = kalman.update(self._belief, y[fits].ravel(), wide, _blocks(R[fits]))
         except FilterError:
             self.clear()
             return
+        gain = np.linalg.solve(update.innovation_covariance, wide @ self._belief.covariance).T
+        left = np.eye(size) - gain @ wide
+        self._noise, self._past = left @ self._noise @ left.T, left @ self._past
+        self._belief = update.belief
         for number in (sights[k].number for k in fits.tolist()):
             self._anchors[number] = self._anchors[number]._replace(fitted_ns=t_ns)
 
@@ -216,15 +241,21 @@ class Registration:
         rate = (1.0 - left) / self._bias_time + left / self._unknown.times
         return intruder.Turning(scale[:, None] * turns, share, 1.0 / rate)
 
-    def _lasting(self, reports: Sequence[Report], r_OR_n: Array) -> Array:
-        """The covariance (3, 3) that stays however long those who report are watched: their biases and the error
-        of our own position last for longer than the rotation."""
-        across = np.stack([intruder.crossing(r.y[:3] - r_OR_n) for r in reports])
-        weighed = np.swapaxes(across, 1, 2) / np.stack([r.bias for r in reports])[:, None, :] ** 2
-        before = np.linalg.inv(self._unknown.covariance)
-        covariance = np.linalg.inv(before + (weighed @ across).sum(axis=0))
-        ours = covariance @ weighed.sum(axis=0)  # our own position is off in all of them alike
-        return np.asarray(covariance + self._sigma[OWN][0] ** 2 * ours @ ours.T)
+    def _parts(self, predicted: Array) -> tuple[Array, Array]:
+        """The covariances (3, 3) of what lasts of the rotation's error, and of the rest, as if it were another in
+        each scan. Before the scan it was `predicted`."""
+        P, noise = self._belief.covariance, self._noise[ROTATION, ROTATION]
+        sizes = np.concatenate([self._sigma[OWN], self._bias])
+        slow = np.flatnonzero(sizes)  # our own position, and what reports are steadily off
+        by_slow = P[ROTATION, 3 + slow] / sizes[slow]
+        by_them = by_slow @ by_slow.T
+        # neither is what the radar's noise does and how the rotation moves; a scan leaves little of that in
+        # directions of which it tells, and all in others
+        other = P[ROTATION, ROTATION] - by_them - noise
+        kept = P[ROTATION, ROTATION] @ np.linalg.inv(predicted)
+        old = kept @ other @ kept.T
+        jitter = other - old + self._past[ROTATION] + self._past[ROTATION].T - noise
+        return by_them + old + EXACT**2 * np.eye(3), jitter
 
 
 def _blocks(matrices: Array) -> Array:

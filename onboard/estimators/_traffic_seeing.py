@@ -42,10 +42,10 @@ class Seeing:
         measured = np.array([(d.range, d.azimuth, d.elevation) for d in scan.detections]).reshape(-1, 3)
         sigma = self._sigma(scan, measured)
         self._table.registration.advance(scan.t_ns)
-        radar, noisy = self._registered(nominal, sigma)
+        radar, noisy = self._registered(nominal, measured, sigma)
         rows, echoes = self._associate(self._near(scan.t_ns, settled=True), measured, noisy, scan, radar)
         self._register(rows, measured[echoes], sigma[echoes], scan.t_ns, nominal)
-        radar, noisy = self._registered(nominal, sigma)
+        radar, noisy = self._registered(nominal, measured, sigma)
         seen = self._take(rows, measured[echoes], noisy[echoes], scan, radar)
         free = np.delete(np.arange(len(measured)), echoes)
         rows, echoes = self._associate(
@@ -65,10 +65,10 @@ class Seeing:
         tracks = enumerate(self._table.tracks)
         return np.array([i for i, t in tracks if t.settled is settled and t.fused_ns >= since_ns], np.int64)
 
-    def _registered(self, radar: Radar, sigma: Array) -> tuple[Radar, Array]:
+    def _registered(self, radar: Radar, measured: Array, sigma: Array) -> tuple[Radar, Array]:
         """The radar as our attitude is now thought to be, and its noise (k, 3) with what is not known of that."""
         registration = self._table.registration
-        noisy = np.hypot(sigma, np.array([0.0, 1.0, 1.0]) * registration.jitter)
+        noisy = np.hypot(sigma, registration.jitter(measured, radar.R_rn))
         return Radar(radar.r, registration.turned_back(radar.R_rn)), noisy
 
     def _register(self, rows: Places, measured: Array, sigma: Array, t_ns: int, radar: Radar) -> None:
@@ -77,10 +77,15 @@ class Seeing:
         fresh_ns = round(table.config.coast_after_s * NS)
         places = intruder.position(measured, *radar)
         noise = intruder.position_noise(measured, sigma, radar.R_rn)
+        mean, covariance = table.batch.belief()
+        tracks = [table.tracks[i] for i in rows]
+        reports = [(k, t.report) for k, t in enumerate(tracks) if t.report and t_ns - t.report.t_ns <= fresh_ns]
+        age = np.array([(t_ns - report.t_ns) / NS for _, report in reports])
+        of = rows[[k for k, _ in reports]]
+        since, unsure = intruder.gone(mean[of], covariance[of], age)
         sights = [
-            Sight(track.number, places[k], noise[k], track.report)
-            for k, track in enumerate(table.tracks[i] for i in rows)
-            if track.report is not None and t_ns - track.report.t_ns <= fresh_ns
+            Sight(tracks[k].number, places[k], report.y[:3] + since[j], noise[k] + unsure[j], report)
+            for j, (k, report) in enumerate(reports)
         ]
         told = table.registration.scan(t_ns, sights, radar.r)
         if told is not None:

@@ -19,6 +19,7 @@ from onboard.models import intruder
 
 ECHO: Final = 3  # components of an echo
 REPORT: Final = 6  # and of a report
+UNHEARD: Final = np.full(3, np.inf)  # m: how far off the reports of an aircraft are that has said nothing
 
 
 class Table:
@@ -65,7 +66,8 @@ class Table:
 
     def advance(self, t_ns: int) -> None:
         """Predict every track to a time."""
-        failed = self.batch.advance(t_ns, self.registration.residual)
+        bias = np.array([UNHEARD if t.report is None else t.report.bias for t in self.tracks]).reshape(-1, 3)
+        failed = self.batch.advance(t_ns, self.registration.residual, bias)
         if len(failed):
             self.verdicts[Verdict.NUMERICAL] += len(failed)
             self.drop(set(failed.tolist()), "the covariance was lost")

@@ -74,17 +74,20 @@ class Turning(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What `dt` seconds do: x' = F x + noise of covariance Q, both (15, 15); with `keeps_turn` the acceleration
-    turns on beside."""
+    """What `dt` seconds do: x' = F x + noise of covariance Q, both (15, 15), or Q (k, 15, 15) of tracks that
+    differ; with `keeps_turn` the acceleration turns on beside. `drift`: the variance (m^2) by which our own
+    position moves in error."""
 
     F: Array
     Q: Array
     dt: float
     keeps_turn: bool
+    drift: float
 
 
 def step(dt: float, noise: Noise) -> Step:
-    """The transition over `dt` > 0 seconds and its noise, but for `turned`: see `with_turning`.
+    """The transition over `dt` > 0 seconds and its noise, but for `turned` (see `with_turning`) and reports (see
+    `with_reports`).
 
     Raises FilterError.
     """
@@ -98,10 +101,11 @@ def step(dt: float, noise: Noise) -> Step:
     F[:9, :9], Q[:9, :9] = np.kron(axis.F, np.eye(3)), np.kron(axis.Q, np.eye(3))
     walk = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     Q[:6, :6] += np.kron(walk, np.diag(noise.gust**2))
-    Q[R, R] += noise.drift**2 * dt * np.eye(3)
+    drift = noise.drift**2 * dt
+    Q[R, R] += drift * np.eye(3)
     F[BIAS, BIAS] = np.exp(-dt / noise.bias_time) * np.eye(3)
     Q[BIAS, BIAS] = (1.0 - np.exp(-2.0 * dt / noise.bias_time)) * np.eye(3)
-    return Step(F, Q, dt, noise.keeps_turn)
+    return Step(F, Q, dt, noise.keeps_turn, drift)
 
 
 def with_turning(step: Step, turning: Turning) -> Step:
@@ -110,7 +114,23 @@ def with_turning(step: Step, turning: Turning) -> Step:
     axes, fade = turning.axes, np.exp(-step.dt / turning.times)
     F[TURNED, TURNED] = (axes * fade) @ np.linalg.inv(axes)
     Q[TURNED, TURNED] = (axes * (turning.variances * (1.0 - fade**2))) @ axes.T
-    return Step(F, Q, step.dt, step.keeps_turn)
+    return step._replace(F=F, Q=Q)
+
+
+def with_reports(step: Step, bias: Array) -> Step:
+    """The step of tracks whose reports are steadily off by about `bias` (k, 3), m; infinity where there are none.
+
+    Where an aircraft says it is does not drift with our own position. Measured from that it does, so what the
+    drift adds to r_OT_n it takes from what reports are off. Were the two noises independent, reports would seem to
+    tell of the drift, and a track that is often told would be too sure.
+    """
+    Q = np.repeat(step.Q[None], len(bias), axis=0)
+    most = np.sqrt(step.drift * step.Q[BIAS, BIAS][0, 0])  # where all that reports are off is our own position
+    for i in range(3):
+        shared = np.minimum(step.drift / bias[:, i], most)
+        Q[:, i, BIAS.start + i] -= shared
+        Q[:, BIAS.start + i, i] -= shared
+    return step._replace(Q=Q)
 
 
 def moved(rows: Array, step: Step) -> Array:
@@ -156,6 +176,15 @@ def located(rows: Array, lag: Array) -> Array:
     """Position (k, 3) `lag` (k,) seconds before."""
     back = lag[:, None]
     return np.asarray(rows[:, R] - back * rows[:, V] + 0.5 * back * back * rows[:, A])
+
+
+def gone(means: Array, covariances: Array, lag: Array) -> tuple[Array, Array]:
+    """How far aircraft have gone in the last `lag` (k,) seconds, (k, 3), by beliefs (k, 15) and (k, 15, 15), and
+    the covariance (k, 3, 3) of that."""
+    t, half = lag[:, None], 0.5 * lag[:, None] ** 2
+    of_velocity = t[..., None] * covariances[:, V, :] - half[..., None] * covariances[:, A, :]
+    spread = t[..., None] * of_velocity[:, :, V] - half[..., None] * of_velocity[:, :, A]
+    return t * means[:, V] - half * means[:, A], spread
 
 
 def seen(rows: Array, lag: Array, r_OR_n: Array, R_rn: Array) -> Array:
