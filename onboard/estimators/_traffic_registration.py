@@ -83,7 +83,7 @@ class Registration:
         self._bias = np.zeros(0)
         self.residual = self._unknown
         self._jitter = np.zeros((3, 3))
-        self._told = self._before = self.residual.covariance
+        self._told = self._before = self._moved = self.residual.covariance
 
     @property
     def rotation(self) -> Array:
@@ -119,7 +119,7 @@ class Registration:
             self.residual, self._jitter = self._unknown, np.zeros((3, 3))
             self._told = self._belief.covariance[ROTATION, ROTATION]
             return None
-        lasting, self._jitter = self._parts(predicted)
+        lasting, self._jitter = self._parts()
         self.residual = self._remaining(lasting)
         if np.linalg.eigvals(np.linalg.solve(lasting, self._told)).real.max() < BETTER:
             return None
@@ -137,7 +137,9 @@ class Registration:
         sigma = np.concatenate([self._sigma, self._bias])
         mean, P = self._belief
         self._before = P[ROTATION, ROTATION]
-        self._belief = Belief(fade * mean, P * np.outer(fade, fade) + np.diag(sigma**2 * (1.0 - fade**2)))
+        more = np.diag(sigma**2 * (1.0 - fade**2))
+        self._moved = more[ROTATION, ROTATION]
+        self._belief = Belief(fade * mean, P * np.outer(fade, fade) + more)
         self._noise = self._noise * np.outer(fade, fade)
         self._past = np.exp(-dt / MEMORY_S) * fade[:, None] * self._past
 
@@ -241,18 +243,18 @@ class Registration:
         rate = (1.0 - left) / self._bias_time + left / self._unknown.times
         return intruder.Turning(scale[:, None] * turns, share, 1.0 / rate)
 
-    def _parts(self, predicted: Array) -> tuple[Array, Array]:
+    def _parts(self) -> tuple[Array, Array]:
         """The covariances (3, 3) of what lasts of the rotation's error, and of the rest, as if it were another in
-        each scan. Before the scan it was `predicted`."""
+        each scan."""
         P, noise = self._belief.covariance, self._noise[ROTATION, ROTATION]
         sizes = np.concatenate([self._sigma[OWN], self._bias])
         slow = np.flatnonzero(sizes)  # our own position, and what reports are steadily off
         by_slow = P[ROTATION, 3 + slow] / sizes[slow]
         by_them = by_slow @ by_slow.T
-        # neither is what the radar's noise does and how the rotation moves; a scan leaves little of that in
-        # directions of which it tells, and all in others
+        # neither is what the radar's noise does and how the rotation moves; a scan that takes away as much as has
+        # come since the last leaves little of that in directions of which it tells, and all in others
         other = P[ROTATION, ROTATION] - by_them - noise
-        kept = P[ROTATION, ROTATION] @ np.linalg.inv(predicted)
+        kept = P[ROTATION, ROTATION] @ np.linalg.inv(P[ROTATION, ROTATION] + self._moved)
         old = kept @ other @ kept.T
         jitter = other - old + self._past[ROTATION] + self._past[ROTATION].T - noise
         return by_them + old + EXACT**2 * np.eye(3), jitter
