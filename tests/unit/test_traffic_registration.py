@@ -8,6 +8,7 @@ from msgspec import structs
 from onboard.estimators._traffic_config import Config
 from onboard.estimators._traffic_registration import MOST, Registration, Sight
 from onboard.estimators._traffic_reports import Report
+from onboard.estimators._traffic_table import Table
 from onboard.filters.belief import Belief
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector
 from onboard.messages import PeerPosition
@@ -269,3 +270,17 @@ def test_what_tracks_are_told_is_what_a_measurement_of_it_would_have_told_seed_1
         np.testing.assert_allclose(found.mean[b, :12], after[:12], rtol=1e-6, atol=1e-9)
         np.testing.assert_array_equal(found.mean[b, 12:], 0.0)
         np.testing.assert_allclose(found.covariance[b], rest, rtol=1e-5, atol=1e-9)
+
+
+def test_each_track_drifts_against_its_own_reports() -> None:
+    """What our own position drifts in a second, 1/30 m^2, goes into r_OT_n and out of what reports are off, of the
+    track that has heard some."""
+    table = Table(Config(own_position_sigma_m=1.0, own_position_time_s=60.0))
+    table.advance(SECOND)
+    for number in (1, 2):
+        table.begin(np.zeros(15), np.eye(15), ("system", number), SECOND, "peer")
+    table.tracks[1].report = Report(("system", 2), SECOND, np.zeros(6), np.eye(6), np.array([2.0, 3.0, 4.0]), SAID)
+    table.advance(2 * SECOND)
+    first, second = table.batch.belief().covariance[:, intruder.R, intruder.BIAS]
+    np.testing.assert_allclose(first, 0.0, atol=1e-12)
+    np.testing.assert_allclose(second, -np.diag([1 / 60, 1 / 90, 1 / 120]), rtol=1e-6, atol=1e-12)
