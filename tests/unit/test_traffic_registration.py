@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from onboard.estimators._traffic_batch import Radar
 from onboard.estimators._traffic_config import Config
 from onboard.estimators._traffic_registration import MOST, Registration, Sight
 from onboard.estimators._traffic_reports import Report
+from onboard.estimators._traffic_seeing import Seeing
 from onboard.estimators._traffic_table import Table
 from onboard.filters.belief import Belief
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector
@@ -284,3 +286,14 @@ def test_each_track_drifts_against_its_own_reports() -> None:
     first, second = table.batch.belief().covariance[:, intruder.R, intruder.BIAS]
     np.testing.assert_allclose(first, 0.0, atol=1e-12)
     np.testing.assert_allclose(second, -np.diag([1 / 60, 1 / 90, 1 / 120]), rtol=1e-6, atol=1e-12)
+
+
+def test_echoes_are_as_noisy_as_the_radar_and_what_is_not_known_of_our_attitude_seed_13() -> None:
+    table = Table(CONFIG)
+    table.registration = watched(World(6, 13), 31)
+    sigma = np.array([[10.0, 0.002, 0.004]])
+    radar, noisy = Seeing(table)._registered(Radar(RADAR, np.eye(3)), AHEAD, sigma)
+    jitter = table.registration.jitter(AHEAD, np.eye(3))
+    assert np.all(jitter[0, 1:] > 1e-4)
+    np.testing.assert_allclose(noisy, np.sqrt(sigma**2 + jitter**2))
+    np.testing.assert_array_equal(radar.R_rn, table.registration.turned_back(np.eye(3)))
