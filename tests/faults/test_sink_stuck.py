@@ -4,12 +4,12 @@ import subprocess
 import sys
 
 PROGRAM = """
-import asyncio, time
+import asyncio, threading
 from onboard.sinks import SinkRunner
 
 class Stuck:
     def open(self): pass
-    def write(self, records): time.sleep(3600)
+    def write(self, records): threading.Event().wait()
     def close(self): pass
 
 async def main():

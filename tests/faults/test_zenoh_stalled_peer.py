@@ -12,13 +12,13 @@ from onboard.sinks.zenoh import ZenohSink
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 SUBSCRIBER = """
-import sys, time, zenoh
+import sys, zenoh
 config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", '["' + sys.argv[1] + '"]')
 session = zenoh.open(config)
 subscriber = session.declare_subscriber("onboard/**", lambda sample: print("heard", flush=True))
-time.sleep(60)
+sys.stdin.read()  # until whoever started it ends it, or ends
 """
 
 
@@ -27,7 +27,9 @@ def test_publishing_to_a_subscriber_that_no_longer_reads_stays_cheap() -> None:
         s.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{s.getsockname()[1]}"
     session = open_session(ZenohConfig(vehicle="a", listen=(endpoint,)))
-    peer = subprocess.Popen([sys.executable, "-c", SUBSCRIBER, endpoint], stdout=subprocess.PIPE)
+    peer = subprocess.Popen(
+        [sys.executable, "-c", SUBSCRIBER, endpoint], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
     try:
         sink = ZenohSink(session, "onboard/a")
         sink.open()
@@ -52,5 +54,6 @@ def test_publishing_to_a_subscriber_that_no_longer_reads_stays_cheap() -> None:
     finally:
         peer.kill()
         peer.wait()
-        peer.stdout.close() if peer.stdout else None
+        for stream in (peer.stdin, peer.stdout):
+            stream.close() if stream else None
         session.close()
