@@ -9,11 +9,13 @@ from time import perf_counter
 from typing import NamedTuple
 
 FIRST_ESTIMATE = """
-import numpy as np
-import onboard.pipeline
-from onboard.estimators import _wing_line
-from onboard.models import wing_line
-from onboard.models.leader_flight import Sight
+from onboard.loading import loading
+with loading():  # as `onboard run` does
+    import numpy as np
+    import onboard.pipeline
+    from onboard.estimators import _wing_line
+    from onboard.models import wing_line
+    from onboard.models.leader_flight import Sight
 points = np.array([[[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]])
 still = np.zeros((1, 3))
 y, R, axes = wing_line.from_points(points, np.full((1, 3), 1e-3))

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from onboard import __version__
 from onboard.errors import UserError
+from onboard.loading import loading
 
 if TYPE_CHECKING:
     from onboard.compiling import Module
@@ -112,11 +113,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(a: argparse.Namespace) -> int:
-    from onboard.config import load_config  # noqa: PLC0415
-    from onboard.daemon import Daemon  # noqa: PLC0415
+    with loading():
+        from onboard.config import load_config  # noqa: PLC0415
+        from onboard.daemon import Daemon  # noqa: PLC0415
 
-    config = load_config(a.config, tuple(a.set))
-    daemon = Daemon(config, now_ns=time.time_ns, say=_say)
+        config = load_config(a.config, tuple(a.set))
+        daemon = Daemon(config, now_ns=time.time_ns, say=_say)
     asyncio.run(daemon.run())
     return 0
 

@@ -5,27 +5,19 @@ three angles, with their noise settings as printed and with honest ones (`_leade
 """
 
 import math
-from functools import partial
 from typing import Any, Final, NamedTuple, Protocol
 
-import numpy as np
-
-from onboard.estimators import _leader_noise, _wing_line, _wing_line_noise
-from onboard.estimators._leader_noise import Noise
+from onboard.estimators import _wing_line, _wing_line_noise
 from onboard.estimators._wing_line import Filter as WingLine
 from onboard.estimators._wing_line_noise import Extras
-from onboard.filters import unscented
 from onboard.filters.belief import Belief, Update
-from onboard.filters.gating import chi_square_threshold
 from onboard.geometry.rotations import Array
-from onboard.models import camera_angles, leader_modes, relative_motion, wing_line
+from onboard.models import leader_modes, wing_line
 from onboard.models.leader_flight import Sight
 from onboard.models.leader_modes import Modes
-from onboard.models.relative_motion import FollowerMotion
 from onboard.ownship import Step
 
 WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
-WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
 
 
 class View(NamedTuple):
@@ -97,10 +89,12 @@ def make(
     if name == "wing-line":
         manner = _wing_line_noise.overridden(_wing_line_noise.MANNERS[leader_class], overrides)
         return _WingLine(WingLine(size, size_sigma, manner, extras))
+    from onboard.estimators import _leader_noise, _oh_johnson  # noqa: PLC0415 - machine code that few flights need
+
     settings = "paper" if name == "paper" else "honest"
     noise = _leader_noise.overridden(_leader_noise.noise_for(settings, leader_class), overrides)
     # the paper takes its own attitude as known, so its settings stay as printed
-    return _OhJohnson(noise, size, size_sigma, attitude_sigma * (name != "paper"))
+    return _oh_johnson.OhJohnson(noise, size, size_sigma, attitude_sigma * (name != "paper"))
 
 
 class _WingLine:
@@ -144,62 +138,3 @@ class _WingLine:
 
 def _sight(seen: Seen, view: View) -> Sight:
     return Sight(view.R_cn[None], view.r_FC_n[None], view.v_F_n[None], view.omega_c[None], seen.axes[None])
-
-
-class _OhJohnson:
-    """The paper's filter; `attitude_sigma` is added to what is reported: an error of our own attitude is nearly
-    constant, so the images cannot average it out and their innovations do not show it."""
-
-    def __init__(self, noise: Noise, size: float, size_sigma: float, attitude_sigma: Array) -> None:
-        self.components: tuple[str, ...] = relative_motion.COMPONENTS
-        self.units: tuple[str, ...] = relative_motion.UNITS
-        self.seen_components: tuple[str, ...] = camera_angles.COMPONENTS
-        self.seen_units: tuple[str, ...] = camera_angles.UNITS
-        probability = noise.gate_probability
-        self.gate: float | None = (
-            None if probability is None else chi_square_threshold(probability, camera_angles.M)
-        )
-        self.images: int | None = noise.initialise_images
-        self._noise, self._size, self._size_sigma = noise, size, size_sigma
-        self._attitude_sigma = attitude_sigma
-        self._Q = _leader_noise.process_noise(noise, size)
-        self._considered = (relative_motion.SIZE,) if noise.consider_size else ()
-
-    def see(self, points: Array, sigmas: Array) -> Seen:
-        angles = camera_angles.angles_from_points(points)
-        R = camera_angles.noise_from_points(points, sigmas)
-        sigma = float(np.sqrt(R[2, 2]))
-        if self._noise.angles_deg is not None:
-            R = np.diag(np.radians(self._noise.angles_deg) ** 2)
-        look, wing = np.array([1.0, *points[0]]), points[2] - points[1]
-        length = np.hypot(*wing)
-        axes = np.zeros((3, 3))
-        axes[0], axes[1, 1:] = look / np.linalg.norm(look), wing / length if length else wing
-        return Seen(angles, R, float(angles[2]), sigma, axes[0], axes)
-
-    def start(self, seen: Seen, view: View, before: Any) -> Belief:
-        del before  # the paper begins anew
-        return _leader_noise.initial_belief(
-            self._noise, seen.y, seen.R, self._size, self._size_sigma, view.R_cn, view.r_FC_n
-        )
-
-    def advance(self, state: Belief, step: Step) -> Belief:
-        motion = FollowerMotion(step.v0, step.v1, step.a, step.a)
-        process = partial(relative_motion.process, dt=step.dt, follower=motion, eps=self._noise.hover_speed)
-        return unscented.predict(state, process, np.diag(self._Q * step.dt), WEIGHTS)
-
-    def fuse(self, state: Belief, seen: Seen, view: View) -> Update:
-        measure = partial(camera_angles.measure, R_cn=view.R_cn, r_FC_n=view.r_FC_n)
-        return unscented.update(state, seen.y, measure, seen.R, WEIGHTS, camera_angles.ANGULAR, self._considered)
-
-    def believed(self, state: Belief) -> Belief:
-        own = relative_motion.rotation_covariance(state.mean, self._attitude_sigma)
-        return Belief(state.mean, state.covariance + own)
-
-    def expected(self, state: Belief, seen: Seen, update: Update, view: View) -> Array:
-        """The center from the predicted angles, the wingtips at the predicted span along the wing as seen: this
-        filter does not predict the leader's bank."""
-        del state, view
-        center = np.tan(update.predicted[:2])
-        half = np.tan(0.5 * update.predicted[2]) * np.sqrt(1.0 + center @ center)
-        return np.array([center, center - half * seen.axes[1, 1:], center + half * seen.axes[1, 1:]])

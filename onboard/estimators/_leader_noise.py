@@ -4,8 +4,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.filters import unscented
 from onboard.filters.belief import Belief
+from onboard.filters.unscented_transform import julier_weights, recombine, sigma_points
 from onboard.geometry.rotations import Array
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE, R
@@ -134,10 +134,10 @@ def initial_belief(
         return Belief(mean, P)
     covariance = np.zeros((4, 4))
     covariance[:3, :3], covariance[3, 3] = angle_noise, size_sigma**2
-    weights = unscented.julier_weights(4)
-    rows = unscented.sigma_points(Belief(np.append(angles, size), covariance), weights)
+    weights = julier_weights(4)
+    rows = sigma_points(Belief(np.append(angles, size), covariance), weights)
     positions = camera_angles.position_from_angles(rows[:, :3], rows[:, 3], R_cn, r_FC_n)
-    joint = unscented.recombine(np.column_stack([positions, rows[:, 3]]), weights, np.zeros((4, 4)))
+    joint = recombine(np.column_stack([positions, rows[:, 3]]), weights, np.zeros((4, 4)))
     mean[R] = joint.mean[:3]
     P[R, R] = joint.covariance[:3, :3]
     P[R, SIZE] = P[SIZE, R] = joint.covariance[:3, 3]

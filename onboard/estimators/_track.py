@@ -17,8 +17,8 @@ from onboard.estimators._history import History
 from onboard.estimators._image import Eye, Image, agree, in_view, ready
 from onboard.estimators._image_report import Outcome, report
 from onboard.estimators._leader_filters import LeaderFilter
-from onboard.filters import unscented
 from onboard.filters.belief import Belief, FilterError
+from onboard.filters.unscented_transform import factor
 from onboard.geometry.rotations import Array
 from onboard.messages import (
     Estimate,
@@ -282,7 +282,7 @@ class Track:
         try:
             t_ns, state = self._history.belief_at(ownship.now_ns, ownship)
             belief = self._filter.believed(state)
-            unscented.factor(belief.covariance)
+            factor(belief.covariance)
         except FilterError as error:
             self._forget(f"the filter failed: {error}")
             return None

@@ -21,9 +21,9 @@ import numpy as np
 
 from onboard.estimators import _wing_line_noise as noise
 from onboard.estimators._wing_line_noise import Extras, Manner
-from onboard.filters import unscented
 from onboard.filters.belief import Belief, Update, Weights
 from onboard.filters.gating import chi_square_threshold
+from onboard.filters.unscented_transform import julier_weights, recombine, sigma_points
 from onboard.geometry.rotations import Array
 from onboard.models import leader_flight as flight
 from onboard.models import leader_modes, wing_line
@@ -86,7 +86,7 @@ def _step(filter_: Filter, dt_us: int) -> Step:
 def _weights(n: int) -> Weights:
     """No weight on the centre: with n + lambda three, as usual, it would be negative, and a wide prior after a
     long gap then loses its covariance."""
-    return unscented.julier_weights(n, float(n))
+    return julier_weights(n, float(n))
 
 
 def start(filter_: Filter, y: Array, R_y: Array, sight: Sight, before: Belief | None = None) -> Modes:
@@ -138,8 +138,8 @@ def _first_place(
     mean = np.array([0.0, 0.0, y[2], y[3], filter_.size, course, 0.0, 0.0, 0.0, 0.0])
     P = np.diag([0, 0, 0, 0, filter_.size_sigma, filter_.manner.initial_heading, START_BANK, *bias]) ** 2
     P[:4, :4] = R_y[:4, :4]
-    weights = unscented.julier_weights(len(mean), float(len(mean)))
-    rows = unscented.sigma_points(Belief(mean, P), weights)
+    weights = julier_weights(len(mean), float(len(mean)))
+    rows = sigma_points(Belief(mean, P), weights)
     quarter = 0.25 * (rows[:, :1] ** 2 + rows[:, 1:2] ** 2)
     axes = sight.axes[b]
     seen = ((1.0 - quarter) * axes[0] + rows[:, :1] * axes[1] + rows[:, 1:2] * axes[2]) / (1.0 + quarter)
@@ -152,7 +152,7 @@ def _first_place(
     images = np.column_stack(
         [sight.r_FC_n[b] + distance[:, None] * look, rows[:, 4], heading, rows[:, 7:], bank, angle]
     )
-    joint = unscented.recombine(images, weights, np.zeros((10, 10)))
+    joint = recombine(images, weights, np.zeros((10, 10)))
     return joint.mean, joint.covariance
 
 

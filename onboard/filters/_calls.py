@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.filters.belief import SHAPE, FilterError, Rows, flags, refuse, wrong_arrays
-from onboard.filters.unscented import over_rows
+from onboard.filters.unscented_transform import over_rows
 from onboard.geometry.rotations import Array
 
 # The axes an argument has for one filter; whatever stands before them is a batch.

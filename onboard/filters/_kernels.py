@@ -1,4 +1,5 @@
-"""Compiled arithmetic of the sigma-point filters: plain loops over one filter; `_kernels_points` calls them.
+"""Compiled arithmetic of the sigma-point filters: plain loops over one filter; `_kernels_transform` and
+`_kernels_points` call them.
 
 The signatures are given, so that nothing is ever compiled in flight: it happens when this module is first imported
 on a computer (`onboard compile` does it ahead), and the machine code is kept on disk. Arguments are declared

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from onboard.filters._kernels import FLAGS, TWO_PI, _signatures, factor_into
+from onboard.filters._kernels import TWO_PI, factor_into
 from onboard.filters.belief import INNOVATION, OK
 from onboard.filters.compiled import FILLING
 
@@ -26,18 +26,6 @@ def mix_into(means, P, weights, mean_out, P_out):  # type: ignore[no-untyped-def
                 spread = (means[k, a] - mean_out[a]) * (means[k, b] - mean_out[b])
                 total += weights[k] * (0.5 * (P[k, a, b] + P[k, b, a]) - base + spread)
             P_out[a, b] = P_out[b, a] = base + total
-
-
-@njit(_signatures(3, 4, 3), cache=True, error_model="numpy")
-def mix(means, P, weights):  # type: ignore[no-untyped-def]
-    """(means (B, j, n), covariances (B, j, n, n)): a mixture for each column of weights (B, r, j)."""
-    count, _, n = means.shape
-    j = weights.shape[2]
-    mean_out, P_out = np.empty((count, j, n), means.dtype), np.empty((count, j, n, n), means.dtype)
-    for b in range(count):
-        for c in range(j):
-            mix_into(means[b], P[b], weights[b, :, c], mean_out[b, c], P_out[b, c])
-    return mean_out, P_out
 
 
 @njit(**FILLING)
@@ -96,22 +84,3 @@ def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P): 
         e[0, a] = white / lower_t[a, a]
         value += e[0, a] * e[0, a]
     return status, value
-
-
-@njit(_signatures(3, 4, 2, 2, FLAGS), cache=True, error_model="numpy")
-def weigh(innovations, S, nis, prior, angular):  # type: ignore[no-untyped-def]
-    """(log-likelihoods (B, r), posterior (B, r), innovation (B, m), covariance (B, m, m), NIS (B,), status) of
-    modes with innovations (B, r, m), S (B, r, m, m), nis and prior probabilities (B, r). Angles are averaged as
-    innovations, which are small, not as angles, which break."""
-    count, r, m = innovations.shape
-    dtype = innovations.dtype
-    log_l, posterior = np.empty((count, r), dtype), np.empty((count, r), dtype)
-    mean, P, mixed_nis = np.empty((count, m), dtype), np.empty((count, m, m), dtype), np.empty(count, dtype)
-    status = OK
-    for b in range(count):
-        found, mixed_nis[b] = weigh_into(
-            innovations[b], S[b], nis[b], prior[b], angular, log_l[b], posterior[b], mean[b], P[b]
-        )
-        if found != OK:
-            status = found
-    return log_l, posterior, mean, P, mixed_nis, status

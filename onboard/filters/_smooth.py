@@ -10,7 +10,7 @@ from onboard.filters import belief as beliefs
 from onboard.filters import cubature
 from onboard.filters._calls import straight
 from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, flags
-from onboard.filters.unscented import over_rows, sigma_points
+from onboard.filters.unscented_transform import over_rows, sigma_points
 from onboard.geometry.rotations import Array
 
 GAMMA: Final = 0.1  # the convergence rate

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.filters import _kernels_mixture as kernels
+from onboard.filters import _kernels_modes as kernels
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, flags, refuse
 from onboard.geometry.rotations import Array

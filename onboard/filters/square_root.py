@@ -26,7 +26,7 @@ from onboard.filters._calls import call, images_of, marks
 from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, Weights
 from onboard.filters.cubature import weights as cubature_weights
 from onboard.filters.stepping import Drawn, Rule
-from onboard.filters.unscented import julier_weights
+from onboard.filters.unscented_transform import julier_weights
 from onboard.geometry.rotations import Array
 
 

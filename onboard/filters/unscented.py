@@ -17,9 +17,7 @@ from onboard.filters import _kernels_points as kernels
 from onboard.filters import stepping
 from onboard.filters.belief import (
     Belief,
-    FilterError,
     Method,
-    NotPositiveDefiniteError,
     Rows,
     Update,
     Weights,
@@ -28,8 +26,34 @@ from onboard.filters.belief import (
     start,
     wrong_arrays,
 )
-from onboard.filters.stepping import Drawn, Rule
+from onboard.filters.stepping import Rule
+from onboard.filters.unscented_transform import (
+    batched,
+    factor,
+    julier_weights,
+    over_rows,
+    packed,
+    recombine,
+    scaled_weights,
+    sigma_points,
+)
 from onboard.geometry.rotations import Array
+
+__all__ = [
+    "METHODS",
+    "correct",
+    "factor",
+    "julier_weights",
+    "method",
+    "over_rows",
+    "predict",
+    "recombine",
+    "rule",
+    "scaled_weights",
+    "sigma_points",
+    "step",
+    "update",
+]
 
 
 def _keep_pages() -> None:
@@ -40,24 +64,6 @@ def _keep_pages() -> None:
 
 
 _keep_pages()
-
-
-def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
-    """Weights with n + lambda given (eqs 23-25): 3 matches the fourth moment of a Gaussian; for n > 3 the centre
-    weight is then negative."""
-    if not n_plus_lambda > 0:
-        raise FilterError("n_plus_lambda: must be positive")
-    centre = 1.0 - n / n_plus_lambda
-    return Weights(float(np.sqrt(n_plus_lambda)), centre, centre, 0.5 / n_plus_lambda)
-
-
-def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float = 0.0) -> Weights:
-    """Van der Merwe's scaled weights: lambda = alpha^2 (n + kappa) - n; beta = 2 suits a Gaussian."""
-    if not (alpha > 0 and n + kappa > 0):
-        raise FilterError("alpha and n + kappa: must be positive")
-    total = alpha * alpha * (n + kappa)
-    centre = 1.0 - n / total
-    return Weights(float(np.sqrt(total)), centre, centre + 1.0 - alpha * alpha + beta, 0.5 / total)
 
 
 def rule(
@@ -75,65 +81,10 @@ def rule(
     return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS)
 
 
-def factor(covariance: Array) -> Array:
-    """Lower Cholesky factor (n, n) of a covariance.
-
-    Raises NotPositiveDefiniteError, for NaN and infinity too (LAPACK lets those pass).
-    """
-    try:
-        upper, exists = kernels.factor(covariance)
-    except TypeError as error:
-        raise wrong_arrays(covariance=covariance) from error
-    if not exists:
-        raise NotPositiveDefiniteError("covariance: not positive definite")
-    return upper.T  # type: ignore[no-any-return]  # Numba's functions are not typed
-
-
-def sigma_points(belief: Belief | Drawn, weights: Weights) -> Array:
-    """Sigma points (..., 2n+1, n), the mean first (eqs 29-30).
-
-    Raises FilterError, NotPositiveDefiniteError.
-    """
-    mean, covariance = belief.mean, belief.covariance
-    try:
-        if mean.ndim == 1:
-            n = len(mean)
-            points = np.empty((2 * n + 1, n), mean.dtype)
-            status = kernels.spread(mean, covariance, weights.spread, points)
-        else:
-            points, status = kernels.spread_batch(_packed(mean), _packed(covariance), weights.spread)
-    except (TypeError, AttributeError) as error:
-        raise wrong_arrays(mean=mean, covariance=covariance) from error
-    if status:
-        refuse(status)
-    return points
-
-
 KERNELS: Final = stepping.Kernels(
     sigma_points, kernels.redraw, kernels.correct_and_redraw, factored=False, scratch_size=kernels.scratch_size
 )
 step: Final = stepping.step  # of this filter, by its `rule`
-
-
-def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
-    """Weighted mean and covariance of points (..., 2n+1, n), plus noise (n, n) (eqs 32-33).
-
-    Raises FilterError.
-    """
-    _, w_mean, w_cov, w = weights
-    try:
-        if points.ndim == 2:
-            n = points.shape[1]
-            out = np.empty((n + 1, n), points.dtype)
-            mean, covariance = out[0], out[1:]
-            status = kernels.gather(points, w_mean, w_cov, w, noise, out)
-        else:
-            mean, covariance, status = kernels.gather_batch(_packed(points), w_mean, w_cov, w, _batched(noise))
-    except (TypeError, AttributeError) as error:
-        raise wrong_arrays(process=points, Q=noise) from error
-    if status:
-        refuse(status)
-    return Belief(mean, covariance)
 
 
 def predict(belief: Belief, process: Rows, Q: Array, weights: Weights) -> Belief:
@@ -179,7 +130,7 @@ def correct(
         return _correct(points, images, belief.covariance, y, R, weights, angular, considered)
     try:
         marks = flags(angular, y.shape[-1]), flags(considered, points.shape[-1])
-        given = _packed(points), images, _packed(belief.covariance), _packed(y), _batched(R)
+        given = packed(points), images, packed(belief.covariance), packed(y), batched(R)
         *posterior, innovation, S, predicted, nis, status = kernels.correct_batch(*given, *weights[2:], *marks)
     except (TypeError, AttributeError, IndexError) as error:
         raise wrong_arrays(mean=belief.mean, measure=images, y=y, R=R) from error
@@ -210,26 +161,6 @@ def _correct(
     if status:
         refuse(status)
     return Update(Belief(out[0], out[1:]), told[0], told[2:], told[1], nis)
-
-
-def over_rows(model: Rows, points: Array) -> Array:
-    """A model over points (k, n), or over the rows of a batch (B, k, n)."""
-    if points.ndim == 2:
-        return model(points)
-    given = points.reshape(-1, points.shape[-1])
-    rows = model(given)
-    if rows.ndim != 2 or len(rows) != len(given):
-        raise FilterError(f"process or measure: gave {rows.shape} for rows {given.shape}")
-    return rows.reshape(*points.shape[:-1], rows.shape[-1])
-
-
-def _batched(noise: Array) -> Array:
-    return _packed(noise if noise.ndim == 3 else noise[None])
-
-
-def _packed(array: Array) -> Array:
-    """As the kernels of batches take it: without gaps."""
-    return array if array.flags.c_contiguous else array.copy()
 
 
 # ------------------------------------------------------------------------------------- as methods

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.filters._kernels import FLAGS, correct_into, correct_room, gather_into, gather_room, spread_into
-from onboard.filters._kernels_mixture import mix, mix_into, pass_into, weigh_into
+from onboard.filters._kernels_mixture import mix_into, pass_into, weigh_into
 from onboard.filters.belief import OK, SHAPE, Belief, Update, Weights, flags, refuse
 from onboard.geometry.rotations import Array
 from onboard.models import wing_line
@@ -52,8 +52,7 @@ def start(mean: Array, covariance: Array, probabilities: Array) -> Modes:
 
 def believed(modes: Modes) -> Belief:
     """Mean (B, n) and covariance (B, n, n) of the mixture."""
-    mean, covariance = mix(modes.means, modes.covariances, modes.probabilities[:, :, None])
-    return Belief(mean[:, 0], covariance[:, 0])
+    return Belief(*_believed(*modes))
 
 
 def expected_points(modes: Modes, sight: Sight, eps: float) -> Array:
@@ -86,6 +85,15 @@ def update(
     if status:
         refuse(status)
     return Update(Modes(*after), e, S, predicted, nis)
+
+
+@njit((CUBE, FOUR, ROWS), cache=True, error_model="numpy")
+def _believed(means, P, probabilities):  # type: ignore[no-untyped-def]
+    count, _, n = means.shape
+    mean_out, P_out = np.empty((count, n)), np.empty((count, n, n))
+    for b in range(count):
+        mix_into(means[b], P[b], probabilities[b], mean_out[b], P_out[b])
+    return mean_out, P_out
 
 
 PREDICT_SIGNATURE: Final = (CUBE, FOUR, ROWS, ROWS, CUBE, ROWS, NUMBER, ROWS, ROWS, *[NUMBER] * 4)

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 FLOORS = (
-    {"errors"},
+    {"errors", "loading"},
     {"geometry", "messages", "filters"},
     {"models", "ownship", "clocks", "wire", "schemas"},
     {"estimators", "links", "sinks"},

@@ -1,0 +1,117 @@
+"""The unscented transform: a belief as points, moved by any model, and a belief again (Julier; Oh & Johnson eqs
+23-33).
+
+    points = sigma_points(belief, weights)       # (2n+1, n)
+    belief = recombine(model(points), weights, noise)
+
+Arrays are float64 or float32, all alike. With a leading batch axis on mean and covariance, all in one call.
+"""
+
+import numpy as np
+
+from onboard.filters import _kernels_transform as kernels
+from onboard.filters.belief import (
+    Belief,
+    FilterError,
+    NotPositiveDefiniteError,
+    Rows,
+    Weights,
+    refuse,
+    wrong_arrays,
+)
+from onboard.filters.stepping import Drawn
+from onboard.geometry.rotations import Array
+
+
+def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
+    """Weights with n + lambda given (eqs 23-25): 3 matches the fourth moment of a Gaussian; for n > 3 the centre
+    weight is then negative."""
+    if not n_plus_lambda > 0:
+        raise FilterError("n_plus_lambda: must be positive")
+    centre = 1.0 - n / n_plus_lambda
+    return Weights(float(np.sqrt(n_plus_lambda)), centre, centre, 0.5 / n_plus_lambda)
+
+
+def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float = 0.0) -> Weights:
+    """Van der Merwe's scaled weights: lambda = alpha^2 (n + kappa) - n; beta = 2 suits a Gaussian."""
+    if not (alpha > 0 and n + kappa > 0):
+        raise FilterError("alpha and n + kappa: must be positive")
+    total = alpha * alpha * (n + kappa)
+    centre = 1.0 - n / total
+    return Weights(float(np.sqrt(total)), centre, centre + 1.0 - alpha * alpha + beta, 0.5 / total)
+
+
+def factor(covariance: Array) -> Array:
+    """Lower Cholesky factor (n, n) of a covariance.
+
+    Raises NotPositiveDefiniteError, for NaN and infinity too (LAPACK lets those pass).
+    """
+    try:
+        upper, exists = kernels.factor(covariance)
+    except TypeError as error:
+        raise wrong_arrays(covariance=covariance) from error
+    if not exists:
+        raise NotPositiveDefiniteError("covariance: not positive definite")
+    return upper.T  # type: ignore[no-any-return]  # Numba's functions are not typed
+
+
+def sigma_points(belief: Belief | Drawn, weights: Weights) -> Array:
+    """Sigma points (..., 2n+1, n), the mean first (eqs 29-30).
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    mean, covariance = belief.mean, belief.covariance
+    try:
+        if mean.ndim == 1:
+            n = len(mean)
+            points = np.empty((2 * n + 1, n), mean.dtype)
+            status = kernels.spread(mean, covariance, weights.spread, points)
+        else:
+            points, status = kernels.spread_batch(packed(mean), packed(covariance), weights.spread)
+    except (TypeError, AttributeError) as error:
+        raise wrong_arrays(mean=mean, covariance=covariance) from error
+    if status:
+        refuse(status)
+    return points
+
+
+def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
+    """Weighted mean and covariance of points (..., 2n+1, n), plus noise (n, n) (eqs 32-33).
+
+    Raises FilterError.
+    """
+    _, w_mean, w_cov, w = weights
+    try:
+        if points.ndim == 2:
+            n = points.shape[1]
+            out = np.empty((n + 1, n), points.dtype)
+            mean, covariance = out[0], out[1:]
+            status = kernels.gather(points, w_mean, w_cov, w, noise, out)
+        else:
+            mean, covariance, status = kernels.gather_batch(packed(points), w_mean, w_cov, w, batched(noise))
+    except (TypeError, AttributeError) as error:
+        raise wrong_arrays(process=points, Q=noise) from error
+    if status:
+        refuse(status)
+    return Belief(mean, covariance)
+
+
+def over_rows(model: Rows, points: Array) -> Array:
+    """A model over points (k, n), or over the rows of a batch (B, k, n)."""
+    if points.ndim == 2:
+        return model(points)
+    given = points.reshape(-1, points.shape[-1])
+    rows = model(given)
+    if rows.ndim != 2 or len(rows) != len(given):
+        raise FilterError(f"process or measure: gave {rows.shape} for rows {given.shape}")
+    return rows.reshape(*points.shape[:-1], rows.shape[-1])
+
+
+def batched(noise: Array) -> Array:
+    """Noise (n, n) or (B, n, n) as the kernels of batches take it: (1 or B, n, n)."""
+    return packed(noise if noise.ndim == 3 else noise[None])
+
+
+def packed(array: Array) -> Array:
+    """As the kernels of batches take it: without gaps."""
+    return array if array.flags.c_contiguous else array.copy()
