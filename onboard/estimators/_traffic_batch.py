@@ -73,9 +73,9 @@ class Batch:
             self._belief = self._choice.belief(self._state)
         return self._belief
 
-    def advance(self, t_ns: int, turning: intruder.Turning, bias: Array) -> Places:
+    def advance(self, t_ns: int, turning: intruder.Turning, reports: intruder.Reports) -> Places:
         """Predict all to a time, never back; the rows of tracks whose filter failed, which stay as they were. What
-        turns, and `bias` (size, 3), are `Choice.predict`'s."""
+        turns, and the reports that all have heard, are `Choice.predict`'s."""
         dt = (t_ns - self.t_ns) * 1e-9
         if dt <= 0:
             return np.zeros(0, np.int64)
@@ -83,9 +83,9 @@ class Batch:
         if self.size == 0:
             return np.zeros(0, np.int64)
         try:
-            self._set(self._choice.predict(self._state, dt, turning, bias))
+            self._set(self._choice.predict(self._state, dt, turning, reports))
         except FilterError:
-            return self._predict_singly(dt, turning, bias)
+            return self._predict_singly(dt, turning, reports)
         return np.zeros(0, np.int64)
 
     def judge_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias: Array) -> Judged:
@@ -107,16 +107,23 @@ class Batch:
     def correct(self, rows: Places, judged: Judged, chosen: Places) -> None:
         """Take in the judged measurements at the places `chosen`, which are of tracks `rows[chosen]`."""
         if len(chosen):
-            self._set(put(self._state, rows[chosen], take(judged.state, chosen)))
+            self._put(rows[chosen], take(judged.state, chosen))
 
     def restart(self, row: int, mean: Array, covariance: Array) -> None:
         """Begin a track anew."""
-        self._set(put(self._state, np.array([row]), self._choice.start(mean[None], covariance[None])))
+        self._put(np.array([row]), self._choice.start(mean[None], covariance[None]))
 
     def registered(self, rotation: Belief) -> None:
         """The rotation of all that a radar sees has become known, (3,) and (3, 3)."""
         if self.size and self.polar:
             self._set(self._choice.change(self._state, lambda b: intruder.told_turned(b, rotation)))
+
+    def _put(self, rows: Places, part: Any) -> None:
+        """The state of some tracks; what is believed of the others is as it was."""
+        known = self._belief
+        self._set(put(self._state, rows, part))
+        if known is not None:
+            self._belief = put(known, rows, self._choice.belief(part))
 
     def _set(self, state: Any) -> None:
         self._state = state
@@ -149,12 +156,12 @@ class Batch:
         nis = np.asarray(update.nis)
         return Judged(update.belief, update.innovation, update.innovation_covariance, update.predicted, nis)
 
-    def _predict_singly(self, dt: float, turning: intruder.Turning, bias: Array) -> Places:
+    def _predict_singly(self, dt: float, turning: intruder.Turning, reports: intruder.Reports) -> Places:
         failed: list[int] = []
 
         def predict(one: Any, i: int) -> Any:
             try:
-                return self._choice.predict(one, dt, turning, bias[i : i + 1])
+                return self._choice.predict(one, dt, turning, take(reports, np.array([i])))
             except FilterError:
                 failed.append(i)
                 return one

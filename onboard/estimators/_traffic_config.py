@@ -8,6 +8,7 @@ from onboard.estimators._traffic_filter import FilterName
 from onboard.messages import NotNegative, Positive, Record, Vec3
 
 Probability = Annotated[float, msgspec.Meta(gt=0, lt=1)]
+Share = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=50)]
 Count = Annotated[int, msgspec.Meta(ge=1, le=1000)]
 IcaoAddress = Annotated[str, msgspec.Meta(pattern="^([0-9a-fA-F]{6})?$")]
@@ -58,17 +59,22 @@ class Config(Record, frozen=True, kw_only=True):
     own_position_time_s: Positive = 60.0
     own_velocity_sigma_m_s: NotNegative = 0.1
 
-    # how aircraft move: gusts; accelerations, and how long they last. The mixture (imm) has a steady mode, which
-    # keeps its turn, and one that manoeuvres; other filters have the second only
+    # how aircraft move: gusts; accelerations and their time constants. The mixture (imm) has a quiet mode and one
+    # in which the turn changes, both of which keep the turn they are in, and one that manoeuvres; other filters
+    # have the last only. An aircraft stays in each for so long on average, before it passes to one of the others
     gust_m_s: NotNegative = 0.5
     gust_vertical_m_s: NotNegative = 0.25
     gust_time_s: Positive = 5.0
     quiet_acceleration_m_s2: Positive = 0.5
     quiet_time_s: Positive = 170.0  # a turn that is kept does not fade
+    quiet_lasts_s: Positive = 50.0
+    changing_acceleration_m_s2: Positive = 1.0
+    changing_time_s: Positive = 20.0
+    changing_lasts_s: Positive = 15.0
     manoeuvre_acceleration_m_s2: Positive = 2.5
     manoeuvre_time_s: Positive = 8.0
-    quiet_lasts_s: Positive = 50.0  # from one manoeuvre to the next, on average
     manoeuvre_lasts_s: Positive = 5.0
+    vertical_share: Share = 0.5  # vertical accelerations, of these, which are horizontal
     max_speed_m_s: Positive = 350.0  # nothing is faster: of jumps, and of what is said
     initial_speed_sigma_m_s: Positive = 40.0  # of a track begun by radar alone
 

@@ -1,15 +1,16 @@
 """The filters a tracker may use, all tracks in one batch: any of `onboard.filters`, called alike.
 
-state = choice.predict(state, dt, turning, bias)
+state = choice.predict(state, dt, turning, reports)
 part = take(state, rows)                        # of some tracks
 state = put(state, rows, update.belief)
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
+from scipy.linalg import expm
 
 from onboard.filters import extended, kalman, multiple_model, square_root, unscented
 from onboard.filters.association import Places
@@ -27,30 +28,28 @@ SINGLE: Final[dict[str, Method]] = {
 
 
 class Choice(NamedTuple):
-    """A filter over tracks, as `onboard.filters.Method`, but that `predict(state, dt, turning, bias)` knows the
-    model; `bias` (tracks, 3) is of the reports that each has heard, see `intruder.with_reports`.
+    """A filter over tracks, as `onboard.filters.Method`, but that `predict(state, dt, turning, reports)` knows the
+    model; `reports` are those that the tracks have heard.
     `change(state, f)` is the state with `f` of its beliefs in their places, however many it has of each track.
     `polar`: whether it takes a radar's measurements as they are, or only Cartesian ones."""
 
     start: Callable[[Array, Array], Any]
-    predict: Callable[[Any, float, intruder.Turning, Array], Any]
+    predict: Callable[[Any, float, intruder.Turning, intruder.Reports], Any]
     update: Callable[[Any, Array, Rows, Array, tuple[int, ...]], Update]
     belief: Callable[[Any], Belief]
     change: Callable[[Any, Callable[[Belief], Belief]], Any]
     polar: bool
 
 
-def choose(
-    name: FilterName, quiet: intruder.Noise, manoeuvring: intruder.Noise, lasts: tuple[float, float]
-) -> Choice:
-    """The filter of that name. Single filters have the noise of `manoeuvring`; the mixture of two extended filters
-    has both, each of which `lasts` so many seconds on average."""
+def choose(name: FilterName, noises: Sequence[intruder.Noise], lasts: Sequence[float]) -> Choice:
+    """The filter of that name. The mixture of extended filters has all the `noises`, each of which `lasts` so many
+    seconds on average; single filters have that of the last one."""
     if name == "imm":
-        return _mixture((extended.METHODS[0],) * 2, (quiet, manoeuvring), lasts)
-    method, step = SINGLE[name], _remembering(manoeuvring)
+        return _mixture((extended.METHODS[0],) * len(noises), noises, lasts)
+    method, step = SINGLE[name], _remembering(noises[-1])
 
-    def predict(state: Any, dt: float, turning: intruder.Turning, bias: Array) -> Any:
-        then = intruder.with_reports(intruder.with_turning(step(dt), turning), bias)
+    def predict(state: Any, dt: float, turning: intruder.Turning, reports: intruder.Reports) -> Any:
+        then = intruder.with_reports(step(dt), reports, turning)
         return method.predict(state, _mover(then), then.Q)
 
     def change(state: Any, f: Callable[[Belief], Belief]) -> Any:
@@ -59,22 +58,22 @@ def choose(
     return Choice(method.start, predict, method.update, method.belief, change, name != "kf")
 
 
-def _mixture(
-    modes: tuple[Method, Method], noises: tuple[intruder.Noise, intruder.Noise], lasts: tuple[float, float]
-) -> Choice:
-    """Interacting filters, a mode each, that differ in how freely the aircraft accelerates."""
+def _mixture(modes: Sequence[Method], noises: Sequence[intruder.Noise], lasts: Sequence[float]) -> Choice:
+    """Interacting filters, a mode each, that differ in how freely the aircraft accelerates. A mode passes to any
+    other, so in the long run an aircraft is in each for as large a share of time as it lasts."""
     count = len(modes)
-    share = np.array(lasts) / sum(lasts)  # of all time
+    share = np.array(lasts) / sum(lasts)
+    away = 1.0 / ((count - 1) * np.array(lasts)[:, None])  # from each to each of the others, a second
+    rates = away * (1.0 - count * np.eye(count))
+    passing = lru_cache(maxsize=64)(lambda dt: expm(dt * rates))
     steps = [_remembering(noise) for noise in noises]
 
     def start(mean: Array, covariance: Array) -> Any:
         return multiple_model.start(modes, mean, covariance, share)
 
-    def predict(state: Any, dt: float, turning: intruder.Turning, bias: Array) -> Any:
-        kept = np.exp(-dt * sum(1.0 / time for time in lasts))
-        transition = kept * np.eye(count) + (1.0 - kept) * share
-        each = [intruder.with_reports(intruder.with_turning(step(dt), turning), bias) for step in steps]
-        return multiple_model.predict(modes, state, [_mover(s) for s in each], [s.Q for s in each], transition)
+    def predict(state: Any, dt: float, turning: intruder.Turning, reports: intruder.Reports) -> Any:
+        each = [intruder.with_reports(step(dt), reports, turning) for step in steps]
+        return multiple_model.predict(modes, state, [_mover(s) for s in each], [s.Q for s in each], passing(dt))
 
     def update(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
         return Update(*multiple_model.update(modes, state, y, [measure] * count, R, angular)[:5])

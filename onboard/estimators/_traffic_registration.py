@@ -103,6 +103,18 @@ class Registration:
             sigma[:, at] = np.sqrt(np.maximum(np.sum((axes @ self._jitter) * axes, axis=1), 0.0))
         return sigma
 
+    def shared(self, numbers: Sequence[int], bias: Array) -> Array:
+        """`intruder.Reports.shared` of tracks with these numbers, whose reports are off by about `bias` (k, 3)."""
+        shared = np.zeros((len(numbers), 3, 3))
+        if self.residual is not self._unknown:
+            P, rows = self._belief.covariance, {number: row for row, number in enumerate(numbers)}
+            for at, number in enumerate(self._anchors):
+                if number in rows:
+                    first = FIRST + EACH * at
+                    off = P[ROTATION, first : first + 3] - P[ROTATION, OWN]  # against our own position
+                    shared[rows[number]] = off / bias[rows[number]]
+        return shared
+
     def turned_back(self, R_rn: Array) -> Array:
         """The attitude R_rn (3, 3) of a radar, without the rotation."""
         return np.ascontiguousarray(R_rn @ matrix_from_quaternion(quaternion_from_vector(self.rotation)))

@@ -31,23 +31,19 @@ class Table:
         self.tracks: list[Track] = []
         self.farewells: list[Estimate] = []
         self.registration = Registration(config)
-        gusts = np.array([config.gust_m_s, config.gust_m_s, config.gust_vertical_m_s])
-        quiet, manoeuvring = (
-            intruder.Noise(
-                acceleration,
-                time,
-                keeps_turn,
-                gusts * np.sqrt(2.0 / config.gust_time_s),
-                config.own_position_sigma_m * np.sqrt(2.0 / config.own_position_time_s),
-                config.report_bias_time_s,
-            )
-            for acceleration, time, keeps_turn in (
-                (config.quiet_acceleration_m_s2, config.quiet_time_s, True),
-                (config.manoeuvre_acceleration_m_s2, config.manoeuvre_time_s, False),
-            )
+        c = config
+        gust = np.array([c.gust_m_s, c.gust_m_s, c.gust_vertical_m_s]) * np.sqrt(2.0 / c.gust_time_s)
+        drift = c.own_position_sigma_m * np.sqrt(2.0 / c.own_position_time_s)
+        modes = (
+            (c.quiet_acceleration_m_s2, c.quiet_time_s, True, c.quiet_lasts_s),
+            (c.changing_acceleration_m_s2, c.changing_time_s, True, c.changing_lasts_s),
+            (c.manoeuvre_acceleration_m_s2, c.manoeuvre_time_s, False, c.manoeuvre_lasts_s),
         )
-        lasts = config.quiet_lasts_s, config.manoeuvre_lasts_s
-        self.batch = Batch(choose(config.filter, quiet, manoeuvring, lasts))
+        noises = [
+            intruder.Noise(self._accelerations(size), time, keeps_turn, gust, drift, c.report_bias_time_s)
+            for size, time, keeps_turn, _ in modes
+        ]
+        self.batch = Batch(choose(c.filter, noises, [lasts for *_, lasts in modes]))
         self.gates = {m: chi_square_threshold(config.gate_probability, m) for m in (ECHO, REPORT)}
         self._numbers = 0
 
@@ -58,16 +54,21 @@ class Table:
     def first_covariance(self) -> Array:
         """What is known of an aircraft of which nothing is known but where it is: (15, 15), without its place."""
         c = self.config
-        accelerations = np.full(3, c.manoeuvre_acceleration_m_s2)
+        accelerations = self._accelerations(c.manoeuvre_acceleration_m_s2)
         speeds = np.full(3, c.initial_speed_sigma_m_s)
         covariance = np.diag(np.concatenate([np.zeros(3), speeds, accelerations, np.ones(3), np.zeros(3)]) ** 2)
         covariance[intruder.TURNED, intruder.TURNED] = self.registration.residual.covariance
         return covariance
 
+    def _accelerations(self, size: float) -> Array:
+        """On each axis (3,), of horizontal ones of this size."""
+        return size * np.array([1.0, 1.0, self.config.vertical_share])
+
     def advance(self, t_ns: int) -> None:
         """Predict every track to a time."""
         bias = np.array([UNHEARD if t.report is None else t.report.bias for t in self.tracks]).reshape(-1, 3)
-        failed = self.batch.advance(t_ns, self.registration.residual, bias)
+        shared = self.registration.shared([t.number for t in self.tracks], bias)
+        failed = self.batch.advance(t_ns, self.registration.residual, intruder.Reports(bias, shared))
         if len(failed):
             self.verdicts[Verdict.NUMERICAL] += len(failed)
             self.drop(set(failed.tolist()), "the covariance was lost")

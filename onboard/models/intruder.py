@@ -33,6 +33,7 @@ BIAS: Final = slice(9, 12)
 TURNED: Final = slice(12, 15)
 SLOWEST: Final = 5.0  # m/s: what is slower has no turn rate to speak of ...
 FASTEST_TURN: Final = 0.5  # rad/s: ... and nothing turns faster
+LEAST: Final = 1e-9  # by which is divided
 BLOCK: Final = 64  # rows computed at a time
 COMPONENTS: Final = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")
 UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s")
@@ -46,12 +47,12 @@ VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 
 
 class Noise(NamedTuple):
-    """Acceleration: standard deviation on each axis (m/s^2) and time constant (s), and whether it goes round with
-    the velocity. Gusts: by how much velocity walks on each axis (3,), m/s per square root of a second. `drift`: by
-    how much our own position does, and with it all that is measured from it, m per square root of a second. The
-    time constant (s) of the bias."""
+    """Acceleration: standard deviation on each axis (3,), m/s^2, and time constant (s), and whether it goes round
+    with the velocity. Gusts: by how much velocity walks on each axis (3,), m/s per square root of a second.
+    `drift`: by how much our own position does, and with it all that is measured from it, m per square root of a
+    second. The time constant (s) of the bias."""
 
-    acceleration: float
+    acceleration: Array
     acceleration_time: float
     keeps_turn: bool
     gust: Array
@@ -71,6 +72,15 @@ class Turning(NamedTuple):
     def covariance(self) -> Array:
         """(3, 3), rad^2."""
         return np.asarray((self.axes * self.variances) @ self.axes.T)
+
+
+class Reports(NamedTuple):
+    """What k tracks have heard: by about how much their reports are steadily off, `bias` (k, 3), m, infinity where
+    there are none; and `shared` (k, 3, 3), rad, the covariance of `turned` and of the state of that, whose own is
+    one, since the reports of an aircraft that is seen are among those that tell what is turned."""
+
+    bias: Array
+    shared: Array
 
 
 class Step(NamedTuple):
@@ -94,11 +104,11 @@ def step(dt: float, noise: Noise) -> Step:
     fade = 1.0 / noise.acceleration_time
     axis = van_loan(
         np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -fade]]),
-        np.diag([0.0, 0.0, 2.0 * noise.acceleration**2 * fade]),
+        np.diag([0.0, 0.0, 2.0 * fade]),
         dt,
     )
     F, Q = np.zeros((N, N)), np.zeros((N, N))
-    F[:9, :9], Q[:9, :9] = np.kron(axis.F, np.eye(3)), np.kron(axis.Q, np.eye(3))
+    F[:9, :9], Q[:9, :9] = np.kron(axis.F, np.eye(3)), np.kron(axis.Q, np.diag(noise.acceleration**2))
     walk = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     Q[:6, :6] += np.kron(walk, np.diag(noise.gust**2))
     drift = noise.drift**2 * dt
@@ -117,20 +127,36 @@ def with_turning(step: Step, turning: Turning) -> Step:
     return step._replace(F=F, Q=Q)
 
 
-def with_reports(step: Step, bias: Array) -> Step:
-    """The step of tracks whose reports are steadily off by about `bias` (k, 3), m; infinity where there are none.
+def with_reports(step: Step, reports: Reports, turning: Turning) -> Step:
+    """The step of tracks that have heard reports, with `turned` going on as `turning`.
 
     Where an aircraft says it is does not drift with our own position. Measured from that it does, so what the
     drift adds to r_OT_n it takes from what reports are off. Were the two noises independent, reports would seem to
-    tell of the drift, and a track that is often told would be too sure.
+    tell of the drift, and a track that is often told would be too sure. It is alike with `turned`: an echo of an
+    aircraft whose reports have turned the radar would seem to confirm them.
     """
-    Q = np.repeat(step.Q[None], len(bias), axis=0)
-    most = np.sqrt(step.drift * step.Q[BIAS, BIAS][0, 0])  # where all that reports are off is our own position
+    step = with_turning(step, turning)
+    Q = np.repeat(step.Q[None], len(reports.bias), axis=0)
+    noise = step.Q[BIAS, BIAS][0, 0]
+    most = np.sqrt(step.drift * noise)  # where all that reports are off is our own position
     for i in range(3):
-        shared = np.minimum(step.drift / bias[:, i], most)
-        Q[:, i, BIAS.start + i] -= shared
-        Q[:, BIAS.start + i, i] -= shared
+        drifted = np.minimum(step.drift / reports.bias[:, i], most)
+        Q[:, i, BIAS.start + i] -= drifted
+        Q[:, BIAS.start + i, i] -= drifted
+    sigma = np.sqrt(turning.variances * (1.0 - np.exp(-2.0 * step.dt / turning.times)))
+    both = np.sqrt(noise) * (turning.axes * sigma) @ _correlations(step, reports, turning)
+    Q[:, TURNED, BIAS], Q[:, BIAS, TURNED] = both, np.swapaxes(both, 1, 2)
     return step._replace(Q=Q)
+
+
+def _correlations(step: Step, reports: Reports, turning: Turning) -> Array:
+    """Of `turned`, along each of its axes, and `bias`, (k, 3, 3): no more than that of the drift leaves."""
+    sigma = np.maximum(np.sqrt(turning.variances), LEAST)
+    found = np.linalg.inv(turning.axes * sigma) @ reports.shared
+    of_drift = step.drift / (reports.bias**2 * step.Q[BIAS, BIAS][0, 0])  # squared
+    left = 1.0 - np.minimum(of_drift, 1.0).max(axis=1)
+    there = np.sum(found**2, axis=(1, 2))
+    return np.asarray(found * np.sqrt(left / np.maximum(there, left + LEAST))[:, None, None])
 
 
 def moved(rows: Array, step: Step) -> Array:

@@ -134,6 +134,28 @@ def test_what_lasts_is_that_of_the_biases_and_our_position_by_hand() -> None:
     assert np.sort(registration.residual.times)[1] > 0.7 * CONFIG.report_bias_time_s / 2
 
 
+def test_what_the_rotation_has_in_common_with_reports_is_as_said_seeds_1_to_400() -> None:
+    """The first anchor's, off by 3 m of its own and by our 3 m, against errors drawn from the model."""
+    off, said, bias = [], [], np.full((2, 3), np.hypot(3.0, 3.0))
+    config = structs.replace(CONFIG, own_position_sigma_m=3.0)
+    for seed in range(1, 401):
+        world = World(3, seed, own_sigma=3.0)
+        world.bias = bias[0, 0]
+        world.places = np.array([[2000.0, 0.0, 0.0], [2000.0, 100.0, 0.0], [0.0, 2500.0, 0.0]])
+        world.reports = [world.report(k, 0) for k in range(3)]
+        registration = watched(world, 8, config)
+        against = (world.biases[0] - world.own) / bias[0]
+        off.append(np.outer(world.rotation - registration.rotation, against))
+        shared = registration.shared([7, 0], bias)  # the other is no anchor
+        said.append(shared[1])
+        np.testing.assert_array_equal(shared[0], 0.0)
+    expected = np.mean(said, axis=0)
+    assert expected[2, 1] > 3e-4  # two of them, 3 m in 2000
+    assert expected[1, 2] < -3e-4
+    error = np.std(off, axis=0) / np.sqrt(len(off))
+    np.testing.assert_array_less(np.abs(np.mean(off, axis=0) - expected), 3.3 * error)
+
+
 def test_what_lasts_shrinks_with_more_anchors_and_never_below_our_own_position() -> None:
     sizes = [np.trace(watched(World(count, 7), 6).residual.covariance) for count in (0, 1, 3, MOST)]
     assert sizes[0] == pytest.approx(np.sum(UNKNOWN**2))
@@ -249,7 +271,7 @@ def test_tracks_are_not_told_how_the_rotation_moved_since_the_last_scan_seed_11(
 def test_what_turns_keeps_its_covariance_and_each_axis_its_time() -> None:
     axes = matrix_from_quaternion(quaternion_from_vector([0.2, 0.5, -0.1])) @ np.diag([1e-3, 4e-3, 2e-3])
     turning = intruder.Turning(axes, np.array([1.0, 0.3, 0.5]), np.array([10.0, 60.0, 30.0]))
-    noise = intruder.Noise(2.5, 8.0, False, np.full(3, 0.3), 0.2, 60.0)
+    noise = intruder.Noise(np.full(3, 2.5), 8.0, False, np.full(3, 0.3), 0.2, 60.0)
     step = intruder.with_turning(intruder.step(0.7, noise), turning)
     F, Q = step.F[intruder.TURNED, intruder.TURNED], step.Q[intruder.TURNED, intruder.TURNED]
     np.testing.assert_allclose(F @ turning.covariance @ F.T + Q, turning.covariance, rtol=1e-9, atol=1e-20)
@@ -297,3 +319,28 @@ def test_echoes_are_as_noisy_as_the_radar_and_what_is_not_known_of_our_attitude_
     assert np.all(jitter[0, 1:] > 1e-4)
     np.testing.assert_allclose(noisy, np.sqrt(sigma**2 + jitter**2))
     np.testing.assert_array_equal(radar.R_rn, table.registration.turned_back(np.eye(3)))
+
+
+def test_each_track_has_in_common_with_the_rotation_what_its_own_reports_have() -> None:
+    world, table = World(4, 3), Table(CONFIG)
+    table.advance(SECOND)
+    for number in range(1, 5):
+        table.begin(np.zeros(15), np.eye(15), ("system", number), SECOND, "peer")
+        table.tracks[-1].report = world.reports[number - 1]
+    sights = [s._replace(number=s.number + 1) for s in world.scan(0)[:2]]
+    table.registration.advance(SECOND)
+    table.registration.scan(SECOND, sights, RADAR)
+    table.advance(2 * SECOND)
+    common = table.batch.belief().covariance[:, intruder.TURNED, intruder.BIAS]
+    assert np.abs(common[:2]).max(axis=(1, 2)).min() > 1e-5
+    np.testing.assert_allclose(common[2:], 0.0, atol=1e-15)
+
+
+def test_vertical_accelerations_are_a_share_of_horizontal_ones() -> None:
+    table = Table(Config(filter="ekf", manoeuvre_acceleration_m_s2=2.0, vertical_share=0.25))
+    np.testing.assert_allclose(np.diag(table.first_covariance())[intruder.A], [4.0, 4.0, 0.25])
+    table.advance(SECOND)
+    table.begin(np.zeros(15), np.zeros((15, 15)), None, SECOND, "radar")
+    table.advance(2 * SECOND)
+    grown = np.diag(table.batch.belief().covariance[0])[intruder.A]
+    np.testing.assert_allclose(grown[2], grown[0] * 0.25**2)

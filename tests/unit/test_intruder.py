@@ -1,23 +1,20 @@
-"""The tracker's parts against brute force, numerical derivatives and Monte Carlo."""
+"""The model of another aircraft, and the filters over it, against Monte Carlo, numerical derivatives and hand."""
 
 import math
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from scipy.optimize import linear_sum_assignment
 
-from onboard.estimators._traffic_approach import closest, closest_in_turns
-from onboard.estimators._traffic_telling import curvature
-from onboard.filters.association import assign, candidates
-from onboard.geometry.geodesy import geodetic_from_ecef, geodetic_rows
+from onboard.estimators._traffic_batch import Batch, Radar
+from onboard.estimators._traffic_filter import FilterName, choose
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.models import intruder
 
 R_RN = matrix_from_euler(0.1, -0.2, 2.0).T
 RADAR = np.array([100.0, -50.0, -30.0])
 NOISE = intruder.Noise(
-    acceleration=2.5,
+    acceleration=np.array([2.5, 2.5, 1.2]),
     acceleration_time=8.0,
     keeps_turn=False,
     gust=np.array([0.3, 0.3, 0.15]),
@@ -39,9 +36,6 @@ def beliefs(count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return mean, root @ root.transpose(0, 2, 1) + 1e-6 * np.eye(15)
 
 
-# --------------------------------------------------------------------------------------- the model
-
-
 def test_the_transition_is_the_exponential_of_its_rates_and_the_noise_adds_up() -> None:
     A = np.zeros((15, 15))
     A[:3, 3:6] = A[3:6, 6:9] = np.eye(3)
@@ -56,7 +50,7 @@ def test_the_transition_is_the_exponential_of_its_rates_and_the_noise_adds_up() 
 def test_acceleration_bias_and_what_is_turned_keep_the_variance_they_are_said_to_have() -> None:
     calm = NOISE._replace(gust=np.zeros(3), drift=0.0)
     F, Q = stepped(0.5, calm)[:2]
-    P = np.diag([0.0] * 6 + [2.5**2] * 3 + [1.0] * 3 + [1e-4, 1e-4, 4e-4])
+    P = np.diag([0.0] * 6 + [2.5**2, 2.5**2, 1.2**2] + [1.0] * 3 + [1e-4, 1e-4, 4e-4])
     after = F @ P @ F.T + Q
     np.testing.assert_allclose(np.diag(after)[6:], np.diag(P)[6:], rtol=1e-9)
     # gusts and our own drift add to velocity and position, by the second
@@ -72,13 +66,50 @@ def test_reports_do_not_drift_with_our_own_position() -> None:
     bias = np.array([[math.hypot(1.5, 1.0)] * 3, [2.0, 3.0, 10.0], [np.inf] * 3, [0.01, 0.5, 1.0]])
     dt = 0.1
     step = intruder.step(dt, noise)
-    Q = intruder.with_reports(step, bias).Q
+    shared = np.random.default_rng(1).uniform(-0.01, 0.01, (4, 3, 3))
+    shared[:3] = 0.0
+    Q = intruder.with_reports(step, intruder.Reports(bias, shared), TURNING).Q
     said = np.eye(3, 15)
     said[:, 9:12] = bias[0] * np.eye(3)
     np.testing.assert_allclose(np.diag(said @ Q[0] @ said.T), 2 * dt / 60.0 * 1.5**2, rtol=0.01)
-    np.testing.assert_array_equal(Q[2], step.Q)  # who says nothing
+    np.testing.assert_array_equal(Q[2], intruder.with_turning(step, TURNING).Q)  # who says nothing
     assert np.linalg.eigvalsh(Q).min() > -1e-12  # even where reports are said to be better than our own position
     np.testing.assert_array_equal(step.Q[:3, 9:12], 0.0)  # what is kept for other steps is as it was
+
+
+def test_what_is_turned_and_what_reports_are_off_keep_in_common_what_they_are_said_to() -> None:
+    """Where both last equally long. Where not, less, and never more than there is."""
+    axes = np.array([[0.01, 0.0, 0.002], [0.0, 0.01, 0.0], [0.0, 0.0, 0.02]])
+    shared = np.array([[[0.003, 0.0, -0.002], [0.0, 0.002, 0.001], [0.004, 0.0, 0.008]], np.zeros((3, 3))])
+    reports = intruder.Reports(np.array([[4.0, 4.0, 10.0], [np.inf] * 3]), shared)
+    for times, share in (([60.0] * 3, 1.0), ([10.0, 20.0, 240.0], None)):
+        turning = intruder.Turning(axes, np.array([1.0, 0.5, 1.0]), np.array(times))
+        step = intruder.with_reports(intruder.step(5.0, NOISE), reports, turning)
+        for k in range(2):
+            P = np.zeros((15, 15))
+            for _ in range(500):
+                P = step.F @ P @ step.F.T + step.Q[k]
+            at = np.r_[intruder.BIAS, intruder.TURNED]
+            assert np.linalg.eigvalsh(step.Q[k][np.ix_(at, at)]).min() > 0
+            np.testing.assert_allclose(
+                P[intruder.TURNED, intruder.TURNED], turning.covariance, rtol=1e-6, atol=1e-9
+            )
+            if share is not None:
+                np.testing.assert_allclose(
+                    P[intruder.TURNED, intruder.BIAS], share * shared[k], rtol=1e-6, atol=1e-9
+                )
+
+
+def test_more_in_common_than_there_is_leaves_a_covariance_seed_2() -> None:
+    rng = np.random.default_rng(2)
+    shared = rng.uniform(-1.0, 1.0, (50, 3, 3)) * 10.0 ** rng.uniform(-6, 2, (50, 1, 1))
+    bias = 10.0 ** rng.uniform(-2, 3, (50, 3))
+    none = TURNING._replace(variances=np.array([0.0, 1.0, 0.3]))
+    for noise in (NOISE, NOISE._replace(drift=0.0), NOISE._replace(drift=5.0)):
+        for turning in (TURNING, none):
+            Q = intruder.with_reports(intruder.step(0.1, noise), intruder.Reports(bias, shared), turning).Q
+            scale = np.sqrt(np.maximum(np.diagonal(Q, axis1=1, axis2=2), 1e-18))
+            assert np.linalg.eigvalsh(Q / (scale[:, :, None] * scale[:, None, :])).min() > -1e-9
 
 
 def test_a_track_that_is_often_told_is_as_sure_as_it_may_be_seed_3() -> None:
@@ -86,9 +117,9 @@ def test_a_track_that_is_often_told_is_as_sure_as_it_may_be_seed_3() -> None:
     our own position as it drifts, against the filter's covariance."""
     rng, runs, dt, own, their = np.random.default_rng(3), 400, 0.1, 1.0, 1.5
     drift = own * math.sqrt(2.0 / 60.0)
-    noise = NOISE._replace(gust=np.full(3, 1e-3), drift=drift, acceleration=1e-3)
+    noise = NOISE._replace(gust=np.full(3, 1e-3), drift=drift, acceleration=np.full(3, 1e-3))
     bias = np.full((1, 3), math.hypot(own, their))
-    step = intruder.with_reports(stepped(dt, noise), bias)
+    step = intruder.with_reports(intruder.step(dt, noise), intruder.Reports(bias, np.zeros((1, 3, 3))), TURNING)
     fade = math.exp(-dt / 60.0)
     walk = math.sqrt(1.0 - fade**2)
     e, b = rng.normal(0, own, runs), rng.normal(0, their, runs)
@@ -204,156 +235,37 @@ def test_straight_above_the_radar_nothing_is_infinite() -> None:
     assert polar[0, 2] == pytest.approx(math.pi / 2, abs=2e-3)
 
 
-# ---------------------------------------------------------------------------------- association
+# ------------------------------------------------------------------------------- the filters over it
 
 
-def problem(tracks: int, echoes: int, seed: int, size: float) -> tuple[np.ndarray, ...]:
-    rng = np.random.default_rng(seed)
-    root = rng.normal(0, 1, (tracks, 3, 3)) * np.array([5.0, 0.01, 0.01])[:, None]
-    spread = root @ root.transpose(0, 2, 1)
-    polar = np.column_stack([rng.uniform(500, 500 + size, tracks), rng.uniform(-0.2, 0.2, (tracks, 2))])
-    measured = np.column_stack([rng.uniform(500, 500 + size, echoes), rng.uniform(-0.2, 0.2, (echoes, 2))])
-    return polar, spread, measured, np.tile([64.0, 1e-4, 1e-4], (echoes, 1))
+def test_modes_last_as_long_as_they_are_said_to_and_pass_to_any_other() -> None:
+    lasts = np.array([50.0, 15.0, 5.0])
+    choice = choose("imm", [NOISE] * 3, lasts.tolist())
+    silent = intruder.Reports(np.full((1, 3), np.inf), np.zeros((1, 3, 3)))
+    begun = choice.start(np.zeros((1, 15)), np.eye(15)[None])
+    np.testing.assert_allclose(begun.probabilities[0], lasts / 70.0)
+    np.testing.assert_allclose(choice.predict(begun, 3.0, TURNING, silent).probabilities[0], lasts / 70.0)
+    for k, rest in enumerate(np.eye(3)):
+        after = choice.predict(begun._replace(probabilities=rest[None]), 0.01, TURNING, silent).probabilities[0]
+        left = 0.01 / lasts[k]
+        np.testing.assert_allclose(after, np.where(rest, 1.0 - left, left / 2), rtol=2e-3)
 
 
-@pytest.mark.parametrize(("tracks", "echoes", "size"), [(40, 50, 300.0), (1, 200, 50.0), (60, 3, 100.0)])
-def test_candidates_are_all_pairs_within_the_gate(tracks: int, echoes: int, size: float) -> None:
-    polar, spread, measured, variance = problem(tracks, echoes, 6, size)
-    got = {
-        (int(i), int(j)): c for i, j, c in zip(*candidates(polar, spread, measured, variance, 16.0), strict=True)
-    }
-    wanted = {}
-    for i in range(tracks):
-        for j in range(echoes):
-            S, e = spread[i] + np.diag(variance[j]), measured[j] - polar[i]
-            d2 = e @ np.linalg.solve(S, e)
-            if d2 <= 16.0:
-                wanted[i, j] = d2 + np.linalg.slogdet(S)[1]
-    assert got.keys() == wanted.keys()
-    assert len(wanted) > 3
-    for pair, cost in wanted.items():
-        assert got[pair] == pytest.approx(cost, rel=1e-9)
-
-
-def test_azimuths_either_side_of_the_tail_are_near() -> None:
-    polar, spread = np.array([[1000.0, math.pi - 0.001, 0.0]]), np.diag([25.0, 1e-5, 1e-5])[None]
-    measured, variance = np.array([[1001.0, -math.pi + 0.001, 0.0]]), np.array([[64.0, 1e-4, 1e-4]])
-    assert len(candidates(polar, spread, measured, variance, 16.0)[0]) == 1
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_the_assignment_is_that_of_the_whole_problem(seed: int) -> None:
-    """Solved knot by knot it pairs as many, at the same cost, as solved at once."""
-    tracks, echoes, costs = candidates(*problem(60, 60, seed, 250.0), 16.0)
-    t, e = assign(tracks, echoes, costs)
-    assert len(set(t.tolist())) == len(t) == len(set(e.tolist()))
-    matrix = np.full((60, 60), 1e9)
-    matrix[tracks, echoes] = costs
-    row, column = linear_sum_assignment(matrix)
-    allowed = matrix[row, column] < 1e9
-    assert len(t) == allowed.sum() > 15
-    assert matrix[t, e].sum() == pytest.approx(matrix[row, column][allowed].sum())
-
-
-def test_nothing_to_assign() -> None:
-    nothing = np.zeros(0, np.int64)
-    assert [len(a) for a in assign(nothing, nothing, np.zeros(0))] == [0, 0]
-
-
-# --------------------------------------------------------------------------- closest approach
-
-
-def test_closest_approach_by_hand() -> None:
-    r = np.array([[100.0, 30.0, -40.0], [100.0, 0.0, 0.0], [10.0, 20.0, 0.0]])
-    v = np.array([[-10.0, 0.0, 0.0], [5.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    a = closest(r, v, np.broadcast_to(np.eye(6), (3, 6, 6)))
-    np.testing.assert_allclose(a.time, [10.0, 0.0, 0.0])
-    np.testing.assert_allclose(a.distance, [50.0, 100.0, math.hypot(10, 20)])
-    np.testing.assert_allclose(a.miss[0], [0.0, 30.0, -40.0])
-    assert np.isfinite(a.time_sigma).all()
-
-
-@pytest.mark.parametrize("miss", [300.0, 60.0])
-def test_its_sigmas_by_monte_carlo_seed_7(miss: float) -> None:
-    rng = np.random.default_rng(7)
-    r, v = np.array([1500.0, miss, 20.0]), np.array([-60.0, 3.0, 1.0])
-    P = np.diag([20.0, 15.0, 10.0, 1.0, 0.8, 0.5]) ** 2
-    P[0, 3] = P[3, 0] = 8.0
-    draws = rng.multivariate_normal(np.concatenate([r, v]), P, 40_000)
-    one = closest(r[None], v[None], P[None])
-    many = closest(draws[:, :3], draws[:, 3:], np.broadcast_to(P, (40_000, 6, 6)))
-    assert one.time_sigma[0] == pytest.approx(many.time.std(), rel=0.05)
-    assert one.distance_sigma[0] == pytest.approx(many.distance.std(), rel=0.12)
-
-
-def test_a_distance_shorter_than_its_own_uncertainty_has_that_of_the_whole_vector() -> None:
-    a = closest(
-        np.array([[1000.0, 0.0, 0.0]]), np.array([[-50.0, 0.0, 0.0]]), np.diag([9.0] * 3 + [1.0] * 3)[None]
-    )
-    assert a.distance[0] == pytest.approx(0.0, abs=1e-9)
-    assert a.distance_sigma[0] == pytest.approx(math.sqrt(2 * (9.0 + 400.0)), rel=0.01)
-
-
-def test_the_truth_is_on_a_sphere_and_the_covariance_knows_seed_11() -> None:
-    r, sigma = np.array([3000.0, 400.0, -200.0]), 40.0
-    u = r / np.linalg.norm(r)
-    P = 0.25 * np.outer(u, u) + sigma**2 * (np.eye(3) - np.outer(u, u))
-    draws = np.random.default_rng(11).multivariate_normal(np.zeros(3), P, 20_000)
-    places = r + draws
-    on_it = places / np.linalg.norm(places, axis=1)[:, None] * (np.linalg.norm(r) + draws @ u)[:, None]
-    sag = (on_it - r) @ u - draws @ u
-    (more,) = curvature(r[None], P[None])
-    assert u @ more @ u == pytest.approx(np.mean(sag**2), rel=0.1)
-    assert np.trace(more) == pytest.approx(u @ more @ u)  # along the line of sight alone
-
-
-def along_a_turn(seconds: float = 40.0) -> tuple[float, float]:
-    """When and how near the aircraft of the next test comes, step by step."""
-    speed, rate, r, v_F = 30.0, 0.08, np.array([700.0, 250.0, -20.0]), np.array([20.0, 0.0, 0.0])
-    t = np.arange(0.0, seconds, 1e-3)
-    path = -speed / rate * np.column_stack([np.sin(rate * t), 1 - np.cos(rate * t), 0 * t])
-    distance = np.linalg.norm(r + path - v_F * t[:, None], axis=1)
-    return float(t[distance.argmin()]), float(distance.min())
-
-
-def turning(sigma: float) -> tuple[np.ndarray, ...]:
-    r, v = np.array([[700.0, 250.0, -20.0]]), np.array([[-50.0, 0.0, 0.0]])
-    P = np.diag(np.repeat([3.0, 0.4, sigma], 3) ** 2)[None]
-    return r, v, np.array([[0.0, -2.4, 0.0]]), P, np.array([20.0, 0.0, 0.0])
-
-
-def test_the_closest_approach_of_one_that_turns_is_along_its_turn() -> None:
-    time, distance = along_a_turn()
-    a = closest_in_turns(*turning(0.1))
-    assert a.turn_rate[0] == pytest.approx(0.08)
-    assert a.time[0] == pytest.approx(time, abs=1e-2)
-    assert a.distance[0] == pytest.approx(distance, abs=0.01)
-    assert np.linalg.norm(a.miss[0]) == pytest.approx(distance, abs=0.01)
-    r, v, _, P, _ = turning(0.1)
-    assert closest(r, v, P[:, :6, :6]).distance[0] > distance + 50.0  # straight on
-
-
-def test_its_sigmas_are_those_of_many_drawn_at_random_seed_9() -> None:
-    r, v, a, P, v_F = turning(0.2)
-    one = closest_in_turns(r, v, a, P, v_F)
-    draws = np.random.default_rng(9).multivariate_normal(np.concatenate([r, v, a], axis=1)[0], P[0], 4000)
-    sure = np.broadcast_to(1e-9 * np.eye(9), (4000, 9, 9))
-    many = closest_in_turns(draws[:, :3], draws[:, 3:6], draws[:, 6:], sure, v_F)
-    assert one.distance_sigma[0] == pytest.approx(many.distance.std(), rel=0.15)
-    assert one.time_sigma[0] == pytest.approx(many.time.std(), rel=0.15)
-
-
-def test_a_turn_that_is_in_doubt_is_none() -> None:
-    a = closest_in_turns(*turning(0.9))  # 2.4 m/s^2 is not three sigmas
-    assert a.turn_rate[0] == 0.0
-    r, v, _, P, _ = turning(0.9)
-    assert a.distance[0] == closest(r, v, P[:, :6, :6]).distance[0]
-
-
-def test_many_places_at_once_are_each_place() -> None:
-    rng = np.random.default_rng(8)
-    directions = rng.standard_normal((50, 3))
-    places = directions / np.linalg.norm(directions, axis=1)[:, None] * rng.uniform(6.35e6, 6.40e6, (50, 1))
-    places[:3] = [[0, 0, 6356752.3 + 100], [0, 0, -6356752.3 - 100], [-6378137.0, -1e-9, 0]]
-    for place, found in zip(places, geodetic_rows(places), strict=True):
-        assert found == pytest.approx(geodetic_from_ecef(place), abs=1e-6)
+@pytest.mark.parametrize("name", ["kf", "ekf", "srukf", "imm"])
+def test_what_is_believed_of_some_tracks_is_put_beside_the_others_seed_4(name: FilterName) -> None:
+    mean, covariance = beliefs(4, seed=4)
+    batch = Batch(choose(name, [NOISE, NOISE._replace(acceleration=np.ones(3))], [50.0, 5.0]))
+    for row in range(4):
+        batch.add(mean[row], covariance[row])
+    before, rows = batch.belief(), np.array([2, 0, 3])
+    polar = intruder.seen(mean[rows], np.zeros(3), RADAR, R_RN)
+    judged = batch.judge_echoes(rows, 0.0, polar, np.tile([5.0, 0.01, 0.01], (3, 1)), Radar(RADAR, R_RN))
+    batch.correct(rows, judged, np.array([2, 0]))
+    batch.restart(0, mean[1], covariance[1])
+    kept = batch.belief()
+    batch._set(batch._state)
+    for array, anew in zip(kept, batch.belief(), strict=True):
+        np.testing.assert_array_equal(array, anew)
+    np.testing.assert_array_equal(kept.mean[1], before.mean[1])
+    np.testing.assert_allclose(kept.mean[0], mean[1])
+    assert np.trace(kept.covariance[3, :3, :3]) < np.trace(before.covariance[3, :3, :3])
