@@ -163,14 +163,13 @@ def kept_in(package: str) -> Path:
 
 @contextmanager
 def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of them, which ends at once if the block does not end well."""
+    """A pool of them. All have ended after the block: at once if it does not end well."""
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(count, context, initializer=_begin, initargs=(context.Lock(),)) as pool:
         try:
             yield pool
         except BaseException as error:
-            pool.shutdown(wait=False, cancel_futures=True)
             for process in set(multiprocessing.active_children()) - others:  # else they end their modules first
                 process.terminate()
             if isinstance(error, BrokenProcessPool):

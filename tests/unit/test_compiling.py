@@ -1,5 +1,6 @@
 """`onboard compile`: every module with kernels, in several processes, and only what a configuration needs."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -7,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 
@@ -141,12 +143,16 @@ def test_a_process_that_is_killed_is_told() -> None:
 
 
 def test_an_interruption_does_not_wait_for_what_is_being_compiled() -> None:
-    """If it did, this would run into the tests' time limit."""
+    others = set(multiprocessing.active_children())
     with pytest.raises(KeyboardInterrupt), compiling._processes(1) as pool:
-        _interrupt(pool.submit(time.sleep, 3600.0))
+        pool.submit(os.getpid).result()  # it has begun
+        _interrupt([pool.submit(time.sleep, 3600.0) for _ in range(5)])
+    assert set(multiprocessing.active_children()) <= others
 
 
-def _interrupt(_: object) -> None:
+def _interrupt(futures: list[Future[None]]) -> None:
+    while not futures[0].running():  # the test has a time limit
+        time.sleep(0.01)
     raise KeyboardInterrupt
 
 
@@ -171,3 +177,14 @@ def test_an_interruption_leaves_no_process_behind(tmp_path: Path) -> None:
         assert it.wait() == 130
     assert children
     assert psutil.wait_procs(children, timeout=10.0)[1] == []
+
+
+@pytest.mark.usefixtures("interruptible")
+def test_ctrl_c_in_a_terminal_is_for_whoever_started_the_processes() -> None:
+    """It reaches all of them; one that has nothing to do would end with a traceback."""
+    with compiling._processes(1) as pool:
+        worker = pool.submit(os.getpid).result()
+        while psutil.Process(worker).status() != psutil.STATUS_SLEEPING:  # the test has a time limit
+            time.sleep(0.01)
+        os.kill(worker, signal.SIGINT)
+        assert pool.submit(os.getpid).result() == worker
