@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Future
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
@@ -145,13 +145,14 @@ def test_a_process_that_is_killed_is_told() -> None:
 def test_an_interruption_does_not_wait_for_what_is_being_compiled() -> None:
     others = set(multiprocessing.active_children())
     with pytest.raises(KeyboardInterrupt), compiling._processes(1) as pool:
-        pool.submit(os.getpid).result()  # it has begun
-        _interrupt([pool.submit(time.sleep, 3600.0) for _ in range(5)])
+        _interrupt_at_work(pool)
     assert set(multiprocessing.active_children()) <= others
 
 
-def _interrupt(futures: list[Future[None]]) -> None:
-    while not futures[0].running():  # the test has a time limit
+def _interrupt_at_work(pool: ProcessPoolExecutor) -> None:
+    pool.submit(os.getpid).result()  # it has begun
+    first, *_ = [pool.submit(time.sleep, 3600.0) for _ in range(5)]
+    while not first.running():  # the test has a time limit
         time.sleep(0.01)
     raise KeyboardInterrupt
 
