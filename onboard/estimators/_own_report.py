@@ -44,31 +44,35 @@ class Counts:
     def __init__(self, sigmas: float) -> None:
         self._sigmas = sigmas
         self._seen: deque[tuple[int, int, int, float]] = deque()  # t, outside, components, NIS
+        self._outside = self._components = 0  # of all that was seen
 
     def clear(self) -> None:
         """Forget them."""
         self._seen.clear()
+        self._outside = self._components = 0
 
     def add(self, measured: Measured, update: Update) -> Outside:
         """Count a measurement; which of its components were outside (m,)."""
         layer = self._sigmas * np.sqrt(np.diag(update.innovation_covariance))
         outside: Outside = np.abs(update.innovation) > layer
         self._seen.append((measured.t_ns, int(outside.sum()), len(outside), float(update.nis)))
+        self._outside += self._seen[-1][1]
+        self._components += len(outside)
         while self._seen[0][0] < measured.t_ns - WINDOW_NS:
-            self._seen.popleft()
+            _, gone, components, _ = self._seen.popleft()
+            self._outside -= gone
+            self._components -= components
         return outside
 
     @property
     def switch_fraction(self) -> float | None:
         """Share of components outside their layer."""
-        components = sum(m for _, _, m, _ in self._seen)
-        return sum(k for _, k, _, _ in self._seen) / components if components else None
+        return self._outside / self._components if self._components else None
 
     @property
     def nis_ratio(self) -> float | None:
         """NIS over the number of components: 1 where the covariance is right."""
-        components = sum(m for _, _, m, _ in self._seen)
-        return sum(nis for _, _, _, nis in self._seen) / components if components else None
+        return sum(nis for _, _, _, nis in self._seen) / self._components if self._components else None
 
 
 def refused(message: Message, sensor: str, verdict: Verdict) -> Told:

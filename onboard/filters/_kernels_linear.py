@@ -31,27 +31,33 @@ def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
     n = A.shape[0]
     tolerance = A.dtype.type(4 * n) * np.finfo(A.dtype).eps
     half = A.dtype.type(0.5)
+    upper = lower  # at first its transpose, row by row along memory
     for j in range(n):
-        for i in range(n):
-            lower[i, j] = half * (A[i, j] + A[j, i]) if i >= j else 0.0
+        for i in range(j, n):
+            upper[j, i] = half * (A[i, j] + A[j, i])
         for k in range(j):
+            entry = upper[k, j]
             for i in range(j, n):
-                lower[i, j] -= lower[j, k] * lower[i, k]
-        pivot, allowed = lower[j, j], tolerance * abs(A[j, j])
+                upper[j, i] -= entry * upper[k, i]
+        pivot, allowed = upper[j, j], tolerance * abs(A[j, j])
         if not (pivot >= -allowed and pivot < np.inf):
             return False
         if pivot <= allowed:
             # what is left of a semi-definite matrix beside a zero pivot is zero; more than rounding is indefinite
             for i in range(j + 1, n):
-                if not lower[i, j] * lower[i, j] <= (allowed + tolerance * A[j, j]) * abs(A[i, i]):
+                if not upper[j, i] * upper[j, i] <= (allowed + tolerance * A[j, j]) * abs(A[i, i]):
                     return False
-                lower[i, j] = 0.0
-            lower[j, j] = 0.0
+                upper[j, i] = 0.0
+            upper[j, j] = 0.0
             continue
         root = np.sqrt(pivot)
-        lower[j, j] = root
+        upper[j, j] = root
         for i in range(j + 1, n):
-            lower[i, j] /= root
+            upper[j, i] /= root
+    for i in range(n):
+        for j in range(i):
+            lower[i, j] = upper[j, i]
+            upper[j, i] = 0.0
     return True
 
 
@@ -77,26 +83,46 @@ def common(sizes):  # type: ignore[no-untyped-def]
     return count
 
 
+@njit(**FILLING)
+def symmetric_into(A, out):  # type: ignore[no-untyped-def]
+    """The symmetric part of A (n, n), without gaps in memory."""
+    half = A.dtype.type(0.5)
+    for i in range(A.shape[0]):
+        for j in range(A.shape[0]):
+            out[i, j] = half * (A[i, j] + A[j, i])
+
+
+@njit(**FILLING)
+def sound(prior, room):  # type: ignore[no-untyped-def]
+    """Whether a symmetric `prior` (n, n) is finite and not indefinite, in `room` for a factor (n, n). Most are
+    positive definite, which is sooner found."""
+    return factor_into(prior, room) or semifactor_into(prior, room)
+
+
+@njit(**FILLING)
+def add_product_into(A, C, out):  # type: ignore[no-untyped-def]
+    """out (m, k) += A C, of A (m, n) and C (n, k), as a sum of rows of C; what is zero in A costs nothing."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            entry = A[i, j]
+            if entry != 0:
+                for c in range(C.shape[1]):
+                    out[i, c] += entry * C[j, c]
+
+
 @njit(cache=True, error_model="numpy")
 def sandwich_into(F, P, Q, out):  # type: ignore[no-untyped-def]
-    """F P F^T + Q (m, m), symmetric to the last bit; F (m, n), P (n, n)."""
-    m, n = F.shape
+    """F P F^T + Q (m, m), symmetric to the last bit; F P (m, n) is returned. F (m, n), P (n, n)."""
     half = P.dtype.type(0.5)
-    FP = np.zeros((m, n), P.dtype)
-    for i in range(m):
-        for k in range(n):
-            if F[i, k] != 0:
-                for j in range(n):
-                    FP[i, j] += F[i, k] * P[k, j]
-    for i in range(m):
-        for j in range(m):
-            out[i, j] = half * (Q[i, j] + Q[j, i])
-            for k in range(n):
-                out[i, j] += FP[i, k] * F[j, k]
-    for i in range(m):
+    FP = np.zeros(F.shape, P.dtype)
+    add_product_into(F, P, FP)
+    symmetric_into(Q, out)
+    add_product_into(F, FP.T.copy(), out)
+    for i in range(F.shape[0]):
         for j in range(i):
             out[i, j] = half * (out[i, j] + out[j, i])
             out[j, i] = out[i, j]
+    return FP
 
 
 @njit(signatures(3, 3, 3), cache=True, error_model="numpy")
@@ -106,10 +132,11 @@ def propagate(P, F, Q):  # type: ignore[no-untyped-def]
     out = np.empty((max(count, 0), n, n), P.dtype)
     if count < 0 or P.shape[1:] != (n, n) or F.shape[1:] != (n, n) or Q.shape[1:] != (n, n):
         return out, SHAPE
-    lower = np.empty((n, n), P.dtype)
+    prior = np.empty((n, n), P.dtype)
     for b in range(count):
-        prior, matrix, noise = P[b % P.shape[0]], F[b % F.shape[0]], Q[b % Q.shape[0]]
-        if not semifactor_into(prior, lower):
+        matrix, noise = F[b % F.shape[0]], Q[b % Q.shape[0]]
+        symmetric_into(P[b % P.shape[0]], prior)
+        if not sound(prior, out[b]):
             return out, COVARIANCE
         if not finite(matrix):
             return out, MATRIX
@@ -122,15 +149,13 @@ def propagate(P, F, Q):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def joseph_into(P, H, K, R, out):  # type: ignore[no-untyped-def]
     """(I - K H) P (I - K H)^T + K R K^T (n, n), right for every gain K (n, m)."""
-    n, m = K.shape
-    G = np.zeros((n, n), P.dtype)
-    KRK = np.empty((n, n), P.dtype)
-    sandwich_into(K, R, np.zeros((n, n), P.dtype), KRK)
+    n = K.shape[0]
+    KH, G, KRK = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
+    add_product_into(K, H, KH)
     for i in range(n):
-        for a in range(m):
-            for j in range(n):
-                G[i, j] -= K[i, a] * H[a, j]
-        G[i, i] += P.dtype.type(1)
+        for j in range(n):
+            G[i, j] = P.dtype.type(i == j) - KH[i, j]
+    sandwich_into(K, R, np.zeros((n, n), P.dtype), KRK)
     sandwich_into(G, P, KRK, out)
 
 
@@ -163,7 +188,7 @@ def innovate_into(y, predicted, angular, innovation):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy")
-def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
+def correct_into(  # type: ignore[no-untyped-def]
     mean, P, H, predicted, y, R, angular, considered, mean_out, P_out, innovation, S
 ):
     """Measurement update of one filter by matrices; (status, NIS)."""
@@ -174,28 +199,28 @@ def correct_into(  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     status = innovate_into(y, predicted, angular, innovation)
     if status != OK:
         return status, P.dtype.type(0)
-    if not semifactor_into(P, P_out):
+    prior = np.empty((n, n), P.dtype)
+    symmetric_into(P, prior)
+    if not sound(prior, P_out):
         return COVARIANCE, P.dtype.type(0)
     if not finite(H):
         return MATRIX, P.dtype.type(0)
     if not finite(R):
         return NOISE, P.dtype.type(0)
-    sandwich_into(H, P, R, S)
+    HP = sandwich_into(H, prior, R, S)
     lower_t = np.empty((m, m), P.dtype)
     if not factor_into(S, lower_t):
         return INNOVATION, P.dtype.type(0)
-    K = np.zeros((n, m), P.dtype)
+    K = HP.T.copy()
     for i in range(n):
-        if not considered[i]:
-            for a in range(m):
-                for j in range(n):
-                    K[i, a] += P[i, j] * H[a, j]
+        if considered[i]:
+            K[i] = 0
     solve_into(lower_t, K)
     for i in range(n):
         mean_out[i] = mean[i]
         for a in range(m):
             mean_out[i] += K[i, a] * innovation[a]
-    joseph_into(P, H, K, R, P_out)
+    joseph_into(prior, H, K, R, P_out)
     weighed = np.empty((1, m), P.dtype)
     weighed[0] = innovation
     solve_into(lower_t, weighed)

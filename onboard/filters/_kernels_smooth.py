@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.filters._gains import joseph_into, mixed, right_inverse, solve_into, widen_into
+from onboard.filters._gains import add_product_into, joseph_into, mixed, right_inverse, solve_into, widen_into
 from onboard.filters._kernels import FLAGS, _signatures, factor_into, wrapped
 from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MEASUREMENT, NOISE, OK, SHAPE
 
@@ -122,12 +122,13 @@ def lean_into(e, S, scale, fading, deviations, switching, extra):  # type: ignor
 def doubt_into(L_t, B, followed, rest, doubt):  # type: ignore[no-untyped-def]
     """G D G^T (n, n) with D the variances `rest` (m,) of those quantities that have none in `followed`, and G the
     weighted right inverse."""
-    G = right_inverse(L_t, B, True)
-    for a in range(G.shape[1]):
+    G_t = right_inverse(L_t, B, True)
+    told = np.zeros_like(G_t)
+    for a in range(G_t.shape[0]):
         if followed[a] == 0:
-            for i in range(G.shape[0]):
-                for j in range(G.shape[0]):
-                    doubt[i, j] += G[i, a] * rest[a] * G[j, a]
+            for i in range(G_t.shape[1]):
+                told[a, i] = rest[a] * G_t[a, i]
+    add_product_into(told, G_t, doubt)
 
 
 @njit(cache=True, error_model="numpy")
@@ -174,12 +175,12 @@ def update_into(  # type: ignore[no-untyped-def]  # noqa: PLR0912 - one filter's
         rejected[a] = kind >= SWITCHED and outside[a] and lasted[a] < patience
         switched[a] = kind == FIXED or (outside[a] and not rejected[a])
         smoothing[a] = min(LARGE, S[a, a] / (S[a, a] - N[a, a])) if S[a, a] > N[a, a] else LARGE
-    gain, step, fine = mixed(L_t, B, wider, e, s, ratio, switched, outside, weighted)
+    K_t, step, fine = mixed(L_t, B, wider, e, s, ratio, switched, outside, weighted)
     if not fine:
         return INNOVATION, 0.0
     for i in range(n):
         mean_out[i] = mean[i] + step[i]
-    joseph_into(L_t, B, N, gain, P_out)
+    joseph_into(L_t, B, N, K_t, P_out)
     return OK, nis
 
 

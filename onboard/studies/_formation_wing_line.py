@@ -76,7 +76,9 @@ def _filter(setting: Setting, delay: float) -> Filter:
         begun = state.agreeing >= IMAGES
         alike = np.sum(look * state.look, axis=1) > np.cos(AGREE_RAD)
         alike &= (span < AGREE_RATIO * state.span) & (state.span < AGREE_RATIO * span)
-        wide = begun & (view.t - state.fused_at > COAST) & _is_wide(state.modes)
+        wide = begun & (view.t - state.fused_at > COAST)
+        if wide.any():
+            wide[wide] = _is_wide(taken(state.modes, np.flatnonzero(wide)))
         fused = ~wide & np.where(begun, update.nis <= own.gate, alike)
         gated_since = np.where(fused, np.inf, np.minimum(state.gated_since, view.t))
         given_up = begun & ~wide & (view.t - gated_since > RELOCK)

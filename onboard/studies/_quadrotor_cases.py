@@ -97,8 +97,8 @@ class Case(NamedTuple):
 
 
 def one(case: Case, b: int) -> Case:
-    """One of a case's flights, as a case."""
-    only = slice(b, b + 1)
+    """One of a case's flights, as a case; as a copy, since a view would keep all the others."""
+    only = [b]
     return Case(
         case.states[:, only],
         case.inputs[:, only],

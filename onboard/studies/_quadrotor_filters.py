@@ -152,7 +152,7 @@ def _process(case: Case, k: int, method: Method) -> Rows:
 
 def _update(flown: Any, method: Method, state: Any, case: Case, k: int, sensor: Sensor) -> Any:
     seen = list(sensor.states)
-    R, y = case.R[np.ix_(seen, seen)], case.measurements[k][:, seen]
+    R, y = case.R[seen][:, seen], case.measurements[k][:, seen]
 
     def measure(rows: Array) -> Array:
         return rows[:, seen]

@@ -35,7 +35,7 @@ from simlink.flights import Flights, fly_many
 
 NAME: Final = "relative-motion"
 TITLE: Final = "Oh & Johnson: relative motion by vision, an unscented Kalman filter"
-TOGETHER: Final = 50  # flights advanced at once: their tracks take 100 MB
+TOGETHER: Final = 100  # flights advanced at once: their tracks take 200 MB
 EXAMPLE: Final = 10  # navigation samples from one point of a picture to the next
 BOUNDED: Final = (
     "a",
