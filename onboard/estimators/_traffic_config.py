@@ -68,7 +68,7 @@ class Config(Record, frozen=True, kw_only=True):
     quiet_acceleration_m_s2: Positive = 0.5
     quiet_time_s: Positive = 170.0  # a turn that is kept does not fade
     quiet_lasts_s: Positive = 50.0
-    changing_acceleration_m_s2: Positive = 1.0
+    changing_acceleration_m_s2: Positive = 1.5
     changing_time_s: Positive = 20.0
     changing_lasts_s: Positive = 15.0
     manoeuvre_acceleration_m_s2: Positive = 2.5

@@ -19,7 +19,14 @@ from onboard.models import intruder
 
 ECHO: Final = 3  # components of an echo
 REPORT: Final = 6  # and of a report
+REMEMBERED_S: Final = 3.0  # twice the time in which a track that hears a report a second forgets its velocity
 UNHEARD: Final = np.full(3, np.inf)  # m: how far off the reports of an aircraft are that has said nothing
+
+
+def gust_walk(sigma: Array, time_s: float) -> Array:
+    """By how much velocity walks (3,), m/s per square root of a second, where gusts of these sigmas (3,), m/s, come
+    and go with this time constant: as far, over `REMEMBERED_S`, as they change it in that time."""
+    return sigma * np.sqrt(2.0 * (1.0 - np.exp(-REMEMBERED_S / time_s)) / REMEMBERED_S)
 
 
 class Table:
@@ -32,7 +39,7 @@ class Table:
         self.farewells: list[Estimate] = []
         self.registration = Registration(config)
         c = config
-        gust = np.array([c.gust_m_s, c.gust_m_s, c.gust_vertical_m_s]) * np.sqrt(2.0 / c.gust_time_s)
+        gust = gust_walk(np.array([c.gust_m_s, c.gust_m_s, c.gust_vertical_m_s]), c.gust_time_s)
         drift = c.own_position_sigma_m * np.sqrt(2.0 / c.own_position_time_s)
         modes = (
             (c.quiet_acceleration_m_s2, c.quiet_time_s, True, c.quiet_lasts_s),

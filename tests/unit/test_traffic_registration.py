@@ -344,3 +344,14 @@ def test_vertical_accelerations_are_a_share_of_horizontal_ones() -> None:
     table.advance(2 * SECOND)
     grown = np.diag(table.batch.belief().covariance[0])[intruder.A]
     np.testing.assert_allclose(grown[2], grown[0] * 0.25**2)
+
+
+def test_velocity_walks_as_far_in_three_seconds_as_gusts_change_it() -> None:
+    """Of 0.5 m/s, with a time constant of 5 s: by 2 (1 - exp(-3/5)) 0.25 = 0.2256 m^2/s^2, by hand."""
+    table = Table(Config(filter="ekf", gust_m_s=0.5, gust_vertical_m_s=0.25, manoeuvre_acceleration_m_s2=1e-6))
+    table.advance(SECOND)
+    table.begin(np.zeros(15), np.zeros((15, 15)), None, SECOND, "radar")
+    for second in range(2, 5):
+        table.advance(second * SECOND)
+    grown = np.diag(table.batch.belief().covariance[0])[intruder.V]
+    np.testing.assert_allclose(grown, [0.2256, 0.2256, 0.0564], rtol=1e-3)
