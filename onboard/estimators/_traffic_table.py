@@ -26,7 +26,7 @@ UNHEARD: Final = np.full(3, np.inf)  # m: how far off the reports of an aircraft
 def gust_walk(sigma: Array, time_s: float) -> Array:
     """By how much velocity walks (3,), m/s per square root of a second, where gusts of these sigmas (3,), m/s,
     come and go with this time constant: as far, over `REMEMBERED_S`, as they change it in that time."""
-    return sigma * np.sqrt(2.0 * (1.0 - np.exp(-REMEMBERED_S / time_s)) / REMEMBERED_S)
+    return np.asarray(sigma * np.sqrt(2.0 * (1.0 - np.exp(-REMEMBERED_S / time_s)) / REMEMBERED_S))
 
 
 class Table:

@@ -33,7 +33,7 @@ TITLE: Final = "Traffic: twenty aircraft by ADS-B, MAVLink and radar"
 SCENARIO: Final = "traffic"
 STRAIGHT, STEADY, CHANGING = "straight", "steady", "changing"
 LOW, HIGH = 93.0, 97.0  # percent: what a 95 % ellipsoid is to hold
-FIRST_SEED: Final = 301  # settings were chosen on seeds 1 to 4; 201 to 224 showed a fault that was mended
+FIRST_SEED: Final = 501  # settings were chosen on seeds 1 to 4 and 1001 to 1016, or with 201 to 424 in view
 
 
 def fly(seed: int, filter_: FilterName = "imm", duration: float | None = None) -> Score:
