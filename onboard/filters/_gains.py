@@ -13,7 +13,7 @@ from onboard.filters.compiled import CONTRACTED, FILLING
 
 
 @njit(**FILLING, **CONTRACTED)
-def add_product_into(A, C, out):  # type: ignore[no-untyped-def]
+def add_transposed_product_into(A, C, out):  # type: ignore[no-untyped-def]
     """out (n, m) += A^T C, of A (k, n) and C (k, m)."""
     for i in range(out.shape[0]):
         for c in range(A.shape[0]):
@@ -97,13 +97,13 @@ def widen_into(L_t, B, N, extra, wider):  # type: ignore[no-untyped-def]
     for a in range(m):
         for i in range(n):
             DU_t[a, i] = extra[a] * U_t[a, i]
-    add_product_into(DU_t, U_t, inner)
+    add_transposed_product_into(DU_t, U_t, inner)
     if not factor_into(inner, M_t):
         return False
     L_t[:] = np.dot(M_t, L_t)
     B[:] = np.dot(M_t, B)
     wider[:] = N
-    add_product_into(B, B, wider)
+    add_transposed_product_into(B, B, wider)
     return True
 
 
@@ -114,7 +114,7 @@ def right_inverse(L_t, B, weighted):  # type: ignore[no-untyped-def]
     n, m = B.shape
     if weighted:
         G_t = np.zeros((m, n), B.dtype)
-        add_product_into(whitened_inverse(B).T, L_t, G_t)
+        add_transposed_product_into(whitened_inverse(B).T, L_t, G_t)
         return G_t
     H_t = B.copy()  # L^-T B, backwards
     for j in range(n - 1, -1, -1):
@@ -142,8 +142,8 @@ def kalman_gain(L_t, B, S, ignored):  # type: ignore[no-untyped-def]
     if not factor_into(kept, lower_t):
         return K_t, HK_t, False
     solve_into(lower_t, X)
-    add_product_into(X.T, L_t, K_t)
-    add_product_into(X.T, B, HK_t)
+    add_transposed_product_into(X.T, L_t, K_t)
+    add_transposed_product_into(X.T, B, HK_t)
     return K_t, HK_t, True
 
 
@@ -184,11 +184,11 @@ def joseph_into(L_t, B, N, K_t, P):  # type: ignore[no-untyped-def]
     """Covariance after an update with any gain: (L - K B^T)(L - K B^T)^T + K N K^T, symmetric and positive."""
     n, m = B.shape
     left_t, NK_t = L_t.copy(), np.zeros((m, n), B.dtype)
-    add_product_into(-B.T.copy(), K_t, left_t)
-    add_product_into(N, K_t, NK_t)
+    add_transposed_product_into(-B.T.copy(), K_t, left_t)
+    add_transposed_product_into(N, K_t, NK_t)
     P[:] = 0
-    add_product_into(left_t, left_t, P)
-    add_product_into(NK_t, K_t, P)
+    add_transposed_product_into(left_t, left_t, P)
+    add_transposed_product_into(NK_t, K_t, P)
     for i in range(n):
         for j in range(i):
             P[i, j] = P[j, i]

@@ -12,7 +12,14 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.filters._gains import add_product_into, joseph_into, mixed, right_inverse, solve_into, widen_into
+from onboard.filters._gains import (
+    add_transposed_product_into,
+    joseph_into,
+    mixed,
+    right_inverse,
+    solve_into,
+    widen_into,
+)
 from onboard.filters._kernels import FLAGS, _signatures, factor_into, wrapped
 from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MEASUREMENT, NOISE, OK, SHAPE
 
@@ -128,7 +135,7 @@ def doubt_into(L_t, B, followed, rest, doubt):  # type: ignore[no-untyped-def]
         if followed[a] == 0:
             for i in range(G_t.shape[1]):
                 told[a, i] = rest[a] * G_t[a, i]
-    add_product_into(told, G_t, doubt)
+    add_transposed_product_into(told, G_t, doubt)
 
 
 @njit(cache=True, error_model="numpy")

@@ -93,6 +93,11 @@ def test_a_picture_of_what_is_not_there(tmp_path: Path) -> None:
         viewer.screenshot(tmp_path / "none.rrd", tmp_path / "none.png")
 
 
+def has_vulkan() -> bool:
+    """Whether a driver is installed: with OpenGL alone the viewer finds an adapter, and then cannot draw."""
+    return any(any(Path(folder).glob("*.json")) for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"))
+
+
 def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
     viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
     psutil = pytest.importorskip("psutil")
@@ -100,7 +105,7 @@ def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
     try:
         viewer.screenshot(recording, png, at=START_S + 6.0, size=(1000, 700), timeout=60.0)
     except viewer.ViewerError as error:
-        if "graphics adapter" in str(error):
+        if "graphics adapter" in str(error) or not has_vulkan():
             pytest.skip("no Vulkan driver here: Debian's mesa-vulkan-drivers has one in software")
         raise
     assert png.read_bytes().startswith(b"\x89PNG")
