@@ -8,6 +8,9 @@ from numpy.testing import assert_allclose
 
 from onboard.estimators._own_filters import SensorFilter
 from onboard.estimators._own_inputs import Manoeuvres, Samples
+from onboard.estimators._own_measurements import Measured
+from onboard.estimators._own_report import Counts
+from onboard.filters.belief import Belief, Update
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.models import own_motion
 from tests.own_vehicle import MS, G
@@ -71,3 +74,16 @@ def test_the_frame_follows_the_vehicle_and_angles_stay_small() -> None:
     rows[0, 8] = 0.6
     R = own_motion.rotations(rows)[0]
     assert_allclose(own_motion.turned(rows, R.T)[0, [6, 8, 10]], 0.0, atol=1e-15)
+
+
+def test_what_was_outside_is_counted_over_the_last_second_alone() -> None:
+    """Two components every 0.4 s, the first one outside at first: by hand, what is older than a second is gone."""
+    counts, nothing = Counts(5.0), np.zeros(2)
+    assert counts.switch_fraction is None
+    found = []
+    for k, innovation in enumerate([6.0, 6.0, 0.0, 0.0, 0.0]):
+        measured = Measured("gps", 400 * k * MS, 0, nothing, np.eye(2), (0, 1), ("a", "b"), ("m", "m"), nothing)
+        update = Update(Belief(nothing, np.eye(2)), np.array([innovation, 0.0]), np.eye(2), nothing, float(k))
+        counts.add(measured, update)
+        found.append((counts.switch_fraction, counts.nis_ratio))
+    assert found == [(0.5, 0.0), (0.5, 0.25), (2 / 6, 0.5), (1 / 6, 1.0), (0.0, 1.5)]
