@@ -41,6 +41,6 @@ $(READY_DEV): $(READY)
 	$(INSTALL) -e '.[view,study,dev]'
 	@touch $@
 
-$(COMPILED): $(READY) $(wildcard onboard/filters/*.py onboard/geometry/*.py onboard/models/*.py)
+$(COMPILED): $(READY) $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py onboard/estimators/*/*.py)
 	$(BIN)/onboard compile
 	@touch $@

@@ -9,8 +9,8 @@ import numpy as np
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 from numba import njit
 
+from onboard.arrays import Array
 from onboard.filters import Belief, unscented
-from onboard.geometry.rotations import Array
 from onboard.models import constant_acceleration
 from onboard.models.radar import ANGULAR, measure
 

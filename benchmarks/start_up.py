@@ -9,21 +9,21 @@ from time import perf_counter
 from typing import NamedTuple
 
 FIRST_ESTIMATE = """
-from onboard.loading import loading
+from onboard.commands.loading import loading
 with loading():  # as `onboard run` does
     import numpy as np
     import onboard.pipeline
-    from onboard.estimators import _wing_line
+    from onboard.estimators.leader import wing_line as leader_filter
     from onboard.models import wing_line
     from onboard.models.leader_flight import Sight
 points = np.array([[[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]])
 still = np.zeros((1, 3))
 y, R, axes = wing_line.from_points(points, np.full((1, 3), 1e-3))
 sight = Sight(np.eye(3)[None], still, still, still, axes)
-leader = _wing_line.Filter(2.0, 0.04)
-state = _wing_line.start(leader, y, R, sight)
-state = _wing_line.advance(leader, state, 0.02, still, still)
-_wing_line.fuse(leader, state, y, R, sight)
+leader = leader_filter.Filter(2.0, 0.04)
+state = leader_filter.start(leader, y, R, sight)
+state = leader_filter.advance(leader, state, 0.02, still, still)
+leader_filter.fuse(leader, state, y, R, sight)
 """
 PIPELINE = """
 from time import perf_counter

@@ -7,11 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from onboard.estimators._traffic_filter import FilterName
-from onboard.estimators.traffic import Config, Estimator
+from onboard.arrays import Array
+from onboard.estimators.traffic.config import Config
+from onboard.estimators.traffic.estimator import Estimator
+from onboard.estimators.traffic.filter import FilterName
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
-from onboard.geometry.rotations import Array
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,

@@ -5,9 +5,10 @@ from typing import Any, Final
 import numpy as np
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
-from onboard.estimators._leader_noise import HONEST, initial_belief, process_noise
+from onboard.arrays import Array
+from onboard.estimators.leader.oh_johnson_noise import HONEST, initial_belief, process_noise
 from onboard.filters import Belief, unscented
-from onboard.geometry.rotations import Array, wrap_angle
+from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
 
 N: Final = relative_motion.N

@@ -2,6 +2,6 @@
 
 import sys
 
-from onboard.cli import main
+from onboard.commands.cli import main
 
 sys.exit(main())

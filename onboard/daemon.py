@@ -13,18 +13,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+from onboard.autopilot.odometry import OdometryStream
+from onboard.autopilot.session import Session
+from onboard.autopilot.traffic import TrafficOut
 from onboard.config import Config
 from onboard.links import Link, LinkError, parse_link
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Estimate, Health, Lifecycle, NavState, SinkHealth
 from onboard.pipeline import Pipeline
-from onboard.session import Session
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
 from onboard.sinks.zenoh_session import ZenohSession, open_session
-from onboard.traffic_out import TrafficOut
-from onboard.wire.odometry import OdometryStream
 
 TICK_S: Final = 0.05
 HEALTH_EVERY_NS: Final = 1_000_000_000

@@ -14,13 +14,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.geometry.rotations import (
-    Array,
-    matrix_from_quaternion,
-    quaternion_from_vector,
-    quaternion_product,
-    slerp,
-)
+from onboard.arrays import Array
+from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector, quaternion_product, slerp
 from onboard.messages import Attitude, GlobalPosition, LocalPosition, Message, OwnPose
 
 HISTORY_NS: Final = 5_000_000_000

@@ -25,9 +25,9 @@ from onboard.messages import (
 )
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
-from simlink.scene import Vehicle
-from simlink.sensors import Reading
-from simlink.world import STEP_NS, G
+from simlink.scenarios.scene import Vehicle
+from simlink.sensors.navigation import Reading
+from simlink.world.truth import STEP_NS, G
 
 SET_MESSAGE_INTERVAL: Final = 511
 REQUEST_MESSAGE: Final = 512

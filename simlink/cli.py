@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from simlink.describe import daemon_config
-from simlink.links import LinkError
 from simlink.log import write_log
-from simlink.scenario import Scenario, ScenarioError, load_scenario, scenario_names
-from simlink.server import Options, Server, serve
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario, scenario_names
+from simlink.server.links import LinkError
+from simlink.server.server import Options, Server, serve
 
 USER_ERROR = 2
 SHOW = "(default: %(default)s)"

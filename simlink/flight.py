@@ -7,10 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from onboard.messages import Vec3
-from simlink.camera import CameraSensor, Points, is_exposure
-from simlink.scenario import Scenario
-from simlink.sensors import add, readings, steps_of, white
-from simlink.world import STEPS_PER_SECOND, State, difference, states, true_size
+from simlink.scenarios.scenario import Scenario
+from simlink.sensors.camera import CameraSensor, Points, is_exposure
+from simlink.sensors.navigation import add, readings, steps_of, white
+from simlink.world.truth import STEPS_PER_SECOND, State, difference, states, true_size
 
 Array = npt.NDArray[np.float64]
 NAV_RATE = 50

@@ -15,8 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from onboard.geometry.rotations import quaternion_from_euler
-from simlink import attitude
-from simlink.camera import (
+from simlink.flight import NAV_RATE, Flight, TruthArrays
+from simlink.scenarios.scenario import Scenario
+from simlink.scenarios.scene import GaussMarkov, Nav
+from simlink.sensors.camera import (
     blob,
     in_camera,
     is_exposure,
@@ -25,13 +27,11 @@ from simlink.camera import (
     mount_quaternion,
     registrations,
 )
-from simlink.flight import NAV_RATE, Flight, TruthArrays
-from simlink.motion import Kinematics, Rates, advance, leader_motion, pulses, slot, slot_in_n
-from simlink.noise import gauss_markov, stream
-from simlink.scenario import Scenario
-from simlink.scene import GaussMarkov, Nav
-from simlink.sensors import steps_of
-from simlink.world import DT, STEPS_PER_SECOND, G, coordinated_angles, hovering_angles, true_size
+from simlink.sensors.navigation import steps_of
+from simlink.world import attitude
+from simlink.world.motion import Kinematics, Rates, advance, leader_motion, pulses, slot, slot_in_n
+from simlink.world.noise import gauss_markov, stream
+from simlink.world.truth import DT, STEPS_PER_SECOND, G, coordinated_angles, hovering_angles, true_size
 
 Array = npt.NDArray[np.float64]
 Components = tuple[Array, ...]  # a vector or quaternion as arrays of its components, each (B, N)

@@ -8,7 +8,7 @@ from typing import IO, Final
 
 from onboard.messages import Datagram, Encoding, TrafficTruth, Truth
 from onboard.wire.tlog import tlog_record
-from simlink.scenario import Scenario
+from simlink.scenarios.scenario import Scenario
 from simlink.simulation import datagrams
 
 COLUMNS: Final = (

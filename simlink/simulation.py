@@ -30,12 +30,12 @@ from onboard.wire.radar import encode_radar
 from onboard.wire.ranges import encode_ranges
 from onboard.wire.tlog import frame_length
 from simlink.autopilot import Autopilot
-from simlink.camera import CameraSensor, Image, camera_points, is_exposure, target_points
-from simlink.noise import uniforms
-from simlink.scenario import Scenario
-from simlink.sensors import Reading, readings, steps_of
-from simlink.traffic import Now, Traffic, sender
-from simlink.world import STEP_NS, State, states, true_size, truth_record
+from simlink.scenarios.scenario import Scenario
+from simlink.sensors.camera import CameraSensor, Image, camera_points, is_exposure, target_points
+from simlink.sensors.navigation import Reading, readings, steps_of
+from simlink.traffic.aircraft import Now, Traffic, sender
+from simlink.world.noise import uniforms
+from simlink.world.truth import STEP_NS, State, states, true_size, truth_record
 
 CameraLink = Literal["zenoh", "mavlink", "none"]
 CAMERA_COMPONENT: Final = 191

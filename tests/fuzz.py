@@ -18,12 +18,12 @@ import numpy as np
 from msgspec.structs import replace
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from onboard.estimators import leader
+from onboard.arrays import Array
+from onboard.estimators.leader import estimator as leader
 from onboard.geometry.camera import make_camera
-from onboard.geometry.rotations import Array
 from onboard.messages import Estimate, Lifecycle, Message, TargetPoints
 from onboard.ownship import Ownship
-from tests.streams import EPOCH, MS, Flight, S, make_config
+from tests.support.streams import EPOCH, MS, Flight, S, make_config
 
 EXTREMES: Final = (0.0, 1e-300, 1e-9, 0.3, 0.57, 1.0, 99.0, 1e6, 1e300, -1e300, math.nan, math.inf, -math.inf)
 STEPS_MS: Final = (0, 1, 20, 33, 33, 33, 40, 100, 500, 3000, 12000)  # from one image to the next

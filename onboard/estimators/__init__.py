@@ -1,23 +1,27 @@
-"""Estimators: a model, a filter and a policy; one file each, found by name.
+"""Estimators: a model, a filter and a policy; one file or one folder each, found by name.
 
 `[estimator.NAME]` in the configuration runs `onboard/estimators/NAME.py`. To add one, write that file with
 
-    LISTENS: Final = (TargetPoints,)                           # the messages it wants to be given
+    LISTENS: Final = (TargetPoints,)                           # the messages it receives
     class Config(Record, frozen=True, kw_only=True): ...       # its section's keys
     class Estimator:
         def __init__(self, config: Config, camera: Camera) -> None: ...
 
-where Estimator does what the protocol below says. Nothing else needs to know of it.
+where Estimator does what the protocol below says. Nothing else needs to know of it. One that outgrows a file is a
+folder: `Config` in `config.py`, which imports no numerics, the rest in `estimator.py`.
 """
 
 import pkgutil
 from collections import Counter
 from importlib import import_module
+from importlib.util import find_spec
 from types import ModuleType
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
-from onboard.messages import Estimate, Message
+from onboard.messages import Estimate, Message, Record
 from onboard.ownship import Ownship
+
+SHARED: Final = ("history",)  # modules here that are no estimators
 
 
 class EstimatorProtocol(Protocol):
@@ -44,14 +48,36 @@ class CountsVerdicts(Protocol):
 
 def known() -> tuple[str, ...]:
     """Names of the estimators there are."""
-    return tuple(sorted(m.name for m in pkgutil.iter_modules(__path__) if not m.name.startswith("_")))
+    found = (m.name for m in pkgutil.iter_modules(__path__))
+    return tuple(sorted(name for name in found if name not in SHARED))
+
+
+def config_type(name: str) -> type[Record]:
+    """The record of an estimator's section, without loading its numerics where `config.py` keeps it apart.
+
+    Raises KeyError for a name that is not `known`, naming those that are.
+    """
+    module = _module(name, "config")
+    config: type[Record] = module.Config
+    return config
 
 
 def load(name: str) -> ModuleType:
-    """The module of one estimator, with its `Config` and `Estimator`.
+    """The module of one estimator, with its `LISTENS` and `Estimator`.
 
-    Raises KeyError, naming those there are.
+    Raises KeyError for a name that is not `known`, naming those that are.
     """
+    return _module(name, "estimator")
+
+
+def module_name(name: str, part: str = "estimator") -> str:
+    """The module that holds a part ("config" or "estimator") of an estimator: a file in its folder, or itself."""
+    whole = f"{__name__}.{name}"
+    found = find_spec(whole)
+    return f"{whole}.{part}" if found is not None and found.submodule_search_locations is not None else whole
+
+
+def _module(name: str, part: str) -> ModuleType:
     if name not in known():
         raise KeyError(f"no estimator named {name!r}; there are: {', '.join(known())}")
-    return import_module(f"{__name__}.{name}")
+    return import_module(module_name(name, part))

@@ -4,9 +4,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.filters.belief import SHAPE, FilterError, Rows, flags, refuse, wrong_arrays
 from onboard.filters.unscented_transform import over_rows
-from onboard.geometry.rotations import Array
 
 # The axes an argument has for one filter; whatever stands before them is a batch.
 AXES: Final = {"mean": 1, "y": 1, "predicted": 1} | dict.fromkeys(

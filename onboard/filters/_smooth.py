@@ -5,13 +5,13 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.filters import _kernels_smooth as kernels
+from onboard.arrays import Array
 from onboard.filters import belief as beliefs
 from onboard.filters import cubature
 from onboard.filters._calls import straight
 from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, flags
+from onboard.filters.kernels import variable_structure as kernels
 from onboard.filters.unscented_transform import over_rows, sigma_points
-from onboard.geometry.rotations import Array
 
 GAMMA: Final = 0.1  # the convergence rate
 NAMES: Final = ("mean", "covariance", "measure", "y", "R", "residual", "lasted", "switching", "leaning", "layer")

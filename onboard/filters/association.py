@@ -12,7 +12,7 @@ from numba import njit, types
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 
 Places = NDArray[np.int64]
 

@@ -18,12 +18,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from onboard.filters import _kernels_augmented as kernels
+from onboard.arrays import Array
 from onboard.filters import unscented
 from onboard.filters._calls import call
 from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, Weights, flags, start, wrong_arrays
+from onboard.filters.kernels import augmented as kernels
 from onboard.filters.unscented import julier_weights, scaled_weights
-from onboard.geometry.rotations import Array
 
 NoisyRows = Callable[[Array, Array], Array]
 Rule = Callable[[int], Weights]

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 
 Rows = Callable[[Array], Array]
 

@@ -8,10 +8,11 @@ a filter.
 from functools import lru_cache
 from typing import Final
 
-from onboard.filters import _kernels_slopes, unscented
+from onboard.arrays import Array
+from onboard.filters import unscented
 from onboard.filters._calls import call, images_of
 from onboard.filters.belief import Belief, Method, Rows, Update, Weights, flags, start
-from onboard.geometry.rotations import Array
+from onboard.filters.kernels import linearisation
 
 
 @lru_cache(maxsize=64)
@@ -52,7 +53,7 @@ def update(
 def _images(model: Rows, points: Array, angular: tuple[int, ...], y: Array | None) -> Array:
     """Images (..., 2n+1, m) of points but the centre, in whose place stands the mean of the others'."""
     images = images_of(model, points[..., 1:, :], y)
-    (completed,) = call(_kernels_slopes.with_centre, flags(angular, images.shape[-1]), model=images)
+    (completed,) = call(linearisation.with_centre, flags(angular, images.shape[-1]), model=images)
     return completed  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 

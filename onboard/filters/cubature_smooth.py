@@ -18,8 +18,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.filters import _smooth
-from onboard.filters._kernels_smooth import ADAPTIVE, FIXED, SWITCHED
 from onboard.filters._smooth import (
     GAMMA,
     Settings,
@@ -32,8 +32,8 @@ from onboard.filters._smooth import (
     start,
 )
 from onboard.filters.belief import Belief, FilterError, Method, Rows
+from onboard.filters.kernels.variable_structure import ADAPTIVE, FIXED, SWITCHED
 from onboard.filters.smooth_variable_structure import SWITCHING
-from onboard.geometry.rotations import Array
 
 __all__ = [
     "METHODS",

@@ -11,8 +11,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.filters.belief import FilterError, Rows
-from onboard.geometry.rotations import Array
 
 TERMS: Final = 14  # of the series at a norm of 1/4: the first left out is below 1e-19
 

@@ -10,10 +10,11 @@ from typing import Final
 
 import numpy as np
 
-from onboard.filters import _kernels_linear, _kernels_slopes, kalman
+from onboard.arrays import Array
+from onboard.filters import kalman
 from onboard.filters._calls import call, images_of
 from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, flags, start
-from onboard.geometry.rotations import Array
+from onboard.filters.kernels import linear, linearisation
 
 Jacobian = Callable[[Array], Array]
 
@@ -26,7 +27,7 @@ def predict(belief: Belief, process: Rows, Q: Array, jacobian: Jacobian | None =
     mean, F = tangent(belief, process, jacobian)
     if not np.isfinite(mean).all():
         raise FilterError("process: gave states that are not finite")
-    (covariance,) = call(_kernels_linear.propagate, covariance=belief.covariance, F=F, Q=Q)
+    (covariance,) = call(linear.propagate, covariance=belief.covariance, F=F, Q=Q)
     return Belief(mean, covariance)
 
 
@@ -65,10 +66,10 @@ def tangent(
         *lead, n = belief.mean.shape
         value = images_of(model, belief.mean[..., None, :], y)[..., 0, :]
         return value, jacobian(belief.mean.reshape(-1, n)).reshape(*lead, value.shape[-1], n)
-    (points,) = call(_kernels_slopes.stencil, mean=belief.mean, covariance=belief.covariance)
+    (points,) = call(linearisation.stencil, mean=belief.mean, covariance=belief.covariance)
     fault = POINTS if y is None else IMAGES
     images = images_of(model, points, y)
-    (slope,) = call(_kernels_slopes.slopes, flags(angular, images.shape[-1]), fault, points=points, model=images)
+    (slope,) = call(linearisation.slopes, flags(angular, images.shape[-1]), fault, points=points, model=images)
     return images[..., 0, :], slope
 
 

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 
 
 @lru_cache(maxsize=64)

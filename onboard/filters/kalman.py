@@ -12,10 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from onboard.filters import _kernels_linear as kernels
+from onboard.arrays import Array
 from onboard.filters._calls import call, images_of, marks
 from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, start
-from onboard.geometry.rotations import Array
+from onboard.filters.kernels import linear as kernels
 
 
 def predict(belief: Belief, F: Array, Q: Array) -> Belief:

@@ -16,10 +16,10 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.filters import _kernels_modes as kernels
+from onboard.arrays import Array
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, flags, refuse
-from onboard.geometry.rotations import Array
+from onboard.filters.kernels import multiple_model as kernels
 
 
 class ModesState(NamedTuple):

@@ -8,10 +8,11 @@ again. The measurement counts once: on a linear model every number of iterations
 
 from typing import Final
 
-from onboard.filters import _kernels_slopes, cubature, kalman, unscented
+from onboard.arrays import Array
+from onboard.filters import cubature, kalman, unscented
 from onboard.filters._calls import alike, call, images_of
 from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, Weights, flags, start
-from onboard.geometry.rotations import Array
+from onboard.filters.kernels import linearisation as kernels_slopes
 
 
 def predict(belief: Belief, process: Rows, Q: Array, weights: Weights | None = None) -> Belief:
@@ -80,7 +81,7 @@ def regression(
     points = unscented.sigma_points(belief, weights)
     images = images_of(model, points, y)
     options = weights.covariance, weights.other, flags(angular, images.shape[-1]), POINTS if y is None else IMAGES
-    slope, value, rest = call(_kernels_slopes.regress, *options, covariance=belief.covariance, model=images)
+    slope, value, rest = call(kernels_slopes.regress, *options, covariance=belief.covariance, model=images)
     return slope, value, rest
 
 

@@ -22,7 +22,7 @@ must be subtracted, here it is Joseph's form.
 from functools import partial
 from typing import Final
 
-from onboard.filters._kernels_smooth import FIXED, VARIABLE
+from onboard.arrays import Array
 from onboard.filters._smooth import (
     GAMMA,
     Settings,
@@ -35,7 +35,7 @@ from onboard.filters._smooth import (
     start,
 )
 from onboard.filters.belief import Method, Rows
-from onboard.geometry.rotations import Array
+from onboard.filters.kernels.variable_structure import FIXED, VARIABLE
 
 __all__ = ["METHODS", "SmoothState", "SmoothUpdate", "believed", "predict", "start", "update", "update_variable"]
 

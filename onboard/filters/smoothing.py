@@ -10,11 +10,11 @@ from typing import Final
 
 import numpy as np
 
-from onboard.filters import _kernels_slopes
+from onboard.arrays import Array
 from onboard.filters._calls import straight
 from onboard.filters.belief import Belief, FilterError, Method, Rows, Weights
+from onboard.filters.kernels import linearisation
 from onboard.filters.posterior_linearisation import regression
-from onboard.geometry.rotations import Array
 
 
 def rauch_tung_striebel(filtered: Belief, F: Array, Q: Array, inputs: Array | None = None) -> Belief:
@@ -87,7 +87,7 @@ def _smoothed(filtered: Belief, F: Array, Q: Array, predicted: Array) -> Belief:
     if mean.ndim == 2:
         mean, covariance, F, Q, predicted = (a[:, None] for a in (mean, covariance, F, Q, predicted))
     arrays = {"mean": mean, "covariance": covariance, "F": F, "Q": Q, "predicted": predicted}
-    mean, covariance = straight(_kernels_slopes.smooth_back, **arrays)
+    mean, covariance = straight(linearisation.smooth_back, **arrays)
     shape = filtered.mean.shape
     return Belief(mean.reshape(shape), covariance.reshape(filtered.covariance.shape))
 

@@ -19,15 +19,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.filters import _kernels_factor, extended, stepping
-from onboard.filters import _kernels_root as kernels
+from onboard.arrays import Array
 from onboard.filters import belief as beliefs
+from onboard.filters import extended, stepping
 from onboard.filters._calls import call, images_of, marks
 from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, Weights
 from onboard.filters.cubature import weights as cubature_weights
+from onboard.filters.kernels import factors
+from onboard.filters.kernels import square_root as kernels
 from onboard.filters.stepping import Drawn, Rule
 from onboard.filters.unscented_transform import julier_weights
-from onboard.geometry.rotations import Array
 
 
 class SquareRoot(NamedTuple):
@@ -43,13 +44,13 @@ def start(mean: Array, covariance: Array) -> SquareRoot:
     Raises FilterError, NotPositiveDefiniteError.
     """
     beliefs.start(mean, covariance)
-    (lower,) = call(_kernels_factor.factor, covariance=covariance)
+    (lower,) = call(factors.factor, covariance=covariance)
     return SquareRoot(mean, lower)
 
 
 def belief(state: SquareRoot) -> Belief:
     """Mean and covariance S S^T."""
-    (covariance,) = call(_kernels_factor.square, factor=state.factor)
+    (covariance,) = call(factors.square, factor=state.factor)
     return Belief(state.mean, covariance)
 
 
@@ -154,7 +155,7 @@ def update_classical(
     Raises FilterError; NotPositiveDefiniteError, also when a downdate fails.
     """
     mean, _, _, U, *rest = _correct(state, y, measure, R, weights, angular, ())
-    (factor,) = call(_kernels_factor.downdate, factor=state.factor, U=U)
+    (factor,) = call(factors.downdate, factor=state.factor, U=U)
     return _told(SquareRoot(mean, factor), *rest)
 
 

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.filters.belief import FilterError, Rows, Weights, flags, refuse, wrong_arrays
-from onboard.geometry.rotations import Array
 
 
 class Kernels(NamedTuple):

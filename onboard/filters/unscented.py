@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from onboard.filters import _kernels_points as kernels
+from onboard.arrays import Array
 from onboard.filters import stepping
 from onboard.filters.belief import (
     Belief,
@@ -26,6 +26,7 @@ from onboard.filters.belief import (
     start,
     wrong_arrays,
 )
+from onboard.filters.kernels import unscented as kernels
 from onboard.filters.stepping import Rule
 from onboard.filters.unscented_transform import (
     batched,
@@ -37,7 +38,6 @@ from onboard.filters.unscented_transform import (
     scaled_weights,
     sigma_points,
 )
-from onboard.geometry.rotations import Array
 
 __all__ = [
     "METHODS",

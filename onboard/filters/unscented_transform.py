@@ -9,7 +9,7 @@ Arrays are float64 or float32, all alike. With a leading batch axis on mean and 
 
 import numpy as np
 
-from onboard.filters import _kernels_transform as kernels
+from onboard.arrays import Array
 from onboard.filters.belief import (
     Belief,
     FilterError,
@@ -19,8 +19,8 @@ from onboard.filters.belief import (
     refuse,
     wrong_arrays,
 )
+from onboard.filters.kernels import unscented_transform as kernels
 from onboard.filters.stepping import Drawn
-from onboard.geometry.rotations import Array
 
 
 def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:

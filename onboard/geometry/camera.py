@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from onboard.geometry.rotations import Array, matrix_from_euler
+from onboard.arrays import Array
+from onboard.geometry.rotations import matrix_from_euler
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

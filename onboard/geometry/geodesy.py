@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 
 A = 6378137.0
 F = 1 / 298.257223563

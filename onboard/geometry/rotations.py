@@ -1,9 +1,9 @@
 """Rotations: unit quaternions (Hamilton, scalar first), matrices, and ZYX Euler angles, in radians."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from onboard.arrays import Array
 
 
 def wrap_angle(angle: ArrayLike) -> Array:

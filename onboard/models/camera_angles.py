@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from onboard.arrays import Array
 from onboard.geometry.arctangent import arctan2
-from onboard.geometry.rotations import Array
 from onboard.models import relative_motion
 from onboard.models.relative_motion import BATCH, BLOCK, INTO, ROWS, VECTOR
 

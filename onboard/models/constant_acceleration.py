@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.filters.compiled import FILLING
-from onboard.geometry.rotations import Array
 
 N: Final = 9
 POSITION: Final = (0, 3, 6)

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.filters.discretisation import white_acceleration
-from onboard.geometry.rotations import Array
 from onboard.models import variable_turn
 
 N: Final = 11

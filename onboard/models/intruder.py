@@ -20,10 +20,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.filters.belief import Belief
 from onboard.filters.discretisation import van_loan
 from onboard.geometry.arctangent import arctan2
-from onboard.geometry.rotations import Array
 
 N: Final = 15
 R: Final = slice(0, 3)

@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.geometry.arctangent import arctan2
-from onboard.geometry.rotations import Array
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, ROWS, SIZE
 
@@ -71,7 +71,7 @@ def process(rows: Array, dt: float, v_F_n: Array, a_F_n: Array, habits: Habits) 
     by a_F_n (B, 3): eqs 5-10 without noise, and the decay of deviations; one step of RK4."""
     eps, along, heading, bank, bias, hover, nose_rate = habits
     kept = math.exp(-dt / along), math.exp(-dt / heading), math.exp(-dt / bank), math.exp(-dt / bias)
-    after: Array = _process(rows, dt, v_F_n, a_F_n, eps, *kept, math.exp(-dt / hover), nose_rate)
+    after: Array = process_rows(rows, dt, v_F_n, a_F_n, eps, *kept, math.exp(-dt / hover), nose_rate)
     return after
 
 
@@ -118,7 +118,7 @@ def _flown(now, gained, count, dt, eps, course4, lean):  # type: ignore[no-untyp
 
 
 @njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
-def _process(  # type: ignore[no-untyped-def]
+def process_rows(  # type: ignore[no-untyped-def]
     rows, dt, v_F, a_F, eps, along_kept, heading_kept, bank_kept, bias_kept, hover_kept, nose_rate
 ):
     """In blocks, so that the compiler makes one instruction of several rows' roots, quotients and arctangents."""
@@ -164,7 +164,7 @@ def wing_axes(rows: Array, v_F_n: Array, eps: float) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _wing_axis(row, u, v, w, eps):  # type: ignore[no-untyped-def]
+def wing_axis(row, u, v, w, eps):  # type: ignore[no-untyped-def]
     """Of one state row and the leader's own velocity."""
     c, s = np.cos(row[HEADING]), np.sin(row[HEADING])
     x, y, z = _accelerates(u, v, w, row[A_LAT], row[A_LONG], row[A_ALONG], c, s, eps)
@@ -180,14 +180,14 @@ def _wing_axes(rows, v_F, eps):  # type: ignore[no-untyped-def]
     for s in range(rows.shape[0]):
         f = s // each
         u, v, w = rows[s, 3] + v_F[f, 0], rows[s, 4] + v_F[f, 1], rows[s, 5] + v_F[f, 2]
-        axes[s, 0], axes[s, 1], axes[s, 2] = _wing_axis(rows[s], u, v, w, eps)
+        axes[s, 0], axes[s, 1], axes[s, 2] = wing_axis(rows[s], u, v, w, eps)
     return axes
 
 
 def measure(rows: Array, sight: Sight, eps: float, m: int) -> Array:
     """What the camera sees, (B k, m), of rows (B k, n): see `wing_line`. A wing's points are half the size b to
     both sides of L, square to the thrust and to the nose."""
-    seen: Array = _measure(rows, *sight, eps, m)
+    seen: Array = measure_rows(rows, *sight, eps, m)
     return seen
 
 
@@ -204,7 +204,8 @@ def project_about(axes, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit((ROWS, CUBE, ROWS, ROWS, ROWS, CUBE, types.float64, types.int64), cache=True, error_model="numpy")
-def _measure(rows, R_cn, r_FC, v_F, omega_c, axes, eps, m):  # type: ignore[no-untyped-def]
+def measure_rows(rows, R_cn, r_FC, v_F, omega_c, axes, eps, m):  # type: ignore[no-untyped-def]
+    """`measure`, to be called from compiled code."""
     count, n = rows.shape
     seen = np.empty((count, m))
     each = count // v_F.shape[0]
@@ -213,7 +214,7 @@ def _measure(rows, R_cn, r_FC, v_F, omega_c, axes, eps, m):  # type: ignore[no-u
         f = s // each
         row = rows[s]
         late = row[BASE] if n in (N_DELAY, N_BOTH) else 0.0
-        wx, wy, wz = _wing_axis(row, row[3] + v_F[f, 0], row[4] + v_F[f, 1], row[5] + v_F[f, 2], eps)
+        wx, wy, wz = wing_axis(row, row[3] + v_F[f, 0], row[4] + v_F[f, 1], row[5] + v_F[f, 2], eps)
         x = row[0] - late * row[3] - r_FC[f, 0]
         y = row[1] - late * row[4] - r_FC[f, 1]
         z = row[2] - late * row[5] - r_FC[f, 2]

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, ROWS, VELOCITY
 
 N: Final = 16

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 
 ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
 SIGNATURE: Final = (ROWS, ROWS, ROWS)

@@ -14,8 +14,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.filters.belief import FilterError
-from onboard.geometry.rotations import Array
 
 N: Final = 12
 POSITION: Final = (0, 2, 4)

@@ -10,7 +10,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.geometry.rotations import Array, wrap_angle
+from onboard.arrays import Array
+from onboard.geometry.rotations import wrap_angle
 from onboard.models import quadrotor
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY, Airframe
 

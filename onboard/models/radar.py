@@ -9,9 +9,9 @@ from typing import Any, Final
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.filters.compiled import FILLING
 from onboard.geometry.arctangent import arctan2
-from onboard.geometry.rotations import Array
 
 M: Final = 3
 COMPONENTS: Final = ("range", "azimuth", "elevation")

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numba import njit, types
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 
 N: Final = 9
 R: Final = slice(0, 3)

@@ -20,9 +20,9 @@ from typing import Any, Final
 import numpy as np
 from numba import njit, types
 
+from onboard.arrays import Array
 from onboard.filters.belief import FilterError
 from onboard.filters.discretisation import van_loan
-from onboard.geometry.rotations import Array
 from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, UNITS, VELOCITY, N
 
 __all__ = ["ACCELERATION", "COMPONENTS", "POSITION", "UNITS", "VELOCITY", "N", "coefficients", "noise", "process"]

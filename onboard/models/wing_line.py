@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 from onboard.models.leader_flight import CUBE, project_about
 from onboard.models.relative_motion import ROWS
 

@@ -16,7 +16,7 @@ import msgspec
 from mcap.writer import Writer
 
 from onboard.messages import Datagram, Estimate, Health, OwnPose
-from onboard.schemas import key_of, schema
+from onboard.messages.schemas import key_of, schema
 from onboard.sinks.sink import SinkError
 
 Recorded = Datagram | Estimate | OwnPose | Health

@@ -14,7 +14,7 @@ from typing import Any, Final
 import msgspec
 
 from onboard.messages import Estimate, Health, Lifecycle, OwnPose
-from onboard.schemas import key_of
+from onboard.messages.schemas import key_of
 from onboard.sinks.sink import SinkError
 from onboard.sinks.zenoh_session import ZenohSession
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 from onboard.view.sdk import rr
 
 TIMELINE = "boot_time"

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.geometry.camera import Camera, pixels_from_points
-from onboard.geometry.rotations import Array
 from onboard.messages import MeasurementReport
 from onboard.view import palette, scene, words
 from onboard.view.columns import Columns, Spots, circles, labels, lines_2d, spots

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from onboard.geometry.rotations import Array, matrix_from_quaternion, quaternion_from_euler
+from onboard.arrays import Array
+from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_euler
 from onboard.messages import Estimate, OwnPose, Truth
 
 COMPONENTS = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 from onboard.messages import Estimate, Health, MeasurementReport, Truth
 from onboard.view import palette, scene
 from onboard.view.columns import Columns, scalars, states

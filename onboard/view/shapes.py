@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 
 
 class Mesh(NamedTuple):

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from onboard.geometry.rotations import Array, quaternion_from_matrix
+from onboard.arrays import Array
+from onboard.geometry.rotations import quaternion_from_matrix
 from onboard.messages import Estimate, OwnPose, Truth
 from onboard.view import palette, scene
 from onboard.view.columns import HIDDEN, LEVEL, Columns, Pose, ellipsoids, lines_3d, no_tags, poses, tags

@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.geometry.rotations import Array
+from onboard.arrays import Array
 from onboard.messages import Estimate, Lifecycle, ThreatLevel
 from onboard.view import palette
 from onboard.view.columns import Columns, texts

@@ -16,12 +16,12 @@ import pytest
 import zenoh
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.client import Client
+from onboard.commands.log_replay import replay
 from onboard.config import load_config
 from onboard.messages import Estimate, Health
-from onboard.replay import replay
+from onboard.view.client import Client
 from onboard.wire.recording import read_estimates
-from tests.programs import Program, free_ports, run, started, until
+from tests.support.programs import Program, free_ports, run, started, until
 
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 

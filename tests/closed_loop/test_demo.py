@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import psutil
 import pytest
 
-from tests import readme
-from tests.programs import Program, all_gone, run, started, until
+from tests.support import readme
+from tests.support.programs import Program, all_gone, run, started, until
 
 SECONDS = 25
 

@@ -8,9 +8,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.client import Client
 from onboard.messages import Health, NavState, Truth
-from tests.programs import free_ports, run, started, until
+from onboard.view.client import Client
+from tests.support.programs import free_ports, run, started, until
 
 NEAR_NS = 25_000_000
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM

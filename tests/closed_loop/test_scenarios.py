@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tests import readme
-from tests.programs import run
+from tests.support import readme
+from tests.support.programs import run
 
 SEED = 1
 

@@ -9,9 +9,9 @@ import pytest
 from onboard.config import parse_config
 from onboard.messages import Estimate, TrafficTruth, Truth
 from onboard.pipeline import Pipeline
-from onboard.traffic_scoring import Score, score
-from simlink.describe import daemon_config
-from simlink.scenario import Scenario, load_scenario
+from onboard.scoring.traffic import Score, score
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
 
 SEED = 21

@@ -10,9 +10,9 @@ import msgspec
 import zenoh
 from pymavlink.dialects.v20 import common
 
-from onboard.client import Client
 from onboard.messages import Estimate, Health
-from tests.programs import free_ports, run, started, until
+from onboard.view.client import Client
+from tests.support.programs import free_ports, run, started, until
 
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 

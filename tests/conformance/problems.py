@@ -6,9 +6,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from onboard.arrays import Array
 from onboard.filters.belief import Belief, FilterError, Method, Rows
-from onboard.geometry.rotations import Array
-from tests.filter_problems import spd
+from tests.support.filter_problems import spd
 
 
 class Linear(NamedTuple):

@@ -9,9 +9,9 @@ import pytest
 from onboard.config import parse_config
 from onboard.estimators import known, load
 from onboard.messages import Estimate, Message, NavState, Output
+from onboard.messages.schemas import key_of
 from onboard.pipeline import Pipeline
-from onboard.schemas import key_of
-from simlink.scenario import load_scenario
+from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
 
 FLIGHTS = ("formation", "quadrotor")

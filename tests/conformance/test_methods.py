@@ -6,10 +6,10 @@ A method that a property does not fit says so in its `exempt`, with the reason; 
 import numpy as np
 import pytest
 
+from onboard.arrays import Array
 from onboard.filters import methods
 from onboard.filters.belief import PROPERTIES, Method
 from onboard.filters.gating import mean_bounds, normalised_squared
-from onboard.geometry.rotations import Array
 from tests.conformance.problems import (
     Linear,
     arrays_of,

@@ -9,7 +9,7 @@ import pytest
 from onboard.filters import methods
 from onboard.filters.belief import FilterError, Method, NotPositiveDefiniteError
 from tests.conformance.problems import broken, cases
-from tests.filter_problems import identity
+from tests.support.filter_problems import identity
 
 NAN, INF = float("nan"), float("inf")
 every = pytest.mark.parametrize("method", cases(methods()))

@@ -9,8 +9,8 @@ import pytest
 
 import onboard.filters
 from onboard.filters import FilterError, Method
-from tests import readme
-from tests.programs import ROOT
+from tests.support import readme
+from tests.support.programs import ROOT
 
 BLOCKS = re.findall(r"```python\n(.*?)```", readme.TEXT, re.DOTALL)
 

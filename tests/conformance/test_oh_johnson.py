@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from onboard.estimators._leader_noise import PAPER, process_noise
+from onboard.arrays import Array
+from onboard.estimators.leader.oh_johnson_noise import PAPER, process_noise
 from onboard.filters import unscented
-from onboard.geometry.rotations import Array
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE
-from onboard.studies._formation import FT, Method, Setting, track
-from onboard.studies._formation_methods import PAPER_MENDED, TUNED
-from onboard.studies._formation_scores import truth_of
+from onboard.studies.relative_motion.formation import FT, Method, Setting, track
+from onboard.studies.relative_motion.methods import PAPER_MENDED, TUNED
+from onboard.studies.relative_motion.scores import truth_of
 from simlink.flights import fly_many
-from simlink.scenario import load_scenario
+from simlink.scenarios.scenario import load_scenario
 
 MEASURE = camera_angles.measure
 SCENARIO = load_scenario("formation")

@@ -19,6 +19,7 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState
 from stonesoup.updater import kalman as updaters
 
+from onboard.arrays import Array
 from onboard.filters import (
     Belief,
     cubature,
@@ -30,7 +31,7 @@ from onboard.filters import (
     smoothing,
     unscented,
 )
-from onboard.geometry.rotations import Array, wrap_angle
+from onboard.geometry.rotations import wrap_angle
 
 DT, N, STEPS = 0.1, 9, 300
 F = np.kron(np.eye(3), np.array([[1.0, DT, 0.5 * DT**2], [0.0, 1.0, DT], [0.0, 0.0, 1.0]]))

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from onboard.arrays import Array
 from onboard.filters import Belief, FilterError, NotPositiveDefiniteError, square_root, unscented
-from onboard.geometry.rotations import Array
 from tests.conformance.problems import spd
 
 STEPS = 40

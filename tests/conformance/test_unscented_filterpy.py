@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
-from onboard.estimators._leader_noise import PAPER, Noise, initial_belief, process_noise
+from onboard.arrays import Array
+from onboard.estimators.leader.oh_johnson_noise import PAPER, Noise, initial_belief, process_noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
-from onboard.geometry.rotations import Array, matrix_from_quaternion, wrap_angle
+from onboard.geometry.rotations import matrix_from_quaternion, wrap_angle
 from onboard.models import camera_angles, relative_motion
-from onboard.studies._formation import B0, SIZE_SIGMA
-from onboard.studies._formation_methods import TUNED_NOISE
+from onboard.studies.relative_motion.formation import B0, SIZE_SIGMA
+from onboard.studies.relative_motion.methods import TUNED_NOISE
 from simlink.flight import Flight, fly
-from simlink.scenario import load_scenario
+from simlink.scenarios.scenario import load_scenario
 
 SCENARIO = load_scenario("formation")
 WEIGHTS = unscented.julier_weights(relative_motion.N)

@@ -17,7 +17,7 @@ from onboard.messages import (
     TimeSync,
     Verdict,
 )
-from tests.streams import (
+from tests.support.streams import (
     CIRCLE,
     EPOCH,
     MS,

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators import leader
+from onboard.estimators.leader import estimator
 from onboard.messages import Estimate
 from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
 from tests import fuzz
-from tests.streams import MS, Flight, S, Stream, make_config
+from tests.support.streams import MS, Flight, S, Stream, make_config
 
 SEQUENCES = 150  # of each
 
@@ -59,9 +59,9 @@ def test_the_fuzz_would_see_what_is_unsound() -> None:
 
 
 def test_a_filter_that_fails_ends_its_track_and_not_the_program() -> None:
-    """The paper's model of a leader that hovers is 0/0: met by the fuzz, and by anybody on a bench."""
+    """The paper's model of a estimator that hovers is 0/0: met by the fuzz, and by anybody on a bench."""
     at_rest = Flight(radius=None, speed=0.0)
-    one, ownship = leader.Estimator(fuzz.CONFIGS["paper"], fuzz.CAMERA), Ownship(max_extrapolation=0.1)
+    one, ownship = estimator.Estimator(fuzz.CONFIGS["paper"], fuzz.CAMERA), Ownship(max_extrapolation=0.1)
     for i in range(3):
         t_ns = 5 * S + i * 20 * MS
         for said in (at_rest.attitude(t_ns), replace(at_rest.position(t_ns), v_F_n=(0.0, 0.0, 0.0))):

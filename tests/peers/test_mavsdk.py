@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.programs import free_ports, started
+from tests.support.programs import free_ports, started
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("mavsdk") is None, reason="MAVSDK's Python package (mavsdk) is not installed"

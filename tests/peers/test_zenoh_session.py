@@ -12,7 +12,7 @@ import pytest
 
 from onboard.sinks import SinkError
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
-from tests.programs import environment, free_ports
+from tests.support.programs import environment, free_ports
 
 # Python takes a second to end, during which a callback in a thread that it does not wait for wants to go on.
 ENDS_IN_A_CALLBACK = """

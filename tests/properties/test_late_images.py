@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, Message, TargetPoints, Verdict
-from tests.streams import (
+from tests.support.streams import (
     CIRCLE,
     EPOCH,
     MS,

@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from onboard.estimators._leader_noise import HONEST, PAPER, Noise, initial_belief, process_noise
+from onboard.arrays import Array
+from onboard.estimators.leader.oh_johnson_noise import HONEST, PAPER, Noise, initial_belief, process_noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update
 from onboard.filters.gating import mean_bounds, normalised_squared
-from onboard.geometry.rotations import Array, wrap_angle
+from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
 
 SEED = st.integers(0, 2**32 - 1)

@@ -11,7 +11,7 @@ import pytest
 from onboard.messages import Estimate, Health, Lifecycle, Verdict
 from onboard.pipeline import Pipeline
 from onboard.wire.tlog import read_tlog
-from tests.streams import Run, assert_sane, make_config
+from tests.support.streams import Run, assert_sane, make_config
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 S = 1_000_000_000

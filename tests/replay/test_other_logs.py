@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.programs import DATA, run
+from tests.support.programs import DATA, run
 
 LOGS = DATA / "logs"
 pytestmark = pytest.mark.skipif(

@@ -14,7 +14,7 @@ from onboard.messages import Barometer, Datagram, LocalPosition, Message, NavSta
 from onboard.pipeline import Pipeline
 from onboard.wire.tlog import read_tlog
 from onboard.wire.ulog import read_ulog
-from tests.programs import DATA
+from tests.support.programs import DATA
 
 S = 1_000_000_000
 pytestmark = pytest.mark.skipif(

@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from onboard.clocks import OUR_TAG, Clocks, tagged
 from onboard.messages import Clock
-from tests.clock_messages import EPOCH, MS, S, image, reply, run, sample
+from tests.support.clock_messages import EPOCH, MS, S, image, reply, run, sample
 
 # ------------------------------------------------------------------------------------- offset
 

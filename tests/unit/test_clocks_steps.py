@@ -7,7 +7,7 @@ import pytest
 
 from onboard.clocks import Clocks
 from onboard.messages import ActuatorOutputs, Message
-from tests.clock_messages import EPOCH, MS, S, image, reply, run, sample
+from tests.support.clock_messages import EPOCH, MS, S, image, reply, run, sample
 
 # ------------------------------------------------------------------- our clock steps, theirs restarts
 

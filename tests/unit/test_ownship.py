@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
 from onboard.messages import Attitude, GlobalPosition, LocalPosition
 from onboard.ownship import Ownship
-from tests.streams import CIRCLE, EPOCH, MS, S
+from tests.support.streams import CIRCLE, EPOCH, MS, S
 
 
 def circling(t0: float = 5.0, t1: float = 8.0, step_ms: int = 20) -> Ownship:

@@ -1,0 +1,1 @@
+"""Our own state, robust against model error and faults. Start reading at `estimator`."""

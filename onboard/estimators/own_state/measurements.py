@@ -1,0 +1,136 @@
+"""Messages of our own vehicle as measurements of states of `models.own_motion`."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.own_state.config import Config
+from onboard.filters.belief import Rows
+from onboard.geometry.geodesy import ned_from_geodetic
+from onboard.geometry.rotations import matrix_from_quaternion
+from onboard.messages import Attitude, Barometer, GpsFix, Imu, Vec3, Verdict
+from onboard.models import own_motion
+from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
+
+FARTHEST: Final = 1e6  # m from the origin; what is farther is no fix of this flight
+FASTEST: Final = 300.0  # m/s
+QUICKEST: Final = 100.0  # rad/s
+UNKNOWN_ACCURACY: Final = (2.0, 3.0)  # m, horizontal and vertical, where a receiver does not say
+HIGHEST: Final = 1e5  # m; a barometer's altitude beyond is none
+BAROMETER: Final = "barometer"
+LEAST_ACCURACY: Final = 0.05  # m
+
+
+class Measured(NamedTuple):
+    """A measurement y (m,) of `states`, true at `t_ns`, with its noise R (m, m). Of an attitude y's first three
+    are filled in (`attitude_rows`) once it is known what the angles turn into."""
+
+    sensor: str
+    t_ns: int
+    t_recv_ns: int
+    y: Array
+    R: Array
+    states: tuple[int, ...]
+    components: tuple[str, ...]
+    units: tuple[str, ...]
+    q_nb: Array
+
+
+def from_attitude(m: Attitude, config: Config) -> Measured | Verdict:
+    """Attitude and body rates."""
+    q, omega = np.array(m.q_nb), np.array(m.omega_b)
+    if not (np.isfinite(q).all() and np.isfinite(omega).all()):
+        return Verdict.NOT_FINITE
+    if not 0.5 < float(np.linalg.norm(q)) < 2.0 or np.abs(omega).max() > QUICKEST:
+        return Verdict.DEGENERATE
+    sigmas = np.radians([*config.attitude_sigma_deg, *[config.rates_sigma_deg_s] * 3])
+    return Measured(
+        "attitude",
+        m.t_ns,
+        m.t_recv_ns,
+        np.concatenate([np.zeros(3), omega]),
+        np.diag(sigmas**2),
+        (*ATTITUDE, *RATES),
+        ("roll", "pitch", "yaw", "p", "q", "r"),
+        ("rad", "rad", "rad", "rad/s", "rad/s", "rad/s"),
+        q,
+    )
+
+
+def attitude_rows(measured: Measured, R_na: Array) -> tuple[Array, tuple[int, ...]]:
+    """(y, its angular components), with an attitude's angles turned into the frame a."""
+    if measured.sensor != "attitude":
+        return measured.y, ()
+    y = measured.y.copy()
+    y[:3] = own_motion.angles(R_na.T @ matrix_from_quaternion(measured.q_nb))
+    return y, (0, 1, 2)
+
+
+def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measured | Verdict:
+    """Position from O, and velocity as far as the fix has it."""
+    if not all(math.isfinite(x) for x in (m.lat_deg, m.lon_deg, m.alt_msl)):
+        return Verdict.NOT_FINITE
+    place = ned_from_geodetic((m.lat_deg, m.lon_deg, m.alt_msl), origin)
+    velocity: list[float] = []
+    if m.ground_speed is not None and m.course_rad is not None:
+        velocity = [m.ground_speed * math.cos(m.course_rad), m.ground_speed * math.sin(m.course_rad)]
+        velocity += [] if m.v_down is None else [m.v_down]
+    y = np.array([*place, *velocity])
+    if not np.isfinite(y).all():
+        return Verdict.NOT_FINITE
+    if np.abs(place).max() > FARTHEST or np.abs(y[3:]).max(initial=0.0) > FASTEST:
+        return Verdict.DEGENERATE
+    sigmas = np.array([*_accuracy(m, config), *config.gps_velocity_sigma_m_s[: len(velocity)]])
+    n = len(y)
+    return Measured(
+        "gps",
+        m.t_ns,
+        m.t_recv_ns,
+        y,
+        np.diag(sigmas**2),
+        (*POSITION, *VELOCITY)[:n],
+        ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")[:n],
+        ("m", "m", "m", "m/s", "m/s", "m/s")[:n],
+        np.zeros(4),
+    )
+
+
+def from_barometer(m: Barometer | Imu, altitude: float, datum: float, config: Config) -> Measured | Verdict:
+    """A barometer's altitude above its `datum`, both m."""
+    if not math.isfinite(altitude):
+        return Verdict.NOT_FINITE
+    if abs(altitude) > HIGHEST:
+        return Verdict.DEGENERATE
+    return Measured(
+        BAROMETER,
+        m.t_ns,
+        m.t_recv_ns,
+        np.array([altitude - datum]),
+        np.array([[config.pressure_sigma_m**2]]),
+        (),
+        ("pressure_altitude",),
+        ("m",),
+        np.zeros(4),
+    )
+
+
+def predicted(measured: Measured) -> Rows:
+    """The measurement as a function of rows of states."""
+    if measured.sensor == BAROMETER:
+        return lambda rows: rows[:, own_motion.OFFSET :] - rows[:, POSITION[2], None]
+    seen = list(measured.states)
+    return lambda rows: rows[:, seen]
+
+
+def _accuracy(m: GpsFix, config: Config) -> Vec3:
+    """Standard deviations of the position, m."""
+    if config.gps_position_sigma_m is not None:
+        return config.gps_position_sigma_m
+    horizontal, vertical = (
+        given if given is not None and math.isfinite(given) and given > 0 else otherwise
+        for given, otherwise in zip((m.h_acc, m.v_acc), UNKNOWN_ACCURACY, strict=True)
+    )
+    horizontal, vertical = max(horizontal, LEAST_ACCURACY), max(vertical, LEAST_ACCURACY)
+    return horizontal, horizontal, vertical

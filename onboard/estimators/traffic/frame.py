@@ -1,0 +1,95 @@
+"""Where we and others are in one Cartesian frame: NED at an anchor, our first known position.
+
+Everything goes through ECEF, so neither a pole nor the antimeridian is special, and the frame stays exact however
+far we fly from its anchor. Heights above mean sea level are taken as if above the ellipsoid, all of them alike:
+the geoid's slope over a few kilometres is centimetres.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_rows, rotation_ne
+from onboard.messages import GlobalPosition
+from onboard.ownship import Ownship
+
+
+class Own(NamedTuple):
+    """Our position and velocity (3,) in the frame, attitude R_nb (3, 3) from body, and R_nl (3, 3) from NED where
+    we are."""
+
+    r: Array
+    v: Array
+    R_nb: Array
+    R_nl: Array
+
+
+class Frame:
+    """The frame n, and our own position in it over the last seconds. Not known before the first own position."""
+
+    def __init__(self, timeout_s: float) -> None:
+        self._timeout_ns = round(timeout_s * 1e9)
+        self._anchor_e = np.zeros(3)
+        self._R_ne: Array | None = None
+        self._newest: tuple[int, Array, Array] | None = None  # time, r, R_nl
+
+    @property
+    def known(self) -> bool:
+        """Whether there is an anchor."""
+        return self._R_ne is not None
+
+    def receive(self, m: GlobalPosition) -> None:
+        """Our own position. (0, 0) is what an autopilot says that does not know it."""
+        if (m.lat_deg, m.lon_deg) == (0.0, 0.0) or not on_earth(m.lat_deg, m.lon_deg):
+            return
+        if self._R_ne is None:
+            self._anchor_e = ecef_from_geodetic(m.lat_deg, m.lon_deg, m.alt_msl)
+            self._R_ne = rotation_ne(m.lat_deg, m.lon_deg)
+        if self._newest is None or m.t_ns > self._newest[0]:
+            self._newest = m.t_ns, self.position(m.lat_deg, m.lon_deg, m.alt_msl), self.turn(m.lat_deg, m.lon_deg)
+
+    def position(self, lat_deg: float, lon_deg: float, height: float) -> Array:
+        """r_On (3,) of a place; the frame must be known."""
+        return np.asarray(self._turn() @ (ecef_from_geodetic(lat_deg, lon_deg, height) - self._anchor_e))
+
+    def place_in_e(self, r: Array | None) -> Array | None:
+        """Where r (3,) of the frame is in e; of None, where we were last."""
+        if self._newest is None:
+            return None
+        return np.asarray(self._anchor_e + (self._newest[1] if r is None else r) @ self._turn())
+
+    def from_e(self, y: Array, R: Array) -> tuple[Array, Array]:
+        """Position and velocity (6,) in e, and their covariance (6, 6), in the frame."""
+        both = np.kron(np.eye(2), self._turn())
+        return both @ np.concatenate([y[:3] - self._anchor_e, y[3:]]), both @ R @ both.T
+
+    def turn(self, lat_deg: float, lon_deg: float) -> Array:
+        """R_nl (3, 3): from NED at a place to the frame; it must be known."""
+        return np.asarray(self._turn() @ rotation_ne(lat_deg, lon_deg).T)
+
+    def geodetic(self, r: Array) -> Array:
+        """(lat_deg, lon_deg, height), (k, 3), of places r (k, 3); the frame must be known."""
+        return geodetic_rows(self._anchor_e + r @ self._turn())
+
+    def own(self, t_ns: int, ownship: Ownship) -> Own | None:
+        """Us at a time: the newest own position, moved by our velocity between. None where either is not known or
+        too old."""
+        if self._newest is None or abs(t_ns - self._newest[0]) > self._timeout_ns:
+            return None
+        t0_ns, r, R_nl = self._newest
+        pose, then = ownship.pose_at(t_ns), ownship.pose_at(t0_ns)
+        if pose is None:
+            return None
+        v = pose.v_F_n
+        mean = v if then is None else 0.5 * (v + then.v_F_n)
+        return Own(r + R_nl @ (mean * ((t_ns - t0_ns) * 1e-9)), R_nl @ v, R_nl @ pose.R_nb, R_nl)
+
+    def _turn(self) -> Array:
+        assert self._R_ne is not None  # noqa: S101 - whoever asks has seen that it is known
+        return self._R_ne
+
+
+def on_earth(lat_deg: float, lon_deg: float) -> bool:
+    """Whether these are a latitude and a longitude; a wire's last digit beyond the pole is forgiven."""
+    return abs(lat_deg) <= 90.0 + 1e-7 and abs(lon_deg) <= 180.0 + 1e-7

@@ -1,0 +1,1 @@
+"""Compiled loops over arrays, private to `onboard.filters`: others call the public families."""

@@ -1,0 +1,144 @@
+"""Compiled arithmetic of the noise-augmented unscented filter, with more than 2n + 1 points; see `_kernels`."""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.belief import COVARIANCE, IMAGES, INDEFINITE, INNOVATION, MEASUREMENT, OK, POINTS, SHAPE
+from onboard.filters.kernels.linear import semifactor_into
+from onboard.filters.kernels.sigma_points import FLAGS, factor_into, signatures, wrapped
+
+
+@njit(signatures(2, 3, 3, 3, "f"), cache=True, error_model="numpy")
+def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
+    """(points (B, 2L+1, L), status) of means (B, n), covariances (B, n, n) and those of two noises, each (B or 1,
+    k, k) and perhaps singular or empty: the mean first, and opposite points L apart (eqs 8, 9)."""
+    count, n = mean.shape
+    k1, k2 = first.shape[1], second.shape[1]
+    L = n + k1 + k2
+    points = np.zeros((count, 2 * L + 1, L), mean.dtype)
+    if P.shape[0] != count or P.shape[1] != n or P.shape[2] != n:
+        return points, SHAPE
+    if first.shape[2] != k1 or second.shape[2] != k2:
+        return points, SHAPE
+    if first.shape[0] not in (1, count) or second.shape[0] not in (1, count):
+        return points, SHAPE
+    own, one, two = np.empty((n, n), mean.dtype), np.empty((k1, k1), mean.dtype), np.empty((k2, k2), mean.dtype)
+    for b in range(count):
+        if not factor_into(P[b], own):
+            return points, COVARIANCE
+        if not semifactor_into(first[b % first.shape[0]], one) or not semifactor_into(
+            second[b % second.shape[0]], two
+        ):
+            return points, INDEFINITE
+        for s in range(2 * L + 1):
+            for i in range(n):
+                points[b, s, i] = mean[b, i]
+        for j in range(L):
+            for i in range(j, L):
+                offset = 0.0
+                if i < n:
+                    offset = own[j, i]
+                elif n <= j and i < n + k1:
+                    offset = one[i - n, j - n]
+                elif n + k1 <= j:
+                    offset = two[i - n - k1, j - n - k1]
+                points[b, 1 + j, i] += gamma * offset
+                points[b, 1 + L + j, i] -= gamma * offset
+    return points, OK
+
+
+@njit(cache=True, error_model="numpy")
+def centre_into(points, w, angular, mean, d):  # type: ignore[no-untyped-def]
+    """Mean (m,) of points (k, m) and deviations from it (k, m), by way of the first; False if not finite."""
+    k, m = points.shape
+    fine = True
+    for a in range(m):
+        total = 0.0
+        for s in range(k):
+            d[s, a] = points[s, a] - points[0, a]
+            if angular[a]:
+                d[s, a] = wrapped(d[s, a])
+            total += d[s, a]
+        mean[a] = points[0, a] + w * total
+        for s in range(k):
+            d[s, a] -= w * total
+        fine = fine and np.isfinite(mean[a])
+    return fine
+
+
+@njit(cache=True, error_model="numpy")
+def covariance_into(d, w_cov, w, P):  # type: ignore[no-untyped-def]
+    """Weighted covariance of deviations (k, m)."""
+    k, m = d.shape
+    for a in range(m):
+        for b in range(a, m):
+            total = 0.0
+            for s in range(1, k):
+                total += d[s, a] * d[s, b]
+            P[a, b] = P[b, a] = w * total + w_cov * d[0, a] * d[0, b]
+
+
+@njit(signatures(3, "f", "f"), cache=True, error_model="numpy")
+def gather(points, w_cov, w):  # type: ignore[no-untyped-def]
+    """(mean (B, n), covariance (B, n, n), status) of points (B, k, n)."""
+    count, k, n = points.shape
+    mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
+    d, straight = np.empty((k, n), points.dtype), np.zeros(n, np.bool_)
+    for b in range(count):
+        if not centre_into(points[b], w, straight, mean[b], d):
+            return mean, P, POINTS
+        covariance_into(d, w_cov, w, P[b])
+    return mean, P, OK
+
+
+@njit(cache=True, error_model="numpy")
+def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):  # type: ignore[no-untyped-def]
+    """chol(S)^-1 [cross-covariance^T, e] (m, n+1), from points (k, n) and their images' deviations d (k, m)."""
+    (k, n), m = points.shape, e.shape[0]
+    for a in range(m):
+        for i in range(n):
+            total = w_cov * d[0, a] * (points[0, i] - mean[i])
+            for s in range(1, k):
+                total += w * d[s, a] * (points[s, i] - mean[i])
+            white[a, i] = total
+        white[a, n] = e[a]
+        for c in range(a):
+            for i in range(n + 1):
+                white[a, i] -= lower_t[c, a] * white[c, i]
+        for i in range(n + 1):
+            white[a, i] /= lower_t[a, a]
+
+
+@njit(signatures(2, 3, 3, 3, 2, "f", "f", FLAGS), cache=True, error_model="numpy")
+def correct(mean, P, points, images, y, w_cov, w, angular):  # type: ignore[no-untyped-def]
+    """(mean (B, n), covariance, innovation (B, m), S, predicted, NIS, status) after y (B, m), from points
+    (B, k, n), which need not be symmetric, and their images (B, k, m), which have the noise in them (eq 12)."""
+    count, n = mean.shape
+    k, m = points.shape[1], y.shape[1]
+    dtype = mean.dtype
+    mean_out, P_out, nis = mean.copy(), np.empty((count, n, n), dtype), np.zeros(count, dtype)
+    e, S, predicted = np.empty((count, m), dtype), np.empty((count, m, m), dtype), np.empty((count, m), dtype)
+    d, lower_t, white = np.empty((k, m), dtype), np.empty((m, m), dtype), np.empty((m, n + 1), dtype)
+    status = OK if y.shape[0] == count and images.shape[1] == k and images.shape[2] == m else SHAPE
+    for b in range(count):
+        if status == OK and not centre_into(images[b], w, angular, predicted[b], d):
+            status = IMAGES
+        if status != OK:
+            break
+        for a in range(m):
+            e[b, a] = wrapped(y[b, a] - predicted[b, a]) if angular[a] else y[b, a] - predicted[b, a]
+            if not np.isfinite(e[b, a]):
+                status = MEASUREMENT
+        covariance_into(d, w_cov, w, S[b])
+        if not factor_into(S[b], lower_t):
+            status = INNOVATION
+            break
+        whiten_into(points[b], mean[b], d, e[b], lower_t, w_cov, w, white)
+        half, last = white[:, :n], white[:, n]
+        nis[b] = np.sum(last * last)
+        for i in range(n):
+            mean_out[b, i] += np.sum(half[:, i] * last)
+            for j in range(i, n):
+                reduction = np.sum(half[:, i] * half[:, j])
+                P_out[b, i, j] = P_out[b, j, i] = 0.5 * (P[b, i, j] + P[b, j, i]) - reduction
+    return mean_out, P_out, e, S, predicted, nis, status

@@ -1,0 +1,119 @@
+"""Compiled arithmetic of triangular factors: triangularisation, rank-one downdates, squares.
+
+Everything is in the precision of the arguments, single included: no accumulator is wider. Batches and cache as in
+`_kernels_linear`.
+"""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.belief import COVARIANCE, DOWNDATE, OK, SHAPE
+from onboard.filters.compiled import FILLING
+from onboard.filters.kernels.sigma_points import factor_into, signatures
+
+
+@njit(**FILLING)
+def tria_into(lower, extra):  # type: ignore[no-untyped-def]
+    """lower := the lower-triangular S with S S^T = lower lower^T + extra extra^T and no negative diagonal, by
+    Householder reflections from the right. lower (n, n) must be so already; extra (n, k) is used up.
+
+    With p the pivot, e its row of `extra` and a = |(p, e)|, the reflection sends (p, e) to (a, 0); written out, no
+    step subtracts nearly equal numbers.
+    """
+    n, k = extra.shape
+    one = lower.dtype.type(1)
+    for j in range(n):
+        p = lower[j, j]
+        total = p * p
+        for c in range(k):
+            total += extra[j, c] * extra[j, c]
+        if total == 0:
+            continue
+        a = np.sqrt(total)
+        inverse, share = one / a, one / (p + a)
+        lower[j, j] = a
+        for i in range(j + 1, n):
+            dot = lower.dtype.type(0)
+            for c in range(k):
+                dot += extra[i, c] * extra[j, c]
+            old = lower[i, j]
+            lower[i, j] = (p * old + dot) * inverse
+            step = (old + dot * share) * inverse
+            for c in range(k):
+                extra[i, c] -= step * extra[j, c]
+
+
+@njit(**FILLING)
+def downdate_into(lower, x):  # type: ignore[no-untyped-def]
+    """lower := the factor of lower lower^T - x x^T (rank one; x (n,) is used up); False if that is not positive
+    definite."""
+    n = lower.shape[0]
+    for j in range(n):
+        square = (lower[j, j] - x[j]) * (lower[j, j] + x[j])
+        if not (square > 0 and square < np.inf):
+            return False
+        root = np.sqrt(square)
+        c, s = root / lower[j, j], x[j] / lower[j, j]
+        lower[j, j] = root
+        for i in range(j + 1, n):
+            lower[i, j] = (lower[i, j] - s * x[i]) / c
+            x[i] = c * x[i] - s * lower[i, j]
+    return True
+
+
+@njit(**FILLING)
+def sound(lower):  # type: ignore[no-untyped-def]
+    """Whether a factor is finite, with a positive diagonal."""
+    good = True
+    for i in range(lower.shape[0]):
+        good &= lower[i, i] > 0
+        for j in range(i + 1):
+            good &= np.isfinite(lower[i, j])
+    return good
+
+
+@njit(signatures(3), cache=True, error_model="numpy")
+def square(L):  # type: ignore[no-untyped-def]
+    """(L L^T (B, n, n), symmetric to the last bit, OK)."""
+    count, n = L.shape[0], L.shape[1]
+    out = np.zeros((count, n, n), L.dtype)
+    for b in range(count):
+        for i in range(n):
+            for j in range(i + 1):
+                for k in range(j + 1):
+                    out[b, i, j] += L[b, i, k] * L[b, j, k]
+                out[b, j, i] = out[b, i, j]
+    return out, OK
+
+
+@njit(signatures(3), cache=True, error_model="numpy")
+def factor(P):  # type: ignore[no-untyped-def]
+    """(lower Cholesky factors (B, n, n), status)."""
+    count, n = P.shape[0], P.shape[1]
+    out, lower_t = np.empty((count, n, n), P.dtype), np.empty((n, n), P.dtype)
+    if P.shape[2] != n:
+        return out, SHAPE
+    for b in range(count):
+        if not factor_into(P[b], lower_t):
+            return out, COVARIANCE
+        out[b] = lower_t.T
+    return out, OK
+
+
+@njit(signatures(3, 3), cache=True, error_model="numpy")
+def downdate(L, U):  # type: ignore[no-untyped-def]
+    """(the factor of L L^T - U U^T (B, n, n), status): one rank-one downdate for each column of U (B, n, m)."""
+    count, n, m = U.shape
+    out, x = np.empty((count, n, n), L.dtype), np.empty(n, L.dtype)
+    if L.shape[0] not in (1, count):
+        return out, SHAPE
+    for b in range(count):
+        for i in range(n):
+            for j in range(n):
+                out[b, i, j] = L[b % L.shape[0], i, j] if j <= i else L.dtype.type(0)
+        for a in range(m):
+            for i in range(n):
+                x[i] = U[b, i, a]
+            if not downdate_into(out[b], x):
+                return out, DOWNDATE
+    return out, OK

@@ -1,0 +1,261 @@
+"""Compiled arithmetic of the filters that work with matrices F and H: Kalman, extended, and statistically linear.
+
+Every kernel is over a batch: its arguments have a leading axis of B or of 1 (used for all of them), and one
+filter is a batch of one. Signatures and cache as in `_kernels`; Numba keeps a function's machine code until its
+own file changes, so after an edit of `_kernels` touch this file too.
+"""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.belief import (
+    COVARIANCE,
+    IMAGES,
+    INNOVATION,
+    MATRIX,
+    MEAN,
+    MEASUREMENT,
+    NOISE,
+    OK,
+    SHAPE,
+)
+from onboard.filters.compiled import FILLING
+from onboard.filters.kernels.sigma_points import FLAGS, factor_into, signatures, wrapped
+
+
+@njit(**FILLING)
+def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
+    """Cholesky factor (n, n) of the symmetric part of A, which may be singular; False if it is indefinite or not
+    finite. A pivot lost in rounding gives a column of zeros: process noise often has rank one."""
+    n = A.shape[0]
+    tolerance = A.dtype.type(4 * n) * np.finfo(A.dtype).eps
+    half = A.dtype.type(0.5)
+    upper = lower  # at first its transpose, row by row along memory
+    for j in range(n):
+        for i in range(j, n):
+            upper[j, i] = half * (A[i, j] + A[j, i])
+        for k in range(j):
+            entry = upper[k, j]
+            for i in range(j, n):
+                upper[j, i] -= entry * upper[k, i]
+        pivot, allowed = upper[j, j], tolerance * abs(A[j, j])
+        if not (pivot >= -allowed and pivot < np.inf):
+            return False
+        if pivot <= allowed:
+            # what is left of a semi-definite matrix beside a zero pivot is zero; more than rounding is indefinite
+            for i in range(j + 1, n):
+                if not upper[j, i] * upper[j, i] <= (allowed + tolerance * A[j, j]) * abs(A[i, i]):
+                    return False
+                upper[j, i] = 0.0
+            upper[j, j] = 0.0
+            continue
+        root = np.sqrt(pivot)
+        upper[j, j] = root
+        for i in range(j + 1, n):
+            upper[j, i] /= root
+    for i in range(n):
+        for j in range(i):
+            lower[i, j] = upper[j, i]
+            upper[j, i] = 0.0
+    return True
+
+
+@njit(**FILLING)
+def finite(A):  # type: ignore[no-untyped-def]
+    """Whether a matrix is finite."""
+    good = True
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            good &= np.isfinite(A[i, j])
+    return good
+
+
+@njit(cache=True, error_model="numpy")
+def common(sizes):  # type: ignore[no-untyped-def]
+    """The batch size that a tuple of leading axes agrees on, or -1."""
+    count = 1
+    for size in sizes:
+        if size != 1:
+            if count not in (1, size):
+                return -1
+            count = size
+    return count
+
+
+@njit(**FILLING)
+def symmetric_into(A, out):  # type: ignore[no-untyped-def]
+    """The symmetric part of A (n, n), without gaps in memory."""
+    half = A.dtype.type(0.5)
+    for i in range(A.shape[0]):
+        for j in range(A.shape[0]):
+            out[i, j] = half * (A[i, j] + A[j, i])
+
+
+@njit(**FILLING)
+def sound(prior, room):  # type: ignore[no-untyped-def]
+    """Whether a symmetric `prior` (n, n) is finite and not indefinite, in `room` for a factor (n, n). Most are
+    positive definite, which is sooner found."""
+    return factor_into(prior, room) or semifactor_into(prior, room)
+
+
+@njit(**FILLING)
+def add_product_into(A, C, out):  # type: ignore[no-untyped-def]
+    """out (m, k) += A C, of A (m, n) and C (n, k), as a sum of rows of C; what is zero in A costs nothing."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            entry = A[i, j]
+            if entry != 0:
+                for c in range(C.shape[1]):
+                    out[i, c] += entry * C[j, c]
+
+
+@njit(cache=True, error_model="numpy")
+def sandwich_into(F, P, Q, out):  # type: ignore[no-untyped-def]
+    """F P F^T + Q (m, m), symmetric to the last bit; F P (m, n) is returned. F (m, n), P (n, n)."""
+    half = P.dtype.type(0.5)
+    FP = np.zeros(F.shape, P.dtype)
+    add_product_into(F, P, FP)
+    symmetric_into(Q, out)
+    add_product_into(F, FP.T.copy(), out)
+    for i in range(F.shape[0]):
+        for j in range(i):
+            out[i, j] = half * (out[i, j] + out[j, i])
+            out[j, i] = out[i, j]
+    return FP
+
+
+@njit(signatures(3, 3, 3), cache=True, error_model="numpy")
+def propagate(P, F, Q):  # type: ignore[no-untyped-def]
+    """(F P F^T + Q (B, n, n), status)."""
+    count, n = common((P.shape[0], F.shape[0], Q.shape[0])), P.shape[1]
+    out = np.empty((max(count, 0), n, n), P.dtype)
+    if count < 0 or P.shape[1:] != (n, n) or F.shape[1:] != (n, n) or Q.shape[1:] != (n, n):
+        return out, SHAPE
+    prior = np.empty((n, n), P.dtype)
+    for b in range(count):
+        matrix, noise = F[b % F.shape[0]], Q[b % Q.shape[0]]
+        symmetric_into(P[b % P.shape[0]], prior)
+        if not sound(prior, out[b]):
+            return out, COVARIANCE
+        if not finite(matrix):
+            return out, MATRIX
+        if not finite(noise):
+            return out, NOISE
+        sandwich_into(matrix, prior, noise, out[b])
+    return out, OK
+
+
+@njit(cache=True, error_model="numpy")
+def joseph_into(P, H, K, R, out):  # type: ignore[no-untyped-def]
+    """(I - K H) P (I - K H)^T + K R K^T (n, n), right for every gain K (n, m)."""
+    n = K.shape[0]
+    KH, G, KRK = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
+    add_product_into(K, H, KH)
+    for i in range(n):
+        for j in range(n):
+            G[i, j] = P.dtype.type(i == j) - KH[i, j]
+    sandwich_into(K, R, np.zeros((n, n), P.dtype), KRK)
+    sandwich_into(G, P, KRK, out)
+
+
+@njit(**FILLING)
+def solve_into(lower_t, rows):  # type: ignore[no-untyped-def]
+    """rows (k, m) := rows (L L^T)^-1 in place, with L's transpose (m, m)."""
+    m = lower_t.shape[0]
+    for i in range(rows.shape[0]):
+        for a in range(m):
+            for b in range(a):
+                rows[i, a] -= lower_t[b, a] * rows[i, b]
+            rows[i, a] /= lower_t[a, a]
+        for a in range(m - 1, -1, -1):
+            for b in range(a + 1, m):
+                rows[i, a] -= lower_t[a, b] * rows[i, b]
+            rows[i, a] /= lower_t[a, a]
+
+
+@njit(**FILLING)
+def innovate_into(y, predicted, angular, innovation):  # type: ignore[no-untyped-def]
+    """y - predicted, wrapped where it is an angle; a status."""
+    for a in range(y.shape[0]):
+        z = y[a] - predicted[a]
+        innovation[a] = wrapped(z) if angular[a] else z
+        if not np.isfinite(predicted[a]):
+            return IMAGES
+        if not np.isfinite(z):
+            return MEASUREMENT
+    return OK
+
+
+@njit(cache=True, error_model="numpy")
+def correct_into(  # type: ignore[no-untyped-def]
+    mean, P, H, predicted, y, R, angular, considered, mean_out, P_out, innovation, S
+):
+    """Measurement update of one filter by matrices; (status, NIS)."""
+    n, m = mean.shape[0], y.shape[0]
+    for i in range(n):
+        if not np.isfinite(mean[i]):
+            return MEAN, P.dtype.type(0)
+    status = innovate_into(y, predicted, angular, innovation)
+    if status != OK:
+        return status, P.dtype.type(0)
+    prior = np.empty((n, n), P.dtype)
+    symmetric_into(P, prior)
+    if not sound(prior, P_out):
+        return COVARIANCE, P.dtype.type(0)
+    if not finite(H):
+        return MATRIX, P.dtype.type(0)
+    if not finite(R):
+        return NOISE, P.dtype.type(0)
+    HP = sandwich_into(H, prior, R, S)
+    lower_t = np.empty((m, m), P.dtype)
+    if not factor_into(S, lower_t):
+        return INNOVATION, P.dtype.type(0)
+    K = HP.T.copy()
+    for i in range(n):
+        if considered[i]:
+            K[i] = 0
+    solve_into(lower_t, K)
+    for i in range(n):
+        mean_out[i] = mean[i]
+        for a in range(m):
+            mean_out[i] += K[i, a] * innovation[a]
+    joseph_into(prior, H, K, R, P_out)
+    weighed = np.empty((1, m), P.dtype)
+    weighed[0] = innovation
+    solve_into(lower_t, weighed)
+    nis = P.dtype.type(0)
+    for a in range(m):
+        nis += weighed[0, a] * innovation[a]
+    return OK, nis
+
+
+@njit(signatures(2, 3, 3, 2, 2, 3, FLAGS, FLAGS), cache=True, error_model="numpy")
+def correct(mean, P, H, predicted, y, R, angular, considered):  # type: ignore[no-untyped-def]
+    """(mean, covariance, innovation, its covariance, NIS, status), each over the batch."""
+    n, m = mean.shape[1], y.shape[1]
+    count = common((mean.shape[0], P.shape[0], H.shape[0], predicted.shape[0], y.shape[0], R.shape[0]))
+    size = max(count, 0)
+    mean_out, P_out = np.empty((size, n), P.dtype), np.empty((size, n, n), P.dtype)
+    innovation, S = np.empty((size, m), P.dtype), np.empty((size, m, m), P.dtype)
+    nis = np.empty(size, P.dtype)
+    fits = P.shape[1:] == (n, n) and H.shape[1:] == (m, n) and R.shape[1:] == (m, m)
+    if count < 0 or not fits or predicted.shape[1] != m:
+        return mean_out, P_out, innovation, S, nis, SHAPE
+    for b in range(count):
+        status, nis[b] = correct_into(
+            mean[b % mean.shape[0]],
+            P[b % P.shape[0]],
+            H[b % H.shape[0]],
+            predicted[b % predicted.shape[0]],
+            y[b % y.shape[0]],
+            R[b % R.shape[0]],
+            angular,
+            considered,
+            mean_out[b],
+            P_out[b],
+            innovation[b],
+            S[b],
+        )
+        if status != OK:
+            return mean_out, P_out, innovation, S, nis, status
+    return mean_out, P_out, innovation, S, nis, OK

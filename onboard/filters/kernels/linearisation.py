@@ -1,0 +1,205 @@
+"""Compiled linearisation: Jacobians by central differences, regression about a belief, and the smoother's pass.
+
+Batches and cache as in `_kernels_linear`.
+"""
+
+import numpy as np
+from numba import njit, types
+
+from onboard.filters.belief import COVARIANCE, MATRIX, MEAN, NOISE, OK, PREDICTED, SHAPE
+from onboard.filters.compiled import FILLING
+from onboard.filters.kernels.linear import common, finite, joseph_into, sandwich_into, solve_into
+from onboard.filters.kernels.sigma_points import FLAGS, factor_into, signatures, wrapped
+
+
+@njit(signatures(2, 3), cache=True, error_model="numpy")
+def stencil(mean, P):  # type: ignore[no-untyped-def]
+    """(points (B, 2n+1, n), status): the mean, then a step forth and a step back along each axis.
+
+    A step is eps^(1/4) of a standard deviation. What the difference then misses is sqrt(eps)/6 of the cubic term
+    over that deviation, nothing beside what the tangent itself misses, and rounding adds eps^(3/4) of the value.
+    It is at least sqrt(eps) of the state, which large coordinates need.
+    """
+    count, n = common((mean.shape[0], P.shape[0])), mean.shape[1]
+    points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
+    if count < 0 or P.shape[1:] != (n, n):
+        return points, SHAPE
+    eps = np.finfo(mean.dtype).eps
+    for b in range(count):
+        centre, covariance = mean[b % mean.shape[0]], P[b % P.shape[0]]
+        for s in range(2 * n + 1):
+            for i in range(n):
+                points[b, s, i] = centre[i]
+        for i in range(n):
+            if not np.isfinite(centre[i]):
+                return points, MEAN
+            if not (covariance[i, i] >= 0 and covariance[i, i] < np.inf):
+                return points, COVARIANCE
+            step = max(eps**0.25 * np.sqrt(covariance[i, i]), np.sqrt(eps) * abs(centre[i]))
+            if not step > 0:
+                step = eps**0.25
+            points[b, 1 + i, i] = centre[i] + step
+            points[b, 1 + n + i, i] = centre[i] - step
+    return points, OK
+
+
+@njit(signatures(3, 3, FLAGS, types.int64), cache=True, error_model="numpy")
+def slopes(points, images, angular, fault):  # type: ignore[no-untyped-def]
+    """(Jacobian (B, m, n), status) from a stencil and its images (B, 2n+1, m); `fault` if they are not finite."""
+    count, size, n = points.shape
+    m = images.shape[2]
+    jacobian = np.empty((count, m, n), points.dtype)
+    if images.shape[0] != count or images.shape[1] != size or angular.shape[0] != m:
+        return jacobian, SHAPE
+    for b in range(count):
+        for i in range(n):
+            width = points[b, 1 + i, i] - points[b, 1 + n + i, i]  # as represented, not as asked for
+            for a in range(m):
+                rise = images[b, 1 + i, a] - images[b, 1 + n + i, a]
+                jacobian[b, a, i] = (wrapped(rise) if angular[a] else rise) / width
+        if not finite(jacobian[b]):
+            return jacobian, fault
+    return jacobian, OK
+
+
+@njit(**FILLING)
+def centred_into(images, w, first, angular, mean, deviations):  # type: ignore[no-untyped-def]
+    """Mean (m,) of images (2n+1, m), the 2n outer ones of weight w, and the deviations (m, 2n+1) from it; whether
+    it is finite. Weights sum to one, so a mean relative to the centre's image needs no other weight, and a mean of
+    angles does not break at +-pi. With `first` 1 there is no centre: the mean is relative to the first image, and
+    then to that mean."""
+    k, m = images.shape
+    good = True
+    for a in range(m):
+        origin = images[first, a]
+        deviations[a, 0] = 0.0
+        for sweep in range(1 + first):
+            shift = images.dtype.type(0)
+            for s in range(1, k):
+                d = images[s, a] - origin
+                deviations[a, s] = wrapped(d) if angular[a] else d
+                shift += deviations[a, s]
+            shift *= w
+            if sweep < first:
+                origin += shift
+        for s in range(first, k):
+            deviations[a, s] -= shift
+        mean[a] = origin + shift
+        good &= np.isfinite(mean[a])
+    return good
+
+
+@njit(**FILLING)
+def without(images, w_cov):  # type: ignore[no-untyped-def]
+    """1 if the centre's image has no weight and is not finite, and so is to be left out; else 0."""
+    off = images.dtype.type(0)  # stays zero as long as all is finite
+    for a in range(images.shape[1]):
+        off += images[0, a] - images[0, a]
+    return 1 if w_cov == 0 and off != 0 else 0
+
+
+@njit(signatures(3, FLAGS), cache=True, error_model="numpy")
+def with_centre(images, angular):  # type: ignore[no-untyped-def]
+    """(images (B, k+1, m), status): those given (B, k, m), and before them their mean."""
+    count, k, m = images.shape
+    out = np.empty((count, k + 1, m), images.dtype)
+    if angular.shape[0] != m:
+        return out, SHAPE
+    mean, deviations = np.empty(m, images.dtype), np.empty((m, k + 1), images.dtype)
+    for b in range(count):
+        out[b, 1:] = images[b]
+        centred_into(out[b], images.dtype.type(1) / k, 1, angular, mean, deviations)  # NaN is found later
+        out[b, 0] = mean
+    return out, OK
+
+
+@njit(signatures(3, 3, "f", "f", FLAGS, types.int64), cache=True, error_model="numpy")
+def regress(P, images, w_cov, w, angular, fault):  # type: ignore[no-untyped-def]
+    """Statistical linear regression of images (B, 2n+1, m) of sigma points of covariance P (B, n, n):
+    (slope A (B, m, n), value at the mean (B, m), covariance of what A leaves out (B, m, m), status), the last
+    `fault` if the images are not finite."""
+    count, size, m = images.shape
+    n = P.shape[1]
+    A, value = np.empty((count, m, n), P.dtype), np.empty((count, m), P.dtype)
+    rest = np.empty((count, m, m), P.dtype)
+    if P.shape[0] != count or P.shape[2] != n or size != 2 * n + 1 or angular.shape[0] != m:
+        return A, value, rest, SHAPE
+    d, lower_t = np.empty((m, size), P.dtype), np.empty((n, n), P.dtype)
+    root = np.sqrt(P.dtype.type(0.5) * w)
+    for b in range(count):
+        if not factor_into(P[b], lower_t):
+            return A, value, rest, COVARIANCE
+        if not centred_into(images[b], w, without(images[b], w_cov), angular, value[b], d):
+            return A, value, rest, fault
+        for a in range(m):
+            for i in range(n - 1, -1, -1):  # A L = the odd part of the deviations; L lower, so from the right
+                odd = root * (d[a, 1 + i] - d[a, 1 + n + i])
+                for j in range(i + 1, n):
+                    odd -= A[b, a, j] * lower_t[i, j]
+                A[b, a, i] = odd / lower_t[i, i]
+        for a in range(m):
+            for c in range(a, m):
+                total = w_cov * d[a, 0] * d[c, 0]
+                for i in range(1, n + 1):
+                    total += root * (d[a, i] + d[a, n + i]) * root * (d[c, i] + d[c, n + i])
+                rest[b, a, c] = total
+                rest[b, c, a] = total
+    return A, value, rest, OK
+
+
+@njit(cache=True, error_model="numpy")
+def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):  # type: ignore[no-untyped-def]
+    """One step back of Rauch, Tung and Striebel, the covariance in Joseph's form (no difference of covariances):
+    (I - G F) P (I - G F)^T + G (P_next + Q) G^T; a status."""
+    n = mean.shape[0]
+    forecast, lower_t = np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
+    if not finite(F):
+        return MATRIX
+    if not finite(Q):
+        return NOISE
+    sandwich_into(F, P, Q, forecast)
+    if not factor_into(forecast, lower_t):
+        return PREDICTED
+    G, noise = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype)
+    for i in range(n):
+        for k in range(n):
+            for j in range(n):
+                G[i, k] += P[i, j] * F[k, j]
+    solve_into(lower_t, G)
+    for i in range(n):
+        mean_out[i] = mean[i]
+        for k in range(n):
+            mean_out[i] += G[i, k] * (mean_next[k] - predicted[k])
+            noise[i, k] = P_next[i, k] + Q[i, k]
+        if not np.isfinite(mean_out[i]):
+            return MEAN
+    joseph_into(P, F, G, noise, P_out)
+    return OK
+
+
+@njit(signatures(3, 4, 4, 4, 3), cache=True, error_model="numpy")
+def smooth_back(mean, P, F, Q, predicted):  # type: ignore[no-untyped-def]
+    """Smooth filtered means (T, B, n) and covariances (T, B, n, n) from the end; F, Q (T-1, B, n, n), and
+    predicted (T-1, B, n), belong to the steps; (mean, covariance, status)."""
+    steps, count, n = mean.shape
+    mean_out, P_out = np.empty((steps, count, n), P.dtype), np.empty((steps, count, n, n), P.dtype)
+    if P.shape != (steps, count, n, n) or predicted.shape != (steps - 1, count, n):
+        return mean_out, P_out, SHAPE
+    if F.shape != (steps - 1, count, n, n) or Q.shape != F.shape:
+        return mean_out, P_out, SHAPE
+    lower_t = np.empty((n, n), P.dtype)
+    for b in range(count):
+        for t in range(steps - 1, -1, -1):
+            if not factor_into(P[t, b], lower_t):
+                return mean_out, P_out, COVARIANCE
+            if t == steps - 1:
+                mean_out[t, b] = mean[t, b]
+                P_out[t, b] = P[t, b]
+                continue
+            status = smooth_into(
+                mean[t, b], P[t, b], F[t, b], Q[t, b], predicted[t, b],
+                mean_out[t + 1, b], P_out[t + 1, b], mean_out[t, b], P_out[t, b],
+            )  # fmt: skip
+            if status != OK:
+                return mean_out, P_out, status
+    return mean_out, P_out, OK

@@ -1,0 +1,86 @@
+"""Compiled arithmetic of mixtures of beliefs, a batch B of r modes each; see `_kernels`."""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.belief import INNOVATION, OK
+from onboard.filters.compiled import FILLING
+from onboard.filters.kernels.sigma_points import TWO_PI, factor_into
+
+
+@njit(**FILLING)
+def mix_into(means, P, weights, mean_out, P_out):  # type: ignore[no-untyped-def]
+    """Mean and covariance of the mixture of means (r, n) and covariances (r, n, n) with weights (r,). Taken about
+    the first mode: a mixture of equals is then that mode to the last digit, however far from zero."""
+    r, n = means.shape
+    for a in range(n):
+        total = 0.0
+        for k in range(1, r):
+            total += weights[k] * (means[k, a] - means[0, a])
+        mean_out[a] = means[0, a] + total
+    for a in range(n):
+        for b in range(a, n):
+            base = 0.5 * (P[0, a, b] + P[0, b, a])
+            total = 0.0
+            for k in range(r):
+                spread = (means[k, a] - mean_out[a]) * (means[k, b] - mean_out[b])
+                total += weights[k] * (0.5 * (P[k, a, b] + P[k, b, a]) - base + spread)
+            P_out[a, b] = P_out[b, a] = base + total
+
+
+@njit(**FILLING)
+def pass_into(prior, transition, ahead, mixing):  # type: ignore[no-untyped-def]
+    """The modes' probabilities (r,) `ahead` after passing from one to another by `transition` (r, r), and in
+    column j of `mixing` (r, r) how much of each mode is in mode j then; one that nothing leads to keeps itself."""
+    r, total = prior.shape[0], 0.0
+    for j in range(r):
+        ahead[j] = 0.0
+        for i in range(r):
+            mixing[i, j] = prior[i] * transition[i, j]
+            ahead[j] += mixing[i, j]
+        for i in range(r):
+            if ahead[j] > 0:
+                mixing[i, j] /= ahead[j]
+            else:
+                mixing[i, j] = 1.0 if i == j else 0.0
+        total += ahead[j]
+    for j in range(r):
+        ahead[j] /= total
+
+
+@njit(cache=True, error_model="numpy")
+def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):  # type: ignore[no-untyped-def]
+    """As `weigh`, of one filter; (status, NIS)."""
+    r, m = innovations.shape
+    lower_t, e, status = np.empty((m, m), S.dtype), np.empty((r, m), S.dtype), OK
+    best = -np.inf
+    for k in range(r):
+        if not factor_into(S[k], lower_t):
+            status = INNOVATION
+        log_det = m * np.log(TWO_PI)
+        for a in range(m):
+            log_det += 2.0 * np.log(lower_t[a, a])
+            e[k, a] = innovations[k, a]
+            if angular[a]:
+                e[k, a] -= TWO_PI * np.rint((e[k, a] - e[0, a]) / TWO_PI)
+        log_l[k] = -0.5 * (nis[k] + log_det)
+        if prior[k] > 0:
+            best = max(best, np.log(prior[k]) + log_l[k])
+    total = 0.0
+    for k in range(r):
+        score = np.exp(np.log(prior[k]) + log_l[k] - best) if prior[k] > 0 else 0.0
+        posterior[k] = score
+        total += score
+    for k in range(r):
+        posterior[k] /= total
+    mix_into(e, S, prior, mean, P)
+    if not factor_into(P, lower_t):
+        status = INNOVATION
+    value = 0.0
+    for a in range(m):  # e[0] becomes the whitened innovation
+        white = mean[a]
+        for c in range(a):
+            white -= lower_t[c, a] * e[0, c]
+        e[0, a] = white / lower_t[a, a]
+        value += e[0, a] * e[0, a]
+    return status, value

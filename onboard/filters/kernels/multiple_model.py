@@ -1,0 +1,39 @@
+"""What `multiple_model` calls: the arithmetic of `_kernels_mixture` for a batch of filters."""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.belief import OK
+from onboard.filters.kernels.mixture import mix_into, weigh_into
+from onboard.filters.kernels.sigma_points import FLAGS, signatures
+
+
+@njit(signatures(3, 4, 3), cache=True, error_model="numpy")
+def mix(means, P, weights):  # type: ignore[no-untyped-def]
+    """(means (B, j, n), covariances (B, j, n, n)): a mixture for each column of weights (B, r, j)."""
+    count, _, n = means.shape
+    j = weights.shape[2]
+    mean_out, P_out = np.empty((count, j, n), means.dtype), np.empty((count, j, n, n), means.dtype)
+    for b in range(count):
+        for c in range(j):
+            mix_into(means[b], P[b], weights[b, :, c], mean_out[b, c], P_out[b, c])
+    return mean_out, P_out
+
+
+@njit(signatures(3, 4, 2, 2, FLAGS), cache=True, error_model="numpy")
+def weigh(innovations, S, nis, prior, angular):  # type: ignore[no-untyped-def]
+    """(log-likelihoods (B, r), posterior (B, r), innovation (B, m), covariance (B, m, m), NIS (B,), status) of
+    modes with innovations (B, r, m), S (B, r, m, m), nis and prior probabilities (B, r). Angles are averaged as
+    innovations, which are small, not as angles, which break."""
+    count, r, m = innovations.shape
+    dtype = innovations.dtype
+    log_l, posterior = np.empty((count, r), dtype), np.empty((count, r), dtype)
+    mean, P, mixed_nis = np.empty((count, m), dtype), np.empty((count, m, m), dtype), np.empty(count, dtype)
+    status = OK
+    for b in range(count):
+        found, mixed_nis[b] = weigh_into(
+            innovations[b], S[b], nis[b], prior[b], angular, log_l[b], posterior[b], mean[b], P[b]
+        )
+        if found != OK:
+            status = found
+    return log_l, posterior, mean, P, mixed_nis, status

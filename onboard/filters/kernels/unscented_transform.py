@@ -1,0 +1,64 @@
+"""What the unscented transform calls: the arithmetic of `_kernels` for one belief, and for a batch of them.
+
+For one belief microseconds count. To hand an array from machine code to Python takes four times as long as to make
+it in Python, so the callers bring the arrays for the results.
+"""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.belief import OK, SHAPE
+from onboard.filters.compiled import CONTRACTED, MAKING
+from onboard.filters.kernels.sigma_points import factor_into, gather_into, gather_room, signatures, spread_into
+
+
+@njit(signatures(2), **MAKING, **CONTRACTED)
+def factor(A):  # type: ignore[no-untyped-def]
+    """(transposed Cholesky factor (n, n), whether there is one)."""
+    lower_t = np.empty(A.shape, A.dtype)
+    return lower_t, factor_into(A, lower_t)
+
+
+@njit(signatures(1, 2, "f", "out"), **MAKING, **CONTRACTED)
+def spread(mean, P, gamma, points):  # type: ignore[no-untyped-def]
+    """Sigma points into `points` (2n+1, n); a status."""
+    return spread_into(mean, P, gamma, points)
+
+
+@njit(signatures(2, "f", "f", "f", 2, "out"), **MAKING, **CONTRACTED)
+def gather(points, w_mean, w_cov, w, Q, out):  # type: ignore[no-untyped-def]
+    """Mean and covariance into the rows of `out` (1 + n, n); a status."""
+    scratch = np.empty(gather_room(out.shape[1]), points.dtype)
+    return gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
+
+
+# ---------------------------------------------------------------------------------- a batch of them
+
+
+@njit(signatures("packed 2", "packed 3", "f"), **MAKING, **CONTRACTED)
+def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
+    """(points (B, 2n+1, n), the first status that is not OK)."""
+    count, n = mean.shape
+    points = np.empty((count, 2 * n + 1, n), mean.dtype)
+    if P.shape[0] != count:
+        return points, SHAPE
+    for b in range(count):
+        status = spread_into(mean[b], P[b], gamma, points[b])
+        if status != OK:
+            return points, status
+    return points, OK
+
+
+@njit(signatures("packed 3", "f", "f", "f", "packed 3"), **MAKING, **CONTRACTED)
+def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
+    """(mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
+    count, _, n = points.shape
+    mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
+    if Q.shape[0] != 1 and Q.shape[0] != count:
+        return mean, P, SHAPE
+    scratch = np.empty(gather_room(n), points.dtype)
+    for b in range(count):
+        status = gather_into(points[b], w_mean, w_cov, w, Q[b % Q.shape[0]], scratch, mean[b], P[b])
+        if status != OK:
+            return mean, P, status
+    return mean, P, OK

@@ -1,0 +1,247 @@
+"""Compiled arithmetic of the smooth variable structure filters: a measurement linearised over cubature points, and
+an update that moves measured quantities by given steps. Plain loops, a batch of filters a call; see `_kernels`.
+
+With prior covariance P = L L^T, the images' odd parts, B = [h(x + sqrt(n) L_j) - h(x - sqrt(n) L_j)] / 2 sqrt(n)
+in (n, m), give the cross-covariance L B, H = B^T L^-1 (exact for a linear measurement) and H P H^T = B^T B. Their
+even parts are added to R: what is left of h over its linear part counts as noise, and no large numbers are
+subtracted. Whatever the steps s (m,), x + G s with a right inverse G of H moves the predicted measurement by s.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba import njit, types
+
+from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MEASUREMENT, NOISE, OK, SHAPE
+from onboard.filters.kernels.gains import (
+    add_transposed_product_into,
+    joseph_into,
+    mixed,
+    right_inverse,
+    solve_into,
+    widen_into,
+)
+from onboard.filters.kernels.sigma_points import FLAGS, factor_into, signatures, wrapped
+
+LARGE: Final = 1e30  # for an infinite ratio, whose product with zero is still zero
+
+FIXED: Final = 0  # every component by the switching gain
+VARIABLE: Final = 1  # by the Kalman gain where the optimal layer is within the limit
+SWITCHED: Final = 2  # by the Kalman gain where |e| + gamma |residual| is within scale deviations of the innovation
+ADAPTIVE: Final = 3  # as SWITCHED, of a prior that is first made wider where the innovation keeps to one side
+
+SLOWER: Final = 5  # a mean that remembers so many times longer finds smaller errors, too late to be followed ...
+DOUBTED: Final = 2.0  # ... beyond so many of its deviations: they are told
+
+
+@njit(cache=True, error_model="numpy")
+def linearise_into(images, y, R, angular, predicted, e, B, N, S):  # type: ignore[no-untyped-def]
+    """Predicted measurement, innovation e, B (n, m), N and S = B^T B + N, of images (2n+1, m); a status."""
+    k, m = images.shape
+    n = k // 2
+    even = np.empty((n, m), images.dtype)
+    for a in range(m):  # relative to the centre's image, so that a mean of angles does not break at +-pi
+        total = 0.0
+        for j in range(n):
+            up, down = images[1 + j, a] - images[0, a], images[1 + n + j, a] - images[0, a]
+            if angular[a]:
+                up, down = wrapped(up), wrapped(down)
+            B[j, a] = 0.5 * (up - down) / np.sqrt(n)
+            even[j, a] = 0.5 * (up + down)
+            total += even[j, a]
+        shift = total / n
+        for j in range(n):
+            even[j, a] -= shift
+        predicted[a] = images[0, a] + shift
+        e[a] = y[a] - predicted[a]
+        if angular[a]:
+            e[a] = wrapped(e[a])
+        if not np.isfinite(predicted[a]):
+            return IMAGES
+        if not np.isfinite(e[a]):
+            return MEASUREMENT
+    for a in range(m):
+        for b in range(a, m):
+            odd, rest = 0.0, 0.0
+            for j in range(n):
+                odd += B[j, a] * B[j, b]
+                rest += even[j, a] * even[j, b]
+            N[a, b] = rest / n + 0.5 * (R[a, b] + R[b, a])
+            S[a, b] = odd + N[a, b]
+            N[b, a], S[b, a] = N[a, b], S[a, b]
+            if not np.isfinite(N[a, b]):
+                return NOISE
+    return OK
+
+
+@njit(cache=True, error_model="numpy")
+def decide_into(kind, e, residual, B, S, R, given, gamma, scale, lasted, layer, outside, s, ratio):  # type: ignore[no-untyped-def]
+    """For each component its layer, whether it is outside of it and for how long, and the switching step s.
+
+    Eq 2.3.3 multiplies by e what it has divided by e, 0/0 where e = 0: here s = (|e| + gamma |residual|)
+    sat(e/psi) directly. The covariance takes it for a gain, A / max(|e|, psi), held below 1 + gamma: where e is
+    far smaller than the last residual, the step is a push of bounded size, not a large gain.
+    """
+    for a in range(e.shape[0]):
+        size = np.abs(e[a])
+        A = size + gamma * np.abs(residual[a])
+        psi = 0.0
+        if kind >= SWITCHED:
+            layer[a] = scale * np.sqrt(S[a, a])
+            outside[a] = layer[a] < A
+        else:
+            psi = given[a] if given.shape[0] > 0 else scale * np.sqrt(R[a, a])
+            layer[a] = psi
+            outside[a] = size > psi
+        if kind == VARIABLE:
+            known = 0.0
+            for j in range(B.shape[0]):
+                known += B[j, a] * B[j, a]
+            optimal = S[a, a] / known * A
+            outside[a] = not optimal <= psi
+            layer[a] = min(psi, optimal) if known > 0 else psi
+        lasted[a] = lasted[a] + 1 if outside[a] else 0
+        width = max(size, psi)
+        s[a] = A * e[a] / width if width > 0 else 0
+        ratio[a] = min(A / width, 1 + gamma) if width > 0 else 1
+
+
+@njit(cache=True, error_model="numpy")
+def lean_into(e, S, scale, fading, deviations, switching, extra):  # type: ignore[no-untyped-def]
+    """The fading mean of sat(e/psi), psi = scale sqrt(S_aa), into `switching`; the variance that explains it into
+    `extra`, zero where it is within what white innovations make of it. True if any is not.
+
+    In sliding mode the mean of the switching term is what the model lacks (Utkin's equivalent control). For white
+    e that of sat(e/psi) has the variance fading / (2 - fading) / scale^2; so many `deviations` of it are allowed.
+    """
+    limit = deviations / scale * np.sqrt(fading / (2 - fading))
+    found = False
+    for a in range(e.shape[0]):
+        psi = scale * np.sqrt(S[a, a])
+        sat = min(max(e[a] / psi, -1.0), 1.0)
+        switching[a] = (1 - fading) * switching[a] + fading * sat
+        extra[a] = (switching[a] * psi) ** 2 if np.abs(switching[a]) > limit else 0
+        found = found or extra[a] > 0
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def doubt_into(L_t, B, followed, rest, doubt):  # type: ignore[no-untyped-def]
+    """G D G^T (n, n) with D the variances `rest` (m,) of those quantities that have none in `followed`, and G the
+    weighted right inverse."""
+    G_t = right_inverse(L_t, B, True)
+    told = np.zeros_like(G_t)
+    for a in range(G_t.shape[0]):
+        if followed[a] == 0:
+            for i in range(G_t.shape[1]):
+                told[a, i] = rest[a] * G_t[a, i]
+    add_transposed_product_into(told, G_t, doubt)
+
+
+@njit(cache=True, error_model="numpy")
+def update_into(  # type: ignore[no-untyped-def]  # noqa: PLR0912 - one filter's update, step by step
+    mean, P, images, y, R, residual, given, angular, kind, gamma, scale, patience, weighted, fading, lasted,
+    switching, leaning, out,
+):  # fmt: skip
+    """One filter's update into `out`; (status, NIS)."""
+    mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected, doubt = out
+    n, m = mean.shape[0], y.shape[0]
+    if images.shape[0] != 2 * n + 1 or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m or m == 0:
+        return SHAPE, 0.0
+    if residual.shape[0] != m or lasted.shape[0] != m or (given.shape[0] != m and given.shape[0] != 0):
+        return SHAPE, 0.0
+    if switching.shape[0] != m or leaning.shape[0] != m:
+        return SHAPE, 0.0
+    dtype = mean.dtype
+    L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
+    if not factor_into(P, L_t):
+        return COVARIANCE, 0.0
+    status = linearise_into(images, y, R, angular, predicted, e, B, N, S)
+    if status != OK:
+        return status, 0.0
+    white, lower_t = np.empty((m, 1), dtype), np.empty((m, m), dtype)
+    if not factor_into(S, lower_t):
+        return INNOVATION, 0.0
+    white[:, 0] = e
+    solve_into(lower_t, white)
+    s, ratio, switched = np.empty(m, dtype), np.empty(m, dtype), np.empty(m, np.bool_)
+    wider = S
+    if kind == ADAPTIVE:
+        extra, rest = np.empty(m, dtype), np.empty(m, dtype)
+        found = lean_into(e, S, scale, fading, scale, switching, extra)
+        if lean_into(e, S, scale, fading / SLOWER, DOUBTED, leaning, rest):
+            doubt_into(L_t, B, extra, rest, doubt)
+        if found:
+            wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen by what it is judged
+            if not widen_into(L_t, B, N, extra, wider):
+                return COVARIANCE, 0.0
+    decide_into(kind, e, residual, B, wider, R, given, gamma, scale, lasted, layer, outside, s, ratio)
+    nis = 0.0
+    for a in range(m):
+        nis += e[a] * white[a, 0]
+        rejected[a] = kind >= SWITCHED and outside[a] and lasted[a] < patience
+        switched[a] = kind == FIXED or (outside[a] and not rejected[a])
+        smoothing[a] = min(LARGE, S[a, a] / (S[a, a] - N[a, a])) if S[a, a] > N[a, a] else LARGE
+    K_t, step, fine = mixed(L_t, B, wider, e, s, ratio, switched, outside, weighted)
+    if not fine:
+        return INNOVATION, 0.0
+    for i in range(n):
+        mean_out[i] = mean[i] + step[i]
+    joseph_into(L_t, B, N, K_t, P_out)
+    return OK, nis
+
+
+@njit(
+    signatures(2, 3, 3, 2, 3, 2, 2, 2, 2, 2, FLAGS, types.int64, "f", "f", types.int64, types.boolean, "f"),
+    cache=True,
+    error_model="numpy",
+)
+def update_batch(  # type: ignore[no-untyped-def]
+    mean, P, images, y, R, residual, lasted, switching, leaning, given, angular, kind, gamma, scale, patience,
+    weighted, fading,
+):  # fmt: skip
+    """Updates of a batch: mean (B, n), P (B, n, n), images (B, 2n+1, m), y (B, m), R (B or 1, m, m), residual,
+    lasted, switching and leaning (B, m), layers given (B or 1, m), or (1, 0) for `scale` standard deviations of R.
+
+    (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii, outside, rejected, doubt, lasted,
+    switching, leaning, NIS, status).
+    """
+    count, n = mean.shape
+    m = y.shape[1]
+    dtype = mean.dtype
+    out = (
+        np.empty((count, n), dtype),
+        np.empty((count, n, n), dtype),
+        np.empty((count, m), dtype),
+        np.empty((count, m, m), dtype),
+        np.empty((count, m), dtype),
+        np.empty((count, m), dtype),
+        np.empty((count, m), dtype),
+        np.empty((count, m), np.bool_),
+        np.empty((count, m), np.bool_),
+        np.zeros((count, n, n), dtype),
+    )
+    lasted, switching, leaning = lasted.copy(), switching.copy(), leaning.copy()
+    nis, status = np.empty(count, dtype), OK
+    for size in (P.shape[0], images.shape[0], y.shape[0], residual.shape[0], lasted.shape[0]):
+        if size != count:
+            status = SHAPE
+    for size in (switching.shape[0], leaning.shape[0]):
+        if size != count:
+            status = SHAPE
+    for size in (R.shape[0], given.shape[0]):
+        if size not in (1, count):
+            status = SHAPE
+    for b in range(count):
+        if status == OK:
+            given_b = given[b % given.shape[0]]
+            R_b = R[b % R.shape[0]]
+            rows = (
+                out[0][b], out[1][b], out[2][b], out[3][b], out[4][b], out[5][b], out[6][b], out[7][b], out[8][b],
+                out[9][b],
+            )  # fmt: skip
+            status, nis[b] = update_into(
+                mean[b], P[b], images[b], y[b], R_b, residual[b], given_b, angular, kind, gamma, scale, patience,
+                weighted, fading, lasted[b], switching[b], leaning[b], rows,
+            )  # fmt: skip
+    return (*out, lasted, switching, leaning, nis, status)

@@ -1,0 +1,100 @@
+"""A score for people: one table, each figure with its unit and, where there is one, the bound it should keep."""
+
+from collections.abc import Sequence
+
+from rich.console import Console
+from rich.table import Table
+
+from onboard.messages import Health, NavState
+from onboard.scoring.leader import Latency, Score
+from onboard.scoring.own_state import OwnScore
+
+
+def print_score(console: Console, title: str, score: Score, latency: Latency | None = None) -> None:
+    """Print the scorecard. Frames: NED, leader relative to follower."""
+    table = Table(title=title, title_justify="left", show_edge=False, pad_edge=False)
+    table.add_column("")
+    table.add_column("measured", justify="right")
+    table.add_column("should be", style="dim")
+    for name, value, bound in score_rows(score, latency):
+        table.add_row(name, value, bound)
+    console.print(table)
+
+
+def score_rows(score: Score, latency: Latency | None) -> list[tuple[str, str, str]]:
+    """(figure, value, what it should be) for each line."""
+    s = score
+    rows = [("estimates", f"{s.estimates} ({s.valid} valid, {s.scored} scored)", "")]
+    if s.range_error_rms_percent is not None:
+        after = f"RMS, valid, after {s.settle_s:g} s"
+        rows += [
+            ("range error", f"{s.range_error_rms_percent:.2f} %", after),
+            ("position error", f"{s.position_rmse_m or 0:.3f} m", after),
+            ("velocity error", f"{s.velocity_rmse_m_s or 0:.3f} m/s", after),
+            ("size error", f"{s.size_error_rms_percent or 0:.2f} %", "no better than its prior"),
+            (
+                f"NEES ({s.nees_dof})",
+                f"{s.nees_mean or 0:.2f}",
+                _between(s.nees_bounds, "95 % of single draws; one flight is one draw"),
+            ),
+            ("truth inside the 95 % ellipsoid", f"{s.inside_95_percent or 0:.1f} %", "95 % over many flights"),
+        ]
+    if s.nis_mean is not None:
+        rows.append((f"NIS ({s.nis_dof})", f"{s.nis_mean:.3f}", _between(s.nis_bounds, "95 % of means")))
+    images = sum(s.verdicts.values())
+    verdicts = ", ".join(f"{n} {v}" for v, n in sorted(s.verdicts.items()))
+    rows.append(("images", f"{images}" + (f" ({verdicts})" if images else ""), ""))
+    rows.append(("tracks given up", str(s.resets), ""))
+    if s.range_error_rms_percent is not None or s.diverged:
+        rows.append(("diverged", "YES" if s.diverged else "no", "no"))
+    if latency is not None and latency.p50 is not None:
+        own50, own99 = latency.receive_to_publish_p50, latency.receive_to_publish_p99
+        rows.append(("exposure to publication", f"p50 {latency.p50:.2f} ms, p99 {latency.p99 or 0:.2f} ms", ""))
+        rows.append(
+            (
+                "  of it our own",
+                f"p50 {own50 or 0:.2f} ms, p99 {own99 or 0:.2f} ms",
+                "",
+            )
+        )
+    return rows
+
+
+def print_health(console: Console, health: Health) -> None:
+    """Print what came in, and what was rejected and why."""
+    streams = ", ".join(f"{name} {s.count}" for name, s in sorted(health.streams.items()))
+    console.print(f"autopilot: {health.autopilot}; clock offset from {health.clock_source}", highlight=False)
+    console.print(f"messages:  {streams or 'none'}", highlight=False)
+    rejected = ", ".join(f"{reason} {n}" for reason, n in sorted(health.rejected.items()))
+    console.print(f"rejected:  {rejected or 'none'}", highlight=False)
+
+
+def print_own(console: Console, states: Sequence[NavState]) -> None:
+    """Print what became of our own state: how often it was valid, whether its covariance fits, what was wrong."""
+    if not states:
+        return
+    valid = sum(s.valid for s in states)
+    ratios = [s.nis_ratio for s in states if s.nis_ratio is not None]
+    ratio = f"NIS {sum(ratios) / len(ratios):.2f} of its expectation" if ratios else "no NIS"
+    text = f"own state: {len(states)} ({valid} valid), {ratio}, begun anew {states[-1].reset_count} times"
+    console.print(text, highlight=False)
+    faults = {(f.kind, f.part, f.t_onset_ns): f for s in states for f in s.faults}
+    for f in sorted(faults.values(), key=lambda f: f.t_onset_ns):
+        name = f"{f.kind} {f.part}".strip()
+        console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)
+
+
+def print_own_score(console: Console, score: OwnScore) -> None:
+    """Print how good our own state was."""
+    lines = [f"own state: {score.states} ({score.valid} valid), begun anew {score.resets} times"]
+    if score.velocity_rmse_m_s is not None and score.attitude_rmse_deg is not None:
+        errors = f"velocity {score.velocity_rmse_m_s:.3f} m/s, attitude {score.attitude_rmse_deg:.2f} degrees"
+        lines.append(f"  off the truth after {score.settle_s:g} s: {errors} RMS")
+    if score.inside_3_sigma_percent is not None:
+        lines.append(f"  velocity within 3 sigmas: {score.inside_3_sigma_percent:.1f} %")
+    lines += [f"  named: {fault}" for fault in score.faults]
+    console.print("\n".join(lines), highlight=False)
+
+
+def _between(bounds: tuple[float, float] | None, what: str) -> str:
+    return f"{bounds[0]:.2f} to {bounds[1]:.2f} ({what})" if bounds else ""

@@ -1,0 +1,1 @@
+"""Al-Shabi, Gadsden and Wilkerson: smooth variable structure filters on a quadrotor. `study` runs it."""

@@ -1,0 +1,1 @@
+"""Lazarov et al.: a linear Kalman tracker in three dimensions. `study` runs it."""

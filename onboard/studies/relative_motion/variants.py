@@ -1,0 +1,77 @@
+"""The flights of the study: a scenario of simlink each, what filters are told, and which of them fly it."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.studies.relative_motion.formation import B0, Lateness, Method, Setting
+from onboard.studies.relative_motion.methods import AS_PRINTED, PAPER_MENDED, R_ALONE, SHIPPED, TUNED
+from onboard.studies.relative_motion.wing_line import WING_LINE, WING_LINE_DELAY
+from simlink.scenarios.scenario import Scenario, from_the_side, load_scenario
+
+# what the daemon flies; science.md's rows know the first, the last is judged
+OURS: Final = (SHIPPED, WING_LINE)
+COMPARED: Final = (PAPER_MENDED, *OURS)
+SAMPLE: Final = 0.02  # s between navigation samples
+
+
+class Variant(NamedTuple):
+    """`angle_deg`: the slot turned about the leader, the camera turned back. `size_factor`: of the size prior.
+    `multirotor`: the filter is told that the leader is one. `judged` is the method to be flown behind."""
+
+    name: str
+    scenario: str
+    label: str
+    methods: tuple[Method, ...] = COMPARED
+    angle_deg: float = 0.0
+    size_factor: float = 1.0
+    late: Lateness = Lateness()
+    multirotor: bool = False
+    judged: Method = OURS[-1]
+
+
+VARIANTS: Final = (
+    Variant("a", "formation", "reference formation", (PAPER_MENDED, TUNED, *OURS, R_ALONE)),
+    Variant("b", "formation-s-turn", "S-turn, a_lat 8 sin(2πt/20 s) ft/s²"),
+    Variant("c", "formation-speed-change", "speed ± 10 ft/s at 20–26 and 40–46 s"),
+    Variant("d", "formation-drop-out", "no image at 30–35 s", (AS_PRINTED, PAPER_MENDED, TUNED, *OURS)),
+    Variant("e", "formation-wrong-blobs", "2 % wrong blobs", (PAPER_MENDED, TUNED, *OURS)),
+    Variant("f1.3", "formation", "size prior × 1.3", size_factor=1.3),
+    Variant("f0.7", "formation", "size prior × 0.7", size_factor=0.7),
+    Variant(
+        "g",
+        "formation",
+        "stamps 80 ms late, untold",
+        (*COMPARED, WING_LINE_DELAY),
+        late=Lateness(stamp=4),
+        judged=WING_LINE_DELAY,
+    ),
+    Variant("g-known", "formation", "images 80 ms late, stamps right", late=Lateness(delivery=4)),
+    Variant("h", "formation-nav-error", "our own state in error"),
+    Variant("i", "formation-out-of-view", "leader leaves the view, passes behind"),
+    Variant("k30", "formation", "seen from 30° aside", angle_deg=30.0),
+    Variant("k45", "formation", "seen from 45° aside", angle_deg=45.0),
+    Variant("k60", "formation", "seen from 60° aside", angle_deg=60.0),
+    Variant("hover", "formation-hover", "multirotor stops, hovers, yaws", multirotor=True),
+)
+BY_NAME: Final = {variant.name: variant for variant in VARIANTS}
+
+
+def scenario_of(variant: Variant) -> Scenario:
+    """What is flown."""
+    scenario = load_scenario(variant.scenario)
+    return from_the_side(scenario, variant.angle_deg) if variant.angle_deg else scenario
+
+
+def course_deg(seed: int) -> float:
+    """The course on which a flight begins: each seed's own."""
+    return float(np.random.default_rng([seed, 7]).uniform(0.0, 360.0))
+
+
+def setting_of(variant: Variant, scenario: Scenario) -> Setting:
+    """What the filters are told: the camera, the nominal size (or what is taken for it) with 2 %, how good our own
+    state is, and what kind of craft the leader is."""
+    size = B0 * variant.size_factor
+    return Setting(
+        scenario.camera, size, 0.02 * size, "multirotor" if variant.multirotor else "fixed_wing", scenario.nav
+    )

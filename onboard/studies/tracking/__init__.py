@@ -1,0 +1,1 @@
+"""What the studies of tracker papers share: scenes, trackers, outcomes, reference trajectories."""

@@ -1,0 +1,129 @@
+"""What many runs of a tracker come to: errors in windows of time, consistency, failures; small enough to be sent
+between processes."""
+
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from onboard.arrays import Array
+from onboard.filters.gating import chi_square_threshold
+from onboard.studies.tracking.tracking import Scene, Trace, Tracker, follow
+
+Mask = npt.NDArray[np.bool_]
+POSITION: Final = (0, 3, 6)
+VELOCITY: Final = (1, 4, 7)
+ACCELERATION: Final = (2, 5, 8)
+LAST: Final = 50  # steps over which a run that is lost stays lost
+
+
+class Window(NamedTuple):
+    """Over the steps of a window and the runs that did not fail: root mean squares of the lengths of error vectors
+    (m, m/s, m/s^2), the largest position error, means of NEES and NIS, and how often NEES kept its 95 % bound."""
+
+    position: float
+    velocity: float
+    acceleration: float
+    worst: float
+    nees: float
+    nis: float
+    inside: float
+
+
+class Outcome(NamedTuple):
+    """One tracker over all runs of a scene."""
+
+    tracker: str
+    label: str
+    runs: int
+    failed: int  # numerical failures
+    failed_at: float  # s, their median, NaN without
+    diverged: int  # failures, and runs whose last steps are off by more than `lost`
+    windows: dict[str, Window]
+    rms: Array  # (T, n), over runs, of each state's error
+    sigma: Array  # (T, n), rms over runs of the filter's own standard deviations
+    first_mean: Array  # (T, n), of the first run
+    nees: Array  # (T,)
+    condition: Array  # (T,), median over runs
+
+
+def outcome(
+    scene: Scene, tracker: Tracker, t: Array, windows: Mapping[str, Mask], lost: float, condition: bool = False
+) -> Outcome:
+    """Follow and judge. `t` (T,) in s; `windows` are masks (T,); `lost`, m, is what the mean position error over
+    the last steps of a run must not exceed."""
+    return judge(follow(scene, tracker, condition), scene.truth, tracker, t, windows, lost)
+
+
+def judge(
+    trace: Trace, truth: Array, tracker: Tracker, t: Array, windows: Mapping[str, Mask], lost: float
+) -> Outcome:
+    """What a trace comes to, against the truth (T, n) or (T, B, n)."""
+    steps, runs, n = trace.mean.shape
+    error = trace.mean - (truth if truth.ndim == 3 else truth[:, None])
+    failed = trace.failed < steps
+    distance = _length(error, POSITION)
+    off = distance[-LAST:].mean(axis=0) > lost  # NaN is not, and has failed
+    bound = chi_square_threshold(0.95, n)
+    return Outcome(
+        tracker=tracker.name,
+        label=tracker.label,
+        runs=runs,
+        failed=int(failed.sum()),
+        failed_at=float(np.median(t[trace.failed[failed]])) if failed.any() else float("nan"),
+        diverged=int((failed | off).sum()),
+        windows={
+            name: Window(
+                position=_rms(distance[at]),
+                velocity=_rms(_length(error[at], VELOCITY)),
+                acceleration=_rms(_length(error[at], ACCELERATION)),
+                worst=_over(np.max, distance[at]),
+                nees=_over(np.mean, trace.nees[at]),
+                nis=_over(np.mean, trace.nis[at]),
+                inside=_over(np.mean, trace.nees[at], lambda x: x < bound),
+            )
+            for name, at in windows.items()
+        },
+        rms=_rms_over_runs(error),
+        sigma=_rms_over_runs(trace.sigma),
+        first_mean=trace.mean[:, 0],
+        nees=_mean_over_runs(trace.nees),
+        condition=_median_over_runs(trace.condition),
+    )
+
+
+def between(t: Array, begin: float, end: float) -> Mask:
+    """The mask of [begin, end), s."""
+    return np.asarray((t >= begin) & (t < end))
+
+
+def _length(error: Array, columns: tuple[int, ...]) -> Array:
+    return np.asarray(np.linalg.norm(error[..., columns], axis=-1))
+
+
+def _over(statistic: Any, values: Array, of: Any = None) -> float:
+    """A statistic of what is finite, NaN of nothing."""
+    known = values[np.isfinite(values)]
+    return float(statistic(known if of is None else of(known))) if known.size else float("nan")
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(_over(np.mean, values**2)))
+
+
+def _rms_over_runs(values: Array) -> Array:
+    known = np.isfinite(values)
+    total = np.sum(np.where(known, values, 0.0) ** 2, axis=1)
+    return np.asarray(np.sqrt(total / np.where(known.any(axis=1), known.sum(axis=1), np.nan)))
+
+
+def _mean_over_runs(values: Array) -> Array:
+    known = np.isfinite(values)
+    return np.asarray(
+        np.sum(np.where(known, values, 0.0), axis=1) / np.where(known.any(axis=1), known.sum(1), np.nan)
+    )
+
+
+def _median_over_runs(values: Array) -> Array:
+    return np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else np.nan for row in values])

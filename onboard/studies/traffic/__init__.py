@@ -1,0 +1,1 @@
+"""How good the tracks of traffic are. `study` runs it."""

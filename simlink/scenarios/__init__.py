@@ -1,0 +1,1 @@
+"""What is flown: the scenarios, their records, and the configuration a daemon needs for each."""

@@ -1,0 +1,183 @@
+"""Scenarios: TOML files -> frozen records. SI throughout; the defaults are the reference formation flight.
+
+The reference is that of Oh & Johnson (relative motion by vision), in feet in the paper and in metres here:
+a leader at 70 ft/s in a steady right turn of 8 ft/s^2, the follower 90 ft behind, 10 ft to the right and 5 ft
+below. `scenarios/formation.toml` writes every default out; the other files name only what differs.
+"""
+
+import math
+import re
+import tomllib
+import types
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from onboard.messages import Record
+from simlink.scenarios.scene import (
+    MOST_AIRCRAFT,
+    Barometer,
+    Camera,
+    Follower,
+    Gps,
+    ImuErrors,
+    Leader,
+    Nav,
+    Outliers,
+    Positive,
+    Quadrotor,
+    TrafficScene,
+    Vehicle,
+)
+
+SCENARIO_FOLDER = Path(__file__).parent
+
+
+class ScenarioError(ValueError):
+    """A scenario that does not exist or does not hold; one line that names the file and the key."""
+
+
+class Scenario(Record, frozen=True, kw_only=True):
+    """One flight. `repeat`: pulses and blackouts come again every so many seconds of an endless flight."""
+
+    name: str = "formation"
+    description: str = ""
+    duration: Positive = 60.0
+    repeat: Positive = 60.0
+    leader: Leader = Leader()
+    follower: Follower = Follower()
+    camera: Camera = Camera()
+    nav: Nav = Nav()
+    imu: ImuErrors = ImuErrors()
+    barometer: Barometer = Barometer()
+    gps: Gps = Gps()
+    vehicle: Vehicle = Vehicle()
+    outliers: Outliers = Outliers()
+    quadrotor: Quadrotor | None = None
+    traffic: TrafficScene = TrafficScene()
+
+
+def scenario_names() -> tuple[str, ...]:
+    """Names of the scenarios that come with the package."""
+    return tuple(sorted(path.stem for path in SCENARIO_FOLDER.glob("*.toml")))
+
+
+def load_scenario(name_or_path: str) -> Scenario:
+    """The scenario of that name, or in that .toml file.
+
+    Raises ScenarioError when there is none, or when it does not hold.
+    """
+    if name_or_path.endswith(".toml"):
+        path = Path(name_or_path)
+    elif name_or_path in scenario_names():
+        path = SCENARIO_FOLDER / f"{name_or_path}.toml"
+    else:
+        known = ", ".join(scenario_names())
+        raise ScenarioError(f"no scenario {name_or_path!r}; known: {known}, or the path of a .toml file")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ScenarioError(f"{path}: {reason}") from error
+    return parse_scenario(text, path.stem, str(path))
+
+
+def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
+    """Scenario of TOML text. Raises ScenarioError, which begins with `source` and names the key."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{source}: {error}") from error
+    data.setdefault("name", name)
+    for path, value in _numbers(data, ""):
+        if not math.isfinite(value):
+            raise ScenarioError(f"{source}: {path} must be finite, not {value}")
+    try:
+        scenario = msgspec.convert(data, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{source}: {_explain(str(error))}") from error
+    _check(scenario, source)
+    return scenario
+
+
+def from_the_side(scenario: Scenario, angle_deg: float) -> Scenario:
+    """The same flight with the slot turned about the leader by `angle_deg` and the camera turned back to look
+    at it: the leader is then yawed by so much against the image plane (less, in a turn, by the angle between
+    the two courses)."""
+    c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    x, y, z = scenario.follower.slot
+    roll, pitch, yaw = scenario.camera.mount_rpy_deg
+    follower = msgspec.structs.replace(scenario.follower, slot=(c * x - s * y, s * x + c * y, z))
+    camera = msgspec.structs.replace(scenario.camera, mount_rpy_deg=(roll, pitch, yaw + angle_deg))
+    return msgspec.structs.replace(scenario, follower=follower, camera=camera)
+
+
+def _check(s: Scenario, source: str) -> None:
+    """What single fields cannot say. Raises ScenarioError."""
+    for key, intervals in (
+        ("leader.speed_pulses", s.leader.speed_pulses),
+        ("leader.yaw_pulses_deg", s.leader.yaw_pulses_deg),
+        ("follower.slot_pulses", s.follower.slot_pulses),
+        ("camera.blackouts", s.camera.blackouts),
+        ("gps.outages", s.gps.outages),
+        ("traffic.radar.jammed", s.traffic.radar.jammed),
+        ("traffic.radar.lost", s.traffic.radar.lost),
+        ("traffic.receiver.masked", s.traffic.receiver.masked),
+        ("traffic.receiver.lost", s.traffic.receiver.lost),
+    ):
+        for interval in intervals:
+            if not interval.start < interval.end <= s.repeat:
+                raise ScenarioError(f"{source}: {key}: needs start < end <= repeat ({s.repeat:g} s)")
+    for key, pulses in (
+        ("leader.speed_pulses", s.leader.speed_pulses),
+        ("leader.yaw_pulses_deg", s.leader.yaw_pulses_deg),
+        ("follower.slot_pulses", s.follower.slot_pulses),
+    ):
+        if any(pulse.hold >= pulse.end - pulse.start for pulse in pulses):
+            raise ScenarioError(f"{source}: {key}: hold leaves no time to go out and back")
+    # a point mass that turns needs speed; one that flies straight may stop
+    turns = any((w.mean, w.amplitude) != (0.0, 0.0) for w in (s.leader.a_lat, s.leader.a_long))
+    slowest = s.leader.speed + sum(min(p.change, 0.0) for p in s.leader.speed_pulses)
+    if slowest < (1.0 if turns else 0.0):
+        least = "at least 1 m/s as it turns" if turns else "from flying backwards"
+        raise ScenarioError(f"{source}: leader.speed_pulses: the leader must keep {least}")
+    if slowest < 1.0 and s.follower.attitude == "coordinated" and s.quadrotor is None:
+        raise ScenarioError(f'{source}: follower.attitude: must be "hover" behind a leader that stops')
+    names = [aircraft.name for aircraft in s.traffic.aircraft]
+    if len(set(names)) < len(names) or len(names) > MOST_AIRCRAFT:
+        raise ScenarioError(f"{source}: traffic.aircraft: at most {MOST_AIRCRAFT}, each with a name of its own")
+    if s.camera.stamp_late > s.camera.latency:
+        raise ScenarioError(f"{source}: camera.stamp_late: no image is stamped after its delivery (latency)")
+    if s.camera.blob_span_px[0] > s.camera.blob_span_px[1]:
+        raise ScenarioError(f"{source}: camera.blob_span_px: the smaller number comes first")
+
+
+def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
+    """Every float in nested tables and lists, with its dotted key."""
+    if isinstance(value, float):
+        yield path, value
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _numbers(inner, f"{path}.{key}" if path else key)
+    elif isinstance(value, list):
+        for i, inner in enumerate(value):
+            yield from _numbers(inner, f"{path}[{i}]")
+
+
+def _explain(error: str) -> str:
+    """msgspec's message; for an unknown key, with the known ones of that table."""
+    unknown = re.fullmatch(r"Object contains unknown field `(.+?)`(?: - at `\$\.?(.*)`)?", error)
+    if unknown is None:
+        return error.replace("`$.", "`")
+    key, path = unknown[1], unknown[2] or ""
+    table: Any = Scenario
+    for part in re.findall(r"[^.\[\]]+", re.sub(r"\[[^\]]*\]", "", path)):
+        table = typing.get_type_hints(table)[part]
+        if isinstance(table, types.GenericAlias | types.UnionType):  # tuple[Pulse, ...], Quadrotor | None
+            table = typing.get_args(table)[0]
+    known = ", ".join(field.name for field in msgspec.structs.fields(table))
+    where = f"[{path}]" if path else "the top level"
+    return f"unknown key {key!r} in {where}; known: {known}"

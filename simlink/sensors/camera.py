@@ -1,0 +1,162 @@
+"""The camera and the vision process behind it: exposures, noise, drop-outs, wrong blobs, latency.
+
+A point is (Y_c/X_c, Z_c/X_c), positive right and down, as in `onboard.geometry.camera`.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from onboard.geometry.rotations import quaternion_from_euler
+from onboard.messages import (
+    CameraPoints,
+    Clock,
+    ImagePoint,
+    Intrinsics,
+    Pixel,
+    Quaternion,
+    TargetPoints,
+    Vec3,
+)
+from simlink.scenarios.scenario import Scenario
+from simlink.scenarios.scene import Camera
+from simlink.world import attitude
+from simlink.world.motion import Real
+from simlink.world.noise import normals, uniforms
+from simlink.world.truth import STEPS_PER_SECOND, State, difference
+
+Points = tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left wing, right wing of the leader
+
+
+class Image(NamedTuple):
+    """One registered image: stamped `t_ns` (boot clock), in units of the focal length."""
+
+    t_ns: int
+    points: Points
+
+
+def mount_quaternion(camera: Camera) -> Quaternion:
+    """q_bc of the mount."""
+    roll, pitch, yaw = (math.radians(angle) for angle in camera.mount_rpy_deg)
+    w, x, y, z = quaternion_from_euler(roll, pitch, yaw).tolist()
+    return w, x, y, z
+
+
+def leader_points_n(r_FL_n: Vec3, q_nL: Quaternion, size: float) -> tuple[Vec3, Vec3, Vec3]:
+    """Center, left and right wing point relative to the follower, in n."""
+    x, y, z = attitude.to_n(q_nL, (0.0, size / 2, 0.0))
+    r = r_FL_n
+    return r, (r[0] - x, r[1] - y, r[2] - z), (r[0] + x, r[1] + y, r[2] + z)
+
+
+def in_camera(r_FP_n: Vec3, q_nF: Quaternion, camera: Camera, q_bc: Quaternion) -> Vec3:
+    """Where a point stands before the camera: r_CP_c. Of floats, or of arrays of them."""
+    return attitude.to_b(q_bc, difference(attitude.to_b(q_nF, r_FP_n), camera.mount_offset))
+
+
+def is_inside(camera: Camera, x: Real, y: Real, z: Real) -> Real:
+    """Whether points at (x, y, z) in c lie ahead of the lens and inside the image."""
+    half_width, half_height = camera.width_px / 2 / camera.f_px, camera.height_px / 2 / camera.f_px
+    return (x > 0.0) & (abs(y) <= half_width * x) & (abs(z) <= half_height * x)
+
+
+def project(state: State, size: float, camera: Camera, q_bc: Quaternion) -> Points | None:
+    """Where the camera sees the leader's points; None if one is behind the lens or outside the image."""
+    seen = []
+    for r_FP_n in leader_points_n(difference(state.r_OL_n, state.r_OF_n), state.q_nL, size):
+        x, y, z = in_camera(r_FP_n, state.q_nF, camera, q_bc)
+        if not is_inside(camera, x, y, z):
+            return None
+        seen.append((y / x, z / x))
+    return seen[0], seen[1], seen[2]
+
+
+def is_exposure(step: int, rate: float) -> bool:
+    """Whether an image is taken at this step of the world: the first step at or after each 1 / rate."""
+    per_step = rate / STEPS_PER_SECOND
+    # a millionth of a step forgives the rounding of rates such as 60, whose period is no binary fraction
+    return math.floor(step * per_step + 1e-6) > math.floor((step - 1) * per_step + 1e-6)
+
+
+def registrations(camera: Camera, seed: int) -> Iterator[bool]:
+    """Whether the vision process finds the leader, image by image: a Markov chain, begun registered."""
+    u = uniforms(seed, "camera.registration")
+    registered = True
+    while True:
+        yield registered
+        registered = next(u) >= camera.p_lose if registered else next(u) < camera.p_regain
+
+
+def _noisy(points: Points, z: Iterator[float], sigma: float) -> Points:
+    """Six draws whether or not there is noise: every image takes the same numbers from the stream."""
+    (a, b), (c, d), (e, f) = points
+    return (
+        (a + sigma * next(z), b + sigma * next(z)),
+        (c + sigma * next(z), d + sigma * next(z)),
+        (e + sigma * next(z), f + sigma * next(z)),
+    )
+
+
+def blob(camera: Camera, u: Real, v: Real, w: Real) -> Points:
+    """Something else: a center uniform in the image, a level span uniform in `blob_span_px`; by three draws."""
+    low, high = camera.blob_span_px
+    x = (u - 0.5) * camera.width_px / camera.f_px
+    y = (v - 0.5) * camera.height_px / camera.f_px
+    half = (low + (high - low) * w) / 2 / camera.f_px
+    return (x, y), (x - half, y), (x + half, y)
+
+
+class CameraSensor:
+    """The camera of one run: `expose` once per image, in order."""
+
+    def __init__(self, scenario: Scenario, seed: int, size: float) -> None:
+        self._camera = scenario.camera
+        self._repeat = scenario.repeat
+        self._size = size
+        self._q_bc = mount_quaternion(scenario.camera)
+        self._registered = registrations(scenario.camera, seed)
+        self._noise = normals(seed, "camera.noise")
+        self._wrong = uniforms(seed, "camera.wrong")
+
+    def expose(self, state: State) -> Points | None:
+        """The points measured in an image taken now, or None when none is registered."""
+        camera, t = self._camera, state.t % self._repeat
+        registered = next(self._registered) and not any(b.start <= t < b.end for b in camera.blackouts)
+        wrong = next(self._wrong) < camera.wrong_blob
+        other = blob(camera, next(self._wrong), next(self._wrong), next(self._wrong))
+        truth = project(state, self._size, camera, self._q_bc)
+        noisy = _noisy(truth or other, self._noise, camera.sigma_px / camera.f_px)
+        if not registered or truth is None:
+            return None
+        return other if wrong else noisy
+
+
+def target_points(image: Image, camera: Camera) -> TargetPoints:
+    """The record the MAVLink encoder turns into three LANDING_TARGETs."""
+    center, left, right = image.points
+    return TargetPoints(
+        t_ns=image.t_ns,
+        t_recv_ns=image.t_ns,
+        camera=camera.name,
+        center=center,
+        left=left,
+        right=right,
+    )
+
+
+def camera_points(image: Image, camera: Camera) -> CameraPoints:
+    """What a vision process publishes on Zenoh: pixels and intrinsics."""
+    cx, cy = camera.width_px / 2, camera.height_px / 2
+    center, left, right = (
+        Pixel(u_px=cx + camera.f_px * y, v_px=cy + camera.f_px * z, sigma_px=camera.sigma_px or None)
+        for y, z in image.points
+    )
+    return CameraPoints(
+        t_ns=image.t_ns,
+        clock=Clock.BOOT,
+        camera=camera.name,
+        intrinsics=Intrinsics(fx_px=camera.f_px, fy_px=camera.f_px, cx_px=cx, cy_px=cy),
+        center=center,
+        left=left,
+        right=right,
+    )

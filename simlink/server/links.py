@@ -1,0 +1,187 @@
+"""Sockets of the simulator: UDP to a companion computer, TCP for ground stations. Both never wait for a peer."""
+
+import asyncio
+from collections.abc import Callable, Iterable
+from typing import Any, Final, cast
+
+from onboard.messages import Record
+from simlink.autopilot import AutopilotLink
+from simlink.sensors.navigation import Reading
+
+MOST_UNSENT_BYTES: Final = 1 << 20  # of one TCP client; beyond it, it misses frames
+
+MakeSession = Callable[[], AutopilotLink]
+Now = Callable[[], int]  # boot clock, ns
+
+
+class LinkError(Exception):
+    """A link that cannot be had; one line that says which and why."""
+
+
+class UdpSpec(Record, frozen=True, kw_only=True):
+    """`udpout:host:port` sends there, and hears answers on the same socket; `udpin:host:port` waits there for
+    a first datagram and sends to whoever sent the last."""
+
+    out: bool
+    host: str
+    port: int
+
+
+def parse_udp(spec: str) -> UdpSpec:
+    """UdpSpec of text. Raises LinkError."""
+    kind, _, rest = spec.partition(":")
+    host, _, port = rest.rpartition(":")
+    if kind not in ("udpout", "udpin") or not host or not port.isdecimal() or not int(port) < 65536:
+        raise LinkError(f"bad link {spec!r}: expected udpout:HOST:PORT or udpin:HOST:PORT")
+    return UdpSpec(out=kind == "udpout", host=host, port=int(port))
+
+
+class UdpLink(asyncio.DatagramProtocol):
+    """One UDP socket. `received` is called with each datagram and may return frames to answer with."""
+
+    def __init__(self, spec: UdpSpec, received: Callable[[bytes], Iterable[bytes]]) -> None:
+        self.heard = False  # whether a peer has ever sent anything
+        self.refused = 0  # sends that found nobody listening
+        self._spec = spec
+        self._received = received
+        self._peer: Any = None
+        self._transport: asyncio.DatagramTransport | None = None
+
+    async def open(self) -> None:
+        """Bind or connect. Raises LinkError."""
+        loop = asyncio.get_running_loop()
+        address = (self._spec.host, self._spec.port)
+        where = {"remote_addr": address} if self._spec.out else {"local_addr": address}
+        try:
+            await loop.create_datagram_endpoint(lambda: self, **where)  # type: ignore[arg-type]  # typeshed wants them spelled out
+        except OSError as error:
+            raise LinkError(f"cannot open UDP {address[0]}:{address[1]}: {reason(error)}") from error
+
+    @property
+    def is_open(self) -> bool:
+        """Whether `open` is done."""
+        return self._transport is not None
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Our own end, once open."""
+        host, port = self._get().get_extra_info("sockname")[:2]
+        return str(host), int(port)
+
+    def send(self, data: bytes) -> bool:
+        """Send one datagram; False when there is nobody to send to yet. Never blocks, never raises."""
+        if not self._spec.out and self._peer is None:
+            return False
+        self._get().sendto(data, self._peer if not self._spec.out else None)
+        return True
+
+    def close(self) -> None:
+        """Close the socket, if it was opened."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def _get(self) -> asyncio.DatagramTransport:
+        if self._transport is None:
+            raise RuntimeError("the link is not open")
+        return self._transport
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """From asyncio."""
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: Any) -> None:
+        """From asyncio."""
+        self.heard, self._peer = True, addr
+        for frame in self._received(data):
+            self.send(frame)
+
+    def error_received(self, exc: Exception) -> None:  # noqa: ARG002  # asyncio's signature
+        """From asyncio: on loopback, ECONNREFUSED while the daemon is not up. It may come later."""
+        self.refused += 1
+
+
+class TcpServer:
+    """MAVLink for any number of TCP clients, each with its own session and message intervals."""
+
+    def __init__(self, host: str, port: int, make_session: MakeSession, now: Now) -> None:
+        self.heard = False
+        self.clients: set[TcpClient] = set()
+        self.make_session = make_session
+        self.now = now
+        self._where = (host, port)
+        self._server: asyncio.Server | None = None
+
+    async def open(self) -> None:
+        """Listen. Raises LinkError."""
+        loop = asyncio.get_running_loop()
+        try:
+            self._server = await loop.create_server(lambda: TcpClient(self), *self._where)
+        except OSError as error:
+            host, port = self._where
+            hint = "; choose another with --tcp PORT, or --tcp none"
+            raise LinkError(f"cannot listen on TCP {host}:{port}: {reason(error)}{hint}") from error
+
+    @property
+    def is_open(self) -> bool:
+        """Whether `open` is done."""
+        return self._server is not None
+
+    @property
+    def port(self) -> int:
+        """The port listened on, once open."""
+        if self._server is None:
+            raise RuntimeError("the server is not open")
+        return int(self._server.sockets[0].getsockname()[1])
+
+    def send(self, t_ns: int, reading: Reading | None) -> int:
+        """What is due to every client; the number of frames sent."""
+        return sum(client.send(client.session.send(t_ns, reading)) for client in tuple(self.clients))
+
+    async def close(self) -> None:
+        """Stop listening and hang up."""
+        if self._server is not None:
+            self._server.close()
+            for client in tuple(self.clients):
+                client.hang_up()
+            await self._server.wait_closed()
+
+
+class TcpClient(asyncio.Protocol):
+    """One TCP client."""
+
+    def __init__(self, server: TcpServer) -> None:
+        self.session = server.make_session()
+        self._server = server
+        self._transport: asyncio.Transport | None = None
+
+    def send(self, frames: list[bytes]) -> int:
+        """Hand frames to the socket, unless the client reads too slowly; the number sent."""
+        transport = self._transport
+        if not frames or transport is None or transport.get_write_buffer_size() > MOST_UNSENT_BYTES:
+            return 0
+        transport.write(b"".join(frames))
+        return len(frames)
+
+    def hang_up(self) -> None:
+        """Close without waiting for unsent bytes."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """From asyncio."""
+        self._transport = cast(asyncio.Transport, transport)
+        self._server.clients.add(self)
+
+    def data_received(self, data: bytes) -> None:
+        """From asyncio."""
+        self._server.heard = True
+        self.send(self.session.receive(data, self._server.now()))
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002  # asyncio's signature
+        """From asyncio."""
+        self._server.clients.discard(self)
+
+
+def reason(error: OSError) -> str:
+    """The reason of an OSError in a few words."""
+    return (error.strerror or str(error)).lower()

@@ -1,0 +1,1 @@
+"""The truth: how aircraft move, by dynamics of the simulator's own."""

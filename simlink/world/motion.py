@@ -1,0 +1,204 @@
+"""How the two aircraft move: profiles in time, the leader's point mass, the follower's slot and its control.
+
+Leader: dcourse/dt = a_lat / (V cos climb), dclimb/dt = a_long / V, speed V a function of time. The follower
+accelerates exactly as its slot does, plus proportional and derivative terms on what error is left.
+
+What takes `maths` works on plain floats with `math`, step by step, and on whole flights as arrays with `numpy`.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from onboard.messages import Vec3
+from simlink.scenarios.scenario import Scenario
+from simlink.scenarios.scene import Follower, Pulse, Wave
+
+Kinematics = tuple[float, ...]  # course, climb, r_L (3), r_F (3), v_F (3)
+Real = Any  # a float, or an array of them
+Real3 = tuple[Real, Real, Real]
+
+
+class Rates(NamedTuple):
+    """What `Derivative` knows at one time: derivative of the kinematics and the quantities behind it."""
+
+    derivative: Kinematics
+    v_L_n: Vec3
+    a_L_n: Vec3
+    a_F_n: Vec3
+    a_lat: float
+    a_long: float
+
+
+Derivative = Callable[[float, Kinematics], Rates]
+
+
+def wave(w: Wave, maths: ModuleType = math) -> Callable[[Real], tuple[Real, Real]]:
+    """(value, derivative) of a Wave as a function of time."""
+    mean, amplitude = w.mean, w.amplitude
+    omega, phase = 2 * math.pi / w.period, math.radians(w.phase_deg)
+
+    def at(t: Real) -> tuple[Real, Real]:
+        if amplitude == 0.0:
+            return mean, 0.0
+        angle = omega * t + phase
+        return mean + amplitude * maths.sin(angle), amplitude * omega * maths.cos(angle)
+
+    return at
+
+
+def pulses(
+    items: Sequence[Pulse], repeat: float, maths: ModuleType = math
+) -> Callable[[Real], tuple[Real, Real, Real]]:
+    """(value, first, second derivative) of the sum of pulses, which come again every `repeat` seconds."""
+    rows = [(p.start, p.end, p.hold, p.change / 2, 2 * math.pi / (p.end - p.start - p.hold)) for p in items]
+
+    def at(t: Real) -> tuple[Real, Real, Real]:
+        value = first = second = 0.0
+        t = t % repeat
+        for start, end, hold, half, omega in rows:
+            # comparisons as factors, so that t may be an array
+            top = t - start - math.pi / omega
+            holds = (top > 0.0) * (top < hold)
+            angle = omega * (t - start - top * holds - hold * (top >= hold))
+            inside = (start <= t) * (t < end)
+            s, c = maths.sin(angle), maths.cos(angle)
+            value = value + inside * half * (1.0 - c)
+            first = first + inside * half * omega * s
+            second = second + inside * (1 - holds) * half * omega * omega * c
+        return value, first, second
+
+    return at
+
+
+def slot(
+    f: Follower, phases: Real3, repeat: float, maths: ModuleType = math
+) -> Callable[[Real], tuple[Real3, Real3, Real3]]:
+    """Place, velocity and acceleration of the slot in the leader's path axes (forward, right, down)."""
+    (x0, y0, z0), (ax, ay, az), (px, py, pz) = f.slot, f.wander, phases
+    wx, wy, wz = (2 * math.pi / period for period in f.wander_period)
+    forward = pulses(f.slot_pulses, repeat, maths)
+
+    def at(t: Real) -> tuple[Real3, Real3, Real3]:
+        sx, cx = ax * maths.sin(wx * t + px), ax * maths.cos(wx * t + px)
+        sy, cy = ay * maths.sin(wy * t + py), ay * maths.cos(wy * t + py)
+        sz, cz = az * maths.sin(wz * t + pz), az * maths.cos(wz * t + pz)
+        p, dp, ddp = forward(t)
+        return (
+            (x0 + sx + p, y0 + sy, z0 + sz),
+            (wx * cx + dp, wy * cy, wz * cz),
+            (ddp - wx * wx * sx, -wy * wy * sy, -wz * wz * sz),
+        )
+
+    return at
+
+
+class SlotMotion(NamedTuple):
+    """The slot in n: position, velocity, acceleration."""
+
+    r_n: Real3
+    v_n: Real3
+    a_n: Real3
+
+
+class LeaderMotion(NamedTuple):
+    """The leader at one time, its course (rad) and climb angle given: their rates and what it does in n."""
+
+    course_rate: Real
+    course_rate_dot: Real
+    climb_rate: Real
+    v_n: Real3
+    a_n: Real3
+    a_lat: Real
+    a_long: Real
+
+
+def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Real, Real, Real], LeaderMotion]:
+    """The leader's motion as a function of time, course and climb angle."""
+    leader = scenario.leader
+    cruise, speed_change = leader.speed, pulses(leader.speed_pulses, scenario.repeat, maths)
+    lateral, normal = wave(leader.a_lat, maths), wave(leader.a_long, maths)
+
+    def at(t: Real, course: Real, climb: Real) -> LeaderMotion:
+        change, dV, _ = speed_change(t)
+        V = cruise + change
+        (lat, dlat), (long, _) = lateral(t), normal(t)
+        cc, sc, cg, sg = maths.cos(course), maths.sin(course), maths.cos(climb), maths.sin(climb)
+        along = dV * cg - long * sg
+        # it turns only where it moves (`scenario` sees to that): the rates of one that hovers are 0, not 0/0
+        moving = V + (V == 0.0)
+        climb_rate, course_rate = long / moving, lat / (moving * cg)
+        return LeaderMotion(
+            course_rate,
+            dlat / (moving * cg) - course_rate * (dV / moving - climb_rate * sg / cg),
+            climb_rate,
+            (V * cg * cc, V * cg * sc, -V * sg),
+            (along * cc - lat * sc, along * sc + lat * cc, -dV * sg - long * cg),
+            lat,
+            long,
+        )
+
+    return at
+
+
+def slot_in_n(
+    course: Real,
+    leader: LeaderMotion,
+    r_L: Real3,
+    s: tuple[Real3, Real3, Real3],
+    maths: ModuleType = math,
+) -> SlotMotion:
+    """The slot in n from the slot in path axes, which turn about the vertical with the leader's course:
+    a = a_L + R (s'' + 2 w x s' + w' x s + w x (w x s)), w = (0, 0, course rate)."""
+    rate, rate_dot, v_L, a_L = leader.course_rate, leader.course_rate_dot, leader.v_n, leader.a_n
+    c, n = maths.cos(course), maths.sin(course)
+    (x, y, z), (dx, dy, dz), (ddx, ddy, ddz) = s
+    vx, vy = dx - rate * y, dy + rate * x
+    ax = ddx - 2 * rate * dy - rate_dot * y - rate * rate * x
+    ay = ddy + 2 * rate * dx + rate_dot * x - rate * rate * y
+    return SlotMotion(
+        (r_L[0] + c * x - n * y, r_L[1] + n * x + c * y, r_L[2] + z),
+        (v_L[0] + c * vx - n * vy, v_L[1] + n * vx + c * vy, v_L[2] + dz),
+        (a_L[0] + c * ax - n * ay, a_L[1] + n * ax + c * ay, a_L[2] + ddz),
+    )
+
+
+def make_motion(scenario: Scenario, phases: Vec3) -> tuple[Derivative, Kinematics]:
+    """The derivative of the kinematics, and where they begin: the follower on its slot, moving with it."""
+    leader = scenario.leader
+    leader_at = leader_motion(scenario)
+    slot_at = slot(scenario.follower, phases, scenario.repeat)
+    kp, kd = scenario.follower.position_gain, scenario.follower.velocity_gain
+
+    def leader_and_slot(t: float, course: float, climb: float, r_L: Vec3) -> tuple[SlotMotion, LeaderMotion]:
+        m = leader_at(t, course, climb)
+        return slot_in_n(course, m, r_L, slot_at(t)), m
+
+    def derivative(t: float, y: Kinematics) -> Rates:
+        course, climb, lx, ly, lz, fx, fy, fz, ux, uy, uz = y
+        place, m = leader_and_slot(t, course, climb, (lx, ly, lz))
+        (sx, sy, sz), (vx, vy, vz), (ax, ay, az) = place
+        a_F = (
+            ax + kp * (sx - fx) + kd * (vx - ux),
+            ay + kp * (sy - fy) + kd * (vy - uy),
+            az + kp * (sz - fz) + kd * (vz - uz),
+        )
+        dy = (m.course_rate, m.climb_rate, *m.v_n, ux, uy, uz, *a_F)
+        return Rates(dy, m.v_n, m.a_n, a_F, m.a_lat, m.a_long)
+
+    course, climb = math.radians(leader.course_deg), math.radians(leader.climb_deg)
+    r_L = (0.0, 0.0, -leader.height)
+    start, _ = leader_and_slot(0.0, course, climb, r_L)
+    return derivative, (course, climb, *r_L, *start.r_n, *start.v_n)
+
+
+def advance(f: Derivative, t: float, y: Kinematics, first: Rates, dt: float) -> Kinematics:
+    """One step of the classical fourth-order Runge-Kutta method; `first` is f(t, y), known already."""
+    h = dt / 2
+    k1 = first.derivative
+    k2 = f(t + h, tuple([a + h * b for a, b in zip(y, k1, strict=True)])).derivative
+    k3 = f(t + h, tuple([a + h * b for a, b in zip(y, k2, strict=True)])).derivative
+    k4 = f(t + dt, tuple([a + dt * b for a, b in zip(y, k3, strict=True)])).derivative
+    sixth = dt / 6
+    return tuple([a + sixth * (p + 2 * (q + r) + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)])

@@ -1,0 +1,193 @@
+"""The truth: two aircraft, step by step, with dynamics of their own (nothing here comes from a filter's model).
+
+`states` is endless and depends on the scenario and the seed alone. The follower flies coordinated: heading
+along its course, pitch along its path, bank atan(a_right / g); or it is a quadrotor, and flies as
+`simlink.world.quadrotor` has it, on a path of its own or on the same slot. The leader does the same, with bank and
+heading wobbling about that. Frames are those of `onboard.geometry`.
+"""
+
+import math
+from collections.abc import Iterator
+from itertools import tee
+from types import ModuleType
+from typing import NamedTuple
+
+from onboard.messages import Quaternion, Truth, Vec3
+from simlink.scenarios.scenario import Scenario
+from simlink.scenarios.scene import Quadrotor
+from simlink.world import attitude
+from simlink.world.motion import Rates, Real, Real3, advance, make_motion, pulses
+from simlink.world.noise import gauss_markov, normals, uniforms
+from simlink.world.quadrotor import motions
+from simlink.world.quadrotor_control import Reference, figure_eight
+
+G = 9.80665
+STEPS_PER_SECOND = 200
+STEP_NS = 1_000_000_000 // STEPS_PER_SECOND
+DT = 1.0 / STEPS_PER_SECOND
+
+
+class State(NamedTuple):
+    """The world at `step` * 5 ms of flight. SI; n is NED at the scenario's origin O."""
+
+    step: int
+    t: float
+    r_OL_n: Vec3
+    v_L_n: Vec3
+    a_L_n: Vec3
+    q_nL: Quaternion
+    a_lat: float
+    a_long: float
+    r_OF_n: Vec3
+    v_F_n: Vec3
+    a_F_n: Vec3
+    q_nF: Quaternion
+    omega_b: Vec3  # mean body rate over the step that ends here (of the first step: zero)
+    f_b: Vec3  # specific force R_bn (a_F_n - g_n)
+    pwm_us: tuple[int, ...] | None = None  # what a quadrotor's motors are told
+    fault: str = ""  # what is wrong with it now
+
+
+def true_size(scenario: Scenario, seed: int) -> float:
+    """The leader's size in this run, m: the nominal one and its draw."""
+    sigma = scenario.leader.size_sigma_percent / 100
+    return scenario.leader.size * (1.0 + sigma * next(normals(seed, "leader.size")))
+
+
+def states(scenario: Scenario, seed: int) -> Iterator[State]:
+    """The world, 200 states per second of flight, without end."""
+    formation = _formation(scenario, seed)
+    return formation if scenario.quadrotor is None else _with_quadrotor(scenario.quadrotor, seed, formation)
+
+
+def _with_quadrotor(craft: Quadrotor, seed: int, formation: Iterator[State]) -> Iterator[State]:
+    """The same world with the follower flown as a quadrotor; on the slot, what the follower was is its path."""
+    if craft.path == "figure_eight":
+        path = figure_eight(seed, DT)
+    else:
+        formation, slots = tee(formation)
+        path = map(_as_reference, slots)
+    q_before = None
+    for state, m in zip(formation, motions(craft, seed, path, DT), strict=True):
+        yield state._replace(
+            r_OF_n=m.r_n,
+            v_F_n=m.v_n,
+            a_F_n=m.a_n,
+            q_nF=m.q_nb,
+            omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, m.q_nb),
+            f_b=m.f_b,
+            pwm_us=m.pwm_us,
+            fault=m.fault,
+        )
+        q_before = m.q_nb
+
+
+def _as_reference(state: State) -> Reference:
+    """Where a follower of the formation is, its nose towards the leader's side: along its course."""
+    course = math.atan2(state.v_F_n[1], state.v_F_n[0])
+    return Reference(state.r_OF_n, state.v_F_n, state.a_F_n, course)
+
+
+def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
+    """Leader and follower, both coordinated."""
+    phase = uniforms(seed, "follower.wander")
+    turn = 2 * math.pi
+    f, y = make_motion(scenario, (turn * next(phase), turn * next(phase), turn * next(phase)))
+    bank, heading = _wobbles(scenario, seed)
+    hovers = scenario.follower.attitude == "hover"
+    yaw_at = pulses(scenario.leader.yaw_pulses_deg, scenario.repeat)
+    step, q_before = 0, None
+    while True:
+        t = step / STEPS_PER_SECOND
+        rates = f(t, y)
+        r_F_n, v_F_n = (y[5], y[6], y[7]), (y[8], y[9], y[10])
+        q_nF = hovering(rates.a_F_n, y[0]) if hovers else coordinated(v_F_n, rates.a_F_n)
+        specific = (rates.a_F_n[0], rates.a_F_n[1], rates.a_F_n[2] - G)
+        yield State(
+            step=step,
+            t=t,
+            r_OL_n=(y[2], y[3], y[4]),
+            v_L_n=rates.v_L_n,
+            a_L_n=rates.a_L_n,
+            q_nL=_leader_attitude(y[0], y[1], rates, next(bank), next(heading) + math.radians(yaw_at(t)[0])),
+            a_lat=rates.a_lat,
+            a_long=rates.a_long,
+            r_OF_n=r_F_n,
+            v_F_n=v_F_n,
+            a_F_n=rates.a_F_n,
+            q_nF=q_nF,
+            omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, q_nF),
+            f_b=attitude.to_b(q_nF, specific),
+        )
+        y = advance(f, t, y, rates, DT)
+        step, q_before = step + 1, q_nF
+
+
+def _wobbles(scenario: Scenario, seed: int) -> tuple[Iterator[float], Iterator[float]]:
+    """The leader's bank and heading errors, rad, one per step."""
+    b, h = scenario.leader.bank_wobble_deg, scenario.leader.heading_wobble_deg
+    return (
+        gauss_markov(normals(seed, "leader.bank"), math.radians(b.sigma), b.time, DT),
+        gauss_markov(normals(seed, "leader.heading"), math.radians(h.sigma), h.time, DT),
+    )
+
+
+def _leader_attitude(
+    course: float, climb: float, rates: Rates, bank_error: float, heading_error: float
+) -> Quaternion:
+    return attitude.from_euler(math.atan(rates.a_lat / G) + bank_error, climb, course + heading_error)
+
+
+def coordinated(v_n: Vec3, a_n: Vec3) -> Quaternion:
+    """q_nb of coordinated flight: heading along the course, pitch along the path, bank atan(a_right / g)."""
+    return attitude.from_euler(*coordinated_angles(v_n, a_n))
+
+
+def coordinated_angles(v_n: Real3, a_n: Real3, maths: ModuleType = math) -> Real3:
+    """Roll, pitch and yaw of coordinated flight, rad."""
+    horizontal = maths.hypot(v_n[0], v_n[1])
+    right = (a_n[1] * v_n[0] - a_n[0] * v_n[1]) / (horizontal + (horizontal == 0.0))
+    return maths.atan(right / G), maths.atan2(-v_n[2], horizontal), maths.atan2(v_n[1], v_n[0])
+
+
+def hovering(a_n: Vec3, yaw: float) -> Quaternion:
+    """q_nb of a multirotor with this heading (rad), tilted so that its thrust gives the acceleration."""
+    return attitude.from_euler(*hovering_angles(a_n, yaw))
+
+
+def hovering_angles(a_n: Real3, yaw: Real, maths: ModuleType = math) -> Real3:
+    """Roll, pitch and yaw of that, rad."""
+    c, s = maths.cos(yaw), maths.sin(yaw)
+    forward, right, up = c * a_n[0] + s * a_n[1], c * a_n[1] - s * a_n[0], G - a_n[2]
+    return maths.atan2(right, maths.hypot(forward, up)), maths.atan2(-forward, up), yaw
+
+
+def body_rate(q_before: Quaternion, q_now: Quaternion) -> Vec3:
+    """Mean rate over one step, rad/s, body axes: what a gyro that integrates its angle reports."""
+    x, y, z = attitude.to_vector(attitude.product(attitude.conjugate(q_before), q_now))
+    return x * STEPS_PER_SECOND, y * STEPS_PER_SECOND, z * STEPS_PER_SECOND
+
+
+def truth_record(s: State, size: float, t_ns: int) -> Truth:
+    """What is published as the truth at boot time `t_ns`."""
+    return Truth(
+        t_ns=t_ns,
+        r_FL_n=difference(s.r_OL_n, s.r_OF_n),
+        v_FL_n=difference(s.v_L_n, s.v_F_n),
+        size=size,
+        a_lat=s.a_lat,
+        a_long=s.a_long,
+        r_OF_n=s.r_OF_n,
+        v_F_n=s.v_F_n,
+        a_F_n=s.a_F_n,
+        q_nF=s.q_nF,
+        r_OL_n=s.r_OL_n,
+        q_nL=s.q_nL,
+        omega_b=s.omega_b,
+        fault=s.fault,
+    )
+
+
+def difference(a: Vec3, b: Vec3) -> Vec3:
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]

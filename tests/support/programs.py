@@ -1,0 +1,121 @@
+"""Our programs as processes, started as a user starts them, on ports of their own."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT.parent / "shared" / "data"
+PATIENCE = 60.0  # s; generous, since nothing here is about speed
+
+
+def run(*command: str | Path, cwd: Path | None = None, timeout: float = 110) -> "subprocess.CompletedProcess[str]":
+    """`onboard ...` or `simlink ...` to its end."""
+    return subprocess.run(
+        argv(*command), cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False, env=environment()
+    )
+
+
+def argv(*command: str | Path) -> list[str]:
+    module, *arguments = map(str, command)
+    return [sys.executable, "-m", module, *arguments]
+
+
+def environment() -> dict[str, str]:
+    """Ours, with the sources found from any folder, no display, and no colours."""
+    kept = {k: v for k, v in os.environ.items() if k not in {"DISPLAY", "WAYLAND_DISPLAY", "FORCE_COLOR"}}
+    return {
+        **kept,
+        "PYTHONPATH": str(ROOT),
+        "PYTHONUNBUFFERED": "1",
+        "COLUMNS": "160",
+        "NO_COLOR": "1",
+        "PYTHONFAULTHANDLER": "1",
+    }
+
+
+class Program:
+    """A program of ours that runs; what it says goes to `log`."""
+
+    def __init__(self, log: Path, *command: str | Path, cwd: Path | None = None) -> None:
+        self.log = log
+        self.stdout = log.with_suffix(".out")
+        with log.open("wb") as err, self.stdout.open("wb") as out:
+            # a session of its own: what is sent to the group is what a terminal sends on Ctrl-C
+            self.popen = subprocess.Popen(
+                argv(*command), stdout=out, stderr=err, cwd=cwd, env=environment(), start_new_session=True
+            )
+        self.process = psutil.Process(self.popen.pid)
+        self._family: set[psutil.Process] = set()
+
+    def said(self) -> str:
+        return self.log.read_text(errors="replace")
+
+    def wait_for(self, text: str, count: int = 1) -> None:
+        """Until it has said `text` that many times; fails at once when it has ended."""
+        until(lambda: self.said().count(text) >= count or self.popen.poll() is not None, f"{text!r} in {self.log}")
+        assert self.said().count(text) >= count, f"ended with {self.popen.poll()}, having said:\n{self.said()}"
+
+    def descendants(self) -> list[psutil.Process]:
+        found = list(self.process.children(recursive=True)) if self.popen.poll() is None else []
+        self._family |= set(found)
+        return found
+
+    def kill(self) -> None:
+        """It, and all it is known to have started, should that have outlived it."""
+        self.descendants()
+        for process in (self.process, *self._family):
+            with suppress(psutil.NoSuchProcess):
+                process.kill()
+        self.popen.wait(PATIENCE)
+
+    def end(self, number: int = signal.SIGTERM, *, group: bool = False) -> int:
+        """Send a signal to it, or to all of its group; its exit code."""
+        if self.popen.poll() is None:
+            (os.killpg if group else os.kill)(self.popen.pid, number)
+        code = self.popen.wait(PATIENCE)
+        if code < 0 and code != -number:
+            print(f"died of {signal.Signals(-code).name}, having said:\n{self.said()}", file=sys.stderr)
+        return code
+
+
+@contextmanager
+def started(log: Path, *command: str | Path, cwd: Path | None = None) -> Iterator[Program]:
+    """A Program; whatever happens, nothing of it is left afterwards."""
+    program = Program(log, *command, cwd=cwd)
+    try:
+        yield program
+    finally:
+        program.kill()
+
+
+def until(condition: Callable[[], Any], what: str, timeout: float = PATIENCE) -> Any:
+    """Wait for `condition` to hold; its value."""
+    deadline = time.monotonic() + timeout
+    while not (value := condition()):
+        if time.monotonic() > deadline:
+            raise AssertionError(f"waited {timeout:g} s in vain for {what}")
+        time.sleep(0.05)
+    return value
+
+
+def all_gone(processes: list[psutil.Process]) -> bool:
+    return not any(p.is_running() and p.status() != psutil.STATUS_ZOMBIE for p in processes)
+
+
+def free_ports(*kinds: socket.SocketKind) -> list[int]:
+    """Ports on loopback that are free now, different from each other."""
+    with ExitStack() as stack:
+        sockets = [stack.enter_context(socket.socket(socket.AF_INET, kind)) for kind in kinds]
+        for s in sockets:
+            s.bind(("127.0.0.1", 0))
+        return [int(s.getsockname()[1]) for s in sockets]

@@ -1,0 +1,25 @@
+"""The simulator's server for tests: short, fast, without links."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Any
+
+from simlink.scenarios.scenario import load_scenario
+from simlink.server.server import Options, Server
+
+UNIX_NS = 1_700_000_000 * 10**9
+
+
+def options(**changed: Any) -> Options:
+    base = {"camera": "none", "zenoh": None, "mavlink": None, "tcp_port": None, "speed": 10.0, "duration": 2.0}
+    return Options(scenario=load_scenario("formation"), **(base | changed))
+
+
+def make(lines: list[str] | None = None, **changed: Any) -> Server:
+    report = (lambda _: None) if lines is None else lines.append
+    return Server(options(**changed), time.monotonic, UNIX_NS, report)
+
+
+def run(main: Callable[[], Any]) -> Any:
+    return asyncio.run(asyncio.wait_for(main(), 30))

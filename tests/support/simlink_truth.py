@@ -1,0 +1,27 @@
+"""Truth of the simulator's worlds, and what an inertial sensor without error would make of it."""
+
+from itertools import islice, pairwise
+
+import numpy as np
+
+from onboard.arrays import Array
+from simlink.scenarios.scenario import Scenario
+from simlink.world import attitude
+from simlink.world.truth import State, states
+
+HZ = 200
+G = 9.80665
+
+
+def flight(scenario: Scenario, seed: int, seconds: float) -> list[State]:
+    return list(islice(states(scenario, seed), round(seconds * HZ) + 1))
+
+
+def dead_reckoned(rows: list[State]) -> tuple[Array, tuple[float, float, float, float]]:
+    """Our velocity (NED, m/s) and attitude q_nF at the end, integrated from specific force and body rates."""
+    v, q = np.array(rows[0].v_F_n), rows[0].q_nF
+    for before, now in pairwise(rows):
+        f_n = np.array(attitude.to_n(q, before.f_b))
+        q = attitude.product(q, attitude.from_vector(*(w / HZ for w in now.omega_b)))
+        v += (f_n + np.array(attitude.to_n(q, now.f_b))) / 2 / HZ + np.array([0.0, 0.0, G]) / HZ
+    return v, q

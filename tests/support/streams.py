@@ -1,0 +1,272 @@
+"""Synthetic flights as bytes: two aircraft on analytic paths, one looking at the other, and its MAVLink.
+
+Independent of `simlink` and of `onboard.models`: positions and velocities are closed formulas, image points are
+projected by hand.
+"""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+
+from onboard.arrays import Array
+from onboard.config import Config, load_config
+from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
+from onboard.messages import (
+    Attitude,
+    Datagram,
+    Encoding,
+    Estimate,
+    Heartbeat,
+    LocalPosition,
+    MeasurementReport,
+    Message,
+    Output,
+    TargetPoints,
+    Verdict,
+)
+from onboard.pipeline import Pipeline
+from onboard.wire.mavlink_encode import MavlinkEncoder
+
+MS: Final = 1_000_000
+S: Final = 1_000_000_000
+EPOCH: Final = 1_735_689_600 * S  # host clock at boot: 2025-01-01
+SIZE: Final = 2.0
+F_PX: Final = 554.256
+PX4: Final = 12
+LATENCY: Final = 60 * MS
+FLIGHT_SYSTEM: Final = 1
+CAMERA_COMPONENT: Final = 191
+
+
+class Kinematics(NamedTuple):
+    """Position, velocity, acceleration in n, and roll, pitch, yaw."""
+
+    r: Array
+    v: Array
+    a: Array
+    rpy: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """Follower and leader in line, `gap` metres apart along the path; radius None: straight north."""
+
+    radius: float | None = 100.0
+    speed: float = 15.0
+    gap: float = 28.0
+    size: float = SIZE
+
+    def at(self, t: float, ahead: float = 0.0) -> Kinematics:
+        """The aircraft `ahead` metres along the path; a slow height wave tells up from down."""
+        along = self.speed * t + ahead
+        w = 0.3
+        down, climb, bend = -50 + 2 * math.sin(w * t), 2 * w * math.cos(w * t), -2 * w * w * math.sin(w * t)
+        if self.radius is None:
+            return Kinematics(
+                np.array([along, 0.0, down]),
+                np.array([self.speed, 0.0, climb]),
+                np.array([0.0, 0.0, bend]),
+                (0, 0, 0),
+            )
+        angle, rate = along / self.radius, self.speed / self.radius
+        c, s = math.cos(angle), math.sin(angle)
+        return Kinematics(
+            np.array([self.radius * s, self.radius * (1 - c), down]),
+            np.array([self.speed * c, self.speed * s, climb]),
+            np.array([-self.speed * rate * s, self.speed * rate * c, bend]),
+            (math.atan(self.speed * rate / 9.81), 0.0, math.remainder(angle, 2 * math.pi)),
+        )
+
+    def relative(self, t: float) -> tuple[Array, Array]:
+        """(r_FL_n, v_FL_n)."""
+        follower, leader = self.at(t), self.at(t, self.gap)
+        return leader.r - follower.r, leader.v - follower.v
+
+    def points(self, t: float) -> Array:
+        """Image points (3, 2), exact: center, left and right wingtip."""
+        follower, leader = self.at(t), self.at(t, self.gap)
+        R_bn = matrix_from_euler(*follower.rpy).T
+        wing = matrix_from_euler(*leader.rpy)[:, 1] * self.size / 2
+        r_c = np.array([R_bn @ (leader.r + offset - follower.r) for offset in (0 * wing, -wing, wing)])
+        return r_c[:, 1:] / r_c[:, :1]
+
+    def attitude(self, t_ns: int) -> Attitude:
+        """What the autopilot says of its attitude at a boot time."""
+        rpy = self.at(t_ns / S).rpy
+        rate = 0.0 if self.radius is None else self.speed / self.radius
+        omega = matrix_from_euler(*rpy).T @ np.array([0.0, 0.0, rate])
+        q = quaternion_from_euler(*rpy)
+        return Attitude(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, q_nb=tuple(q.tolist()), omega_b=tuple(omega.tolist()))
+
+    def position(self, t_ns: int) -> LocalPosition:
+        """What the autopilot says of its position and velocity at a boot time."""
+        k = self.at(t_ns / S)
+        return LocalPosition(
+            t_ns=t_ns, t_recv_ns=EPOCH + t_ns, r_OF_n=tuple(k.r.tolist()), v_F_n=tuple(k.v.tolist())
+        )
+
+    def image(self, t_ns: int, rng: np.random.Generator | None = None, latency: int = LATENCY) -> TargetPoints:
+        """One image, with 1 px of noise if `rng` is given."""
+        points = self.points(t_ns / S)
+        if rng is not None:
+            points = points + rng.normal(size=(3, 2)) / F_PX
+        center, left, right = (tuple(p) for p in points.tolist())
+        return TargetPoints(
+            t_ns=t_ns,
+            t_recv_ns=EPOCH + t_ns + latency,
+            component=CAMERA_COMPONENT,
+            camera="landing_target",
+            center=center,
+            left=left,
+            right=right,
+        )
+
+
+CIRCLE: Final = Flight()
+STRAIGHT: Final = Flight(radius=None)
+
+
+class Item(NamedTuple):
+    """One datagram-to-be: when it arrives and what it holds. Faults act on these."""
+
+    t_recv_ns: int
+    message: Message
+
+
+def heartbeat(t_ns: int, system: int = FLIGHT_SYSTEM, autopilot: int = PX4) -> Heartbeat:
+    """An armed multirotor's heartbeat."""
+    return Heartbeat(
+        t_ns=t_ns,
+        t_recv_ns=EPOCH + t_ns,
+        system=system,
+        vehicle_type=2,
+        autopilot=autopilot,
+        armed=True,
+        status=4,
+    )
+
+
+@dataclass
+class Stream:
+    """A flight as messages in order of arrival, from boot time `t0` to `t1` (s). `images`: in which the leader is
+    seen; `lead_ns`: how far the camera's clock is ahead."""
+
+    flight: Flight = CIRCLE
+    t0: float = 5.0
+    t1: float = 15.0
+    seed: int | None = 1
+    latency: int = LATENCY
+    lead_ns: int = 0
+    images: Callable[[float], bool] = field(default=lambda _t: True)
+
+    def items(self) -> list[Item]:
+        """Messages and their arrivals: own motion at 50 Hz, 2 ms late; images at 25 Hz, `latency` late."""
+        rng = None if self.seed is None else np.random.default_rng(self.seed)
+        out = []
+        for ms in range(round(self.t0 * 1000), round(self.t1 * 1000), 20):
+            t_ns = ms * MS
+            if ms % 1000 == 0:
+                out.append(Item(EPOCH + t_ns + MS, heartbeat(t_ns)))
+            out.append(Item(EPOCH + t_ns + 2 * MS, self.flight.attitude(t_ns)))
+            out.append(Item(EPOCH + t_ns + 2 * MS, self.flight.position(t_ns)))
+            if ms % 40 == 0 and self.images(ms / 1000):
+                image = self.flight.image(t_ns, rng, self.latency)
+                if self.lead_ns:
+                    image = replace(image, t_ns=t_ns + self.lead_ns)
+                out.append(Item(EPOCH + t_ns + self.latency, image))
+        return sorted(out, key=lambda item: item.t_recv_ns)
+
+    def datagrams(self) -> list[Datagram]:
+        """The same as MAVLink in UDP datagrams."""
+        return encode(self.items())
+
+
+def encode(items: Iterable[Item], channel: str = "udp") -> list[Datagram]:
+    """Each message as one datagram, in the order given."""
+    encoders: dict[tuple[int, int], MavlinkEncoder] = {}
+    out = []
+    for t_recv_ns, message in items:
+        sender = message.system, message.component
+        encoder = encoders.setdefault(sender, MavlinkEncoder(*sender))
+        data = encoder.encode(message)
+        out.append(Datagram(channel=channel, encoding=Encoding.MAVLINK, t_recv_ns=t_recv_ns, data=data))
+    return out
+
+
+def make_config(*overrides: str) -> Config:
+    """The defaults, with the leader's size as flown here."""
+    return load_config(None, (f"estimator.leader.size_prior_m={SIZE}", *overrides))
+
+
+class Run(NamedTuple):
+    """A pipeline and all it said."""
+
+    pipeline: Pipeline
+    outputs: list[Output]
+
+    @property
+    def estimates(self) -> list[Estimate]:
+        """Estimates in order."""
+        return [o for o in self.outputs if isinstance(o, Estimate)]
+
+    @property
+    def reports(self) -> list[MeasurementReport]:
+        """What became of each image."""
+        return [e.measurement for e in self.estimates if e.measurement is not None]
+
+    def verdicts(self) -> dict[Verdict, int]:
+        """Images by verdict."""
+        found: dict[Verdict, int] = {}
+        for report in self.reports:
+            found[report.verdict] = found.get(report.verdict, 0) + 1
+        return found
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """What the pipeline counts as rejected."""
+        return self.pipeline.health(0).rejected
+
+
+def feed(datagrams: Iterable[Datagram], config: Config | None = None) -> Run:
+    """All datagrams through a new pipeline."""
+    pipeline = Pipeline(config or make_config())
+    outputs: list[Output] = []
+    for datagram in datagrams:
+        outputs.extend(pipeline.feed(datagram))
+    return Run(pipeline, outputs)
+
+
+def advance(messages: Iterable[Message], config: Config | None = None) -> Run:
+    """All messages through a new pipeline, without the wire between."""
+    pipeline = Pipeline(config or make_config())
+    outputs: list[Output] = []
+    for message in messages:
+        outputs.extend(pipeline.advance([message]))
+    return Run(pipeline, outputs)
+
+
+def position_error(estimate: Estimate, flight: Flight = CIRCLE) -> float:
+    """Distance (m) between the estimated and the true relative position."""
+    assert estimate.mean is not None
+    return float(np.linalg.norm(np.array(estimate.mean[:3]) - flight.relative(estimate.t_ns / S)[0]))
+
+
+def assert_sane(estimates: Iterable[Estimate]) -> None:
+    """What every estimate must be, whatever came in."""
+    for e in estimates:
+        if e.mean is None:
+            assert not e.valid
+            assert e.covariance is None
+            continue
+        mean, covariance = np.array(e.mean), np.array(e.covariance)
+        if e.valid:
+            assert np.isfinite(mean).all()
+            assert np.isfinite(covariance).all()
+            assert (covariance == covariance.T).all()
+            np.linalg.cholesky(covariance)  # raises unless positive definite
+            assert e.age is not None
+            assert e.age <= 2.0

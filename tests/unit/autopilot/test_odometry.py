@@ -1,0 +1,87 @@
+"""ODOMETRY as an independent parser reads it, against numbers worked out by hand."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.autopilot.odometry import OdometryStream, odometry_of
+from onboard.config import ConfigError, parse_config
+from onboard.messages import Lifecycle, NavState
+
+EAST = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # nose to the east
+
+
+def state(t_ms: int = 5000, **changed: Any) -> NavState:
+    variances = np.arange(1.0, 13.0)
+    fields: dict[str, Any] = {
+        "name": "own_state",
+        "target": "own_state",
+        "sequence": 1,
+        "t_ns": t_ms * 1_000_000,
+        "state": Lifecycle.TRACKING,
+        "valid": True,
+        "reason": "",
+        "frame": "n",
+        "components": ("x",) * 12,
+        "units": ("m",) * 12,
+        "mean": (1.0, 2.0, -3.0, 4.0, 5.0, 6.0, 0.0, 0.0, math.pi / 2, 0.1, 0.2, 0.3),
+        "covariance": tuple(map(tuple, np.diag(variances).tolist())),
+        "age": 0.1,
+        "reset_count": 258,
+        "q_nb": EAST,
+        "omega_b": (0.1, 0.2, 0.3),
+        "origin": (47.0, 8.0, 500.0),
+        "layer": None,
+        "switch_fraction": 0.0,
+        "nis_ratio": 1.0,
+        "quality": 87,
+    }
+    return NavState(**{**fields, **changed})
+
+
+def parsed(frames: list[bytes]) -> list[Any]:
+    parser = dialect.MAVLink(None)
+    return [m for data in frames for m in parser.parse_buffer(data) or []]
+
+
+def test_what_a_parser_reads_is_the_state_in_local_ned_and_in_the_body() -> None:
+    (m,) = parsed(OdometryStream(7, 191, rate_hz=30.0).frames(state()))
+    assert m.get_type() == "ODOMETRY"
+    assert (m.get_srcSystem(), m.get_srcComponent()) == (7, 191)
+    assert (m.time_usec, m.frame_id, m.child_frame_id) == (5_000_000, 1, 12)  # LOCAL_NED, BODY_FRD
+    assert (m.x, m.y, m.z) == (1.0, 2.0, -3.0)
+    assert_allclose(m.q, EAST, atol=1e-7)
+    assert_allclose((m.vx, m.vy, m.vz), (5.0, -4.0, 6.0), atol=1e-6)  # nose east: forward is east, right is south
+    assert_allclose((m.rollspeed, m.pitchspeed, m.yawspeed), (0.1, 0.2, 0.3), atol=1e-7)
+    assert (m.reset_counter, m.quality, m.estimator_type) == (2, 87, 5)
+    pose = np.zeros((6, 6))
+    pose[np.triu_indices(6)] = m.pose_covariance
+    assert_allclose(np.diag(pose), [1, 2, 3, 7, 8, 9])
+    speed = np.zeros((6, 6))
+    speed[np.triu_indices(6)] = m.velocity_covariance
+    # east's variance 5 forward, north's 4 right; and v x of the attitude's 7, 8, 9 with v = (5, -4, 6) in b
+    expected = [5 + 36 * 8 + 16 * 9, 4 + 36 * 7 + 25 * 9, 6 + 16 * 7 + 25 * 8, 10, 11, 12]
+    assert_allclose(np.diag(speed), expected, rtol=1e-6)
+
+
+def test_a_state_that_is_not_valid_says_so_and_one_that_is_not_there_is_not_sent() -> None:
+    lost = odometry_of(state(valid=False))
+    assert lost is not None
+    assert lost.quality == -1
+    assert odometry_of(state(mean=None, covariance=None, q_nb=None)) is None
+
+
+def test_no_more_are_sent_than_asked_and_a_reboot_does_not_end_them() -> None:
+    stream = OdometryStream(1, 191, rate_hz=25.0)
+    assert sum(len(stream.frames(state(t))) for t in range(1000, 3000, 10)) == pytest.approx(50, abs=1)
+    assert len(stream.frames(state(100))) == 1
+
+
+def test_a_link_that_does_not_exist_is_a_mistake_of_the_configuration() -> None:
+    with pytest.raises(ConfigError, match=r"odometry\.link: no link is called 'gcs'"):
+        parse_config({"odometry": {"link": "gcs"}})
+    assert parse_config({"odometry": {"link": "camera"}}).odometry.rate_hz == 30.0

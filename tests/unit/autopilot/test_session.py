@@ -1,0 +1,186 @@
+"""The conversation with the autopilot, frame by frame, as an independent parser reads it."""
+
+from collections import Counter
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.autopilot.session import Session
+from onboard.clocks import OUR_TAG
+from onboard.config import AutopilotConfig
+from onboard.messages import Clock, Command, Heartbeat, TimeSync
+
+MS = 1_000_000
+S = 1_000_000_000
+T0 = 1_700_000_000 * S + 123_456
+AUTOPILOT = Heartbeat(
+    t_ns=T0,
+    t_recv_ns=T0,
+    clock=Clock.NONE,
+    system=42,
+    component=1,
+    vehicle_type=2,
+    autopilot=3,
+    armed=True,
+    status=4,
+)
+SLOW: dict[str, float] = {}
+FAST = {name: rate * 0.95 for name, rate in AutopilotConfig().rates_hz.items()}
+
+
+def parsed(frames: list[bytes]) -> list[Any]:
+    parser = dialect.MAVLink(None)
+    return [m for frame in frames for m in parser.parse_buffer(frame) or []]
+
+
+def connected(config: AutopilotConfig | None = None) -> Session:
+    session = Session(config or AutopilotConfig())
+    session.connect(AUTOPILOT)
+    return session
+
+
+def talk(
+    session: Session, begin: float, end: float, rates: dict[str, float], *, healthy: bool = True
+) -> list[tuple[float, Any]]:
+    """(s, message) of what it says between two times, asked every 50 ms as the daemon does."""
+    said = []
+    for t in range(round(begin * 1000), round(end * 1000), 50):
+        frames = session.tick(T0 + t * MS, healthy=healthy, rates=rates)
+        said += [(t / 1000, m) for m in parsed(frames)]
+    return said
+
+
+def command(number: int, *params: float, system: int = 42, component: int = 191) -> Command:
+    return Command(
+        t_ns=T0,
+        t_recv_ns=T0,
+        clock=Clock.NONE,
+        system=255,
+        component=190,
+        target_system=system,
+        target_component=component,
+        command=number,
+        params=tuple([*params, *(0.0,) * 7][:7]),
+    )
+
+
+def request(t_recv_ns: int, *, system: int = 42) -> TimeSync:
+    return TimeSync(
+        t_ns=t_recv_ns, t_recv_ns=t_recv_ns, clock=Clock.NONE, system=system, component=1, tc1_ns=0, ts1_ns=77
+    )
+
+
+def test_nothing_is_said_before_an_autopilot_is_heard() -> None:
+    session = Session(AutopilotConfig())
+    assert talk(session, 0, 10, SLOW) == []
+    assert session.respond([request(T0), command(512, 0.0)], T0) == []
+
+
+def test_heartbeat_once_a_second_as_an_onboard_controller_of_the_autopilots_system() -> None:
+    said = talk(connected(), 0, 10, FAST)
+    beats = [(t, m) for t, m in said if m.get_type() == "HEARTBEAT"]
+    assert [t for t, _ in beats] == [float(i) for i in range(10)]
+    for _, m in beats:
+        assert (m.get_srcSystem(), m.get_srcComponent()) == (42, 191)
+        assert (m.type, m.autopilot, m.system_status) == (18, 8, 4)
+
+
+def test_heartbeat_is_critical_when_not_healthy() -> None:
+    beats = [m for _, m in talk(connected(), 0, 2, FAST, healthy=False) if m.get_type() == "HEARTBEAT"]
+    assert [m.system_status for m in beats] == [5, 5]
+
+
+def test_our_component_is_configured() -> None:
+    said = talk(connected(AutopilotConfig(component=197)), 0, 1, FAST)
+    assert {m.get_srcComponent() for _, m in said} == {197}
+
+
+def test_timesync_five_times_a_second_tagged_as_ours() -> None:
+    requests = [(t, m) for t, m in talk(connected(), 0, 4, FAST) if m.get_type() == "TIMESYNC"]
+    assert len(requests) == 20
+    for t, m in requests:
+        assert m.tc1 == 0
+        assert m.ts1 % 1000 == OUR_TAG == 191
+        assert abs(m.ts1 - (T0 + round(t * 1000) * MS)) < 1000
+
+
+def test_only_slow_streams_are_asked_for() -> None:
+    """A stream at 69 % of what is wanted is slow, at 71 % it is not."""
+    wanted = AutopilotConfig().rates_hz
+    for share, asked in ((0.69, set(wanted)), (0.71, set())):
+        rates = {name: rate * share for name, rate in wanted.items()}
+        assert {n for n, _ in requests_of(talk(connected(), 0, 1, rates))} == asked
+    one_slow = {**FAST, "GPS_RAW_INT": 5.0}
+    assert requests_of(talk(connected(), 0, 1, one_slow)) == [("GPS_RAW_INT", 100_000.0)]
+
+
+def requests_of(said: list[tuple[float, Any]]) -> list[tuple[str, float]]:
+    """(name, us) of each SET_MESSAGE_INTERVAL."""
+    found = []
+    for _, m in said:
+        if m.get_type() == "COMMAND_LONG":
+            assert (m.command, m.target_system, m.target_component) == (511, 42, 1)
+            found.append((dialect.mavlink_map[int(m.param1)].msgname, m.param2))
+    return found
+
+
+def test_slow_streams_are_asked_for_every_five_seconds_until_they_are_fast() -> None:
+    session = connected()
+    asked = [t for t, m in talk(session, 0, 12, SLOW) if m.get_type() == "COMMAND_LONG"]
+    assert Counter(asked) == {0.0: 5, 5.0: 5, 10.0: 5}
+    assert requests_of(talk(session, 12, 30, FAST)) == []
+
+
+def test_rates_are_asked_for_at_once_after_a_reboot() -> None:
+    session = connected()
+    talk(session, 0, 1, SLOW)
+    assert requests_of(talk(session, 1, 2, SLOW)) == []
+    session.reboot()
+    assert len(requests_of(talk(session, 2, 2.1, SLOW))) == 5
+
+
+def test_rates_are_not_asked_for_when_configured_so() -> None:
+    assert requests_of(talk(connected(AutopilotConfig(request_rates=False)), 0, 20, SLOW)) == []
+
+
+def test_rates_asked_for_are_those_configured() -> None:
+    config = AutopilotConfig(rates_hz={"ATTITUDE": 30.0})
+    ((name, interval_us),) = requests_of(talk(connected(config), 0, 1, SLOW))
+    assert name == "ATTITUDE"
+    assert interval_us == pytest.approx(1e6 / 30.0, rel=1e-6)
+
+
+def test_timesync_request_of_the_autopilot_is_answered_with_our_clock() -> None:
+    (reply,) = parsed(connected().respond([request(T0)], T0 + 5 * MS))
+    assert reply.get_type() == "TIMESYNC"
+    assert (reply.tc1, reply.ts1) == (T0 + 5 * MS, 77)
+
+
+def test_timesync_of_others_and_replies_are_not_answered() -> None:
+    session = connected()
+    assert session.respond([request(T0, system=43)], T0) == []
+    assert session.respond([replace(request(T0), tc1_ns=12345)], T0) == []
+
+
+def test_command_to_us_is_refused_and_said_so() -> None:
+    (ack,) = parsed(connected().respond([command(400, 1.0)], T0))  # arm
+    assert ack.get_type() == "COMMAND_ACK"
+    assert (ack.command, ack.result) == (400, 3)
+    assert (ack.target_system, ack.target_component) == (255, 190)
+
+
+def test_request_for_our_heartbeat_is_accepted_and_brings_one_at_once() -> None:
+    session = connected()
+    talk(session, 0, 0.1, FAST)
+    (ack,) = parsed(session.respond([command(512, 0.0)], T0 + 100 * MS))
+    assert (ack.command, ack.result) == (512, 0)
+    assert any(m.get_type() == "HEARTBEAT" for _, m in talk(session, 0.1, 0.2, FAST))
+    (refused,) = parsed(session.respond([command(512, 148.0)], T0))
+    assert refused.result == 3
+
+
+@pytest.mark.parametrize(("system", "component"), [(42, 1), (42, 0), (43, 191), (0, 0)])
+def test_command_to_others_or_to_all_is_left_to_them(system: int, component: int) -> None:
+    assert connected().respond([command(400, 1.0, system=system, component=component)], T0) == []

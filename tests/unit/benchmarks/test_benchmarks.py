@@ -1,0 +1,74 @@
+"""The benchmarks run and tell what they promise; how fast anything is, no test says."""
+
+import io
+import json
+
+from rich.console import Console
+
+from benchmarks.__main__ import table
+from benchmarks.measuring import figures
+from benchmarks.timing import Side, compare
+from benchmarks.traffic import COUNTS
+from tests.support.programs import ROOT
+
+KEYS = {
+    "radar_ukf": {
+        "us",
+        "us_in_two_calls",
+        "times_faster_than_filterpy",
+        "times_faster_than_filterpy_our_model",
+        "times_faster_than_stonesoup",
+    },
+    "radar_ukf_own_model": {"us", "times_faster_than_filterpy"},
+    "radar_ukf_numpy_model": {"us", "times_faster_than_filterpy"},
+    "vision_ukf": {
+        "us",
+        "us_in_two_calls",
+        "times_faster_than_filterpy",
+        "times_faster_than_filterpy_our_model",
+    },
+    "batch_ukf": {"us_per_step", "steps_per_s", "times_faster_than_filterpy"},
+    "batch_radar": {"us_per_step", "steps_per_s", "times_faster_than_filterpy"},
+    "square_root": {
+        "us",
+        "times_ukf",
+        "us_in_two_calls",
+        "times_ukf_in_two_calls",
+        "batch_us",
+        "batch_times_ukf",
+    },
+    "leader_targets": {"targets", "one_core", "us_per_image", "fused"},
+    "traffic_tracks": {f"imm_{count}{what}" for count in COUNTS for what in ("", "_tracked")}
+    | {"kf_500", "ekf_500", "ukf_500", "srukf_500", "per_track_ratio"},
+    "startup": {"cold_s", "warm_s", "import_pipeline_s"},
+    "versions": {"filterpy", "stonesoup", "numpy", "numba", "python"},
+    "settings": {"pairs", "batch", "threads"},
+}
+
+
+def test_every_figure_has_its_key_and_its_row() -> None:
+    measured = figures(pairs=1, scale=1e-9, starts=1)
+    assert {name: set(row) for name, row in measured.items()} == KEYS
+    numbers = [value for row in measured.values() for value in row.values() if not isinstance(value, str)]
+    assert all(number > 0 for number in numbers)
+    assert json.loads(json.dumps(measured)) == measured
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(table(measured))
+    text = console.export_text()
+    assert all(
+        name in text
+        for name in ("radar", "vision", "square root", "of a batch", "Stone Soup", "start", "leaders", "aircraft")
+    )
+
+
+def test_pairs_are_timed_in_turn_and_per_filter() -> None:
+    calls: list[str] = []
+    ours = Side(lambda steps: calls.append(f"ours {steps}"), 4, 10)
+    peer = Side(lambda steps: calls.append(f"peer {steps}"), 2)
+    made = compare(ours, peer, 3)
+    assert calls == ["ours 4", "peer 2"] * 4
+    assert made.low <= made.times <= made.high
+
+
+def test_make_bench_writes_the_file() -> None:
+    assert "-m benchmarks --json bench.json" in (ROOT / "Makefile").read_text(encoding="utf-8")

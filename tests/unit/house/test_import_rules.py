@@ -1,0 +1,272 @@
+"""The floors of the house: who may import whom, read off the sources; at most so many parts and arrows."""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+FLOORS = (
+    {"arrays", "errors"},
+    {"geometry", "messages"},
+    {"clocks", "filters", "links", "sinks", "wire"},
+    {"models", "ownship"},
+    {"estimators", "scoring"},
+    {"config", "view"},
+    {"autopilot", "pipeline"},
+    {"daemon", "studies"},
+    {"commands"},
+    {"__main__"},
+)
+FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
+STRANGERS = {"estimators", "links", "sinks"}  # never see each other
+# Parts of parts, the lower first; those that stand on one floor do not see each other.
+INSIDE = {
+    "onboard.estimators": ({"history"}, {"leader", "own_state", "traffic"}),
+    "onboard.studies": ({"report"}, {"tracking"}, {"*"}, {"together"}),
+    "simlink": (
+        *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot", "flight"}),
+        *({"flights", "simulation"}, {"log", "server"}, {"cli"}, {"__main__"}),
+    ),
+}
+SHARED = {"geometry", "messages", "wire"}  # what simlink may see of onboard
+PURE = {"pipeline", "filters", "models", "estimators", "geometry", "ownship", "clocks", "wire"}
+RIM = {"asyncio", "socket", "time", "threading", "zenoh", "rerun", "selectors", "multiprocessing", "serial"}
+PRIVATE_TO = {"onboard.filters.kernels": "onboard.filters"}
+MOST_PARTS = 26
+MOST_ARROWS = 90
+
+
+class Import(NamedTuple):
+    """A module (whole name) that is imported, and a name that is taken from it; "" for the module itself."""
+
+    module: str
+    name: str
+
+
+def imports(source: str) -> Iterator[Import]:
+    """Every import of a source, function bodies included."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (Import(alias.name, "") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = "." * node.level + (node.module or "")
+            yield from (Import(base, alias.name) for alias in node.names)
+
+
+def sources(root: Path) -> dict[str, str]:
+    """The text of every module by its whole name; a package's is under the package's name."""
+    found = {}
+    for folder in ("onboard", "simlink", "benchmarks"):
+        for path in sorted(root.glob(f"{folder}/**/*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path.read_text(encoding="utf-8")
+    return found
+
+
+def violations(root: Path) -> list[str]:
+    """Imports under `root` that the rules forbid, one line each."""
+    found = []
+    for module, text in sources(root).items():
+        for one in imports(text):
+            reason = forbidden(module, one)
+            if reason:
+                found.append(f"{module} imports {one.name or 'all'} of {one.module}: {reason}")
+    return found
+
+
+def forbidden(module: str, one: Import) -> str | None:
+    """Why a module may not import this, None if it may."""
+    if one.module.startswith("."):
+        return "relative"
+    target = f"{one.module}.{one.name}" if one.name else one.module
+    package, part, *_ = (*module.split("."), "")
+    top, their_part, *_ = (*target.split("."), "")
+    if package == "onboard" and part in PURE and top in RIM:
+        return "the synchronous core knows neither clock, socket nor thread"
+    if top not in {"onboard", "simlink"}:
+        return None
+    if is_private(module, one):
+        return "private"
+    if package == "benchmarks":
+        return None
+    if top == "simlink" and package == "onboard":
+        return None if part == "studies" else "only studies see the simulator"
+    if package == "simlink" and top == "onboard":
+        return None if their_part in SHARED else "not shared with the simulator"
+    return inside(module, target) if package == "simlink" or part == their_part else between(part, their_part)
+
+
+def between(mine: str, theirs: str) -> str | None:
+    """Why a part of onboard may not import another."""
+    if not mine or theirs == "__version__":
+        return None
+    if mine not in FLOOR or theirs not in FLOOR:
+        return "a part without a floor"
+    if {mine, theirs} <= STRANGERS:
+        return "strangers"
+    return None if FLOOR[theirs] < FLOOR[mine] else f"floor {FLOOR[mine]} does not see floor {FLOOR[theirs]}"
+
+
+def inside(module: str, target: str) -> str | None:
+    """Why a part of a part may not import another."""
+    for package, floors in INSIDE.items():
+        if module.startswith(f"{package}.") and target.startswith(f"{package}."):
+            depth = package.count(".") + 1
+            mine, theirs = module.split(".")[depth], target.split(".")[depth]
+            below, here = floor_of(theirs, floors), floor_of(mine, floors)
+            if mine != theirs and below >= here:
+                return f"{mine} does not see {theirs}"
+    return None
+
+
+def floor_of(part: str, floors: tuple[set[str], ...]) -> int:
+    """Which floor a part of a part stands on; "*" is any that is not named."""
+    named = [i for i, parts in enumerate(floors) if part in parts]
+    return named[0] if named else next(i for i, parts in enumerate(floors) if "*" in parts)
+
+
+def is_private(module: str, one: Import) -> bool:
+    """Whether what is imported belongs to a package that the module is not in."""
+    for package, owner in PRIVATE_TO.items():
+        if f"{one.module}.".startswith(f"{package}.") and not f"{module}.".startswith(f"{owner}."):
+            return True
+    parts = [*one.module.split("."), one.name]
+    for i, part in enumerate(parts):
+        if part.startswith("_") and not part.startswith("__"):
+            owner = ".".join(parts[:i]) if i < len(parts) - 1 else one.module.rpartition(".")[0]
+            return not module.startswith(f"{owner}.")
+    return False
+
+
+def files(root: Path) -> dict[str, set[str]]:
+    """The modules that each module of the house imports."""
+    texts = sources(root)
+    graph: dict[str, set[str]] = {}
+    for module, text in texts.items():
+        named = {f"{one.module}.{one.name}" for one in imports(text)} | {one.module for one in imports(text)}
+        # a package's face is imported with every module in it: what counts is the module
+        graph[module] = {name for name in named if name in texts and not is_face(name, texts)} - {module}
+    return graph
+
+
+def is_face(name: str, texts: Mapping[str, str]) -> bool:
+    """Whether a module is a package that has others in it."""
+    return any(other.startswith(f"{name}.") for other in texts)
+
+
+def part_of(module: str) -> str:
+    """The part a module is drawn in: of onboard its files and folders, else the package."""
+    return ".".join(module.split(".")[: 2 if module.startswith("onboard.") else 1])
+
+
+def drawing(root: Path) -> tuple[set[str], set[tuple[str, str]]]:
+    """Parts, and arrows between them, read off all imports."""
+    parts = {part_of(module) for module in sources(root)} - {"onboard"}
+    arrows = set()
+    for module, text in sources(root).items():
+        for one in imports(text):
+            for name in (f"{one.module}.{one.name}", one.module):
+                if part_of(name) in parts and part_of(module) in parts and part_of(name) != part_of(module):
+                    arrows.add((part_of(module), part_of(name)))
+                    break
+    return parts, arrows
+
+
+def test_every_import_keeps_the_floors() -> None:
+    assert violations(ROOT) == []
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    try:
+        TopologicalSorter(files(ROOT)).prepare()
+    except CycleError as error:
+        pytest.fail(f"a circle: {' -> '.join(error.args[1])}")
+
+
+def test_a_circle_is_found(tmp_path: Path) -> None:
+    for name, other in (("a", "b"), ("b", "a")):
+        path = tmp_path / f"onboard/filters/{name}.py"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"from onboard.filters import {other}\n", encoding="utf-8")
+    with pytest.raises(CycleError):
+        TopologicalSorter(files(tmp_path)).prepare()
+
+
+def test_the_drawing_stays_small() -> None:
+    parts, arrows = drawing(ROOT)
+    assert len(parts) <= MOST_PARTS
+    assert len(arrows) <= MOST_ARROWS, "\n".join(f"{a} -> {b}" for a, b in sorted(arrows))
+
+
+def test_all_parts_are_there_and_have_a_floor() -> None:
+    parts = {p.stem for p in (ROOT / "onboard").iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
+    assert parts - {"__init__"} == set(FLOOR)
+
+
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        ("onboard/filters/bad.py", "import asyncio"),
+        ("onboard/filters/bad.py", "from time import monotonic"),
+        ("onboard/pipeline.py", "def f():\n    import zenoh"),
+        ("onboard/filters/bad.py", "from onboard.models import camera_angles"),
+        ("onboard/models/bad.py", "from onboard.filters.kernels import linear"),
+        ("onboard/models/bad.py", "from onboard.filters.belief import _refuse"),
+        ("onboard/estimators/bad.py", "from onboard.links import link"),
+        ("onboard/estimators/leader/bad.py", "from onboard.estimators.traffic import frame"),
+        ("onboard/sinks/bad.py", "import onboard.estimators.leader"),
+        ("onboard/studies/tracking/bad.py", "from onboard.studies.traffic import study"),
+        ("onboard/wire/bad.py", "from onboard.config import Config"),
+        ("onboard/wire/bad.py", "from onboard import clocks"),
+        ("onboard/estimators/bad.py", "import rerun as rr"),
+        ("onboard/daemon.py", "from onboard.commands.cli import main"),
+        ("onboard/daemon.py", "import simlink.world"),
+        ("onboard/unheard_of.py", "from onboard.messages import Record"),
+        ("onboard/wire/bad.py", "from . import tlog"),
+        ("simlink/world/bad.py", "from onboard.models import relative_motion"),
+        ("simlink/world/bad.py", "def f():\n    from onboard.ownship import Ownship"),
+        ("simlink/world/bad.py", "from simlink.sensors import camera"),
+    ],
+)
+def test_a_forbidden_import_is_found(tmp_path: Path, path: str, line: str) -> None:
+    (tmp_path / path).parent.mkdir(parents=True)
+    (tmp_path / path).write_text(f"{line}\n", encoding="utf-8")
+    assert len(violations(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("path", "line"),
+    [
+        ("onboard/estimators/good.py", "from onboard.ownship import Ownship"),
+        ("onboard/studies/traffic/good.py", "from simlink.flight import fly"),
+        ("onboard/studies/traffic/good.py", "from onboard.studies.tracking import outcomes"),
+        ("onboard/autopilot/good.py", "from onboard.config import Config"),
+        ("onboard/filters/good.py", "from onboard.filters.kernels import linear"),
+        ("onboard/links/good.py", "import asyncio"),
+        ("simlink/world/good.py", "import numpy as np\nfrom onboard.geometry.rotations import slerp"),
+    ],
+)
+def test_a_proper_import_is_let_be(tmp_path: Path, path: str, line: str) -> None:
+    (tmp_path / path).parent.mkdir(parents=True)
+    (tmp_path / path).write_text(f"{line}\n", encoding="utf-8")
+    assert violations(tmp_path) == []
+
+
+@pytest.mark.parametrize("module", ["onboard.pipeline", "onboard.commands.cli", "simlink.world.truth"])
+def test_what_is_slow_to_load_is_not_loaded(module: str) -> None:
+    slow = [
+        "rerun",
+        "scipy.spatial",
+        "matplotlib",
+        "pymavlink.mavutil",
+        *(["zenoh"] if "onboard" in module else []),
+    ]
+    code = f"import sys, {module}; print([m for m in {slow} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "[]"

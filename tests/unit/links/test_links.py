@@ -1,0 +1,166 @@
+"""Links over real loopback sockets and a pty: what arrives, what is answered, what happens when the peer goes."""
+
+import asyncio
+import os
+import socket
+import time
+from typing import Any
+
+import pytest
+
+from onboard.links import Link, LinkError, parse_link
+from onboard.messages import Datagram, Encoding
+from tests.support.link_story import TIMEOUT_S, free_port, until, with_link
+
+FRAME = bytes.fromhex("fe0009010100000000000000")
+
+
+def udp_peer() -> socket.socket:
+    peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    peer.bind(("127.0.0.1", 0))
+    peer.settimeout(TIMEOUT_S)
+    return peer
+
+
+@pytest.mark.parametrize(
+    ("spec", "says"),
+    [
+        ("", "udpin:HOST:PORT"),
+        ("udp:127.0.0.1:14550", "udpin:HOST:PORT"),
+        ("udpin:14550", "host and port"),
+        ("udpin:::1:14550", "host and port"),
+        ("udpin:127.0.0.1:", "no port"),
+        ("udpin:127.0.0.1:65536", "no port"),
+        ("udpin:127.0.0.1:-1", "no port"),
+        ("udpin:127.0.0.1:²", "no port"),
+        ("tcp:127.0.0.1:0", "no port"),
+        ("serial:/dev/ttyAMA0", "serial:DEVICE:BAUD"),
+        ("serial:/dev/ttyAMA0:fast", "serial:DEVICE:BAUD"),
+        ("serial:/dev/ttyAMA0:0", "serial:DEVICE:BAUD"),
+    ],
+)
+def test_a_bad_link_string_is_named_with_what_would_be_right(spec: str, says: str) -> None:
+    with pytest.raises(LinkError, match=says) as caught:
+        parse_link(spec, "x")
+    assert repr(spec) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        "udpin:no-such-host.invalid:14550",
+        "tcp:no-such-host.invalid:5760",
+        "udpin:192.0.2.1:14550",  # an address, but not ours
+        "tcpin:192.0.2.1:5760",
+        "serial:/dev/no-such-device:57600",
+        "serial:/dev/null:57600",
+    ],
+)
+def test_what_cannot_be_opened_says_so_before_anything_runs(spec: str) -> None:
+    with pytest.raises(LinkError) as caught:
+        asyncio.run(parse_link(spec, "x").open())
+    assert str(caught.value).startswith(spec)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["udpin", "tcpin"])
+def test_a_port_in_use_is_a_link_error(kind: str) -> None:
+    async def story(link: Any, _: list[Datagram]) -> None:
+        other: Link = parse_link(f"{kind}:127.0.0.1:{link.address[1]}", "other")
+        with pytest.raises(LinkError, match="another onboard"):
+            await other.open()
+
+    with_link(f"{kind}:127.0.0.1:0", story)
+
+
+def test_a_tcp_client_that_may_not_retry_fails_at_once() -> None:
+    link = parse_link(f"tcp:127.0.0.1:{free_port()}", "x", retry=False)
+    with pytest.raises(LinkError, match="cannot connect"):
+        asyncio.run(link.open())
+
+
+def test_udpin_keeps_datagrams_whole_and_in_order_garbage_included() -> None:
+    pieces = [FRAME, b"\x00", FRAME[:5], os.urandom(300), b"\xfd" * 60_000, FRAME]
+
+    async def story(link: Any, heard: list[Datagram]) -> None:
+        with udp_peer() as peer:
+            for piece in pieces:
+                peer.sendto(piece, link.address)
+            await until(lambda: len(heard) == len(pieces))
+        assert [d.data for d in heard] == pieces
+        assert {(d.channel, d.encoding) for d in heard} == {("autopilot", Encoding.MAVLINK)}
+        assert link.received == len(pieces)
+
+    with_link("udpin:127.0.0.1:0", story)
+
+
+def test_udpin_has_nobody_to_answer_until_a_mavlink_frame_came_and_then_follows_its_sender() -> None:
+    async def story(link: Any, heard: list[Datagram]) -> None:
+        with udp_peer() as stray, udp_peer() as first, udp_peer() as second:
+            stray.sendto(b"GET / HTTP/1.1", link.address)
+            await until(lambda: len(heard) == 1)
+            link.send(b"to nobody")
+            assert (link.sent, link.errors) == (0, 1)
+            for n, peer in enumerate((first, second), 2):
+                peer.sendto(FRAME, link.address)
+                stray.sendto(b"\xfe", link.address)
+                await until(lambda n=n: len(heard) == 2 * n - 1)
+                link.send(b"to %d" % n)
+                assert await asyncio.to_thread(peer.recv, 100) == b"to %d" % n
+            assert link.sent == 2
+
+    with_link("udpin:127.0.0.1:0", story)
+
+
+def test_a_datagram_is_stamped_when_it_arrived_not_when_the_loop_got_to_it() -> None:
+    """The kernel's stamp: a loop busy for 200 ms makes the datagram no younger."""
+
+    async def story(link: Any, heard: list[Datagram]) -> None:
+        with udp_peer() as peer:
+            before = time.time_ns()
+            peer.sendto(FRAME, link.address)
+            time.sleep(0.2)  # noqa: ASYNC251 - the loop is to be late
+            await until(lambda: heard)
+        assert before - 1_000_000 <= heard[0].t_recv_ns < before + 100_000_000
+
+    with_link("udpin:127.0.0.1:0", story)
+
+
+def test_udpout_speaks_first_hears_only_its_peer_and_survives_its_absence() -> None:
+    port = free_port(socket.SOCK_DGRAM)
+
+    async def story(link: Any, heard: list[Datagram]) -> None:
+        for _ in range(3):
+            link.send(FRAME)  # nobody is there: the kernel reports it on the next call
+            await asyncio.sleep(0.02)
+        assert link.errors > 0
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer, udp_peer() as stranger:
+            peer.bind(("127.0.0.1", port))
+            peer.settimeout(TIMEOUT_S)
+            link.send(b"hello")
+            data, sender = await asyncio.to_thread(peer.recvfrom, 100)
+            assert data == b"hello"
+            stranger.sendto(b"spoofed", sender)
+            peer.sendto(FRAME, sender)
+            await until(lambda: heard)
+        assert [d.data for d in heard] == [FRAME]
+
+    with_link(f"udpout:127.0.0.1:{port}", story)
+
+
+def test_what_deliver_raises_ends_the_link_and_is_not_swallowed() -> None:
+    async def main() -> None:
+        link: Any = parse_link("udpin:127.0.0.1:0", "x")
+        await link.open()
+
+        def deliver(_: Datagram) -> None:
+            raise ZeroDivisionError("a bug")
+
+        with udp_peer() as peer:
+            peer.sendto(FRAME, link.address)
+            async with asyncio.timeout(TIMEOUT_S):
+                with pytest.raises(ZeroDivisionError):
+                    await link.run(deliver, time.time_ns)
+
+    asyncio.run(main())

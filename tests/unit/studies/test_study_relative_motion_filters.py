@@ -1,0 +1,148 @@
+"""How the study of Oh & Johnson's paper flies its filters: many at once, failures, late images, cameras."""
+
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+import pytest
+
+from onboard.arrays import Array
+from onboard.filters.belief import Belief, FilterError
+from onboard.models.relative_motion import rotation_covariance
+from onboard.studies.relative_motion.formation import Filter, Lateness, Method, Seen, Setting, View, track
+from onboard.studies.relative_motion.methods import PAPER_MENDED, SHIPPED, TUNED
+from onboard.studies.relative_motion.scores import score, truth_of
+from simlink.flights import Flights, fly_many
+from simlink.scenarios.scenario import load_scenario
+from simlink.scenarios.scene import GaussMarkov, Nav
+
+SCENARIO = load_scenario("formation")
+
+
+@pytest.fixture(scope="module")
+def flights() -> Flights:
+    return fly_many(SCENARIO, [1, 2, 3], duration=20.0)
+
+
+def test_the_gate_holds_and_the_considered_size_stays_seed_1(flights: Flights) -> None:
+    found = track(flights, Setting(SCENARIO.camera), SHIPPED).one(0)
+    started = np.isfinite(found.mean[:, 6])
+    assert np.ptp(found.mean[started, 6]) < 1e-9
+    assert np.nanmax(found.nis[found.fused]) <= 16.27
+    ungated = track(flights, Setting(SCENARIO.camera), TUNED).one(0)
+    assert ungated.fused.sum() == np.isfinite(ungated.nis).sum() > 400
+
+
+def test_many_flights_are_tracked_as_each_alone_seeds_1_to_3(flights: Flights) -> None:
+    together = track(flights, Setting(SCENARIO.camera), PAPER_MENDED)
+    for b, seed in enumerate(flights.seeds):
+        alone = track(fly_many(SCENARIO, [seed], duration=20.0), Setting(SCENARIO.camera), PAPER_MENDED)
+        np.testing.assert_allclose(together.mean[b], alone.mean[0], rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(together.nis[b], alone.nis[0], rtol=1e-9, atol=1e-9)
+
+
+def _fragile(at_once: bool) -> Method:
+    """The tuned filter, which an image far aside breaks: at once, or at the next prediction."""
+
+    def make(setting: Setting) -> Filter:
+        inner = TUNED.make(setting)
+
+        def see(state: Belief, view: View) -> Seen:
+            broken = view.points[:, 0, 0] > 5.0
+            if at_once and broken.any():
+                raise FilterError("made to fail")
+            seen = inner.see(state, view)
+            covariance = np.where(broken[:, None, None], np.nan, seen.state.covariance)
+            return seen._replace(state=Belief(seen.state.mean, covariance))
+
+        return inner._replace(see=see)
+
+    return Method("fragile", "breaks", make)
+
+
+@pytest.mark.parametrize(("at_once", "when"), [(True, 8.0), (False, 8.02)])
+def test_a_flight_that_fails_is_taken_out_and_the_rest_fly_on_seeds_1_to_3(
+    flights: Flights, at_once: bool, when: float
+) -> None:
+    points = flights.image_points.copy()
+    points[1, flights.image_t == 8.0] = 10.0
+    found = track(flights._replace(image_points=points), Setting(SCENARIO.camera), _fragile(at_once))
+    assert found.failed_at[1] == pytest.approx(when)
+    assert np.isnan(found.mean[1, flights.nav_t > when]).all()
+    assert np.isfinite(found.mean[1, (flights.nav_t > 1.0) & (flights.nav_t < 7.9)]).all()
+    whole = track(flights, Setting(SCENARIO.camera), TUNED)
+    for b in (0, 2):
+        np.testing.assert_allclose(found.mean[b], whole.mean[b], rtol=1e-9, atol=1e-9)
+        assert found.one(b).failed_at is None
+
+
+def test_late_stamps_show_as_an_old_image_and_late_delivery_as_a_prediction_seed_1(flights: Flights) -> None:
+    setting = Setting(SCENARIO.camera)
+    on_time, stamped, delivered = (
+        track(flights, setting, TUNED, late) for late in (Lateness(), Lateness(stamp=4), Lateness(delivery=4))
+    )
+    first = [int(np.flatnonzero(np.isfinite(tracks.mean[0, :, 0]))[0]) for tracks in (on_time, stamped, delivered)]
+    assert first == [0, 4, 4]
+    # the same images fused at the same times, told four samples later: apart by that prediction only
+    assert np.array_equal(on_time.nis, delivered.nis, equal_nan=True)
+    truth = truth_of(flights.one(0))[:, :3]
+    late = flights.nav_t > 10.0
+    error = [np.linalg.norm(x.mean[0, late, :3] - truth[late], axis=1).mean() for x in (on_time, delivered)]
+    assert error[1] == pytest.approx(error[0], rel=0.1)
+    assert not np.array_equal(on_time.nis, stamped.nis, equal_nan=True)
+
+
+def test_a_turned_and_displaced_camera_is_where_it_is_seed_1() -> None:
+    """A mount that the filter knows costs nothing."""
+    mounted = msgspec.structs.replace(
+        SCENARIO.camera, mount_rpy_deg=(3.0, -5.0, 4.0), mount_offset=(0.4, 0.3, -0.2)
+    )
+    scenario = msgspec.structs.replace(SCENARIO, camera=mounted)
+    flights = fly_many(scenario, [1], duration=20.0)
+    right = score(1, flights.one(0), track(flights, Setting(mounted), SHIPPED).one(0))
+    wrong = score(1, flights.one(0), track(flights, Setting(SCENARIO.camera), SHIPPED).one(0))
+    assert right.position_ft < 5.0
+    assert wrong.position_ft > right.position_ft + 3.0
+
+
+def test_an_attitude_error_that_is_told_of_widens_what_is_said_seed_1(flights: Flights) -> None:
+    nav = Nav(attitude_deg=GaussMarkov(sigma=0.5))
+    without, told = (track(flights, Setting(SCENARIO.camera, nav=n), SHIPPED).one(0) for n in (Nav(), nav))
+    assert np.array_equal(without.mean, told.mean, equal_nan=True)
+    added = told.covariance[-1] - without.covariance[-1]
+    expected = rotation_covariance(without.mean[-1], np.full(3, np.radians(0.5)))
+    np.testing.assert_allclose(added, expected, rtol=1e-6, atol=1e-12)
+
+
+def test_a_filter_with_more_states_than_nine_tells_nine_and_a_delay_seed_1(flights: Flights) -> None:
+    class Wider(NamedTuple):
+        nine: Belief
+        delay: Array  # (B,)
+
+    def make(setting: Setting) -> Filter:
+        inner = TUNED.make(setting)
+
+        def see(state: Wider, view: View) -> Seen:
+            seen = inner.see(state.nine, view)
+            return seen._replace(state=Wider(seen.state, state.delay + 0.001))
+
+        return Filter(
+            start=lambda view: Wider(inner.start(view), np.zeros(len(view.points))),
+            predict=lambda state, step: state._replace(nine=inner.predict(state.nine, step)),
+            see=see,
+            to_nine=lambda state: inner.to_nine(state.nine),
+            degrees=4,
+            delay=lambda state: (state.delay, np.full(len(state.delay), 0.01)),
+        )
+
+    setting = Setting(SCENARIO.camera)
+    found, plain = track(flights, setting, Method("wider", "wider", make)), track(flights, setting, TUNED)
+    assert np.array_equal(found.mean, plain.mean, equal_nan=True)
+    assert found.delay is not None
+    for b in range(3):  # each of its own images, for its state is put back where it was taken from
+        images = np.isfinite(flights.image_points[b]).all(axis=(1, 2)).sum()
+        assert found.delay[b, -1, 0] == pytest.approx(0.001 * (images - 1))
+    one = score(1, flights.one(0), found.one(0), stamps_late=float(found.delay[0, -1, 0]))
+    assert one.nis_degrees == 4
+    assert one.delay_found_s is not None
+    assert 10.0 < one.delay_found_s < flights.nav_t[-1]

@@ -1,0 +1,66 @@
+"""The live view itself: where it goes, whom it serves, what it needs and how it ends."""
+
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.support.view_flight import CAMERA, NEEDS_RERUN, flight, late_estimate, rows_of
+
+
+def test_close_twice_and_then_no_more(tmp_path: Path) -> None:
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    view = view_module.View(camera=CAMERA, rrd=tmp_path / "empty.rrd")
+    view.close()
+    view.close()
+    with pytest.raises(ValueError, match="closed"):
+        view.show(late_estimate())
+
+
+def test_a_view_must_go_somewhere() -> None:
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    with pytest.raises(ValueError, match="rrd"):
+        view_module.View(camera=CAMERA)
+
+
+def test_the_server_listens_on_loopback_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    psutil = pytest.importorskip("psutil")
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with view_module.View(camera=CAMERA, rrd=tmp_path / "both.rrd", grpc_port=0, spawn=True) as view:
+        assert view.viewer is None  # no display, no window
+        port = int(view.url.split(":")[-1].split("/")[0])
+        deadline = time.monotonic() + 10
+        addresses: set[str] = set()
+        while not addresses and time.monotonic() < deadline:
+            listening = [c for c in psutil.Process().net_connections("tcp") if c.status == psutil.CONN_LISTEN]
+            addresses = {c.laddr.ip for c in listening if c.laddr.port == port}
+            time.sleep(0.05)
+        for record in flight(0.5):
+            view.show(record)
+    assert addresses == {"127.0.0.1"}
+    assert rows_of(tmp_path / "both.rrd")["/scene/leader_truth"] >= 12
+
+
+def test_a_port_that_is_taken_is_an_error() -> None:
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        with pytest.raises(OSError, match="cannot serve the view"):
+            view_module.View(camera=CAMERA, grpc_port=other.getsockname()[1])
+
+
+def test_without_rerun_the_package_imports_and_the_view_says_what_to_install() -> None:
+    code = (
+        "import sys; sys.modules['rerun'] = None\n"
+        "import onboard.view\n"
+        "try:\n    import onboard.view.view\n"
+        "except ImportError as error:\n    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
+    assert "pip install wingline[view]" in done.stdout, done.stderr
