@@ -121,6 +121,11 @@ class Estimate(Record, frozen=True, kw_only=True):
     measurement: MeasurementReport | None = None
     intruder: Intruder | None = None  # of traffic only
 
+    @property
+    def is_primary(self) -> bool:
+        """Whether this is the estimator's one target (the leader, our own state), and not one of many."""
+        return self.target == self.name
+
 
 class FaultKind(StrEnum):
     """What is wrong with our own vehicle or its sensors."""

@@ -36,8 +36,7 @@ def key_of(record: Record) -> str:
     if isinstance(record, NavState):
         return "own_state"
     if isinstance(record, Estimate):
-        one_of_many = record.target != record.name  # such as icao/4b1a2c
-        return f"estimate/{record.name}/{record.target}" if one_of_many else f"estimate/{record.name}"
+        return f"estimate/{record.name}" if record.is_primary else f"estimate/{record.name}/{record.target}"
     return {OwnPose: "ownship", Health: "health"}[type(record)]
 
 

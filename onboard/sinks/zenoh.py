@@ -60,11 +60,7 @@ class ZenohSink:
             publisher = self._publishers.get(key) or self._declare(key)
             self._latest[key] = record, self._monotonic()
             publisher.put(self._encoder.encode(record), attachment=b"%d" % self._now_ns())
-            if (
-                isinstance(record, Estimate)
-                and record.target != record.name
-                and record.state is Lifecycle.SEARCHING
-            ):
+            if isinstance(record, Estimate) and not record.is_primary and record.state is Lifecycle.SEARCHING:
                 self._publishers.pop(key).undeclare()  # the last word on one of many, of which there is no end
                 del self._latest[key]
 

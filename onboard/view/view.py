@@ -84,7 +84,7 @@ class View:
             case NavState():
                 own.plot_state(self._columns, self._memory, record)
             case Estimate():
-                if record.name == self._estimator:
+                if record.name == self._estimator and record.is_primary:
                     self._show_estimate(record)
                 elif record.name == TRAFFIC:
                     traffic.draw_traffic(self._columns, self._memory, record)
