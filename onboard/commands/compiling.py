@@ -24,7 +24,6 @@ from types import FunctionType
 from typing import Any, Final, NamedTuple
 
 from onboard.errors import UserError
-from onboard.estimators import module_name
 
 ROOT: Final = Path(__file__).parents[2]
 # that have kernels
@@ -99,8 +98,9 @@ def all_modules() -> set[str]:
 
 
 def needed_by_flight(estimators: Iterable[str]) -> set[str]:
-    """Every module of `onboard` that a flight with these estimators may import, as may its replay and the view."""
-    return needed_by([*PROGRAMS, *(module_name(name) for name in estimators)])
+    """Every module of `onboard` that a flight with these modules of estimators may import, its replay and view
+    included."""
+    return needed_by([*PROGRAMS, *estimators])
 
 
 def needed_by(names: Iterable[str]) -> set[str]:

@@ -37,3 +37,15 @@ def compile_shown(modules: Iterable[str] | None, console: Console, tell: Callabl
                 tell(module)
 
         return compile_all(modules, told=told)
+
+
+def announce_once(console: Console, what: str, how_long: str) -> Callable[[Module], None]:
+    """A callback that prints, when the first module had to be compiled, that this takes a while."""
+    compiled: list[Module] = []
+
+    def on_module(module: Module) -> None:
+        if module.compiled and not compiled:
+            compiled.append(module)
+            console.print(f"compiling what {what} needs ({how_long} on two cores, once)", highlight=False)
+
+    return on_module

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import common
 
-from onboard.autopilot.traffic import TrafficOut
+from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import ConfigError, TrafficOutConfig, load_config, parse_config
 from onboard.messages import (
     Clock,
@@ -71,8 +71,8 @@ def silent(target: str, system: int | None = None) -> Estimate:
     )
 
 
-def out(**config: Any) -> TrafficOut:
-    made = TrafficOut(TrafficOutConfig(link="gcs", **config), 191)
+def out(**config: Any) -> TrafficOutput:
+    made = TrafficOutput(TrafficOutConfig(link="gcs", **config), 191)
     made.connect(7)
     return made
 
@@ -127,7 +127,7 @@ def test_after_the_clock_has_gone_back_it_goes_on() -> None:
 def test_nothing_is_told_of_what_is_not_valid_nor_before_an_autopilot_is_heard() -> None:
     assert out().frames(replace(ESTIMATE, valid=False)) == []
     assert out().frames(replace(ESTIMATE, intruder=None)) == []
-    assert TrafficOut(TrafficOutConfig(link="gcs"), 191).frames(ESTIMATE) == []
+    assert TrafficOutput(TrafficOutConfig(link="gcs"), 191).frames(ESTIMATE) == []
 
 
 def test_it_is_off_unless_a_link_is_named_and_the_link_must_be_there() -> None:

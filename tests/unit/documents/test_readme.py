@@ -41,22 +41,22 @@ def test_every_command_in_the_table_parses() -> None:
     for call in calls:
         program, command, *arguments = call.split()
         named[program].add(command)
-        parser = subcommands(cli._parser() if program == "onboard" else simlink_cli._parser())[command]
+        parser = subcommands(cli.parser() if program == "onboard" else simlink_cli._parser())[command]
         flags = {flag for action in parser._actions for flag in action.option_strings}
         assert {word.strip("[]") for word in arguments if "--" in word} <= flags, call
-    assert named["onboard"] == set(subcommands(cli._parser()))
+    assert named["onboard"] == set(subcommands(cli.parser()))
     assert named["simlink"] == set(subcommands(simlink_cli._parser()))
 
 
 def test_every_call_in_the_text_parses() -> None:
     """Those in indented blocks as they stand; of those in backticks, which may be cut short, the flags."""
     for command, rest in re.findall(r"`onboard ([a-z]+)([^`]*)`", readme.TEXT):
-        flags = {flag for action in subcommands(cli._parser())[command]._actions for flag in action.option_strings}
+        flags = {flag for action in subcommands(cli.parser())[command]._actions for flag in action.option_strings}
         assert set(re.findall(r"--[a-z]+", rest)) <= flags
     calls = re.findall(r"^    (onboard (?:.*\\\n)*.*)$", readme.TEXT.replace("\\\n", " "), re.MULTILINE)
     assert calls
     for call in calls:
-        cli._parser().parse_args(call.split("#")[0].split()[1:])
+        cli.parser().parse_args(call.split("#")[0].split()[1:])
 
 
 def test_every_make_target_exists() -> None:
@@ -171,7 +171,7 @@ def test_each_scenario_has_a_configuration_that_loads(scenario: str, tmp_path: P
 def test_changelog_has_an_unreleased_part_that_names_every_command() -> None:
     text = (ROOT / "CHANGELOG.md").read_text()
     unreleased = text.split("## Unreleased", 1)[1]
-    for command in subcommands(cli._parser()):
+    for command in subcommands(cli.parser()):
         assert f"onboard {command}" in unreleased
 
 

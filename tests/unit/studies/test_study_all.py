@@ -12,7 +12,7 @@ import matplotlib
 import msgspec
 import pytest
 
-from onboard.commands import reporting
+from onboard.commands import study as command
 from onboard.commands.cli import main
 from onboard.studies.csvsf_quadrotor import study as csvsf_quadrotor
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE
@@ -39,7 +39,7 @@ def _shorter(variant: Variant) -> Scenario:
 def test_every_study_flies_and_writes_its_report_one_seed_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(reporting, "run_all", _one_after_another)
+    monkeypatch.setattr(command, "run_all", _one_after_another)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
     monkeypatch.setitem(matplotlib.rcParams, "savefig.dpi", 20)
     monkeypatch.setattr(relative_motion, "scenario_of", _shorter)
@@ -51,7 +51,7 @@ def test_every_study_flies_and_writes_its_report_one_seed_each(
     monkeypatch.setattr(traffic, "fly", partial(traffic.fly, duration=12.0))
     numbers = tmp_path / "all.json"
     assert main(["study", "--all", "--seeds", "1", "--out", str(tmp_path), "--json", str(numbers)]) == 0
-    names = reporting.study_names()
+    names = command.study_names()
     assert len(names) >= 7
     assert sorted(json.loads(numbers.read_bytes())) == names
     for name in names:
