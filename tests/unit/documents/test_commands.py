@@ -47,8 +47,7 @@ def test_every_call_in_a_block_parses(path: Path) -> None:
         if program == "make":
             assert arguments[0] in TARGETS, call
         else:
-            spread = cli._spread_sets(arguments) if program == "onboard" else arguments
-            PARSERS[program]().parse_args(spread)
+            PARSERS[program]().parse_args(arguments)
 
 
 @pytest.mark.parametrize("path", documents.ALL, ids=documents.name)

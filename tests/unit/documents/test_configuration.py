@@ -3,14 +3,13 @@
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import msgspec
 import pytest
 
 from onboard.config import Config, LinkConfig, load_config, parse_config
 from onboard.estimators import config_type, known, load
-from onboard.estimators.own_state.config import Airframe
 from onboard.messages import Record
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario, scenario_names
@@ -25,11 +24,12 @@ UNSET = "–"
 def sections() -> dict[str, type[Record]]:
     """Each section of the configuration, by its heading, with its record."""
     plain = {f.name: f.type for f in msgspec.structs.fields(Config) if f.name not in {"link", "estimator"}}
+    (custom,) = (f.type for f in msgspec.structs.fields(config_type("own_state")) if f.name == "custom")
     return {
         "`[[link]]`": LinkConfig,
         **{f"`[{name}]`": record for name, record in plain.items()},
         **{f"`[estimator.{name}]`": config_type(name) for name in known()},
-        "`[estimator.own_state.custom]`": Airframe,
+        "`[estimator.own_state.custom]`": get_args(custom)[0],
     }
 
 

@@ -1,12 +1,15 @@
-"""The estimator that docs/extending.md shows, as a reader would write it."""
+"""Examples in the documents, as a reader would use them."""
 
 import math
 from types import ModuleType
+
+import pytest
 
 from onboard.estimators import EstimatorProtocol
 from onboard.geometry.camera import make_camera
 from onboard.messages import TargetPoints
 from onboard.ownship import Ownship
+from onboard.wire.points import decode_points
 from tests.support import documents
 
 
@@ -32,3 +35,11 @@ def test_the_example_estimates_a_range() -> None:
     assert math.isclose(estimate.mean[0], 30.0)
     assert estimator.tick(ownship) == []
     estimator.reset("the autopilot has rebooted")
+
+
+def test_the_camera_points_of_the_page_decode() -> None:
+    (block,) = documents.blocks(documents.text("fly-it"), "json")
+    points = decode_points(block.encode(), 1)
+    assert points.target == "leader"
+    assert points.center == pytest.approx((11.2 / 600, -15.1 / 600))
+    assert points.sigma == pytest.approx((1 / 600,) * 3)
