@@ -2,6 +2,7 @@
 
 import re
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
@@ -53,6 +54,12 @@ def test_a_dead_link_is_found(tmp_path: Path) -> None:
 def test_every_path_of_the_code_exists(path: Path) -> None:
     for named in CODE.findall(prose(documents.text(path))):
         assert PLACEHOLDER.search(named) or named in MADE or (ROOT / named).exists(), named
+
+
+@pytest.mark.parametrize("path", documents.ALL, ids=documents.name)
+def test_every_dotted_name_of_the_code_exists(path: Path) -> None:
+    for named in re.findall(r"`((?:onboard|simlink)(?:\.\w+)+)(?:\(\))?`", prose(documents.text(path))):
+        assert resolve_name(named) is not None
 
 
 def test_every_page_is_in_the_table_of_contents() -> None:
