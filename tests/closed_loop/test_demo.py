@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import psutil
 import pytest
 
-from tests.support import readme
+from tests.support import documents
 from tests.support.programs import Program, all_gone, run, started, until
 
 SECONDS = 25
@@ -85,7 +85,7 @@ def test_demo_seed_1_accounts_for_every_image(flown: Flown) -> None:
 
 
 def test_demo_seed_1_writes_the_documented_keys_and_no_others(flown: Flown) -> None:
-    assert readme.keys_of(flown.numbers) == readme.scorecard_keys("demo")
+    assert documents.keys_of(flown.numbers) == documents.scorecard_keys("demo")
     latency = flown.numbers["latency_ms"]
     assert latency["p50"] >= 20.0  # of which the camera's own
     assert 0 < latency["receive_to_publish_p50"] < latency["p50"]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tests.support import readme
+from tests.support import documents
 from tests.support.programs import run
 
 SEED = 1
@@ -94,7 +94,7 @@ def test_scenario_seed_1_keeps_its_bounds(replay: Flights, scenario: str) -> Non
 
 def test_replay_writes_the_documented_keys_and_no_others_seed_1(replay: Flights) -> None:
     numbers = replay("formation").numbers
-    assert readme.keys_of(numbers) == readme.scorecard_keys("replay")
+    assert documents.keys_of(numbers) == documents.scorecard_keys("replay")
     assert numbers["log"]["damaged"] == 0
     assert numbers["health"]["autopilot"] == "PX4, system 1"
 
