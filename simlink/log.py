@@ -1,4 +1,4 @@
-"""A run as fast as possible into files: a .tlog of everything the vehicle says, and a CSV of the truth."""
+"""A run written to files as fast as possible: a .tlog of all MAVLink messages, and CSV files of the truth."""
 
 import gzip
 from collections.abc import Callable
@@ -31,10 +31,10 @@ def write_log(
     state: Path | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[int, int]:
-    """(frames, truth rows) written; `truth` is of the leader, `state` of the vehicle itself. The same seed gives
-    the same bytes, compressed or not (names in .gz).
+    """Write the files; the numbers of frames and of truth rows. `truth` is the leader's, `state` our own
+    vehicle's. The same seed gives the same bytes, also in compressed files (names in .gz).
 
-    `progress` is called with the seconds of flight done. Raises OSError when a file cannot be written.
+    `progress` is called with the seconds of flight that are done. Raises OSError when a file cannot be written.
     """
     frames = rows = 0
     start_ns: int | None = None
@@ -64,7 +64,7 @@ def write_log(
 
 
 def truth_row(truth: Truth) -> str:
-    """One line of the CSV; its columns are `COLUMNS`."""
+    """One line of the leader's truth; its columns are `COLUMNS`."""
     numbers = (*truth.r_FL_n, *truth.v_FL_n, truth.size, truth.a_lat, truth.a_long, *truth.q_nL)
     return f"{truth.t_ns * 1e-9:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + "\n"
 
@@ -76,9 +76,10 @@ def state_row(truth: Truth) -> str:
 
 
 def _open(path: Path, stack: ExitStack) -> IO[bytes]:
-    """The file, or a compressor onto it without a name or a time in its header: bytes depend on data only."""
+    """The file, or a gzip stream to it. Its header has neither name nor time, so that equal data give equal
+    bytes."""
     file: IO[bytes] = path.open("wb")
     if path.suffix != ".gz":
         return file
     stack.enter_context(file)
-    return gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0)  # type: ignore[return-value]  # it is one in all but name
+    return gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0)  # type: ignore[return-value]  # same methods

@@ -11,8 +11,9 @@ from onboard.arrays import Array
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_quaternion
 from simlink.flight import fly
 from simlink.flights import fly_many
+from simlink.scenarios.camera import Camera
+from simlink.scenarios.profiles import Pulse
 from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario, parse_scenario
-from simlink.scenarios.scene import Camera, Pulse
 from simlink.world.motion import pulses
 
 
@@ -101,7 +102,7 @@ def test_the_hovering_leader_stands_and_yaws_seed_2() -> None:
             "[leader]\nspeed = 5\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1, end = 9, change = -5 }]",
             "hover",
         ),
-        ("[leader]\nspeed_pulses = [{ start = 1.0, end = 9.0, change = 1.0, hold = 8.0 }]", "no time to go out"),
+        ("[leader]\nspeed_pulses = [{ start = 1.0, end = 9.0, change = 1.0, hold = 8.0 }]", "no time to rise"),
         (
             "[leader]\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1.0, end = 9.0, change = -30.0 }]",
             "backwards",

@@ -11,11 +11,12 @@ from numpy.testing import assert_allclose
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import ActuatorOutputs, Attitude, GpsFix
 from simlink.cli import main
+from simlink.scenarios.profiles import GaussMarkov
+from simlink.scenarios.quadrotor import Quadrotor, QuadrotorFault
 from simlink.scenarios.scenario import load_scenario, parse_scenario
-from simlink.scenarios.scene import GaussMarkov, Quadrotor, QuadrotorFault
 from simlink.sensors.navigation import readings
 from simlink.simulation import simulate
-from simlink.world.quadrotor import Forces, acting, advance, derivative
+from simlink.world.quadrotor import Forces, advance, derivative, forces_at
 from simlink.world.truth import State, states
 from tests.support.simlink_truth import HZ, G, dead_reckoned, flight
 
@@ -105,8 +106,8 @@ def test_it_lands_back_on_the_path_after_every_fault_seed_1() -> None:
 
 def test_all_inputs_and_inertia_scale_what_they_name() -> None:
     craft = Quadrotor(fault=QuadrotorFault(at=5.0, inputs=0.7, inertia=1.5, mass=1.3, motor=2, motor_loss=0.5))
-    assert acting(craft, 4.99, (0.0, 0.0, 0.0)).mass == 0.468
-    forces = acting(craft, 5.0, (0.0, 0.0, 0.0))
+    assert forces_at(craft, 4.99, (0.0, 0.0, 0.0)).mass == 0.468
+    forces = forces_at(craft, 5.0, (0.0, 0.0, 0.0))
     assert_allclose(forces.thrusts, (2.1, 1.05, 2.1, 2.1))
     assert forces.mass == pytest.approx(0.6084)
     assert_allclose(forces.inertia, np.array([4.856e-3, 4.856e-3, 8.801e-3]) * 1.5)

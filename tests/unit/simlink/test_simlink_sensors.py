@@ -10,8 +10,10 @@ from numpy.testing import assert_allclose
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import TargetPoints, Truth
 from simlink.flight import fly
+from simlink.scenarios.camera import Camera
+from simlink.scenarios.profiles import GaussMarkov, Interval
 from simlink.scenarios.scenario import Scenario, load_scenario
-from simlink.scenarios.scene import Barometer, Camera, GaussMarkov, Gps, ImuErrors, Interval, Nav
+from simlink.scenarios.vehicle import BarometerErrors, Gps, ImuErrors, Nav
 from simlink.sensors.camera import (
     CameraSensor,
     Image,
@@ -148,7 +150,7 @@ def test_the_nav_errors_have_the_sizes_of_the_scenario_seeds_0_to_39() -> None:
 
 def test_a_barometer_tells_heights_over_sea_stretched_by_the_air_seeds_1_to_400() -> None:
     scenario = load_scenario("formation")
-    quiet = replace(scenario, barometer=Barometer(white=0.0, drift=GaussMarkov(), stretch=0.0))
+    quiet = replace(scenario, barometer=BarometerErrors(white=0.0, drift=GaussMarkov(), stretch=0.0))
     rows = list(islice(readings(quiet, 1, states(quiet, 1)), 9))
     assert [r.pressure_altitude is None for _, r in rows] == [k % 4 > 0 for k in range(9)]
     for state, reading in rows[::4]:

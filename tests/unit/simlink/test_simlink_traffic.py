@@ -22,8 +22,9 @@ from onboard.messages import (
     Vec3,
 )
 from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.profiles import Interval
 from simlink.scenarios.scenario import ScenarioError, load_scenario, parse_scenario
-from simlink.scenarios.scene import Interval, TrafficRadar
+from simlink.scenarios.traffic import TrafficRadar
 from simlink.simulation import Event, datagrams, simulate
 from simlink.traffic.radar import RadarSensor
 

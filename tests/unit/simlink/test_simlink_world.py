@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.geometry import rotations
+from simlink.scenarios.formation import Leader
+from simlink.scenarios.profiles import Wave
 from simlink.scenarios.scenario import Scenario, load_scenario
-from simlink.scenarios.scene import Leader, Wave
 from simlink.world import attitude
 from simlink.world.truth import State, coordinated, true_size
 from tests.support.simlink_truth import HZ, G, dead_reckoned, flight
