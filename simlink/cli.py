@@ -159,8 +159,8 @@ def _or_none(text: str) -> str | None:
 def _parser() -> argparse.ArgumentParser:
     top = _Parser(
         prog="simlink",
-        description="Simulate a flight: the MAVLink stream of an autopilot, the image points of the aircraft ahead "
-        "as a camera measures them, and the truth to compare estimates with.",
+        description="Simulate a flight: an autopilot's MAVLink stream, a camera's image points of the aircraft "
+        "ahead, and the truth to compare estimates with.",
         epilog="`simlink COMMAND --help` shows options and examples. Try: simlink run formation --wait 10",
     )
     commands = top.add_subparsers(required=True, metavar="COMMAND")

@@ -36,7 +36,7 @@ def test_the_description_lists_every_field_of_every_record_once() -> None:
             assert section.count(f"| `{field.name}` |") == 1
     assert "| `r_OF_n` | 3 × number |" in text
     assert "| `mean` | array of number or null |" in text
-    assert "| `target` | string, may be left out |" in text  # of CameraPoints
+    assert "| `target` | string, optional |" in text  # of CameraPoints
     assert "| `center` | [`Pixel`](#pixel) |" in text
     assert "[`MeasurementReport`](#measurementreport) or null" in text
     assert "`searching`, `initialising`, `tracking`, `coasting`, `lost`" in text
