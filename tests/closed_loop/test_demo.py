@@ -55,7 +55,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
         demo.popen.returncode,
         json.loads((folder / "score.json").read_bytes()),
         demo.stdout.read_text(),
-        demo.said(),
+        demo.output(),
         folder,
         list(family),
         seen,
@@ -143,7 +143,7 @@ def test_demo_of_an_unknown_scenario_is_one_line(tmp_path: Path) -> None:
         tmp_path / "demo.err", "onboard", "demo", "--headless", "--scenario", "no-such", cwd=tmp_path
     ) as demo:
         assert demo.popen.wait(60) == 2
-    (line,) = demo.said().splitlines()
+    (line,) = demo.output().splitlines()
     assert "'no-such'" in line
     assert "formation-s-turn" in line  # what there is
 
@@ -157,7 +157,7 @@ def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> Non
         return *command, "--out", str(tmp_path), "--json", str(json_file)
 
     with started(tmp_path / "3.err", *demo(3)) as third, started(tmp_path / "4.err", *demo(4)) as fourth:
-        assert (third.popen.wait(100), fourth.popen.wait(100)) == (0, 0), third.said() + fourth.said()
+        assert (third.popen.wait(100), fourth.popen.wait(100)) == (0, 0), third.output() + fourth.output()
     for seed in (3, 4):
         numbers = json.loads((tmp_path / f"{seed}.json").read_bytes())
         assert numbers["drops"]["images_lost"] == 0

@@ -33,14 +33,14 @@ def test_formation_toml_writes_every_default_out() -> None:
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_every_scenario_loads_and_says_what_it_is(name: str) -> None:
+def test_every_scenario_loads_and_has_a_description(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.name == name
     assert scenario.description
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("sped = 1", "unknown key 'sped' in the top level; known: name, description, duration"),
         ("[leader]\nspeeed = 1", "unknown key 'speeed' in [leader]; known: size, size_sigma_percent, speed,"),
@@ -62,10 +62,10 @@ def test_every_scenario_loads_and_says_what_it_is(name: str) -> None:
         ("[leader", "end of document"),
     ],
 )
-def test_a_scenario_that_does_not_hold_names_the_key(text: str, says: str) -> None:
+def test_an_invalid_scenario_names_the_key(text: str, message: str) -> None:
     with pytest.raises(ScenarioError, match=r"^mine\.toml: ") as caught:
         parse_scenario(text, "mine", "mine.toml")
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
@@ -202,7 +202,7 @@ def test_list_names_every_scenario(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["run", "nowhere"], "no scenario 'nowhere'; known: formation"),
         (["run", "formation", "--speed", "0"], "--speed: must be above zero"),
@@ -219,8 +219,8 @@ def test_list_names_every_scenario(capsys: pytest.CaptureFixture[str]) -> None:
         (["log", "formation"], "required: --out"),
     ],
 )
-def test_a_mistake_is_one_line_and_exit_2(
-    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+def test_a_usage_error_is_one_line_and_exit_2(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:
         code = main(arguments)
@@ -228,7 +228,7 @@ def test_a_mistake_is_one_line_and_exit_2(
         code = exit_.code
     captured = capsys.readouterr()
     assert code == 2
-    assert says in captured.err
+    assert message in captured.err
     assert captured.err.count("\n") == 1
 
 

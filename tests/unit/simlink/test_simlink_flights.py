@@ -56,7 +56,7 @@ def test_what_only_fly_can_do_is_refused() -> None:
         fly_many(Scenario(camera=Camera(rate=60.0)), [1], duration=1.0)
 
 
-def test_out_of_view_is_told_apart_from_not_registered_seed_1() -> None:
+def test_out_of_view_is_distinct_from_not_registered_seed_1() -> None:
     flights = fly_many(load_scenario("formation-out-of-view"), [1])
     registered = np.isfinite(flights.image_points[0]).all(axis=(1, 2))
     assert not np.any(registered & ~flights.in_view[0])

@@ -78,7 +78,7 @@ def test_the_earth_falls_away_from_the_horizon() -> None:
     assert level == pytest.approx(-50e3 / (2 * 6371e3 * 4 / 3), rel=1e-3)
 
 
-def test_errors_are_as_said_and_faults_keep_the_noise_seed_1() -> None:
+def test_errors_agree_with_the_reported_sigmas_and_faults_keep_the_noise_seed_1() -> None:
     t = np.arange(4000) * 0.1
     r = np.tile([[3e3, 9e3, 1e3]], (4000, 1))
     faults = phased_array.Conditions(jammed=[(100, 200)], lost=[(300, 310)])
@@ -196,7 +196,7 @@ def test_pseudoranges_are_distance_clock_and_noise_seed_3() -> None:
 
 
 @pytest.mark.parametrize("dt", [0.1, 5.0])
-def test_the_clock_walks_as_fast_as_said_seeds_0_to_399(dt: float) -> None:
+def test_the_clock_error_grows_as_configured_seeds_0_to_399(dt: float) -> None:
     receiver, none = gnss.Receiver(clock_sigma=0.0, drift_sigma=0.0, clock_walk=0.0), gnss.Conditions()
     still = np.zeros(round(10 / dt), bool)
     walking = receiver._replace(clock_walk=0.05)
