@@ -96,7 +96,7 @@ def test_the_hovering_leader_stands_and_yaws_seed_2() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (
             "[leader]\nspeed = 5\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1, end = 9, change = -5 }]",
@@ -109,6 +109,6 @@ def test_the_hovering_leader_stands_and_yaws_seed_2() -> None:
         ),
     ],
 )
-def test_flights_that_cannot_be_flown_are_refused(text: str, says: str) -> None:
-    with pytest.raises(ScenarioError, match=says):
+def test_flights_that_cannot_be_flown_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         parse_scenario(text, "mine")

@@ -253,7 +253,7 @@ def test_the_scenario_traffic_agrees_with_its_description() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ('[[traffic.aircraft]]\nname = "a"', "start"),
         ('[[traffic.aircraft]]\nname = "a"\nstart = [0, 0]', "start"),
@@ -263,6 +263,6 @@ def test_the_scenario_traffic_agrees_with_its_description() -> None:
         (2 * '[[traffic.aircraft]]\nname = "a"\nstart = [0, 0, 0]\n', "name of its own"),
     ],
 )
-def test_a_scene_that_does_not_hold_names_the_key(text: str, says: str) -> None:
-    with pytest.raises(ScenarioError, match=says):
+def test_an_invalid_scene_names_the_key(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         parse_scenario(text, "test")
