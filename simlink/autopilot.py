@@ -129,12 +129,7 @@ class Autopilot:
         if number == HEARTBEAT:
             kind, autopilot = VEHICLE_TYPE[self._vehicle.type], AUTOPILOT[self._vehicle.autopilot]
             return Heartbeat(
-                t_ns=t_ns,
-                t_recv_ns=t_ns,
-                vehicle_type=kind,
-                autopilot=autopilot,
-                armed=True,
-                status=ACTIVE,
+                t_ns=t_ns, t_recv_ns=t_ns, vehicle_type=kind, autopilot=autopilot, armed=True, status=ACTIVE
             )
         if number == SYSTEM_TIME:
             return SystemTime(t_ns=t_ns, t_recv_ns=t_ns, unix_ns=self._unix_epoch_ns + t_ns)

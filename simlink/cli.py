@@ -75,19 +75,8 @@ def _config(a: argparse.Namespace) -> int:
 
 
 def _run(a: argparse.Namespace) -> int:
-    options = Options(
-        scenario=load_scenario(a.scenario),
-        seed=a.seed,
-        speed=a.speed,
-        duration=a.duration,
-        mavlink=a.mavlink,
-        camera=a.camera,
-        camera_mavlink=a.camera_mavlink,
-        tcp_port=a.tcp,
-        zenoh=a.zenoh,
-        vehicle=a.vehicle,
-        wait=a.wait,
-    )
+    given = {key: value for key, value in vars(a).items() if key not in ("command", "scenario")}
+    options = Options(scenario=load_scenario(a.scenario), **given)
     asyncio.run(serve(Server(options, time.monotonic, time.time_ns(), _report)))
     return 0
 
@@ -211,7 +200,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     mavlink = f"link of the autopilot: udpout:HOST:PORT, udpin:HOST:PORT or none {SHOW}"
     add("--mavlink", type=_or_none, default="udpout:127.0.0.1:14540", metavar="SPEC", help=mavlink)
     tcp = f"TCP port on 127.0.0.1 for ground stations, 0 for any free port, or none {SHOW}"
-    add("--tcp", type=_port, default=5760, metavar="PORT", help=tcp)
+    add("--tcp", dest="tcp_port", type=_port, default=5760, metavar="PORT", help=tcp)
     cameras = ("zenoh", "mavlink", "both", "none")
     add("--camera", choices=cameras, default="zenoh", help=f"where image points are sent {SHOW}")
     points = f"link of the image points as LANDING_TARGETs, other than the autopilot's {SHOW}"

@@ -85,11 +85,5 @@ def _truth(rows: list[State]) -> TruthArrays:
     return TruthArrays(
         r_FL_n=np.array([difference(s.r_OL_n, s.r_OF_n) for s in rows]),
         v_FL_n=np.array([difference(s.v_L_n, s.v_F_n) for s in rows]),
-        a_lat=np.array([s.a_lat for s in rows]),
-        a_long=np.array([s.a_long for s in rows]),
-        r_OF_n=np.array([s.r_OF_n for s in rows]),
-        v_F_n=np.array([s.v_F_n for s in rows]),
-        a_F_n=np.array([s.a_F_n for s in rows]),
-        q_nF=np.array([s.q_nF for s in rows]),
-        q_nL=np.array([s.q_nL for s in rows]),
+        **{name: np.array([getattr(s, name) for s in rows]) for name in TruthArrays._fields[2:]},
     )

@@ -40,26 +40,23 @@ def write_log(
     start_ns: int | None = None
     with ExitStack() as stack:
         out = stack.enter_context(_open(tlog, stack))
-        table = None if truth is None else stack.enter_context(_open(truth, stack))
-        if table is not None:
-            table.write(f"{COLUMNS}\n".encode())
-        own = None if state is None else stack.enter_context(_open(state, stack))
-        if own is not None:
-            own.write(f"{STATE_COLUMNS}\n".encode())
+        tables: list[tuple[IO[bytes], Callable[[Truth], str]]] = []
+        for path, columns, row in ((truth, COLUMNS, truth_row), (state, STATE_COLUMNS, state_row)):
+            if path is not None:
+                tables.append((stack.enter_context(_open(path, stack)), row))
+                tables[-1][0].write(f"{columns}\n".encode())
         for item in datagrams(scenario, seed, duration, camera="mavlink"):
             if isinstance(item, TrafficTruth) or (isinstance(item, Datagram) and item.encoding is Encoding.RADAR):
-                continue  # a .tlog holds MAVLink
+                continue  # a .tlog contains MAVLink only
             if not isinstance(item, Truth):
                 out.write(tlog_record(item.t_recv_ns, item.data))
                 frames += 1
                 continue
             start_ns = item.t_ns if start_ns is None else start_ns
             progress((item.t_ns - start_ns) * 1e-9)
-            if table is not None:
-                table.write(truth_row(item).encode())
-            if own is not None:
-                own.write(state_row(item).encode())
-            rows += table is not None or own is not None
+            for table, line in tables:
+                table.write(line(item).encode())
+            rows += bool(tables)
     return frames, rows
 
 

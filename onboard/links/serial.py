@@ -5,13 +5,7 @@ import os
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from onboard.links.link import (
-    Deliver,
-    LinkError,
-    NowNs,
-    keep_connected,
-    until_lost,
-)
+from onboard.links.link import Deliver, LinkError, NowNs, keep_connected, until_lost
 from onboard.messages import Datagram, Encoding
 
 if TYPE_CHECKING:

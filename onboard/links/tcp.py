@@ -6,16 +6,7 @@ import socket
 from functools import partial
 from typing import Any, Final, cast
 
-from onboard.links.link import (
-    Deliver,
-    LinkError,
-    NowNs,
-    bind,
-    guarded,
-    keep_connected,
-    resolve,
-    until_lost,
-)
+from onboard.links.link import Deliver, LinkError, NowNs, bind, guarded, keep_connected, resolve, until_lost
 from onboard.messages import Datagram, Encoding
 
 CONNECT_TIMEOUT_S: Final = 3.0

@@ -18,7 +18,7 @@ class Nav(Record, frozen=True, kw_only=True):
     acceleration_bias: NotNegative = 0.0  # m/s^2, drawn once a run, only in `simlink.flight.fly`
     position_delay: NotNegative = 0.0  # s: LOCAL_POSITION_NED is that much older than its stamp
     attitude_white: Vec3 = (0.0, 0.0, 0.0)  # rad, per message and body axis
-    rates_white: NotNegative = 0.0  # rad/s, of the body rates beside the attitude
+    rates_white: NotNegative = 0.0  # rad/s, of the body rates in the attitude message
 
 
 class Outliers(Record, frozen=True, kw_only=True):

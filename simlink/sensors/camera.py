@@ -8,16 +8,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from onboard.geometry.rotations import quaternion_from_euler
-from onboard.messages import (
-    CameraPoints,
-    Clock,
-    ImagePoint,
-    Intrinsics,
-    Pixel,
-    Quaternion,
-    TargetPoints,
-    Vec3,
-)
+from onboard.messages import CameraPoints, Clock, ImagePoint, Intrinsics, Pixel, Quaternion, TargetPoints, Vec3
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import is_within
 from simlink.scenarios.scenario import Scenario
@@ -140,12 +131,7 @@ def target_points(image: Image, camera: Camera) -> TargetPoints:
     """The record that the MAVLink encoder sends as three LANDING_TARGETs."""
     center, left, right = image.points
     return TargetPoints(
-        t_ns=image.t_ns,
-        t_recv_ns=image.t_ns,
-        camera=camera.name,
-        center=center,
-        left=left,
-        right=right,
+        t_ns=image.t_ns, t_recv_ns=image.t_ns, camera=camera.name, center=center, left=left, right=right
     )
 
 

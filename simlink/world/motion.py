@@ -17,7 +17,8 @@ from simlink.scenarios.formation import Follower
 from simlink.scenarios.profiles import Pulse, Wave
 from simlink.scenarios.scenario import Scenario
 
-Kinematics = tuple[float, ...]  # course, climb, r_L (3), r_F (3), v_F (3)
+Row = tuple[float, ...]  # the state of a system
+Kinematics = Row  # course, climb, r_L (3), r_F (3), v_F (3)
 Real = Any  # a float, or an array of them
 Real3 = tuple[Real, Real, Real]
 
@@ -146,11 +147,7 @@ def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Rea
 
 
 def slot_in_n(
-    course: Real,
-    leader: LeaderMotion,
-    r_L: Real3,
-    s: tuple[Real3, Real3, Real3],
-    maths: ModuleType = math,
+    course: Real, leader: LeaderMotion, r_L: Real3, s: tuple[Real3, Real3, Real3], maths: ModuleType = math
 ) -> SlotMotion:
     """The slot in n from the slot s in path axes, which rotate about the vertical with the leader's course:
     a = a_L + R (s'' + 2 w x s' + w' x s + w x (w x s)), w = (0, 0, course rate)."""
@@ -197,11 +194,15 @@ def make_motion(scenario: Scenario, phases: Vec3) -> tuple[EquationsOfMotion, Ki
 
 
 def advance(f: EquationsOfMotion, t: float, y: Kinematics, first: Derivative, dt: float) -> Kinematics:
-    """One step of the classical fourth-order Runge-Kutta method; `first` is f(t, y)."""
+    """The kinematics one step later; `first` is f(t, y)."""
+    return runge_kutta(lambda t, y: f(t, y).kinematics, t, y, first.kinematics, dt)
+
+
+def runge_kutta(f: Callable[[float, Row], Row], t: float, y: Row, k1: Row, dt: float) -> Row:
+    """One step of the classical fourth-order Runge-Kutta method for y' = f(t, y); k1 is f(t, y)."""
     h = dt / 2
-    k1 = first.kinematics
-    k2 = f(t + h, tuple([a + h * b for a, b in zip(y, k1, strict=True)])).kinematics
-    k3 = f(t + h, tuple([a + h * b for a, b in zip(y, k2, strict=True)])).kinematics
-    k4 = f(t + dt, tuple([a + dt * b for a, b in zip(y, k3, strict=True)])).kinematics
+    k2 = f(t + h, tuple([a + h * b for a, b in zip(y, k1, strict=True)]))
+    k3 = f(t + h, tuple([a + h * b for a, b in zip(y, k2, strict=True)]))
+    k4 = f(t + dt, tuple([a + dt * b for a, b in zip(y, k3, strict=True)]))
     sixth = dt / 6
     return tuple([a + sixth * (p + 2 * (q + r) + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)])

@@ -15,13 +15,14 @@ from simlink.scenarios.profiles import is_within
 from simlink.scenarios.quadrotor import Quadrotor, QuadrotorFault
 from simlink.world import attitude
 from simlink.world.constants import G
+from simlink.world.motion import Row, runge_kutta
 from simlink.world.noise import gauss_markov, gauss_markov_vectors, normals
 from simlink.world.quadrotor_control import Controller, Reference, thrust_attitude
 
 PWM_US: Final = (1000, 2000)  # of a rotor at rest and at its maximum speed
 FULL: Final = 1.0
 
-Body = tuple[float, ...]  # r (3), v (3), q (4), omega (3), rotor speeds (4)
+Body = Row  # r (3), v (3), q (4), omega (3), rotor speeds (4)
 
 
 class Forces(NamedTuple):
@@ -76,19 +77,15 @@ def derivative(craft: Quadrotor, forces: Forces, command: Body, y: Body) -> tupl
 
 
 def advance(craft: Quadrotor, forces: Forces, command: Body, y: Body, dt: float) -> Body:
-    """One step of the classical fourth-order Runge-Kutta method; the quaternion is normalised."""
-    k1, _ = derivative(craft, forces, command, y)
-    k2, _ = derivative(craft, forces, command, _along(y, dt / 2, k1))
-    k3, _ = derivative(craft, forces, command, _along(y, dt / 2, k2))
-    k4, _ = derivative(craft, forces, command, _along(y, dt, k3))
-    after = [a + dt / 6 * (p + 2 * (q + r) + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)]
+    """The body one step later, with its quaternion normalised."""
+
+    def slope(_: float, y: Body) -> Body:
+        return derivative(craft, forces, command, y)[0]
+
+    after = list(runge_kutta(slope, 0.0, y, slope(0.0, y), dt))
     length = math.sqrt(sum(x * x for x in after[6:10]))
     after[6:10] = [x / length for x in after[6:10]]
     return tuple(after)
-
-
-def _along(y: Body, dt: float, slope: Body) -> Body:
-    return tuple([a + dt * b for a, b in zip(y, slope, strict=True)])
 
 
 def quadrotor_states(

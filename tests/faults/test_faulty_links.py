@@ -4,22 +4,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.messages import (
-    Datagram,
-    Encoding,
-    TargetPoints,
-    Verdict,
-)
+from onboard.messages import Datagram, Encoding, TargetPoints, Verdict
 from tests.support.faulty_flight import CLEAN, DATAGRAMS, IMAGES, ITEMS, T0, T1, assert_on_target, flown
-from tests.support.streams import (
-    CIRCLE,
-    EPOCH,
-    MS,
-    Item,
-    S,
-    Stream,
-    encode,
-)
+from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode
 
 
 def test_the_flight_without_faults() -> None:

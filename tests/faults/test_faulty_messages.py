@@ -7,26 +7,9 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from onboard.messages import (
-    Attitude,
-    LocalPosition,
-    Message,
-    TargetPoints,
-    TimeSync,
-    Verdict,
-)
+from onboard.messages import Attitude, LocalPosition, Message, TargetPoints, TimeSync, Verdict
 from tests.support.faulty_flight import CLEAN, IMAGES, ITEMS, T0, T1, assert_on_target, flown
-from tests.support.streams import (
-    CIRCLE,
-    EPOCH,
-    MS,
-    Item,
-    Run,
-    S,
-    encode,
-    heartbeat,
-    position_error,
-)
+from tests.support.streams import CIRCLE, EPOCH, MS, Item, Run, S, encode, heartbeat, position_error
 
 
 def flown_with(kind: type[Message], is_hit: Callable[[int], bool], change: Callable[[Any], Message]) -> Run:

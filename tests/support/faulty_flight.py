@@ -1,18 +1,7 @@
 """A synthetic flight of 12 s as messages and bytes, to which faults are applied."""
 
-from onboard.messages import (
-    Datagram,
-    Lifecycle,
-    TargetPoints,
-)
-from tests.support.streams import (
-    Run,
-    Stream,
-    assert_sane,
-    encode,
-    feed,
-    position_error,
-)
+from onboard.messages import Datagram, Lifecycle, TargetPoints
+from tests.support.streams import Run, Stream, assert_sane, encode, feed, position_error
 
 T0, T1 = 40.0, 52.0
 ITEMS = Stream(t0=T0, t1=T1, seed=21).items()

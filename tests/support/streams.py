@@ -140,13 +140,7 @@ class Item(NamedTuple):
 def heartbeat(t_ns: int, system: int = FLIGHT_SYSTEM, autopilot: int = PX4) -> Heartbeat:
     """An armed multirotor's heartbeat."""
     return Heartbeat(
-        t_ns=t_ns,
-        t_recv_ns=EPOCH + t_ns,
-        system=system,
-        vehicle_type=2,
-        autopilot=autopilot,
-        armed=True,
-        status=4,
+        t_ns=t_ns, t_recv_ns=EPOCH + t_ns, system=system, vehicle_type=2, autopilot=autopilot, armed=True, status=4
     )
 
 

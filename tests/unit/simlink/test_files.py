@@ -54,10 +54,7 @@ def test_every_scenario_loads_and_has_a_description(name: str) -> None:
         ("[leader]\nspeed = 'fast'", "Expected `float`, got `str` - at `leader.speed`"),
         ("[vehicle]\ntype = 'boat'", "'boat' - at `vehicle.type`"),
         ("[camera]\nblackouts = [{ start = 5.0, end = 4.0 }]", "camera.blackouts: needs start < end"),
-        (
-            "[leader]\nspeed = 4.0\nspeed_pulses = [{ start = 1.0, end = 2.0, change = -4.0 }]",
-            "at least 1 m/s",
-        ),
+        ("[leader]\nspeed = 4.0\nspeed_pulses = [{ start = 1.0, end = 2.0, change = -4.0 }]", "at least 1 m/s"),
         ("[camera]\nstamp_late = 0.03", "camera.stamp_late: no image is stamped after its delivery"),
         ("[leader", "end of document"),
     ],
