@@ -77,10 +77,7 @@ def load_scenario(name_or_path: str) -> Scenario:
 
 def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
     """The scenario of a TOML text. Raises ScenarioError, which begins with `source` and names the key."""
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{source}: {error}") from error
+    data = _tables(text, source)
     data.setdefault("name", name)
     for path, value in _numbers(data, ""):
         if not math.isfinite(value):
@@ -91,6 +88,26 @@ def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
         raise ScenarioError(f"{source}: {_explain(str(error))}") from error
     _check(scenario, source)
     return scenario
+
+
+def _tables(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text, merged into those of the scenario that it `extends`. Raises ScenarioError."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{source}: {error}") from error
+    base = data.pop("extends", None)
+    if base is None:
+        return data
+    if base not in scenario_names():
+        raise ScenarioError(f"{source}: extends: no scenario {base!r}; known: {', '.join(scenario_names())}")
+    return _merged(_tables((SCENARIO_FOLDER / f"{base}.toml").read_text(encoding="utf-8"), base), data)
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`base` with `changes`: tables are merged, everything else is replaced."""
+    tables = [key for key in changes if isinstance(changes[key], dict) and isinstance(base.get(key), dict)]
+    return base | changes | {key: _merged(base[key], changes[key]) for key in tables}
 
 
 def from_the_side(scenario: Scenario, angle_deg: float) -> Scenario:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import CameraPoints, Datagram, Encoding, TargetPoints, Truth
@@ -57,6 +58,7 @@ def test_every_scenario_loads_and_has_a_description(name: str) -> None:
         ("[leader]\nspeed = 4.0\nspeed_pulses = [{ start = 1.0, end = 2.0, change = -4.0 }]", "at least 1 m/s"),
         ("[camera]\nstamp_late = 0.03", "camera.stamp_late: no image is stamped after its delivery"),
         ("[leader", "end of document"),
+        ("extends = 'quadrotr'", "extends: no scenario 'quadrotr'; known: formation"),
     ],
 )
 def test_an_invalid_scenario_names_the_key(text: str, message: str) -> None:
@@ -64,6 +66,15 @@ def test_an_invalid_scenario_names_the_key(text: str, message: str) -> None:
         parse_scenario(text, "mine", "mine.toml")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_scenario_extends_another() -> None:
+    base = load_scenario("quadrotor")
+    text = "extends = 'quadrotor'\n[gps]\ndelay = 0.2\n[gps.position]\nsigma = 3.0"
+    position = replace(base.gps.position, sigma=3.0)
+    expected = replace(base, name="mine", gps=replace(base.gps, delay=0.2, position=position))
+    assert parse_scenario(text, "mine") == expected
+    assert load_scenario("quadrotor-gps-loss").nav == base.nav
 
 
 def test_the_slot_seen_from_the_side_is_the_reference_slot_turned() -> None:
