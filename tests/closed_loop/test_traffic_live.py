@@ -91,7 +91,7 @@ def test_all_the_traffic_is_tracked_published_and_told_a_ground_station(tmp_path
     assert 0x4B1A00 in vehicles
     assert any(address >= 0xF10000 for address in vehicles)
     assert {m.get_srcComponent() for m in told} == {191}
-    assert "traffic: " not in daemon.said()
+    assert "traffic: " not in daemon.output()
     assert sum(name.startswith("icao/") for name in newest) == 13
     assert health[-1].verdicts["traffic.fused"] > 100
     assert health[-1].rejected.get("bad_radar", 0) == 0

@@ -129,7 +129,7 @@ def _times(m: Measured) -> Figure:
 def _signal(m: Measured, seeds: range) -> Figure:
     figure, axes = panels("Figure 12: the radar's signal-to-noise ratio, and condition numbers", 2)
     t, look = scenes.intruder()[0], scenes.looks(seeds)[0]
-    axes[0, 0].plot(t, np.where(look.seen, look.snr_db, np.nan), color="black")
+    axes[0, 0].plot(t, np.where(look.detected, look.snr_db, np.nan), color="black")
     axes[0, 0].set_ylabel("S/N, dB")
     _condition_panel(axes[1, 0], m.radar, t)
     for axis in axes[:, 0]:

@@ -64,7 +64,7 @@ def fly_radar(seeds: range, rain_mm_h: float = 0.0, only: str = "") -> Flown:
     found = _every(made, t, windows, only)
     looks = scenes.looks(seeds[:1], rain_mm_h)[0]
     raw = _measured(made)
-    extra = {"snr_first_db": float(looks.snr_db[0]), "snr_jammed_db": float(np.min(looks.snr_db[looks.seen]))}
+    extra = {"snr_first_db": float(looks.snr_db[0]), "snr_jammed_db": float(np.min(looks.snr_db[looks.detected]))}
     return Flown(found, _raw(raw, windows), _axes(raw), np.nan, extra)
 
 

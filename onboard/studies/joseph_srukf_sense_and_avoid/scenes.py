@@ -106,12 +106,12 @@ def radar_windows(t: Array) -> dict[str, Mask]:
     }
 
 
-def looks(seeds: range, rain_mm_h: float = 0.0) -> list[phased_array.Look]:
+def looks(seeds: range, rain_mm_h: float = 0.0) -> list[phased_array.Measurements]:
     """What the phased array says in each run."""
     t, truth = intruder()
     conditions = phased_array.Conditions(rain_mm_h=rain_mm_h, jammed=JAMMED, lost=SIGNAL_LOST)
     return [
-        phased_array.look(phased_array.Radar(), t, truth[:, POSITION], rng_of(seed, 51), conditions)
+        phased_array.measure(phased_array.Radar(), t, truth[:, POSITION], rng_of(seed, 51), conditions)
         for seed in seeds
     ]
 
@@ -122,7 +122,7 @@ def by_radar(seeds: range, rain_mm_h: float = 0.0) -> Scene:
     found = looks(seeds, rain_mm_h)
     y = np.stack([look.y for look in found], axis=1)
     R = np.stack([look.sigma[:, :, None] ** 2 * np.eye(3) for look in found], axis=1)
-    seen = found[0].seen  # range and faults decide that, the same in all runs
+    seen = found[0].detected  # range and faults decide that, the same in all runs
     start = trajectory.states[0] + NARROW * np.array([rng_of(s, 52).standard_normal(9) for s in seeds])
     return Scene(
         truth=truth,

@@ -21,7 +21,7 @@ from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, SIZE, FollowerMotion, R, V
 from onboard.studies.relative_motion.formation import B0, FT, SIZE_SIGMA
 from simlink.flights import Flights
-from simlink.scenarios.scene import Camera
+from simlink.scenarios.camera import Camera
 
 UNKNOWN: Final = 1e3  # m: nothing is known of the position before the first image
 SMALL: Final = 1e-4  # of m, m/s, m/s^2: for differences that stand for derivatives

@@ -18,7 +18,8 @@ from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.models.relative_motion import FollowerMotion
 from onboard.studies.relative_motion.rows import concatenated, put, taken
 from simlink.flights import Flights
-from simlink.scenarios.scene import Camera, Nav
+from simlink.scenarios.camera import Camera
+from simlink.scenarios.vehicle import Nav
 
 FT: Final = 0.3048
 B0: Final = 8.75 * FT  # the size the filter believes; the true one of each run differs by 2 % (1 sigma)

@@ -24,7 +24,7 @@ from onboard.models.leader_flight import Sight
 from onboard.models.relative_motion import N, R
 from onboard.studies.relative_motion.formation import Filter, Mask, Method, Seen, Setting, Step, View
 from onboard.studies.relative_motion.rows import put, taken
-from simlink.scenarios.scene import Nav
+from simlink.scenarios.vehicle import Nav
 
 IMAGES: Final = 3  # that must agree
 RELOCK: Final = 1.0  # s

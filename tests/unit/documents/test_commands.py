@@ -16,7 +16,7 @@ from tests.support.programs import ROOT
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 TARGETS = set(re.findall(r"^([a-z]+):", MAKEFILE, re.MULTILINE))
-PARSERS = {"onboard": cli._parser, "simlink": simlink_cli._parser}
+PARSERS = {"onboard": cli.parser, "simlink": simlink_cli._parser}
 
 
 def subcommands(program: str) -> dict[str, argparse.ArgumentParser]:

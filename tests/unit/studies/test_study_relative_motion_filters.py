@@ -13,8 +13,9 @@ from onboard.studies.relative_motion.formation import Filter, Lateness, Method, 
 from onboard.studies.relative_motion.methods import PAPER_MENDED, SHIPPED, TUNED
 from onboard.studies.relative_motion.scores import score, truth_of
 from simlink.flights import Flights, fly_many
+from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.scenario import load_scenario
-from simlink.scenarios.scene import GaussMarkov, Nav
+from simlink.scenarios.vehicle import Nav
 
 SCENARIO = load_scenario("formation")
 

@@ -11,8 +11,9 @@ from onboard.arrays import Array
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_quaternion
 from simlink.flight import fly
 from simlink.flights import fly_many
+from simlink.scenarios.camera import Camera
+from simlink.scenarios.profiles import Pulse
 from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario, parse_scenario
-from simlink.scenarios.scene import Camera, Pulse
 from simlink.world.motion import pulses
 
 
@@ -55,7 +56,7 @@ def test_what_only_fly_can_do_is_refused() -> None:
         fly_many(Scenario(camera=Camera(rate=60.0)), [1], duration=1.0)
 
 
-def test_out_of_view_is_told_apart_from_not_registered_seed_1() -> None:
+def test_out_of_view_is_distinct_from_not_registered_seed_1() -> None:
     flights = fly_many(load_scenario("formation-out-of-view"), [1])
     registered = np.isfinite(flights.image_points[0]).all(axis=(1, 2))
     assert not np.any(registered & ~flights.in_view[0])
@@ -95,19 +96,19 @@ def test_the_hovering_leader_stands_and_yaws_seed_2() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         (
             "[leader]\nspeed = 5\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1, end = 9, change = -5 }]",
             "hover",
         ),
-        ("[leader]\nspeed_pulses = [{ start = 1.0, end = 9.0, change = 1.0, hold = 8.0 }]", "no time to go out"),
+        ("[leader]\nspeed_pulses = [{ start = 1.0, end = 9.0, change = 1.0, hold = 8.0 }]", "no time to rise"),
         (
             "[leader]\na_lat = { mean = 0.0 }\nspeed_pulses = [{ start = 1.0, end = 9.0, change = -30.0 }]",
             "backwards",
         ),
     ],
 )
-def test_flights_that_cannot_be_flown_are_refused(text: str, says: str) -> None:
-    with pytest.raises(ScenarioError, match=says):
+def test_flights_that_cannot_be_flown_are_refused(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         parse_scenario(text, "mine")

@@ -78,15 +78,15 @@ def test_the_earth_falls_away_from_the_horizon() -> None:
     assert level == pytest.approx(-50e3 / (2 * 6371e3 * 4 / 3), rel=1e-3)
 
 
-def test_errors_are_as_said_and_faults_keep_the_noise_seed_1() -> None:
+def test_errors_agree_with_the_reported_sigmas_and_faults_keep_the_noise_seed_1() -> None:
     t = np.arange(4000) * 0.1
     r = np.tile([[3e3, 9e3, 1e3]], (4000, 1))
     faults = phased_array.Conditions(jammed=[(100, 200)], lost=[(300, 310)])
-    plain = phased_array.look(RADAR, t, r, np.random.default_rng(1))
-    faulty = phased_array.look(RADAR, t, r, np.random.default_rng(1), faults)
+    plain = phased_array.measure(RADAR, t, r, np.random.default_rng(1))
+    faulty = phased_array.measure(RADAR, t, r, np.random.default_rng(1), faults)
     error = (faulty.y - phased_array.spherical(r)) / faulty.sigma
     np.testing.assert_allclose(np.nanstd(error, axis=0), 1.0, atol=0.05)
-    assert faulty.seen.sum() == 3900
+    assert faulty.detected.sum() == 3900
     assert np.isnan(faulty.y[3000:3100]).all()
     assert np.array_equal(plain.y[:1000], faulty.y[:1000])
     assert np.array_equal(plain.y[3100:], faulty.y[3100:])
@@ -95,15 +95,15 @@ def test_errors_are_as_said_and_faults_keep_the_noise_seed_1() -> None:
 
 @pytest.mark.parametrize("r", [[-9e3, 0.0, 1e3], [0.0, -9e3, 1e3], [0.0, 1e3, 9e3]])
 def test_beside_behind_and_above_there_is_no_beam_seed_2(r: list[float]) -> None:
-    look = phased_array.look(RADAR, np.zeros(1), np.array([r]), np.random.default_rng(2))
-    assert not look.seen.any()
-    assert np.isfinite(look.sigma).all()
+    measured = phased_array.measure(RADAR, np.zeros(1), np.array([r]), np.random.default_rng(2))
+    assert not measured.detected.any()
+    assert np.isfinite(measured.sigma).all()
 
 
 def test_at_the_radar_itself_nothing_is_divided_by_zero_seed_3() -> None:
-    look = phased_array.look(RADAR, np.zeros(2), np.zeros((2, 3)), np.random.default_rng(3))
-    assert np.isfinite(look.sigma).all()
-    assert np.isfinite(look.snr_db).all()
+    measured = phased_array.measure(RADAR, np.zeros(2), np.zeros((2, 3)), np.random.default_rng(3))
+    assert np.isfinite(measured.sigma).all()
+    assert np.isfinite(measured.snr_db).all()
 
 
 # ---------------------------------------------------------------------------------------------------- GNSS
@@ -196,7 +196,7 @@ def test_pseudoranges_are_distance_clock_and_noise_seed_3() -> None:
 
 
 @pytest.mark.parametrize("dt", [0.1, 5.0])
-def test_the_clock_walks_as_fast_as_said_seeds_0_to_399(dt: float) -> None:
+def test_the_clock_error_grows_as_configured_seeds_0_to_399(dt: float) -> None:
     receiver, none = gnss.Receiver(clock_sigma=0.0, drift_sigma=0.0, clock_walk=0.0), gnss.Conditions()
     still = np.zeros(round(10 / dt), bool)
     walking = receiver._replace(clock_walk=0.05)

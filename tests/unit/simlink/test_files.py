@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import CameraPoints, Datagram, Encoding, TargetPoints, Truth
@@ -33,14 +34,14 @@ def test_formation_toml_writes_every_default_out() -> None:
 
 
 @pytest.mark.parametrize("name", scenario_names())
-def test_every_scenario_loads_and_says_what_it_is(name: str) -> None:
+def test_every_scenario_loads_and_has_a_description(name: str) -> None:
     scenario = load_scenario(name)
     assert scenario.name == name
     assert scenario.description
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("sped = 1", "unknown key 'sped' in the top level; known: name, description, duration"),
         ("[leader]\nspeeed = 1", "unknown key 'speeed' in [leader]; known: size, size_sigma_percent, speed,"),
@@ -54,19 +55,26 @@ def test_every_scenario_loads_and_says_what_it_is(name: str) -> None:
         ("[leader]\nspeed = 'fast'", "Expected `float`, got `str` - at `leader.speed`"),
         ("[vehicle]\ntype = 'boat'", "'boat' - at `vehicle.type`"),
         ("[camera]\nblackouts = [{ start = 5.0, end = 4.0 }]", "camera.blackouts: needs start < end"),
-        (
-            "[leader]\nspeed = 4.0\nspeed_pulses = [{ start = 1.0, end = 2.0, change = -4.0 }]",
-            "at least 1 m/s",
-        ),
+        ("[leader]\nspeed = 4.0\nspeed_pulses = [{ start = 1.0, end = 2.0, change = -4.0 }]", "at least 1 m/s"),
         ("[camera]\nstamp_late = 0.03", "camera.stamp_late: no image is stamped after its delivery"),
         ("[leader", "end of document"),
+        ("extends = 'quadrotr'", "extends: no scenario 'quadrotr'; known: formation"),
     ],
 )
-def test_a_scenario_that_does_not_hold_names_the_key(text: str, says: str) -> None:
+def test_an_invalid_scenario_names_the_key(text: str, message: str) -> None:
     with pytest.raises(ScenarioError, match=r"^mine\.toml: ") as caught:
         parse_scenario(text, "mine", "mine.toml")
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_scenario_extends_another() -> None:
+    base = load_scenario("quadrotor")
+    text = "extends = 'quadrotor'\n[gps]\ndelay = 0.2\n[gps.position]\nsigma = 3.0"
+    position = replace(base.gps.position, sigma=3.0)
+    expected = replace(base, name="mine", gps=replace(base.gps, delay=0.2, position=position))
+    assert parse_scenario(text, "mine") == expected
+    assert load_scenario("quadrotor-gps-loss").nav == base.nav
 
 
 def test_the_slot_seen_from_the_side_is_the_reference_slot_turned() -> None:
@@ -202,7 +210,7 @@ def test_list_names_every_scenario(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["run", "nowhere"], "no scenario 'nowhere'; known: formation"),
         (["run", "formation", "--speed", "0"], "--speed: must be above zero"),
@@ -219,8 +227,8 @@ def test_list_names_every_scenario(capsys: pytest.CaptureFixture[str]) -> None:
         (["log", "formation"], "required: --out"),
     ],
 )
-def test_a_mistake_is_one_line_and_exit_2(
-    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+def test_a_usage_error_is_one_line_and_exit_2(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:
         code = main(arguments)
@@ -228,7 +236,7 @@ def test_a_mistake_is_one_line_and_exit_2(
         code = exit_.code
     captured = capsys.readouterr()
     assert code == 2
-    assert says in captured.err
+    assert message in captured.err
     assert captured.err.count("\n") == 1
 
 

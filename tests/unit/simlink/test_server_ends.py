@@ -84,9 +84,9 @@ def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
             while "flying" not in (line := process.stderr.readline()):
                 assert line
             process.send_signal(number)
-            said = process.stderr.read()
+            output = process.stderr.read()
             assert process.wait(20) == 0
         finally:
             process.kill()
-    assert "sent 0 MAVLink frames" in said
-    assert "Traceback" not in said
+    assert "sent 0 MAVLink frames" in output
+    assert "Traceback" not in output

@@ -10,12 +10,11 @@ from typing import Any
 import pytest
 
 from onboard.sinks import BoundedQueue, SinkError, SinkRunner
-
-TIMEOUT_S = 10.0
+from tests.support.running_link import TIMEOUT_S, until
 
 
 class Collector:
-    """A sink that does as it is told: wait for `gate`, fail `failures` times."""
+    """A sink that collects records. A write waits for `gate`; opening and writing fail a given number of times."""
 
     def __init__(self, *, failing_opens: int = 0, failing_writes: int = 0) -> None:
         self.gate = threading.Event()
@@ -41,20 +40,14 @@ class Collector:
         self.calls.append("close")
 
 
-async def until(condition: Callable[[], Any]) -> None:
-    async with asyncio.timeout(TIMEOUT_S):
-        while not condition():  # noqa: ASYNC110 - what is awaited is a counter
-            await asyncio.sleep(0.005)
-
-
 def with_runner(
-    sink: Collector, story: Callable[[SinkRunner[int]], Awaitable[None]], capacity: int = 100, **options: Any
+    sink: Collector, check: Callable[[SinkRunner[int]], Awaitable[None]], capacity: int = 100, **options: Any
 ) -> SinkRunner[int]:
     async def main() -> SinkRunner[int]:
         runner = SinkRunner("test", sink, capacity, first_retry_s=0.01, **options)
         task = asyncio.create_task(runner.run())
         try:
-            await story(runner)
+            await check(runner)
         finally:
             task.cancel()
             with suppress(asyncio.CancelledError):
@@ -106,12 +99,12 @@ def test_every_item_is_either_taken_or_dropped_and_none_twice() -> None:
 def test_what_is_put_is_written_in_order_and_counted() -> None:
     sink = Collector()
 
-    async def story(runner: SinkRunner[int]) -> None:
+    async def check(runner: SinkRunner[int]) -> None:
         for n in range(50):
             runner.put(n)
         await until(lambda: len(sink.written) == 50)
 
-    health = with_runner(sink, story).health()
+    health = with_runner(sink, check).health()
     assert sink.written == list(range(50))
     assert (health.sent, health.dropped, health.restarts, health.error) == (50, 0, 0, "")
     assert sink.calls == ["open", "close"]
@@ -120,12 +113,12 @@ def test_what_is_put_is_written_in_order_and_counted() -> None:
 def test_what_is_queued_at_the_end_is_still_written() -> None:
     sink = Collector()
 
-    async def story(runner: SinkRunner[int]) -> None:
+    async def check(runner: SinkRunner[int]) -> None:
         await until(lambda: sink.calls)
         for n in range(5000):  # several batches
             runner.put(n)
 
-    with_runner(sink, story, capacity=5000)
+    with_runner(sink, check, capacity=5000)
     assert sink.written == list(range(5000))
 
 
@@ -133,14 +126,14 @@ def test_a_blocked_sink_delays_nobody_drops_the_oldest_and_lets_the_program_end(
     sink = Collector()
     sink.gate.clear()
 
-    async def story(runner: SinkRunner[int]) -> None:
+    async def check(runner: SinkRunner[int]) -> None:
         await until(lambda: sink.calls == ["open"])
         await asyncio.sleep(0.3)  # now it sits in write()
         for n in range(20_000):  # waited for, they would run into the tests' time limit
             runner.put(n)
         assert runner.health().dropped == 20_000 - 100
 
-    with_runner(sink, story, close_timeout_s=0.2)
+    with_runner(sink, check, close_timeout_s=0.2)
     sink.gate.set()
 
 
@@ -148,7 +141,7 @@ def test_a_sink_that_recovers_from_being_blocked_goes_on_with_the_newest() -> No
     sink = Collector()
     sink.gate.clear()
 
-    async def story(runner: SinkRunner[int]) -> None:
+    async def check(runner: SinkRunner[int]) -> None:
         await until(lambda: sink.calls == ["open"])
         await asyncio.sleep(0.3)
         for n in range(1000):
@@ -156,7 +149,7 @@ def test_a_sink_that_recovers_from_being_blocked_goes_on_with_the_newest() -> No
         sink.gate.set()
         await until(lambda: sink.written)
 
-    health = with_runner(sink, story).health()
+    health = with_runner(sink, check).health()
     assert sink.written == list(range(900, 1000))
     assert (health.sent, health.dropped) == (100, 900)
 
@@ -165,7 +158,7 @@ def test_a_sink_that_cannot_open_is_retried_and_says_why_meanwhile() -> None:
     sink = Collector(failing_opens=3)
     seen: list[str] = []
 
-    async def story(runner: SinkRunner[int]) -> None:
+    async def check(runner: SinkRunner[int]) -> None:
         runner.put(1)
 
         def written() -> bool:
@@ -174,7 +167,7 @@ def test_a_sink_that_cannot_open_is_retried_and_says_why_meanwhile() -> None:
 
         await until(written)
 
-    health = with_runner(sink, story).health()
+    health = with_runner(sink, check).health()
     assert sink.written == [1]
     assert (health.sent, health.restarts, health.error) == (1, 3, "")
     assert "cannot open" in seen
@@ -184,13 +177,13 @@ def test_a_sink_that_cannot_open_is_retried_and_says_why_meanwhile() -> None:
 def test_a_write_that_fails_restarts_the_sink_and_counts_what_was_lost() -> None:
     sink = Collector(failing_writes=1)
 
-    async def story(runner: SinkRunner[int]) -> None:
+    async def check(runner: SinkRunner[int]) -> None:
         runner.put(1)
         await until(lambda: runner.health().restarts == 1)
         runner.put(2)
         await until(lambda: sink.written)
 
-    health = with_runner(sink, story).health()
+    health = with_runner(sink, check).health()
     assert sink.written == [2]
     assert (health.sent, health.dropped, health.restarts) == (1, 1, 1)
 
@@ -207,22 +200,22 @@ def test_a_panic_that_is_no_exception_restarts_the_sink_too() -> None:
 
     sink = Panicking()
 
-    async def story(runner: SinkRunner[int]) -> None:
+    async def check(runner: SinkRunner[int]) -> None:
         runner.put(1)
         await until(lambda: runner.health().restarts == 1)
         runner.put(2)
         await until(lambda: sink.written == [2])
 
-    with_runner(sink, story)
+    with_runner(sink, check)
 
 
 def test_a_sink_that_keeps_failing_is_tried_ever_more_slowly_and_the_program_ends() -> None:
     sink = Collector(failing_opens=10**9)
 
-    async def story(_: SinkRunner[int]) -> None:
+    async def check(_: SinkRunner[int]) -> None:
         await asyncio.sleep(0.5)
 
-    health = with_runner(sink, story).health()
+    health = with_runner(sink, check).health()
     assert 3 <= health.restarts <= 7  # 10, 20, 40 .. 320 ms; without back-off fifty
     assert health.error == "cannot open"
 
@@ -235,8 +228,8 @@ def test_the_thread_of_a_sink_has_ended_with_it(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr("onboard.sinks.sink.threading.Thread", Slow)
 
-    async def story(_: SinkRunner[int]) -> None:
+    async def check(_: SinkRunner[int]) -> None:
         await until(lambda: any(isinstance(thread, Slow) for thread in threading.enumerate()))
 
-    with_runner(Collector(), story)
+    with_runner(Collector(), check)
     assert not any(isinstance(thread, Slow) for thread in threading.enumerate())

@@ -10,8 +10,10 @@ from numpy.testing import assert_allclose
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import TargetPoints, Truth
 from simlink.flight import fly
+from simlink.scenarios.camera import Camera
+from simlink.scenarios.profiles import GaussMarkov, Interval
 from simlink.scenarios.scenario import Scenario, load_scenario
-from simlink.scenarios.scene import Barometer, Camera, GaussMarkov, Gps, ImuErrors, Interval, Nav
+from simlink.scenarios.vehicle import BarometerErrors, Gps, ImuErrors, Nav
 from simlink.sensors.camera import (
     CameraSensor,
     Image,
@@ -34,44 +36,44 @@ def at(r_FL_n: tuple[float, float, float], q_nF=LEVEL, q_nL=LEVEL, t: float = 0.
     return State(0, t, r_FL_n, nothing, nothing, q_nL, 0.0, 0.0, nothing, nothing, nothing, q_nF, nothing, nothing)
 
 
-def seen(state: State, size: float = 2.0, **camera) -> tuple | None:
+def projected(state: State, size: float = 2.0, **camera) -> tuple | None:
     c = Camera(**camera)
     return project(state, size, c, mount_quaternion(c))
 
 
 def test_points_project_where_a_hand_calculation_puts_them() -> None:
     # 20 m ahead, 2 m right, 1 m below; wing points 1 m to either side
-    assert seen(at((20.0, 2.0, 1.0))) == ((0.1, 0.05), (0.05, 0.05), (0.15, 0.05))
+    assert projected(at((20.0, 2.0, 1.0))) == ((0.1, 0.05), (0.05, 0.05), (0.15, 0.05))
 
 
 def test_a_leader_banked_right_lowers_its_right_wing_in_the_image() -> None:
     bank = math.radians(30.0)
     q_nL = (math.cos(bank / 2), math.sin(bank / 2), 0.0, 0.0)
-    _, left, right = seen(at((20.0, 0.0, 0.0), q_nL=q_nL))
+    _, left, right = projected(at((20.0, 0.0, 0.0), q_nL=q_nL))
     assert right == pytest.approx((0.05 * math.cos(bank), 0.05 * math.sin(bank)))
     assert left == pytest.approx((-0.05 * math.cos(bank), -0.05 * math.sin(bank)))
 
 
 def test_a_follower_heading_east_sees_ahead_what_lies_east() -> None:
     east = (math.cos(math.pi / 4), 0.0, 0.0, math.sin(math.pi / 4))
-    center, left, right = seen(at((-2.0, 20.0, 0.0), q_nF=east, q_nL=east))
+    center, left, right = projected(at((-2.0, 20.0, 0.0), q_nF=east, q_nL=east))
     assert center == pytest.approx((0.1, 0.0))  # south of the line east is to the right
     assert (left, right) == (pytest.approx((0.05, 0.0)), pytest.approx((0.15, 0.0)))
 
 
 def test_a_camera_that_looks_up_sees_the_horizon_low_and_its_offset_counts() -> None:
-    center, *_ = seen(at((20.0, 0.0, 0.0)), mount_rpy_deg=(0.0, 15.0, 0.0))
+    center, *_ = projected(at((20.0, 0.0, 0.0)), mount_rpy_deg=(0.0, 15.0, 0.0))
     assert center == pytest.approx((0.0, math.tan(math.radians(15.0))))
-    center, *_ = seen(at((20.0, 0.0, 0.0)), mount_offset=(1.0, 0.5, -0.2))
+    center, *_ = projected(at((20.0, 0.0, 0.0)), mount_offset=(1.0, 0.5, -0.2))
     assert center == pytest.approx((-0.5 / 19.0, 0.2 / 19.0))
 
 
 @pytest.mark.parametrize(
     "r", [(-20.0, 0.0, 0.0), (0.0, 0.0, 0.0), (20.0, 10.8, 0.0), (20.0, 0.0, 9.0), (20.0, -10.8, 0.0)]
 )
-def test_what_is_behind_or_beside_the_image_is_not_seen(r: tuple[float, float, float]) -> None:
+def test_a_leader_behind_or_beside_the_image_is_not_registered(r: tuple[float, float, float]) -> None:
     # half the image is 320 / 554.256 = 0.577 wide and 0.433 high: at 20 m 11.5 and 8.7 m, less the wing
-    assert seen(at(r)) is None
+    assert projected(at(r)) is None
 
 
 def test_registration_is_the_markov_chain_of_the_reference_seed_11() -> None:
@@ -87,16 +89,16 @@ def test_pixel_noise_is_one_pixel_on_each_coordinate_seed_12() -> None:
     sensor = CameraSensor(Scenario(camera=Camera(p_lose=0.0)), 12, 2.0)
     state = at((20.0, 2.0, 1.0))
     images = np.array([sensor.expose(state) for _ in range(4000)])
-    pixels = (images - np.array(seen(state))) * 554.256
+    pixels = (images - np.array(projected(state))) * 554.256
     assert_allclose(pixels.mean(axis=0), 0.0, atol=0.06)
     assert_allclose(pixels.std(axis=0), 1.0, atol=0.04)
 
 
-def test_wrong_blobs_are_as_frequent_and_as_wide_as_said_seed_13() -> None:
+def test_wrong_blobs_are_as_frequent_and_as_wide_as_configured_seed_13() -> None:
     sensor = CameraSensor(Scenario(camera=Camera(p_lose=0.0, sigma_px=0.0, wrong_blob=0.02)), 13, 2.0)
     state = at((20.0, 2.0, 1.0))
     images = np.array([sensor.expose(state) for _ in range(20_000)])
-    wrong = images[np.any(images != np.array(seen(state)), axis=(1, 2))] * 554.256
+    wrong = images[np.any(images != np.array(projected(state)), axis=(1, 2))] * 554.256
     assert len(wrong) / len(images) == pytest.approx(0.02, abs=0.003)
     span = wrong[:, 2, 0] - wrong[:, 1, 0]
     assert span.min() > 10.0
@@ -112,7 +114,7 @@ def test_nothing_is_seen_in_a_blackout_and_it_comes_again() -> None:
     assert found == [True, False, False, True, False]
 
 
-def test_both_ways_out_of_an_image_say_the_same() -> None:
+def test_pixels_and_target_points_of_an_image_agree() -> None:
     camera = Camera()
     image = Image(5_000_000, ((0.1, 0.05), (0.05, 0.05), (0.15, 0.05)))
     pixels = camera_points(image, camera)
@@ -146,9 +148,9 @@ def test_the_nav_errors_have_the_sizes_of_the_scenario_seeds_0_to_39() -> None:
     assert np.std(bias) == pytest.approx(math.hypot(0.03048, 0.1524 / math.sqrt(51)), rel=0.2)
 
 
-def test_a_barometer_tells_heights_over_sea_stretched_by_the_air_seeds_1_to_400() -> None:
+def test_a_barometer_gives_heights_above_sea_level_with_a_scale_error_seeds_1_to_400() -> None:
     scenario = load_scenario("formation")
-    quiet = replace(scenario, barometer=Barometer(white=0.0, drift=GaussMarkov(), stretch=0.0))
+    quiet = replace(scenario, barometer=BarometerErrors(white=0.0, drift=GaussMarkov(), stretch=0.0))
     rows = list(islice(readings(quiet, 1, states(quiet, 1)), 9))
     assert [r.pressure_altitude is None for _, r in rows] == [k % 4 > 0 for k in range(9)]
     for state, reading in rows[::4]:

@@ -1,12 +1,13 @@
-"""What we say of our records is what they are."""
+"""Schemas and tables agree with the records."""
 
 import json
 
 import msgspec
 import pytest
 
-from onboard.messages import Estimate, Lifecycle, Truth
+from onboard.messages import SimStatus
 from onboard.messages.schemas import PUBLISHED, describe, key_of, schemas
+from tests.support.records import make_estimate
 
 
 def test_every_published_record_has_a_schema_that_names_its_fields_and_says_what_it_is() -> None:
@@ -36,7 +37,7 @@ def test_the_description_lists_every_field_of_every_record_once() -> None:
             assert section.count(f"| `{field.name}` |") == 1
     assert "| `r_OF_n` | 3 × number |" in text
     assert "| `mean` | array of number or null |" in text
-    assert "| `target` | string, may be left out |" in text  # of CameraPoints
+    assert "| `target` | string, optional |" in text  # of CameraPoints
     assert "| `center` | [`Pixel`](#pixel) |" in text
     assert "[`MeasurementReport`](#measurementreport) or null" in text
     assert "`searching`, `initialising`, `tracking`, `coasting`, `lost`" in text
@@ -51,41 +52,11 @@ def test_markdown_tables_are_not_broken_by_what_stands_in_them() -> None:
 
 def test_a_record_that_is_not_published_has_no_key() -> None:
     with pytest.raises(KeyError):
-        key_of(
-            Truth(
-                t_ns=0,
-                r_FL_n=(0, 0, 0),
-                v_FL_n=(0, 0, 0),
-                size=1,
-                a_lat=0,
-                a_long=0,
-                r_OF_n=(0, 0, 0),
-                v_F_n=(0, 0, 0),
-                a_F_n=(0, 0, 0),
-                q_nF=(1, 0, 0, 0),
-                r_OL_n=(0, 0, 0),
-                q_nL=(1, 0, 0, 0),
-            )
-        )
+        key_of(SimStatus(t_ns=0, images=0, frames=0, finished=False))
 
 
 def test_one_of_many_targets_has_a_key_of_its_own() -> None:
-    one = Estimate(
-        name="traffic",
-        target="icao/4b1a2c",
-        sequence=1,
-        t_ns=0,
-        state=Lifecycle.TRACKING,
-        valid=True,
-        reason="",
-        frame="n",
-        components=(),
-        units=(),
-        mean=None,
-        covariance=None,
-        age=None,
-        reset_count=0,
-    )
+    one = make_estimate(name="traffic", target="icao/4b1a2c")
     assert key_of(one) == "estimate/traffic/icao/4b1a2c"
     assert key_of(msgspec.structs.replace(one, name="leader", target="leader")) == "estimate/leader"
     assert key_of(msgspec.structs.replace(one, name="leader", target="wingman")) == "estimate/leader/wingman"

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.messages import Command, CommandAck, Heartbeat, Message, TimeSync
 from simlink.autopilot import Autopilot, AutopilotLink
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.scene import Rates, Vehicle
+from simlink.scenarios.vehicle import Rates, Vehicle
 from simlink.simulation import boot_ns_of, ticks
 
 MS = 1_000_000

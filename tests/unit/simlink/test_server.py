@@ -1,5 +1,5 @@
-"""simlink over real sockets on loopback, against peers that share no code with it. Ports are ephemeral; nothing
-asserts on wall-clock time, only on what was received until the simulator said it had finished."""
+"""simlink over real sockets on loopback, against independent peers. Ports are ephemeral; assertions are on the
+messages received until the simulator has finished, never on wall-clock time."""
 
 import asyncio
 import socket
@@ -17,7 +17,7 @@ from tests.support.simlink_server import make, run
 
 
 class Peer(asyncio.DatagramProtocol):
-    """A companion computer: pymavlink reads what comes; `reply` says what to send back to the first frame."""
+    """A companion computer that reads with pymavlink; `first` makes its reply to the first frame."""
 
     def __init__(self, first: Callable[[dialect.MAVLink], list[bytes]] = lambda _: []) -> None:
         self.frames: list[Any] = []
@@ -46,7 +46,7 @@ class Peer(asyncio.DatagramProtocol):
 
 
 async def until(condition: Callable[[], bool], turns: int = 1000) -> None:
-    """Let the loop run until something holds; the assertion after it says whether it ever did."""
+    """Let the event loop run until `condition` holds, at most `turns` times 10 ms; an assertion must follow."""
     for _ in range(turns):
         if condition():
             return
@@ -54,7 +54,7 @@ async def until(condition: Callable[[], bool], turns: int = 1000) -> None:
 
 
 async def settle(peer: Peer, count: Callable[[], int]) -> None:
-    """What was sent over loopback arrives within the next turns of the loop."""
+    """Wait until the peer has received `count()` frames."""
     await until(lambda: len(peer.frames) >= count())
 
 
@@ -172,7 +172,7 @@ def test_tcp_clients_have_sessions_of_their_own_seed_1() -> None:
     run(main)
 
 
-def test_udpin_sends_to_whoever_speaks_first_seed_1() -> None:
+def test_udpin_sends_to_its_first_sender_seed_1() -> None:
     async def main() -> None:
         peer, stop = Peer(), asyncio.Event()
         await peer.open()

@@ -1,4 +1,4 @@
-"""simlink's other aircraft: what they say and what the radar sees is their truth, with the errors asked for."""
+"""simlink's other aircraft: reports and radar detections are their truth with the configured errors."""
 
 import math
 from collections import Counter
@@ -22,8 +22,9 @@ from onboard.messages import (
     Vec3,
 )
 from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.profiles import Interval
 from simlink.scenarios.scenario import ScenarioError, load_scenario, parse_scenario
-from simlink.scenarios.scene import Interval, TrafficRadar
+from simlink.scenarios.traffic import TrafficRadar
 from simlink.simulation import Event, datagrams, simulate
 from simlink.traffic.radar import RadarSensor
 
@@ -75,7 +76,7 @@ def relative(events: tuple[Event, ...], k: int, t: float) -> np.ndarray:
     return np.array([np.interp(t, times, [x.intruders[k].r_FT_n[i] for x in all_]) for i in range(3)])
 
 
-def test_the_truth_moves_as_it_says_and_turns_right() -> None:
+def test_the_truth_is_consistent_and_turns_right() -> None:
     events = flight()
     for a, b in pairwise(truths(events)):
         dt = (b.t_ns - a.t_ns) * 1e-9
@@ -84,15 +85,15 @@ def test_the_truth_moves_as_it_says_and_turns_right() -> None:
             mean = (np.array(x.v_FT_n) + np.array(y.v_FT_n)) / 2
             np.testing.assert_allclose(np.array(y.r_FT_n) - x.r_FT_n, dt * mean, atol=0.02)
     first, last = (next(m for m in (truths(events)[i],)).intruders[2] for i in (0, -1))
-    turned = math.remainder(
+    turn = math.remainder(
         math.atan2(last.v_FT_n[1], last.v_FT_n[0] + 21.336)
         - math.atan2(first.v_FT_n[1], first.v_FT_n[0] + 21.336),
         2 * math.pi,
     )
-    assert turned == pytest.approx(2.5 / 25.0 * 25.0, abs=0.15)
+    assert turn == pytest.approx(2.5 / 25.0 * 25.0, abs=0.15)
 
 
-def test_adsb_says_where_the_aircraft_was_a_latency_ago_within_its_errors() -> None:
+def test_adsb_reports_the_position_a_latency_ago_within_its_errors() -> None:
     events = flight()
     scenario = parse_scenario(HEAD, "test")
     own = [(e.t_ns * 1e-9 - 40.0, e.message) for e in events if isinstance(e.message, Truth)]
@@ -115,17 +116,17 @@ def test_adsb_says_where_the_aircraft_was_a_latency_ago_within_its_errors() -> N
     assert np.abs(off[:, 2]).max() < 12.0
 
 
-def test_a_receiver_repeats_what_it_heard_last_with_its_age_and_then_is_silent() -> None:
-    heard = [(t, m) for t, m in of(AdsbVehicle, flight()) if t > 15.7]
-    ages = [m.tslc for _, m in heard]  # type: ignore[attr-defined]
+def test_a_receiver_repeats_the_last_report_with_its_age_and_then_is_silent() -> None:
+    reports = [(t, m) for t, m in of(AdsbVehicle, flight()) if t > 15.7]
+    ages = [m.tslc for _, m in reports]  # type: ignore[attr-defined]
     assert ages == sorted(ages)
     assert ages[-1] >= 8.0
-    assert len({m.lat_deg for _, m in heard}) <= 2  # type: ignore[attr-defined]
+    assert len({m.lat_deg for _, m in reports}) <= 2  # type: ignore[attr-defined]
     count = [x.intruders[0].messages for x in truths(flight())]
     assert count[-1] == count[160] > 10
 
 
-def test_another_vehicle_says_where_it_is_on_its_own_system_number() -> None:
+def test_another_vehicle_reports_its_position_with_its_own_system_number() -> None:
     peers = [e for e in flight() if isinstance(e.message, GlobalPosition) and e.sender is not None]
     assert {e.sender for e in peers} == {(102, 1)}
     assert len(peers) == pytest.approx(125, abs=12)
@@ -163,7 +164,7 @@ def test_the_radar_sees_in_body_axes_with_its_glint_its_misses_and_its_false_ala
     assert scans > 100
     assert hits / (3 * scans) == pytest.approx(0.9, abs=0.05)
     assert false_alarms / scans == pytest.approx(2.0, abs=0.4)
-    # what it says of its errors, and a metre of glint on each axis, is what it errs by
+    # the errors agree with the reported sigmas and a metre of glint on each axis
     assert np.array(offs).std(axis=0) == pytest.approx([1.0, 1.0, 1.0], rel=0.12)
     assert np.abs(np.array(offs).mean(axis=0)) == pytest.approx([0, 0, 0], abs=0.2)
 
@@ -174,7 +175,7 @@ def polar_of(r: np.ndarray) -> np.ndarray:
 
 
 def scans(radar: RadarSensor, r_n: Vec3, t: float = 0.0) -> list[RadarDetection]:
-    """A hundred scans of one aircraft: what was seen of it."""
+    """The detections of one aircraft in a hundred scans."""
     level = (1.0, 0.0, 0.0, 0.0)
     both = [radar.scan(t, 0, level, [r_n]) for _ in range(100)]
     return [m.detections[0] for m, hit in both if hit[0]]
@@ -185,7 +186,7 @@ def quiet(**changes: object) -> RadarSensor:
     return RadarSensor(TrafficRadar(**plain | changes), 1)  # type: ignore[arg-type]  # its own fields
 
 
-def test_a_jammer_makes_echoes_weaker_the_farther_the_aircraft_and_they_say_so() -> None:
+def test_a_jammer_weakens_distant_echoes_more_and_the_reported_accuracy_shows_it() -> None:
     jammed = quiet(jammed=(Interval(start=8.0, end=10.0),))
     clear, near, far = (scans(jammed, (r, 0.0, 0.0), t) for r, t in ((4000.0, 0.0), (1000.0, 9.0), (4000.0, 9.0)))
     assert len(clear) == 100
@@ -228,7 +229,7 @@ def test_the_same_seed_gives_the_same_bytes_and_one_more_aircraft_leaves_the_oth
     assert len(b) == 4
 
 
-def test_everything_goes_out_as_bytes_of_its_own_kind() -> None:
+def test_each_kind_of_message_has_its_channel_and_encoding() -> None:
     kinds = Counter(
         (d.channel, d.encoding)
         for d in datagrams(load_scenario("traffic"), SEED, 3.0, "none")
@@ -238,7 +239,7 @@ def test_everything_goes_out_as_bytes_of_its_own_kind() -> None:
     assert kinds["radar", Encoding.RADAR] == 31
 
 
-def test_the_scenario_of_the_package_is_what_it_says() -> None:
+def test_the_scenario_traffic_agrees_with_its_description() -> None:
     scenario = load_scenario("traffic")
     says = Counter(a.says for a in scenario.traffic.aircraft)
     assert says == {"adsb": 13, "peer": 2, "nothing": 5}
@@ -252,7 +253,7 @@ def test_the_scenario_of_the_package_is_what_it_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ('[[traffic.aircraft]]\nname = "a"', "start"),
         ('[[traffic.aircraft]]\nname = "a"\nstart = [0, 0]', "start"),
@@ -262,6 +263,6 @@ def test_the_scenario_of_the_package_is_what_it_says() -> None:
         (2 * '[[traffic.aircraft]]\nname = "a"\nstart = [0, 0, 0]\n', "name of its own"),
     ],
 )
-def test_a_scene_that_does_not_hold_names_the_key(text: str, says: str) -> None:
-    with pytest.raises(ScenarioError, match=says):
+def test_an_invalid_scene_names_the_key(text: str, message: str) -> None:
+    with pytest.raises(ScenarioError, match=message):
         parse_scenario(text, "test")

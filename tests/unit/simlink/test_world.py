@@ -5,8 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.geometry import rotations
+from simlink.scenarios.formation import Leader
+from simlink.scenarios.profiles import Wave
 from simlink.scenarios.scenario import Scenario, load_scenario
-from simlink.scenarios.scene import Leader, Wave
 from simlink.world import attitude
 from simlink.world.truth import State, coordinated, true_size
 from tests.support.simlink_truth import HZ, G, dead_reckoned, flight
@@ -31,10 +32,14 @@ def test_velocity_and_acceleration_are_the_derivatives_seed_3(name: str, who: st
     assert_allclose((v[2:] - v[:-2]) * HZ / 2, a[1:-1], atol=4e-3)  # the pulses' curvature jumps at their ends
 
 
-def test_the_imu_integrates_to_velocity_and_attitude_seed_4() -> None:
-    rows = flight(load_scenario("formation-s-turn"), 4, 20.0)
+@pytest.mark.parametrize(
+    ("name", "seconds", "atol"),
+    [("formation-s-turn", 20.0, 1e-3), ("quadrotor-gust", 15.0, 0.05)],  # the gust begins and ends within a step
+)
+def test_the_imu_integrates_to_velocity_and_attitude_seed_4(name: str, seconds: float, atol: float) -> None:
+    rows = flight(load_scenario(name), 4, seconds)
     v, q = dead_reckoned(rows)
-    assert_allclose(v, rows[-1].v_F_n, atol=1e-3)
+    assert_allclose(v, rows[-1].v_F_n, atol=atol)
     assert_allclose(q, rows[-1].q_nF, atol=1e-9)
 
 

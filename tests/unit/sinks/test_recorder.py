@@ -10,11 +10,12 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from onboard.messages import Datagram, Encoding, Estimate, Lifecycle
+from onboard.messages import Datagram, Encoding
 from onboard.sinks import SinkError
 from onboard.sinks.recorder import Recorder
 from onboard.wire.recording import is_recording, read_estimates, read_recording
 from onboard.wire.tlog import NotALogError
+from tests.support.records import make_estimate
 
 CHANNELS = (
     ("autopilot", Encoding.MAVLINK_STREAM),
@@ -32,25 +33,6 @@ def datagrams(count: int) -> list[Datagram]:
         t_recv_ns = 1_700_000_000_000_000_000 + n * 1_000_003 - (n % 5) * 3_000_000
         found.append(Datagram(channel=channel, encoding=encoding, t_recv_ns=t_recv_ns, data=data))
     return found
-
-
-def estimate(sequence: int) -> Estimate:
-    return Estimate(
-        name="ukf",
-        target="ukf",
-        sequence=sequence,
-        t_ns=sequence * 10**8,
-        state=Lifecycle.TRACKING,
-        valid=True,
-        reason="",
-        frame="n",
-        components=("x", "y"),
-        units=("m", "m"),
-        mean=(0.1 + sequence, -1e-300),
-        covariance=((1.0, 0.5), (0.5, 1.0)),
-        age=0.01,
-        reset_count=0,
-    )
 
 
 def record(path: Path, records: list[Any], flush_every: int | None = None) -> Path:
@@ -85,9 +67,9 @@ def test_estimates_stand_beside_with_their_schema_at_the_time_of_the_datagram_th
     tmp_path: Path,
 ) -> None:
     raw = datagrams(3)
-    path = record(tmp_path / "flight.mcap", [raw[0], estimate(0), raw[1], raw[2], estimate(1)])
+    path = record(tmp_path / "flight.mcap", [raw[0], make_estimate(0), raw[1], raw[2], make_estimate(1)])
     assert read(path) == raw
-    assert list(read_estimates(path)) == [estimate(0), estimate(1)]
+    assert list(read_estimates(path)) == [make_estimate(0), make_estimate(1)]
     with path.open("rb") as file:  # the library's own reader, as other tools use it
         found = list(make_reader(file).iter_messages(topics=["estimate/ukf"], log_time_order=False))
     assert [message.log_time for _, _, message in found] == [raw[0].t_recv_ns, raw[2].t_recv_ns]
