@@ -22,8 +22,8 @@ from onboard.commands.progress import compile_shown, progress_bar
 from onboard.config import Config
 from onboard.errors import UserError
 from onboard.messages import Estimate
-from onboard.scoring.leader import Score, reference_from_csv, score
-from onboard.scoring.scorecard import print_health, print_own, print_own_score, print_score
+from onboard.scoring.leader import LeaderScore, reference_from_csv, score_leader
+from onboard.scoring.scorecard import print_health, print_leader_score, print_own_state, print_own_state_score
 from onboard.studies.together import run_all, run_study
 
 if TYPE_CHECKING:
@@ -80,9 +80,9 @@ def demo(
     title = f"{scenario}, seed {seed}, {duration:g} s (NED, leader relative to follower)"
     flown_alone = report.own_state is not None and report.drops.images_sent == 0  # there was no leader to see
     if not flown_alone:
-        print_score(out, title, report.score, report.latency_ms)
+        print_leader_score(out, title, report.score, report.latency_ms)
     if report.own_state is not None:
-        print_own_score(out, report.own_state)
+        print_own_state_score(out, report.own_state)
     d = report.drops
     out.print(
         f"lost: {d.images_lost} of {d.images_sent} images between simulator and pipeline, "
@@ -150,14 +150,14 @@ def replay_log(
             take=lambda record: _each(takers, record),
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
-    result = score(replayed.estimates, reference)
+    result = score_leader(replayed.estimates, reference)
     _print_replay(log, replayed, result, out, own, rrd)
     if json_file is not None:
         _write_json(json_file, replay_numbers(replayed, result))
     return 0
 
 
-def replay_numbers(replayed: Replayed, result: Score) -> dict[str, Any]:
+def replay_numbers(replayed: Replayed, result: LeaderScore) -> dict[str, Any]:
     """The summary of a replay as plain values."""
     numbers: dict[str, Any] = msgspec.to_builtins(result)
     log = {"duration_s": replayed.duration, "records": replayed.records, "damaged": replayed.damaged}
@@ -249,7 +249,7 @@ def _require_figures() -> None:
         raise UserError("figures need matplotlib: pip install 'wingline[study]'")
 
 
-def _print_replay(log: Path, replayed: Replayed, result: Score, *written: Path | None) -> None:
+def _print_replay(log: Path, replayed: Replayed, result: LeaderScore, *written: Path | None) -> None:
     console = Console()
     damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
     console.print(
@@ -260,8 +260,8 @@ def _print_replay(log: Path, replayed: Replayed, result: Score, *written: Path |
     print_health(console, replayed.health)
     if not result.verdicts:
         console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
-    print_score(console, "leader relative to follower, NED", result)
-    print_own(console, replayed.own_states)
+    print_leader_score(console, "leader relative to follower, NED", result)
+    print_own_state(console, replayed.own_states)
     for path in written:
         if path is not None:
             console.print(f"written: {path}", highlight=False, soft_wrap=True)
