@@ -183,8 +183,8 @@ def _claims(totals: Totals) -> tuple[Claim, ...]:
             good >= 95.0,
             f"{good:.1f} % of {len(known)}; {_good_count(straight)} with aircraft that fly straight, "
             f"{_good_count(steady)} with aircraft that keep their turn, {_good_count(changing)} with one that "
-            f"does not. Not counted: {len(straight + steady) - len(known)} of aircraft without detections or messages "
-            "shortly before",
+            f"does not. Not counted: {len(straight + steady) - len(known)} of aircraft without detections or "
+            "messages shortly before",
         ),
     )
 

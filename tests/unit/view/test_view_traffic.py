@@ -12,7 +12,7 @@ from onboard.view import palette, traffic
 from onboard.view.columns import Columns
 from onboard.view.memory import Memory
 from onboard.view.view import View
-from tests.unit.autopilot.test_traffic_out import APPROACH, ESTIMATE, WHO
+from tests.support.records import APPROACH, INTRUDER, TRAFFIC
 
 S = 1_000_000_000
 P = tuple(map(tuple, np.diag([100.0, 400.0, 25.0, 1.0, 1.0, 1.0]).tolist()))
@@ -21,8 +21,8 @@ P = tuple(map(tuple, np.diag([100.0, 400.0, 25.0, 1.0, 1.0, 1.0]).tolist()))
 def aircraft(target: str, r: tuple[float, float, float], distance: float, threat: ThreatLevel) -> Estimate:
     approach = replace(APPROACH, distance=distance, threat=threat)
     mean = (*r, 10.0, 0.0, 0.0)
-    who = replace(WHO, callsign="", approach=approach)
-    return replace(ESTIMATE, target=target, mean=mean, covariance=P, intruder=who)
+    who = replace(INTRUDER, callsign="", approach=approach)
+    return replace(TRAFFIC, target=target, mean=mean, covariance=P, intruder=who)
 
 
 NEAR = aircraft("icao/000001", (300.0, -400.0, -50.0), 40.0, ThreatLevel.HIGH)
@@ -40,7 +40,7 @@ def test_the_ellipse_is_three_sigma_of_east_and_north() -> None:
 
 def test_labels_say_who_and_how_far_above_us() -> None:
     assert traffic.label(NEAR) == "icao/000001 +50 m"
-    assert traffic.label(replace(FAR, intruder=replace(WHO, callsign="HBABC"))) == "HBABC -30 m"
+    assert traffic.label(replace(FAR, intruder=replace(INTRUDER, callsign="HBABC"))) == "HBABC -30 m"
 
 
 def test_colours_warn() -> None:
