@@ -1,35 +1,14 @@
-"""What De Vivo et al. claim, and whether it held in our runs."""
-
-from typing import NamedTuple
+"""The claims of De Vivo et al., and whether they held in our runs."""
 
 import numpy as np
 
-from onboard.studies.joseph_srukf_sense_and_avoid.runs import Flown
+from onboard.studies.joseph_srukf_sense_and_avoid.runs import MINE, SYMMETRIC, AllResults, Results
 from onboard.studies.report.findings import Claim
-from onboard.studies.tracking.outcomes import Outcome
 
 BETTER = 0.95  # "more accurate": by a twentieth at least
-MINE = "srukf-joseph"
-SYMMETRIC = ("ekf", "ukf", "srukf", MINE)
 
 
-class Measured(NamedTuple):
-    """All that was flown."""
-
-    gnss: Flown
-    validation: Flown
-    radar: Flown
-    uncorrected: Flown
-    rain: Flown
-    sharp_single: Flown
-    sharp_double: Flown
-    acquisition: Flown
-    literal: Outcome
-    alpha: Outcome
-    durations: dict[str, float]
-
-
-def claims_of(m: Measured) -> tuple[Claim, ...]:
+def claims_of(m: AllResults) -> tuple[Claim, ...]:
     """Judge each claim by thresholds fixed in this file."""
     return (
         _accuracy(m),
@@ -49,13 +28,13 @@ def claims_of(m: Measured) -> tuple[Claim, ...]:
     )
 
 
-def _accuracy(m: Measured) -> Claim:
+def _accuracy(m: AllResults) -> Claim:
     found = {name: m.validation.outcomes[name].windows["settled"].position for name in SYMMETRIC}
     ratio = found[MINE] / min(found["ekf"], found["ukf"])
     worst = min(
-        flown.outcomes[MINE].windows[w].position / flown.outcomes["ukf"].windows[w].position
-        for flown in (m.radar, m.gnss)
-        for w in flown.outcomes["ukf"].windows
+        results.outcomes[MINE].windows[w].position / results.outcomes["ukf"].windows[w].position
+        for results in (m.radar, m.gnss)
+        for w in results.outcomes["ukf"].windows
     )
     return Claim(
         claim="The square-root filter in Joseph's form is much more accurate than the EKF and the UKF.",
@@ -67,7 +46,7 @@ def _accuracy(m: Measured) -> Claim:
     )
 
 
-def _condition_diverges(m: Measured) -> Claim:
+def _condition_diverges(m: AllResults) -> Claim:
     plain, whole = m.validation.outcomes["ekf-plain"], m.validation.outcomes["ekf"]
     growth = float(np.nanmax(plain.condition / whole.condition))
     by_radar = m.radar.outcomes["ekf-plain"]
@@ -83,7 +62,7 @@ def _condition_diverges(m: Measured) -> Claim:
     )
 
 
-def _condition_of_joseph(m: Measured) -> Claim:
+def _condition_of_joseph(m: AllResults) -> Claim:
     classical, joseph = m.validation.outcomes["srukf"].condition, m.validation.outcomes[MINE].condition
     settled = len(classical) // 5
     ratio = float(np.nanmedian(joseph[settled:] / classical[settled:]))
@@ -96,7 +75,7 @@ def _condition_of_joseph(m: Measured) -> Claim:
     )
 
 
-def _condition_of_the_root(m: Measured) -> Claim:
+def _condition_of_the_root(m: AllResults) -> Claim:
     whole, root = m.validation.outcomes["ukf"].condition, m.validation.outcomes["srukf"].condition
     ratio, square = float(np.nanmedian(whole / root)), float(np.nanmax(np.abs(root**2 / whole - 1)))
     return Claim(
@@ -109,7 +88,7 @@ def _condition_of_the_root(m: Measured) -> Claim:
     )
 
 
-def _downdates(m: Measured) -> Claim:
+def _downdates(m: AllResults) -> Claim:
     single, double = m.sharp_single.outcomes, m.sharp_double.outcomes
     book, careful, mine = (single[n] for n in ("srukf-textbook", "srukf-classical", MINE))
     only_if = book.failed > 0 and mine.failed == 0
@@ -125,7 +104,7 @@ def _downdates(m: Measured) -> Claim:
     )
 
 
-def _no_downdate(m: Measured) -> Claim:
+def _no_downdate(m: AllResults) -> Claim:
     classical, joseph = (m.sharp_double.outcomes[n] for n in ("negative-classical", "negative-joseph"))
     return Claim(
         claim="The algorithm needs no negative update of the Cholesky factor.",
@@ -138,7 +117,7 @@ def _no_downdate(m: Measured) -> Claim:
     )
 
 
-def _jacobian(m: Measured) -> Claim:
+def _jacobian(m: AllResults) -> Claim:
     far, sharp = m.acquisition.outcomes, m.sharp_double.outcomes
     first = {name: far[name].windows["first"] for name in ("srukf", MINE, "iplf")}
     nees = {name: (sharp[name].windows["all"].nees, far[name].windows["all"].nees) for name in ("srukf", MINE)}
@@ -147,19 +126,19 @@ def _jacobian(m: Measured) -> Claim:
         claim="The Jacobian at the posterior mean makes the filter more accurate, and its covariance too.",
         where="section 3, eqs 17, 18",
         verdict="holds" if holds else "does not hold",
-        evidence="What the measurement bends over the prior is in the gain but not in the covariance, so it is "
-        f"overconfident: NEES of nine states {nees[MINE][1]:.0f} from 20 km, {nees[MINE][0]:.0f} with 1 cm and "
+        evidence="The curvature of the measurement over the prior is in the gain but not in the covariance, so it "
+        f"is overconfident: NEES of nine states {nees[MINE][1]:.0f} from 20 km, {nees[MINE][0]:.0f} with 1 cm and "
         f"10 µrad; by triangularisation {nees['srukf'][1]:.0f} and {nees['srukf'][0]:.1f}. The mean is the same "
         f"({first[MINE].position:.0f} m after the first look). To relinearise the gain about the posterior as "
         f"well (four iterations) gives {first['iplf'].position:.1f} m and a NEES of {first['iplf'].nees:.1f}.",
     )
 
 
-def _diverged(flown: Flown) -> dict[str, int]:
-    return {name: flown.outcomes[name].diverged for name in SYMMETRIC}
+def _diverged(results: Results) -> dict[str, int]:
+    return {name: results.outcomes[name].diverged for name in SYMMETRIC}
 
 
-def _faults_of_radar(m: Measured) -> Claim:
+def _faults_of_radar(m: AllResults) -> Claim:
     found, plain = _diverged(m.radar), m.radar.outcomes["ekf-plain"]
     others = found["ekf"] + found["ukf"]
     return Claim(
@@ -175,7 +154,7 @@ def _faults_of_radar(m: Measured) -> Claim:
     )
 
 
-def _acceleration(m: Measured) -> Claim:
+def _acceleration(m: AllResults) -> Claim:
     found = {
         name: [m.radar.outcomes[name].windows[w].acceleration for w in ("nominal", "jammed", "after")]
         for name in ("ekf", "ukf", MINE)
@@ -191,7 +170,7 @@ def _acceleration(m: Measured) -> Claim:
     )
 
 
-def _halved(m: Measured) -> Claim:
+def _halved(m: AllResults) -> Claim:
     ours, raw = m.radar.outcomes[MINE].windows, m.radar.raw
     ratios = {w: ours[w].position / raw[w] for w in ("nominal", "jammed", "after")}
     return Claim(
@@ -203,7 +182,7 @@ def _halved(m: Measured) -> Claim:
     )
 
 
-def _faults_of_gnss(m: Measured) -> Claim:
+def _faults_of_gnss(m: AllResults) -> Claim:
     found, plain = _diverged(m.gnss), m.gnss.outcomes["ekf-plain"]
     ours = m.gnss.outcomes[MINE].windows
     others = found["ekf"] + found["ukf"]
@@ -221,7 +200,7 @@ def _faults_of_gnss(m: Measured) -> Claim:
     )
 
 
-def _gnss_against_fixes(m: Measured) -> Claim:
+def _gnss_against_fixes(m: AllResults) -> Claim:
     ours, raw = m.gnss.outcomes[MINE].windows, m.gnss.raw
     kept = ("nominal", "degraded", "between", "after")
     better = all(ours[w].position < raw[w] for w in kept)
@@ -234,7 +213,7 @@ def _gnss_against_fixes(m: Measured) -> Claim:
     )
 
 
-def _duration(m: Measured) -> Claim:
+def _duration(m: AllResults) -> Claim:
     ratio = m.durations[MINE] / m.durations["srukf"]
     classical = m.durations[MINE] / m.durations["srukf-classical"]
     return Claim(
@@ -247,7 +226,7 @@ def _duration(m: Measured) -> Claim:
     )
 
 
-def _consistency(m: Measured) -> Claim:
+def _consistency(m: AllResults) -> Claim:
     found = {
         "validation": (m.validation.outcomes[MINE].windows["settled"], 9),
         "radar": (m.radar.outcomes[MINE].windows["nominal"], 9),

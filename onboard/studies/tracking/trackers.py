@@ -6,7 +6,7 @@ from typing import Final
 from onboard.filters import extended, posterior_linearisation, square_root, unscented
 from onboard.filters.belief import Belief, Update, Weights
 from onboard.filters.cubature import weights as cubature_weights
-from onboard.studies.tracking.tracking import Tracker
+from onboard.studies.tracking.batch import Tracker
 
 
 def centred(n: int) -> Weights:
@@ -15,7 +15,7 @@ def centred(n: int) -> Weights:
 
 
 def sigma_point_tracker(name: str, label: str, rule: Callable[[int], Weights]) -> Tracker:
-    """The unscented filter with weights by the number of states."""
+    """The unscented filter with the weights `rule(n)` for n states."""
     return Tracker(
         name,
         label,
@@ -28,7 +28,7 @@ def sigma_point_tracker(name: str, label: str, rule: Callable[[int], Weights]) -
     )
 
 
-def _rooted(name: str, label: str, update: Callable[..., Update]) -> Tracker:
+def _square_root_tracker(name: str, label: str, update: Callable[..., Update]) -> Tracker:
     return Tracker(
         name,
         label,
@@ -50,19 +50,19 @@ EKF: Final = Tracker(
 )
 UKF: Final = sigma_point_tracker("ukf", "UKF", centred)
 UKF_JULIER: Final = sigma_point_tracker("ukf-julier", "UKF, n + κ = 3", unscented.julier_weights)
-SRUKF: Final = _rooted(
+SRUKF: Final = _square_root_tracker(
     "srukf",
     "square-root UKF by triangularisation",
     lambda state, s: square_root.update(state, s.y, s.measure, s.R, centred(state.mean.shape[-1]), s.angular),
 )
-SRUKF_JOSEPH: Final = _rooted(
+SRUKF_JOSEPH: Final = _square_root_tracker(
     "srukf-joseph",
     "square-root UKF, Joseph form of the paper",
     lambda state, s: square_root.update_joseph(
         state, s.y, s.measure, s.R, centred(state.mean.shape[-1]), s.angular, s.jacobian
     ),
 )
-SRUKF_CLASSICAL: Final = _rooted(
+SRUKF_CLASSICAL: Final = _square_root_tracker(
     "srukf-classical",
     "square-root UKF, downdates",
     lambda state, s: square_root.update_classical(
