@@ -87,16 +87,17 @@ def circles(values: Sequence[tuple[Array, float]]) -> Any:
 
 def lines_2d(values: Sequence[Array]) -> Any:
     """Columns of one line in the image each, (n, 2) px; n = 0 removes the last one."""
-    return rr.LineStrips2D.columns(strips=[v for v in values if len(v)]).partition(
-        [int(len(v) > 0) for v in values]
-    )
+    return _lines(rr.LineStrips2D, values)
 
 
 def lines_3d(values: Sequence[Array]) -> Any:
     """Columns of one line in space each, (n, 3) m; n = 0 removes the last one."""
-    return rr.LineStrips3D.columns(strips=[v for v in values if len(v)]).partition(
-        [int(len(v) > 0) for v in values]
-    )
+    return _lines(rr.LineStrips3D, values)
+
+
+def _lines(archetype: Any, values: Sequence[Array]) -> Any:
+    columns = archetype.columns(strips=[v for v in values if len(v)])
+    return columns.partition([int(len(v) > 0) for v in values])
 
 
 def colours_2d(values: Sequence[tuple[int, ...]]) -> Any:

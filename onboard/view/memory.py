@@ -15,9 +15,7 @@ class Memory:
 
     own: OwnPose | None = None
     truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=100))
-    waiting: deque[LeaderState] = field(
-        default_factory=lambda: deque(maxlen=200)
-    )  # states whose time the truth has not reached
+    waiting: deque[LeaderState] = field(default_factory=lambda: deque(maxlen=200))  # for a truth of their time
     report: MeasurementReport | None = None
     t_image_ns: int = NEVER
     drawn_ns: dict[str, int] = field(default_factory=dict)

@@ -20,7 +20,6 @@ QUANTITIES = {
     7: "acceleration/lateral",
     8: "acceleration/longitudinal",
 }
-ERROR_WAIT_NS = 1_000_000_000  # an estimate waits so long for the truth
 NIS_CLIP = 3.0
 GAP = np.full(3, np.nan)  # of a curve and its band
 

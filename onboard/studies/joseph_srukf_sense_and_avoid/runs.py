@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters import square_root, unscented
+from onboard.filters import cubature, square_root, unscented
 from onboard.filters.belief import Rows, Update
 from onboard.filters.discretisation import rk4, wiener_acceleration
 from onboard.filters.square_root import SquareRoot
@@ -25,7 +25,7 @@ from onboard.studies.tracking.outcomes import (
     outcomes_of,
 )
 from onboard.studies.tracking.textbook import EKF_PLAIN, EKF_PLAIN_NONLINEAR, SRUKF_TEXTBOOK
-from onboard.studies.tracking.trackers import EKF, ITERATED, SRUKF, SRUKF_CLASSICAL, SRUKF_JOSEPH, UKF, centred
+from onboard.studies.tracking.trackers import EKF, ITERATED, SRUKF, SRUKF_CLASSICAL, SRUKF_JOSEPH, UKF
 
 MINE: Final = SRUKF_JOSEPH.name
 SYMMETRIC: Final = ("ekf", "ukf", "srukf", MINE)
@@ -196,11 +196,11 @@ def _printed_turn(rows: Array) -> Array:
 
 def _literal_predict(state: SquareRoot, process: Rows, Q: Array) -> SquareRoot:
     """Eqs 20-22 as printed: with deviations of X(n-1|n-1) from the predicted mean."""
-    points = unscented.sigma_points(square_root.belief(state), centred(9))
+    points = unscented.sigma_points(square_root.belief(state), cubature.weights(9))
     moved = np.stack([process(rows) for rows in points])
     mean = moved[:, 1:].mean(axis=1)
     d = points[:, 1:] - mean[:, None]
-    return square_root.start(mean, centred(9).other * np.swapaxes(d, 1, 2) @ d + Q)
+    return square_root.start(mean, cubature.weights(9).other * np.swapaxes(d, 1, 2) @ d + Q)
 
 
 LITERAL: Final = SRUKF._replace(name="srukf-literal", label="eqs 21, 22 as printed", predict=_literal_predict)

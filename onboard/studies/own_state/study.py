@@ -1,6 +1,6 @@
 """The estimator of our own state, as flown: simlink's quadrotor over MAVLink, with faults, through the daemon's
-own pipeline. No paper: what is judged is our product. GPS at 10 Hz and 0.1 s late, heights without vertical
-velocity (as MAVLink has it), attitude and rates at 100 Hz, accelerometer at 100 Hz, barometer and motor outputs at
+own pipeline. There is no paper: our own product is judged. GPS at 10 Hz and 0.1 s late, heights without vertical
+velocity (as in MAVLink), attitude and rates at 100 Hz, accelerometer at 100 Hz, barometer and motor outputs at
 50 Hz.
 """
 

@@ -30,10 +30,10 @@ class Tracker(NamedTuple):
 
     name: str
     label: str
-    start: Callable[[Array, Array], Any]
     predict: Callable[[Any, Rows, Array], Any]
     update: Callable[[Any, Measurement], Update]
-    belief: Callable[[Any], Belief]
+    start: Callable[[Array, Array], Any] = Belief
+    belief: Callable[[Any], Belief] = lambda state: state
     root: Callable[[Any], Array] | None = None
 
 

@@ -20,13 +20,12 @@ LAST: Final = 50  # steps over which divergence is judged
 
 class WindowErrors(NamedTuple):
     """Over the steps of a window and the runs that did not fail: root mean squares of the lengths of error vectors
-    (m, m/s, m/s^2), the largest position error, means of NEES and NIS, and the share of NEES within its 95 %
+    (m, m/s, m/s^2), means of NEES and NIS, and the share of NEES within its 95 %
     bound."""
 
     position: float
     velocity: float
     acceleration: float
-    worst: float
     nees: float
     nis: float
     inside: float
@@ -35,7 +34,6 @@ class WindowErrors(NamedTuple):
 class Outcome(NamedTuple):
     """One tracker over all runs of a scene."""
 
-    tracker: str
     label: str
     runs: int
     failed: int  # numerical failures
@@ -43,9 +41,7 @@ class Outcome(NamedTuple):
     diverged: int  # failures, and runs too far off over their last steps
     windows: dict[str, WindowErrors]
     rms: Array  # (T, n), over runs, of each state's error
-    sigma: Array  # (T, n), RMS over runs of the filter's own standard deviations
     first_mean: Array  # (T, n), of the first run
-    nees: Array  # (T,)
     condition: Array  # (T,), median over runs
 
     @property
@@ -88,7 +84,6 @@ def judge(
     far = distance[-LAST:].mean(axis=0) > limit  # false of NaN, a run that failed
     bound = chi_square_threshold(0.95, n)
     return Outcome(
-        tracker=tracker.name,
         label=tracker.label,
         runs=runs,
         failed=int(failed.sum()),
@@ -99,7 +94,6 @@ def judge(
                 position=_rms(distance[at]),
                 velocity=_rms(_length(error[at], VELOCITY)),
                 acceleration=_rms(_length(error[at], ACCELERATION)),
-                worst=_over(np.max, distance[at]),
                 nees=_over(np.mean, trace.nees[at]),
                 nis=_over(np.mean, trace.nis[at]),
                 inside=_over(np.mean, trace.nees[at], lambda x: x < bound),
@@ -107,9 +101,7 @@ def judge(
             for name, at in windows.items()
         },
         rms=_rms_over_runs(error),
-        sigma=_rms_over_runs(trace.sigma),
         first_mean=trace.mean[:, 0],
-        nees=_mean_over_runs(trace.nees),
         condition=_median_over_runs(trace.condition),
     )
 
@@ -134,13 +126,9 @@ def _rms(values: Array) -> float:
 
 
 def _rms_over_runs(values: Array) -> Array:
-    return np.asarray(np.sqrt(_mean_over_runs(values**2)))
-
-
-def _mean_over_runs(values: Array) -> Array:
     known = np.isfinite(values)
-    total = np.sum(np.where(known, values, 0.0), axis=1)
-    return np.asarray(total / np.where(known.any(axis=1), known.sum(axis=1), np.nan))
+    total = np.sum(np.where(known, values, 0.0) ** 2, axis=1)
+    return np.asarray(np.sqrt(total / np.where(known.any(axis=1), known.sum(axis=1), np.nan)))
 
 
 def _median_over_runs(values: Array) -> Array:

@@ -6,12 +6,12 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters import extended, kalman
+from onboard.filters import cubature, extended, kalman
 from onboard.filters.belief import Belief, NotPositiveDefiniteError, Rows, Update
 from onboard.filters.gating import normalised_squared
 from onboard.filters.square_root import SquareRoot
 from onboard.studies.tracking.batch import Measurement, Tracker
-from onboard.studies.tracking.trackers import SRUKF, centred
+from onboard.studies.tracking.trackers import SRUKF
 
 
 def _plain(state: Belief, mean: Array, F: Array, Q: Array) -> Belief:
@@ -46,12 +46,7 @@ def _plain_update(state: Belief, s: Measurement) -> Update:
 
 
 EKF_PLAIN: Final = Tracker(
-    "ekf-plain",
-    "EKF as printed: P − K S Kᵀ, never made symmetric",
-    Belief,
-    _plain_predict_linear,
-    _plain_update,
-    lambda state: state,
+    "ekf-plain", "EKF as printed: P − K S Kᵀ, never made symmetric", _plain_predict_linear, _plain_update
 )
 EKF_PLAIN_NONLINEAR: Final = EKF_PLAIN._replace(predict=_plain_predict)  # for processes that are not linear
 
@@ -74,8 +69,8 @@ def _downdated(lower: Array, x: Array) -> Array:
 
 def _downdating_update(state: SquareRoot, s: Measurement) -> Update:
     n, m = state.mean.shape[-1], s.y.shape[-1]
-    w = np.asarray(centred(n).other, state.mean.dtype)
-    offsets = np.asarray(centred(n).spread, state.mean.dtype) * np.swapaxes(state.factor, 1, 2)
+    w = np.asarray(cubature.weights(n).other, state.mean.dtype)
+    offsets = np.asarray(cubature.weights(n).spread, state.mean.dtype) * np.swapaxes(state.factor, 1, 2)
     points = state.mean[:, None] + np.concatenate([offsets, -offsets], axis=1)
     spread = points - state.mean[:, None]  # rounded, as the paper's X - x
     images = s.measure(points.reshape(-1, n)).reshape(len(points), -1, m)
