@@ -10,17 +10,17 @@ from matplotlib.figure import Figure
 
 from onboard.arrays import Array
 from onboard.studies.joseph_srukf_sense_and_avoid import scenes
-from onboard.studies.joseph_srukf_sense_and_avoid.runs import MINE, AllResults, Results, measurement_errors
+from onboard.studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, AllResults, Results, measurement_errors
 from onboard.studies.report.drawing import COLOURS, STYLE, legend, panels, save, shade
 from onboard.studies.tracking.outcomes import ACCELERATION, POSITION
 
-SHOWN = ("ekf", "ukf", MINE)
-LABELS = {"ekf": "EKF", "ukf": "UKF", MINE: "square-root UKF, Joseph"}
+SHOWN = ("ekf", "ukf", JOSEPH)
+LABELS = {"ekf": "EKF", "ukf": "UKF", JOSEPH: "square-root UKF, Joseph"}
 # the curves coincide: the first is broad, the others are broken
 LINES: dict[str, Any] = {
     "ekf": {"linestyle": "-", "linewidth": 2.2, "alpha": 0.6},
     "ukf": {"linestyle": "--", "linewidth": 1.4},
-    MINE: {"linestyle": ":", "linewidth": 1.4},
+    JOSEPH: {"linestyle": ":", "linewidth": 1.4},
 }
 RADAR_FAULTS = (*scenes.JAMMED, *scenes.SIGNAL_LOST)
 GNSS_FAULTS = (*scenes.DEGRADED, *scenes.NO_SATELLITES)
@@ -57,10 +57,10 @@ def _trajectories(m: AllResults, seeds: range) -> Figure:
         (axes[0, 1], scenes.by_radar(seeds), m.radar, RADAR_FAULTS),
     ):
         measured = (made.truth[:, POSITION] + measurement_errors(made)[:, 0]) / 1e3
-        path, mean = made.truth[:, POSITION] / 1e3, results.outcomes[MINE].first_mean[:, POSITION] / 1e3
+        path, mean = made.truth[:, POSITION] / 1e3, results.outcomes[JOSEPH].first_mean[:, POSITION] / 1e3
         axis.plot(measured[:, 0], measured[:, 1], ".", color=COLOURS["raw"], markersize=2, label="measured")
         axis.plot(path[:, 0], path[:, 1], color="black", label="truth")
-        axis.plot(mean[:, 0], mean[:, 1], "--", color=COLOURS[MINE], label=LABELS[MINE])
+        axis.plot(mean[:, 0], mean[:, 1], "--", color=COLOURS[JOSEPH], label=LABELS[JOSEPH])
         for count, (begin, end) in enumerate(faults):
             k = slice(round(begin / scenes.DT), round(end / scenes.DT))
             style = {"color": COLOURS["ekf"], "linewidth": 4, "alpha": 0.35, "label": "" if count else "faults"}
@@ -81,7 +81,7 @@ def _validation(m: AllResults) -> Figure:
                 t, found[name].rms[:, POSITION[i]], color=COLOURS[name], label=LABELS[name], **LINES[name]
             )
         axis.set_ylabel(f"{'xyz'[i]}, m")
-    difference = [np.linalg.norm(found[name].rms[:, POSITION], axis=1) for name in ("ukf", MINE)]
+    difference = [np.linalg.norm(found[name].rms[:, POSITION], axis=1) for name in ("ukf", JOSEPH)]
     axes[1, 1].plot(t, difference[0] - difference[1], color="black")
     axes[1, 1].set_ylabel("UKF − Joseph, m")
     _label_times(axes)
@@ -94,9 +94,9 @@ def _conditions(m: AllResults) -> Figure:
     t, found = scenes.validation_times(), m.validation.outcomes
     pairs = (
         ("EKF: κ(P)", (("ekf-plain", "as printed"), ("ekf", "Joseph"))),
-        ("UKF: κ(P)", (("ukf", "classical"), (MINE, "Joseph (κ(S)²)"))),
-        ("square-root UKF: κ(S)", (("srukf-classical", "downdates"), (MINE, "Joseph"))),
-        ("all", (("ekf", "EKF κ(P)"), ("ukf", "UKF κ(P)"), (MINE, "Joseph κ(S)"))),
+        ("UKF: κ(P)", (("ukf", "classical"), (JOSEPH, "Joseph (κ(S)²)"))),
+        ("square-root UKF: κ(S)", (("srukf-classical", "downdates"), (JOSEPH, "Joseph"))),
+        ("all", (("ekf", "EKF κ(P)"), ("ukf", "UKF κ(P)"), (JOSEPH, "Joseph κ(S)"))),
     )
     for axis, (title, names) in zip(axes.flat, pairs, strict=True):
         for (name, label), style in zip(names, ("-", "--", ":"), strict=False):
@@ -150,7 +150,7 @@ def _pseudoranges(m: AllResults, seeds: range) -> Figure:
 def _condition_panel(axis: Axes, results: Results, t: Array) -> None:
     for name in ("ekf-plain", *SHOWN):
         label = {"ekf-plain": "EKF as printed κ(P)"}.get(
-            name, f"{LABELS.get(name)} κ({'S' if name == MINE else 'P'})"
+            name, f"{LABELS.get(name)} κ({'S' if name == JOSEPH else 'P'})"
         )
         axis.semilogy(t, results.outcomes[name].condition, color=COLOURS[name], label=label, **LINES.get(name, {}))
     axis.set_ylabel("condition number")
@@ -181,7 +181,7 @@ def _rmse(results: Results, t: Array, faults: tuple[tuple[float, float], ...], t
         raw = results.raw_axes[:, i]
         known = np.isfinite(raw)
         axis.semilogy(t[known], raw[known], ".", color=COLOURS["raw"], markersize=2, label="measured")
-        axis.semilogy(t, results.outcomes[MINE].rms[:, POSITION[i]], color=COLOURS[MINE], label=LABELS[MINE])
+        axis.semilogy(t, results.outcomes[JOSEPH].rms[:, POSITION[i]], color=COLOURS[JOSEPH], label=LABELS[JOSEPH])
         axis.set_ylabel(name)
         shade(axis, faults)
     _label_times(axes)

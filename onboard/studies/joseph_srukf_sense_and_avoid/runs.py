@@ -27,8 +27,8 @@ from onboard.studies.tracking.outcomes import (
 from onboard.studies.tracking.textbook import EKF_PLAIN, EKF_PLAIN_NONLINEAR, SRUKF_TEXTBOOK
 from onboard.studies.tracking.trackers import EKF, ITERATED, SRUKF, SRUKF_CLASSICAL, SRUKF_JOSEPH, UKF
 
-MINE: Final = SRUKF_JOSEPH.name
-SYMMETRIC: Final = ("ekf", "ukf", "srukf", MINE)
+JOSEPH: Final = SRUKF_JOSEPH.name
+SYMMETRIC: Final = ("ekf", "ukf", "srukf", JOSEPH)
 DIVERGED_M: Final = 500.0
 SHARP_STEPS: Final = 60
 SETTLED: Final = 20.0  # s of the validation that do not count

@@ -12,7 +12,7 @@ from typing import Final
 from onboard.studies.joseph_srukf_sense_and_avoid import runs
 from onboard.studies.joseph_srukf_sense_and_avoid.claims import claims_of
 from onboard.studies.joseph_srukf_sense_and_avoid.misprints import filters, models, sensors
-from onboard.studies.joseph_srukf_sense_and_avoid.runs import MINE, SYMMETRIC, AllResults
+from onboard.studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, SYMMETRIC, AllResults
 from onboard.studies.joseph_srukf_sense_and_avoid.tables import tables_of
 from onboard.studies.report.findings import Check, Findings, Misprint, check, near
 from onboard.studies.report.workers import Part, Progress, compute, require_seeds
@@ -44,8 +44,8 @@ def run(
         Part(runs.fly_gnss, (every,)),
         Part(runs.fly_validation, (many,)),
         Part(runs.fly_radar, (every,)),
-        Part(runs.fly_gnss, (every, False, MINE)),
-        Part(runs.fly_radar, (every, RAIN_MM_H, MINE)),
+        Part(runs.fly_gnss, (every, False, JOSEPH)),
+        Part(runs.fly_radar, (every, RAIN_MM_H, JOSEPH)),
         Part(runs.fly_sharp, (every, True)),
         Part(runs.fly_sharp, (every, False)),
         Part(runs.fly_acquisition, (some,)),
@@ -85,8 +85,8 @@ def _checks(m: AllResults) -> tuple[Check, ...]:
     """The numbers of an independent implementation."""
     validation, radar, gnss = (results.outcomes for results in (m.validation, m.radar, m.gnss))
     sharp, double, far = (results.outcomes for results in (m.sharp_single, m.sharp_double, m.acquisition))
-    ours, raw = radar[MINE].windows, m.radar.raw
-    nees = {name: far[name].windows["all"].nees for name in (MINE, "srukf")}
+    ours, raw = radar[JOSEPH].windows, m.radar.raw
+    nees = {name: far[name].windows["all"].nees for name in (JOSEPH, "srukf")}
 
     def diverged(outcomes: dict[str, Outcome]) -> float:
         return float(max(outcomes[name].diverged for name in SYMMETRIC))
@@ -98,23 +98,23 @@ def _checks(m: AllResults) -> tuple[Check, ...]:
         ("radar: runs that diverge, symmetric filters", "", diverged(radar), 0.0, 0.0),
         ("radar: RMSE over raw, nominal", "", ours["nominal"].position / raw["nominal"], 0.0, 0.5),
         ("radar: RMSE over raw, jammed", "", ours["jammed"].position / raw["jammed"], 0.0, 0.5),
-        ("GNSS: position RMSE, nominal", "m", gnss[MINE].windows["nominal"].position, 0.0, 2.8),
+        ("GNSS: position RMSE, nominal", "m", gnss[JOSEPH].windows["nominal"].position, 0.0, 2.8),
         ("GNSS: runs that diverge, symmetric filters", "", diverged(gnss), 0.0, 0.0),
         ("float32: share that fails, EKF as printed", "", sharp["ekf-plain"].failed_share, 1.0, 1.0),
         ("float32: share that fails, textbook downdates", "", sharp["srukf-textbook"].failed_share, 0.1, 0.9),
-        ("float32: share that fails, Joseph", "", sharp[MINE].failed_share, 0.0, 0.0),
+        ("float32: share that fails, Joseph", "", sharp[JOSEPH].failed_share, 0.0, 0.0),
         ("float64: share that fails, textbook downdates", "", double["srukf-textbook"].failed_share, 0.0, 0.0),
         ("eqs 21, 22 as printed: share diverged", "", m.literal.diverged_share, 0.95, 1.0),
         ("α as printed: share diverged", "", m.alpha.diverged_share, 0.75, 1.0),
         ("20 km: first position, UKF", "m", far["ukf"].windows["first"].position, 60.0, 130.0),
         ("20 km: first position, iterated", "m", far["iplf"].windows["first"].position, 4.0, 8.0),
     )
-    ukf, mine = (validation[name].windows["settled"].position for name in ("ukf", MINE))
+    ukf, mine = (validation[name].windows["settled"].position for name in ("ukf", JOSEPH))
     return (
         near("validation: position RMSE, UKF", "m", ukf, 88.8, 2.0),
         near("validation: position RMSE, Joseph", "m", mine, 88.8, 2.0),
         *(check(*row) for row in rows),
-        check("20 km: NEES of Joseph over UKF", "", nees[MINE] / nees["srukf"], 1.2),
+        check("20 km: NEES of Joseph over UKF", "", nees[JOSEPH] / nees["srukf"], 1.2),
     )
 
 

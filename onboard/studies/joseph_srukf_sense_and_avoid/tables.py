@@ -3,7 +3,7 @@
 import numpy as np
 
 from onboard.filters.gating import mean_bounds
-from onboard.studies.joseph_srukf_sense_and_avoid.runs import MINE, AllResults, Results
+from onboard.studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, AllResults, Results
 from onboard.studies.report.findings import Cell, Table
 from onboard.studies.tracking.outcomes import Outcome
 
@@ -101,7 +101,7 @@ def _by_window(title: str, results: Results, n: int, components: int, note: str)
 
 
 def _radar_note(m: AllResults) -> str:
-    rain, ours = (results.outcomes[MINE].windows for results in (m.rain, m.radar))
+    rain, ours = (results.outcomes[JOSEPH].windows for results in (m.rain, m.radar))
     return (
         "Nominal: 10-70 s, before the faults. The signal-to-noise ratio falls from "
         f"{m.radar.extra['snr_first_db']:.0f} dB at the start to {m.radar.extra['snr_jammed_db']:.1f} dB when "
@@ -111,7 +111,7 @@ def _radar_note(m: AllResults) -> str:
 
 
 def _gnss_note(m: AllResults) -> str:
-    left = m.uncorrected.outcomes[MINE].windows["nominal"].position
+    left = m.uncorrected.outcomes[JOSEPH].windows["nominal"].position
     return (
         "Nominal: 10-60 s. Measured: the least-squares position of each fix alone. The receiver "
         f"removes the mean troposphere; otherwise the nominal error would be {left:.1f} m. R and "

@@ -25,18 +25,18 @@ def test_the_printed_form_fails_and_the_right_one_holds(formula: Callable[[], Mi
     assert found.printed != found.right
 
 
-def test_the_misprints_are_all_that_are_known() -> None:
+def test_all_17_known_misprints_are_there() -> None:
     assert len({f.__name__ for f in study.FORMULAS}) == 17
 
 
-def test_mended_closed_forms_cancel_where_van_loan_does_not() -> None:
+def test_corrected_closed_forms_cancel_where_van_loan_does_not() -> None:
     """Why the model uses the integral: alpha -> 0."""
     w, a, dt = 0.2, 1e-7, 0.1
     A = np.array([[0.0, 1, 0], [0, 0, 1], [0, -(a * a + w * w), -2 * a]])
     right = van_loan(A, np.diag([0.0, 0.0, 1.0]), dt).Q
     assert np.linalg.eigvalsh(right)[0] > 0
     assert right[0, 0] == pytest.approx(dt**5 / 20, rel=1e-3)
-    assert abs(models.mended_q1(w, a, dt)[0, 0] / right[0, 0] - 1) > 0.1
+    assert abs(models.corrected_q1(w, a, dt)[0, 0] / right[0, 0] - 1) > 0.1
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +74,7 @@ def test_claims_are_judged_seeds_200_and_201(found: tuple[Findings, Path]) -> No
     assert all(m.proven for m in found[0].misprints)
 
 
-def test_what_is_written_can_be_read_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
+def test_written_files_can_be_read_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
     written = json.loads((found[1] / "result.json").read_bytes())
     assert len(written["misprints"]) == 19
     assert len(written["figures"]) == 10

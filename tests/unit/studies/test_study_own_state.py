@@ -1,4 +1,4 @@
-"""The study of our own state judges what it should: names, times, errors."""
+"""The scores of the own-state study: names, times, errors."""
 
 import pytest
 
@@ -16,7 +16,7 @@ def flight() -> Flight:
     return states, truths
 
 
-def test_the_right_name_in_time_seed_3(flight: Flight) -> None:
+def test_a_motor_loss_is_named_in_time_seed_3(flight: Flight) -> None:
     judged = flights.judge(*flight, MOTOR)
     assert judged.named
     assert 0.1 < judged.delay < 0.6
@@ -26,7 +26,7 @@ def test_the_right_name_in_time_seed_3(flight: Flight) -> None:
     assert 0.01 < judged.velocity <= judged.worst < 0.5
 
 
-def test_the_same_name_is_wrong_where_it_should_not_be_seed_3(flight: Flight) -> None:
+def test_a_name_that_is_not_expected_is_wrong_seed_3(flight: Flight) -> None:
     assert flights.judge(*flight, None).wrong == ("motor motor 1",)
     other = flights.judge(*flight, (FaultKind.MOTOR, "motor 2"))
     assert (other.named, other.wrong) == (False, ("motor motor 1",))
@@ -40,7 +40,7 @@ def test_without_the_barometer_its_updates_are_off() -> None:
     assert alone == {**flights.section(flights.DEFAULT), "pressure_rate_hz": 0.0}
 
 
-def test_records_bring_the_vertical_velocity_that_mavlink_has_not_seed_3() -> None:
+def test_records_hold_the_vertical_velocity_that_mavlink_lacks_seed_3() -> None:
     scenario = load_scenario("quadrotor")
     for vertical, components in ((False, 5), (True, 6)):
         (states, others), _ = flights.fly(scenario, 3, 1.5, ["cubature", "csvsf"], vertical)

@@ -20,7 +20,7 @@ def of_one(**changes: object) -> TrafficScore:
     return TrafficScore((scored("one", **changes), scored("glider")), (), {})
 
 
-def test_what_was_required_holds_when_it_does() -> None:
+def test_good_flights_meet_every_requirement() -> None:
     assert verdicts(of_one(), of_one()) == ["holds"] * 4
 
 
@@ -34,7 +34,7 @@ def test_what_was_required_holds_when_it_does() -> None:
         (TrafficScore((scored("one", inside=900), scored("glider", inside=1000)), (), {}), 3),
     ],
 )
-def test_and_does_not_when_it_does_not(bad: TrafficScore, which: int) -> None:
+def test_a_bad_flight_fails_its_requirement(bad: TrafficScore, which: int) -> None:
     found = verdicts(bad)
     assert [k for k, verdict in enumerate(found) if verdict == "does not hold"] == [which]
 

@@ -1,4 +1,4 @@
-"""Our own state in the view: estimate, autopilot and truth in the same plots, and a window that has them."""
+"""Our own state in the view: estimate, autopilot and truth in the same plots."""
 
 import math
 from typing import Any

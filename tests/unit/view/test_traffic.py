@@ -38,7 +38,7 @@ def test_the_ellipse_is_three_sigma_of_east_and_north() -> None:
     assert np.abs(outline).max(axis=0) == pytest.approx([60.0, 30.0])
 
 
-def test_labels_say_who_and_how_far_above_us() -> None:
+def test_labels_have_the_name_and_the_height_above_us() -> None:
     assert traffic.label(NEAR) == "icao/000001 +50 m"
     assert traffic.label(replace(FAR, intruder=replace(INTRUDER, callsign="HBABC"))) == "HBABC -30 m"
 
@@ -49,13 +49,13 @@ def test_colours_warn() -> None:
     assert traffic.colour_of(replace(NEAR, valid=False)) == palette.GREY
 
 
-def test_the_table_begins_with_what_comes_nearest() -> None:
+def test_the_table_begins_with_the_nearest_approach() -> None:
     rows = traffic.table([FAR, NEAR]).splitlines()[2:]
     assert [row.split("|")[1].strip() for row in rows] == ["**icao/000001**", "radar/2"]
     assert "502 m | 40 ±5 m | 12 s" in rows[0]
 
 
-def test_what_is_forgotten_is_drawn_no_more() -> None:
+def test_a_track_without_a_mean_is_drawn_no_more() -> None:
     memory, columns = Memory(), Columns()
     traffic.draw_traffic(columns, memory, NEAR)
     traffic.draw_traffic(columns, memory, FAR)

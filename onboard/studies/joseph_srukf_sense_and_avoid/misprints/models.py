@@ -42,7 +42,7 @@ def printed_q1(omega_c: float, alpha: float, dt: float) -> Array:
     return np.array([[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]])
 
 
-def mended_q1(omega_c: float, alpha: float, dt: float) -> Array:
+def corrected_q1(omega_c: float, alpha: float, dt: float) -> Array:
     """Q_1 (3, 3) of appendix A with its signs corrected and the missing term added."""
     q = printed_q1(omega_c, alpha, dt)
     q[1, 1], q[1, 2], q[2, 1] = -q[1, 1], -q[1, 2], -q[2, 1]
@@ -55,12 +55,12 @@ def markov_noise() -> Misprint:
     w, a, dt = 0.3, 0.2, 0.5
     A = np.array([[0.0, 1, 0], [0, 0, 1], [0, -(a * a + w * w), -2 * a]])
     expected = van_loan(A, np.diag([0.0, 0.0, 1.0]), dt).Q
-    printed, right = printed_q1(w, a, dt), mended_q1(w, a, dt)
+    printed, right = printed_q1(w, a, dt), corrected_q1(w, a, dt)
     wrong = [f"q{i + 1}{j + 1}" for i, j in zip(*np.nonzero(np.abs(printed - expected) > 1e-6), strict=True)]
     return Misprint(
         where="appendix A",
         printed="q22, q23, q32 of the wrong sign; q33 without + ω_c² e^(2αΔt)",
-        right="Van Loan's integral; the mended closed forms equal it, but cancel as α → 0",
+        right="Van Loan's integral; the corrected closed forms equal it, but cancel as α → 0",
         proof=f"q33, (m/s²)² at ω_c 0.3, α 0.2, Δt 0.5 and unit density; wrong as printed: {', '.join(wrong)}",
         printed_value=float(printed[2, 2]),
         right_value=float(right[2, 2]),
