@@ -64,8 +64,8 @@ def status(
             f"| {_direction(r)} | **{abs(r.closing):.1f} m/s** |",
             f"| wingspan | **{leader.mean[6]:.2f} ± {leader.sigma[6]:.2f} m** |",
         ]
-    if leader is not None and error is not None:
-        rows.append(f"| off the truth | {error:.2f} m |")
+        if error is not None:
+            rows.append(f"| off the truth | {error:.2f} m |")
     age = "–" if estimate.age is None else f"{estimate.age:.2f} s ago"
     rows += [f"| innovation | {nis_words(report)} |", f"| last fused | {age} |", ""]
     if estimate.reason:

@@ -129,8 +129,9 @@ def _jacobian(m: AllResults) -> Claim:
         evidence="The curvature of the measurement over the prior is in the gain but not in the covariance, so it "
         f"is overconfident: NEES of nine states {nees[JOSEPH][1]:.0f} from 20 km, {nees[JOSEPH][0]:.0f} with 1 cm "
         f"and 10 µrad; by triangularisation {nees['srukf'][1]:.0f} and {nees['srukf'][0]:.1f}. The mean is the "
-        f"same ({first[JOSEPH].position:.0f} m after the first look). To relinearise the gain about the posterior as "
-        f"well (four iterations) gives {first['iplf'].position:.1f} m and a NEES of {first['iplf'].nees:.1f}.",
+        f"same ({first[JOSEPH].position:.0f} m after the first measurement). To relinearise the gain about the "
+        f"posterior as well (four iterations) gives {first['iplf'].position:.1f} m and a NEES of "
+        f"{first['iplf'].nees:.1f}.",
     )
 
 
