@@ -15,7 +15,7 @@ from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import Config, estimator_modules
 from onboard.messages import Estimate
-from onboard.scoring.scorecard import print_own_score, print_score
+from onboard.scoring.scorecard import print_leader_score, print_own_state_score
 
 if TYPE_CHECKING:
     from onboard.view.view import View
@@ -77,9 +77,9 @@ def print_report(report: Report, rrd: Path) -> None:
     out = Console()
     title = f"{report.scenario}, seed {report.seed}, {report.duration_s:g} s (NED, leader relative to follower)"
     if not is_alone(report):
-        print_score(out, title, report.score, report.latency_ms)
+        print_leader_score(out, title, report.score, report.latency_ms)
     if report.own_state is not None:
-        print_own_score(out, report.own_state)
+        print_own_state_score(out, report.own_state)
     d = report.drops
     out.print(
         f"lost: {d.images_lost} of {d.images_sent} images between simulator and pipeline, "

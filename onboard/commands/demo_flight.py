@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
 from onboard.config import Config, named_estimators, parse_config, read_table
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
-from onboard.scoring.leader import Latency, Score, percentiles, reference_from_records, score
-from onboard.scoring.own_state import OwnScore, score_own
+from onboard.scoring.leader import LeaderScore, reference_from_records, score_leader
+from onboard.scoring.own_state import OwnStateScore, score_own_state
+from onboard.scoring.statistics import Latency, percentiles
 from onboard.view.client import Client, Received
 
 if TYPE_CHECKING:
@@ -42,10 +43,10 @@ class Report(Record, frozen=True, kw_only=True):
     scenario: str
     seed: int
     duration_s: float
-    score: Score
+    score: LeaderScore
     latency_ms: Latency
     drops: Drops
-    own_state: OwnScore | None = None
+    own_state: OwnStateScore | None = None
 
 
 class Flight(NamedTuple):
@@ -202,7 +203,7 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
         scenario=scenario,
         seed=seed,
         duration_s=duration,
-        score=score(flight.estimates, truth),
+        score=score_leader(flight.estimates, truth),
         latency_ms=Latency(p50=p50, p99=p99, receive_to_publish_p50=own50, receive_to_publish_p99=own99),
         drops=Drops(
             images_sent=sent,
@@ -211,5 +212,5 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
             estimates_missed=missed,
             sink_drops=sum(s.dropped for s in sinks),
         ),
-        own_state=score_own(flight.own_states, flight.truths),
+        own_state=score_own_state(flight.own_states, flight.truths),
     )

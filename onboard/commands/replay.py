@@ -15,8 +15,8 @@ from onboard.commands.log_replay import Replayed, check_log, replay
 from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
 from onboard.errors import UserError
-from onboard.scoring.leader import Score, reference_from_csv, score
-from onboard.scoring.scorecard import print_health, print_own, print_score
+from onboard.scoring.leader import LeaderScore, reference_from_csv, score_leader
+from onboard.scoring.scorecard import print_health, print_leader_score, print_own_state
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -63,21 +63,21 @@ def replay_log(
             take=lambda record: _each(takers, record),
             progress=lambda done, total: bar.update(task, completed=done, total=total),
         )
-    result = score(replayed.estimates, reference)
+    result = score_leader(replayed.estimates, reference)
     _print_replay(log, replayed, result, out, own, rrd)
     if json_file is not None:
         write_json(json_file, replay_numbers(replayed, result))
     return 0
 
 
-def replay_numbers(replayed: Replayed, result: Score) -> dict[str, Any]:
+def replay_numbers(replayed: Replayed, result: LeaderScore) -> dict[str, Any]:
     """The summary of a replay as plain values."""
     numbers: dict[str, Any] = msgspec.to_builtins(result)
     log = {"duration_s": replayed.duration, "records": replayed.records, "damaged": replayed.damaged}
     return {**numbers, "log": log, "health": msgspec.to_builtins(replayed.health)}
 
 
-def _print_replay(log: Path, replayed: Replayed, result: Score, *written: Path | None) -> None:
+def _print_replay(log: Path, replayed: Replayed, result: LeaderScore, *written: Path | None) -> None:
     console = Console()
     damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
     console.print(
@@ -88,8 +88,8 @@ def _print_replay(log: Path, replayed: Replayed, result: Score, *written: Path |
     print_health(console, replayed.health)
     if not result.verdicts:
         console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
-    print_score(console, "leader relative to follower, NED", result)
-    print_own(console, replayed.own_states)
+    print_leader_score(console, "leader relative to follower, NED", result)
+    print_own_state(console, replayed.own_states)
     for path in written:
         if path is not None:
             console.print(f"written: {path}", highlight=False, soft_wrap=True)

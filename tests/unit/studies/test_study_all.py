@@ -16,7 +16,7 @@ from onboard.commands import study as command
 from onboard.commands.cli import main
 from onboard.studies.csvsf_quadrotor import study as csvsf_quadrotor
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE
-from onboard.studies.own_state import study as own_state
+from onboard.studies.own_state import flights as own_state
 from onboard.studies.relative_motion import study as relative_motion
 from onboard.studies.relative_motion.variants import Variant, scenario_of
 from onboard.studies.together import run_study

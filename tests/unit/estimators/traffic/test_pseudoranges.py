@@ -13,7 +13,7 @@ from onboard.estimators.traffic.ranges import solve
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
 from onboard.messages import Clock, Estimate, Pseudoranges, SatelliteRange, TrafficTruth, Truth, Verdict
 from onboard.pipeline import Pipeline
-from onboard.scoring.traffic import Score, score
+from onboard.scoring.traffic import TrafficScore, score_traffic
 from onboard.wire.ranges import BadRangesError, decode_ranges, encode_ranges
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
@@ -210,7 +210,7 @@ def test_its_height_is_the_ellipsoids_less_the_geoid() -> None:
     assert who.alt_msl == pytest.approx(height - 48.0, abs=8.0)
 
 
-def fly(seed: int) -> tuple[Score, Pipeline]:
+def fly(seed: int) -> tuple[TrafficScore, Pipeline]:
     scenario = load_scenario("traffic-gnss")
     config = tomllib.loads(daemon_config(scenario))
     del config["estimator"]["leader"]
@@ -222,7 +222,7 @@ def fly(seed: int) -> tuple[Score, Pipeline]:
             truth.append(item)
         elif not isinstance(item, Truth):
             told += [e for e in pipeline.feed(item) if isinstance(e, Estimate)]
-    return score(told, truth), pipeline
+    return score_traffic(told, truth), pipeline
 
 
 def test_bytes_in_two_aircraft_are_known_by_pseudoranges_alone_seed_5() -> None:
@@ -233,7 +233,7 @@ def test_bytes_in_two_aircraft_are_known_by_pseudoranges_alone_seed_5() -> None:
         # three satellites for ten seconds, none for another ten: 3 to 5 m in all of it
         assert aircraft.rmse < 8.0, aircraft.name
         assert aircraft.inside / aircraft.samples > 0.85, aircraft.name
-    assert all(e.close for a in found.aircraft for e in a.encounters)
+    assert all(e.predicted_well for a in found.aircraft for e in a.encounters)
     health = pipeline.health(0)
     assert health.verdicts["traffic.fused"] > 150
     assert health.rejected == {}

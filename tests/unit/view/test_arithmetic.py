@@ -7,20 +7,17 @@ import pytest
 
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import euler_from_quaternion
-from onboard.messages import Truth
 from onboard.view import motion
-
-NEEDS_RERUN = "rerun is not installed: pip install wingline[view]"
-
-
-def track(r: tuple[float, float, float], v: tuple[float, float, float], variances: list[float]) -> motion.Track:
-    mean = np.array([*r, *v, 2.0, 0.0, 0.0])
-    return motion.Track(t_ns=0, mean=mean, covariance=np.diag([*variances, *[1.0] * 6]))
+from tests.support.vehicle_records import truth
+from tests.support.view_flight import NEEDS_RERUN
 
 
-def test_sight_along_an_axis() -> None:
-    seen = motion.sight(track((0.0, 30.0, 0.0), (5.0, -2.0, 1.0), [0.25, 4.0, 1.0]))
-    assert seen == pytest.approx((30.0, 2.0, 2.0, 1.0))  # range, its sigma, closing, the larger sigma across
+def test_range_along_an_axis() -> None:
+    mean = np.array([0.0, 30.0, 0.0, 5.0, -2.0, 1.0, 2.0, 0.0, 0.0])
+    leader = motion.LeaderState(t_ns=0, mean=mean, covariance=np.diag([0.25, 4.0, *[1.0] * 7]))
+    assert motion.range_estimate(leader) == pytest.approx(
+        (30.0, 2.0, 2.0, 1.0)
+    )  # range, its sigma, closing, the larger sigma across
 
 
 def test_an_ellipsoid_is_its_covariance_again() -> None:
@@ -48,17 +45,9 @@ def test_course_points_the_nose_along_the_velocity(
     assert (roll, pitch, yaw) == pytest.approx((0.0, pitch_deg, yaw_deg), abs=1e-9)
 
 
-def truth(t_s: float, north: float) -> Truth:
-    level = (1.0, 0.0, 0.0, 0.0)
-    zero = (0.0, 0.0, 0.0)
-    return Truth(
-        t_ns=round(t_s * 1e9), r_FL_n=(north, 0.0, 0.0), v_FL_n=zero, size=2.0, a_lat=0.0, a_long=0.0,
-        r_OF_n=zero, v_F_n=zero, a_F_n=zero, q_nF=level, r_OL_n=zero, q_nL=level,
-    )  # fmt: skip
-
-
 def test_truth_between_two_records_and_nowhere_else() -> None:
-    history = [truth(1.0, 10.0), truth(1.1, 20.0), truth(2.0, 30.0)]
+    places = {1_000_000_000: 10.0, 1_100_000_000: 20.0, 2_000_000_000: 30.0}
+    history = [truth(t_ns, r_FL_n=(north, 0.0, 0.0)) for t_ns, north in places.items()]
     between = motion.truth_at(history, 1_025_000_000)
     assert between is not None
     assert between[0] == pytest.approx(12.5)

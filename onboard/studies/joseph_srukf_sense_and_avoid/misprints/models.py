@@ -1,5 +1,5 @@
-"""Misprints of De Vivo et al. in the models of the target and of what is measured: what each printed form gives,
-and the right one."""
+"""Misprints of De Vivo et al. in the models of the target and of its measurement: the printed and the right form
+of each."""
 
 from collections.abc import Callable
 from typing import Final
@@ -42,8 +42,8 @@ def printed_q1(omega_c: float, alpha: float, dt: float) -> Array:
     return np.array([[q11, q12, q13], [q12, q22, q23], [q13, q23, q33]])
 
 
-def mended_q1(omega_c: float, alpha: float, dt: float) -> Array:
-    """The same with its signs and the missing term put right."""
+def corrected_q1(omega_c: float, alpha: float, dt: float) -> Array:
+    """Q_1 (3, 3) of appendix A with its signs corrected and the missing term added."""
     q = printed_q1(omega_c, alpha, dt)
     q[1, 1], q[1, 2], q[2, 1] = -q[1, 1], -q[1, 2], -q[2, 1]
     q[2, 2] += 1 / (4 * alpha)  # omega_c^2 e^(2 alpha dt) inside the bracket
@@ -55,12 +55,12 @@ def markov_noise() -> Misprint:
     w, a, dt = 0.3, 0.2, 0.5
     A = np.array([[0.0, 1, 0], [0, 0, 1], [0, -(a * a + w * w), -2 * a]])
     expected = van_loan(A, np.diag([0.0, 0.0, 1.0]), dt).Q
-    printed, right = printed_q1(w, a, dt), mended_q1(w, a, dt)
+    printed, right = printed_q1(w, a, dt), corrected_q1(w, a, dt)
     wrong = [f"q{i + 1}{j + 1}" for i, j in zip(*np.nonzero(np.abs(printed - expected) > 1e-6), strict=True)]
     return Misprint(
         where="appendix A",
         printed="q22, q23, q32 of the wrong sign; q33 without + ω_c² e^(2αΔt)",
-        right="Van Loan's integral; the mended closed forms equal it, but cancel as α → 0",
+        right="Van Loan's integral; the corrected closed forms equal it, but cancel as α → 0",
         proof=f"q33, (m/s²)² at ω_c 0.3, α 0.2, Δt 0.5 and unit density; wrong as printed: {', '.join(wrong)}",
         printed_value=float(printed[2, 2]),
         right_value=float(right[2, 2]),
@@ -70,7 +70,7 @@ def markov_noise() -> Misprint:
 
 def damping() -> Misprint:
     """Alpha, below eq 42."""
-    v, a = np.array([100.0, 0, 0]), np.array([0.5, 0, 0])  # speeds up along a line: the jerk is nothing
+    v, a = np.array([100.0, 0, 0]), np.array([0.5, 0, 0])  # accelerates along a line: no jerk
 
     def jerk(alpha: float) -> float:
         return float(np.linalg.norm(-2 * alpha * a - 2 * alpha**2 * v))
@@ -104,12 +104,12 @@ def turn_rate() -> Misprint:
     )
 
 
-def left_over() -> Misprint:
+def remaining_noise() -> Misprint:
     """The noise, below eq 42: a turn at constant speed that tightens."""
     speed, rate, tightening = 100.0, 0.1, 0.02
     v, a = np.array([speed, 0, 0]), np.array([0, speed * rate, 0])
     jerk = np.array([-speed * rate**2, speed * tightening, 0])  # of (cos psi, sin psi) speed, psi_dot 0.1
-    rest = jerk - (-(rate**2) * v)  # what eq 42 leaves to the noise; alpha = 0
+    rest = jerk - (-(rate**2) * v)  # the jerk that eq 42 leaves to the noise; alpha = 0
     turn, change = np.array([0, 0, rate]), np.array([0, 0, tightening])
     printed, right = np.cross(turn, v), np.cross(change, v)
     return Misprint(
@@ -123,7 +123,7 @@ def left_over() -> Misprint:
     )
 
 
-def _seen_after(state: Array, dt: float, r: Array, v: Array) -> float:
+def _rate_after(state: Array, dt: float, r: Array, v: Array) -> float:
     """Pseudorange rate, m/s, `dt` after a state (9,), with steady acceleration (eq 52)."""
     later = np.zeros((1, 11))
     later[0, :9] = state
@@ -132,7 +132,8 @@ def _seen_after(state: Array, dt: float, r: Array, v: Array) -> float:
     return float(pseudorange.measure(later, r, v)[0, 1])
 
 
-def _sight() -> tuple[Array, Array, Array, Array, Array, float, float]:
+def _geometry() -> tuple[Array, Array, Array, Array, Array, float, float]:
+    """A state (9,), a satellite's r and v (1, 3), their differences d and d_dot (3,), range R and its rate."""
     state = np.array([4.4e6, 90.0, 1.0, 6e5, -60.0, 2.0, 4.5e6, 5.0, 0.5])
     r, v = np.array([[1.5e7, 1e7, 1.9e7]]), np.array([[-1500.0, 2000.0, 1200.0]])
     d, d_dot = r[0] - state[0::3], v[0] - state[1::3]
@@ -142,10 +143,10 @@ def _sight() -> tuple[Array, Array, Array, Array, Array, float, float]:
 
 def rate_by_position() -> Misprint:
     """Appendix B, the derivative of a rate by a position."""
-    state, r, v, d, d_dot, R, rate = _sight()
+    state, r, v, d, d_dot, R, rate = _geometry()
     ahead, behind = state.copy(), state.copy()
     ahead[0], behind[0] = state[0] + 50, state[0] - 50
-    expected = (_seen_after(ahead, 0.0, r, v) - _seen_after(behind, 0.0, r, v)) / 100
+    expected = (_rate_after(ahead, 0.0, r, v) - _rate_after(behind, 0.0, r, v)) / 100
     printed = -d[0] / R + rate * d[0] / R**2
     right = -d_dot[0] / R + rate * d[0] / R**2
     return Misprint(
@@ -161,7 +162,7 @@ def rate_by_position() -> Misprint:
 
 def rate_by_acceleration() -> Misprint:
     """Appendix B, the derivative of a rate by an acceleration, one second before the measurement."""
-    state, r, v, *_ = _sight()
+    state, r, v, *_ = _geometry()
     dt = 1.0
     later = state.copy()
     later[0::3] += dt * state[1::3] + 0.5 * dt * dt * state[2::3]
@@ -171,7 +172,7 @@ def rate_by_acceleration() -> Misprint:
     rate = float(d @ d_dot / R)
     ahead, behind = state.copy(), state.copy()
     ahead[2], behind[2] = state[2] + 20, state[2] - 20
-    expected = (_seen_after(ahead, dt, r, v) - _seen_after(behind, dt, r, v)) / 40
+    expected = (_rate_after(ahead, dt, r, v) - _rate_after(behind, dt, r, v)) / 40
     along = -d[0] * dt / R
     printed = along - 0.5 * dt**2 / R * (d_dot[0] + rate * d[0] / R)
     right = along - 0.5 * dt**2 / R * (d_dot[0] - rate * d[0] / R)
@@ -209,7 +210,7 @@ def augmented_noise() -> Misprint:
 MISPRINTS: Final[tuple[Callable[[], Misprint], ...]] = (
     damping,
     turn_rate,
-    left_over,
+    remaining_noise,
     markov_noise,
     augmented_noise,
     rate_by_position,

@@ -1,4 +1,4 @@
-"""Misprints of De Vivo et al. in the filters' equations: what each printed form gives, and the right one."""
+"""Misprints of De Vivo et al. in the filters' equations: the printed and the right form of each."""
 
 from collections.abc import Callable
 from typing import Final

@@ -1,4 +1,4 @@
-"""What the live view puts into a recording, and pictures made of one."""
+"""The recording that the live view writes, and pictures made of one."""
 
 import math
 import subprocess
@@ -24,7 +24,7 @@ def test_a_closed_recording_is_whole(recording: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_everything_promised_is_in_the_recording(recording: Path) -> None:
+def test_every_entity_is_in_the_recording(recording: Path) -> None:
     rows = rows_of(recording)
     for entity, least in {
         "/scene/leader": 150,
@@ -87,7 +87,7 @@ def test_another_boot_begins_anew(tmp_path: Path) -> None:
     assert rows["/scene/follower"] >= 2 * 49
 
 
-def test_a_picture_of_what_is_not_there(tmp_path: Path) -> None:
+def test_a_picture_of_a_missing_recording(tmp_path: Path) -> None:
     viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
     with pytest.raises(FileNotFoundError, match="no such recording"):
         viewer.screenshot(tmp_path / "none.rrd", tmp_path / "none.png")

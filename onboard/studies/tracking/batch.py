@@ -1,4 +1,4 @@
-"""Many runs of one tracker in step: a batch of filters over the same scene, each with noise of its own."""
+"""A batch of runs of one tracker: many filters in step over the same scene, each with its own noise."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -13,9 +13,9 @@ from onboard.filters.gating import normalised_squared
 Indices = npt.NDArray[np.intp]
 
 
-class Sight(NamedTuple):
-    """What is seen at one step: y (B, m), R (m, m) or (B, m, m), the measurement and its derivative over rows, and
-    which components are angles."""
+class Measurement(NamedTuple):
+    """Of one step, in all runs: y (B, m), R (m, m) or (B, m, m), the measurement function and its Jacobian over
+    rows of states, and the indices of components that are angles."""
 
     y: Array
     R: Array
@@ -25,23 +25,23 @@ class Sight(NamedTuple):
 
 
 class Tracker(NamedTuple):
-    """A filter with all its settings, over batches: `belief` is for scoring, `root` what a square-root filter
-    carries."""
+    """A filter with all its settings, over batches: `belief` gives mean and covariance, for scoring; `root` the
+    factor of a square-root filter."""
 
     name: str
     label: str
-    start: Callable[[Array, Array], Any]
     predict: Callable[[Any, Rows, Array], Any]
-    update: Callable[[Any, Sight], Update]
-    belief: Callable[[Any], Belief]
+    update: Callable[[Any, Measurement], Update]
+    start: Callable[[Array, Array], Any] = Belief
+    belief: Callable[[Any], Belief] = lambda state: state
     root: Callable[[Any], Array] | None = None
 
 
 class Scene(NamedTuple):
-    """What a tracker is run on: B runs of T steps.
+    """B runs of T steps: the input of a tracker, and the truth.
 
-    `truth` is (T, n) or (T, B, n); `noise` a matrix (n, n) or a function of the step and of means (B, n);
-    `sights` gives each step's measurements of all runs, or None.
+    `truth` is (T, n) or (T, B, n); `noise` the process noise (n, n), or a function of the step and of means (B,
+    n); `measurements` gives each step's measurement, or None.
     """
 
     truth: Array
@@ -49,38 +49,38 @@ class Scene(NamedTuple):
     covariance: Array  # (n, n)
     process: Rows
     noise: Array | Callable[[int, Array], Array]
-    sights: Callable[[int], Sight | None]
+    measurements: Callable[[int], Measurement | None]
 
 
 class Trace(NamedTuple):
-    """What became of it, after each step's update; NaN once a run's filter has failed."""
+    """The filters after each step's update; NaN once a run's filter has failed."""
 
     mean: Array  # (T, B, n)
-    sigma: Array  # (T, B, n), standard deviations by the filter's own account
+    sigma: Array  # (T, B, n), the filter's own standard deviations
     nees: Array  # (T, B)
     nis: Array  # (T, B), NaN without a measurement
-    condition: Array  # (T, B), of what the filter carries: P, or its square root
+    condition: Array  # (T, B), condition number of what the filter carries: P, or its square root
     failed: Indices  # (B,), the step of a numerical failure, T if there was none
 
 
-def follow(scene: Scene, tracker: Tracker, condition: bool = False) -> Trace:
-    """Run the tracker over all runs. A run whose filter fails is taken out of the batch, the others go on."""
+def run_batch(scene: Scene, tracker: Tracker, condition: bool = False) -> Trace:
+    """Run the tracker over a scene; with `condition`, record condition numbers. A run whose filter fails
+    numerically is removed from the batch, the others go on. Raises FilterError for an error that no run has
+    alone."""
     steps, (runs, n) = len(scene.truth), scene.start.shape
     dtype = scene.start.dtype
-    states, numbers = (steps, runs, n), (steps, runs)
     trace = Trace(
-        mean=np.full(states, np.nan),
-        sigma=np.full(states, np.nan),
-        nees=np.full(numbers, np.nan),
-        nis=np.full(numbers, np.nan),
-        condition=np.full(numbers, np.nan),
+        mean=np.full((steps, runs, n), np.nan),
+        sigma=np.full((steps, runs, n), np.nan),
+        nees=np.full((steps, runs), np.nan),
+        nis=np.full((steps, runs), np.nan),
+        condition=np.full((steps, runs), np.nan),
         failed=np.full(runs, steps),
     )
     alive: Indices = np.arange(runs)
     state = tracker.start(scene.start, np.broadcast_to(scene.covariance, (runs, n, n)).copy())
     for k in range(steps):
-        sight = scene.sights(k)
-        state, alive, update = _step(scene, tracker, state, alive, sight, trace, k)
+        state, alive, update = _step(scene, tracker, state, alive, trace, k)
         if not alive.size:
             break
         belief = tracker.belief(state)
@@ -97,49 +97,51 @@ def follow(scene: Scene, tracker: Tracker, condition: bool = False) -> Trace:
 
 
 def _step(
-    scene: Scene, tracker: Tracker, state: Any, alive: Indices, sight: Sight | None, trace: Trace, k: int
+    scene: Scene, tracker: Tracker, state: Any, alive: Indices, trace: Trace, k: int
 ) -> tuple[Any, Indices, Update | None]:
     """One step of the runs `alive`; those that fail are found one by one and left out."""
     while alive.size:
         try:
-            return _advance(scene, tracker, k, state, alive, sight)
+            return _advance(scene, tracker, k, state, alive)
         except FilterError as error:
-            if not _fails(error):
+            if not _is_numerical(error):
                 raise
             sound = np.array(
-                [_works(scene, tracker, k, state, i, alive[i : i + 1], sight) for i in range(alive.size)]
+                [_works(scene, tracker, k, _pick(state, np.array([i])), alive[[i]]) for i in range(alive.size)]
             )
-            if sound.all():  # nobody fails alone
+            if sound.all():  # no run fails alone
                 raise
             trace.failed[alive[~sound]] = k
             state, alive = _pick(state, np.flatnonzero(sound)), alive[sound]
     return state, alive, None
 
 
-def _works(scene: Scene, tracker: Tracker, k: int, state: Any, i: int, run: Indices, sight: Sight | None) -> bool:
+def _works(scene: Scene, tracker: Tracker, k: int, state: Any, run: Indices) -> bool:
+    """Whether the step of a single run succeeds."""
     try:
-        _advance(scene, tracker, k, _pick(state, np.array([i])), run, sight)
+        _advance(scene, tracker, k, state, run)
     except FilterError as error:
-        if not _fails(error):
+        if not _is_numerical(error):
             raise
         return False
     return True
 
 
-def _fails(error: FilterError) -> bool:
-    """Whether it is of numbers; else the call is at fault, and no run."""
+def _is_numerical(error: FilterError) -> bool:
+    """Whether the numbers of a run are at fault, and not the call."""
     return isinstance(error, NotPositiveDefiniteError) or "not finite" in str(error)
 
 
 def _advance(
-    scene: Scene, tracker: Tracker, k: int, state: Any, alive: Indices, sight: Sight | None
+    scene: Scene, tracker: Tracker, k: int, state: Any, alive: Indices
 ) -> tuple[Any, Indices, Update | None]:
     Q = scene.noise(k, state.mean) if callable(scene.noise) else scene.noise
     state = tracker.predict(state, scene.process, Q)
-    if sight is None:
+    measurement = scene.measurements(k)
+    if measurement is None:
         return state, alive, None
-    R = sight.R if sight.R.ndim == 2 else sight.R[alive]
-    update = tracker.update(state, sight._replace(y=sight.y[alive], R=R))
+    R = measurement.R if measurement.R.ndim == 2 else measurement.R[alive]
+    update = tracker.update(state, measurement._replace(y=measurement.y[alive], R=R))
     return update.belief, alive, update
 
 

@@ -1,4 +1,4 @@
-"""Our own state in the view: estimate, autopilot and truth in the same plots, and a window that has them."""
+"""Our own state in the view: estimate, autopilot and truth in the same plots."""
 
 import math
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import Fault, FaultKind, OwnPose
-from tests.unit.autopilot.test_odometry import state
+from tests.support.vehicle_records import nav_state
 
 pytest.importorskip("rerun")
 
@@ -34,7 +34,7 @@ def test_estimate_autopilot_and_truth_share_their_plots() -> None:
     pose = OwnPose(t_ns=5 * 10**9, r_OF_n=(0, 0, -7), v_F_n=(1, 2, 3), a_F_n=(0, 0, 0), q_nb=q)
     own.plot_autopilot(kept, memory, pose)  # type: ignore[arg-type]
     assert not kept.values  # no estimate of our own yet: nothing to stand beside
-    own.plot_state(kept, memory, state())  # type: ignore[arg-type]
+    own.plot_state(kept, memory, nav_state())  # type: ignore[arg-type]
     own.plot_autopilot(kept, memory, pose)  # type: ignore[arg-type]
     own.plot_truth(kept, memory, truth_of(3.0))  # type: ignore[arg-type]
     for name in scene.OWN_NAMES:
@@ -49,9 +49,9 @@ def test_estimate_autopilot_and_truth_share_their_plots() -> None:
     assert_allclose(kept.values["plots/own/trust"], [0.0, 87.0])
 
 
-def test_without_a_state_curves_have_holes() -> None:
+def test_without_a_state_curves_have_gaps() -> None:
     kept, memory = Kept(), Memory()
-    own.plot_state(kept, memory, state(mean=None, covariance=None, q_nb=None, quality=-1))  # type: ignore[arg-type]
+    own.plot_state(kept, memory, nav_state(mean=None, covariance=None, q_nb=None, quality=-1))  # type: ignore[arg-type]
     assert np.isnan(kept.values["plots/own/down/estimate"]).all()
 
 

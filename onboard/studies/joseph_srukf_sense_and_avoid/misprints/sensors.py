@@ -1,5 +1,4 @@
-"""Misprints of De Vivo et al. in the models of radar and GNSS errors: what each printed form gives, and the right
-one."""
+"""Misprints of De Vivo et al. in the models of radar and GNSS errors: the printed and the right form of each."""
 
 from collections.abc import Callable
 from typing import Final

@@ -12,7 +12,7 @@ from onboard.view import palette, traffic
 from onboard.view.columns import Columns
 from onboard.view.memory import Memory
 from onboard.view.view import View
-from tests.unit.autopilot.test_traffic_out import APPROACH, ESTIMATE, WHO
+from tests.support.vehicle_records import APPROACH, INTRUDER, TRAFFIC
 
 S = 1_000_000_000
 P = tuple(map(tuple, np.diag([100.0, 400.0, 25.0, 1.0, 1.0, 1.0]).tolist()))
@@ -21,8 +21,8 @@ P = tuple(map(tuple, np.diag([100.0, 400.0, 25.0, 1.0, 1.0, 1.0]).tolist()))
 def aircraft(target: str, r: tuple[float, float, float], distance: float, threat: ThreatLevel) -> Estimate:
     approach = replace(APPROACH, distance=distance, threat=threat)
     mean = (*r, 10.0, 0.0, 0.0)
-    who = replace(WHO, callsign="", approach=approach)
-    return replace(ESTIMATE, target=target, mean=mean, covariance=P, intruder=who)
+    who = replace(INTRUDER, callsign="", approach=approach)
+    return replace(TRAFFIC, target=target, mean=mean, covariance=P, intruder=who)
 
 
 NEAR = aircraft("icao/000001", (300.0, -400.0, -50.0), 40.0, ThreatLevel.HIGH)
@@ -38,9 +38,9 @@ def test_the_ellipse_is_three_sigma_of_east_and_north() -> None:
     assert np.abs(outline).max(axis=0) == pytest.approx([60.0, 30.0])
 
 
-def test_labels_say_who_and_how_far_above_us() -> None:
+def test_labels_have_the_name_and_the_height_above_us() -> None:
     assert traffic.label(NEAR) == "icao/000001 +50 m"
-    assert traffic.label(replace(FAR, intruder=replace(WHO, callsign="HBABC"))) == "HBABC -30 m"
+    assert traffic.label(replace(FAR, intruder=replace(INTRUDER, callsign="HBABC"))) == "HBABC -30 m"
 
 
 def test_colours_warn() -> None:
@@ -49,13 +49,13 @@ def test_colours_warn() -> None:
     assert traffic.colour_of(replace(NEAR, valid=False)) == palette.GREY
 
 
-def test_the_table_begins_with_what_comes_nearest() -> None:
+def test_the_table_begins_with_the_nearest_approach() -> None:
     rows = traffic.table([FAR, NEAR]).splitlines()[2:]
     assert [row.split("|")[1].strip() for row in rows] == ["**icao/000001**", "radar/2"]
     assert "502 m | 40 ±5 m | 12 s" in rows[0]
 
 
-def test_what_is_forgotten_is_drawn_no_more() -> None:
+def test_a_track_without_a_mean_is_drawn_no_more() -> None:
     memory, columns = Memory(), Columns()
     traffic.draw_traffic(columns, memory, NEAR)
     traffic.draw_traffic(columns, memory, FAR)

@@ -1,12 +1,12 @@
-"""Scores of our own state, against errors put in by hand."""
+"""Scores of our own state, against errors made by hand."""
 
 import math
 
 import pytest
 
 from onboard.messages import Fault, FaultKind, NavState, Truth
-from onboard.scoring.own_state import score_own
-from tests.unit.autopilot.test_odometry import state
+from onboard.scoring.own_state import score_own_state
+from tests.support.vehicle_records import nav_state, truth
 
 TURN = math.radians(4.0)
 
@@ -18,28 +18,13 @@ def flight(off: float) -> tuple[list[NavState], list[Truth]]:
     states, truths = [], []
     for t in range(1000, 41000, 100):
         mean = (0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 0.0, TURN, 0.0, 0.0, 0.0, 0.0)
-        states.append(state(t, mean=mean, q_nb=q, faults=(fault,) if t > 30000 else ()))
-        truths.append(
-            Truth(
-                t_ns=t * 1_000_000 + 500_000,
-                r_FL_n=(0, 0, 0),
-                v_FL_n=(0, 0, 0),
-                size=1.0,
-                a_lat=0.0,
-                a_long=0.0,
-                r_OF_n=(0, 0, 0),
-                v_F_n=(1.0 + off, 2.0, 3.0),
-                a_F_n=(0, 0, 0),
-                q_nF=(1, 0, 0, 0),
-                r_OL_n=(0, 0, 0),
-                q_nL=(1, 0, 0, 0),
-            )
-        )
+        states.append(nav_state(t, mean=mean, q_nb=q, faults=(fault,) if t > 30000 else ()))
+        truths.append(truth(t * 1_000_000 + 500_000, v_F_n=(1.0 + off, 2.0, 3.0)))
     return states, truths
 
 
 def test_errors_are_those_put_in() -> None:
-    score = score_own(*flight(0.5))
+    score = score_own_state(*flight(0.5))
     assert score is not None
     assert score.velocity_rmse_m_s == pytest.approx(0.5)
     assert score.attitude_rmse_deg == pytest.approx(4.0)
@@ -49,14 +34,14 @@ def test_errors_are_those_put_in() -> None:
 
 
 def test_three_sigmas_are_three_of_the_states_own() -> None:
-    outside = score_own(*flight(6.1))  # the variance of the north velocity is 4
+    outside = score_own_state(*flight(6.1))  # the variance of the north velocity is 4
     assert outside is not None
     assert outside.inside_3_sigma_percent == pytest.approx(200 / 3)
 
 
 def test_without_truth_or_states_there_is_less_to_say() -> None:
     states, _ = flight(0.0)
-    score = score_own(states, [])
+    score = score_own_state(states, [])
     assert score is not None
     assert (score.velocity_rmse_m_s, score.inside_3_sigma_percent, score.nis_ratio) == (None, None, 1.0)
-    assert score_own([], []) is None
+    assert score_own_state([], []) is None

@@ -1,4 +1,4 @@
-"""The scorecard, held against errors made by hand."""
+"""Scores of the leader's estimate, against errors made by hand."""
 
 import csv
 import gzip
@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.messages import Estimate, Lifecycle, MeasurementReport, Truth, Verdict
+from onboard.messages import Estimate, Lifecycle, MeasurementReport, Verdict
 from onboard.models import relative_motion
 from onboard.scoring.leader import (
     COLUMNS,
     Reference,
     TruthError,
-    percentiles,
     reference_from_csv,
     reference_from_records,
-    score,
+    score_leader,
 )
+from onboard.scoring.statistics import percentiles
+from tests.support.vehicle_records import truth
 
 S = 1_000_000_000
 TRUE = (30.0, 40.0, 0.0, 1.0, 2.0, 3.0, 2.0, 0.5, -0.5)  # 50 m away
@@ -70,7 +71,7 @@ def test_components_of_the_truth_are_those_of_the_filter() -> None:
 
 
 def test_no_error_scores_nothing() -> None:
-    s = score(flight(), reference())
+    s = score_leader(flight(), reference())
     assert (s.position_rmse_m, s.velocity_rmse_m_s, s.range_error_rms_percent, s.size_error_rms_percent) == (
         0,
     ) * 4
@@ -79,7 +80,7 @@ def test_no_error_scores_nothing() -> None:
 
 def test_rms_of_constant_errors() -> None:
     """(0.3, 0.4, 0) m along the line of sight of 50 m is 1 % farther; 0.1 m of 2 m is 5 %."""
-    s = score(flight((0.3, 0.4, 0.0, 0.0, 3.0, 4.0, 0.1, 0.2, 0.0)), reference())
+    s = score_leader(flight((0.3, 0.4, 0.0, 0.0, 3.0, 4.0, 0.1, 0.2, 0.0)), reference())
     assert s.position_rmse_m == pytest.approx(0.5, **CLOSE)
     assert s.velocity_rmse_m_s == pytest.approx(5.0, **CLOSE)
     assert s.range_error_rms_percent == pytest.approx(1.0, rel=1e-9)
@@ -96,7 +97,7 @@ def test_rms_is_over_the_settled_and_valid_only() -> None:
         error = 3.0 if t < 55 - 1e-9 else (3.0, 4.0)[i % 2]
         estimates.append(estimate(t, (0.0, 0.0, error, *(0.0,) * 6)))
         estimates.append(estimate(t + 0.05, (100.0,) * 9, valid=False))
-    s = score(estimates, reference())
+    s = score_leader(estimates, reference())
     assert s.scored == 150
     assert s.valid == 300
     assert s.estimates == 600
@@ -108,7 +109,7 @@ def test_truth_is_interpolated() -> None:
     values = moving.values.copy()
     values[:, 0] += 2.0 * (moving.time - 40.0)
     estimates = [estimate(t, (2.0 * (t - 40.0), *(0.0,) * 8)) for t in np.arange(40.013, 69.9, 0.1)]
-    s = score(estimates, Reference(moving.time, moving.components, values))
+    s = score_leader(estimates, Reference(moving.time, moving.components, values))
     assert s.position_rmse_m == pytest.approx(0.0, abs=1e-9)
 
 
@@ -120,7 +121,7 @@ def test_estimates_in_a_gap_of_the_truth_or_beyond_its_ends_are_not_scored() -> 
     for i, e in enumerate(estimates):
         if 60.01 < e.t_ns / S < 61.99 or e.t_ns / S > 70.01:
             estimates[i] = estimate(e.t_ns / S, (1000.0, *(0.0,) * 8))
-    s = score(estimates, broken)
+    s = score_leader(estimates, broken)
     assert s.position_rmse_m == pytest.approx(0.0, abs=1e-9)
     assert s.diverged is False
     assert 120 <= s.scored <= 135
@@ -128,7 +129,7 @@ def test_estimates_in_a_gap_of_the_truth_or_beyond_its_ends_are_not_scored() -> 
 
 def test_nees_bounds_are_those_of_chi_square_with_nine_degrees() -> None:
     """2.5 % and 97.5 % quantiles, from a printed table."""
-    s = score(flight(), reference())
+    s = score_leader(flight(), reference())
     assert s.nees_bounds == pytest.approx((2.700, 19.023), abs=1e-3)
 
 
@@ -138,7 +139,7 @@ def test_truth_inside_the_ellipsoid_is_counted() -> None:
         estimate(t, (0.0, 0.0, (2.79, 2.80, 2.79, 2.79)[i % 4], *(0.0,) * 6))
         for i, t in enumerate(np.arange(55.0, 69.0, 0.1))
     ]
-    assert score(estimates, reference()).inside_95_percent == pytest.approx(75.0)
+    assert score_leader(estimates, reference()).inside_95_percent == pytest.approx(75.0)
 
 
 def test_nis_is_the_mean_over_fused_images_after_settling() -> None:
@@ -149,7 +150,7 @@ def test_nis_is_the_mean_over_fused_images_after_settling() -> None:
         estimates[i] = replace(e, measurement=report(t, fused, 2.0 if t > 54.99 else 50.0))
     estimates.append(replace(estimate(69.0), measurement=report(69.0, Verdict.GATED, 400.0)))
     estimates.append(replace(estimate(69.1), measurement=report(69.1, Verdict.TOO_OLD, None)))
-    s = score(estimates, reference())
+    s = score_leader(estimates, reference())
     assert s.images_scored == 150
     assert s.nis_mean == pytest.approx(2.0)
     assert s.nis_dof == 3
@@ -169,31 +170,31 @@ def test_diverged_by_the_last_five_seconds(factor: float, bearing_deg: float, di
     there = (x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle))
     error = (there[0] - 30.0, there[1] - 40.0, *(0.0,) * 7)
     good, bad = flight(end=64.8), flight(error, begin=64.9)
-    assert score([*good, *bad], reference()).diverged is diverged
+    assert score_leader([*good, *bad], reference()).diverged is diverged
     # only those last five seconds count
     bad_first = flight(error, end=64.8)
-    assert score([*bad_first, *flight(begin=64.9)], reference()).diverged is False
+    assert score_leader([*bad_first, *flight(begin=64.9)], reference()).diverged is False
 
 
 def test_nothing_valid_is_diverged_but_only_against_a_truth() -> None:
     silent = [estimate(t, valid=False) for t in np.arange(40, 70, 0.1)]
-    assert score(silent, reference()).diverged is True
-    assert score([], reference()).diverged is True
-    assert score(silent, None).diverged is False
-    assert score(silent, reference()).range_error_rms_percent is None
+    assert score_leader(silent, reference()).diverged is True
+    assert score_leader([], reference()).diverged is True
+    assert score_leader(silent, None).diverged is False
+    assert score_leader(silent, reference()).range_error_rms_percent is None
 
 
 def test_a_flight_shorter_than_the_time_to_settle_is_judged_but_not_scored() -> None:
-    s = score(flight(end=50.0), reference(end=50.0))
+    s = score_leader(flight(end=50.0), reference(end=50.0))
     assert (s.scored, s.diverged) == (0, False)
     assert s.position_rmse_m is None
-    far = score(flight((100.0, *(0.0,) * 8), end=50.0), reference(end=50.0))
+    far = score_leader(flight((100.0, *(0.0,) * 8), end=50.0), reference(end=50.0))
     assert far.diverged is True
 
 
 def test_without_a_truth_there_is_a_nis_and_no_error() -> None:
     estimates = [replace(e, measurement=report(e.t_ns / S)) for e in flight()]
-    s = score(estimates, None)
+    s = score_leader(estimates, None)
     assert s.nis_mean == pytest.approx(3.0)
     assert s.images_scored == 150
     assert s.position_rmse_m is None
@@ -202,7 +203,7 @@ def test_without_a_truth_there_is_a_nis_and_no_error() -> None:
 
 
 def test_resets_are_those_of_the_last_estimate() -> None:
-    assert score([*flight(), replace(estimate(70.0), reset_count=3)], reference()).resets == 3
+    assert score_leader([*flight(), replace(estimate(70.0), reset_count=3)], reference()).resets == 3
 
 
 # ----------------------------------------------------------------------------------------- reading
@@ -241,7 +242,7 @@ def test_columns_may_stand_in_any_order(tmp_path: Path) -> None:
 def test_seven_columns_score_with_seven_degrees_of_freedom() -> None:
     whole = reference()
     part = Reference(whole.time, whole.components[:7], whole.values[:, :7])
-    s = score(flight((0.0,) * 7 + (9.0, 9.0)), part)
+    s = score_leader(flight((0.0,) * 7 + (9.0, 9.0)), part)
     assert s.nees_dof == 7
     assert s.nees_mean == pytest.approx(0.0, abs=1e-12)
 
@@ -254,24 +255,13 @@ def test_truth_that_stands_still_in_time_is_refused(tmp_path: Path) -> None:
         reference_from_csv(path)
 
 
-def test_records_are_put_in_order_and_doubles_dropped() -> None:
-    def truth(t_ns: int) -> Truth:
-        return Truth(
-            t_ns=t_ns,
-            r_OF_n=(0.0, 0.0, 0.0),
-            v_F_n=(0.0, 0.0, 0.0),
-            a_F_n=(0.0, 0.0, 0.0),
-            q_nF=(1.0, 0.0, 0.0, 0.0),
-            r_OL_n=(0.0, 0.0, 0.0),
-            r_FL_n=(1.0 * t_ns, 2.0, 3.0),
-            v_FL_n=(4.0, 5.0, 6.0),
-            size=7.0,
-            a_lat=8.0,
-            a_long=9.0,
-            q_nL=(1.0, 0.0, 0.0, 0.0),
-        )
-
-    read = reference_from_records([truth(3 * S), truth(S), truth(3 * S), truth(2 * S)])
+def test_records_are_put_in_order_and_duplicates_dropped() -> None:
+    accelerations = {"a_lat": 8.0, "a_long": 9.0}
+    rows = [
+        truth(t * S, r_FL_n=(1.0 * t * S, 2.0, 3.0), v_FL_n=(4.0, 5.0, 6.0), size=7.0, **accelerations)
+        for t in (3, 1, 3, 2)
+    ]
+    read = reference_from_records(rows)
     assert read.time.tolist() == [1.0, 2.0, 3.0]
     assert read.values[0].tolist() == [1.0 * S, 2, 3, 4, 5, 6, 7, 8, 9]
     assert len(reference_from_records([]).time) == 0
