@@ -5,7 +5,7 @@ the decoded messages too; a replay calls `feed`. Both run the same code on the s
 """
 
 from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 from msgspec.structs import replace
@@ -36,10 +36,11 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.ownship import Ownship
+from onboard.wire.document import BadDocumentError
 from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.points import BadPointsError, decode_points
-from onboard.wire.radar import BadRadarError, decode_radar
-from onboard.wire.ranges import BadRangesError, decode_ranges
+from onboard.wire.points import decode_points
+from onboard.wire.radar import decode_radar
+from onboard.wire.ranges import decode_ranges
 
 MAV_AUTOPILOT_INVALID: Final = 8
 AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
@@ -48,6 +49,11 @@ MOST_WAITING: Final = 256
 SILENT_NS: Final = (
     1_000_000_000  # own motion this long unheard of, by arrival: time stands still, and no estimate holds
 )
+DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
+    Encoding.POINTS: decode_points,
+    Encoding.RADAR: decode_radar,
+    Encoding.RANGES: decode_ranges,
+}
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 # stamped by a sensor, and of use once our own pose then is known
 SENSED: Final = (TargetPoints, RadarScan, PeerRanges)
@@ -93,23 +99,12 @@ class Pipeline:
         """The messages in one datagram, in SI units; bad bytes are counted in `health().rejected`."""
         if self._first_recv_ns is None:
             self._first_recv_ns = datagram.t_recv_ns
-        if datagram.encoding is Encoding.POINTS:
+        decode_document = DOCUMENTS.get(datagram.encoding)
+        if decode_document is not None:
             try:
-                return [decode_points(datagram.data, datagram.t_recv_ns)]
-            except BadPointsError:
-                self._rejected["bad_points"] += 1
-                return []
-        if datagram.encoding is Encoding.RADAR:
-            try:
-                return [decode_radar(datagram.data, datagram.t_recv_ns)]
-            except BadRadarError:
-                self._rejected["bad_radar"] += 1
-                return []
-        if datagram.encoding is Encoding.RANGES:
-            try:
-                return [decode_ranges(datagram.data, datagram.t_recv_ns)]
-            except BadRangesError:
-                self._rejected["bad_ranges"] += 1
+                return [decode_document(datagram.data, datagram.t_recv_ns)]
+            except BadDocumentError:
+                self._rejected[f"bad_{datagram.encoding}"] += 1
                 return []
         decoder = self._decoders.get(datagram.channel)
         if decoder is None:

@@ -1,4 +1,4 @@
-"""Records -> MAVLink 2 frames: what the daemon says to an autopilot, and what simlink says as one."""
+"""Records -> MAVLink 2 frames: those the daemon sends to an autopilot, and those simlink sends as one."""
 
 import math
 from collections.abc import Callable
@@ -58,7 +58,7 @@ class MavlinkEncoder:
 
 
 def message_number(name: str) -> int:
-    """The number of a MAVLink message. Raises KeyError for a name that is none."""
+    """The number of a MAVLink message. Raises KeyError for an unknown name."""
     number = getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
     if not isinstance(number, int):
         raise KeyError(name)
@@ -195,7 +195,7 @@ def _adsb_vehicle(m: Any) -> list[Any]:
         dialect.ADSB_FLAGS_SIMULATED: m.simulated,
     }
     geometric = m.altitude_type is AltitudeType.GEOMETRIC
-    course = 0 if m.course is None else round(math.degrees(m.course) % 360 * 100) % 36000
+    course = 0 if m.course is None else _hundredths_of_degree(m.course)
     return [
         dialect.MAVLink_adsb_vehicle_message(
             m.icao,
@@ -209,16 +209,16 @@ def _adsb_vehicle(m: Any) -> list[Any]:
             m.callsign.encode("ascii", "replace")[:8],
             m.emitter,
             min(int(m.tslc), 255),
-            sum(flag for flag, is_there in present.items() if is_there),
+            sum(flag for flag, is_present in present.items() if is_present),
             m.squawk or 0,
         )
     ]
 
 
 def _collision(m: Any) -> list[Any]:
-    none = dialect.MAV_COLLISION_ACTION_NONE  # we tell; what is done about it is the autopilot's
-    about = (m.time, m.vertical, m.horizontal)
-    return [dialect.MAVLink_collision_message(m.source, m.threat, none, m.threat_level, *about)]
+    none = dialect.MAV_COLLISION_ACTION_NONE  # we report; it is for the autopilot to act
+    approach = (m.time, m.vertical, m.horizontal)
+    return [dialect.MAVLink_collision_message(m.source, m.threat, none, m.threat_level, *approach)]
 
 
 ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
