@@ -1,4 +1,4 @@
-"""The estimator of our own state over simlink's flights: accuracy, faults named, and the replay of a log."""
+"""The own-state estimator over simlink's flights: accuracy, faults named, and the replay of a log."""
 
 import csv
 import re
