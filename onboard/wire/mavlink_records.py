@@ -26,6 +26,7 @@ from onboard.messages import (
     StatusText,
     SystemTime,
     TimeSync,
+    Vec3,
 )
 
 G: Final = 9.80665
@@ -64,26 +65,9 @@ def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
     return Heartbeat(**h, vehicle_type=m.type, autopilot=m.autopilot, armed=armed, status=m.system_status)
 
 
-def _system_time(m: Any, h: dict[str, Any]) -> Message:
-    return SystemTime(**h, unix_ns=m.time_unix_usec * 1000)
-
-
-def _time_sync(m: Any, h: dict[str, Any]) -> Message:
-    return TimeSync(**h, tc1_ns=m.tc1, ts1_ns=m.ts1)
-
-
-def _attitude_quaternion(m: Any, h: dict[str, Any]) -> Message:
-    omega = (m.rollspeed, m.pitchspeed, m.yawspeed)
-    return Attitude(**h, q_nb=(m.q1, m.q2, m.q3, m.q4), omega_b=omega)
-
-
 def _attitude(m: Any, h: dict[str, Any]) -> Message:
     w, x, y, z = quaternion_from_euler(m.roll, m.pitch, m.yaw).tolist()
-    return Attitude(**h, q_nb=(w, x, y, z), omega_b=(m.rollspeed, m.pitchspeed, m.yawspeed))
-
-
-def _local_position(m: Any, h: dict[str, Any]) -> Message:
-    return LocalPosition(**h, r_OF_n=(m.x, m.y, m.z), v_F_n=(m.vx, m.vy, m.vz))
+    return Attitude(**h, q_nb=(w, x, y, z), omega_b=_rates(m))
 
 
 def _global_position(m: Any, h: dict[str, Any]) -> Message:
@@ -137,30 +121,17 @@ def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
     return Imu(**h, f_b=f_b, omega_b=(m.xgyro * milli, m.ygyro * milli, m.zgyro * milli))
 
 
-def _servo_output_raw(m: Any, h: dict[str, Any]) -> Message:
-    return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
+def _rates(m: Any) -> Vec3:
+    return m.rollspeed, m.pitchspeed, m.yawspeed
 
 
-def _command_long(m: Any, h: dict[str, Any]) -> Message:
-    params = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
+def _command(m: Any, h: dict[str, Any], x: float, y: float, z: float) -> Message:
+    params = (m.param1, m.param2, m.param3, m.param4, x, y, z)
     return Command(**h, **_addressee(m), command=m.command, params=params)
-
-
-def _command_int(m: Any, h: dict[str, Any]) -> Message:
-    params = (m.param1, m.param2, m.param3, m.param4, float(m.x), float(m.y), m.z)
-    return Command(**h, **_addressee(m), command=m.command, params=params)
-
-
-def _command_ack(m: Any, h: dict[str, Any]) -> Message:
-    return CommandAck(**h, **_addressee(m), command=m.command, result=m.result)
 
 
 def _addressee(m: Any) -> dict[str, Any]:
     return {"target_system": m.target_system, "target_component": m.target_component}
-
-
-def _status_text(m: Any, h: dict[str, Any]) -> Message:
-    return StatusText(**h, severity=m.severity, text=m.text)
 
 
 def _adsb_vehicle(m: Any, h: dict[str, Any]) -> Message:
@@ -209,22 +180,24 @@ def _collision(m: Any, h: dict[str, Any]) -> Message:
 
 CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
     "HEARTBEAT": _heartbeat,
-    "SYSTEM_TIME": _system_time,
-    "TIMESYNC": _time_sync,
-    "ATTITUDE_QUATERNION": _attitude_quaternion,
+    "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
+    "TIMESYNC": lambda m, h: TimeSync(**h, tc1_ns=m.tc1, ts1_ns=m.ts1),
+    "ATTITUDE_QUATERNION": lambda m, h: Attitude(**h, q_nb=(m.q1, m.q2, m.q3, m.q4), omega_b=_rates(m)),
     "ATTITUDE": _attitude,
-    "LOCAL_POSITION_NED": _local_position,
+    "LOCAL_POSITION_NED": lambda m, h: LocalPosition(**h, r_OF_n=(m.x, m.y, m.z), v_F_n=(m.vx, m.vy, m.vz)),
     "GLOBAL_POSITION_INT": _global_position,
     "GPS_RAW_INT": _gps_fix,
     "HIGHRES_IMU": _highres_imu,
     "SCALED_IMU": _scaled_imu,
-    "SCALED_PRESSURE": _scaled_pressure,
     "RAW_IMU": _scaled_imu,
-    "SERVO_OUTPUT_RAW": _servo_output_raw,
-    "COMMAND_LONG": _command_long,
-    "COMMAND_INT": _command_int,
-    "COMMAND_ACK": _command_ack,
-    "STATUSTEXT": _status_text,
+    "SCALED_PRESSURE": _scaled_pressure,
+    "SERVO_OUTPUT_RAW": lambda m, h: ActuatorOutputs(
+        **h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17))
+    ),
+    "COMMAND_LONG": lambda m, h: _command(m, h, m.param5, m.param6, m.param7),
+    "COMMAND_INT": lambda m, h: _command(m, h, float(m.x), float(m.y), m.z),
+    "COMMAND_ACK": lambda m, h: CommandAck(**h, **_addressee(m), command=m.command, result=m.result),
+    "STATUSTEXT": lambda m, h: StatusText(**h, severity=m.severity, text=m.text),
     "ADSB_VEHICLE": _adsb_vehicle,
     "COLLISION": _collision,
 }

@@ -2,7 +2,7 @@
 
 The specific force drives the model of `models.own_motion`; attitude with body rates, GPS fixes and a barometer
 correct it, each at its own rate and at its own time, however late it comes. Innovations that the filter cannot
-explain are counted, and their cause is named where it can be found (`faults`, `outliers`).
+explain are counted, and their cause is named where it can be found (`faults`, `innovations`).
 """
 
 from typing import Final
@@ -11,12 +11,11 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Config
-from onboard.estimators.own_state.consistency import Counts
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.estimators.own_state.filters import SensorFilter
+from onboard.estimators.own_state.innovations import OutlierMonitor
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement
-from onboard.estimators.own_state.outliers import OutlierMonitor
 from onboard.estimators.own_state.report import Reported, nav_state, refused, report
 from onboard.estimators.own_state.sources import Sources, next_due_ns
 from onboard.estimators.own_state.track import Outcome, Track
@@ -182,13 +181,14 @@ class Estimator:
         self._track = None
         self._reason = reason
 
-    def _state(self, age: float) -> tuple[Lifecycle, str]:
-        """The life cycle and its reason; `age` (s) is that of the newest fix."""
+    def _life(self, t_ns: int) -> tuple[Lifecycle, str]:
+        """The state of the life cycle at a time, and its reason."""
         if self._track is None:
             has_fix = self._sources.first_fix_ns is not None
             return Lifecycle.INITIALISING if has_fix else Lifecycle.SEARCHING, self._reason
         if self._is_silent:
             return Lifecycle.LOST, "no attitude from the autopilot"
+        age = self._track.age(t_ns)
         if age <= self._config.coast_after_s:
             return Lifecycle.TRACKING, "fixes fused"
         if age <= self._config.validity_timeout_s:
@@ -199,20 +199,16 @@ class Estimator:
         newest_ns = self._sources.newest_ns
         if self._track is not None and self._track.age(newest_ns) > self._config.reset_timeout_s:
             self._drop_track("no fix for longer than the reset timeout")
-        track = self._track
-        age = float("inf") if track is None else track.age(newest_ns)
         self._sequence += 1
         estimate = nav_state(
-            None if track is None else track.posterior_at(newest_ns),
+            self._track,
             reported,
             config=self._config,
             sequence=self._sequence,
             t_ns=newest_ns,
-            life=self._state(age),
-            age=age,
+            life=self._life(newest_ns),
             resets=self._resets,
             origin=self._sources.origin,
-            counts=Counts(self._config.layer_sigmas) if track is None else track.counts,
             faults=self._vehicle.faults() + self._outliers.faults(),
         )
         if estimate.mean is not None and estimate.q_nb is not None:

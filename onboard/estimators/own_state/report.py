@@ -1,21 +1,20 @@
 """Our own state as it is published: the record and its parts."""
 
-import math
 from typing import Any, Final
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Config
-from onboard.estimators.own_state.consistency import Counts
 from onboard.estimators.own_state.measurements import Measurement
-from onboard.estimators.own_state.track import Outcome, Posterior
+from onboard.estimators.own_state.track import Outcome, Track
 from onboard.geometry.rotations import euler_from_quaternion, quaternion_from_matrix
 from onboard.messages import Fault, Lifecycle, MeasurementReport, Message, NavState, Vec3, Verdict
 from onboard.models import own_motion
 from onboard.models.quadrotor import POSITION, RATES, VELOCITY
 
 NAME: Final = "own_state"
+FIELDS_OF_TRACK: Final = ("age", "switch_fraction", "nis_ratio", "mean", "covariance", "q_nb", "omega_b")
 
 Reported = tuple[MeasurementReport, tuple[float, ...] | None]  # with the innovation's standard deviations
 
@@ -51,58 +50,56 @@ def report(measurement: Measurement, outcome: Outcome | None) -> Reported:
 
 
 def nav_state(
-    posterior: Posterior | None,
+    track: Track | None,
     reported: Reported | None,
     *,
     config: Config,
     sequence: int,
     t_ns: int,
     life: tuple[Lifecycle, str],
-    age: float,
     resets: int,
     origin: Vec3 | None,
-    counts: Counts,
     faults: tuple[Fault, ...],
 ) -> NavState:
-    """The record. `reported` is the newest measurement; `age` (s) is that of the newest fix."""
+    """The record at a time. `reported` is the newest measurement."""
     measurement, sigma = reported if reported is not None else (None, None)
     state, reason = life
-    valid = posterior is not None and state in (Lifecycle.TRACKING, Lifecycle.COASTING)
+    valid = track is not None and state in (Lifecycle.TRACKING, Lifecycle.COASTING)
     return NavState(
         name=NAME,
         target=NAME,
         sequence=sequence,
-        t_ns=t_ns if posterior is None else posterior.t_ns,
         state=state,
         valid=valid,
         reason=reason,
         frame="n",
         components=own_motion.COMPONENTS,
         units=own_motion.UNITS,
-        age=None if math.isinf(age) else age,
         reset_count=resets,
         measurement=measurement,
         origin=origin,
         layer=None if sigma is None else tuple(config.layer_sigmas * s for s in sigma),
-        switch_fraction=counts.switch_fraction,
-        nis_ratio=counts.nis_ratio,
-        quality=_quality(counts, age, config) if valid else -1,
+        quality=_quality(track, t_ns, config) if track is not None and valid else -1,
         faults=faults,
-        **_values(posterior, config),
+        **_of_track(track, t_ns, config),
     )
 
 
-def _values(posterior: Posterior | None, config: Config) -> dict[str, Any]:
-    """The record's mean, covariance, attitude and rates."""
-    if posterior is None:
-        return dict.fromkeys(("mean", "covariance", "q_nb", "omega_b"))
-    x, P = posterior.belief
-    R_nb = posterior.R_na @ own_motion.rotations(x[None])[0]
+def _of_track(track: Track | None, t_ns: int, config: Config) -> dict[str, Any]:
+    """The fields of the record that the track gives; all but the time are None without one."""
+    if track is None:
+        return {"t_ns": t_ns, **dict.fromkeys(FIELDS_OF_TRACK)}
+    at_ns, R_na, (x, P) = track.posterior_at(t_ns)
+    R_nb = R_na @ own_motion.rotations(x[None])[0]
     q = quaternion_from_matrix(R_nb)
     omega = x[list(RATES)]
     pose = (*x[list(POSITION)].tolist(), *x[list(VELOCITY)].tolist(), *euler_from_quaternion(q))
     covariance = own_motion.navigation_covariance(P, x) + _attitude_error(R_nb, config)
     return {
+        "t_ns": at_ns,
+        "age": track.age(t_ns),
+        "switch_fraction": track.counts.switch_fraction,
+        "nis_ratio": track.counts.nis_ratio,
         "mean": (*pose, *omega.tolist()),
         "covariance": tuple(tuple(row) for row in (0.5 * (covariance + covariance.T)).tolist()),
         "q_nb": tuple(q.tolist()),
@@ -119,8 +116,8 @@ def _attitude_error(R_nb: Array, config: Config) -> Array:
     return covariance
 
 
-def _quality(counts: Counts, age: float, config: Config) -> int:
+def _quality(track: Track, t_ns: int, config: Config) -> int:
     """Per cent: the share of measurements that the filter explains, reduced with the time since the last fix."""
-    explained = 1.0 - (counts.switch_fraction or 0.0)
-    fresh = 1.0 - max(age - config.coast_after_s, 0.0) / max(config.validity_timeout_s, 1e-9)
+    explained = 1.0 - (track.counts.switch_fraction or 0.0)
+    fresh = 1.0 - max(track.age(t_ns) - config.coast_after_s, 0.0) / max(config.validity_timeout_s, 1e-9)
     return max(round(100 * explained * max(fresh, 0.0)), 1)

@@ -12,8 +12,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.history import History
 from onboard.estimators.own_state.config import Config
-from onboard.estimators.own_state.consistency import Counts, Outside
 from onboard.estimators.own_state.filters import Filtered, SensorFilter
+from onboard.estimators.own_state.innovations import Counts, Outside
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import (
     BAROMETER,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from onboard.estimators.own_state.consistency import Counts
+from onboard.estimators.own_state.innovations import Counts
 from onboard.filters.belief import Belief, Update
 from tests.support.own_vehicle import MS
 

@@ -1,5 +1,6 @@
-"""Wrong values of sensors, found by the order of innovations: those of a wrong model keep their sign, that of a
-single wrong value does not.
+"""What innovations say: how well the filter explains the last second's measurements, and which values were wrong.
+
+A wrong model's innovations keep their sign, a single wrong value's do not.
 """
 
 from collections import Counter, deque
@@ -19,6 +20,41 @@ WRONG_VALUES: Final = 3  # within a second make a fault
 NEAR: Final = 2.0  # deviations: before and after a wrong value, innovations are this small
 SHAKEN_NS: Final = 400_000_000  # about the onset of another fault, innovations say nothing about sensors
 
+Outside = npt.NDArray[np.bool_]
+
+
+class Counts:
+    """Of the last second's measurements: how many components were outside their layer of `sigmas` standard
+    deviations of the innovation, and the NIS."""
+
+    def __init__(self, sigmas: float) -> None:
+        self._sigmas = sigmas
+        self._recent: deque[tuple[int, int, int, float]] = deque()  # t_ns, outside, components, NIS
+        self._outside = self._components = 0  # sums over those
+
+    def add(self, t_ns: int, update: Update) -> Outside:
+        """Count a measurement; which of its components were outside (m,)."""
+        layer = self._sigmas * np.sqrt(np.diag(update.innovation_covariance))
+        outside: Outside = np.abs(update.innovation) > layer
+        self._recent.append((t_ns, int(outside.sum()), len(outside), float(update.nis)))
+        self._outside += self._recent[-1][1]
+        self._components += len(outside)
+        while self._recent[0][0] < t_ns - NS_PER_S:
+            _, old_outside, old_components, _ = self._recent.popleft()
+            self._outside -= old_outside
+            self._components -= old_components
+        return outside
+
+    @property
+    def switch_fraction(self) -> float | None:
+        """Share of components outside their layer; None before the first."""
+        return self._outside / self._components if self._components else None
+
+    @property
+    def nis_ratio(self) -> float | None:
+        """NIS over the number of components: 1 where the covariance is right."""
+        return sum(nis for _, _, _, nis in self._recent) / self._components if self._components else None
+
 
 class OutlierMonitor:
     """Counts wrong values and reports a fault while they are many."""
@@ -32,9 +68,7 @@ class OutlierMonitor:
         """The present fault, if there is one."""
         return () if self._fault is None else (self._fault,)
 
-    def add(
-        self, measurement: Measurement, update: Update, outside: npt.NDArray[np.bool_], onsets_ns: Sequence[int]
-    ) -> None:
+    def add(self, measurement: Measurement, update: Update, outside: Outside, onsets_ns: Sequence[int]) -> None:
         """A measurement's innovation, and which of its components were outside their layer. A component that is
         outside, was small before, and is small after or as far to the other side, was a wrong value; otherwise the
         model is wrong. `onsets_ns` are those of the vehicle's present faults."""
