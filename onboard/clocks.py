@@ -83,8 +83,8 @@ class Clocks:
 
     def receive_reply(self, message: TimeSync) -> None:
         """Learn the offset from a TIMESYNC reply. Autopilots also forward replies to the requests of others; ours
-        have our tag in ts1. Where a log holds none of ours, any reply that could be the recorder's is used. One in a
-        thousand of those has our tag by chance, so only several tagged replies count as ours."""
+        have our tag in ts1. Where a log holds none of ours, any reply that could be the recorder's is used. One in
+        a thousand of those has our tag by chance, so only several tagged replies count as ours."""
         if message.tc1_ns == 0:
             return  # a request
         round_trip = message.t_recv_ns - message.ts1_ns

@@ -41,7 +41,7 @@ TIME: Final = attrgetter("t_ns")
 
 class History(Generic[B, M]):
     """Beliefs of one track. `advance(belief, t0_ns, t1_ns, ownship)` predicts; `fuse(belief, measurement,
-    ownship)` updates and returns (belief, outcome). Both must be pure; what they raise passes through."""
+    ownship)` updates and returns (belief, outcome). Both must be pure; their errors pass through."""
 
     def __init__(
         self,

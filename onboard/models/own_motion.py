@@ -26,12 +26,13 @@ DISTURBANCE: Final = (12, 13, 14)
 OFFSET: Final = 15
 GRAVITY: Final = 9.80665
 LARGEST: Final = 0.5  # rad
-COMPONENTS: Final = (
+COMPONENTS: Final[tuple[str, ...]] = (
     *("r_north", "r_east", "r_down", "v_north", "v_east", "v_down"),
     *("roll", "pitch", "yaw", "p", "q", "r"),
 )
-UNITS: Final = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("rad/s",) * 3)
-NAVIGATION: Final = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)  # the states that are published, in their order
+UNITS: Final[tuple[str, ...]] = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("rad/s",) * 3)
+# The states that are published, in the order of COMPONENTS.
+NAVIGATION: Final[tuple[int, ...]] = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)
 
 VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 MATRIX: Final = types.Array(types.float64, 2, "A", readonly=True)

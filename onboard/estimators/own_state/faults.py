@@ -120,8 +120,8 @@ class FaultMonitor:
         self._commands, self._commands_ns = np.clip(commands, 0.0, 1.0), message.t_ns
 
     def receive_imu(self, message: Imu, velocity_b: Array | None) -> Array | None:
-        """Compare; the vehicle's present angular acceleration (3,): that by its motors, and the mean of what has
-        lately been missing. None where the commands are unknown. `velocity_b` is for the drag."""
+        """Compare; the vehicle's angular acceleration (3,) by its motors' torque and the missing torque, a mean
+        over the window. None where the commands are unknown. `velocity_b` is for the drag."""
         a, t_ns = self._airframe, message.t_ns
         if a is None or self._commands is None or t_ns - self._commands_ns > STALE_NS:
             self._balances.clear()

@@ -1,4 +1,4 @@
-"""What innovations say: how well the filter explains the last second's measurements, and which values were wrong.
+"""Evaluation of innovations: how well the filter explains the last second's measurements, and wrong values.
 
 A wrong model's innovations keep their sign, a single wrong value's do not.
 """

@@ -12,7 +12,7 @@ from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Attitude, Barometer, GpsFix, Imu, Vec3, Verdict
 from onboard.models import own_motion
-from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
+from onboard.models.quadrotor import POSITION
 
 FARTHEST: Final = 1e6  # m from the origin; a fix beyond is not of this flight
 FASTEST: Final = 300.0  # m/s
@@ -27,18 +27,32 @@ NO_ATTITUDE: Final = np.eye(3)
 
 
 class Measurement(NamedTuple):
-    """A measurement y (m,) of `states` at `t_ns` with noise covariance R (m, m). An attitude comes as `R_nb`: its
-    three angles in y are zero until the reference frame is known (see `relative_to`)."""
+    """A measurement y (m,) at `t_ns` with noise covariance R (m, m). An attitude comes as `R_nb`: its three angles
+    in y are zero until the reference frame is known (see `relative_to`)."""
 
     sensor: str
     t_ns: int
     t_recv_ns: int
     y: Array
     R: Array
-    states: tuple[int, ...]
-    components: tuple[str, ...]
-    units: tuple[str, ...]
     R_nb: Array = NO_ATTITUDE
+
+    @property
+    def part(self) -> slice:
+        """The measured part of `own_motion.NAVIGATION`; of a barometer, which measures none of them, empty."""
+        if self.sensor == BAROMETER:
+            return slice(0)
+        return slice(6, 12) if self.sensor == ATTITUDE_SENSOR else slice(len(self.y))
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the components of y."""
+        return own_motion.COMPONENTS[self.part] or ("pressure_altitude",)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units."""
+        return own_motion.UNITS[self.part] or ("m",)
 
 
 def from_attitude(m: Attitude, config: Config) -> Measurement | Verdict:
@@ -49,17 +63,8 @@ def from_attitude(m: Attitude, config: Config) -> Measurement | Verdict:
     if not 0.5 < float(np.linalg.norm(q)) < 2.0 or np.abs(omega).max() > QUICKEST:
         return Verdict.DEGENERATE
     sigmas = np.radians([*config.attitude_sigma_deg, *[config.rates_sigma_deg_s] * 3])
-    return Measurement(
-        ATTITUDE_SENSOR,
-        m.t_ns,
-        m.t_recv_ns,
-        np.concatenate([np.zeros(3), omega]),
-        np.diag(sigmas**2),
-        (*ATTITUDE, *RATES),
-        own_motion.COMPONENTS[6:],
-        own_motion.UNITS[6:],
-        matrix_from_quaternion(q),
-    )
+    y = np.concatenate([np.zeros(3), omega])
+    return Measurement(ATTITUDE_SENSOR, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2), matrix_from_quaternion(q))
 
 
 def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measurement | Verdict:
@@ -77,17 +82,7 @@ def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measurement | Verdict:
     if np.abs(place).max() > FARTHEST or np.abs(y[3:]).max(initial=0.0) > FASTEST:
         return Verdict.DEGENERATE
     sigmas = np.array([*_accuracy(m, config), *config.gps_velocity_sigma_m_s[: len(velocity)]])
-    n = len(y)
-    return Measurement(
-        GPS,
-        m.t_ns,
-        m.t_recv_ns,
-        y,
-        np.diag(sigmas**2),
-        (*POSITION, *VELOCITY)[:n],
-        own_motion.COMPONENTS[:n],
-        own_motion.UNITS[:n],
-    )
+    return Measurement(GPS, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2))
 
 
 def from_barometer(m: Barometer | Imu, altitude: float, datum: float, config: Config) -> Measurement | Verdict:
@@ -96,16 +91,8 @@ def from_barometer(m: Barometer | Imu, altitude: float, datum: float, config: Co
         return Verdict.NOT_FINITE
     if abs(altitude) > HIGHEST:
         return Verdict.DEGENERATE
-    return Measurement(
-        BAROMETER,
-        m.t_ns,
-        m.t_recv_ns,
-        np.array([altitude - datum]),
-        np.array([[config.pressure_sigma_m**2]]),
-        (),
-        ("pressure_altitude",),
-        ("m",),
-    )
+    R = np.array([[config.pressure_sigma_m**2]])
+    return Measurement(BAROMETER, m.t_ns, m.t_recv_ns, np.array([altitude - datum]), R)
 
 
 def relative_to(R_na: Array, measurement: Measurement) -> tuple[Array, tuple[int, ...]]:
@@ -121,7 +108,7 @@ def measurement_model(measurement: Measurement) -> Rows:
     """The measurement as a function of rows of states."""
     if measurement.sensor == BAROMETER:
         return lambda rows: rows[:, own_motion.OFFSET :] - rows[:, POSITION[2], None]
-    columns = list(measurement.states)
+    columns = list(own_motion.NAVIGATION[measurement.part])
     return lambda rows: rows[:, columns]
 
 

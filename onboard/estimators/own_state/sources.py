@@ -1,4 +1,4 @@
-"""Streams of messages as measurements: what must be remembered between a stream's messages."""
+"""Streams of messages as measurements, with the memory that each stream needs between its messages."""
 
 import math
 from collections import deque

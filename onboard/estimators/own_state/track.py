@@ -15,13 +15,7 @@ from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.filters import Filtered, SensorFilter
 from onboard.estimators.own_state.innovations import Counts, Outside
 from onboard.estimators.own_state.inputs import Inputs
-from onboard.estimators.own_state.measurements import (
-    BAROMETER,
-    GPS,
-    Measurement,
-    measurement_model,
-    relative_to,
-)
+from onboard.estimators.own_state.measurements import BAROMETER, GPS, Measurement, measurement_model, relative_to
 from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
 from onboard.geometry.units import NS_PER_S, S_PER_NS

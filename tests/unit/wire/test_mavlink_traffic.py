@@ -71,7 +71,7 @@ def test_adsb_vehicle_packed_by_hand() -> None:
         (32, ("squawk",)),
     ],
 )
-def test_what_is_not_flagged_as_valid_is_not_known(flag: int, fields: tuple[str, ...]) -> None:
+def test_a_field_not_flagged_as_valid_is_unknown(flag: int, fields: tuple[str, ...]) -> None:
     whole, without = adsb(), adsb(flags=ALL_VALID & ~flag)
     assert without == replace(whole, **dict.fromkeys(fields))
 
@@ -91,7 +91,7 @@ def test_pressure_altitude_and_the_poles_and_the_antimeridian() -> None:
     assert m.simulated
 
 
-def test_adsb_vehicle_goes_out_as_it_came_in() -> None:
+def test_adsb_vehicle_is_encoded_as_it_was_decoded() -> None:
     frame = MavlinkEncoder(1, 156).encode(adsb())
     (theirs,) = common.MAVLink(None).parse_buffer(frame)
     assert theirs.get_type() == "ADSB_VEHICLE"

@@ -28,7 +28,7 @@ def test_it_waits_for_a_fix_coasts_through_an_outage_is_lost_and_comes_back() ->
     assert (gone.mean, gone.reset_count) == (None, 1)
 
 
-def test_an_autopilot_that_falls_silent_is_noticed() -> None:
+def test_a_silent_autopilot_is_reported() -> None:
     p = pipeline()
     states_of(p, [heartbeat(), *hovering(1000, 5000)])
     where = [LocalPosition(**header(t), r_OF_n=(0, 0, 0), v_F_n=(0, 0, 0)) for t in range(5000, 7000, 20)]

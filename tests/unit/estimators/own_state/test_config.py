@@ -1,4 +1,4 @@
-"""The section [estimator.own_state]: what it refuses, and that reading it loads no numerics."""
+"""The section [estimator.own_state]: bad values are refused, and reading it loads no numerics."""
 
 import subprocess
 import sys
@@ -12,7 +12,7 @@ from onboard.filters import methods
 
 
 @pytest.mark.parametrize(
-    ("section", "says"),
+    ("section", "text"),
     [
         ({"filter": "kalmann"}, "there is none named 'kalmann'; there are: augmented"),
         ({"airframe": "custom"}, "custom"),
@@ -21,10 +21,10 @@ from onboard.filters import methods
         ({"custom": {"mass_kg": -1.0}}, "estimator.own_state.custom"),
     ],
 )
-def test_a_bad_configuration_is_refused_in_one_line(section: dict[str, Any], says: str) -> None:
+def test_a_bad_configuration_is_refused_in_one_line(section: dict[str, Any], text: str) -> None:
     with pytest.raises(ConfigError, match=r"^estimator\.own_state") as caught:
         parse_config({"estimator": {"own_state": section}})
-    assert says in str(caught.value)
+    assert text in str(caught.value)
 
 
 def test_a_config_checks_itself() -> None:

@@ -10,7 +10,7 @@ from onboard.messages import Imu, Message
 from tests.support.own_vehicle import MS, ORIGIN, G, attitude, fix, heartbeat, hovering, imu, pipeline, states_of
 
 
-def test_hovering_it_stands_still_and_says_so() -> None:
+def test_a_hovering_vehicle_stands_still() -> None:
     p = pipeline()
     states = states_of(p, [heartbeat(), *hovering(1000, 9000)])
     last = states[-1]
@@ -75,8 +75,8 @@ def test_a_late_fix_gives_the_same_state_as_one_in_order_seed_1() -> None:
     assert_allclose(delayed.covariance, in_order.covariance, atol=1e-9)
 
 
-def test_the_delay_of_a_fix_is_taken_off_seed_2() -> None:
-    """10 m/s north: a fix believed 0.1 s too new would be a metre behind."""
+def test_the_delay_of_a_fix_is_compensated_seed_2() -> None:
+    """10 m/s north: a fix taken as 0.1 s too new would be a metre behind."""
     messages: list[Message] = [heartbeat()]
     for t in range(1000, 9000, 10):
         messages += [imu(t), attitude(t)]
@@ -107,16 +107,16 @@ def test_irregular_rates_drop_outs_and_partial_fixes_seed_3() -> None:
     assert_allclose(np.concatenate([angles, rates]), np.zeros(6), atol=1e-3)  # the attitude here has no noise
 
 
-def test_without_an_accelerometer_it_is_less_sure_but_goes_on() -> None:
+def test_without_an_accelerometer_the_covariance_is_larger() -> None:
     without = [m for m in hovering(1000, 9000) if not isinstance(m, Imu)]
-    blind = states_of(pipeline(), [heartbeat(), *without])[-1]
-    seeing = states_of(pipeline(), [heartbeat(), *hovering(1000, 9000)])[-1]
-    assert blind.valid
-    assert np.array(blind.covariance)[3, 3] > 4 * np.array(seeing.covariance)[3, 3]
+    without_imu = states_of(pipeline(), [heartbeat(), *without])[-1]
+    with_imu = states_of(pipeline(), [heartbeat(), *hovering(1000, 9000)])[-1]
+    assert without_imu.valid
+    assert np.array(without_imu.covariance)[3, 3] > 4 * np.array(with_imu.covariance)[3, 3]
 
 
 def test_with_the_thrust_only_a_sideways_push_is_estimated() -> None:
-    """3 m/s^2 east from 4 s to 6 s, felt by the lateral accelerometer or not used: both follow."""
+    """3 m/s^2 east from 4 s to 6 s, measured by the lateral accelerometer or not used: both follow."""
     for force, limit in (("accelerometer", 0.1), ("thrust", 1.0)):
         messages: list[Message] = [heartbeat()]
         v = r = 0.0
@@ -133,7 +133,7 @@ def test_with_the_thrust_only_a_sideways_push_is_estimated() -> None:
 
 
 @pytest.mark.parametrize("name", ["cubature", "csvsf-adaptive"])
-def test_a_barometer_that_jumps_moves_nothing_and_is_believed_anew(name: str) -> None:
+def test_a_step_of_the_barometer_moves_nothing_and_becomes_the_new_datum(name: str) -> None:
     p, datum = pipeline(filter=name, gps_position_sigma_m=(0.5, 0.5, 1.0)), 620.0
     messages: list[Message] = [heartbeat()]
     for message in hovering(1000, 31000):

@@ -17,3 +17,11 @@ def test_each_sensor_has_its_own_memory_of_being_outside_seed_4() -> None:
     assert np.abs(filters.belief(state).mean).max() < 1.0  # the third in a row, but not of one sensor
     state, _ = filters.update(state, "a", far, lambda rows: rows[:, :2], R, ())
     assert filters.belief(state).mean[0] > 49.0
+
+
+def test_the_model_error_found_by_each_sensor_is_kept_apart() -> None:
+    filters = SensorFilter("csvsf-adaptive")
+    state = filters.start(np.zeros(2), np.eye(2))
+    for sensor in ("a", "b"):
+        state, _ = filters.update(state, sensor, np.zeros(1), lambda rows: rows[:, :1], np.eye(1), ())
+    assert set(state.model_errors) == {"a", "b"}
