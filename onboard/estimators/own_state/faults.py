@@ -91,10 +91,6 @@ class FaultMonitor:
             spin = places[:, 2] * airframe.torque_per_thrust_m
             self._mixing = np.stack([np.ones(len(places)), -places[:, 1], places[:, 0], spin])  # (4, rotors)
             self._arms = np.abs(self._mixing).max(axis=1)
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget everything."""
         self._commands: Array | None = None  # shares of the range, (rotors,)
         self._commands_ns = 0
         self._shares: Array | None = None  # the commands as the motors follow them
