@@ -2,27 +2,19 @@
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final
 
 from onboard.messages import Datagram, Encoding, Message
+from onboard.wire.document import BadDocumentError
 from onboard.wire.mavlink_decode import MavlinkDecoder
-from onboard.wire.points import BadPointsError, decode_points
-from onboard.wire.radar import BadRadarError, decode_radar
-from onboard.wire.ranges import BadRangesError, decode_ranges
+from onboard.wire.points import decode_points
+from onboard.wire.radar import decode_radar
+from onboard.wire.ranges import decode_ranges
 
-
-class Document(NamedTuple):
-    """How a datagram that holds one JSON document becomes a message, and what it raises and counts otherwise."""
-
-    decode: Callable[[bytes, int], Message]
-    error: type[Exception]
-    reason: str
-
-
-DOCUMENTS: Final = {
-    Encoding.POINTS: Document(decode_points, BadPointsError, "bad_points"),
-    Encoding.RADAR: Document(decode_radar, BadRadarError, "bad_radar"),
-    Encoding.RANGES: Document(decode_ranges, BadRangesError, "bad_ranges"),
+DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
+    Encoding.POINTS: decode_points,
+    Encoding.RADAR: decode_radar,
+    Encoding.RANGES: decode_ranges,
 }
 
 
@@ -35,12 +27,12 @@ class DatagramDecoder:
 
     def decode(self, datagram: Datagram) -> list[Message]:
         """The messages in one datagram, in SI units."""
-        document = DOCUMENTS.get(datagram.encoding)
-        if document is not None:
+        decode_document = DOCUMENTS.get(datagram.encoding)
+        if decode_document is not None:
             try:
-                return [document.decode(datagram.data, datagram.t_recv_ns)]
-            except document.error:
-                self._bad[document.reason] += 1
+                return [decode_document(datagram.data, datagram.t_recv_ns)]
+            except BadDocumentError:
+                self._bad[f"bad_{datagram.encoding}"] += 1
                 return []
         decoder = self._mavlink.get(datagram.channel)
         if decoder is None:

@@ -14,7 +14,8 @@ from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rot
 from onboard.messages import Clock, Estimate, Pseudoranges, SatelliteRange, TrafficTruth, Truth, Verdict
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import TrafficScore, score_traffic
-from onboard.wire.ranges import BadRangesError, decode_ranges, encode_ranges
+from onboard.wire.document import BadDocumentError
+from onboard.wire.ranges import decode_ranges, encode_ranges
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.sensors import almanac, gnss
@@ -127,7 +128,7 @@ def test_what_is_published_comes_back() -> None:
     ],
 )
 def test_what_cannot_be_names_the_field(change: dict[str, object], says: str) -> None:
-    with pytest.raises(BadRangesError, match=says):
+    with pytest.raises(BadDocumentError, match=says):
         decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)  # type: ignore[arg-type]  # as said
 
 

@@ -25,14 +25,14 @@ UNSTAMPED = (Heartbeat, TimeSync, Command, CommandAck, StatusText)  # MAVLink ha
 
 
 @pytest.mark.parametrize(("record", "name", "fields"), RECORDS, ids=[name for _, name, _ in RECORDS])
-def test_what_is_encoded_an_independent_parser_reads(record: Message, name: str, fields: dict[str, Any]) -> None:
+def test_an_independent_parser_reads_every_record(record: Message, name: str, fields: dict[str, Any]) -> None:
     (m,) = independent(MavlinkEncoder(7, 191).encode(record))
     assert (m.get_type(), m.get_srcSystem(), m.get_srcComponent()) == (name, 7, 191)
     assert {k: getattr(m, k) for k in fields} == pytest.approx(fields)
 
 
 @pytest.mark.parametrize(("record", "name", "fields"), RECORDS, ids=[name for _, name, _ in RECORDS])
-def test_what_is_encoded_comes_back(record: Message, name: str, fields: dict[str, Any]) -> None:
+def test_every_record_is_decoded_again(record: Message, name: str, fields: dict[str, Any]) -> None:
     del name, fields
     back = one(MavlinkEncoder(record.system, record.component).encode(record))
     assert type(back) is type(record)

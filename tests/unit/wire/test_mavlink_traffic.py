@@ -1,20 +1,16 @@
-"""ADSB_VEHICLE, COLLISION and radar scans against literal bytes and pymavlink's own parser and packer."""
+"""ADSB_VEHICLE and COLLISION against literal bytes and pymavlink's own parser and packer."""
 
-import json
 import math
 import struct
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import common
 
-from onboard.messages import AdsbVehicle, AltitudeType, Clock, Collision, RadarDetection, RadarDetections
+from onboard.messages import AdsbVehicle, AltitudeType, Clock, Collision
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.radar import BadRadarError, decode_radar, encode_radar
 from tests.support.mavlink_frames import RECV, crc_x25
 
 # Packed with struct from the field table of common.xml (size order), not with any encoder.
@@ -75,7 +71,7 @@ def test_adsb_vehicle_packed_by_hand() -> None:
         (32, ("squawk",)),
     ],
 )
-def test_what_is_not_flagged_as_valid_is_not_known(flag: int, fields: tuple[str, ...]) -> None:
+def test_a_field_not_flagged_as_valid_is_unknown(flag: int, fields: tuple[str, ...]) -> None:
     whole, without = adsb(), adsb(flags=ALL_VALID & ~flag)
     assert without == replace(whole, **dict.fromkeys(fields))
 
@@ -95,7 +91,7 @@ def test_pressure_altitude_and_the_poles_and_the_antimeridian() -> None:
     assert m.simulated
 
 
-def test_adsb_vehicle_goes_out_as_it_came_in() -> None:
+def test_adsb_vehicle_is_encoded_as_it_was_decoded() -> None:
     frame = MavlinkEncoder(1, 156).encode(adsb())
     (theirs,) = common.MAVLink(None).parse_buffer(frame)
     assert theirs.get_type() == "ADSB_VEHICLE"
@@ -125,59 +121,3 @@ def test_collision_as_pymavlink_reads_it() -> None:
     assert (theirs.altitude_minimum_delta, theirs.horizontal_minimum_delta) == (-3.25, 40.5)
     (back,) = MavlinkDecoder(stream=False).decode(frame, RECV)
     assert back == replace(m, t_ns=RECV, t_recv_ns=RECV, clock=Clock.NONE, system=7, component=191)
-
-
-# ------------------------------------------------------------------------------------------- radar
-
-ECHO = {"range": 1234.5, "azimuth": -0.25, "elevation": 0.125}
-
-
-def document(**changes: Any) -> bytes:
-    whole = {"t_ns": 41_000_000_000, "clock": "boot", "radar": "nose", "detections": [ECHO]} | changes
-    return json.dumps(whole).encode()
-
-
-def test_a_radar_scan_from_json() -> None:
-    scan = decode_radar(document(), RECV)
-    assert (scan.t_ns, scan.t_recv_ns, scan.clock, scan.system) == (41_000_000_000, RECV, Clock.BOOT, 0)
-    assert (scan.radar, scan.frame) == ("nose", "body")
-    assert scan.detections == (RadarDetection(range=1234.5, azimuth=-0.25, elevation=0.125),)
-    assert decode_radar(document(detections=[]), RECV).detections == ()
-    assert decode_radar(document(frame="ned"), RECV).frame == "ned"
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"t_ns": 2**63},
-        {"frame": "enu"},
-        {"clock": "wall"},
-        {"extra": 1},
-        {"detections": [ECHO | {"range": 0.0}]},
-        {"detections": [ECHO | {"range": 1e8}]},
-        {"detections": [ECHO | {"azimuth": 7.0}]},
-        {"detections": [ECHO | {"elevation": 1.6}]},
-        {"detections": [ECHO | {"sigma": [1.0, 0.0, 1.0]}]},
-        {"detections": [ECHO | {"sigma": [1.0, 1.0]}]},
-        {"detections": [ECHO | {"range": float("nan")}]},
-        {"detections": [ECHO] * 5000},
-    ],
-    ids=str,
-)
-def test_a_scan_that_cannot_be_is_refused(changes: dict[str, Any]) -> None:
-    with pytest.raises(BadRadarError):
-        decode_radar(document(**changes), RECV)
-
-
-@settings(max_examples=100, deadline=None, derandomize=True)
-@given(st.binary(max_size=200))
-def test_random_bytes_are_an_error_of_ours(data: bytes) -> None:
-    with pytest.raises(BadRadarError):
-        decode_radar(data, RECV)
-
-
-def test_a_scan_goes_out_and_comes_back() -> None:
-    echo = RadarDetection(range=100.0, azimuth=0.1, elevation=-0.1, sigma=(5.0, 0.01, 0.02), snr_db=12.0)
-    sent = RadarDetections(t_ns=5, clock=Clock.HOST, radar="nose", frame="ned", detections=(echo,))
-    scan = decode_radar(encode_radar(sent), RECV)
-    assert (scan.t_ns, scan.clock, scan.frame, scan.detections) == (5, Clock.HOST, "ned", (echo,))

@@ -1,5 +1,9 @@
 """Framing of MAVLink bytes: cut streams, damage, unknown and signed frames, random bytes."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -83,6 +87,14 @@ def test_a_bad_checksum_is_counted_and_the_next_frame_of_the_datagram_read() -> 
     decoder = MavlinkDecoder(stream=False)
     assert len(decoder.decode(data[:-1] + b"\x00" + data, RECV)) == 1
     assert decoder.rejected == {"bad_frame": 1}
+
+
+def test_the_environment_cannot_turn_the_checksum_off() -> None:
+    """pymavlink reads the variable when it is imported, and the encoder may be imported first."""
+    code = "from onboard.wire.mavlink_encode import dialect; print(dialect.MAVLINK_IGNORE_CRC)"
+    environment = os.environ | {"MAV_IGNORE_CRC": "1"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)
+    assert done.stdout.strip() == b"0"
 
 
 def test_unknown_messages_are_counted_and_do_no_harm() -> None:

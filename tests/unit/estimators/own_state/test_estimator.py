@@ -1,4 +1,4 @@
-"""The estimator of our own state: what it says of messages made by hand."""
+"""The own-state estimator on messages made by hand."""
 
 import numpy as np
 import pytest
@@ -7,12 +7,12 @@ from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import quaternion_from_vector, quaternion_product
 from onboard.messages import Imu, Message
-from tests.support.own_vehicle import MS, ORIGIN, G, attitude, fix, heartbeat, hovering, imu, pipeline, told
+from tests.support.own_vehicle import MS, ORIGIN, G, attitude, fix, heartbeat, hovering, imu, pipeline, states_of
 
 
-def test_hovering_it_stands_still_and_says_so() -> None:
+def test_a_hovering_vehicle_stands_still() -> None:
     p = pipeline()
-    states = told(p, [heartbeat(), *hovering(1000, 9000)])
+    states = states_of(p, [heartbeat(), *hovering(1000, 9000)])
     last = states[-1]
     assert last.valid
     assert last.state == "tracking"
@@ -44,7 +44,7 @@ def test_through_pitch_90_degrees_and_the_wrap_of_yaw_there_is_no_jump(name: str
         down_b = quaternion_product(quaternion_product([q[0], *-q[1:]], [0, 0, 0, -G]), q)[1:]
         messages += [imu(t, down_b, omega), attitude(t, q, omega)]
         messages += [fix(t)] if t % 100 == 0 else []
-    states = [s for s in told(p, messages) if s.mean is not None]
+    states = [s for s in states_of(p, messages) if s.mean is not None]
     assert len(states) > 300
     assert np.isfinite([s.mean for s in states]).all()
     errors = [1 - abs(float(np.dot(truth[s.t_ns // MS], s.q_nb))) for s in states]  # type: ignore[arg-type]
@@ -68,21 +68,21 @@ def test_a_late_fix_gives_the_same_state_as_one_in_order_seed_1() -> None:
             m = fix(t, rng.normal(size=3), 0.1 * rng.normal(size=2))
             prompt.append(m)
             late.append((t + 143, m))
-    in_order = told(pipeline(), [heartbeat(), *prompt])[-1]
-    delayed = told(pipeline(), [heartbeat(), *[m for _, m in sorted(late, key=lambda x: x[0])]])[-1]
+    in_order = states_of(pipeline(), [heartbeat(), *prompt])[-1]
+    delayed = states_of(pipeline(), [heartbeat(), *[m for _, m in sorted(late, key=lambda x: x[0])]])[-1]
     assert in_order.t_ns == delayed.t_ns
     assert_allclose(delayed.mean, in_order.mean, atol=1e-9)
     assert_allclose(delayed.covariance, in_order.covariance, atol=1e-9)
 
 
-def test_the_delay_of_a_fix_is_taken_off_seed_2() -> None:
-    """10 m/s north: a fix believed 0.1 s too new would be a metre behind."""
+def test_the_delay_of_a_fix_is_compensated_seed_2() -> None:
+    """10 m/s north: a fix taken as 0.1 s too new would be a metre behind."""
     messages: list[Message] = [heartbeat()]
     for t in range(1000, 9000, 10):
         messages += [imu(t), attitude(t)]
         messages += [fix(t, (10 * (t - 100) * 1e-3, 0, 0), (10, 0))] if t % 100 == 0 else []
-    last = told(pipeline(gps_s=0.1), messages)[-1]
-    ignored = told(pipeline(), messages)[-1]
+    last = states_of(pipeline(gps_s=0.1), messages)[-1]
+    ignored = states_of(pipeline(), messages)[-1]
     assert last.mean is not None
     assert ignored.mean is not None
     assert last.mean[0] - ignored.mean[0] == pytest.approx(1.0, abs=0.05)
@@ -98,7 +98,7 @@ def test_irregular_rates_drop_outs_and_partial_fixes_seed_3() -> None:
             whole = fix(t, 0.3 * rng.normal(size=3), 0.1 * rng.normal(size=2))
             partial = replace(whole, ground_speed=None, course_rad=None, h_acc=None, v_acc=None)
             messages.append(whole if rng.random() < 0.5 else replace(partial, alt_msl=whole.alt_msl))
-    states = told(pipeline(filter="csvsf-robust"), messages)
+    states = states_of(pipeline(filter="csvsf-robust"), messages)
     assert states[-1].reset_count == 0
     assert np.isfinite([s.mean for s in states if s.mean]).all()
     position, velocity, angles, rates = np.reshape(states[-1].mean, (4, 3))
@@ -107,16 +107,16 @@ def test_irregular_rates_drop_outs_and_partial_fixes_seed_3() -> None:
     assert_allclose(np.concatenate([angles, rates]), np.zeros(6), atol=1e-3)  # the attitude here has no noise
 
 
-def test_without_an_accelerometer_it_is_less_sure_but_goes_on() -> None:
+def test_without_an_accelerometer_the_covariance_is_larger() -> None:
     without = [m for m in hovering(1000, 9000) if not isinstance(m, Imu)]
-    blind = told(pipeline(), [heartbeat(), *without])[-1]
-    seeing = told(pipeline(), [heartbeat(), *hovering(1000, 9000)])[-1]
-    assert blind.valid
-    assert np.array(blind.covariance)[3, 3] > 4 * np.array(seeing.covariance)[3, 3]
+    without_imu = states_of(pipeline(), [heartbeat(), *without])[-1]
+    with_imu = states_of(pipeline(), [heartbeat(), *hovering(1000, 9000)])[-1]
+    assert without_imu.valid
+    assert np.array(without_imu.covariance)[3, 3] > 4 * np.array(with_imu.covariance)[3, 3]
 
 
 def test_with_the_thrust_only_a_sideways_push_is_estimated() -> None:
-    """3 m/s^2 east from 4 s to 6 s, felt by the lateral accelerometer or not used: both follow."""
+    """3 m/s^2 east from 4 s to 6 s, measured by the lateral accelerometer or not used: both follow."""
     for force, limit in (("accelerometer", 0.1), ("thrust", 1.0)):
         messages: list[Message] = [heartbeat()]
         v = r = 0.0
@@ -128,12 +128,12 @@ def test_with_the_thrust_only_a_sideways_push_is_estimated() -> None:
             r, v = r + 0.01 * v + 5e-5 * a, v + 0.01 * a
             messages += [fix(t, (0, r, 0), (0, v))] if t % 100 == 0 else []
             messages = [heartbeat(), *messages] if t == 1000 else messages
-            error += [s.mean[4] - v for s in told(p, messages) if s.mean is not None]
+            error += [s.mean[4] - v for s in states_of(p, messages) if s.mean is not None]
         assert np.abs(error).max() < limit, force
 
 
 @pytest.mark.parametrize("name", ["cubature", "csvsf-adaptive"])
-def test_a_barometer_that_jumps_moves_nothing_and_is_believed_anew(name: str) -> None:
+def test_a_step_of_the_barometer_moves_nothing_and_becomes_the_new_datum(name: str) -> None:
     p, datum = pipeline(filter=name, gps_position_sigma_m=(0.5, 0.5, 1.0)), 620.0
     messages: list[Message] = [heartbeat()]
     for message in hovering(1000, 31000):
@@ -141,7 +141,7 @@ def test_a_barometer_that_jumps_moves_nothing_and_is_believed_anew(name: str) ->
         if t_ms >= 11000:
             datum = 623.0  # a door opened, or the ground was left
         messages.append(replace(message, pressure_altitude=datum) if isinstance(message, Imu) else message)
-    states = [s for s in told(p, messages) if s.valid and s.t_ns > 10000 * MS]
+    states = [s for s in states_of(p, messages) if s.valid and s.t_ns > 10000 * MS]
     assert max(abs(s.mean[5]) for s in states) < 0.1  # type: ignore[index]
     assert abs(states[-1].mean[5]) < 0.05  # type: ignore[index]
     assert abs(states[-1].mean[2]) < 0.3  # type: ignore[index]

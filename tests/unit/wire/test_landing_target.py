@@ -76,13 +76,13 @@ def test_target_numbers_from_three_on_are_another_target() -> None:
 
 
 @pytest.mark.parametrize("angle", [math.nan, math.inf, -math.inf, math.pi / 2, -math.pi / 2, 3.0, 1e30])
-def test_angles_no_image_point_has_become_nan_not_a_number_that_looks_like_one(angle: float) -> None:
+def test_impossible_angles_become_nan(angle: float) -> None:
     m = one(landing(0, angle, 0.1) + b"".join(labelled()[1:]))
     assert math.isnan(m.center[0])
     assert m.center[1] == pytest.approx(math.tan(0.1))
 
 
-def test_an_image_with_no_stamp_says_so() -> None:
+def test_an_image_without_a_stamp_has_no_clock() -> None:
     m = one(b"".join(landing(k, 0.1, 0.1, t_us=0) for k in range(3)))
     assert m.clock is Clock.NONE
 
