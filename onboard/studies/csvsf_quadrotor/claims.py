@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from onboard.studies.csvsf_quadrotor.table import Row
+from onboard.studies.csvsf_quadrotor.scores import Row
 from onboard.studies.report.findings import Claim
 
 Rows = Mapping[tuple[str, str], Row]

@@ -6,7 +6,7 @@ from typing import Final
 from onboard.messages import Record
 from onboard.studies.csvsf_quadrotor.cases import NAMED, Variant
 from onboard.studies.csvsf_quadrotor.filters import EVERY, MAIN, METHODS
-from onboard.studies.csvsf_quadrotor.table import Comparison, Limit, Row
+from onboard.studies.csvsf_quadrotor.scores import Comparison, Limit, Row
 from onboard.studies.report.findings import Claim, Misprint
 
 NOTHING: Final = "–"

@@ -19,7 +19,7 @@ from onboard.studies.csvsf_quadrotor.claims import claims_of
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE, MAIN, METHODS, Method, Track, methods_on, track
 from onboard.studies.csvsf_quadrotor.misprints import misprints
 from onboard.studies.csvsf_quadrotor.report import Result, Setting, markdown
-from onboard.studies.csvsf_quadrotor.table import (
+from onboard.studies.csvsf_quadrotor.scores import (
     ASKED,
     ASKED_SLOW,
     REFERENCE,

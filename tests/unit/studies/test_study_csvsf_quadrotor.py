@@ -17,7 +17,7 @@ from onboard.studies.csvsf_quadrotor.figures import roll_rate
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, FORCE, RECURSIVE, SVSF, Track, methods_on, track
 from onboard.studies.csvsf_quadrotor.misprints import misprints
 from onboard.studies.csvsf_quadrotor.report import comparison_table, limits_table, pivot
-from onboard.studies.csvsf_quadrotor.table import Score, compare, limits_of, make_row, score
+from onboard.studies.csvsf_quadrotor.scores import Score, compare, limits_of, make_row, score
 
 BEGIN = 1000  # the step from which scores are taken
 
