@@ -42,7 +42,7 @@ VARIANTS: Final = (
     Variant(
         "g",
         "formation",
-        "stamps 80 ms late, unknown to the filters",
+        "stamps 80 ms late, unknown",
         (*COMPARED, WING_LINE_DELAY),
         late=Lateness(stamp=4),
         judged=WING_LINE_DELAY,

@@ -15,11 +15,12 @@ from simlink.scenarios.scenario import load_scenario
 
 SCENARIO = load_scenario("formation")
 
+Ran = tuple[study.Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
 FLOWN = tuple(BY_NAME[name] for name in ("a", "d", "e", "k45"))
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[study.Result, Path, list[tuple[int, int]]]:
+def result(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     out, calls = tmp_path_factory.mktemp("study"), []
     found = study.run(
         seeds=2,
@@ -32,9 +33,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[study.Result, Path
     return found, out, calls
 
 
-def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
-    result: tuple[study.Result, Path, list[tuple[int, int]]],
-) -> None:
+def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None:
     found, out, calls = result
     assert calls == [(i + 1, len(FLOWN)) for i in range(len(FLOWN))]
     assert len(found.figures) == 10
@@ -53,9 +52,7 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
     assert compared == expected
 
 
-def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(
-    result: tuple[study.Result, Path, list[tuple[int, int]]],
-) -> None:
+def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(result: Ran) -> None:
     """Bands wide enough for two flights; those of the full study are compared by `compare`."""
     rows = {(row.variant, row.method): row for row in result[0].rows}
     values = {key: {n: q.value or np.nan for n, q in row.quantities.items()} for key, row in rows.items()}
@@ -73,7 +70,7 @@ def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(
     assert verdicts["eq 54"] == "does not hold"
 
 
-def test_targets_are_met_or_not_by_the_numbers(result: tuple[study.Result, Path, list[tuple[int, int]]]) -> None:
+def test_targets_are_met_or_not_by_the_numbers(result: Ran) -> None:
     rows, limits = result[0].rows, result[0].bounds
     paper = {(t.variant, t.what): t for t in judge(rows, {row.variant: "paper" for row in rows}, limits)}
     assert not paper["a", "NEES (9)"].met
