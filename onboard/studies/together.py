@@ -28,8 +28,8 @@ StudyProgress = Callable[[str, int, int], None]
 def run_study(
     name: str, seeds: int | None, out: Path, progress: Progress, jobs: int | None = None
 ) -> dict[str, Any]:
-    """The result of a study as plain values, run in `jobs` processes (None: one per core); its files go to a folder
-    of `out`.
+    """Run a study in `jobs` processes (None: one per core), and give its result as plain values. Its files go to a
+    folder of `out`.
 
     Raises ImportError where figures cannot be drawn.
     """

@@ -15,7 +15,7 @@ from onboard.studies.csvsf_quadrotor.cases import FAULT, NOMINAL, Case, Sensor, 
 
 CONSISTENCY_EVERY: Final = 10  # steps
 HALFWAY: Final = round(FAULT / DT)  # steps
-MEMORY: Final = ("residual", "lasted", "switching", "leaning")  # fields of a smooth filter's state, per sensor
+MEMORY: Final = ("residual", "lasted", "switching", "leaning")  # what a smooth filter keeps of each sensor
 
 
 class Method(NamedTuple):

@@ -30,9 +30,8 @@ from onboard.studies.csvsf_quadrotor.scores import (
     make_row,
     score,
 )
-from onboard.studies.report.markdown import write
 from onboard.studies.report.runs import by_name
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 
 NAME: Final = "csvsf-quadrotor"
 TITLE: Final = "Al-Shabi et al.: a quadrotor's own state, smooth variable structure filters"

@@ -31,8 +31,7 @@ from onboard.studies.cwpa_kalman_tracker_3d.runs import (
 )
 from onboard.studies.report import findings as report
 from onboard.studies.report.findings import Claim, Findings, Misprint, Table
-from onboard.studies.report.markdown import write
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 
 NAME: Final = "cwpa-kalman-tracker-3d"
 TITLE: Final = "Lazarov et al.: a linear Kalman tracker in three dimensions"

@@ -18,8 +18,7 @@ from onboard.studies.joseph_srukf_sense_and_avoid.claims import Measured, claims
 from onboard.studies.joseph_srukf_sense_and_avoid.tables import tables_of
 from onboard.studies.report import findings as report
 from onboard.studies.report.findings import Findings, Misprint
-from onboard.studies.report.markdown import write
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 from onboard.studies.tracking.outcomes import Outcome
 
 NAME: Final = "joseph-srukf-sense-and-avoid"

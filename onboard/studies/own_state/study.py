@@ -15,8 +15,7 @@ from onboard.messages import Datagram, FaultKind, Message, NavState, Truth
 from onboard.pipeline import Pipeline
 from onboard.studies.report import findings as report
 from onboard.studies.report.findings import Check, Claim, Findings, Table
-from onboard.studies.report.markdown import write
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams, simulate
 

@@ -34,8 +34,7 @@ class Components(NamedTuple):
 
     title: str
     names: Sequence[str]
-    unit: str
-    si_unit: str
+    units: Sequence[str]  # in feet
     truth: Array
     estimates: Mapping[str, Array]
     sigmas: Mapping[str, Array] | None
@@ -72,25 +71,24 @@ def _quantities(flight: Flight, tracks: Mapping[str, Track]) -> tuple[Components
     shown = {name: tracks[name] for name in DRAWN}
     sigma = {name: np.sqrt(np.einsum("nii->ni", track.covariance)) / FT for name, track in shown.items()}
 
-    def states(title: str, names: Sequence[str], unit: str, si_unit: str, columns: Any) -> Components:
+    def states(title: str, names: Sequence[str], units: Sequence[str], columns: Any) -> Components:
         means = {name: track.mean[:, columns] / FT for name, track in shown.items()}
         sigmas = {name: rows[:, columns] for name, rows in sigma.items()}
-        return Components(title, names, unit, si_unit, truth[:, columns] / FT, means, sigmas)
+        return Components(title, names, units, truth[:, columns] / FT, means, sigmas)
 
     acceleration = Components(
         "Relative acceleration",
         AXES,
-        "ft/s²",
-        "m/s²",
-        relative_acceleration(truth, flight, 0.0) / FT,
-        {name: relative_acceleration(track.mean, flight, 0.0) / FT for name, track in shown.items()},
+        ["ft/s²"] * 3,
+        relative_acceleration(truth, flight) / FT,
+        {name: relative_acceleration(track.mean, flight) / FT for name, track in shown.items()},
         None,
     )
     return (
-        states("Relative position", AXES, "ft", "m", R),
-        states("Relative velocity", AXES, "ft/s", "m/s", V),
+        states("Relative position", AXES, ["ft"] * 3, R),
+        states("Relative velocity", AXES, ["ft/s"] * 3, V),
         acceleration,
-        states("Target", ("size", "a_lat", "a_long"), "ft, ft/s²", "m, m/s²", [SIZE, A_LAT, A_LONG]),
+        states("Target", ("size", "a_lat", "a_long"), ("ft", "ft/s²", "ft/s²"), [SIZE, A_LAT, A_LONG]),
     )
 
 
@@ -102,13 +100,9 @@ def _three_panels(title: str, q: Components) -> tuple[Figure, Sequence[Axes]]:
 
 
 def _label(axis: Axes, q: Components, i: int) -> None:
-    """Names and units: of three panels in two units the first is a length."""
-    unit, si_unit = q.unit, q.si_unit
-    if ", " in unit:
-        unit, si_unit = unit.split(", ")[min(i, 1)], si_unit.split(", ")[min(i, 1)]
-    axis.set_ylabel(f"{q.names[i]}, {unit}")
-    right = axis.secondary_yaxis("right", functions=(_to_si, _from_si))
-    right.set_ylabel(si_unit)
+    """Name and unit left, the SI unit right."""
+    axis.set_ylabel(f"{q.names[i]}, {q.units[i]}")
+    axis.secondary_yaxis("right", functions=(_to_si, _from_si)).set_ylabel(q.units[i].replace("ft", "m"))
 
 
 def _to_si(y: Any) -> Any:

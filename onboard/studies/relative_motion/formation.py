@@ -91,40 +91,28 @@ class Method(NamedTuple):
 
 
 class Track(NamedTuple):
-    """A filter's estimates over one flight, at its N navigation samples and M images; NaN where there are none.
+    """A filter's estimates over B flights (the axis B is absent for `one`), at N navigation samples and M images;
+    NaN where there are none.
 
     `mean` and `covariance` are posterior at times with an image. `failed_at`: the time, s, at which the covariance
-    lost its Cholesky factor or a number overflowed; the filter stops there. `delay` (N, 2): estimate and sigma.
+    lost its Cholesky factor or a number overflowed; the filter stops there. NaN: no failure. `delay`: estimates
+    and sigmas, s.
     """
 
     t: Array  # (N,)
-    mean: Array  # (N, 9)
-    covariance: Array  # (N, 9, 9)
-    nis: Array  # (M,)
-    fused: Mask  # (M,)
-    failed_at: float | None
+    mean: Array  # (B, N, 9)
+    covariance: Array  # (B, N, 9, 9)
+    nis: Array  # (B, M)
+    fused: Mask  # (B, M)
+    failed_at: Any  # (B,)
     degrees: int = 3
-    delay: Array | None = None
+    delay: Array | None = None  # (B, N, 2)
 
-
-class Tracks(NamedTuple):
-    """As `Track`, with an axis B of flights before the others; `failed_at` (B,) is NaN without a failure."""
-
-    t: Array
-    mean: Array
-    covariance: Array
-    nis: Array
-    fused: Mask
-    failed_at: Array
-    degrees: int
-    delay: Array | None
-
-    def one(self, b: int) -> Track:
+    def one(self, b: int) -> "Track":
         """The track of flight `b` alone."""
-        failed_at = None if np.isnan(self.failed_at[b]) else float(self.failed_at[b])
         delay = None if self.delay is None else self.delay[b]
-        arrays = (self.mean[b], self.covariance[b], self.nis[b], self.fused[b])
-        return Track(self.t, *arrays, failed_at, self.degrees, delay)
+        arrays = (self.mean[b], self.covariance[b], self.nis[b], self.fused[b], self.failed_at[b])
+        return Track(self.t, *arrays, self.degrees, delay)
 
 
 class Lateness(NamedTuple):
@@ -138,12 +126,12 @@ class Lateness(NamedTuple):
 ON_TIME: Final = Lateness()
 
 
-def track(flights: Flights, setting: Setting, method: Method, late: Lateness = ON_TIME) -> Tracks:
+def track(flights: Flights, setting: Setting, method: Method, late: Lateness = ON_TIME) -> Track:
     """Fly `method` over `flights`, seen by the setting's camera."""
     count, samples, images = len(flights.seeds), len(flights.nav_t), len(flights.image_t)
     filter_ = method.make(setting)
     delay = None if filter_.delay is None else np.full((count, samples, 2), np.nan)
-    out = Tracks(
+    out = Track(
         flights.nav_t,
         np.full((count, samples, 9), np.nan),
         np.full((count, samples, 9, 9), np.nan),
@@ -203,7 +191,7 @@ class _OwnMotion:
 class _Pool:
     """The filters that run: `rows` are their flights, in the order of their states."""
 
-    def __init__(self, filter_: Filter, own: _OwnMotion, out: Tracks) -> None:
+    def __init__(self, filter_: Filter, own: _OwnMotion, out: Track) -> None:
         self._filter, self._own, self._out = filter_, own, out
         self._rows: Indices = np.empty(0, dtype=np.intp)
         self._state: Any = None

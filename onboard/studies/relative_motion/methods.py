@@ -13,26 +13,15 @@ from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import R, V
-from onboard.studies.relative_motion.formation import FT, Filter, Images, ImageUpdate, Method, Setting, Step
+from onboard.studies.relative_motion.formation import Filter, Images, ImageUpdate, Method, Setting, Step
 
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
 # R from the settings' degrees; the same for all images, diag(1, 1, 2) (sigma_px / f)^2; from each image's points
 ImageNoise = Literal["degrees", "constant", "points"]
 
-TUNED_NOISE: Final = Noise(
-    position_walk=0.02 * FT,
-    velocity_walk=0.1 * FT,
-    size_walk=1e-5,
-    a_lat_walk=1 * FT,
-    a_long_walk=0.3 * FT,
-    initial_position=None,
-    initial_velocity=12 * FT,
-    initial_acceleration=10 * FT,
-    angles_deg=None,
-    gate_probability=None,
-    hover_speed=0.0,
-    initialise_images=1,
-    consider_size=False,
+# the daemon's noise, ungated, the size estimated
+TUNED_NOISE: Final = noise_for("honest", "fixed_wing")._replace(
+    gate_probability=None, hover_speed=0.0, initialise_images=1, consider_size=False
 )
 
 

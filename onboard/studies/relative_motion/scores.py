@@ -11,7 +11,7 @@ from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Record
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
-from onboard.studies.relative_motion.formation import FT, Mask, Track, Tracks
+from onboard.studies.relative_motion.formation import FT, Mask, Track
 from onboard.studies.relative_motion.stacked_states import Indices
 from onboard.studies.report import runs
 from onboard.studies.report.runs import Quantity
@@ -131,7 +131,7 @@ def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, s
     )
 
 
-def score_flights(flights: Flights, tracks: Tracks, stamps_late: float) -> list[Score]:
+def score_flights(flights: Flights, tracks: Track, stamps_late: float) -> list[Score]:
     """The score of each flight."""
     rows = range(len(flights.seeds))
     unseen = [unseen_samples(flights.image_at, flights.in_view[b], len(flights.nav_t)) for b in rows]
@@ -186,10 +186,10 @@ def error_over_time(flight: Flight, track: Track) -> Array:
     return np.column_stack([track.t, error / FT, sigma / FT])
 
 
-def relative_acceleration(mean: Array, flight: Flight, eps: float) -> Array:
+def relative_acceleration(mean: Array, flight: Flight) -> Array:
     """a_FL_n (N, 3) that states (N, 9) imply: eq 4."""
     v_L = mean[:, V] + flight.nav_v_F_n
-    a_L = relative_motion.leader_acceleration(v_L, mean[:, A_LAT], mean[:, A_LONG], eps)
+    a_L = relative_motion.leader_acceleration(v_L, mean[:, A_LAT], mean[:, A_LONG], 0.0)
     return np.asarray(a_L - flight.nav_a_F_n)
 
 
@@ -226,7 +226,7 @@ def _angle_error_deg(flight: Flight) -> tuple[float, float, float]:
 
 
 def _diverged(track: Track, truth: Array, range_error: Array) -> str | None:
-    if track.failed_at is not None:
+    if np.isfinite(track.failed_at):
         return f"numerical failure at {track.failed_at:.2f} s"
     last = track.t > track.t[-1] - LAST
     last &= np.isfinite(range_error)

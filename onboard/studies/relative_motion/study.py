@@ -31,9 +31,8 @@ from onboard.studies.relative_motion.variants import (
     scenario_of,
     setting_of,
 )
-from onboard.studies.report.markdown import write
 from onboard.studies.report.runs import by_name
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 from simlink.flights import Flights, fly_many
 
 NAME: Final = "relative-motion"

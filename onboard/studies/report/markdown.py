@@ -1,25 +1,12 @@
-"""The report of a study in Markdown, and the files that a study writes."""
+"""The report of a study in Markdown."""
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
-import msgspec
-
-from onboard.messages import Record
 from onboard.studies.report.findings import Cell, Claim, Findings, Misprint
 
 UNKNOWN: Final = "–"
-
-
-def write(found: Findings, out: Path, result: Record | None = None) -> None:
-    """report.md and result.json into the folder `out`. The JSON holds `result` (None: `found`), NaN as null."""
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "report.md").write_text(markdown(found), encoding="utf-8")
-    (out / "result.json").write_bytes(
-        msgspec.json.format(msgspec.json.encode(found if result is None else result), indent=1)
-    )
 
 
 def markdown(found: Findings) -> str:

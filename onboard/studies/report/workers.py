@@ -1,10 +1,17 @@
-"""The parts of a study, computed in several processes."""
+"""The parts of a study, computed in several processes; the files that a study writes."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any, NamedTuple
+
+import msgspec
+
+from onboard.messages import Record
+from onboard.studies.report.findings import Findings
+from onboard.studies.report.markdown import markdown
 
 Progress = Callable[[int, int], None]
 
@@ -27,6 +34,15 @@ def compute(parts: Sequence[Part], jobs: int | None = None, progress: Progress |
     # spawned, not forked: the caller may run threads, to show the progress
     with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
         return _collect(pool.map(_run, parts), len(parts), progress)
+
+
+def write(found: Findings, out: Path, result: Record | None = None) -> None:
+    """report.md and result.json into the folder `out`. The JSON holds `result` (None: `found`), NaN as null."""
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "report.md").write_text(markdown(found), encoding="utf-8")
+    (out / "result.json").write_bytes(
+        msgspec.json.format(msgspec.json.encode(found if result is None else result), indent=1)
+    )
 
 
 def require_seeds(seeds: int, first_seed: int) -> range:

@@ -23,8 +23,7 @@ from onboard.messages import Estimate, TrafficTruth, Truth
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import LEAD_S, Encounter, Score, Scored, score
 from onboard.studies.report.findings import Cell, Claim, Findings, Table, check
-from onboard.studies.report.markdown import write
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams

@@ -14,8 +14,7 @@ import msgspec
 from onboard.filters.gating import mean_bounds
 from onboard.studies.report import findings as report
 from onboard.studies.report.findings import Cell, Findings, Table
-from onboard.studies.report.markdown import write
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 from onboard.studies.tracking.outcomes import Outcome
 from onboard.studies.ukf_radar_launch_vehicle import runs
 from onboard.studies.ukf_radar_launch_vehicle.claims import claims_of

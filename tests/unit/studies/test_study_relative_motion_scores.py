@@ -27,7 +27,7 @@ def flight(flights: Flights) -> Flight:
     return flights.one(0)
 
 
-def a_track(flight: Flight, mean: Array, *, failed_at: float | None = None) -> Track:
+def a_track(flight: Flight, mean: Array, *, failed_at: float = np.nan) -> Track:
     """A filter that reported `mean` throughout, with unit covariance, NIS 3 and no image gated."""
     n, m = len(mean), len(flight.image_t)
     return Track(
