@@ -77,7 +77,8 @@ def _overview(result: Result) -> Figure:
             value, colour = rows[variant, method.name].value("velocity_m_s"), COLOURS.get(method.name, "#444444")
             ax.plot(value, at, "o", color=colour, zorder=3)
             ax.plot(reference.get((variant, method.name), np.nan), at, "|", color="black", ms=12)
-        ax.set(xscale="log", xlim=(0.008, 1.0), title=NAMED[variant].label, xlabel="velocity, m/s")
+        ax.set(xscale="log", xlim=(0.008, 1.0), xlabel="velocity, m/s")
+        ax.set_title(NAMED[variant].label, fontsize=8)
     axes[0, 0].set_yticks(y, [m.label for m in METHODS])
     return figure
 
@@ -109,7 +110,7 @@ def _estimates(flown: tuple[Case, Mapping[str, Track]], quantity: Any, name: str
     below.set(ylabel="rms error, over half a second", xlabel="time, s", yscale="log")
     for ax in (above, below):
         _fault(ax, variant)
-    legend(figure, below)
+    legend(figure, below, columns=3)
     return figure
 
 

@@ -53,10 +53,10 @@ def panels(
     return figure, axes
 
 
-def legend(figure: Figure, axis: Axes) -> None:
+def legend(figure: Figure, axis: Axes, columns: int = 4) -> None:
     """One legend below, of the curves of one panel."""
     handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(handles), 4))
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(handles), columns))
 
 
 def shade(axis: Axes, intervals: Sequence[tuple[float, float]]) -> None:
