@@ -1,5 +1,5 @@
 """`onboard study --all`: every study from its flights to its report, as small as each can be, so that none breaks
-unnoticed. What they find is looked at in the tests of each."""
+unnoticed. The tests of each study check its results."""
 
 import json
 import os
@@ -25,10 +25,10 @@ from simlink.scenarios.scenario import Scenario
 
 
 def _one_after_another(
-    names: Sequence[str], seeds: int | None, out: Path, told: Callable[[str, int, int], None]
+    names: Sequence[str], seeds: int | None, out: Path, on_progress: Callable[[str, int, int], None]
 ) -> dict[str, dict[str, Any]]:
-    """As `run_all`, but in this process, which knows of the shorter flights."""
-    return {name: run_study(name, seeds, out, partial(told, name)) for name in names}
+    """As `run_all`, but in this process, where the flights are made shorter."""
+    return {name: run_study(name, seeds, out, partial(on_progress, name)) for name in names}
 
 
 def _shorter(variant: Variant) -> Scenario:

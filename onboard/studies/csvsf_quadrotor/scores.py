@@ -1,4 +1,4 @@
-"""What a track of the quadrotor was worth, over the runs, and beside an independent implementation's figures."""
+"""Errors of the quadrotor's tracks: scores of a run, the row of all runs, and another implementation's figures."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -13,6 +13,9 @@ from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 from onboard.models.quadrotor_flight import DT
 from onboard.studies.csvsf_quadrotor.cases import FAULT, Case
 from onboard.studies.csvsf_quadrotor.filters import CKF, FORCE, THRUST, Track
+from onboard.studies.report import runs
+from onboard.studies.report.findings import within
+from onboard.studies.report.runs import by_name, half_unit
 
 LAST: Final = 5.0  # s at the end that decide whether a run diverged
 FAR: Final = 5.0  # diverged: mean error of some state, in standard deviations of its raw measurement
@@ -20,8 +23,7 @@ FAR: Final = 5.0  # diverged: mean error of some state, in standard deviations o
 GROUPS: Final = {"velocity_m_s": VELOCITY, "rates_rad_s": RATES, "position_m": POSITION, "attitude_rad": ATTITUDE}
 MEANS: Final = ("nees", "nis")
 
-# Measured by an independent implementation of the same scenario over 60 seeds of its own: velocity, m/s, as
-# printed.
+# Velocity, m/s, as printed: an independent implementation of the same scenario, over 60 seeds of its own.
 REFERENCE: Final[dict[tuple[str, str], str]] = {
     (variant, method): value
     for method, values in {
@@ -41,9 +43,9 @@ ASKED: Final = (
     ("weak", "velocity_m_s", 0.09),
     ("motor", "rates_rad_s", 0.06),
 )
-# And, with a GPS at 10 Hz, of what has an accelerometer.
+# And, with a GPS at 10 Hz, of filters that have an accelerometer.
 ASKED_SLOW: Final = (("multirate-weak", "velocity_m_s", 0.07), ("multirate-gust", "velocity_m_s", 0.3))
-NO_ERROR: Final = 0.05  # how far ours may be from it, as a fraction: without error ...
+NO_ERROR: Final = 0.05  # tolerance, as a fraction of the reference: without error ...
 FAULTY: Final = 0.10  # ... and with
 
 
@@ -61,43 +63,22 @@ class Score(Record, frozen=True, kw_only=True):
     nis: float
 
 
-class Quantity(Record, frozen=True, kw_only=True):
-    """A figure over all runs, and its standard error from their scatter."""
+class Row(runs.Row, frozen=True, kw_only=True):
+    """Figures of all runs, the diverged ones too, as in the reference."""
 
-    value: float | None
-    standard_error: float | None
-
-
-class Row(Record, frozen=True, kw_only=True):
-    """One variant with one method, over all runs: the diverged ones too, as the reference has it."""
-
-    variant: str
-    method: str
-    runs: int
-    diverged_percent: float
-    diverged_why: tuple[str, ...]
-    quantities: dict[str, Quantity]
-    nees_bounds: tuple[float, float]  # 95 %, were each run's mean one sample: a consistent filter stays below
     scores: tuple[Score, ...]
 
 
-class Comparison(Record, frozen=True, kw_only=True):
-    """Ours against the reference: `tolerance` is 5 % of it without error, 10 % with. `agrees_as_printed`: with
-    some number that is printed like the reference, which has two or three digits."""
+class Comparison(runs.Comparison, frozen=True, kw_only=True):
+    """Ours beside the reference: `tolerance` is 5 % of it without error, 10 % with. `agrees_as_printed`: with some
+    number that is printed like the reference, which has two or three digits."""
 
-    variant: str
-    method: str
-    quantity: str
-    ours: float | None
     standard_error: float | None
-    reference: float
-    tolerance: float
-    agrees: bool
     agrees_as_printed: bool
 
 
 class Limit(Record, frozen=True, kw_only=True):
-    """What is asked of a robust filter, and whether a method meets it. None: it gave no number."""
+    """What is asked of a robust filter, and whether a method meets it. `value` None: it has no finite figure."""
 
     variant: str
     method: str
@@ -135,8 +116,8 @@ def _diverged(error: Array, R: Array) -> str | None:
 
 def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
     """The row of these runs."""
-    quantities = {name: _rms([getattr(s, name) for s in scores]) for name in GROUPS}
-    quantities |= {name: _mean([getattr(s, name) for s in scores]) for name in MEANS}
+    quantities = {name: runs.rms([getattr(s, name) for s in scores]) for name in GROUPS}
+    quantities |= {name: runs.mean([getattr(s, name) for s in scores]) for name in MEANS}
     gone = [s.diverged for s in scores if s.diverged is not None]
     return Row(
         variant=variant,
@@ -158,7 +139,6 @@ def compare(row: Row) -> list[Comparison]:
     found = row.quantities["velocity_m_s"]
     reference, allowed = float(printed), NO_ERROR if row.variant == "none" else FAULTY
     off = float("inf") if found.value is None else abs(found.value - reference)
-    rounded = 0.5 * 10.0 ** -len(printed.partition(".")[2])
     return [
         Comparison(
             variant=row.variant,
@@ -169,52 +149,25 @@ def compare(row: Row) -> list[Comparison]:
             reference=reference,
             tolerance=reference * allowed,
             agrees=off <= reference * allowed,
-            agrees_as_printed=off <= reference * allowed + rounded * (1 + allowed),
+            agrees_as_printed=off <= reference * allowed + half_unit(printed) * (1 + allowed),
         )
     ]
 
 
 def limits_of(rows: Sequence[Row], methods: Sequence[str]) -> list[Limit]:
     """Whether each of `methods` meets what is ASKED, and those with a GPS at 10 Hz what is ASKED_SLOW."""
-    by_name = {(row.variant, row.method): row for row in rows}
-    clean = by_name["none", "ckf"].quantities["velocity_m_s"].value
-    asked = [
-        (
-            variant,
-            method,
-            quantity,
-            limit if limit is not None else 1.01 * clean if clean is not None else float("nan"),
-        )
-        for method in methods
-        for variant, quantity, limit in ASKED
+    known = by_name(rows)
+    like_ckf = 1.01 * known["none", "ckf"].value("velocity_m_s")
+    slow = (CKF.name, *(m.name for m in (*THRUST, *FORCE)))
+    return [
+        _limit(known[variant, method], quantity, like_ckf if limit is None else limit)
+        for asked, of in ((ASKED, methods), (ASKED_SLOW, slow))
+        for method in of
+        for variant, quantity, limit in asked
     ]
-    for method in (CKF.name, *(m.name for m in (*THRUST, *FORCE))):
-        asked += [(variant, method, quantity, limit) for variant, quantity, limit in ASKED_SLOW]
-    return [_limit(by_name[variant, method], quantity, limit) for variant, method, quantity, limit in asked]
 
 
 def _limit(row: Row, quantity: str, limit: float) -> Limit:
     value = row.quantities[quantity].value
-    met = value is not None and value <= limit and row.diverged_percent == 0
+    met = within(value, high=limit) and row.diverged_percent == 0
     return Limit(variant=row.variant, method=row.method, quantity=quantity, value=value, limit=limit, met=met)
-
-
-def _rms(values: Sequence[float]) -> Quantity:
-    """Root of the mean square over runs; every run has as many samples, so this is that over all samples."""
-    x = np.array(values)
-    if not np.isfinite(x).all():
-        return Quantity(value=None, standard_error=None)
-    value = float(np.sqrt(np.mean(x * x)))
-    # d sqrt(s) = ds / (2 sqrt(s))
-    return Quantity(value=value, standard_error=_standard_error(x * x, 2.0 * value) if value > 0 else 0.0)
-
-
-def _mean(values: Sequence[float]) -> Quantity:
-    x = np.array(values)
-    if not np.isfinite(x).all():
-        return Quantity(value=None, standard_error=None)
-    return Quantity(value=float(np.mean(x)), standard_error=_standard_error(x, 1.0))
-
-
-def _standard_error(x: Array, divisor: float) -> float | None:
-    return float(np.std(x, ddof=1) / np.sqrt(x.size) / divisor) if x.size > 1 else None
