@@ -40,8 +40,8 @@ NAVIGATION_HZ: Final[Range] = (30.0, 60.0)
 # LOCAL_POSITION_NED of an ArduPilot is 20 to 25 ms older than its stamp (../shared/data/README.md).
 POSITION_LAG_S: Final[Range] = (0.015, 0.030)
 TRANSPORT_S: Final[Range] = (0.001, 0.004)
-# An ArduPilot's yaw is steadily 0.6 degrees off, and steps by 1.5 to 2 at take-off (../shared/data/README.md). Roll
-# and pitch are known better, the mount of the camera included.
+# An ArduPilot's yaw is steadily 0.6 degrees off, and steps by 1.5 to 2 at take-off (../shared/data/README.md).
+# Roll and pitch are known better, the mount of the camera included.
 TILT_ERROR_DEG: Final[Range] = (0.15, 0.5)  # standard deviations
 YAW_ERROR_DEG: Final[Range] = (0.5, 1.6)
 ATTITUDE_ERROR_S: Final[Range] = (25.0, 200.0)

@@ -31,9 +31,8 @@ def waves(rng: np.random.Generator, t: Array, amplitude: float, periods: Sequenc
     total = np.zeros_like(t)
     for period in periods:
         share = amplitude / len(periods) * rng.uniform(0.6, 1.2)
-        total += share * np.sin(
-            2.0 * np.pi * t / (period * rng.uniform(0.8, 1.25)) + rng.uniform(0.0, 2.0 * np.pi)
-        )
+        turns = t / (period * rng.uniform(0.8, 1.25)) + rng.uniform(0.0, 1.0)
+        total += share * np.sin(2.0 * np.pi * turns)
     return total
 
 

@@ -1,4 +1,4 @@
-"""One encounter: its truth, and what our vehicle's computer receives of it. It depends on family and seed alone."""
+"""One encounter: its truth, and what our vehicle's computer receives. It depends on family and seed alone."""
 
 from typing import Final, NamedTuple
 
@@ -11,6 +11,7 @@ from simlink.encounters.curves import wobble
 from simlink.encounters.families import FAMILIES, LeaderClass
 from simlink.encounters.reports import received
 from simlink.encounters.truth import EncounterTruth
+from simlink.sensors.arrays import Array
 from simlink.world.constants import DT, steps_of
 from simlink.world.noise import stream
 
@@ -38,7 +39,7 @@ def make_encounter(family: str, seed: int, seconds: float = SECONDS) -> Encounte
     own_seed = _seed_of(family, seed)
     rng = stream(own_seed, "encounters.geometry")
     conditions = draw_conditions(stream(own_seed, "encounters.conditions"))
-    t = DT * np.arange(steps_of(seconds) + 1)
+    t: Array = DT * np.arange(steps_of(seconds) + 1, dtype=np.float64)
     leader, nose, follower, wind, leader_class = FAMILIES[family](rng, t)
     nose = nose + wobble(own_seed, "encounters.nose", conditions.nose_wobble_deg, len(t), np.pi / 180)
     if leader_class == "fixed_wing":
