@@ -1,0 +1,44 @@
+"""The figure of the study of encounters: estimated range beside the truth, one flight of each family."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import matplotlib as mpl
+import numpy as np
+
+from onboard.studies.encounters.flights import Case, Flight
+from onboard.studies.report.drawing import COLOURS, STYLE, TRUTH, legend, panels, save
+
+COLUMNS: Final = 3
+COLOUR: Final = COLOURS["ukf"]
+NAME: Final = "ranges.png"
+
+
+def draw(flights: Mapping[Case, Flight], out: Path) -> tuple[str, ...]:
+    """Write the figure into the folder `out`; its file name."""
+    with mpl.rc_context(STYLE):
+        rows = -(-len(flights) // COLUMNS)
+        figure, axes = panels(
+            "Range of the leader: truth and estimate", rows, COLUMNS, (10.0, 2.4 * rows), sharex=True
+        )
+        for axis, (case, flight) in zip(axes.flat, flights.items(), strict=False):
+            axis.fill_between(
+                *(flight.t, flight.range_ - flight.sigma, flight.range_ + flight.sigma),
+                color=COLOUR,
+                alpha=0.25,
+                linewidth=0,
+                label="±1σ of the filter",
+            )
+            axis.plot(flight.t, flight.range_, color=COLOUR, label="estimate, where valid")
+            axis.plot(flight.t, flight.distance, label="truth", **TRUTH)
+            # a filter that has lost itself must not flatten the truth
+            highest = np.nanmax(flight.distance, initial=1.0)
+            axis.set_ylim(0.0, 2.0 * highest)
+            axis.set_title(case.name, fontsize=9)
+        for axis in axes[-1]:
+            axis.set_xlabel("time, s")
+        for axis in axes[:, 0]:
+            axis.set_ylabel("range, m")
+        legend(figure, axes[0, 0])
+        return save({NAME: figure}, out)
