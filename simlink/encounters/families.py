@@ -42,7 +42,7 @@ def _hovering(rng: np.random.Generator, t: Array, place: Array) -> Motion:
 
 def _behind(rng: np.random.Generator, t: Array, leader: Motion, direction: Array) -> Motion:
     """A follower that has the leader in this direction (N,), and wanders in its slot."""
-    amplitude = rng.uniform(1.0, 3.0)
+    amplitude = rng.uniform(1.5, 3.5)
     slot = -rng.uniform(*DISTANCE) * level(direction) + _below(rng)
     return moving(leader.r + slot + wander(rng, t, (amplitude, amplitude, 0.3 * amplitude), (11.0, 7.0, 5.0)))
 

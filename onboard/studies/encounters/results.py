@@ -50,8 +50,8 @@ def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
         title="Family by family",
         note=f"Every estimate from {SETTLE:g} s on; ± is one standard error, by the scatter from flight to "
         "flight. Range errors are RMS over valid estimates. Inside: the truth is in the 95 % ellipsoid of the "
-        "position. Wrong: the range is off by more than 3 sigma and more than 5 %. The last rows fly other settings, and do "
-        "not count in `all, defaults`.",
+        "position. Wrong: the range is off by more than 3 sigma and more than 5 %. The last rows fly other "
+        "settings, and do not count in `all, defaults`.",
         header=(
             *(
                 "encounter",
