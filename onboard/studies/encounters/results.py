@@ -45,7 +45,9 @@ class Requirement(NamedTuple):
 
 def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
     """One row for each case, and all flights with default settings together."""
-    rows = [(case.name, score) for case, score in scores.items()]
+    rows = [(case.name, scores[case]) for case in DEFAULTS if case in scores]
+    rows += [("all, defaults", total)]
+    rows += [(case.name, score) for case, score in scores.items() if case not in DEFAULTS]
     return Table(
         title="Family by family",
         note=f"Every estimate from {SETTLE:g} s on; ± is one standard error, by the scatter from flight to "
@@ -70,7 +72,7 @@ def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
                 *(name, float(s.flights), *s.valid, *s.range_error, s.median_flight, s.worst_flight),
                 *(s.sigma, *s.inside, *s.wrong),
             )
-            for name, s in (*rows[: len(DEFAULTS)], ("all, defaults", total), *rows[len(DEFAULTS) :])
+            for name, s in rows
         ),
     )
 
