@@ -12,7 +12,7 @@ from onboard.arrays import Array
 from onboard.filters import methods
 from onboard.filters.belief import Belief, Method, Rows, Update
 
-BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "doubt"}
+BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "model_error"}
 
 
 class Filtered(NamedTuple):
@@ -51,10 +51,10 @@ class SensorFilter:
         state = _remembering(filtered.state, remembered)
         update = self._method.update(state, y, measure, R, angular)
         memory, after = {**filtered.memory, sensor: _memory(update.belief)}, update.belief
-        if not hasattr(after, "doubt"):
+        if not hasattr(after, "model_error"):
             return Filtered(after, memory, {}), update
-        doubts = {**filtered.doubts, sensor: after.doubt}
-        return Filtered(after._replace(doubt=sum(doubts.values())), memory, doubts), update
+        doubts = {**filtered.doubts, sensor: after.model_error}
+        return Filtered(after._replace(model_error=sum(doubts.values())), memory, doubts), update
 
     def belief(self, filtered: Filtered) -> Belief:
         """What the filter believes."""
