@@ -20,7 +20,6 @@ from onboard.errors import UserError
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
 from onboard.scoring.leader import Latency, Score, percentiles, reference_from_records, score
 from onboard.scoring.own_state import OwnScore, score_own
-from onboard.sinks import SinkError
 from onboard.view.client import Client, Received
 
 if TYPE_CHECKING:
@@ -312,7 +311,7 @@ def _connect(endpoint: str, vehicle: str, daemon: Process) -> Client:
         daemon.check()
         try:
             client = Client(endpoint, vehicle)
-        except SinkError as error:
+        except UserError as error:
             if time.monotonic() > deadline:
                 raise DemoError(f"the daemon did not come up: {error}") from error
             time.sleep(0.1)
