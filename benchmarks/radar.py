@@ -98,7 +98,7 @@ def ours(steps: int, process: Any = process, measure: Any = measure) -> Belief:
 
 
 def ours_in_two_calls(steps: int) -> Belief:
-    """The same by a prediction and an update, which also tells the innovation and its covariance."""
+    """The same by a prediction and an update, which also returns the innovation and its covariance."""
     belief = START
     for k in range(steps):
         belief = unscented.predict(belief, process, Q, WEIGHTS)

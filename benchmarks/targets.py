@@ -51,7 +51,7 @@ def flight(count: int, seconds: int, seed: int = 1) -> list[Datagram]:
         t_ns = 5_000 * MS + k * NAV_MS * MS
         yaw = SWAY * math.sin(t_ns * 1e-9)
         stamp = {"t_ns": t_ns, "t_recv_ns": EPOCH + t_ns}
-        said: list[Message] = [
+        messages: list[Message] = [
             Attitude(
                 **stamp,
                 q_nb=(math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)),
@@ -60,8 +60,8 @@ def flight(count: int, seconds: int, seed: int = 1) -> list[Datagram]:
             LocalPosition(**stamp, r_OF_n=(SPEED * t_ns * 1e-9, 0.0, -50.0), v_F_n=(SPEED, 0.0, 0.0)),
         ]
         if k % 50 == 0:
-            said.insert(0, Heartbeat(**stamp, vehicle_type=2, autopilot=12, armed=True, status=4))
-        arrivals += [(EPOCH + t_ns + MS, Encoding.MAVLINK, encoder.encode(message)) for message in said]
+            messages.insert(0, Heartbeat(**stamp, vehicle_type=2, autopilot=12, armed=True, status=4))
+        arrivals += [(EPOCH + t_ns + MS, Encoding.MAVLINK, encoder.encode(message)) for message in messages]
     for k in range(round(seconds * 1000 / IMAGE_MS)):
         t_ns = 5_000 * MS + round(k * IMAGE_MS * MS)
         c, s = math.cos(SWAY * math.sin(t_ns * 1e-9)), math.sin(SWAY * math.sin(t_ns * 1e-9))
