@@ -66,7 +66,7 @@ def compile_all(
 
     Raises CompileError.
     """
-    wanted = kernel_modules() if names is None else kernel_modules() & {*names}
+    wanted = kernel_modules() if names is None else kernel_modules().intersection(names)
     needs = {name: needed_by([name], at_once=True) & wanted - {name} for name in wanted}
     rank = path_lengths(needs)
     order = TopologicalSorter(needs)
@@ -106,9 +106,10 @@ def path_lengths(needs: Mapping[str, Iterable[str]]) -> dict[str, int]:
 # ------------------------------------------------------------------------------------------ which modules
 
 
-def kernel_modules() -> set[str]:
+@cache
+def kernel_modules() -> frozenset[str]:
     """Every module of `onboard` with kernels."""
-    return {name for name in _modules("onboard") if KERNEL.search(_source(name).read_text(encoding="utf-8"))}
+    return frozenset(n for n in _modules("onboard") if KERNEL.search(_source(n).read_text(encoding="utf-8")))
 
 
 def needed_by_flight(estimators: Iterable[str]) -> set[str]:
