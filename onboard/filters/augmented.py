@@ -7,7 +7,7 @@ enters the model anywhere, not only as a sum.
 `weights` is a rule for any number of states, such as `unscented.julier_weights`: the augmented state has
 L = n + n_w (+ n_v). `step_augmented` makes both halves from one set of points (eqs 8-12), so that the measurement
 sees the process noise's own points; the two calls draw points anew in between, as eq 16 does. Noise covariances
-may be singular. Arrays are float64 or float32, all alike, with or without leading batch axes.
+may be singular. Arrays are all float64 or all float32, with or without leading batch axes.
 
 With n + lambda = 3 the centre weighs 1 - L/3, and a strongly nonlinear model may leave no covariance; the rule
 `lambda L: julier_weights(L, L)` has no negative weight.

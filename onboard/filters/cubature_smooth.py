@@ -10,7 +10,7 @@ Yet most effects of a wrong model stay within five deviations: innovations that 
 form is the robust one with a prior that is widened in those quantities by as much as explains the mean
 innovation. So it separates outliers from a wrong model.
 
-Arrays are float64 or float32, all alike, with or without a leading batch axis. Errata:
+Arrays are all float64 or all float32, with or without a leading batch axis. Errata:
 `smooth_variable_structure`.
 """
 

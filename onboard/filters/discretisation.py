@@ -37,7 +37,7 @@ def van_loan(A: Array, W: Array, dt: Any) -> Discrete:
     """
     step = _positive(dt)
     if A.ndim < 2 or A.shape[-1] != A.shape[-2] or W.shape[-2:] != A.shape[-2:]:
-        raise FilterError(f"A, W: must be square and alike, not {A.shape} and {W.shape}")
+        raise FilterError(f"A, W: must be square and of one size, not {A.shape} and {W.shape}")
     if not (np.isfinite(A).all() and np.isfinite(W).all()):
         raise FilterError("A, W: not finite")
     norm = float(np.max(np.sum(np.abs(A), axis=-1) * step[..., None], initial=0.0))

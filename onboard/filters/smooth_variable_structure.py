@@ -12,7 +12,7 @@ States that are not measured follow by a right inverse of H; there are many wher
 P H^T (H P H^T)^-1, which moves them by their correlation with the measured quantities. `weighted=False` is the
 paper's C^+, which ignores the covariance: a velocity that is not measured is then not estimated at all.
 
-Arrays are float64 or float32, all alike, with or without a leading batch axis.
+Arrays are all float64 or all float32, with or without a leading batch axis.
 
 Errata of Al-Shabi, Gadsden & Wilkerson, whose equation numbers stand here: (2.3.3) divides by e, see
 `kernels.variable_structure.decide_into`; (2.2.4) and (2.2.8) cancel, deviations are taken from the mean;

@@ -1,4 +1,4 @@
-"""Fixed-interval smoothing (Rauch, Tung & Striebel 1965): what the whole record says of each time in it.
+"""Fixed-interval smoothing (Rauch, Tung & Striebel 1965): estimates of each time from the whole record.
 
 The filter's beliefs come stacked over time, mean (T, n) and covariance (T, n, n), or (T, B, n) and (T, B, n, n)
 for a batch; so does the answer. A measurement update, if there was one, is in the belief of its time. Covariances
@@ -92,4 +92,4 @@ def _smoothed(filtered: Belief, F: Array, Q: Array, predicted: Array) -> Belief:
     return Belief(mean.reshape(shape), covariance.reshape(filtered.covariance.shape))
 
 
-METHODS: Final[tuple[Method, ...]] = ()  # a smoother is no filter: it needs the whole record
+METHODS: Final[tuple[Method, ...]] = ()  # a smoother needs the whole record, so it is not a filter

@@ -4,7 +4,7 @@
     points = process(points)           # (2n+1, n) -> (2n+1, n): the model, any function over rows
     belief = gather(points) + Q
 
-Arrays are float64 or float32, all alike. With a leading batch axis B on mean and covariance (and on y), B filters
+Arrays are all float64 or all float32. With a leading batch axis B on mean and covariance (and on y), B filters
 advance in one call; the model then gets the rows of all of them, (B (2n+1), n), each filter's together.
 """
 

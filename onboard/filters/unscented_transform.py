@@ -4,7 +4,7 @@
     points = sigma_points(belief, weights)       # (2n+1, n)
     belief = recombine(model(points), weights, noise)
 
-Arrays are float64 or float32, all alike. With a leading batch axis on mean and covariance, all in one call.
+Arrays are all float64 or all float32. With a leading batch axis on mean and covariance, all in one call.
 """
 
 import numpy as np
