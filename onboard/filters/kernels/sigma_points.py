@@ -165,8 +165,7 @@ def innovation_covariance_into(sums, centre, R, w_cov, w, S):  # type: ignore[no
 
 @njit(**FILLING, **CONTRACTED)
 def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):  # type: ignore[no-untyped-def]
-    """The mean after the update; cross (n, m) := cross w L^-T, of which the product with its transpose is K S
-    K^T."""
+    """The mean after the update. cross (n, m) := cross w L^-T; its product with its transpose is K S K^T."""
     n, m = centre.shape[0], lower.shape[0]
     for i in range(n):
         step = w - w
