@@ -1,14 +1,10 @@
 """Where an aircraft that keeps its turn is, seen from one that flies straight on: when and how near they come."""
 
-from typing import Final
-
 import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
+from onboard.filters.compiled import ROWS, VECTOR
 
 
 def first_approach(rows: Array, v_F: Array, horizon: float) -> Array:

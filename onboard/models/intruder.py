@@ -22,6 +22,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.filters.belief import Belief
+from onboard.filters.compiled import CUBE, ROWS, VECTOR, array
 from onboard.filters.discretisation import van_loan
 from onboard.geometry.arctangent import arctan2
 
@@ -41,9 +42,6 @@ FRAME: Final = "n (local NED at our vehicle), the other aircraft relative to us"
 POLAR: Final = ("range", "azimuth", "elevation")
 POLAR_UNITS: Final = ("m", "rad", "rad")
 POLAR_ANGULAR: Final = (1, 2)
-
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 
 
 class Noise(NamedTuple):
@@ -284,11 +282,10 @@ def expected(means: Array, covariances: Array, lag: float, r_OR_n: Array, R_rn: 
     return outputs
 
 
-CUBES: Final = types.Array(types.float64, 3, "A", readonly=True)
-EXPECTED: Final[Any] = (ROWS, CUBES, types.float64, VECTOR, ROWS)
+EXPECTED: Final[Any] = (ROWS, CUBE, types.float64, VECTOR, ROWS)
 
 
-VECTORS: Final = (types.Array(types.float64, 1, "A"),) * 3
+VECTORS: Final = (array(types.float64, 1, readonly=False),) * 3
 
 
 @njit(VECTORS, cache=True, error_model="numpy")

@@ -16,9 +16,10 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import CUBE, ROWS
 from onboard.geometry.arctangent import arctan2
 from onboard.models import relative_motion
-from onboard.models.relative_motion import A_LAT, A_LONG, ROWS, SIZE
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
 
 G: Final = 9.80665
 A_ALONG: Final = 9
@@ -36,8 +37,6 @@ DELAY_COMPONENTS: Final = ("delay",)
 BIAS_COMPONENTS: Final = ("bias_forward", "bias_right", "bias_down")
 
 BLOCK: Final = 64  # rows computed at a time
-
-CUBE: Final = types.Array(types.float64, 3, "A", readonly=True)
 
 
 class Habits(NamedTuple):

@@ -11,11 +11,11 @@ those of a measurement taken dt after the state, and the sign inside the last is
 from typing import Final
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from onboard.arrays import Array
+from onboard.filters.compiled import ROWS
 
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
 SIGNATURE: Final = (ROWS, ROWS, ROWS)
 
 

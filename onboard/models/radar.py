@@ -4,13 +4,13 @@ The frame is east, north, up at the radar; rows begin like those of `constant_ac
 from north (y), elevation positive up. Erratum: eq 36 prints arctan(x / y), which folds; it is atan2(x, y).
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING
+from onboard.filters.compiled import FILLING, signatures
 from onboard.geometry.arctangent import arctan2
 
 M: Final = 3
@@ -39,14 +39,6 @@ def cartesian(seen: Array) -> Array:
     return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), r * np.sin(elevation)], axis=-1)
 
 
-def _rows(dtype: Any) -> tuple[Any]:
-    return (types.Array(dtype, 2, "A", readonly=True),)
-
-
-BOTH: Final = [_rows(types.float64), _rows(types.float32)]
-BOTH_INTO: Final = [(*rows, types.Array(rows[0].dtype, 2, "C")) for rows in BOTH]
-
-
 @njit(**FILLING)
 def _look(first, second, third):  # type: ignore[no-untyped-def]
     """Range, azimuth and elevation in place of x, y and z."""
@@ -58,7 +50,7 @@ def _look(first, second, third):  # type: ignore[no-untyped-def]
         third[s] = arctan2(z, np.sqrt(level2))
 
 
-@njit(BOTH_INTO, **FILLING)
+@njit(signatures(2, "out"), **FILLING)
 def _measure(rows, seen):  # type: ignore[no-untyped-def]
     """Each component by itself: the compiler makes one instruction of several rows' roots and arctangents."""
     for i in range(3):
@@ -67,7 +59,7 @@ def _measure(rows, seen):  # type: ignore[no-untyped-def]
     _look(seen[0], seen[1], seen[2])
 
 
-@njit(BOTH, cache=True, error_model="numpy")
+@njit(signatures(2), cache=True, error_model="numpy")
 def _jacobian(rows):  # type: ignore[no-untyped-def]
     slope = np.zeros((rows.shape[0], 3, rows.shape[1]), rows.dtype)
     for s in range(rows.shape[0]):

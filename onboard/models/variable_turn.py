@@ -22,6 +22,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.filters.belief import FilterError
+from onboard.filters.compiled import ROWS, VECTOR
 from onboard.filters.discretisation import van_loan
 from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, UNITS, VELOCITY, N
 
@@ -78,10 +79,6 @@ def _noise_of_any_step(mean: Array, dt: float, density: Array) -> Array:
         at = slice(3 * axis, 3 * axis + 3)
         Q[..., at, at] = density[axis] * one
     return Q
-
-
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 
 
 @njit((ROWS, types.float64, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")

@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.models.leader_flight import CUBE, project_about
-from onboard.models.relative_motion import ROWS
+from onboard.filters.compiled import CUBE, ROWS
+from onboard.models.leader_flight import project_about
 
 M: Final = 4
 M_MIDDLE: Final = 6  # with the wing's middle

@@ -11,23 +11,22 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.belief import OK, SHAPE, Belief, Update, Weights, flags, refuse
+from onboard.filters.belief import OK, SHAPE, Belief, Update, Weights, mask, raise_status
+from onboard.filters.compiled import CUBE, FLAGS, FOUR, ROWS
 from onboard.filters.inline import (
-    FLAGS,
     correct_into,
-    correct_room,
+    correct_scratch_shape,
     gather_into,
-    gather_room,
+    gather_scratch_shape,
     mix_into,
     pass_into,
     spread_into,
     weigh_into,
 )
 from onboard.models import wing_line
-from onboard.models.leader_flight import CUBE, Sight, measure_rows, process_rows, wing_axis
-from onboard.models.relative_motion import ROWS, SIZE
+from onboard.models.leader_flight import Sight, measure_rows, process_rows, wing_axis
+from onboard.models.relative_motion import SIZE
 
-FOUR: Final = types.Array(types.float64, 4, "A", readonly=True)
 NUMBER: Final = types.float64
 CLOSEST: Final = 1e-6  # m ahead of the camera: what is nearer is in no image
 
@@ -77,7 +76,7 @@ def predict(modes: Modes, step: Step, dt: float, v_F_n: Array, a_F_n: Array, wei
     """
     *after, status = _predict(*modes, *step, dt, v_F_n, a_F_n, *weights)
     if status:
-        refuse(status)
+        raise_status(status)
     return Modes(*after)
 
 
@@ -89,10 +88,10 @@ def update(
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    marks = flags((), y.shape[-1]), flags(considered, modes.means.shape[-1])
+    marks = mask((), y.shape[-1]), mask(considered, modes.means.shape[-1])
     *after, e, S, predicted, nis, status = _update(*modes, y, R_y, *sight, eps, *weights, *marks)
     if status:
-        refuse(status)
+        raise_status(status)
     return Update(Modes(*after), e, S, predicted, nis)
 
 
@@ -116,7 +115,7 @@ def _predict(  # type: ignore[no-untyped-def]
     k = 2 * n + 1
     means_out, P_out, ahead = np.empty((count, r, n)), np.empty((count, r, n, n)), np.empty((count, r))
     mixing, mean, covariance = np.empty((r, r)), np.empty(n), np.empty((n, n))
-    points, scratch = np.empty((r, count * k, n)), np.empty(gather_room(n))
+    points, scratch = np.empty((r, count * k, n)), np.empty(gather_scratch_shape(n))
     if v_F.shape[0] != count or a_F.shape[0] != count or habits.shape[0] != r or Q.shape[0] != r:
         return means_out, P_out, ahead, SHAPE
     for b in range(count):
@@ -180,7 +179,7 @@ def _update(  # type: ignore[no-untyped-def]
         np.empty((count, m)),
         np.empty(count),
     )
-    points, scratch = np.empty((count, r, k, n)), np.empty(correct_room(n, m))
+    points, scratch = np.empty((count, r, k, n)), np.empty(correct_scratch_shape(n, m))
     z, R_z, e, covariances, expected = (
         np.empty(m),
         np.empty((m, m)),

@@ -79,7 +79,7 @@ def _mixture(modes: Sequence[Method], noises: Sequence[intruder.Noise], lasts: S
         return Update(*multiple_model.update(modes, state, y, [measure] * count, R, angular)[:5])
 
     def belief(state: Any) -> Belief:
-        return multiple_model.believed(modes, state)
+        return multiple_model.belief(modes, state)
 
     def change(state: Any, f: Callable[[Belief], Belief]) -> Any:
         each = zip(modes, state.states, strict=True)

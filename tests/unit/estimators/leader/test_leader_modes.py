@@ -65,7 +65,7 @@ def by_parts(own: Filter, state: Modes, a: Array, seen: tuple[Array, Array, Sigh
     R_y[swapped, 2:4] *= -1
     R_y[swapped, :, 2:4] *= -1
     update = multiple_model.update(methods, modes, y, [measure] * r, R_y)
-    believed = multiple_model.believed(methods, update.belief)
+    believed = multiple_model.belief(methods, update.belief)
     each = update.belief.states
     return [
         *believed,

@@ -75,8 +75,8 @@ def test_a_centre_without_weight_need_not_be_finite() -> None:
     rule, state = cubature_weights(2), square_root.start(np.zeros(2), np.eye(2))
     with np.errstate(invalid="ignore"):
         state = square_root.predict(state, hollow, np.eye(2), rule)
-        told = square_root.update(state, np.zeros(2), hollow, np.eye(2), rule)
-    assert_allclose(square_root.belief(told.belief).covariance, 2 / 3 * np.eye(2), rtol=1e-9, atol=1e-9)
+        found = square_root.update(state, np.zeros(2), hollow, np.eye(2), rule)
+    assert_allclose(square_root.belief(found.belief).covariance, 2 / 3 * np.eye(2), rtol=1e-9, atol=1e-9)
 
 
 def test_weights_that_do_not_belong_together_are_refused() -> None:

@@ -52,10 +52,10 @@ def test_production_is_the_unscented_filter_seed_1(rule: Weights, considered: An
         assert not np.triu(state.factor, 1).any()
         assert np.all(np.diagonal(state.factor, axis1=-2, axis2=-1) > 0)
         want = unscented.update(dense, y, radar, R, rule, (1,), considered)
-        told = square_root.update(state, y, radar, R, rule, (1,), considered)
-        for a, b in zip(told[1:], want[1:], strict=True):
+        found = square_root.update(state, y, radar, R, rule, (1,), considered)
+        for a, b in zip(found[1:], want[1:], strict=True):
             close(a, b)
-        dense, state = want.belief, told.belief
+        dense, state = want.belief, found.belief
         close(state.mean, dense.mean)
         close(square_root.belief(state).covariance, dense.covariance)
         assert not np.triu(state.factor, 1).any()
@@ -66,9 +66,9 @@ def test_classical_is_the_unscented_filter_too_seed_2(rule: Weights) -> None:
     belief, Q, R, y = problem(2)
     want = unscented.update(unscented.predict(belief, bend, Q, rule), y, radar, R, rule, (1,))
     state = square_root.predict(square_root.start(*belief), bend, Q, rule)
-    told = square_root.update_classical(state, y, radar, R, rule, (1,))
-    close(told.belief.mean, want.belief.mean)
-    close(square_root.belief(told.belief).covariance, want.belief.covariance)
+    found = square_root.update_classical(state, y, radar, R, rule, (1,))
+    close(found.belief.mean, want.belief.mean)
+    close(square_root.belief(found.belief).covariance, want.belief.covariance)
 
 
 def test_a_negative_centre_is_a_downdate_seed_3() -> None:
@@ -79,9 +79,9 @@ def test_a_negative_centre_is_a_downdate_seed_3() -> None:
     state = square_root.predict(square_root.start(*belief), bend, Q, rule)
     close(square_root.belief(state).covariance, dense.covariance)
     want = unscented.update(dense, y, radar, R, rule, (1,))
-    told = square_root.update_classical(state, y, radar, R, rule, (1,))
-    close(told.innovation_covariance, want.innovation_covariance)
-    close(square_root.belief(told.belief).covariance, want.belief.covariance)
+    found = square_root.update_classical(state, y, radar, R, rule, (1,))
+    close(found.innovation_covariance, want.innovation_covariance)
+    close(square_root.belief(found.belief).covariance, want.belief.covariance)
     with pytest.raises(FilterError, match="weights"):
         square_root.update(state, y, radar, R, rule, (1,))
 
@@ -89,15 +89,15 @@ def test_a_negative_centre_is_a_downdate_seed_3() -> None:
 @pytest.mark.parametrize("jacobian", [radar_slope, None], ids=["given", "differences"])
 def test_joseph_is_equation_18_at_the_posterior_mean_seed_4(jacobian: Any) -> None:
     belief, _, R, y = problem(4)
-    told = square_root.update_joseph(square_root.start(*belief), y, radar, R, CENTRED, (1,), jacobian)
+    found = square_root.update_joseph(square_root.start(*belief), y, radar, R, CENTRED, (1,), jacobian)
     want = unscented.update(belief, y, radar, R, CENTRED, (1,))
-    close(told.belief.mean, want.belief.mean)  # the gain is the unscented one
+    close(found.belief.mean, want.belief.mean)  # the gain is the unscented one
     points = unscented.sigma_points(belief, CENTRED)
     d = radar(points) - want.predicted
     d[:, 1] -= 2 * np.pi * np.rint(d[:, 1] / (2 * np.pi))
     K = CENTRED.other * (points[1:] - belief.mean).T @ d[1:] @ np.linalg.inv(want.innovation_covariance)
-    G = np.eye(N) - K @ radar_slope(told.belief.mean[None])[0]
-    close(square_root.belief(told.belief).covariance, G @ belief.covariance @ G.T + K @ R @ K.T, 1e-7)
+    G = np.eye(N) - K @ radar_slope(found.belief.mean[None])[0]
+    close(square_root.belief(found.belief).covariance, G @ belief.covariance @ G.T + K @ R @ K.T, 1e-7)
 
 
 def test_joseph_is_overconfident_where_the_measurement_is_curved_seed_5() -> None:
@@ -126,23 +126,23 @@ def test_linear_problems_are_the_kalman_filter_in_all_forms_seed_6() -> None:
     K = P @ H.T @ np.linalg.inv(S)
     state = square_root.predict(square_root.start(*belief), lambda rows: rows @ F.T, Q, CENTRED)
     for update in (square_root.update, square_root.update_joseph, square_root.update_classical):
-        told = update(state, y, lambda rows: rows @ H.T, R, CENTRED)
-        close(told.belief.mean, F @ belief.mean + K @ (y - H @ F @ belief.mean), 1e-10)
-        close(square_root.belief(told.belief).covariance, P - K @ S @ K.T, 1e-8)
-        close(told.innovation_covariance, S, 1e-10)
+        found = update(state, y, lambda rows: rows @ H.T, R, CENTRED)
+        close(found.belief.mean, F @ belief.mean + K @ (y - H @ F @ belief.mean), 1e-10)
+        close(square_root.belief(found.belief).covariance, P - K @ S @ K.T, 1e-8)
+        close(found.innovation_covariance, S, 1e-10)
 
 
 @pytest.mark.parametrize("update", [square_root.update, square_root.update_joseph, square_root.update_classical])
 def test_a_batch_equals_the_loop_seed_7(update: Callable[..., Any]) -> None:
     belief, Q, R, y = problem(7, (6,))
     state = square_root.predict(square_root.start(*belief), bend, Q, CENTRED)
-    told = update(state, y, radar, R, CENTRED, (1,))
+    found = update(state, y, radar, R, CENTRED, (1,))
     for b in range(6):
         alone = square_root.start(belief.mean[b], belief.covariance[b])
         one = update(square_root.predict(alone, bend, Q, CENTRED), y[b], radar, R, CENTRED, (1,))
-        close(told.belief.mean[b], one.belief.mean, 1e-12)
-        close(told.belief.factor[b], one.belief.factor, 1e-12)
-        close(told.nis[b], one.nis, 1e-12)
+        close(found.belief.mean[b], one.belief.mean, 1e-12)
+        close(found.belief.factor[b], one.belief.factor, 1e-12)
+        close(found.nis[b], one.nis, 1e-12)
 
 
 def test_singular_noise_has_a_root_seed_8() -> None:
@@ -151,8 +151,8 @@ def test_singular_noise_has_a_root_seed_8() -> None:
     for Q in (np.zeros((N, N)), np.outer(g, g), 1e-18 * np.outer(g, g), np.diag([0.0, 1, 0, 1e-9, 2])):
         state = square_root.predict(square_root.start(*belief), bend, Q, CENTRED)
         close(square_root.belief(state).covariance, unscented.predict(belief, bend, Q, CENTRED).covariance, 1e-12)
-    told = square_root.update(square_root.start(*belief), y, radar, np.diag([0.0, 1.0]), CENTRED, (1,))
-    assert np.isfinite(told.belief.factor).all()
+    found = square_root.update(square_root.start(*belief), y, radar, np.diag([0.0, 1.0]), CENTRED, (1,))
+    assert np.isfinite(found.belief.factor).all()
 
 
 def test_an_outage_grows_the_factor_seed_9() -> None:
@@ -281,6 +281,6 @@ def test_downdates_fail_by_rounding_where_triangularisation_does_not() -> None:
     y, R, rule = np.zeros(1, np.float32), np.array([[1e-6]], np.float32), cubature_weights(2)
     with pytest.raises(NotPositiveDefiniteError, match="downdate"):
         square_root.update_classical(state, y, lambda rows: rows[:, :1], R, rule)
-    told = square_root.update(state, y, lambda rows: rows[:, :1], R, rule).belief
-    assert told.factor[0, 0] == pytest.approx(1e-3, rel=0.1)
-    assert told.factor[1, 1] == pytest.approx(10, rel=1e-4)
+    found = square_root.update(state, y, lambda rows: rows[:, :1], R, rule).belief
+    assert found.factor[0, 0] == pytest.approx(1e-3, rel=0.1)
+    assert found.factor[1, 1] == pytest.approx(10, rel=1e-4)

@@ -10,7 +10,7 @@ from onboard.arrays import Array
 from onboard.filters import cubature_smooth
 from onboard.filters import smooth_variable_structure as svsf
 from onboard.filters.belief import FilterError, Method, NotPositiveDefiniteError
-from onboard.filters.smooth_variable_structure import SmoothUpdate
+from onboard.filters.smooth_variable_structure import LayerUpdate
 from tests.support.filter_problems import identity, rows, spd, system
 
 METHODS: dict[str, Method] = {m.name: m for m in (*svsf.METHODS, *cubature_smooth.METHODS)}
@@ -40,7 +40,7 @@ def test_the_residual_of_an_angle_wraps(name: str) -> None:
         cubature_smooth.update_adaptive,
     ],
 )
-def test_a_batch_is_a_loop_in_all_that_is_answered_seed_14(update: Callable[..., SmoothUpdate]) -> None:
+def test_a_batch_is_a_loop_in_all_that_is_answered_seed_14(update: Callable[..., LayerUpdate]) -> None:
     rng = np.random.default_rng(14)
     _, H, _, _, _, _, _ = system(14)
     means, Ps, ys = (
@@ -79,7 +79,7 @@ def test_a_batch_is_a_loop_in_all_that_is_answered_seed_14(update: Callable[...,
         (partial(cubature_smooth.update_adaptive, fading=float("nan")), "fading"),
     ],
 )
-def test_settings_are_refused_by_name(update: Callable[..., SmoothUpdate], name: str) -> None:
+def test_settings_are_refused_by_name(update: Callable[..., LayerUpdate], name: str) -> None:
     state = svsf.start(np.zeros(2), np.eye(2))
     with pytest.raises(FilterError, match=rf"\b{name}\b"):
         update(state, np.zeros(2), identity, np.eye(2))

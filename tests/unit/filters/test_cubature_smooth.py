@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.filters import cubature, cubature_smooth
 from onboard.filters import smooth_variable_structure as svsf
 from onboard.filters.belief import Belief
-from onboard.filters.smooth_variable_structure import SmoothUpdate
+from onboard.filters.smooth_variable_structure import LayerUpdate
 from tests.support.filter_problems import identity, near, rows, spd
 
 
@@ -17,11 +17,11 @@ from tests.support.filter_problems import identity, near, rows, spd
     "update", [cubature_smooth.update, cubature_smooth.update_robust, cubature_smooth.update_adaptive]
 )
 @pytest.mark.parametrize("m", [1, 2, 4])
-def test_within_the_layer_it_is_the_cubature_filter_seed_8(update: Callable[..., SmoothUpdate], m: int) -> None:
+def test_within_the_layer_it_is_the_cubature_filter_seed_8(update: Callable[..., LayerUpdate], m: int) -> None:
     H, R, x, P, y = near(8, m)
     found, expected = update(svsf.start(x, P), y, rows(H), R), cubature.update(Belief(x, P), y, rows(H), R)
     assert not found.outside.any()
-    for a, b in zip((*svsf.believed(found.belief), *found[1:5]), (*expected.belief, *expected[1:]), strict=True):
+    for a, b in zip((*svsf.belief(found.belief), *found[1:5]), (*expected.belief, *expected[1:]), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10)
 
 
@@ -38,7 +38,7 @@ def test_a_bent_measurement_is_the_cubature_filter_s_seed_13() -> None:
         cubature_smooth.update(svsf.start(x, P), y, bend, R),
         cubature.update(Belief(x, P), y, bend, R),
     )
-    for a, b in zip((*svsf.believed(found.belief), *found[1:5]), (*expected.belief, *expected[1:]), strict=True):
+    for a, b in zip((*svsf.belief(found.belief), *found[1:5]), (*expected.belief, *expected[1:]), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10)
 
 
@@ -65,12 +65,12 @@ def test_the_robust_form_rejects_two_samples_and_follows_the_third_seed_10() -> 
     far = y + np.array([0.0, 1000.0])
     state = svsf.start(x, P)
     for k in range(2):
-        alone = cubature.update(svsf.believed(state), y[:1], rows(H[:1]), R[:1, :1])
+        alone = cubature.update(svsf.belief(state), y[:1], rows(H[:1]), R[:1, :1])
         update = cubature_smooth.update_robust(state, far, rows(H), R)
         np.testing.assert_array_equal(update.rejected, [False, True])
         np.testing.assert_allclose(update.belief.mean, alone.belief.mean, rtol=1e-10)
         np.testing.assert_allclose(update.belief.covariance, alone.belief.covariance, rtol=1e-10, atol=1e-12)
-        np.testing.assert_array_equal(update.belief.lasted, [0, k + 1])
+        np.testing.assert_array_equal(update.belief.updates_outside, [0, k + 1])
         state = update.belief
     followed = cubature_smooth.update_robust(state, far, rows(H), R)
     assert not followed.rejected.any()
@@ -85,7 +85,7 @@ def test_one_sample_within_starts_the_count_anew_seed_11() -> None:
     state = svsf.start(x, P)
     for seen, lasted in ((far, 1), (far, 2), (y, 0), (far, 1)):
         state = cubature_smooth.update_robust(state, seen, rows(H), R).belief
-        assert state.lasted[1] == lasted
+        assert state.updates_outside[1] == lasted
         state = state._replace(residual=np.zeros(2))  # or the last sample's would put this one outside too
 
 
@@ -103,4 +103,4 @@ def test_another_sensor_begins_with_no_residual() -> None:
         svsf.start(np.zeros(2), np.eye(2)), np.array([9.0, 9.0]), identity, np.eye(2)
     ).belief
     after = cubature_smooth.update(state, np.array([1.0]), lambda r: r[:, :1], np.eye(1)).belief
-    assert after.residual.shape == after.lasted.shape == (1,)
+    assert after.residual.shape == after.updates_outside.shape == (1,)

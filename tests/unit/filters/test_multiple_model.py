@@ -70,7 +70,7 @@ def test_equals_the_textbook_seed_1() -> None:
     methods = (UKF,) * 3
     state, update = run(methods, seen, noises, transition, first)
     mu, m, P = textbook(seen, noises, transition, first)
-    belief = imm.believed(methods, state)
+    belief = imm.belief(methods, state)
     np.testing.assert_allclose(update.predicted + update.innovation, seen[-1], rtol=1e-12)
     np.testing.assert_allclose(state.probabilities, mu, rtol=1e-9)
     np.testing.assert_allclose(belief.mean, m, rtol=1e-9)
@@ -85,7 +85,7 @@ def test_two_identical_models_are_the_single_filter_seed_2(offset: float) -> Non
     for y in seen:
         one = UKF.update(UKF.predict(single, process, Q1), y, measure, R, ())
         single = one.belief
-    belief = imm.believed((UKF, UKF), state)
+    belief = imm.belief((UKF, UKF), state)
     np.testing.assert_allclose(belief.mean, single.mean, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(belief.covariance, single.covariance, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(update.innovation_covariance, one.innovation_covariance, rtol=1e-12)
@@ -101,11 +101,11 @@ def test_a_batch_is_a_loop_seed_3() -> None:
     for y in seen:
         state = imm.predict(methods, state, [process] * 2, [Q1, Q2], STAY)
         state = imm.update(methods, state, y, [measure] * 2, R).belief
-    together = imm.believed(methods, state)
+    together = imm.belief(methods, state)
     for b in range(4):
         alone, _ = run(methods, seen[:, b], [Q1, Q2], STAY, EQUAL)
         np.testing.assert_allclose(state.probabilities[b], alone.probabilities, rtol=1e-12)
-        np.testing.assert_allclose(together.mean[b], imm.believed(methods, alone).mean, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(together.mean[b], imm.belief(methods, alone).mean, rtol=1e-12, atol=1e-12)
 
 
 def test_the_model_that_moves_gains_probability_when_the_target_does_seed_4() -> None:
@@ -128,7 +128,7 @@ def test_a_measurement_beyond_all_belief_leaves_a_distribution() -> None:
     after = imm.update((UKF, UKF), state, np.array([1e6]), [measure] * 2, R).belief
     assert after.probabilities.sum() == pytest.approx(1)
     assert after.probabilities[1] == pytest.approx(1)  # the wider one
-    assert np.isfinite(imm.believed((UKF, UKF), after).mean).all()
+    assert np.isfinite(imm.belief((UKF, UKF), after).mean).all()
 
 
 def test_a_mode_that_nothing_leads_to_keeps_its_own_and_has_no_say_seed_5() -> None:
@@ -138,7 +138,7 @@ def test_a_mode_that_nothing_leads_to_keeps_its_own_and_has_no_say_seed_5() -> N
     for y in seen:
         single = UKF.update(UKF.predict(single, process, Q1), y, measure, R, ()).belief
     np.testing.assert_array_equal(state.probabilities, [1.0, 0.0])
-    belief = imm.believed((UKF, UKF), state)
+    belief = imm.belief((UKF, UKF), state)
     np.testing.assert_allclose(belief.mean, single.mean, rtol=1e-12)
     np.testing.assert_allclose(belief.covariance, single.covariance, rtol=1e-12)
     other = UKF.start(MEAN, P0)
@@ -159,9 +159,9 @@ def test_what_a_filter_carries_beside_its_belief_survives_the_mixing() -> None:
     robust = next(m for m in cubature_smooth.METHODS if m.name == "csvsf-robust")
     methods = (robust, UKF)
     state, _ = run(methods, np.array([[1.0], [500.0]]), [Q1, Q1], STAY, EQUAL)
-    assert state.states[0].lasted == [1.0]
+    assert state.states[0].updates_outside == [1.0]
     state = imm.predict(methods, state, [process] * 2, [Q1, Q1], STAY)
-    assert state.states[0].lasted == [1.0]
+    assert state.states[0].updates_outside == [1.0]
 
 
 def test_innovations_of_an_angle_on_both_sides_of_the_seam_are_near_each_other() -> None:
@@ -199,7 +199,7 @@ def test_float32_remains_seed_6() -> None:
     update = imm.update(
         (UKF, UKF), state, np.array([0.5], small), [lambda r: r @ H.T.astype(small)] * 2, R.astype(small)
     )
-    for array in (*imm.believed((UKF, UKF), update.belief), update.belief.probabilities, update.innovation):
+    for array in (*imm.belief((UKF, UKF), update.belief), update.belief.probabilities, update.innovation):
         assert array.dtype == small
 
 

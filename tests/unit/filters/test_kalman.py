@@ -176,9 +176,9 @@ def test_a_bearing_behind_wraps_seed_10() -> None:
     belief = Belief(np.array([-10.0, 0.02, 0, 0, 0]), 0.01 * np.eye(N))
     y, R = np.array([10.0, -np.pi + 0.001]), np.diag([1e-2, 1e-4])
     for update in (extended.update, cubature.update, posterior_linearisation.update):
-        told = update(belief, y, radar, R, (1,))
-        assert told.innovation[1] == pytest.approx(0.003, abs=2e-4)
-        assert -0.05 < told.belief.mean[1] < 0.02
+        found = update(belief, y, radar, R, (1,))
+        assert found.innovation[1] == pytest.approx(0.003, abs=2e-4)
+        assert -0.05 < found.belief.mean[1] < 0.02
     assert p  # the seed only names the problem
 
 
@@ -186,19 +186,19 @@ def test_a_bearing_behind_wraps_seed_10() -> None:
 def test_posterior_linearisation_of_a_line_is_kalman_seed_11(iterations: int) -> None:
     p = problem(11)
     prior = Belief(p["F"] @ p["mean"], p["F"] @ p["P"] @ p["F"].T + p["Q"])
-    told = posterior_linearisation.update(
+    found = posterior_linearisation.update(
         prior, p["y"], lambda rows: rows @ p["H"].T, p["R"], iterations=iterations
     )
-    same(told, textbook(p), 1e-9)
+    same(found, textbook(p), 1e-9)
 
 
 def test_one_posterior_linearisation_is_the_unscented_update_seed_12() -> None:
     p = problem(12)
     rule = unscented.Weights(3.0, 1 - N / 9, 1 - N / 9, 1 / 18)
     belief = Belief(p["mean"], p["P"])
-    told = posterior_linearisation.update(belief, p["y"], radar, p["R"], (1,), iterations=1, weights=rule)
+    found = posterior_linearisation.update(belief, p["y"], radar, p["R"], (1,), iterations=1, weights=rule)
     also = unscented.update(belief, p["y"], radar, p["R"], rule, (1,))
-    for a, b in zip([*told.belief, told.nis], [*also.belief, also.nis], strict=True):
+    for a, b in zip([*found.belief, found.nis], [*also.belief, also.nis], strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10)
 
 

@@ -1,4 +1,4 @@
-"""The adaptive cubature SVSF: what leans to one side is followed, or doubted where it is small."""
+"""The adaptive cubature SVSF: innovations that keep to one side are followed, or if small widen the belief."""
 
 from functools import partial
 from typing import Any
@@ -13,14 +13,16 @@ from tests.support.filter_problems import identity, near, rows
 
 
 @pytest.mark.parametrize("m", [1, 2, 4])
-def test_what_leans_to_one_side_widens_the_prior_seed_15(m: int) -> None:
-    """Dense: P + G D G^T, G = P H^T (H P H^T)^-1, then the Kalman filter; D only of what leans too far. What leans
-    less, but for longer, is doubted."""
+def test_innovations_on_one_side_widen_the_prior_seed_15(m: int) -> None:
+    """Dense: P + G D G^T, G = P H^T (H P H^T)^-1, then the Kalman filter; D only of quantities beyond the limit. A
+    smaller mean that lasts is in the model's error."""
     H, R, x, P, y = near(15, m)
     w = np.zeros(m)
     w[0] = 0.4
     slow = np.full(m, 0.3)
-    state = svsf.start(x, P)._replace(residual=np.zeros(m), lasted=np.zeros(m), switching=w, leaning=slow)
+    state = svsf.start(x, P)._replace(
+        residual=np.zeros(m), updates_outside=np.zeros(m), switching=w, slow_switching=slow
+    )
     found = cubature_smooth.update_adaptive(state, y, rows(H), R)
     e, HPH = y - H @ x, H @ P @ H.T
     psi = 5 * np.sqrt(np.diag(HPH + R))
@@ -29,8 +31,8 @@ def test_what_leans_to_one_side_widens_the_prior_seed_15(m: int) -> None:
     G = P @ H.T @ np.linalg.inv(HPH)
     wide = P + G @ np.diag(np.where(np.arange(m) == 0, (w * psi) ** 2, 0)) @ G.T
     slow = 0.98 * slow + 0.02 * e / psi
-    doubted = np.where((np.arange(m) > 0) & (np.abs(slow) > 0.4 * np.sqrt(0.02 / 1.98)), (slow * psi) ** 2, 0)
-    np.testing.assert_allclose(found.belief.doubt, G @ np.diag(doubted) @ G.T, rtol=1e-8, atol=1e-12)
+    widened = np.where((np.arange(m) > 0) & (np.abs(slow) > 0.4 * np.sqrt(0.02 / 1.98)), (slow * psi) ** 2, 0)
+    np.testing.assert_allclose(found.belief.model_error, G @ np.diag(widened) @ G.T, rtol=1e-8, atol=1e-12)
     expected = cubature.update(Belief(x, wide), y, rows(H), R)
     np.testing.assert_allclose(found.belief.mean, expected.belief.mean, rtol=1e-9)
     np.testing.assert_allclose(found.belief.covariance, expected.belief.covariance, rtol=1e-8, atol=1e-10)
@@ -42,9 +44,11 @@ def test_a_second_sensor_of_one_quantity_widens_it_too() -> None:
     H = np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     state = svsf.start(np.zeros(2), np.eye(2))
     zeros = np.zeros(3)
-    leaning = state._replace(residual=zeros, lasted=zeros, switching=np.array([0.5, 0.5, 0.0]), leaning=zeros)
+    biased = state._replace(
+        residual=zeros, updates_outside=zeros, switching=np.array([0.5, 0.5, 0.0]), slow_switching=zeros
+    )
     update: Any = partial(cubature_smooth.update_adaptive, y=np.ones(3), measure=rows(H), R=np.eye(3))
-    still, moved = (update(s).belief.mean for s in (state, leaning))
+    still, moved = (update(s).belief.mean for s in (state, biased))
     assert moved[0] > still[0] + 0.1
     assert moved[1] == pytest.approx(still[1])
 
@@ -71,12 +75,12 @@ def test_an_outlier_is_rejected_and_a_drift_is_followed_seed_16() -> None:
     assert lag < 0.6 * np.sqrt(np.mean((robust[-50:] - truth[-50:]) ** 2))
 
 
-def test_a_small_lasting_error_is_told_and_not_followed_seed_9() -> None:
+def test_a_small_lasting_error_widens_the_belief_and_is_not_followed_seed_9() -> None:
     """A drift too small to be followed: the mean stays the robust form's, the covariance does not."""
     rng = np.random.default_rng(9)
     Q, R, drift = np.diag([1e-4]), np.diag([1.0]), 0.004
     truth, robust = 0.0, cubature_smooth.start(np.zeros(1), np.eye(1))
-    adaptive, errors, told, kept = robust, [], [], []
+    adaptive, errors, variances, kept = robust, [], [], []
     for k in range(3000):
         truth += drift + 0.01 * rng.standard_normal()
         y = np.array([truth + rng.standard_normal()])
@@ -90,22 +94,22 @@ def test_a_small_lasting_error_is_told_and_not_followed_seed_9() -> None:
                 adaptive = update.belief
         if k > 500:
             errors.append(adaptive.mean[0] - truth)
-            told.append(cubature_smooth.believed(adaptive).covariance[0, 0])
+            variances.append(cubature_smooth.belief(adaptive).covariance[0, 0])
             kept.append(adaptive.covariance[0, 0])
     np.testing.assert_allclose(adaptive.mean, robust.mean, atol=0.05)
     squares = np.square(errors)
     assert np.mean(squares / kept) > 10.0
-    assert np.mean(squares / told) < 4.0
+    assert np.mean(squares / variances) < 4.0
 
 
-def test_without_error_hardly_anything_is_doubted_seed_10() -> None:
+def test_without_error_the_belief_is_hardly_ever_widened_seed_10() -> None:
     rng = np.random.default_rng(10)
     Q, R, truth = np.diag([1e-4]), np.diag([1.0]), 0.0
-    state, doubted = cubature_smooth.start(np.zeros(1), np.eye(1)), []
+    state, widened = cubature_smooth.start(np.zeros(1), np.eye(1)), []
     for _ in range(4000):
         truth += 0.01 * rng.standard_normal()
         state = cubature_smooth.predict(state, lambda rows: rows, Q)
         y = np.array([truth + rng.standard_normal()])
         state = cubature_smooth.update_adaptive(state, y, lambda rows: rows, R).belief
-        doubted.append(state.doubt[0, 0] > 0.0)
-    assert np.mean(doubted) < 0.08
+        widened.append(state.model_error[0, 0] > 0.0)
+    assert np.mean(widened) < 0.08
