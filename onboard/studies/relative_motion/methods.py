@@ -6,7 +6,8 @@ from typing import Final, Literal
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import PAPER, Noise, initial_belief, noise_for, process_noise
+from onboard.estimators.leader.oh_johnson_noise import initial_belief, process_noise
+from onboard.estimators.leader.settings import PAPER, Noise, noise_for
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold
@@ -19,11 +20,11 @@ WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
 ImageNoise = Literal["degrees", "constant", "points"]
 
 TUNED_NOISE: Final = Noise(
-    position_walk=0.02 * FT,
-    velocity_walk=0.1 * FT,
-    size_walk=1e-5,
-    a_lat_walk=1 * FT,
-    a_long_walk=0.3 * FT,
+    position_random_walk=0.02 * FT,
+    velocity_random_walk=0.1 * FT,
+    size_random_walk=1e-5,
+    a_lat_random_walk=1 * FT,
+    a_long_random_walk=0.3 * FT,
     initial_position=None,
     initial_velocity=12 * FT,
     initial_acceleration=10 * FT,
