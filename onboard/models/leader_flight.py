@@ -157,32 +157,15 @@ def process_rows(rows, dt, v_F, a_F, eps, decay, nose_rate):  # type: ignore[no-
     return after
 
 
-def wing_axes(rows: Array, v_F_n: Array, eps: float) -> Array:
-    """Directions (k, 3) in n from the left wingtip to the right one, of state rows (k, n), for
-    followers at v_F_n (3,) or (B, 3)."""
-    axes: Array = _wing_axes(rows, np.atleast_2d(v_F_n), eps)
-    return axes
-
-
 @njit(cache=True, error_model="numpy")
 def wing_axis(row, u, v, w, eps):  # type: ignore[no-untyped-def]
-    """`wing_axes` of one state row and the leader's own velocity (u, v, w), to be called from compiled code."""
+    """The direction (3) in n from the left wingtip to the right one, of one state row and the leader's own
+    velocity (u, v, w). To be called from compiled code."""
     c, s = np.cos(row[HEADING]), np.sin(row[HEADING])
     x, y, z = _acceleration(u, v, w, row[A_LAT], row[A_LONG], row[A_ALONG], c, s, eps)
     bank = np.arctan2(y * c - x * s, G - z) + row[BANK_ERROR]
     level = np.cos(bank)
     return -s * level, c * level, np.sin(bank)
-
-
-@njit((ROWS, ROWS, types.float64), cache=True, error_model="numpy")
-def _wing_axes(rows, v_F, eps):  # type: ignore[no-untyped-def]
-    axes = np.empty((rows.shape[0], 3))
-    each = rows.shape[0] // v_F.shape[0]
-    for s in range(rows.shape[0]):
-        f = s // each
-        u, v, w = rows[s, 3] + v_F[f, 0], rows[s, 4] + v_F[f, 1], rows[s, 5] + v_F[f, 2]
-        axes[s, 0], axes[s, 1], axes[s, 2] = wing_axis(rows[s], u, v, w, eps)
-    return axes
 
 
 def measure(rows: Array, geometry: ImageGeometry, eps: float, m: int) -> Array:

@@ -9,7 +9,7 @@ from onboard.geometry.camera import Camera
 from onboard.geometry.units import S_PER_NS
 from onboard.ownship import Ownship
 
-RATE_NS: Final = 40_000_000  # over which the camera's rates are taken
+RATE_NS: Final = 40_000_000  # interval over which the camera's rates are computed
 MOST_POSES: Final = 64  # kept while no own motion arrives but images do
 
 

@@ -25,13 +25,13 @@ class Config(Record, frozen=True, kw_only=True):
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw; 0 for both: our attitude is exact
     own_attitude_time_s: Positive = 60.0  # correlation time of these errors
     own_velocity_sigma_m_s: NotNegative = 0.1  # error of our own velocity; a hovering leader seems to drift by it
-    estimate_bias: bool = True  # estimate the attitude's errors (else: only add them to the covariance)
+    estimate_bias: bool = True  # wing-line: estimate the attitude's errors (else they are ignored)
     delay_sigma_s: NotNegative = 0.0  # delay of the camera's stamps; 0: they are exact, the delay no state
     rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
     coast_after_s: NotNegative = 0.25  # without an image: coasting
     validity_timeout_s: NotNegative = 2.0  # without an image: lost, not valid
     reset_timeout_s: NotNegative = 10.0  # without an image: forgotten
-    relock_after_s: NotNegative = 1.0  # with only gated images: forgotten, and started anew
+    relock_after_s: NotNegative = 1.0  # with only gated images: forgotten, and started again
     stale_after_s: Positive = 0.5  # with exactly the same points: the camera hangs
     edge_px: NotNegative = 1.0  # points this near to the image's edge are rejected
     max_targets: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 100

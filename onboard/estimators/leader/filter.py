@@ -10,19 +10,13 @@ from onboard.ownship import Step
 
 class Measurement(NamedTuple):
     """What an image measures: y (m,) and its noise R (m, m); the wing's span and its standard deviation, rad; and
-    `axes` (3, 3), rows in c: the direction of the center, and the two that the wing is measured along."""
+    `axes` (3, 3), unit vectors in c: the direction of the center, and the two that the wing is measured along."""
 
     y: Array
     R: Array
     span: float
     span_sigma: float
     axes: Array
-
-    @property
-    def direction_c(self) -> Array:
-        """The center's direction (3,), a unit vector in c."""
-        direction: Array = self.axes[0]
-        return direction
 
 
 class LeaderFilter(Protocol):

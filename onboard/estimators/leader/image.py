@@ -21,8 +21,8 @@ SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
 
 
 class Image(NamedTuple):
-    """A usable image, with the camera's pose when it was taken. `final` tells an interpolated pose, which stays,
-    from an extrapolated one, which is looked up again when the image is fused."""
+    """A usable image, with the camera's pose when it was taken. The pose is `final` if it was interpolated; an
+    extrapolated one is computed again when the image is fused."""
 
     message: TargetPoints
     measurement: Measurement
@@ -32,7 +32,7 @@ class Image(NamedTuple):
     @property
     def direction_n(self) -> Array:
         """Direction (3,) of the center, a unit vector in n."""
-        direction: Array = self.measurement.direction_c @ self.pose.R_cn
+        direction: Array = self.measurement.axes[0] @ self.pose.R_cn
         return direction
 
 

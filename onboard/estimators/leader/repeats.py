@@ -10,7 +10,7 @@ from onboard.geometry.units import NS_PER_S
 from onboard.messages import ImagePoint
 
 STAMPS: Final = 64  # remembered
-ROTATION_SIGMAS: Final = 3.0  # of a point: a camera that has rotated by more sees another image
+ROTATION_SIGMAS: Final = 3.0  # of a point: if the camera has rotated by more, its image must have changed
 
 
 class Repeats:

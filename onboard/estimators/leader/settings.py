@@ -34,9 +34,9 @@ class ManoeuvreModel(NamedTuple):
     that correlation time. A `_for` is the mean duration of a mode.
 
     The leader is in one of several modes (an interacting multiple model): its speed is steady, or it is
-    accelerating along its track. A multirotor may also hover, and turn its nose to either side meanwhile. Only the
-    wing's middle (`Extras.middle`) tells a nose that turns from a leader that flies away: both shorten the wing in
-    the image. Without the middle the hovering modes are left out.
+    accelerating along its track. A multirotor may also hover, and turn its nose to either side meanwhile. A
+    turning nose and a leader that flies away both shorten the wing in the image; only the wing's middle
+    (`Extras.middle`) distinguishes them. Without the middle there are no hovering modes.
     """
 
     position_random_walk: float = 0.001  # m / sqrt(s)

@@ -8,6 +8,7 @@ life cycle.
 
 import math
 from collections import deque
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -60,6 +61,7 @@ class Track:
         self._images = filter_.images or config.initialise_images  # that must agree before a track starts
         self._held: deque[Image] = deque(maxlen=self._images)
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
+        self._report = partial(report, filter_)
         self._sequence = 0
         reason = "as many targets are followed as may be" if full else "no image yet"
         self._status = Status(config, self._images, reason)
@@ -67,11 +69,11 @@ class Track:
     def observe(self, message: TargetPoints, ownship: Ownship) -> Estimate:
         """Check an image, then start the track with it or fuse it."""
         try:
-            report = self._judge(message, ownship)
+            measurement = self._judge(message, ownship)
         except FilterError as error:
             self._forget(f"the filter failed: {error}")
-            report = self._report(message, Verdict.NUMERICAL)
-        return self._estimate(ownship, report)
+            measurement = self._report(message, Verdict.NUMERICAL)
+        return self._estimate(ownship, measurement)
 
     def tick(self, ownship: Ownship) -> Estimate:
         """Predict to the newest navigation sample, and check the timeouts."""
@@ -227,7 +229,7 @@ class Track:
             return None
         return t_ns, belief
 
-    def _estimate(self, ownship: Ownship, report: MeasurementReport | None) -> Estimate:
+    def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any."""
         found = self._belief(ownship)
         t_ns, mean, covariance = ownship.now_ns, None, None
@@ -261,14 +263,5 @@ class Track:
             covariance=covariance,
             age=None if age == math.inf else age,
             reset_count=self._status.resets,
-            measurement=report,
+            measurement=measurement,
         )
-
-    def _report(
-        self,
-        message: TargetPoints,
-        verdict: Verdict,
-        image: Image | None = None,
-        outcome: Outcome | None = None,
-    ) -> MeasurementReport:
-        return report(self._filter, message, verdict, image, outcome)

@@ -34,6 +34,11 @@ def geometry(
     )
 
 
+def wing_of(x: Array, v_F_n: Array, eps: float) -> Array:
+    """The wing's direction (3,) in n."""
+    return np.array(leader_flight.wing_axis(x, *(x[V] + v_F_n), eps))
+
+
 def image_of(x: Array, wing_n: Array, R_cn: Array, r_FC_n: Array) -> Array:
     """Image points (3, 2) of a wing, by hand."""
     points = [R_cn @ (x[R] + k * 0.5 * x[SIZE] * wing_n - r_FC_n) for k in (0, -1, 1)]
@@ -81,7 +86,7 @@ def test_a_coordinated_turn_banks_the_wing_by_the_arctangent_of_a_over_g() -> No
     x = row(a_lat=2.4, a_long=0.0, a_along=0.0)
     x[V] = (1.0, 2.0, 0.0)
     v_F = np.array([15.0, 2.0, 0.0])
-    wing = leader_flight.wing_axes(x[None], v_F, 1e-9)[0]
+    wing = wing_of(x, v_F, 1e-9)
     expected = matrix_from_euler(float(np.arctan(2.4 / G)), 0.0, float(np.arctan2(4.0, 16.0)))[:, 1]
     np.testing.assert_allclose(wing, expected, atol=1e-9)
 
@@ -90,7 +95,7 @@ def test_a_pull_up_lessens_the_bank_that_a_turn_needs() -> None:
     """Lift carries the weight and the pull: 3 m/s^2 up, tan(bank) = a / (g + 3)."""
     x = row(a_lat=2.4, a_long=3.0, a_along=0.0)
     x[V] = (1.0, 2.0, 0.0)
-    wing = leader_flight.wing_axes(x[None], np.array([15.0, 2.0, 0.0]), 1e-9)[0]
+    wing = wing_of(x, np.array([15.0, 2.0, 0.0]), 1e-9)
     assert np.arcsin(wing[2]) == pytest.approx(np.arctan(2.4 / (G + 3.0)), abs=1e-9)
 
 
@@ -99,7 +104,7 @@ def test_what_is_predicted_is_what_points_projected_by_hand_measure(seed: int) -
     rng = np.random.default_rng(seed)
     R_cn = matrix_from_euler(*rng.uniform(-0.4, 0.4, 3)).T
     x = row(a_along=0.4, bank_error=rng.uniform(-0.2, 0.2), heading=rng.uniform(-1, 1))
-    wing = leader_flight.wing_axes(x[None], np.array([15.0, 2.0, 0.0]), 1.0)[0]
+    wing = wing_of(x, np.array([15.0, 2.0, 0.0]), 1.0)
     points = image_of(x, wing, R_cn, np.array([0.3, -0.1, 0.2]))
     for m in (wing_line.M, wing_line.M_MIDDLE):
         y, _, axes = wing_line.from_points(points[None], np.full((1, 3), 1e-3), m)

@@ -96,10 +96,10 @@ def test_a_lost_track_is_valid_again_only_after_three_images() -> None:
     leader could be so far away that the track starts anew, with what is known of its motion."""
     agile = "estimator.leader.process_noise={accelerating=2.5}"
     run = fly(lambda t: t <= 6.4 or 10.39 <= t <= 10.41 or t >= 11.0, 11.5, CIRCLE, agile)
-    seen = [e for e in run.estimates if e.measurement and e.measurement.t_ns > 7 * S]
+    late = [e for e in run.estimates if e.measurement and e.measurement.t_ns > 7 * S]
     held = [Verdict.INITIALISING] * 4
-    assert [e.measurement.verdict for e in seen if e.measurement][:5] == [*held, Verdict.FUSED]
-    assert [e.valid for e in seen[:5]] == [False, False, False, True, True]
+    assert [e.measurement.verdict for e in late if e.measurement][:5] == [*held, Verdict.FUSED]
+    assert [e.valid for e in late[:5]] == [False, False, False, True, True]
     assert not any(e.valid for e in run.estimates if 8.5 * S < e.t_ns < 11.0 * S)
     assert run.estimates[-1].reset_count == 1
     assert position_error(run.estimates[-1]) < 2.0

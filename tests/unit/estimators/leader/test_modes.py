@@ -39,9 +39,9 @@ def images(rng: np.random.Generator, count: int, m: int) -> tuple[Array, Array, 
     return y, R_y, ImageGeometry(R_cn, 0.1 * vectors[0], 5.0 * vectors[1], 0.1 * vectors[2], axes)
 
 
-def by_parts(own: Filter, state: Modes, a: Array, seen: tuple[Array, Array, ImageGeometry]) -> list[Array]:
+def by_parts(own: Filter, state: Modes, a: Array, image: tuple[Array, Array, ImageGeometry]) -> list[Array]:
     """A prediction and an update by `multiple_model`, which takes any filter and any model."""
-    (y, R_y, geometry), r = seen, state.probabilities.shape[1]
+    (y, R_y, geometry), r = image, state.probabilities.shape[1]
     weights = unscented.julier_weights(own.extras.states, float(own.extras.states))
     methods = [unscented.method("any", lambda _: weights, considered=(SIZE,))] * r
     modes = multiple_model.ModesState(
@@ -69,10 +69,10 @@ def by_parts(own: Filter, state: Modes, a: Array, seen: tuple[Array, Array, Imag
     R_y[swapped, 2:4] *= -1
     R_y[swapped, :, 2:4] *= -1
     update = multiple_model.update(methods, modes, y, [measure] * r, R_y)
-    believed = multiple_model.believed(methods, update.belief)
+    mixture = multiple_model.believed(methods, update.belief)
     each = update.belief.states
     return [
-        *believed,
+        *mixture,
         np.stack([b.mean for b in each], 1),
         np.stack([b.covariance for b in each], 1),
         update.belief.probabilities,
@@ -90,10 +90,10 @@ def test_a_step_of_all_modes_is_what_the_parts_make_seed_1(own: Filter, count: i
     y, R_y, geometry = images(rng, count, own.m)
     state = _wing_line.start(own, y, R_y, geometry)
     for _ in range(20):
-        seen, a = images(rng, count, own.m), rng.normal(size=(count, 3))
-        expected = by_parts(own, state, a, seen)
-        state = _wing_line.advance(own, state, DT, seen[2].v_F_n, a)
-        update = _wing_line.fuse(own, state, *seen)
+        image, a = images(rng, count, own.m), rng.normal(size=(count, 3))
+        expected = by_parts(own, state, a, image)
+        state = _wing_line.advance(own, state, DT, image[2].v_F_n, a)
+        update = _wing_line.fuse(own, state, *image)
         state = update.belief
         got = [*compiled.mixture(state), *state, *update[1:]]
         for a_, b_ in zip(got, expected, strict=True):
@@ -102,12 +102,12 @@ def test_a_step_of_all_modes_is_what_the_parts_make_seed_1(own: Filter, count: i
 
 def test_one_of_a_batch_is_what_it_is_alone_seed_2() -> None:
     own, rng = FILTERS[1], np.random.default_rng(2)
-    seen, a = images(rng, 4, own.m), rng.normal(size=(4, 3))
-    state = _wing_line.start(own, *seen)
-    together = _wing_line.fuse(own, _wing_line.advance(own, state, DT, seen[2].v_F_n, a), *seen)
+    image, a = images(rng, 4, own.m), rng.normal(size=(4, 3))
+    state = _wing_line.start(own, *image)
+    together = _wing_line.fuse(own, _wing_line.advance(own, state, DT, image[2].v_F_n, a), *image)
     for b in range(4):
         one = [b]
-        y, R_y, geometry = seen[0][one], seen[1][one], ImageGeometry(*(array[one] for array in seen[2]))
+        y, R_y, geometry = image[0][one], image[1][one], ImageGeometry(*(array[one] for array in image[2]))
         alone = _wing_line.advance(own, Modes(*(array[one] for array in state)), DT, geometry.v_F_n, a[one])
         update = _wing_line.fuse(own, alone, y, R_y, geometry)
         for a_, b_ in zip([*together.belief, *together[1:]], [*update.belief, *update[1:]], strict=True):
