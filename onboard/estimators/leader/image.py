@@ -39,8 +39,8 @@ class Image(NamedTuple):
 def prepare(
     message: TargetPoints, ownship: Ownship, poses: CameraPoses, filter_: LeaderFilter, edge_px: float
 ) -> Image | Verdict:
-    """The image, or why it cannot be used. Points within `edge_px` of the image's edge count as outside: where an
-    aircraft is cut off by the edge, its wingtips are not."""
+    """The image, or why it cannot be used. Points within `edge_px` of the image's edge count as outside: the
+    edge may cut an aircraft off, and then they are not its wingtips."""
     camera = poses.camera
     points = message.center, message.left, message.right
     sigmas = message.sigma or (camera.sigma,) * 3

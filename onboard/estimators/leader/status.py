@@ -1,6 +1,8 @@
 """The life cycle of a track: its state, from when images were fused and gated.
 
-searching -> initialising (images must agree) -> tracking -> coasting -> lost -> tracking, or forgotten
+    searching -> initialising (images must agree) -> tracking -> coasting -> lost -> tracking, or forgotten
+
+Only a track that is tracking or coasting is valid.
 """
 
 import math

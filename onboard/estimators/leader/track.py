@@ -25,13 +25,7 @@ from onboard.estimators.leader.status import Status
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import (
-    Estimate,
-    Lifecycle,
-    MeasurementReport,
-    TargetPoints,
-    Verdict,
-)
+from onboard.messages import Estimate, Lifecycle, MeasurementReport, TargetPoints, Verdict
 from onboard.models import relative_motion
 from onboard.models.relative_motion import R
 from onboard.ownship import Ownship
