@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator as leader
-from onboard.estimators.leader.image import Image, ready
+from onboard.estimators.leader.image import Image, prepare
 from onboard.geometry.camera import make_camera
 from onboard.messages import Attitude, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship
@@ -41,7 +41,7 @@ def test_each_target_is_followed_by_its_id() -> None:
     run = feed(encode(two_aircraft("leader", "target/1")))
     last = {e.target: e for e in run.estimates}
     assert set(last) == {"leader", "target/1"}
-    for name, gap in (("leader", 25.0), ("target/1", 40.0 * 2.0 / 3.0)):  # told 2 m, the second is 3 m wide
+    for name, gap in (("leader", 25.0), ("target/1", 40.0 * 2.0 / 3.0)):  # configured: 2 m; the second is 3 m wide
         assert last[name].state is Lifecycle.TRACKING
         assert np.linalg.norm(last[name].mean[:3] if last[name].mean else []) == pytest.approx(gap, rel=0.08)
 
@@ -61,13 +61,13 @@ def play(one: leader.Estimator, items: list[Item]) -> Ownship:
     return ownship
 
 
-def test_images_without_an_id_go_to_the_track_they_are_most_like() -> None:
+def test_images_without_an_id_go_to_the_track_whose_prediction_they_fit() -> None:
     one = estimator()
     items = sorted(two_aircraft("", ""), key=lambda i: i.message.t_ns)
     ownship = play(one, items)
-    told = {e.target: e for e in one.tick(ownship)}
-    assert sorted(told) == ["leader", "unnamed/1"]
-    bearings = sorted(round(float(np.arctan2(e.mean[1], e.mean[0])), 2) for e in told.values() if e.mean)
+    estimates = {e.target: e for e in one.tick(ownship)}
+    assert sorted(estimates) == ["leader", "unnamed/1"]
+    bearings = sorted(round(float(np.arctan2(e.mean[1], e.mean[0])), 2) for e in estimates.values() if e.mean)
     assert bearings == pytest.approx([0.0, np.arctan(SIDE)], abs=0.02)
 
 
@@ -78,25 +78,25 @@ def test_another_aircraft_without_an_id_that_comes_later_begins_a_track_of_its_o
 
     one = estimator()
     items = sorted(filter(there, two_aircraft("", "")), key=lambda i: i.message.t_ns)
-    told = {e.target: e for e in one.tick(play(one, items))}
-    assert [told[name].state for name in ("leader", "unnamed/1")] == [Lifecycle.TRACKING] * 2
+    estimates = {e.target: e for e in one.tick(play(one, items))}
+    assert [estimates[name].state for name in ("leader", "unnamed/1")] == [Lifecycle.TRACKING] * 2
 
 
 def test_there_are_no_more_targets_than_allowed() -> None:
     one = estimator("estimator.leader.max_targets=2")
     ownship = Ownship(max_extrapolation=0.1)
-    told: dict[str, set[Verdict]] = {}
+    verdicts: dict[str, set[Verdict]] = {}
     for item in Stream(flight=NEAR, t1=6.0).items():
         m = item.message
         if isinstance(m, TargetPoints):
             for k in range(4):
                 (e,) = one.observe(replace(m, target=f"target/{k}"), ownship)
                 assert e.measurement is not None
-                told.setdefault(e.target, set()).add(e.measurement.verdict)
+                verdicts.setdefault(e.target, set()).add(e.measurement.verdict)
         else:
             ownship.receive(m, m.t_ns)
     assert {e.target for e in one.tick(ownship) if e.valid} == {"target/0", "target/1"}
-    assert [Verdict.FULL in told[f"target/{k}"] for k in range(4)] == [False, False, True, True]
+    assert [Verdict.FULL in verdicts[f"target/{k}"] for k in range(4)] == [False, False, True, True]
 
 
 def test_a_target_long_gone_is_forgotten() -> None:
@@ -110,7 +110,7 @@ def test_a_target_long_gone_is_forgotten() -> None:
     assert [e.target for e in one.tick(ownship)] == ["leader"]
 
 
-def test_a_camera_that_hangs_is_told_from_an_aircraft() -> None:
+def test_a_camera_that_hangs_is_not_taken_for_an_aircraft() -> None:
     """From 7 s on every image repeats the same points under new stamps, while we turn."""
     swaying = Flight(radius=150.0, gap=25.0)
     frozen = swaying.image(7 * S)
@@ -128,14 +128,14 @@ def test_a_camera_that_hangs_is_told_from_an_aircraft() -> None:
     assert not any(e.valid for e in run.estimates if e.t_ns > 10 * S)
 
 
-def test_points_at_the_edge_of_the_image_are_not_believed() -> None:
+def test_points_at_the_edge_of_the_image_are_rejected() -> None:
     run = feed(
         encode(Stream(flight=NEAR, t1=6.0).items()), make_config("camera.width_px=40", "camera.height_px=400")
     )
     assert set(run.verdicts()) == {Verdict.OUT_OF_VIEW}
 
 
-def test_a_leader_out_of_view_is_said_to_be_there() -> None:
+def test_a_lost_leader_out_of_view_gives_that_as_the_reason() -> None:
     """From 7 s on we look 70 degrees to the right, and see nothing."""
 
     def away(item: Item) -> Item:
@@ -153,26 +153,25 @@ def test_a_leader_out_of_view_is_said_to_be_there() -> None:
     assert not any(e.valid for e in lost)
 
 
-def test_an_image_without_an_id_that_is_of_no_use_begins_no_track() -> None:
+def test_an_unusable_image_without_an_id_starts_no_track() -> None:
     one = estimator()
     ownship = play(one, sorted(two_aircraft("", ""), key=lambda i: i.message.t_ns))
     bad = replace(NEAR.image(ownship.now_ns), target="", center=(math.nan, 0.0))
-    (told,) = one.observe(bad, ownship)
-    assert told.measurement is not None
-    assert told.measurement.verdict is Verdict.NOT_FINITE
-    assert told.target == "leader"
+    (estimate,) = one.observe(bad, ownship)
+    assert estimate.measurement is not None
+    assert estimate.measurement.verdict is Verdict.NOT_FINITE
+    assert estimate.target == "leader"
     assert len(one.tick(ownship)) == 2
 
 
-def test_only_tracks_towards_an_image_are_asked_whether_it_is_theirs() -> None:
-    """And all that have not been seen lately."""
+def test_an_image_is_compared_with_tracks_near_its_direction_and_with_all_without_a_recent_image() -> None:
     one = estimator()
     ownship = play(one, sorted(two_aircraft("leader", "target/1"), key=lambda i: i.message.t_ns))
-    seen = ready(NEAR.image(ownship.now_ns), ownship, one._eye, one._filter, 1.0)
-    assert isinstance(seen, Image)
-    assert [t.target for t in one._towards(seen)] == ["leader"]
+    image = prepare(NEAR.image(ownship.now_ns), ownship, one._poses, one._filter, 1.0)
+    assert isinstance(image, Image)
+    assert [t.target for t in one._candidates(image)] == ["leader"]
     for later in (ownship.now_ns + 200 * MS, ownship.now_ns + 400 * MS):
         for m in (NEAR.attitude(later), NEAR.position(later)):
             ownship.receive(m, later)
         one.tick(ownship)
-    assert [t.target for t in one._towards(seen)] == ["leader", "target/1"]
+    assert [t.target for t in one._candidates(image)] == ["leader", "target/1"]

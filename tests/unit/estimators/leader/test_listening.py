@@ -1,4 +1,4 @@
-"""The leader estimator in the pipeline: images ahead of the clock, who is listened to, and what health tells."""
+"""The leader estimator in the pipeline: images ahead of the clock, messages of other systems, and the health."""
 
 import pytest
 from msgspec.structs import replace
@@ -68,7 +68,7 @@ def test_the_waiting_room_is_bounded() -> None:
     assert sum(isinstance(o, Estimate) for o in outputs) > 256
 
 
-# -------------------------------------------------------------------------------- who is listened to
+# ------------------------------------------------------------------------- messages of other systems
 
 
 def test_nothing_is_estimated_before_an_autopilot_is_heard() -> None:

@@ -1,4 +1,4 @@
-"""What the wing-line filter assumes beyond its model: modes, what is unknown twice, and a leader that hovers."""
+"""The wing-line filter's modes, its noise of a delay and a velocity both unknown, and a leader that hovers."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,11 @@ from scipy.linalg import expm
 from onboard.estimators.leader import modes as leader_modes
 from onboard.estimators.leader import wing_line
 from onboard.estimators.leader import wing_line_noise as noise
+from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR, ManoeuvreModel
 from onboard.estimators.leader.wing_line import Filter
-from onboard.estimators.leader.wing_line_noise import FIXED_WING, MULTIROTOR, Extras
+from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.models import leader_flight as flight
-from onboard.models.leader_flight import Sight
+from onboard.models.leader_flight import ImageGeometry
 from onboard.models.relative_motion import R, V
 from onboard.studies.relative_motion.formation import FT, Setting, track
 from onboard.studies.relative_motion.scores import truth_of
@@ -27,32 +28,32 @@ def test_the_exponential_of_rates_is_scipys_seed_5(largest: float) -> None:
 
 
 @pytest.mark.parametrize("extras", [Extras(), Extras(middle=True)])
-@pytest.mark.parametrize("manner", [FIXED_WING, MULTIROTOR])
-def test_probabilities_of_passing_are_those_of_a_markov_chain(manner: noise.Manner, extras: Extras) -> None:
-    step, double = (noise.passing(manner, extras, dt) for dt in (0.02, 0.04))
+@pytest.mark.parametrize("model", [FIXED_WING, MULTIROTOR])
+def test_transition_probabilities_are_those_of_a_markov_chain(model: ManoeuvreModel, extras: Extras) -> None:
+    step, double = (noise.transition_probabilities(model, extras, dt) for dt in (0.02, 0.04))
     np.testing.assert_allclose(step.sum(axis=1), 1.0, rtol=1e-12)
     assert step.min() >= 0.0
     np.testing.assert_allclose(step @ step, double, rtol=1e-12)
-    modes = len(noise.habits(manner, extras))
-    assert modes == len(step) == len(noise.process_noise(manner, extras, 2.0, 0.02))
-    assert modes == (5 if manner is MULTIROTOR and extras.middle else 2)
+    modes = len(noise.mode_parameters(model, extras))
+    assert modes == len(step) == len(noise.process_noise(model, extras, 2.0, 0.02))
+    assert modes == (5 if model is MULTIROTOR and extras.middle else 2)
 
 
-def test_what_hovers_keeps_its_nose_or_turns_it_right_or_left() -> None:
-    habits = noise.habits(MULTIROTOR, Extras(middle=True))
+def test_a_hovering_leader_keeps_its_heading_or_turns_right_or_left() -> None:
+    parameters = noise.mode_parameters(MULTIROTOR, Extras(middle=True))
     rate = MULTIROTOR.nose_rate
-    assert [h.nose_rate for h in habits] == [0.0, 0.0, 0.0, rate, -rate]
-    assert [h.hover_time < np.inf for h in habits] == [False, False, True, True, True]
+    assert [p.nose_rate for p in parameters] == [0.0, 0.0, 0.0, rate, -rate]
+    assert [p.hover_time < np.inf for p in parameters] == [False, False, True, True, True]
 
 
-def test_a_nose_that_turns_unseen_is_not_looked_for() -> None:
-    """Without the middle of the wing it is told from flying away by nothing."""
-    assert not noise.hovers(MULTIROTOR, Extras())
-    assert noise.hovers(MULTIROTOR, Extras(middle=True))
-    assert not noise.hovers(FIXED_WING, Extras(middle=True))
+def test_without_the_wings_middle_there_are_no_hovering_modes() -> None:
+    """A nose that turns could not be distinguished from a leader that flies away."""
+    assert not noise.can_hover(MULTIROTOR, Extras())
+    assert noise.can_hover(MULTIROTOR, Extras(middle=True))
+    assert not noise.can_hover(FIXED_WING, Extras(middle=True))
 
 
-def test_what_hovers_wanders_as_our_own_velocity_is_wrong() -> None:
+def test_a_hovering_leader_drifts_by_the_error_of_our_own_velocity() -> None:
     exact, wrong = (
         noise.process_noise(MULTIROTOR, Extras(middle=True, own_velocity=sigma), 2.0, 100.0)[2][V, V]
         for sigma in (0.0, 0.1)
@@ -69,8 +70,10 @@ def test_a_delay_and_a_velocity_both_unknown_blur_the_direction_by_their_product
     at = [*range(V.start, V.stop), flight.BASE]
     root = rng.normal(size=(4, 4)) * np.array([1.0, 2.0, 1.5, 0.1])[:, None]
     P[np.ix_([0], at, at)] = root @ root.T
-    sight = Sight(np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)), np.eye(3)[None])
-    ours = wing_line._unseen_product(leader_modes.start(mean, P, np.ones(1)), sight, 6)[0]
+    geometry = ImageGeometry(
+        np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)), np.eye(3)[None]
+    )
+    ours = wing_line._delay_noise(leader_modes.start(mean, P, np.ones(1)), geometry, 6)[0]
     drawn = rng.multivariate_normal(np.zeros(4), root @ root.T, 400_000)
     products = drawn[:, 3:] * drawn[:, 1:3] / 25.0
     np.testing.assert_allclose(ours[:2, :2], np.cov(products.T), rtol=0.03, atol=1e-6)
@@ -87,11 +90,11 @@ def test_a_leader_that_hovers_and_turns_its_nose_stays_where_it_is_seeds_1_to_3(
     found = track(flights, setting_of(variant, scenario), WING_LINE)
     for b in range(3):
         error = found.mean[b, :, R] - truth_of(flights.one(b))[:, R]
-        turned = flights.nav_t > 26.0  # by 30 degrees and more; taken for distance, that were 4 m and then 25 m
-        assert np.sqrt(np.mean(np.sum(error[turned] ** 2, axis=1))) < 1.0
+        late = flights.nav_t > 26.0  # yawed by 30 degrees and more; taken for distance, 4 m and then 25 m
+        assert np.sqrt(np.mean(np.sum(error[late] ** 2, axis=1))) < 1.0
 
 
-def test_settings_of_the_study_tell_of_an_own_velocity_in_error() -> None:
+def test_settings_of_the_study_include_the_error_of_our_own_velocity() -> None:
     variant = BY_NAME["h"]
     setting: Setting = setting_of(variant, scenario_of(variant))
     assert setting.nav.velocity.sigma == pytest.approx(0.33 * FT)

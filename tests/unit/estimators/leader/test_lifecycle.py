@@ -1,4 +1,4 @@
-"""What the leader's estimator says it is doing, when it says so, and when it may be believed."""
+"""The life cycle of a track: its states, their times, and when it is valid."""
 
 from collections.abc import Callable
 
@@ -46,7 +46,7 @@ def phases(run: Run) -> list[tuple[Lifecycle, float]]:
     return found
 
 
-def test_a_track_is_begun_kept_lost_forgotten_and_begun_again_at_the_right_times() -> None:
+def test_a_track_starts_coasts_is_lost_forgotten_and_starts_again_at_the_right_times() -> None:
     run = fly(lambda t: 6.0 <= t <= 8.0 or t >= 20.0, 22.0)
     states, times = zip(*phases(run), strict=True)
     assert states == (
@@ -91,15 +91,15 @@ def test_never_valid_for_longer_than_the_timeout_after_the_last_image_while_tick
         assert e.valid == (e.state in (Lifecycle.TRACKING, Lifecycle.COASTING))
 
 
-def test_a_lost_track_is_believed_again_only_after_three_images() -> None:
-    """One image at 10.4 s, four seconds after the last, is not believed; three from 11 s on are. By then it could
-    be so far away that the track begins anew, with what is known of the motion."""
-    agile = "estimator.leader.process_noise={push=2.5}"
+def test_a_lost_track_is_valid_again_only_after_three_images() -> None:
+    """One image at 10.4 s, four seconds after the last, makes no track valid; three from 11 s on do. By then the
+    leader could be so far away that the track starts anew, with what is known of its motion."""
+    agile = "estimator.leader.process_noise={accelerating=2.5}"
     run = fly(lambda t: t <= 6.4 or 10.39 <= t <= 10.41 or t >= 11.0, 11.5, CIRCLE, agile)
-    seen = [e for e in run.estimates if e.measurement and e.measurement.t_ns > 7 * S]
+    late = [e for e in run.estimates if e.measurement and e.measurement.t_ns > 7 * S]
     held = [Verdict.INITIALISING] * 4
-    assert [e.measurement.verdict for e in seen if e.measurement][:5] == [*held, Verdict.FUSED]
-    assert [e.valid for e in seen[:5]] == [False, False, False, True, True]
+    assert [e.measurement.verdict for e in late if e.measurement][:5] == [*held, Verdict.FUSED]
+    assert [e.valid for e in late[:5]] == [False, False, False, True, True]
     assert not any(e.valid for e in run.estimates if 8.5 * S < e.t_ns < 11.0 * S)
     assert run.estimates[-1].reset_count == 1
     assert position_error(run.estimates[-1]) < 2.0
@@ -124,14 +124,14 @@ def test_gated_images_do_not_prolong_validity() -> None:
 
 
 def jumping(gap_after: float = 45.0) -> list[Datagram]:
-    """From t = 8 s on, what is seen is another aircraft, elsewhere."""
+    """From t = 8 s on the images show another aircraft, elsewhere."""
     near, far = Flight(radius=None, gap=20.0), Flight(radius=None, gap=gap_after)
     items = [i for i in Stream(flight=near, t1=12.0).items() if i.message.t_ns < 8 * S]
     items += [i for i in Stream(flight=far, t1=12.0).items() if i.message.t_ns >= 8 * S]
     return encode(sorted(items, key=lambda i: i.t_recv_ns))
 
 
-def test_a_track_whose_images_are_all_gated_is_given_up_and_begun_anew() -> None:
+def test_a_track_whose_images_are_all_gated_ends_and_starts_anew() -> None:
     run = feed(jumping())
     assert_sane(run.estimates)
     gated = [r for r in run.reports if r.verdict is Verdict.GATED]
@@ -175,7 +175,7 @@ def test_images_far_apart_in_time_start_no_track() -> None:
     assert not any(e.valid for e in run.estimates)
 
 
-def test_a_reboot_of_the_autopilot_in_flight_begins_all_anew() -> None:
+def test_a_reboot_of_the_autopilot_in_flight_starts_everything_anew() -> None:
     before = Stream(t0=60.0, t1=63.0).items()
     after = [Item(i.t_recv_ns + 61 * S, i.message) for i in Stream(t0=3.0, t1=6.0).items()]
     run = feed(encode([*before, *after]))
