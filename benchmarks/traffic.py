@@ -8,9 +8,8 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.traffic.config import Config
+from onboard.estimators.traffic.config import Config, FilterName
 from onboard.estimators.traffic.estimator import Estimator
-from onboard.estimators.traffic.filter import FilterName
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
 from onboard.messages import (

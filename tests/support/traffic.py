@@ -56,8 +56,8 @@ class Sky:
         )
         self.ownship = Ownship(max_extrapolation=0.1)
         self.t = 0.0
-        self.told: dict[str, Estimate] = {}
-        self.all: list[Estimate] = []
+        self.newest: dict[str, Estimate] = {}
+        self.published: list[Estimate] = []
         self.fly(0.2)
 
     @property
@@ -87,8 +87,8 @@ class Sky:
             self.ownship.receive(here, t_ns)
             self.estimator.observe(here, self.ownship)
         for e in self.estimator.tick(self.ownship):
-            self.told[e.target] = e
-            self.all.append(e)
+            self.newest[e.target] = e
+            self.published.append(e)
 
     def own(self) -> Array:
         """Where we are from home, NED."""
@@ -115,11 +115,11 @@ class Sky:
         t_ns = round(self.t * S)
         return AdsbVehicle(t_ns=t_ns, t_recv_ns=t_ns, **fields | changes)
 
-    def hear(self, message: AdsbVehicle | PeerPosition) -> None:
+    def receive(self, message: AdsbVehicle | PeerPosition) -> None:
         """A message now."""
         self.estimator.observe(message, self.ownship)
 
-    def see(self, places: Iterable[Iterable[float]]) -> None:
+    def scan(self, places: Iterable[Iterable[float]]) -> None:
         """A radar scan now, with an echo of each aircraft at r from home; in body axes."""
         t_ns = round(self.t * S)
         c, s = math.cos(self.course), math.sin(self.course)
@@ -144,15 +144,15 @@ def mean(e: Estimate) -> Array:
     return np.array(e.mean)
 
 
-def follow(sky: Sky, seconds: int, r0: Array = R0, v: Array = V0, **changes: Any) -> None:
+def fly_with_reports(sky: Sky, seconds: int, r0: Array = R0, v: Array = V0, **changes: Any) -> None:
     """Reports at 1 Hz of an aircraft on a straight line."""
     for _ in range(seconds):
-        sky.hear(sky.adsb(r0 + v * sky.t, v, **changes))
+        sky.receive(sky.adsb(r0 + v * sky.t, v, **changes))
         sky.fly(1.0)
 
 
-def scan(sky: Sky, scans: int, *lines: tuple[Array, Array]) -> None:
+def fly_with_scans(sky: Sky, scans: int, *lines: tuple[Array, Array]) -> None:
     """Scans at 10 Hz of aircraft on straight lines."""
     for _ in range(scans):
-        sky.see([r + v * sky.t for r, v in lines])
+        sky.scan([r + v * sky.t for r, v in lines])
         sky.fly(0.1)

@@ -178,7 +178,7 @@ def test_a_peer_is_tracked_by_its_pseudoranges_under_its_number() -> None:
     for k in range(10):
         share(sky, r + v * k, v, k)
         sky.fly(1.0)
-    e = sky.told["system/7"]
+    e = sky.newest["system/7"]
     assert e.mean is not None
     assert e.covariance is not None
     off = np.array(e.mean[:3]) - (r + 10 * v - sky.own())
@@ -196,7 +196,7 @@ def test_too_few_or_liars_begin_no_track_and_say_why() -> None:
     share(sky, r, v, 1, satellites=(lie, *full[1:]))
     sky.fly(0.5)
     assert sky.verdicts == {str(Verdict.NO_POSITION): 2, str(Verdict.IMPLAUSIBLE): 1}
-    assert not sky.told
+    assert not sky.newest
 
 
 def test_its_height_is_the_ellipsoids_less_the_geoid() -> None:
@@ -204,7 +204,7 @@ def test_its_height_is_the_ellipsoids_less_the_geoid() -> None:
     for k in range(8):
         share(sky, np.array([500.0, 0.0, 0.0]), np.zeros(3), k)
         sky.fly(1.0)
-    who = sky.told["system/7"].intruder
+    who = sky.newest["system/7"].intruder
     assert who is not None
     height = geodetic_from_ecef(ecef_from_geodetic(*sky.geodetic(np.array([500.0, 0.0, 0.0]))))[2]
     assert who.alt_msl == pytest.approx(height - 48.0, abs=8.0)

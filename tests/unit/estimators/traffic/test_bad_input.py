@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.estimator import Estimator
 from onboard.messages import RadarScan
-from tests.support.traffic import CAMERA, NAME, NORTH, R0, V0, S, Sky, follow, mean
+from tests.support.traffic import CAMERA, NAME, NORTH, R0, V0, S, Sky, fly_with_reports, mean
 
 
 @pytest.mark.parametrize(
@@ -35,8 +35,8 @@ from tests.support.traffic import CAMERA, NAME, NORTH, R0, V0, S, Sky, follow, m
 )
 def test_a_report_that_cannot_be_used_is_counted_by_its_reason(changes: dict[str, object], verdict: str) -> None:
     sky = Sky(own_icao="abCDef")
-    follow(sky, 3, **changes)
-    assert sky.told == {}
+    fly_with_reports(sky, 3, **changes)
+    assert sky.newest == {}
     assert sky.verdicts == {verdict: 3}
 
 
@@ -52,16 +52,16 @@ def test_without_our_own_position_nothing_is_tracked() -> None:
 
 def test_what_a_receiver_says_again_is_no_news() -> None:
     sky = Sky()
-    follow(sky, 5)
+    fly_with_reports(sky, 5)
     last = sky.adsb(R0 + V0 * sky.t, V0)
-    sky.hear(last)
+    sky.receive(last)
     sky.fly(1.0)
-    before = sky.told[NAME].age
+    before = sky.newest[NAME].age
     for k in (1, 2):
-        sky.hear(replace(last, t_ns=round(sky.t * S), tslc=float(k)))
+        sky.receive(replace(last, t_ns=round(sky.t * S), tslc=float(k)))
         sky.fly(1.0)
     assert sky.verdicts["duplicate"] == 2
-    age = sky.told[NAME].age
+    age = sky.newest[NAME].age
     assert before is not None
     assert age is not None
     assert age > before + 1.9
@@ -69,23 +69,23 @@ def test_what_a_receiver_says_again_is_no_news() -> None:
 
 def test_a_spoofed_jump_does_not_move_the_track() -> None:
     sky = Sky()
-    follow(sky, 8)
+    fly_with_reports(sky, 8)
     for jump in (5000.0, -8000.0):
-        sky.hear(sky.adsb(R0 + V0 * sky.t + [jump, 0, 0], V0))
+        sky.receive(sky.adsb(R0 + V0 * sky.t + [jump, 0, 0], V0))
         sky.fly(1.0)
-        np.testing.assert_allclose(mean(sky.told[NAME])[:3], R0 + V0 * sky.t, atol=3.0)
+        np.testing.assert_allclose(mean(sky.newest[NAME])[:3], R0 + V0 * sky.t, atol=3.0)
     assert sky.verdicts["implausible"] == 2
-    follow(sky, 3)
-    assert set(sky.told) == {NAME}
-    assert sky.told[NAME].reset_count == 0
+    fly_with_reports(sky, 3)
+    assert set(sky.newest) == {NAME}
+    assert sky.newest[NAME].reset_count == 0
 
 
 def test_there_are_no_more_tracks_than_may_be() -> None:
     sky = Sky(max_tracks=2)
     for k in range(5):
-        sky.hear(sky.adsb(R0 + 1000.0 * k * NORTH, V0, icao=k + 1))
+        sky.receive(sky.adsb(R0 + 1000.0 * k * NORTH, V0, icao=k + 1))
     sky.fly(0.2)
-    assert len(sky.told) == 2
+    assert len(sky.newest) == 2
     assert sky.verdicts == {"initialising": 2, "full": 3}
 
 
@@ -93,11 +93,11 @@ def test_a_flood_of_reports_costs_its_newest_and_no_memory() -> None:
     sky = Sky()
     report = sky.adsb(R0, V0)
     for _ in range(5000):
-        sky.hear(report)
+        sky.receive(report)
     tracemalloc.start()
     try:
         for _ in range(10_000):
-            sky.hear(report)
+            sky.receive(report)
         kept, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
@@ -106,7 +106,7 @@ def test_a_flood_of_reports_costs_its_newest_and_no_memory() -> None:
     sky.fly(0.2)
     assert sky.verdicts["full"] == 10_000
     assert sum(sky.verdicts.values()) == 15_000
-    assert len(sky.told) == 1
+    assert len(sky.newest) == 1
 
 
 def test_a_configuration_that_does_not_hold_is_refused() -> None:

@@ -4,48 +4,48 @@ import numpy as np
 import pytest
 
 from onboard.messages import Lifecycle
-from tests.support.traffic import NAME, NORTH, R0, V0, Sky, follow, mean, scan
+from tests.support.traffic import NAME, NORTH, R0, V0, Sky, fly_with_reports, fly_with_scans, mean
 
 
 def test_a_track_coasts_is_lost_and_is_forgotten_with_a_last_word() -> None:
     sky = Sky()
-    follow(sky, 5)
+    fly_with_reports(sky, 5)
     silent = sky.t - 1.0
     seen: dict[str, float] = {}
     for _ in range(350):
         sky.fly(0.1)
-        e = sky.told[NAME]
+        e = sky.newest[NAME]
         seen.setdefault(str(e.state), sky.t - silent)
         assert e.valid is (e.state in (Lifecycle.TRACKING, Lifecycle.COASTING))
     assert list(seen) == ["tracking", "coasting", "lost", "searching"]
     assert [seen[s] for s in ("coasting", "lost", "searching")] == pytest.approx([3.0, 10.0, 30.0], abs=0.2)
-    assert sky.told[NAME].mean is None
-    count = len(sky.all)
+    assert sky.newest[NAME].mean is None
+    count = len(sky.published)
     sky.fly(1.0)
-    assert len(sky.all) == count
+    assert len(sky.published) == count
 
 
 def test_after_jamming_a_radar_track_is_seen_again_under_its_name_and_false_alarms_do_not_move_it() -> None:
     sky = Sky()
-    scan(sky, 60, (R0, V0))
-    (name,) = sky.told
+    fly_with_scans(sky, 60, (R0, V0))
+    (name,) = sky.newest
     rng = np.random.default_rng(5)
     for _ in range(80):  # nothing but false alarms, close to where it should be
-        sky.see(R0 + V0 * sky.t + rng.normal(0, 250.0, (4, 3)))
+        sky.scan(R0 + V0 * sky.t + rng.normal(0, 250.0, (4, 3)))
         sky.fly(0.1)
-    np.testing.assert_allclose(mean(sky.told[name])[:3], R0 + V0 * sky.t, atol=40.0)
-    scan(sky, 30, (R0, V0))
-    assert sky.told[name].state is Lifecycle.TRACKING
-    np.testing.assert_allclose(mean(sky.told[name])[:3], R0 + V0 * sky.t, atol=10.0)
-    assert [n for n, e in sky.told.items() if e.valid] == [name]
+    np.testing.assert_allclose(mean(sky.newest[name])[:3], R0 + V0 * sky.t, atol=40.0)
+    fly_with_scans(sky, 30, (R0, V0))
+    assert sky.newest[name].state is Lifecycle.TRACKING
+    np.testing.assert_allclose(mean(sky.newest[name])[:3], R0 + V0 * sky.t, atol=10.0)
+    assert [n for n, e in sky.newest.items() if e.valid] == [name]
 
 
 def test_false_alarms_make_no_tracks_seed_3() -> None:
     sky, rng = Sky(), np.random.default_rng(3)
     for _ in range(300):
-        sky.see(rng.uniform(-3000, 3000, (8, 3)) * [1, 1, 0.2])
+        sky.scan(rng.uniform(-3000, 3000, (8, 3)) * [1, 1, 0.2])
         sky.fly(0.1)
-    assert sky.all == []
+    assert sky.published == []
     assert sky.verdicts["initialising"] > 2000
 
 
@@ -58,37 +58,37 @@ def test_two_that_cross_keep_their_tracks_seed_4() -> None:
     names = {}
     for k in range(200):
         places = [r + v * sky.t + rng.normal(0, 3.0, 3) for r, v in lines]
-        sky.see([p for p in places if rng.uniform() < 0.9][:: 1 if k % 2 else -1])
+        sky.scan([p for p in places if rng.uniform() < 0.9][:: 1 if k % 2 else -1])
         sky.fly(0.1)
         if k == 50:
-            names = {n: int(mean(e)[4] < 0) for n, e in sky.told.items() if e.valid}
+            names = {n: int(mean(e)[4] < 0) for n, e in sky.newest.items() if e.valid}
     assert len(names) == 2
     for name, which in names.items():
         r, v = lines[which]
-        np.testing.assert_allclose(mean(sky.told[name])[:3], r + v * sky.t, atol=12.0)
+        np.testing.assert_allclose(mean(sky.newest[name])[:3], r + v * sky.t, atol=12.0)
 
 
 def test_a_reset_forgets_all_and_says_so() -> None:
     sky = Sky()
-    follow(sky, 3)
+    fly_with_reports(sky, 3)
     sky.estimator.reset("the autopilot has rebooted")
     sky.fly(0.2)
-    assert (sky.told[NAME].state, sky.told[NAME].reason) == (Lifecycle.SEARCHING, "the autopilot has rebooted")
-    follow(sky, 3)
-    assert sky.told[NAME].valid
+    assert (sky.newest[NAME].state, sky.newest[NAME].reason) == (Lifecycle.SEARCHING, "the autopilot has rebooted")
+    fly_with_reports(sky, 3)
+    assert sky.newest[NAME].valid
 
 
 def test_a_filter_that_fails_is_dropped_and_the_others_fly_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """Break one covariance by hand: it cannot happen by itself, we hope."""
     sky = Sky(filter="ukf")
     for k in (1, 2, 3):
-        sky.hear(sky.adsb(R0 + 500.0 * k * NORTH, V0, icao=k))
+        sky.receive(sky.adsb(R0 + 500.0 * k * NORTH, V0, icao=k))
     sky.fly(0.5)
-    batch = sky.estimator._table.batch
+    batch = sky.estimator._tracker.batch
     broken = batch._state.covariance.copy()
     broken[1] = -np.eye(15)
     monkeypatch.setattr(batch, "_state", batch._state._replace(covariance=broken))
     sky.fly(0.5)
     assert sky.verdicts["numerical"] == 1
-    assert sky.told["icao/000002"].state is Lifecycle.SEARCHING
-    assert {n for n, e in sky.told.items() if e.mean is not None} == {"icao/000001", "icao/000003"}
+    assert sky.newest["icao/000002"].state is Lifecycle.SEARCHING
+    assert {n for n, e in sky.newest.items() if e.mean is not None} == {"icao/000001", "icao/000003"}
