@@ -16,10 +16,12 @@ from collections import Counter
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
-from typing import Final, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
 from onboard.messages import Estimate, Message, Record
-from onboard.ownship import Ownship
+
+if TYPE_CHECKING:  # reading a configuration imports no numerics
+    from onboard.ownship import Ownship
 
 SHARED: Final = ("history",)  # modules here that are no estimators
 
@@ -27,10 +29,10 @@ SHARED: Final = ("history",)  # modules here that are no estimators
 class EstimatorProtocol(Protocol):
     """What the pipeline asks of an estimator. Times are ns on the boot clock."""
 
-    def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
+    def observe(self, message: Message, ownship: "Ownship") -> list[Estimate]:
         """Take a message of a kind it listens for; an estimate for each target it was a measurement of."""
 
-    def tick(self, ownship: Ownship) -> list[Estimate]:
+    def tick(self, ownship: "Ownship") -> list[Estimate]:
         """A new navigation sample has come: every target's estimate predicted to `ownship.now_ns`."""
 
     def reset(self, reason: str) -> None:

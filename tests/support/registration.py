@@ -57,12 +57,9 @@ class World:
         for k, place in enumerate(self.places):
             if number % 10 == k % 10:
                 self.reports[k] = self.report(k, t_ns)
-            by_radar = (
-                place + np.cross(self.rotation, place - RADAR) + self.own + self.rng.normal(0, RADAR_SIGMA, 3)
-            )
-            echoes.append(
-                AnchorEcho(k, by_radar, self.reports[k].y[:3], RADAR_SIGMA**2 * np.eye(3), self.reports[k])
-            )
+            rotated = place + np.cross(self.rotation, place - RADAR) + self.own
+            by_radar, report = rotated + self.rng.normal(0, RADAR_SIGMA, 3), self.reports[k]
+            echoes.append(AnchorEcho(k, by_radar, report.y[:3], RADAR_SIGMA**2 * np.eye(3), report))
         return echoes
 
 

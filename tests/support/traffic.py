@@ -1,4 +1,4 @@
-"""A tracker alone, flown by hand: our own vehicle on a straight line, and what others say and a radar sees."""
+"""A tracker alone: our own vehicle on a straight line, others' reports, and a radar's echoes."""
 
 import math
 from collections.abc import Iterable
@@ -12,6 +12,7 @@ from onboard.estimators.traffic.estimator import Estimator
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
 from onboard.geometry.rotations import quaternion_from_euler
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -25,7 +26,6 @@ from onboard.messages import (
 )
 from onboard.ownship import Ownship
 
-S: Final = 1_000_000_000
 HOME: Final = (47.397742, 8.545594, 500.0)
 ICAO: Final = 0x4B1A2C
 NAME: Final = f"icao/{ICAO:06x}"
@@ -62,7 +62,7 @@ class Sky:
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """What became of everything, without what did not happen."""
+        """Verdicts that occurred, counted."""
         return {str(k): v for k, v in self.estimator.verdicts.items() if v}
 
     def fly(self, seconds: float) -> None:
@@ -72,7 +72,7 @@ class Sky:
             self._own()
 
     def _own(self) -> None:
-        t_ns = round(self.t * S)
+        t_ns = round(self.t * NS_PER_S)
         common = {"t_ns": t_ns, "t_recv_ns": t_ns}
         q: Any = tuple(quaternion_from_euler(0.0, 0.0, self.course).tolist())
         v = (self.speed * math.cos(self.course), self.speed * math.sin(self.course), 0.0)
@@ -112,7 +112,7 @@ class Sky:
             "ground_speed": math.hypot(local[0], local[1]),
             "climb": -local[2],
         }
-        t_ns = round(self.t * S)
+        t_ns = round(self.t * NS_PER_S)
         return AdsbVehicle(t_ns=t_ns, t_recv_ns=t_ns, **fields | changes)
 
     def receive(self, message: AdsbVehicle | PeerPosition) -> None:
@@ -121,7 +121,7 @@ class Sky:
 
     def scan(self, places: Iterable[Iterable[float]]) -> None:
         """A radar scan now, with an echo of each aircraft at r from home; in body axes."""
-        t_ns = round(self.t * S)
+        t_ns = round(self.t * NS_PER_S)
         c, s = math.cos(self.course), math.sin(self.course)
         echoes = []
         for place in places:

@@ -1,4 +1,4 @@
-"""How tracks of traffic begin, are lost and found again, and end."""
+"""How tracks begin, coast, are lost, continue, and end."""
 
 import numpy as np
 import pytest
@@ -7,25 +7,25 @@ from onboard.messages import Lifecycle
 from tests.support.traffic import NAME, NORTH, R0, V0, Sky, fly_with_reports, fly_with_scans, mean
 
 
-def test_a_track_coasts_is_lost_and_is_forgotten_with_a_last_word() -> None:
+def test_a_track_coasts_is_lost_and_is_removed_with_a_last_estimate() -> None:
     sky = Sky()
     fly_with_reports(sky, 5)
     silent = sky.t - 1.0
-    seen: dict[str, float] = {}
+    since: dict[str, float] = {}
     for _ in range(350):
         sky.fly(0.1)
         e = sky.newest[NAME]
-        seen.setdefault(str(e.state), sky.t - silent)
+        since.setdefault(str(e.state), sky.t - silent)
         assert e.valid is (e.state in (Lifecycle.TRACKING, Lifecycle.COASTING))
-    assert list(seen) == ["tracking", "coasting", "lost", "searching"]
-    assert [seen[s] for s in ("coasting", "lost", "searching")] == pytest.approx([3.0, 10.0, 30.0], abs=0.2)
+    assert list(since) == ["tracking", "coasting", "lost", "searching"]
+    assert [since[s] for s in ("coasting", "lost", "searching")] == pytest.approx([3.0, 10.0, 30.0], abs=0.2)
     assert sky.newest[NAME].mean is None
     count = len(sky.published)
     sky.fly(1.0)
     assert len(sky.published) == count
 
 
-def test_after_jamming_a_radar_track_is_seen_again_under_its_name_and_false_alarms_do_not_move_it() -> None:
+def test_after_jamming_a_radar_s_track_continues_under_its_name_and_false_alarms_do_not_move_it() -> None:
     sky = Sky()
     fly_with_scans(sky, 60, (R0, V0))
     (name,) = sky.newest
@@ -68,7 +68,7 @@ def test_two_that_cross_keep_their_tracks_seed_4() -> None:
         np.testing.assert_allclose(mean(sky.newest[name])[:3], r + v * sky.t, atol=12.0)
 
 
-def test_a_reset_forgets_all_and_says_so() -> None:
+def test_a_reset_removes_all_tracks_with_its_reason() -> None:
     sky = Sky()
     fly_with_reports(sky, 3)
     sky.estimator.reset("the autopilot has rebooted")
@@ -78,8 +78,8 @@ def test_a_reset_forgets_all_and_says_so() -> None:
     assert sky.newest[NAME].valid
 
 
-def test_a_filter_that_fails_is_dropped_and_the_others_fly_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Break one covariance by hand: it cannot happen by itself, we hope."""
+def test_a_track_whose_filter_fails_is_removed_and_the_others_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One covariance is broken by hand: no input is known that does it."""
     sky = Sky(filter="ukf")
     for k in (1, 2, 3):
         sky.receive(sky.adsb(R0 + 500.0 * k * NORTH, V0, icao=k))

@@ -1,4 +1,4 @@
-"""Which track of the tracker bears which name, where reports and echoes agree or do not."""
+"""Names of tracks, where reports and echoes agree or do not."""
 
 import numpy as np
 
@@ -21,9 +21,9 @@ def test_two_aircraft_with_one_address_are_two_tracks() -> None:
     assert set(sky.newest) == {NAME, f"{NAME}-2"}
 
 
-def test_a_name_goes_with_its_reports_when_a_radar_sees_somebody_else_in_its_place() -> None:
-    """A track that echoes of another aircraft have drawn away; or a transponder that tells lies. Both places are
-    tracked, the seen one without a name."""
+def test_a_name_follows_its_reports_where_echoes_in_its_old_place_are_of_another_aircraft() -> None:
+    """Echoes of another aircraft have drawn the track away, or the transponder reports a false position. Both
+    positions are tracked, that of the echoes without a name."""
     sky, off = Sky(), 400.0 * EAST
     for k in range(14):
         sky.receive(sky.adsb(R0 + V0 * sky.t + (off if k >= 6 else 0.0), V0))
@@ -36,19 +36,19 @@ def test_a_name_goes_with_its_reports_when_a_radar_sees_somebody_else_in_its_pla
     assert sum(e.valid for e in sky.newest.values()) == 2
 
 
-def test_an_aircraft_that_did_move_is_found_again_under_its_name() -> None:
-    """It turned back while it was not heard: its reports fit each other, nothing contradicts them."""
+def test_an_aircraft_that_did_move_continues_under_its_name() -> None:
+    """It turned back while it sent no reports: the new ones fit each other, and nothing contradicts them."""
     sky = Sky(gate_probability=0.99)
     fly_with_reports(sky, 6)
-    turned_at = sky.t
+    turn_time = sky.t
     sky.fly(9.0)
-    back = R0 + V0 * turned_at
+    back = R0 + V0 * turn_time
     for _ in range(6):
-        sky.receive(sky.adsb(back - V0 * (sky.t - turned_at) + [400.0, 0, 0], -V0))
+        sky.receive(sky.adsb(back - V0 * (sky.t - turn_time) + [400.0, 0, 0], -V0))
         sky.fly(1.0)
     e = sky.newest[NAME]
     assert e.reset_count == 1
-    np.testing.assert_allclose(mean(e)[:3], back - V0 * (sky.t - turned_at) + [400.0, 0, 0], atol=3.0)
+    np.testing.assert_allclose(mean(e)[:3], back - V0 * (sky.t - turn_time) + [400.0, 0, 0], atol=3.0)
     assert set(sky.newest) == {NAME}
 
 

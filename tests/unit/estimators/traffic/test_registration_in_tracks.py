@@ -1,5 +1,4 @@
-"""What the tracker gives to its tracks' filters: registration, errors shared with reports, and configured
-motion."""
+"""The tracks' filters: registration, errors shared with reports, and configured motion."""
 
 import numpy as np
 

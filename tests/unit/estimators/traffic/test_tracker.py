@@ -1,11 +1,12 @@
-"""The tracker: what it tells of an aircraft from reports and echoes, and that this may be anywhere on Earth."""
+"""The tracker's estimates from reports and from echoes, anywhere on Earth."""
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import AltitudeType, Lifecycle, PeerPosition, ThreatLevel
-from tests.support.traffic import HOME, ICAO, NAME, R0, V0, S, Sky, fly_with_reports, fly_with_scans, mean
+from tests.support.traffic import HOME, ICAO, NAME, R0, V0, Sky, fly_with_reports, fly_with_scans, mean
 
 
 @pytest.mark.parametrize("filter_", ["kf", "ekf", "ukf", "srukf", "imm"])
@@ -45,7 +46,7 @@ def test_the_age_of_a_report_is_taken_into_account() -> None:
     np.testing.assert_allclose(mean(sky.newest[NAME])[:3], R0 + fast * sky.t, atol=4.0)
 
 
-def test_what_was_heard_late_is_as_good_as_in_time() -> None:
+def test_a_late_report_is_as_good_as_one_in_time() -> None:
     prompt, late = Sky(), Sky(adsb_latency_s=0.4)
     for _ in range(10):
         prompt.receive(prompt.adsb(R0 + V0 * prompt.t, V0))
@@ -59,7 +60,7 @@ def test_another_vehicle_on_mavlink_is_traffic_by_its_system_number() -> None:
     sky = Sky()
     for _ in range(20):
         lat, lon, height = sky.geodetic(R0 + V0 * sky.t)
-        t_ns = round(sky.t * S)
+        t_ns = round(sky.t * NS_PER_S)
         v = (float(V0[0]), float(V0[1]), float(V0[2]))
         sky.receive(
             PeerPosition(t_ns=t_ns, t_recv_ns=t_ns, system=7, lat_deg=lat, lon_deg=lon, alt_msl=height, v_n=v)
@@ -69,7 +70,7 @@ def test_another_vehicle_on_mavlink_is_traffic_by_its_system_number() -> None:
     assert e.valid
     assert e.intruder is not None
     assert (e.intruder.system, e.intruder.icao) == (7, None)
-    # said to be 0.05 s old
+    # configured to be 0.05 s old
     np.testing.assert_allclose(mean(e)[:3], R0 + V0 * (sky.t + 0.05), atol=0.5)
 
 
@@ -89,7 +90,7 @@ def test_closest_approach_and_threat() -> None:
     assert 1.0 < a.distance_sigma < 30.0
 
 
-def test_each_track_is_told_ten_times_a_second_and_counts() -> None:
+def test_each_track_is_published_ten_times_a_second_with_sequence_numbers() -> None:
     sky = Sky()
     fly_with_reports(sky, 10)
     numbers = [e.sequence for e in sky.published]
@@ -137,9 +138,9 @@ def test_both_kinds_of_altitude_end_above_mean_sea_level() -> None:
     heights = {}
     for kind in AltitudeType:
         sky = Sky(geoid_undulation_m=48.0, pressure_altitude_offset_m=30.0)
-        said = HOME[2] + 300.0 + (48.0 if kind is AltitudeType.GEOMETRIC else -30.0)
+        altitude = HOME[2] + 300.0 + (48.0 if kind is AltitudeType.GEOMETRIC else -30.0)
         fly_with_reports(
-            sky, 6, np.array([1000.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0]), altitude=said, altitude_type=kind
+            sky, 6, np.array([1000.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0]), altitude=altitude, altitude_type=kind
         )
         heights[kind] = -mean(sky.newest[NAME])[2]
     assert heights == {kind: pytest.approx(300.0, abs=1.0) for kind in AltitudeType}
