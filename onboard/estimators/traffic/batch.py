@@ -148,8 +148,8 @@ class Batch:
         try:
             return self._evaluate_at(state, every, y, R, measure, angular)
         except FilterError:
-            nothing = np.full((1, y.shape[1]), np.nan)
-            failed = (nothing, np.full((1, y.shape[1], y.shape[1]), np.nan), nothing, np.full(1, np.nan))
+            nan = np.full((1, y.shape[1]), np.nan)
+            failed = (nan, np.full((1, y.shape[1], y.shape[1]), np.nan), nan, np.full(1, np.nan))
 
         def evaluate(one: Any, i: int) -> Updates:
             at = every[i : i + 1]

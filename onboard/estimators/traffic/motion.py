@@ -1,4 +1,4 @@
-"""How aircraft move, as configured, and what a single measurement says of one that is otherwise unknown."""
+"""The configured motion of aircraft, and the belief in one of them after a single measurement."""
 
 from typing import Final
 

@@ -257,7 +257,7 @@ class Registration:
 
     def _residual_of(self, lasting: Array) -> AttitudeErrorModel:
         """The model of a residual with that covariance (3, 3): it changes as slowly as the anchors' steady errors,
-        but as fast as our own attitude's error in directions in which the anchors determine nothing; between them,
+        but as fast as our own attitude's error in directions that the anchors do not determine; between them,
         by the ratio of standard deviations."""
         scale = np.diag(self._prior.axes)
         share, axes = np.linalg.eigh(lasting / np.outer(scale, scale))

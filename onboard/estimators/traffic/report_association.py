@@ -160,7 +160,7 @@ def _after_outlier(
 ) -> tuple[tuple[Report, ...], Restart | Begin | None]:
     """The outliers of a track with one more, and what to do about them. A few that fit each other are believed. If
     the track was fused with reports of the same source meanwhile, the outliers are of another aircraft with its
-    address. Else the track is where they say, and echoes in its old place are of another aircraft."""
+    address. Else the track is at their position, and echoes in its old place are of another aircraft."""
     track = tracks[row]
     earlier = track.outliers if track.outliers and _fit_each_other(track.outliers[-1], report) else ()
     outliers = (*earlier, report)

@@ -1,4 +1,4 @@
-"""What is known of one track beside its filter: a record that the tracker replaces and nobody changes."""
+"""One track without its filter: a frozen record, which only the tracker replaces."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Measurements of another aircraft: what a radar on our vehicle and its own reports say of its state.
+"""Measurements of another aircraft's state: echoes at a radar on our vehicle, and its own reports.
 
 State rows as in `onboard.models.intruder.motion`. A measurement may be older than the state, by `lag` seconds. The
 state is then moved back at constant acceleration: process noise within a second is small against the noise of any

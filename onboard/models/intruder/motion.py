@@ -7,7 +7,7 @@ keeps its turn, the acceleration rotates with the velocity (`propagate`).
 `bias` is the steady error of the positions that the aircraft reports (its GNSS, its altimeter, the age of its
 reports), in units of the standard deviation expected of that kind of report. `attitude_error` is the rotation
 (rad, about n's axes) of everything that our radar measures, because our own attitude is wrong, or what remains of
-that rotation after registration. Both are first-order Gauss-Markov processes. They can be told apart only where
+that rotation after registration. Both are first-order Gauss-Markov processes. They can be distinguished only where
 reports and echoes of one aircraft are available. Without them, an error that lasts for seconds or minutes would be
 averaged as if every measurement had an independent one.
 """

@@ -116,7 +116,7 @@ def test_an_epoch_survives_encoding() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "reason"),
     [
         ({"peer": 0}, r"\$\.peer"),
         ({"t_ns": 2**70}, "t_ns"),
@@ -126,9 +126,9 @@ def test_an_epoch_survives_encoding() -> None:
         ({"satellites": (msgspec.structs.replace(EPOCH.satellites[0], rate=1e6),)}, r"satellites\[0\]"),
     ],
 )
-def test_an_impossible_epoch_is_refused_with_the_field_s_name(change: dict[str, object], says: str) -> None:
-    with pytest.raises(BadRangesError, match=says):
-        decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)  # type: ignore[arg-type]  # as said
+def test_an_impossible_epoch_is_refused_with_the_field_s_name(change: dict[str, object], reason: str) -> None:
+    with pytest.raises(BadRangesError, match=reason):
+        decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)  # type: ignore[arg-type]  # of its type
 
 
 # ------------------------------------------------------------------------------------------------ fix
@@ -169,7 +169,7 @@ def share(sky: Sky, r: np.ndarray, v: np.ndarray, seed: int, **changes: object) 
     satellites = seen_from(ecef_from_geodetic(*sky.geodetic(r)), e_from_n @ v, seed)
     t_ns = round(sky.t * 1e9)
     epoch = Pseudoranges(t_ns=t_ns, clock=Clock.BOOT, peer=7, satellites=satellites)
-    m = decode_ranges(encode_ranges(msgspec.structs.replace(epoch, **changes)), t_ns)  # type: ignore[arg-type]  # as said
+    m = decode_ranges(encode_ranges(msgspec.structs.replace(epoch, **changes)), t_ns)  # type: ignore[arg-type]  # of its type
     sky.estimator.observe(m, sky.ownship)
 
 
@@ -204,10 +204,10 @@ def test_its_height_is_above_the_geoid() -> None:
     for k in range(8):
         share(sky, np.array([500.0, 0.0, 0.0]), np.zeros(3), k)
         sky.fly(1.0)
-    who = sky.newest["system/7"].intruder
-    assert who is not None
+    intruder = sky.newest["system/7"].intruder
+    assert intruder is not None
     height = geodetic_from_ecef(ecef_from_geodetic(*sky.geodetic(np.array([500.0, 0.0, 0.0]))))[2]
-    assert who.alt_msl == pytest.approx(height - 48.0, abs=8.0)
+    assert intruder.alt_msl == pytest.approx(height - 48.0, abs=8.0)
 
 
 def fly(seed: int) -> tuple[Score, Pipeline]:
