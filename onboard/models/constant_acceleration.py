@@ -26,7 +26,7 @@ UNITS: Final = ("m", "m/s", "m/s^2") * 3
 
 def process(rows: Array, dt: float) -> Array:
     """State rows (k, 9) after `dt` seconds, in the precision of the rows."""
-    after = np.empty(rows.shape, rows.dtype)  # here: to hand it over from machine code takes longer
+    after = np.empty(rows.shape, rows.dtype)  # made here: returning it from machine code takes longer
     _process(rows, dt, after)
     return after
 

@@ -33,7 +33,7 @@ def test_its_sigmas_by_monte_carlo_seed_7(miss: float) -> None:
     assert one.distance_sigma[0] == pytest.approx(many.distance.std(), rel=0.12)
 
 
-def test_a_distance_shorter_than_its_own_uncertainty_has_that_of_the_whole_vector() -> None:
+def test_the_sigma_of_a_distance_below_its_uncertainty_is_that_of_the_whole_vector() -> None:
     a = closest(
         np.array([[1000.0, 0.0, 0.0]]), np.array([[-50.0, 0.0, 0.0]]), np.diag([9.0] * 3 + [1.0] * 3)[None]
     )
@@ -41,7 +41,7 @@ def test_a_distance_shorter_than_its_own_uncertainty_has_that_of_the_whole_vecto
     assert a.distance_sigma[0] == pytest.approx(math.sqrt(2 * (9.0 + 400.0)), rel=0.01)
 
 
-def test_the_truth_is_on_a_sphere_and_the_covariance_knows_seed_11() -> None:
+def test_the_covariance_includes_the_sphere_s_curvature_seed_11() -> None:
     r, sigma = np.array([3000.0, 400.0, -200.0]), 40.0
     u = r / np.linalg.norm(r)
     P = 0.25 * np.outer(u, u) + sigma**2 * (np.eye(3) - np.outer(u, u))
@@ -55,7 +55,7 @@ def test_the_truth_is_on_a_sphere_and_the_covariance_knows_seed_11() -> None:
 
 
 def along_a_turn(seconds: float = 40.0) -> tuple[float, float]:
-    """When and how near the aircraft of the next test comes, step by step."""
+    """Time and distance of the next test's closest approach, step by step."""
     speed, rate, r, v_F = 30.0, 0.08, np.array([700.0, 250.0, -20.0]), np.array([20.0, 0.0, 0.0])
     t = np.arange(0.0, seconds, 1e-3)
     path = -speed / rate * np.column_stack([np.sin(rate * t), 1 - np.cos(rate * t), 0 * t])
@@ -80,7 +80,7 @@ def test_the_closest_approach_of_one_that_turns_is_along_its_turn() -> None:
     assert closest(r, v, P[:, :6, :6]).distance[0] > distance + 50.0  # straight on
 
 
-def test_its_sigmas_are_those_of_many_drawn_at_random_seed_9() -> None:
+def test_the_sigmas_in_a_turn_by_monte_carlo_seed_9() -> None:
     r, v, a, P, v_F = turning(0.2)
     one = closest_in_turns(r, v, a, P, v_F)
     draws = np.random.default_rng(9).multivariate_normal(np.concatenate([r, v, a], axis=1)[0], P[0], 4000)
@@ -90,14 +90,14 @@ def test_its_sigmas_are_those_of_many_drawn_at_random_seed_9() -> None:
     assert one.time_sigma[0] == pytest.approx(many.time.std(), rel=0.15)
 
 
-def test_a_turn_that_is_in_doubt_is_none() -> None:
+def test_an_uncertain_turn_is_predicted_straight() -> None:
     a = closest_in_turns(*turning(0.9))  # 2.4 m/s^2 is not three sigmas
     assert a.turn_rate[0] == 0.0
     r, v, _, P, _ = turning(0.9)
     assert a.distance[0] == closest(r, v, P[:, :6, :6]).distance[0]
 
 
-def test_many_places_at_once_are_each_place() -> None:
+def test_many_positions_at_once_are_each_position() -> None:
     rng = np.random.default_rng(8)
     directions = rng.standard_normal((50, 3))
     places = directions / np.linalg.norm(directions, axis=1)[:, None] * rng.uniform(6.35e6, 6.40e6, (50, 1))
