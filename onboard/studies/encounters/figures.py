@@ -6,6 +6,7 @@ from typing import Final
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 
 from onboard.studies.encounters.flights import Case, Flight
 from onboard.studies.report.drawing import COLOURS, STYLE, TRUTH, legend, panels, save
@@ -32,9 +33,7 @@ def draw(flights: Mapping[Case, Flight], out: Path) -> tuple[str, ...]:
             )
             axis.plot(flight.t, flight.range_, color=COLOUR, label="estimate, where valid")
             axis.plot(flight.t, flight.distance, label="truth", **TRUTH)
-            # a filter that has lost itself must not flatten the truth
-            highest = np.nanmax(flight.distance, initial=1.0)
-            axis.set_ylim(0.0, 2.0 * highest)
+            _limit(axis, flight)
             axis.set_title(case.name, fontsize=9)
         for axis in axes[-1]:
             axis.set_xlabel("time, s")
@@ -42,3 +41,14 @@ def draw(flights: Mapping[Case, Flight], out: Path) -> tuple[str, ...]:
             axis.set_ylabel("range, m")
         legend(figure, axes[0, 0])
         return save({NAME: figure}, out)
+
+
+def _limit(axis: Axes, flight: Flight) -> None:
+    """Scale by the truth, which an estimate that is far off must not flatten; what is off the scale as text."""
+    top = 2.0 * float(np.max(flight.distance, initial=1.0))
+    axis.set_ylim(0.0, top)
+    highest = float(np.nanmax(flight.range_, initial=0.0))
+    if highest > top:
+        axis.text(
+            0.98, 0.93, f"estimate up to {highest:.0f} m", transform=axis.transAxes, ha="right", color=COLOUR
+        )
