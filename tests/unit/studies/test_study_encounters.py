@@ -16,6 +16,7 @@ from onboard.studies.encounters.flights import CASES, DEFAULTS, ON_WING, Case, F
 from onboard.studies.encounters.scores import over_all, ratio, score
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.families import FAMILIES
+from simlink.encounters.reports import BOOT_NS
 from simlink.encounters.truth import at
 
 STEPS = 200
@@ -126,9 +127,10 @@ def test_estimates_are_judged_beside_the_truth_at_their_own_times_seed_1() -> No
 
 def test_what_is_not_valid_has_no_position_seed_2() -> None:
     messages = make_encounter("behind", 2, 6.0).messages
-    blind = [m for m in messages if not isinstance(m, TargetPoints)]
+    none = [m for m in messages if not isinstance(m, TargetPoints)]
+    lost = [m for m in messages if not isinstance(m, TargetPoints) or m.t_ns < BOOT_NS + 2_000_000_000]
     positions = sum(isinstance(m, LocalPosition) for m in messages)
-    for heard, is_valid in ((messages, True), (blind, False)):
+    for heard, is_valid in ((messages, True), (none, False), (lost, False)):
         rows = estimated(Pipeline(load_config(None)), heard)
         assert len(rows) > 0.9 * positions
         assert np.isfinite(rows[-1]).all() == is_valid
