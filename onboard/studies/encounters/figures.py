@@ -50,5 +50,5 @@ def _limit(axis: Axes, flight: Flight) -> None:
     highest = float(np.nanmax(flight.range_, initial=0.0))
     if highest > top:
         axis.text(
-            0.98, 0.93, f"estimate up to {highest:.0f} m", transform=axis.transAxes, ha="right", color=COLOUR
+            0.98, 0.05, f"estimate up to {highest:.0f} m", transform=axis.transAxes, ha="right", color=COLOUR
         )
