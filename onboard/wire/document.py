@@ -18,12 +18,12 @@ class BadDocumentError(ValueError):
 def parse(decoder: msgspec.json.Decoder[D], data: bytes) -> D:
     """The record of one JSON document.
 
-    Raises BadDocumentError when it is not JSON, a field is missing, unknown or of the wrong type, or the time does
-    not fit into 64 bits (it could not be published again).
+    Raises BadDocumentError when it is not JSON in UTF-8, a field is missing, unknown or of the wrong type, or the
+    time does not fit into 64 bits (it could not be published again).
     """
     try:
         document = decoder.decode(data)
-    except msgspec.DecodeError as error:  # ValidationError is one too
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:  # the latter for text that is not UTF-8
         raise BadDocumentError(str(error)) from error
     if not -LATEST_NS < document.t_ns < LATEST_NS:
         raise BadDocumentError("a time must fit into 64 bits - at `$.t_ns`")
