@@ -76,7 +76,7 @@ class Daemon:
         if config.recorder.path is not None:
             recorder = recording.Recorder(Path(config.recorder.path))
             recorder.check()
-            self._sinks["recorder"] = SinkRunner("recorder", recorder, recording.CAPACITY)
+            self._sinks["recorder"] = recording.runner(recorder)
             self._report(f"recording to {config.recorder.path}")
         for link in self._links:
             await link.open()

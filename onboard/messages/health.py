@@ -14,10 +14,12 @@ class StreamHealth(Record, frozen=True, kw_only=True):
 
 class SinkHealth(Record, frozen=True, kw_only=True):
     """One sink: records sent, records dropped because its queue was full, restarts after failures, and the present
-    error."""
+    error. `dropped_important`: of the dropped records, those that give way to no others. In the recorder these are
+    the received bytes, in Zenoh all but further targets and traffic."""
 
     sent: int = 0
     dropped: int = 0
+    dropped_important: int = 0
     restarts: int = 0
     error: str = ""
 

@@ -15,15 +15,18 @@ from typing import IO, Any, Final
 import msgspec
 from mcap.writer import Writer
 
-from onboard.messages import Datagram, Estimate, Health, OwnPose
+from onboard.messages import Datagram, Estimate, Health, OwnPose, Record
 from onboard.messages.schemas import key_of, schema
-from onboard.sinks.sink import SinkError
+from onboard.sinks.sink import SinkError, SinkRunner
 
 Recorded = Datagram | Estimate | OwnPose | Health
 
 FLUSH_S: Final = 1.0  # a crash loses at most this much
 CHUNK_BYTES: Final = 1 << 20
-CAPACITY: Final = 20_000  # queued records: half a minute of a busy flight, if the card stalls
+CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
+OWN_TOPICS: Final = 10_000  # MCAP numbers channels with 16 bits; datagrams of further sources share OTHERS, ...
+OTHERS: Final = "others"
+TARGETS: Final = 10_000  # ... and estimates of further targets are not recorded: a replay makes them again
 
 
 class Recorder:
@@ -36,7 +39,9 @@ class Recorder:
         self._encoder = msgspec.json.Encoder()
         self._file: IO[bytes] | None = None
         self._writer: Any = None
-        self._channels: dict[tuple[str, str], int] = {}
+        self._channels: dict[tuple[str, str], int] = {}  # by topic and encoding
+        self._keys: dict[str, int] = {}  # channels of computed records
+        self._schemas: dict[str, int] = {}
         self._unflushed = 0
         self._t_flush = 0.0
         self._t_recv_ns = 0
@@ -58,7 +63,7 @@ class Recorder:
             self.path, self._file = _create(self._wanted)
         except OSError as error:
             raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
-        self._channels = {}
+        self._channels, self._keys, self._schemas = {}, {}, {}
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
         self._writer.start(library="onboard")
         self._flush()
@@ -68,11 +73,11 @@ class Recorder:
         for record in records:
             if isinstance(record, Datagram):
                 self._t_recv_ns = record.t_recv_ns
-                channel = self._channel(record.channel, record.encoding.value, None)
-                self._append(channel, record.data)
+                self._append(self._channel(record.channel, record.encoding.value), record.data)
             else:
-                channel = self._channel(key_of(record), "json", type(record))
-                self._append(channel, self._encoder.encode(record))
+                channel = self._computed(record)
+                if channel is not None:
+                    self._append(channel, self._encoder.encode(record))
         if self._unflushed and self._monotonic() - self._t_flush >= FLUSH_S:
             self._flush()
 
@@ -96,16 +101,31 @@ class Recorder:
         self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns)
         self._unflushed += 1
 
-    def _channel(self, topic: str, encoding: str, record: Any) -> int:
+    def _channel(self, topic: str, encoding: str) -> int:
+        """The channel of a source of datagrams."""
         channel = self._channels.get((topic, encoding))
         if channel is None:
-            schema_id = 0
-            if record is not None:
-                text = msgspec.json.encode(schema(record))
-                schema_id = self._writer.register_schema(record.__name__, "jsonschema", text)
-            channel = int(self._writer.register_channel(topic, encoding, schema_id))
+            if len(self._channels) >= OWN_TOPICS and topic != OTHERS:
+                return self._channel(OTHERS, encoding)
+            channel = int(self._writer.register_channel(topic, encoding, 0))
             self._channels[topic, encoding] = channel
         return channel
+
+    def _computed(self, record: Estimate | OwnPose | Health) -> int | None:
+        """The channel of a computed record by its key; None if there are too many keys."""
+        key = key_of(record)
+        channel = self._keys.get(key)
+        if channel is None and len(self._keys) < TARGETS:
+            channel = int(self._writer.register_channel(key, "json", self._schema(type(record))))
+            self._keys[key] = channel
+        return channel
+
+    def _schema(self, record: type[Record]) -> int:
+        name = record.__name__
+        if name not in self._schemas:
+            text = msgspec.json.encode(schema(record))
+            self._schemas[name] = int(self._writer.register_schema(name, "jsonschema", text))
+        return self._schemas[name]
 
     def _flush(self) -> None:
         assert self._file is not None  # noqa: S101 - write() follows open()
@@ -113,6 +133,11 @@ class Recorder:
         os.fdatasync(self._file.fileno())
         self._unflushed = 0
         self._t_flush = self._monotonic()
+
+
+def runner(recorder: Recorder) -> SinkRunner[Recorded]:
+    """The recorder behind its queue, in which computed records give way to datagrams."""
+    return SinkRunner("recorder", recorder, CAPACITY, gives_way=lambda record: not isinstance(record, Datagram))
 
 
 def _create(wanted: Path) -> tuple[Path, IO[bytes]]:
