@@ -23,8 +23,8 @@ class PointAssembler:
     target_num 0, 1, 2 are the center, left and right point of the leader; 3k, 3k+1, 3k+2 those of a further
     target k. The angles are those of the image axes: angle_x = atan(Y_c/X_c), angle_y = atan(Z_c/X_c).
 
-    Each sender has room of its own, so that a flood costs only the flooder's images. Senders that have completed an
-    image are kept apart from those that have not: any number of the latter never costs the former anything.
+    Each sender has room of its own, so that a flood costs only the flooder's images. Senders that have completed
+    an image are kept apart from those that have not: any number of the latter never costs the former anything.
     """
 
     def __init__(self, rejected: Counter[str]) -> None:
