@@ -15,6 +15,7 @@ from typing import Final
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.choice import make_filter
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.exposures import Exposures
 from onboard.estimators.leader.image import Image, prepare
 from onboard.estimators.leader.track import Track
 from onboard.geometry.camera import Camera
@@ -27,6 +28,7 @@ NO_ID: Final = ""
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
 BESIDE: Final = 0.04  # rad
+APART: Final = 0.2  # rad; an image this far from every track is of another aircraft, whatever else is in view
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
 
 
@@ -40,6 +42,7 @@ class Estimator:
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._next_refusal_ns = 0
+        self._exposures = Exposures()
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse one image of one target at the time it was taken."""
@@ -51,6 +54,8 @@ class Estimator:
             track = self._named(message.target, ownship)
         if track is None:
             return self._refuse(message, ownship)
+        if track.is_followed and message.target != NO_ID:
+            self._exposures.add(message)
         estimate = track.observe(message, ownship)
         if estimate.measurement is not None:
             self.verdicts[estimate.measurement.verdict] += 1
@@ -104,10 +109,14 @@ class Estimator:
             return self._tracks[NAME]  # which reports the verdict
         distances = {track.target: track.distance(image, ownship) for track in self._candidates(image)}
         nearest = min(distances, key=lambda target: distances[target])
+        self._exposures.add(message)
         if distances[nearest] <= 1.0:
             return self._tracks[nearest]
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]
+        visible = self._offsets(image)
+        if visible and len(visible) >= self._exposures.aircraft(message) and min(visible.values()) < APART:
+            return self._tracks[min(visible, key=lambda target: visible[target])]  # an outlier of this track
         self._numbered += 1
         return self._named(f"unnamed/{self._numbered}", ownship)
 
@@ -115,11 +124,12 @@ class Estimator:
         """The tracks that an image may belong to: all without a recent image, whose target may be anywhere, and
         of the others those hardly farther from the image's direction than the nearest one. With n targets in an
         image, to compare each image with each track would cost n^2 updates."""
-        direction = image.direction_n.tolist()
-        offsets = {
-            t.target: math.dist(t.direction_n, direction)
-            for t in self._tracks.values()
-            if t.direction_n is not None
-        }
+        offsets = self._offsets(image)
         limit = FARTHER * min(offsets.values(), default=0.0) + BESIDE
         return [t for t in self._tracks.values() if offsets.get(t.target, 0.0) <= limit]
+
+    def _offsets(self, image: Image) -> dict[str, float]:
+        """How far, rad, an image's direction is from each track with a recent image, by target."""
+        direction = image.direction_n.tolist()
+        tracks = self._tracks.values()
+        return {t.target: math.dist(t.direction_n, direction) for t in tracks if t.direction_n is not None}
