@@ -69,8 +69,8 @@ class Daemon:
         if config.zenoh.enabled:
             self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
             sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix, now_ns=self._now_ns)
-            self._sinks["zenoh"] = SinkRunner("zenoh", sink, publishing.CAPACITY)
-            self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix))
+            self._sinks["zenoh"] = publishing.runner(sink)
+            self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix, camera=config.camera.name))
             where = ", ".join(config.zenoh.listen)
             self._report(f"zenoh: {config.zenoh.mode} at {where}, {config.zenoh.prefix}/**")
         if config.recorder.path is not None:
