@@ -22,6 +22,8 @@ from onboard.sinks.sink import SinkError, SinkRunner
 Recorded = Datagram | Estimate | OwnPose | Health
 
 FLUSH_S: Final = 1.0  # a crash loses at most this much
+FILE_MODE: Final = 0o640  # where somebody flew is not everybody's business
+FOLDER_MODE: Final = 0o750
 CHUNK_BYTES: Final = 1 << 20
 CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
 OWN_TOPICS: Final = 10_000  # MCAP numbers channels with 16 bits; datagrams of further sources share OTHERS, ...
@@ -42,6 +44,7 @@ class Recorder:
         self._channels: dict[tuple[str, str], int] = {}  # by topic and encoding
         self._keys: dict[str, int] = {}  # channels of computed records
         self._schemas: dict[str, int] = {}
+        self._is_kept = False  # a record has reached the disk
         self._unflushed = 0
         self._t_flush = 0.0
         self._t_recv_ns = 0
@@ -49,8 +52,11 @@ class Recorder:
     def check(self) -> None:
         """Check before the flight that the folder is writable; create it if necessary. Raises SinkError."""
         folder = self._wanted.parent
+        if self._wanted.is_dir():
+            hint = f"it is a folder; name a file in it, such as {self._wanted / 'flight.mcap'}"
+            raise SinkError(f"cannot record to {self._wanted}: {hint}")
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
         except OSError as error:
             raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
         if not os.access(folder, os.W_OK | os.X_OK):
@@ -65,8 +71,13 @@ class Recorder:
             raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
         self._channels, self._keys, self._schemas = {}, {}, {}
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
-        self._writer.start(library="onboard")
-        self._flush()
+        self._is_kept = False
+        try:
+            self._writer.start(library="onboard")
+            self._flush()
+        except OSError as error:
+            self._abandon()
+            raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
 
     def write(self, records: Sequence[Recorded]) -> None:
         """Append records; flush and sync `FLUSH_S` after the last time."""
@@ -75,6 +86,8 @@ class Recorder:
                 self._t_recv_ns = record.t_recv_ns
                 self._append(self._channel(record.channel, record.encoding.value), record.data)
             else:
+                if isinstance(record, Health):
+                    self._t_recv_ns = self._t_recv_ns or record.t_recv_ns  # before the first datagram
                 channel = self._computed(record)
                 if channel is not None:
                     self._append(channel, self._encoder.encode(record))
@@ -82,18 +95,28 @@ class Recorder:
             self._flush()
 
     def close(self) -> None:
-        """Write the index and close the file. If the disk fails, as much as possible is saved."""
-        file, writer = self._file, self._writer
-        self._file = self._writer = None
-        if file is None:
+        """Write the index and close the file. If the disk fails, as much as possible is saved, and a file without
+        a record is removed."""
+        if self._file is None:
             return
         try:
-            writer.finish()
-            file.flush()
-            os.fdatasync(file.fileno())
+            self._writer.finish()
+            self._file.flush()
+            os.fdatasync(self._file.fileno())
+            self._is_kept = True
         finally:
-            with suppress(OSError):  # closing flushes again, which fails again
+            self._abandon()
+
+    def _abandon(self) -> None:
+        """Close the file as it is. If no record has reached the disk, remove it: each retry makes another."""
+        file = self._file
+        self._file = self._writer = None
+        with suppress(OSError):  # closing flushes again, which fails again
+            if file is not None:
                 file.close()
+        if not self._is_kept:
+            with suppress(OSError):
+                self.path.unlink()
 
     def _append(self, channel: int, data: bytes) -> None:
         """Append one message at the time of the latest datagram: a computed record gets the arrival time of the
@@ -131,6 +154,7 @@ class Recorder:
         assert self._file is not None  # noqa: S101 - write() follows open()
         self._writer.flush()
         os.fdatasync(self._file.fileno())
+        self._is_kept = self._is_kept or self._unflushed > 0
         self._unflushed = 0
         self._t_flush = self._monotonic()
 
@@ -141,11 +165,11 @@ def runner(recorder: Recorder) -> SinkRunner[Recorded]:
 
 
 def _create(wanted: Path) -> tuple[Path, IO[bytes]]:
-    """A new file: `flight.mcap`, else `flight-2.mcap` and so on. Raises OSError."""
+    """A new file, not readable by everybody: `flight.mcap`, else `flight-2.mcap` and so on. Raises OSError."""
     path, number = wanted, 1
     while True:
         try:
-            return path, path.open("xb")
+            return path, os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, FILE_MODE), "wb")
         except FileExistsError:
             number += 1
             path = wanted.with_stem(f"{wanted.stem}-{number}")
