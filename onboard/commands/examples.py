@@ -35,6 +35,13 @@ examples:
   simlink log formation --out f.tlog --truth f.csv && simlink config formation > f.toml &&
       onboard replay f.tlog --config f.toml --truth f.csv
 """
+RECOVER: Final = """\
+example:
+  onboard recover flight.mcap             writes flight-recovered.mcap
+
+A daemon that is killed, or loses its power, leaves a recording without an index. `onboard replay` reads it as it
+is; other programs want the index, which this adds.
+"""
 VIEW: Final = """\
 examples:
   onboard view                                            of a daemon on this computer

@@ -66,7 +66,7 @@ class Recorder:
         """Create the file. Raises SinkError."""
         self.check()
         try:
-            self.path, self._file = _create(self._wanted)
+            self.path, self._file = create(self._wanted)
         except OSError as error:
             raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
         self._channels, self._keys, self._schemas = {}, {}, {}
@@ -164,7 +164,7 @@ def runner(recorder: Recorder) -> SinkRunner[Recorded]:
     return SinkRunner("recorder", recorder, CAPACITY, gives_way=lambda record: not isinstance(record, Datagram))
 
 
-def _create(wanted: Path) -> tuple[Path, IO[bytes]]:
+def create(wanted: Path) -> tuple[Path, IO[bytes]]:
     """A new file, not readable by everybody: `flight.mcap`, else `flight-2.mcap` and so on. Raises OSError."""
     path, number = wanted, 1
     while True:
