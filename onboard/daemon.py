@@ -12,9 +12,11 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from msgspec.structs import replace
+
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.config import Config
-from onboard.links import Link, LinkError, parse_link
+from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Estimate, Lifecycle, SinkHealth
 from onboard.pipeline import Pipeline
@@ -132,7 +134,8 @@ class Daemon:
                 sinks = {name: sink.health() for name, sink in self._sinks.items()}
                 self._console.show_sinks(sinks)
                 self._console.show_silence(is_silent=self._heard_ns > 0 and not is_heard)
-                self._publish(self._pipeline.health(now_ns, sinks))
+                links = {link.channel: health_of(link) for link in self._links}
+                self._publish(replace(self._pipeline.health(now_ns, sinks), links=links))
             await asyncio.sleep(TICK_S)
 
     def _publish(self, record: Any) -> None:

@@ -1,5 +1,7 @@
 """The condition of the daemon."""
 
+import msgspec
+
 from onboard.messages.base import Record
 from onboard.messages.estimates import Fault, Lifecycle
 
@@ -24,6 +26,17 @@ class SinkHealth(Record, frozen=True, kw_only=True):
     error: str = ""
 
 
+class LinkHealth(Record, frozen=True, kw_only=True):
+    """One link: datagrams (or pieces of a stream) received and sent, failed sends and reads, datagrams that the
+    kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known)."""
+
+    received: int = 0
+    sent: int = 0
+    errors: int = 0
+    dropped: int = 0
+    buffer_bytes: int = 0
+
+
 class Health(Record, frozen=True, kw_only=True):
     """The condition of the daemon, once a second. `uptime` and `round_trip` (of TIMESYNC) in s; `clock_offset_ns`:
     host clock minus boot clock. `states` by estimator; `verdicts` count measurements, `rejected` messages by
@@ -43,3 +56,4 @@ class Health(Record, frozen=True, kw_only=True):
     rejected: dict[str, int]
     sinks: dict[str, SinkHealth]
     faults: tuple[Fault, ...] = ()
+    links: dict[str, LinkHealth] = msgspec.field(default_factory=dict)
