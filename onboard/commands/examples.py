@@ -23,7 +23,7 @@ DEMO: Final = """\
 examples:
   onboard demo
   onboard demo --headless --duration 60 --seed 1 --json score.json
-  onboard demo --scenario formation-out-of-view --set estimator.leader.noise=paper
+  onboard demo --scenario formation-out-of-view --set estimator.leader.filter=paper
 
 DIR gets the view (.rrd), the configuration used (.toml) and what both programs said (.log).
 Exit code 1: the estimate diverged.
