@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from onboard.messages import CameraPoints, Pixel, TargetPoints
-from onboard.wire.document import BadDocumentError, parse
+from onboard.wire.document import BadDocumentError, check_name, parse
 
 TARGET: Final = re.compile(r"(?=.{0,64}$)([A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*)?")  # part of a key to publish under
 
@@ -21,6 +21,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
     be part of a key.
     """
     m = parse(_decoder, data)
+    check_name(m.camera, "camera")
     k = m.intrinsics
     if not (k.fx_px > 0 and k.fy_px > 0):
         raise BadDocumentError("focal lengths must be positive - at `$.intrinsics`")

@@ -61,3 +61,16 @@ def test_a_recording_with_a_latin_1_name_is_replayed_to_its_end(tmp_path: Path) 
     replayed = replay(recorder.path, make_config())
     assert replayed.records == len(DOCUMENTS)
     assert replayed.health.rejected == {f"bad_{encoding}": 1 for encoding in DOCUMENTS}
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a\\nb", "x" * 65, "\u00fc", "a/b", "*", "../up"], ids=repr)
+@pytest.mark.parametrize("encoding", [Encoding.POINTS, Encoding.RADAR], ids=str)
+def test_a_camera_s_or_radar_s_name_that_could_be_no_key_is_refused(encoding: Encoding, name: str) -> None:
+    with pytest.raises(BadDocumentError, match="name"):
+        DECODE[encoding](DOCUMENTS[encoding] % name.encode(), 1)
+
+
+@pytest.mark.parametrize("name", ["front", "nose-2", "cam_0.left", "x" * 64])
+@pytest.mark.parametrize("encoding", [Encoding.POINTS, Encoding.RADAR], ids=str)
+def test_a_plain_name_is_taken(encoding: Encoding, name: str) -> None:
+    DECODE[encoding](DOCUMENTS[encoding] % name.encode(), 1)

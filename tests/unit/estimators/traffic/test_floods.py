@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 
 from onboard.estimators.traffic import waiting
+from onboard.estimators.traffic.track import Track
 from tests.support.traffic import R0, V0, Sky, fly_with_reports
 
 FAR = np.array([15_000.0, 10_000.0, -2_000.0])
@@ -61,3 +62,11 @@ def test_a_flood_of_new_addresses_costs_no_report_of_a_known_one() -> None:
         sky.fly(1.0)
     assert sky.verdicts["fused"] == before + 5
     assert sky.newest[near].valid
+
+
+def test_a_track_s_sources_stay_few_however_many_radars_there_are() -> None:
+    track = Track(target="radar/1", key=None, number=1, fused_ns=0, sources={})
+    for n in range(1000):
+        track = track.fused(n, f"radar/{n}")
+    assert len(track.sources) <= 16
+    assert track.sources["radar/999"] == 999
