@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, Final
 
 from onboard.links.link import Deliver, LinkError, NowNs, guarded
-from onboard.messages import Datagram, Encoding
+from onboard.messages import Datagram, Encoding, LinkHealth
 
 LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
 WAITING: Final = 256  # samples of one source: in a flood the newest are dropped, memory stays bounded
@@ -75,6 +75,11 @@ class ZenohLink:
         finally:
             for subscriber in subscribers:
                 subscriber.undeclare()
+
+    def health(self) -> LinkHealth:
+        """Counts so far, and how many routers are connected."""
+        routers = 0 if self._session.is_closed() else len(self._session.info.routers_zid())
+        return LinkHealth(received=self.received, sent=self.sent, errors=self.errors, routers=routers)
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature
         """This link cannot send; counts an error."""

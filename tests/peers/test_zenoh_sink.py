@@ -241,3 +241,16 @@ def test_a_client_of_another_router_publishes_through_it(session: Any, client: A
         sink.close()
     finally:
         ours.close()
+
+
+def test_the_health_says_whether_the_router_is_connected(session: Any, endpoint: str) -> None:
+    config = ZenohConfig(vehicle="uav-2", mode="client", connect=(endpoint,))
+    ours = open_session(config)
+    try:
+        link = ZenohLink(ours, config.prefix, camera="front")
+        until(lambda: link.health().routers == 1, "the router")
+        session.close()
+        until(lambda: link.health().routers == 0, "the router's end")
+    finally:
+        ours.close()
+    assert link.health().routers == 0
