@@ -73,7 +73,7 @@ class Daemon:
             sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix, now_ns=self._now_ns)
             self._sinks["zenoh"] = publishing.runner(sink)
             self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix, camera=config.camera.name))
-            where = ", ".join(config.zenoh.listen)
+            where = ", ".join(config.zenoh.listens()) or "no plain listener"
             self._report(f"zenoh: {config.zenoh.mode} at {where}, {config.zenoh.prefix}/**")
         if config.recorder.path is not None:
             recorder = recording.Recorder(Path(config.recorder.path))
