@@ -77,7 +77,9 @@ def replay_numbers(replayed: Replayed, result: LeaderScore) -> dict[str, Any]:
     """The summary of a replay as plain values."""
     numbers: dict[str, Any] = msgspec.to_builtins(result)
     log = {"duration_s": replayed.duration, "records": replayed.records, "damaged": replayed.damaged}
-    return {**numbers, "log": log, "health": msgspec.to_builtins(replayed.health)}
+    health: dict[str, Any] = msgspec.to_builtins(replayed.health)
+    del health["links"]  # a replay has none
+    return {**numbers, "log": log, "health": health}
 
 
 def _score(output: Output, scorer: LeaderScorer, own_summary: OwnStateSummary) -> None:
