@@ -1,5 +1,5 @@
-# Everything here sets up what it needs: a virtual environment in .venv with the pinned dependencies. The demo
-# needs few of them, compiles what it needs itself and so starts sooner; the tests need all.
+# Every target sets up what it needs: the virtual environment .venv with the pinned packages. The demo needs few of them
+# and compiles what it needs itself, so it starts sooner; the tests need all.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -7,8 +7,14 @@ INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c c
 READY := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled
 READY_DEV := $(VENV)/.ready-dev
+READY_DOCS := $(VENV)/.ready-docs
+KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py \
+	onboard/estimators/*/*.py)
 
-.PHONY: demo test lint bench clean
+.PHONY: install demo test lint bench docs clean
+
+install: $(READY)  ## onboard and simlink, in .venv/bin
+	@echo "ready: $(BIN)/onboard --help"
 
 demo: $(READY)  ## fly the simulated formation, with a live view where there is a display
 	$(BIN)/onboard demo $(ARGS)
@@ -16,13 +22,17 @@ demo: $(READY)  ## fly the simulated formation, with a live view where there is 
 test: $(READY_DEV) $(COMPILED) lint  ## everything CI runs
 	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
-lint: $(READY_DEV)
+lint: $(READY_DEV)  ## what CI runs before the tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-bench: $(READY_DEV) $(COMPILED)
+bench: $(READY_DEV) $(COMPILED)  ## speed, as ratios within one run
 	$(BIN)/python -m benchmarks --json bench.json
+
+docs: $(READY_DOCS)  ## the documentation, in out/docs/html
+	$(BIN)/sphinx-build -q -W --keep-going -b html -d out/docs/doctrees docs out/docs/html
+	@echo "written: out/docs/html/index.html"
 
 clean:
 	rm -rf $(VENV) out .mypy_cache .ruff_cache .pytest_cache .hypothesis
@@ -41,6 +51,11 @@ $(READY_DEV): $(READY)
 	$(INSTALL) -e '.[view,study,dev]'
 	@touch $@
 
-$(COMPILED): $(READY) $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py onboard/estimators/*/*.py)
+$(READY_DOCS): $(READY)
+	@echo "installing what the documentation needs (once)"
+	$(INSTALL) -e '.[view,docs]'
+	@touch $@
+
+$(COMPILED): $(READY) $(KERNELS)
 	$(BIN)/onboard compile
 	@touch $@

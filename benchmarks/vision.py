@@ -65,7 +65,7 @@ def filterpy(steps: int) -> Belief:
 
 
 def filterpy_compiled(steps: int) -> Belief:
-    """filterpy's, given our compiled models."""
+    """filterpy's, with our compiled models."""
     return _filterpy(steps, lambda x, _: process(x[None])[0], lambda x: measure(x[None])[0])
 
 

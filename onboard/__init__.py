@@ -8,7 +8,8 @@
     -> Estimate, OwnPose             sinks/        Zenoh, recorder; the view is a client of what they publish
 
 `pipeline.Pipeline.feed(datagram)` IS the program: no clock, no socket, no thread, so a recorded flight gives
-the same bytes again. `daemon.py` puts it together with links and sinks for a flight, `replay.py` for a log.
+the same bytes again. `daemon.py` runs it with links and sinks in flight, `onboard replay` on a recording.
+docs/architecture.md draws the house.
 """
 
 __version__ = "0.1.0"

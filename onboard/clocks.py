@@ -1,14 +1,14 @@
 """One time base: the autopilot's boot clock, in nanoseconds.
 
-Each message leaves here with `t_ns` = when it was true on that clock: its stamp, less the known delay of its
-source (stamps lie: field data show a LOCAL_POSITION_NED 20-25 ms older than it says). Stamps of this
-computer's clock (camera, Unix time) are carried over by the offset between the two clocks, from TIMESYNC
-where there are replies, else from the fastest of the last seconds' messages.
+Each message leaves here with `t_ns` = when it was true on that clock: its stamp less the known delay of its
+source (in field data, a LOCAL_POSITION_NED was 20-25 ms older than its stamp). Stamps of this computer's clock
+(camera, Unix time) are converted by the offset between the two clocks. It comes from TIMESYNC where there are
+replies, else from the fastest of the last seconds' messages.
 
-A stamp that does not fit is held against its neighbours: when the boot clock runs on and only the arrival
-time has jumped, our own clock was set, and nothing is lost; when the boot clock itself has jumped, and the
-next few messages agree, the autopilot has rebooted; a lone odd stamp is rejected. Only the autopilot's own
-stamps are so weighed: a camera's may lead or lag, and say nothing of the autopilot's clock.
+A stamp that does not fit is compared with its neighbours. When the boot clock runs on and only the arrival time
+has jumped, our own clock was set, and nothing is lost. When the boot clock itself has jumped, and the next few
+messages agree, the autopilot has rebooted. A single odd stamp is rejected. Only the autopilot's own stamps are
+judged so: a camera's may lead or lag, and say nothing about the autopilot's clock.
 """
 
 from collections import Counter
@@ -25,16 +25,11 @@ CONFIRM: Final = 5
 CONFIRM_TAGGED: Final = 3
 WINDOW_NS: Final = 10_000_000_000
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
-OUR_TAG: Final = 191  # the last three digits of the ts1 in our own TIMESYNC requests
-
-
-def tagged(now_ns: int) -> int:
-    """A request's ts1: the time, to the microsecond, marked as ours."""
-    return now_ns - now_ns % 1000 + OUR_TAG
 
 
 class Clocks:
-    """The offset host clock - boot clock, and the boot clock's continuity. All times in ns."""
+    """The offset host clock - boot clock, and the boot clock's continuity. All times in ns. `rejected` counts by
+    reason the messages and replies that could not be used."""
 
     def __init__(self) -> None:
         self.reboots = 0
@@ -44,15 +39,15 @@ class Clocks:
         self._newest_stamp: int | None = None
         self._last_arrival = 0
         self._base = 0  # host - boot as it was at the last message: coarse, for continuity only
-        self._odd: list[int] = []  # offsets of the last stamps that did not fit
-        self._tagged: list[int] = []  # arrivals of the last replies that bear our tag
+        self._odd: list[int] = []  # offsets of recent stamps that did not fit
+        self._tagged: list[int] = []  # arrivals of the last replies with our tag
         self._own_replies = False
         self._fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), a window's running minimum
         self._synced: list[tuple[int, int, int]] = []  # (round trip, t_recv, host - boot)
 
     @property
     def offset_ns(self) -> int | None:
-        """Host clock minus boot clock, None before anything has come."""
+        """Host clock minus boot clock, None before the first message."""
         if self._synced:
             return min(self._synced)[2]
         if self._fastest:
@@ -60,7 +55,7 @@ class Clocks:
         return None
 
     def align(self, message: Message, delay_ns: int = 0) -> Message | None:
-        """The message with `t_ns` on the boot clock, less its delay. None, counted, where there is no telling."""
+        """The message with `t_ns` on the boot clock, less its delay; None, and counted, where that is unknown."""
         t_ns = message.t_ns
         if message.clock is Clock.BOOT:
             if isinstance(message, TargetPoints | RadarScan | PeerRanges):
@@ -81,25 +76,25 @@ class Clocks:
         return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
 
     def receive_reply(self, message: TimeSync) -> None:
-        """Learn from a TIMESYNC reply. Those to others' requests, which autopilots forward, are told by the tag
-        in our own ts1; where a log holds none of ours, any reply that could be the recorder's is used (one in a
-        thousand of those bears our tag by chance, so a few must come to count)."""
+        """Learn the offset from a TIMESYNC reply. Autopilots also forward replies to the requests of others; ours
+        have our tag in ts1. Where a log holds none of ours, any reply that could be the recorder's is used. One in
+        a thousand of those has our tag by chance, so only several tagged replies count as ours."""
         if message.tc1_ns == 0:
-            return  # somebody's request
+            return  # a request
         round_trip = message.t_recv_ns - message.ts1_ns
-        ours = message.ts1_ns % 1000 == OUR_TAG
+        ours = message.is_tagged
         if not 0 <= round_trip <= LONGEST_ROUND_TRIP_NS:
             self.rejected["timesync_not_ours"] += 1
             return
         if ours:
             self._tagged = [*self._tagged, message.t_recv_ns][-CONFIRM_TAGGED:]
-        ask = len(self._tagged) == CONFIRM_TAGGED and message.t_recv_ns - self._tagged[0] < WINDOW_NS
-        if ask and not ours:
+        asks = len(self._tagged) == CONFIRM_TAGGED and message.t_recv_ns - self._tagged[0] < WINDOW_NS
+        if asks and not ours:
             self.rejected["timesync_not_ours"] += 1
             return
-        if ask and not self._own_replies:
+        if asks and not self._own_replies:
             self._synced = [s for s in self._synced if s[1] in self._tagged]
-        self._own_replies = ask
+        self._own_replies = asks
         offset = (message.ts1_ns + message.t_recv_ns) // 2 - message.tc1_ns
         self._synced = [s for s in self._synced if message.t_recv_ns - s[1] < WINDOW_NS]
         self._synced.append((round_trip, message.t_recv_ns, offset))
@@ -107,7 +102,7 @@ class Clocks:
         self.round_trip_ns = min(self._synced)[0]
 
     def _continues(self, stamp: int, t_recv: int) -> bool:
-        """Whether a boot stamp fits; on the way the offset follows, and a reboot is noticed."""
+        """Whether a boot stamp fits. Also updates the offset, and notices a reboot."""
         offset = t_recv - stamp
         if self._newest_stamp is None:
             self._restart(stamp, offset, t_recv)
@@ -139,7 +134,7 @@ class Clocks:
         return True
 
     def _confirmed(self, offset: int) -> bool:
-        """Whether a stamp that fits nothing has enough others that agree with it."""
+        """Whether enough other stamps that do not fit either agree with this one."""
         self._odd = [o for o in self._odd if abs(o - offset) < JUMP_NS]
         self._odd.append(offset)
         if len(self._odd) < CONFIRM:

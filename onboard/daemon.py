@@ -2,24 +2,21 @@
 
 Links are required: one that ends takes the daemon down with a clear error, for the service manager to start it
 again. Sinks are optional: each runs in its own thread behind a bounded queue and restarts by itself. A datagram
-is recorded before it is decoded, goes through the pipeline in one synchronous call, and what it makes known is
-queued for the sinks before the next one is read.
+is recorded before it is decoded, goes through the pipeline in one synchronous call, and the outputs are queued for
+the sinks before the next datagram is read.
 """
 
 import asyncio
 import signal
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from onboard.autopilot.odometry import OdometryStream
-from onboard.autopilot.session import Session
-from onboard.autopilot.traffic import TrafficOut
+from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.config import Config
 from onboard.links import Link, LinkError, parse_link
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Health, Lifecycle, NavState, SinkHealth
+from onboard.messages import Datagram, Estimate, Lifecycle, SinkHealth
 from onboard.pipeline import Pipeline
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
@@ -27,31 +24,27 @@ from onboard.sinks import zenoh as publishing
 from onboard.sinks.zenoh_session import ZenohSession, open_session
 
 TICK_S: Final = 0.05
-HEALTH_EVERY_NS: Final = 1_000_000_000
+HEALTH_PERIOD_NS: Final = 1_000_000_000
 SILENT_NS: Final = 3_000_000_000  # without an autopilot's bytes: no longer healthy
 
 
 class Daemon:
-    """Everything of one flight. `now_ns` is this computer's clock; `say` is told what a person should know."""
+    """Everything of one flight. `now_ns` is this computer's clock; `report` receives lines for a person."""
 
-    def __init__(self, config: Config, *, now_ns: Callable[[], int], say: Callable[[str], None]) -> None:
+    def __init__(self, config: Config, *, now_ns: Callable[[], int], report: Callable[[str], None]) -> None:
         self._now_ns = now_ns
-        self._say = say
+        self._report = report
         self._config = config
         self._pipeline = Pipeline(config)
+        self._output = AutopilotOutput(config)
+        self._console = Console(report)
         self._links: list[Link] = [parse_link(link.url, link.name) for link in config.link]
-        self._sessions = {link.name: Session(config.autopilot) for link in config.link if link.autopilot}
-        self._traffic_out = TrafficOut(config.traffic_out, config.autopilot.component)
         self._sinks: dict[str, SinkRunner[Any]] = {}
         self._zenoh: ZenohSession | None = None
-        self._odometry: OdometryStream | None = None
-        self._states: dict[str, Lifecycle] = {}
-        self._next_health_ns = 0
-        self._frames: Counter[str] = Counter()
+        self._frames: Mapping[str, int] = {}
         self._rates: dict[str, float] = {}
+        self._next_health_ns = 0
         self._heard_ns = 0
-        self._is_silent = False  # as told last
-        self._troubles: dict[str, str] = {}  # of sinks, as told last
 
     async def run(self) -> None:
         """Fly until SIGINT or SIGTERM.
@@ -68,7 +61,7 @@ class Daemon:
         finally:
             if self._zenoh is not None:
                 await asyncio.to_thread(self._zenoh.close)
-            self._say("stopped")
+            self._report("stopped")
 
     async def _open(self) -> None:
         """Claim ports, devices and files, so that a mistake shows before the flight does."""
@@ -78,16 +71,17 @@ class Daemon:
             sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix, now_ns=self._now_ns)
             self._sinks["zenoh"] = SinkRunner("zenoh", sink, publishing.CAPACITY)
             self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix))
-            self._say(f"zenoh: {config.zenoh.mode} at {', '.join(config.zenoh.listen)}, {config.zenoh.prefix}/**")
+            where = ", ".join(config.zenoh.listen)
+            self._report(f"zenoh: {config.zenoh.mode} at {where}, {config.zenoh.prefix}/**")
         if config.recorder.path is not None:
             recorder = recording.Recorder(Path(config.recorder.path))
             recorder.check()
             self._sinks["recorder"] = SinkRunner("recorder", recorder, recording.CAPACITY)
-            self._say(f"recording to {config.recorder.path}")
+            self._report(f"recording to {config.recorder.path}")
         for link in self._links:
             await link.open()
         for described in config.link:
-            self._say(f"link {described.name}: {described.url}")
+            self._report(f"link {described.name}: {described.url}")
 
     async def _fly(self, stop: asyncio.Event) -> None:
         try:
@@ -111,93 +105,85 @@ class Daemon:
         was_heard, reboots = pipeline.autopilot is not None, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
             self._publish(output)
-            if isinstance(output, NavState):
-                self._send_odometry(output)
-            if isinstance(output, Estimate) and output.name == output.target:
-                self._tell(output)
-            elif isinstance(output, Estimate) and self._traffic_out.link:  # one of many, that come and go
-                self._send(self._traffic_out.link, self._traffic_out.frames(output))
-        session = self._sessions.get(datagram.channel)
-        if session is None or not messages:
+            self._send(self._output.publish(output))
+            if isinstance(output, Estimate) and output.is_primary:
+                self._console.show_state(output)
+        if pipeline.autopilot is not None and not was_heard:
+            self._output.connect(pipeline.autopilot)
+            self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}")
+        if pipeline.clocks.reboots > reboots:
+            self._report("the autopilot has rebooted")
+            self._output.reboot()
+        if not messages or not self._output.is_autopilot(datagram.channel):
             return
         self._heard_ns = datagram.t_recv_ns
-        if pipeline.autopilot is not None and not was_heard:
-            for each in self._sessions.values():
-                each.connect(pipeline.autopilot)
-            self._traffic_out.connect(pipeline.autopilot.system)
-            self._say(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}")
-        if pipeline.clocks.reboots > reboots:
-            self._say("the autopilot has rebooted")
-            for each in self._sessions.values():
-                each.reboot()
-        self._send(datagram.channel, session.respond(messages, self._now_ns()))
+        self._send([self._output.respond(datagram.channel, messages, self._now_ns())])
 
     async def _keep_time(self) -> None:
-        """What is due by the clock: the session with the autopilot, and our health."""
+        """Send and publish what is due by the clock: the session with the autopilot, and our health."""
         while True:
             now_ns = self._now_ns()
-            for channel, session in self._sessions.items():
-                self._send(channel, session.tick(now_ns, healthy=self._is_healthy(now_ns), rates=self._rates))
-            if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_EVERY_NS:
-                self._next_health_ns = now_ns + HEALTH_EVERY_NS
+            is_heard = now_ns - self._heard_ns < SILENT_NS
+            healthy = is_heard and not self._console.is_any_lost
+            self._send(self._output.tick(now_ns, healthy=healthy, rates=self._rates))
+            if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
+                self._next_health_ns = now_ns + HEALTH_PERIOD_NS
                 self._measure_rates()
-                self._tell_troubles()
-                self._tell_silence(now_ns)
-                self._publish(self._health(now_ns))
+                sinks = {name: sink.health() for name, sink in self._sinks.items()}
+                self._console.show_sinks(sinks)
+                self._console.show_silence(is_silent=self._heard_ns > 0 and not is_heard)
+                self._publish(self._pipeline.health(now_ns, sinks))
             await asyncio.sleep(TICK_S)
 
     def _publish(self, record: Any) -> None:
         for sink in self._sinks.values():
             sink.put(record)
 
-    def _health(self, now_ns: int) -> Health:
-        sinks: dict[str, SinkHealth] = {name: sink.health() for name, sink in self._sinks.items()}
-        return self._pipeline.health(now_ns, sinks)
-
-    def _is_healthy(self, now_ns: int) -> bool:
-        """Whether the autopilot is heard and every estimator's last word was no loss of its target."""
-        return now_ns - self._heard_ns < SILENT_NS and Lifecycle.LOST not in self._states.values()
-
-    def _tell_silence(self, now_ns: int) -> None:
-        """Estimates come with the autopilot's messages: without them there is nothing but this to notice."""
-        silent = self._heard_ns > 0 and now_ns - self._heard_ns >= SILENT_NS
-        if silent != self._is_silent:
-            self._is_silent = silent
-            self._say("the autopilot is silent: no estimates" if silent else "the autopilot is heard again")
-
-    def _tell_troubles(self) -> None:
-        """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""
-        troubles = {name: sink.health().error for name, sink in self._sinks.items()}
-        for name, error in troubles.items():
-            if error != self._troubles.get(name, ""):
-                self._say(f"{name}: {error or 'works again'}")
-        self._troubles = troubles
-
     def _measure_rates(self) -> None:
-        """Frames a second by MAVLink name, over the last health interval."""
-        frames = self._pipeline.frames()
-        self._rates = {
-            name: (count - self._frames[name]) / (HEALTH_EVERY_NS * 1e-9) for name, count in frames.items()
-        }
+        """Frames per second by MAVLink name, over the last health period."""
+        frames = self._pipeline.frames
+        period_s = HEALTH_PERIOD_NS * 1e-9
+        self._rates = {name: (count - self._frames.get(name, 0)) / period_s for name, count in frames.items()}
         self._frames = frames
 
-    def _send(self, channel: str, frames: list[bytes]) -> None:
-        for link in self._links:
-            if link.channel == channel:
-                for frame in frames:
-                    link.send(frame)
+    def _send(self, outgoing: Iterable[Outgoing]) -> None:
+        for channel, frames in outgoing:
+            for link in self._links:
+                if link.channel == channel:
+                    for frame in frames:
+                        link.send(frame)
 
-    def _send_odometry(self, state: NavState) -> None:
-        """Our own state on the link chosen for it, which drops rather than waits."""
-        config, autopilot = self._config, self._pipeline.autopilot
-        if config.odometry.link is None or autopilot is None:
-            return
-        if self._odometry is None:
-            ids = autopilot.system, config.autopilot.component
-            self._odometry = OdometryStream(*ids, rate_hz=config.odometry.rate_hz)
-        self._send(config.odometry.link, self._odometry.frames(state))
 
-    def _tell(self, estimate: Estimate) -> None:
+class Console:
+    """Lines for a person about changes: states of estimators, silence of the autopilot, sinks that fail."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._states: dict[str, Lifecycle] = {}
+        self._errors: dict[str, str] = {}
+        self._is_silent = False
+
+    @property
+    def is_any_lost(self) -> bool:
+        """Whether an estimator has lost its target."""
+        return Lifecycle.LOST in self._states.values()
+
+    def show_state(self, estimate: Estimate) -> None:
+        """An estimator's state, when it has changed."""
         if self._states.get(estimate.name) is not estimate.state:
             self._states[estimate.name] = estimate.state
-            self._say(f"{estimate.t_ns * 1e-9:.2f} s  {estimate.name}: {estimate.state} ({estimate.reason})")
+            self._report(f"{estimate.t_ns * 1e-9:.2f} s  {estimate.name}: {estimate.state} ({estimate.reason})")
+
+    def show_silence(self, *, is_silent: bool) -> None:
+        """Estimates come with the autopilot's messages: without them there is nothing but this line to notice."""
+        if is_silent != self._is_silent:
+            self._is_silent = is_silent
+            self._report("the autopilot is silent: no estimates" if is_silent else "the autopilot is heard again")
+
+    def show_sinks(self, sinks: Mapping[str, SinkHealth]) -> None:
+        """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""
+        errors = {name: health.error for name, health in sinks.items()}
+        for name, error in errors.items():
+            if error != self._errors.get(name, ""):
+                self._report(f"{name}: {error or 'works again'}")
+        self._errors = errors

@@ -1,1 +1,1 @@
-"""A SITL-style source of MAVLink and camera streams, with truth."""
+"""A SITL-style simulator: MAVLink and camera streams, and their truth."""

@@ -1,6 +1,6 @@
-"""An autopilot's side of one MAVLink link, without the link: what to send when, and what to answer.
+"""The autopilot's end of one MAVLink link: the messages that are due, and replies to commands.
 
-Intervals are those of this link only, as on a real autopilot. All times are on the boot clock.
+As on a real autopilot, message intervals belong to one link. All times are on the boot clock.
 """
 
 import math
@@ -25,9 +25,9 @@ from onboard.messages import (
 )
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
-from simlink.scenarios.scene import Vehicle
+from simlink.scenarios.vehicle import Vehicle
 from simlink.sensors.navigation import Reading
-from simlink.world.truth import STEP_NS, G
+from simlink.world.constants import STEP_NS, G
 
 SET_MESSAGE_INTERVAL: Final = 511
 REQUEST_MESSAGE: Final = 512
@@ -44,13 +44,13 @@ LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, HIGHRES_IMU = 32, 33,
 
 
 class Autopilot:
-    """One link's session. `unix_epoch_ns` is Unix time at boot."""
+    """The session of one link. `unix_epoch_ns` is Unix time at boot."""
 
     def __init__(self, vehicle: Vehicle, unix_epoch_ns: int) -> None:
         self._vehicle = vehicle
         self._unix_epoch_ns = unix_epoch_ns
         self._default = _default_intervals(vehicle)
-        self._interval = dict(self._default)  # ns; 0: not sent
+        self._interval = dict(self._default)  # ns by message number; 0: not sent
         self._due = dict.fromkeys(self._interval, 0)
         self._latest: Reading | None = None
         self._make: dict[int, Callable[[int, Reading], Message]] = {
@@ -63,8 +63,8 @@ class Autopilot:
         }
 
     def due(self, t_ns: int, reading: Reading | None) -> list[Message]:
-        """What is to be sent at `t_ns`, once per step of the world; before the flight there is no reading,
-        and only HEARTBEAT and SYSTEM_TIME are sent."""
+        """Messages to send at `t_ns`. Call it once per step of the world. Before the flight there is no reading:
+        only HEARTBEAT and SYSTEM_TIME are sent."""
         self._latest = reading
         messages = []
         for number, interval in self._interval.items():
@@ -74,13 +74,13 @@ class Autopilot:
             if message is None:
                 continue
             messages.append(message)
-            # from the due time, so that the rate holds on average; from now after a pause
+            # counted from the due time, so that the rate holds on average; from now after a pause
             due = self._due[number] + interval
             self._due[number] = due if due > t_ns else t_ns + interval
         return messages
 
     def answer(self, message: Message, t_ns: int) -> list[Message]:
-        """Replies to a message that came in at `t_ns`."""
+        """Replies to a message that arrived at `t_ns`."""
         if isinstance(message, TimeSync) and message.tc1_ns == 0:
             return [TimeSync(t_ns=t_ns, t_recv_ns=t_ns, tc1_ns=t_ns, ts1_ns=message.ts1_ns)]
         if not isinstance(message, Command):
@@ -100,7 +100,7 @@ class Autopilot:
         return [ack, *replies]
 
     def _execute(self, command: Command, t_ns: int) -> tuple[int, list[Message]]:
-        """MAV_RESULT of a command, and the messages it asks for."""
+        """MAV_RESULT of a command, and the messages it requests."""
         if command.command not in (SET_MESSAGE_INTERVAL, REQUEST_MESSAGE):
             return UNSUPPORTED, []
         number = command.params[0]
@@ -125,16 +125,11 @@ class Autopilot:
         self._due[number] = t_ns
 
     def _message(self, number: int, t_ns: int) -> Message | None:
-        """The message of that number now; None while the flight has not begun and it has no content."""
+        """The message of that number now; None if it needs a reading and the flight has not begun."""
         if number == HEARTBEAT:
             kind, autopilot = VEHICLE_TYPE[self._vehicle.type], AUTOPILOT[self._vehicle.autopilot]
             return Heartbeat(
-                t_ns=t_ns,
-                t_recv_ns=t_ns,
-                vehicle_type=kind,
-                autopilot=autopilot,
-                armed=True,
-                status=ACTIVE,
+                t_ns=t_ns, t_recv_ns=t_ns, vehicle_type=kind, autopilot=autopilot, armed=True, status=ACTIVE
             )
         if number == SYSTEM_TIME:
             return SystemTime(t_ns=t_ns, t_recv_ns=t_ns, unix_ns=self._unix_epoch_ns + t_ns)
@@ -192,7 +187,7 @@ class Autopilot:
 
 
 def _default_intervals(vehicle: Vehicle) -> dict[int, int]:
-    """Nanoseconds between messages by message number, in the order they are sent in one step."""
+    """Nanoseconds between messages by message number, in the order of sending within a step."""
     rates = vehicle.rates
     table = {
         HEARTBEAT: rates.heartbeat,
@@ -226,8 +221,7 @@ def _imu(t_ns: int, reading: Reading) -> Message:
 
 
 def _servo(t_ns: int, reading: Reading) -> Message:
-    """What a quadrotor's motors are told; of other vehicles four equal outputs that follow the load factor, enough
-    to watch."""
+    """The commands to a quadrotor's motors; for other vehicles four equal outputs that follow the load factor."""
     if reading.pwm_us is not None:
         return ActuatorOutputs(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.BOOT, pwm_us=reading.pwm_us)
     load = -reading.imu_f_b[2] / G
@@ -236,7 +230,7 @@ def _servo(t_ns: int, reading: Reading) -> Message:
 
 
 class AutopilotLink:
-    """A session with its bytes: frames out, bytes in. `stream` for TCP, where frames may be cut anywhere."""
+    """A session in bytes: frames out, bytes in. `stream`: for TCP, where frames may be cut anywhere."""
 
     def __init__(self, vehicle: Vehicle, unix_epoch_ns: int, *, stream: bool) -> None:
         self._autopilot = Autopilot(vehicle, unix_epoch_ns)
@@ -248,7 +242,7 @@ class AutopilotLink:
         return self._encode(self._autopilot.due(t_ns, reading))
 
     def receive(self, data: bytes, t_ns: int) -> list[bytes]:
-        """The frames that answer `data`, which came in at `t_ns`. Bad bytes are ignored."""
+        """The frames that reply to `data`, which arrived at `t_ns`. Invalid bytes are ignored."""
         replies: list[bytes] = []
         for message in self._decoder.decode(data, t_ns):
             replies += self._encode(self._autopilot.answer(message, t_ns))

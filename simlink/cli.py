@@ -20,16 +20,16 @@ SHOW = "(default: %(default)s)"
 
 RUN_EXAMPLES = """\
 examples:
-  simlink run formation                       to a daemon with its default configuration
-  simlink run formation --wait 10             begin when the daemon answers, so that nothing is missed
+  simlink run formation                       for a daemon with its default configuration
+  simlink run formation --wait 10             the flight begins when the daemon answers
   simlink run formation-s-turn --seed 7 --duration 60 --speed 4
   simlink run formation --camera mavlink --zenoh none
                                               image points as LANDING_TARGETs on udpout:127.0.0.1:14560
   simlink run my.toml --mavlink udpout:192.168.1.20:14540 --tcp none
 
-what goes where:
-  --mavlink   the autopilot's stream; answers and commands come back on the same socket
-  --tcp       the same for ground stations, any number of clients, each with its own message rates
+links:
+  --mavlink   the autopilot's stream; commands and replies use the same socket
+  --tcp       the same for ground stations: any number of clients, each with its own message rates
   --zenoh     onboard/VEHICLE/camera/front/points, simlink/VEHICLE/truth, simlink/VEHICLE/status
 """
 
@@ -37,19 +37,19 @@ LOG_EXAMPLES = """\
 example:
   simlink log formation --seed 7 --out flight.tlog --truth truth.csv.gz
 
-The same scenario and seed give the same bytes, on any day and at any load.
+The same scenario and seed always give the same bytes.
 """
 
 
 class _Parser(argparse.ArgumentParser):
-    """A mistake in the call is one line, not a page of usage."""
+    """A usage error is one line, not a page of usage."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(USER_ERROR, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; the exit code: 0, 1 (a file could not be written) or 2 (a mistake in the call)."""
+    """Run the command line; the exit code: 0, 1 (a file could not be written) or 2 (a usage error)."""
     arguments = _parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
@@ -75,19 +75,8 @@ def _config(a: argparse.Namespace) -> int:
 
 
 def _run(a: argparse.Namespace) -> int:
-    options = Options(
-        scenario=load_scenario(a.scenario),
-        seed=a.seed,
-        speed=a.speed,
-        duration=a.duration,
-        mavlink=a.mavlink,
-        camera=a.camera,
-        camera_mavlink=a.camera_mavlink,
-        tcp_port=a.tcp,
-        zenoh=a.zenoh,
-        vehicle=a.vehicle,
-        wait=a.wait,
-    )
+    given = {key: value for key, value in vars(a).items() if key not in ("command", "scenario")}
+    options = Options(scenario=load_scenario(a.scenario), **given)
     asyncio.run(serve(Server(options, time.monotonic, time.time_ns(), _report)))
     return 0
 
@@ -105,11 +94,11 @@ def _log(a: argparse.Namespace) -> int:
 
 
 def _write_log(a: argparse.Namespace, scenario: Scenario, duration: float) -> tuple[int, int]:
-    """Write the files, with a progress bar if somebody watches."""
+    """Write the files, with a progress bar on a terminal."""
     if not sys.stderr.isatty():
         return write_log(scenario, a.seed, duration, a.out, a.truth, a.state)
-    from rich.console import Console  # noqa: PLC0415  # only where there is a terminal
-    from rich.progress import Progress  # noqa: PLC0415  # the same
+    from rich.console import Console  # noqa: PLC0415  # needed on a terminal only
+    from rich.progress import Progress  # noqa: PLC0415  # as above
 
     with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(scenario.name, total=duration)
@@ -159,27 +148,30 @@ def _or_none(text: str) -> str | None:
 def _parser() -> argparse.ArgumentParser:
     top = _Parser(
         prog="simlink",
-        description="Fly a scenario: the MAVLink stream of an autopilot, the points a camera sees of the "
-        "aircraft ahead, and the truth to judge an estimator by.",
+        description="Simulate a flight: an autopilot's MAVLink stream, a camera's image points of the aircraft "
+        "ahead, and the truth to compare estimates with.",
         epilog="`simlink COMMAND --help` shows options and examples. Try: simlink run formation --wait 10",
     )
     commands = top.add_subparsers(required=True, metavar="COMMAND")
-    listing = commands.add_parser("list", help="the scenarios that come with simlink")
+    listing = commands.add_parser("list", help="list the scenarios that come with simlink")
     listing.set_defaults(command=_list)
-    config = commands.add_parser("config", help="the configuration that a daemon needs for a scenario")
+    config = commands.add_parser("config", help="print the daemon's configuration for a scenario")
     config.add_argument("scenario", metavar="SCENARIO", help="a name from `simlink list`, or a .toml file")
     config.set_defaults(command=_config)
     _add_run(
         commands.add_parser(
             "run",
-            help="fly in real time",
+            help="fly in real time over network links",
             epilog=RUN_EXAMPLES,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
     )
     _add_log(
         commands.add_parser(
-            "log", help="fly into files", epilog=LOG_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+            "log",
+            help="fly as fast as possible and write files",
+            epilog=LOG_EXAMPLES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
         )
     )
     return top
@@ -187,35 +179,48 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_scenario(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help="a name from `simlink list`, or a .toml file")
-    parser.add_argument("--seed", type=_seed, default=1, metavar="N", help=f"of all that is random {SHOW}")
+    parser.add_argument(
+        "--seed", type=_seed, default=1, metavar="N", help=f"seed of all random numbers, a whole number {SHOW}"
+    )
 
 
 def _add_run(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser)
     add = parser.add_argument
-    add("--speed", type=_positive, default=1.0, metavar="N", help=f"times real time {SHOW}")
-    add("--duration", type=_positive, metavar="S", help="seconds of flight (default: until stopped)")
-    wait = f"only send heartbeats until a peer answers, for at most so many seconds {SHOW}"
+    add(
+        "--speed",
+        type=_positive,
+        default=1.0,
+        metavar="N",
+        help=f"speed of the simulation, in multiples of real time {SHOW}",
+    )
+    add("--duration", type=_positive, metavar="S", help="length of the flight, s (default: until stopped)")
+    wait = f"send heartbeats only until a peer answers, for at most S seconds {SHOW}"
     add("--wait", type=_number, default=0.0, metavar="S", help=wait)
-    mavlink = f"udpout:HOST:PORT, udpin:HOST:PORT or none {SHOW}"
+    mavlink = f"link of the autopilot: udpout:HOST:PORT, udpin:HOST:PORT or none {SHOW}"
     add("--mavlink", type=_or_none, default="udpout:127.0.0.1:14540", metavar="SPEC", help=mavlink)
-    tcp = f"MAVLink by TCP on 127.0.0.1, or none {SHOW}"
-    add("--tcp", type=_port, default=5760, metavar="PORT", help=tcp)
+    tcp = f"TCP port on 127.0.0.1 for ground stations, 0 for any free port, or none {SHOW}"
+    add("--tcp", dest="tcp_port", type=_port, default=5760, metavar="PORT", help=tcp)
     cameras = ("zenoh", "mavlink", "both", "none")
-    add("--camera", choices=cameras, default="zenoh", help=f"how images go out {SHOW}")
-    points = f"link of the LANDING_TARGETs, never the autopilot's {SHOW}"
+    add("--camera", choices=cameras, default="zenoh", help=f"where image points are sent {SHOW}")
+    points = f"link of the image points as LANDING_TARGETs, other than the autopilot's {SHOW}"
     add("--camera-mavlink", default="udpout:127.0.0.1:14560", metavar="SPEC", help=points)
-    zenoh = f"router to connect to, or none {SHOW}"
+    zenoh = f"Zenoh router to connect to, or none {SHOW}"
     add("--zenoh", type=_or_none, default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help=zenoh)
-    add("--vehicle", default="1", metavar="ID", help=f"in the Zenoh keys {SHOW}")
+    add("--vehicle", default="1", metavar="ID", help=f"vehicle id in the Zenoh keys {SHOW}")
     parser.set_defaults(command=_run)
 
 
 def _add_log(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser)
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="FILE.tlog", help="the recording")
-    add("--truth", type=Path, metavar="FILE.csv", help="the truth at image times; compressed if named .gz")
-    add("--state", type=Path, metavar="FILE.csv", help="the vehicle's own truth, at the same times")
-    add("--duration", type=_positive, metavar="S", help="seconds of flight (default: the scenario's)")
+    add("--out", type=Path, required=True, metavar="FILE.tlog", help="the recording: all MAVLink frames")
+    add(
+        "--truth",
+        type=Path,
+        metavar="FILE.csv",
+        help="truth of the leader at image times; compressed if named .gz",
+    )
+    add("--state", type=Path, metavar="FILE.csv", help="truth of our own vehicle at the same times")
+    add("--duration", type=_positive, metavar="S", help="length of the flight, s (default: the scenario's)")
     parser.set_defaults(command=_log)

@@ -1,19 +1,20 @@
 """A whole flight as arrays, for studies: no MAVLink, no quantisation, no transport."""
 
 from itertools import islice
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from onboard.messages import Vec3
 from simlink.scenarios.scenario import Scenario
+from simlink.sensors.arrays import Array
 from simlink.sensors.camera import CameraSensor, Points, is_exposure
-from simlink.sensors.navigation import add, readings, steps_of, white
-from simlink.world.truth import STEPS_PER_SECOND, State, difference, states, true_size
+from simlink.sensors.navigation import readings, white
+from simlink.world.attitude import add, difference
+from simlink.world.constants import STEPS_PER_SECOND, steps_of
+from simlink.world.truth import State, states, true_size
 
-Array = npt.NDArray[np.float64]
-NAV_RATE = 50
+NAV_RATE: Final = 50  # Hz
 
 
 class TruthArrays(NamedTuple):
@@ -33,7 +34,7 @@ class TruthArrays(NamedTuple):
 class Flight(NamedTuple):
     """One run. Times are seconds of flight; N nav samples at 50 Hz, M images at the camera's rate.
 
-    `nav_*` is what the follower's navigation system reports (errors as in the scenario), `image_points`
+    `nav_*` are the outputs of the follower's navigation system (errors as in the scenario), `image_points`
     holds (Y_c/X_c, Z_c/X_c) of center, left and right point, NaN where no image was registered.
     """
 
@@ -50,7 +51,7 @@ class Flight(NamedTuple):
 
 
 def fly(scenario: Scenario, seed: int, duration: float | None = None) -> Flight:
-    """The arrays of one run of `duration` s (None: the scenario's), both ends included."""
+    """The arrays of one run over `duration` s (None: the scenario's), both ends included."""
     size = true_size(scenario, seed)
     camera = CameraSensor(scenario, seed, size)
     errors = scenario.nav
@@ -65,7 +66,7 @@ def fly(scenario: Scenario, seed: int, duration: float | None = None) -> Flight:
         if is_exposure(state.step, scenario.camera.rate):
             images.append((state, camera.expose(state)))
     image_t = np.array([state.t for state, _ in images])
-    nothing = ((np.nan, np.nan),) * 3
+    no_image = ((np.nan, np.nan),) * 3
     return Flight(
         size=size,
         nav_t=np.array([row[0].t for row in nav]),
@@ -75,7 +76,7 @@ def fly(scenario: Scenario, seed: int, duration: float | None = None) -> Flight:
         nav_truth=_truth([row[0] for row in nav]),
         image_t=image_t,
         image_t_delivered=image_t + scenario.camera.latency,
-        image_points=np.array([points or nothing for _, points in images]),
+        image_points=np.array([points or no_image for _, points in images]),
         image_truth=_truth([state for state, _ in images]),
     )
 
@@ -84,11 +85,5 @@ def _truth(rows: list[State]) -> TruthArrays:
     return TruthArrays(
         r_FL_n=np.array([difference(s.r_OL_n, s.r_OF_n) for s in rows]),
         v_FL_n=np.array([difference(s.v_L_n, s.v_F_n) for s in rows]),
-        a_lat=np.array([s.a_lat for s in rows]),
-        a_long=np.array([s.a_long for s in rows]),
-        r_OF_n=np.array([s.r_OF_n for s in rows]),
-        v_F_n=np.array([s.v_F_n for s in rows]),
-        a_F_n=np.array([s.a_F_n for s in rows]),
-        q_nF=np.array([s.q_nF for s in rows]),
-        q_nL=np.array([s.q_nL for s in rows]),
+        **{name: np.array([getattr(s, name) for s in rows]) for name in TruthArrays._fields[2:]},
     )

@@ -1,9 +1,9 @@
-"""Many flights of one scenario at once, for studies: what `simlink.flight.fly` gives seed by seed, far sooner.
+"""Many flights of one scenario as arrays, for studies: the results of `simlink.flight.fly` for many seeds, much
+faster.
 
-The same profiles, slot, attitudes, camera and random streams, over whole flights as arrays. Two things differ, and
-a test holds both to `fly`: the leader's path is integrated once, for a turned course turns everything with it; and
-the follower flies on its slot exactly, where `fly` integrates the slot's acceleration (and stays within a
-millimetre of it).
+Profiles, slot, attitudes, camera and random streams are the same. Two things differ, and a test compares both with
+`fly`: the leader's path is integrated once and rotated for each initial course; and the follower is exactly on its
+slot, where `fly` integrates the slot's acceleration (and stays within a millimetre of the slot).
 """
 
 import math
@@ -16,8 +16,10 @@ import numpy.typing as npt
 
 from onboard.geometry.rotations import quaternion_from_euler
 from simlink.flight import NAV_RATE, Flight, TruthArrays
+from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.scene import GaussMarkov, Nav
+from simlink.scenarios.vehicle import Nav
+from simlink.sensors.arrays import Array, Flags
 from simlink.sensors.camera import (
     blob,
     in_camera,
@@ -27,21 +29,20 @@ from simlink.sensors.camera import (
     mount_quaternion,
     registrations,
 )
-from simlink.sensors.navigation import steps_of
 from simlink.world import attitude
-from simlink.world.motion import Kinematics, Rates, advance, leader_motion, pulses, slot, slot_in_n
+from simlink.world.constants import DT, STEPS_PER_SECOND, G, steps_of
+from simlink.world.motion import Derivative, Kinematics, advance, leader_motion, pulses, slot, slot_in_n
 from simlink.world.noise import gauss_markov, stream
-from simlink.world.truth import DT, STEPS_PER_SECOND, G, coordinated_angles, hovering_angles, true_size
+from simlink.world.truth import coordinated_angles, hovering_angles, true_size
 
-Array = npt.NDArray[np.float64]
 Components = tuple[Array, ...]  # a vector or quaternion as arrays of its components, each (B, N)
 STRIDE = STEPS_PER_SECOND // NAV_RATE  # world steps from one navigation sample to the next
 
 
 class Flights(NamedTuple):
-    """As `simlink.flight.Flight`, with an axis B of seeds before the others (of `nav_truth` and `image_truth`
-    too). `image_at` (M,): the navigation sample at which each image was exposed. `in_view` (B, M): whether all
-    three points were in the image, registered or not."""
+    """As `simlink.flight.Flight`, with a leading axis B of seeds (in `nav_truth` too). `image_at` (M,): index of
+    the navigation sample at which each image was exposed. `in_view` (B, M): whether all three points were in the
+    image, registered or not."""
 
     seeds: tuple[int, ...]
     size: Array  # (B,)
@@ -54,10 +55,10 @@ class Flights(NamedTuple):
     image_t_delivered: Array  # (M,)
     image_points: Array  # (B, M, 3, 2)
     image_at: npt.NDArray[np.intp]  # (M,)
-    in_view: npt.NDArray[np.bool_]  # (B, M)
+    in_view: Flags  # (B, M)
 
     def one(self, b: int) -> Flight:
-        """The flight of `seeds[b]` alone."""
+        """The flight of `seeds[b]`."""
         truth = TruthArrays(*(rows[b] for rows in self.nav_truth))
         return Flight(
             size=float(self.size[b]),
@@ -79,10 +80,10 @@ def fly_many(
     courses_deg: Sequence[float] | None = None,
     duration: float | None = None,
 ) -> Flights:
-    """The flights of `seeds`, each begun on its own course (None: the scenario's) and `duration` s long.
+    """The flights of `seeds` over `duration` s, each with its own initial course (None: the scenario's).
 
-    Raises ValueError for what only `fly` can do: quadrotors, white attitude noise, outliers, a camera whose images
-    are exposed between navigation samples.
+    Raises ValueError for features that only `fly` has: quadrotors, white attitude noise, outliers, a camera whose
+    images are exposed between navigation samples.
     """
     _check(scenario)
     steps = steps_of(scenario.duration if duration is None else duration)
@@ -114,7 +115,7 @@ def fly_many(
 
 def _check(s: Scenario) -> None:
     if s.quadrotor is not None or any(s.nav.attitude_white) or s.outliers.probability > 0.0:
-        raise ValueError("fly_many knows no quadrotor, no white attitude noise and no outliers: use fly")
+        raise ValueError("fly_many supports no quadrotor, no white attitude noise and no outliers: use fly")
 
 
 # ----------------------------------------------------------------------------------------------- truth
@@ -125,41 +126,42 @@ def _truth(scenario: Scenario, seeds: Sequence[int], courses: Array, t: Array) -
     course0, climb = path[:, 0] - path[0, 0], path[:, 1]
     course = courses[:, None] + course0
     m = leader_motion(scenario, np)(t, course, climb)
-    r_L = _turned(path[:, 2:] - path[0, 2:], courses[:, None] - path[0, 0])
+    r_L = _rotated(path[:, 2:] - path[0, 2:], courses[:, None] - path[0, 0])
     r_L = (r_L[0], r_L[1], r_L[2] - scenario.leader.height)
     phases = 2 * np.pi * np.array([stream(seed, "follower.wander").random(3) for seed in seeds])
     px, py, pz = phases.T[:, :, None]
-    place = slot_in_n(course, m, r_L, slot(scenario.follower, (px, py, pz), scenario.repeat, np)(t), np)
+    follower = slot_in_n(course, m, r_L, slot(scenario.follower, (px, py, pz), scenario.repeat, np)(t), np)
     if scenario.follower.attitude == "hover":
-        angles = hovering_angles(place.a_n, course, np)
+        angles = hovering_angles(follower.a_n, course, np)
     else:
-        angles = coordinated_angles(place.v_n, place.a_n, np)
+        angles = coordinated_angles(follower.v_n, follower.a_n, np)
     wobble, yaw = scenario.leader, pulses(scenario.leader.yaw_pulses_deg, scenario.repeat, np)(t)[0]
     bank = _wobble(seeds, "leader.bank", wobble.bank_wobble_deg, len(t))
     heading = _wobble(seeds, "leader.heading", wobble.heading_wobble_deg, len(t)) + np.radians(yaw)
     shape = course.shape
-    # arrays of angles do as well as one
+    # the function takes arrays of angles too
     q_nL = quaternion_from_euler(np.arctan(m.a_lat / G) + bank, climb + 0.0 * bank, course + heading)  # type: ignore[arg-type]
     return TruthArrays(
-        r_FL_n=_stack(r_L, shape) - _stack(place.r_n, shape),
-        v_FL_n=_stack(m.v_n, shape) - _stack(place.v_n, shape),
+        r_FL_n=_stack(r_L, shape) - _stack(follower.r_n, shape),
+        v_FL_n=_stack(m.v_n, shape) - _stack(follower.v_n, shape),
         a_lat=np.broadcast_to(m.a_lat, shape),
         a_long=np.broadcast_to(m.a_long, shape),
-        r_OF_n=_stack(place.r_n, shape),
-        v_F_n=_stack(place.v_n, shape),
-        a_F_n=_stack(place.a_n, shape),
+        r_OF_n=_stack(follower.r_n, shape),
+        v_F_n=_stack(follower.v_n, shape),
+        a_F_n=_stack(follower.a_n, shape),
         q_nF=np.moveaxis(quaternion_from_euler(*angles), 0, -1),
         q_nL=np.moveaxis(q_nL, 0, -1),
     )
 
 
 def _leader_path(scenario: Scenario, samples: int) -> Array:
-    """Course, climb angle and place of the leader (N, 5) at the navigation samples, by `advance`, as the world."""
+    """Course, climb angle and position of the leader (N, 5) at the navigation samples, integrated as in
+    `truth`."""
     motion = leader_motion(scenario)
 
-    def derivative(t: float, y: Kinematics) -> Rates:
+    def derivative(t: float, y: Kinematics) -> Derivative:
         m = motion(t, y[0], y[1])
-        return Rates((m.course_rate, m.climb_rate, *m.v_n), m.v_n, m.a_n, (0.0, 0.0, 0.0), m.a_lat, m.a_long)
+        return Derivative((m.course_rate, m.climb_rate, *m.v_n), m.v_n, m.a_n, (0.0, 0.0, 0.0), m.a_lat, m.a_long)
 
     y: Kinematics = (
         math.radians(scenario.leader.course_deg),
@@ -177,8 +179,8 @@ def _leader_path(scenario: Scenario, samples: int) -> Array:
     return np.array(rows)
 
 
-def _turned(r: Array, by: Array) -> tuple[Array, Array, Array]:
-    """Components of places r (N, 3), turned about the vertical by angles (B, 1)."""
+def _rotated(r: Array, by: Array) -> tuple[Array, Array, Array]:
+    """Components of positions r (N, 3), rotated about the vertical by angles (B, 1), rad."""
     c, s = np.cos(by), np.sin(by)
     return c * r[:, 0] - s * r[:, 1], s * r[:, 0] + c * r[:, 1], r[:, 2]
 
@@ -188,7 +190,7 @@ def _stack(components: Components, shape: tuple[int, ...]) -> Array:
 
 
 def _wobble(seeds: Sequence[int], name: str, process: GaussMarkov, samples: int) -> Array:
-    """(B, N) rad."""
+    """The process (B, N), rad."""
     return np.radians(_gauss_markov(seeds, name, process, STRIDE * np.arange(samples)))
 
 
@@ -196,23 +198,23 @@ def _wobble(seeds: Sequence[int], name: str, process: GaussMarkov, samples: int)
 
 
 def _gauss_markov(seeds: Sequence[int], name: str, process: GaussMarkov, steps: npt.NDArray[np.intp]) -> Array:
-    """(B, N): the process at these world steps."""
+    """The process (B, N) at these world steps."""
     if process.sigma == 0.0:
         return np.zeros((len(seeds), len(steps)))
     count = int(steps[-1]) + 1
     z: Iterator[Array] = iter(np.array([stream(seed, name).standard_normal(count) for seed in seeds]).T)
-    # the generator multiplies and adds: arrays do as well as floats
-    rows = islice(gauss_markov(z, process.sigma, process.time, DT), count)  # type: ignore[arg-type]
+    # the generator only multiplies and adds: it takes arrays as well as floats
+    rows = islice(gauss_markov(z, process, DT), count)  # type: ignore[arg-type]
     return np.array(list(rows)).T[:, steps]
 
 
 def _errors(seeds: Sequence[int], name: str, process: GaussMarkov, steps: npt.NDArray[np.intp]) -> Array:
-    """(B, N, 3)."""
+    """Errors (B, N, 3), the three axes independent."""
     return np.stack([_gauss_markov(seeds, f"{name}.{axis}", process, steps) for axis in "xyz"], axis=-1)
 
 
 def _acceleration_errors(seeds: Sequence[int], nav: Nav, samples: int) -> Array:
-    """(B, N, 3): white, about a bias drawn once."""
+    """White errors (B, N, 3) about a bias drawn once a run."""
     name, rows = "nav.acceleration", []
     for seed in seeds:
         bias = nav.acceleration_bias * stream(seed, f"{name}.bias").standard_normal(3)
@@ -221,7 +223,7 @@ def _acceleration_errors(seeds: Sequence[int], nav: Nav, samples: int) -> Array:
 
 
 def _tilted(q: Array, error_deg: Array) -> Array:
-    """Attitudes (B, N, 4), each turned by a small rotation in its own body axes (deg, (B, N, 3))."""
+    """Attitudes (B, N, 4), each with an error, a rotation vector (B, N, 3) in its own body axes, deg."""
     vector = np.radians(error_deg)
     angle = np.linalg.norm(vector, axis=-1)
     scale = 0.5 * np.sinc(angle / (2 * np.pi))
@@ -231,19 +233,19 @@ def _tilted(q: Array, error_deg: Array) -> Array:
 
 def _images(
     scenario: Scenario, seeds: Sequence[int], size: Array, truth: TruthArrays, steps: npt.NDArray[np.intp]
-) -> tuple[Array, npt.NDArray[np.bool_]]:
-    """Points (B, M, 3, 2), NaN where none were registered, and whether they were in view (B, M)."""
+) -> tuple[Array, Flags]:
+    """Image points (B, M, 3, 2), NaN where not registered, and whether they were in view (B, M)."""
     camera, count = scenario.camera, len(steps)
     q_bc, q_nF, q_nL = mount_quaternion(camera), _components(truth.q_nF), _components(truth.q_nL)
     r_FL_n = _components(truth.r_FL_n)
-    in_view, seen = np.ones(truth.a_lat.shape, dtype=bool), []
+    in_view, ideal = np.ones(truth.a_lat.shape, dtype=bool), []
     with np.errstate(divide="ignore", invalid="ignore"):
         for r_FP_n in leader_points_n(r_FL_n, q_nL, size[:, None]):  # type: ignore[arg-type]
             x, y, z = in_camera(r_FP_n, q_nF, camera, q_bc)  # type: ignore[arg-type]
             in_view &= is_inside(camera, x, y, z)
-            seen.append(np.stack([y / x, z / x], axis=-1))
+            ideal.append(np.stack([y / x, z / x], axis=-1))
     noise = np.array([stream(seed, "camera.noise").standard_normal((count, 3, 2)) for seed in seeds])
-    points = np.stack(seen, axis=2) + camera.sigma_px / camera.f_px * noise
+    points = np.stack(ideal, axis=2) + camera.sigma_px / camera.f_px * noise
     drawn = np.array([stream(seed, "camera.wrong").random((count, 4)) for seed in seeds])
     u, v, w = np.moveaxis(drawn[..., 1:], -1, 0)
     other = np.moveaxis(np.array([_pair(p) for p in blob(camera, u, v, w)]), (0, 1), (2, 3))

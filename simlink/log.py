@@ -1,4 +1,4 @@
-"""A run as fast as possible into files: a .tlog of everything the vehicle says, and a CSV of the truth."""
+"""A run written to files as fast as possible: a .tlog of all MAVLink messages, and CSV files of the truth."""
 
 import gzip
 from collections.abc import Callable
@@ -31,40 +31,37 @@ def write_log(
     state: Path | None = None,
     progress: Callable[[float], None] = lambda _: None,
 ) -> tuple[int, int]:
-    """(frames, truth rows) written; `truth` is of the leader, `state` of the vehicle itself. The same seed gives
-    the same bytes, compressed or not (names in .gz).
+    """Write the files; the numbers of frames and of truth rows. `truth` is the leader's, `state` our own
+    vehicle's. The same seed gives the same bytes, also in compressed files (names in .gz).
 
-    `progress` is called with the seconds of flight done. Raises OSError when a file cannot be written.
+    `progress` is called with the seconds of flight that are done. Raises OSError when a file cannot be written.
     """
     frames = rows = 0
     start_ns: int | None = None
     with ExitStack() as stack:
         out = stack.enter_context(_open(tlog, stack))
-        table = None if truth is None else stack.enter_context(_open(truth, stack))
-        if table is not None:
-            table.write(f"{COLUMNS}\n".encode())
-        own = None if state is None else stack.enter_context(_open(state, stack))
-        if own is not None:
-            own.write(f"{STATE_COLUMNS}\n".encode())
+        tables: list[tuple[IO[bytes], Callable[[Truth], str]]] = []
+        for path, columns, row in ((truth, COLUMNS, truth_row), (state, STATE_COLUMNS, state_row)):
+            if path is not None:
+                tables.append((stack.enter_context(_open(path, stack)), row))
+                tables[-1][0].write(f"{columns}\n".encode())
         for item in datagrams(scenario, seed, duration, camera="mavlink"):
             if isinstance(item, TrafficTruth) or (isinstance(item, Datagram) and item.encoding is Encoding.RADAR):
-                continue  # a .tlog holds MAVLink
+                continue  # a .tlog contains MAVLink only
             if not isinstance(item, Truth):
                 out.write(tlog_record(item.t_recv_ns, item.data))
                 frames += 1
                 continue
             start_ns = item.t_ns if start_ns is None else start_ns
             progress((item.t_ns - start_ns) * 1e-9)
-            if table is not None:
-                table.write(truth_row(item).encode())
-            if own is not None:
-                own.write(state_row(item).encode())
-            rows += table is not None or own is not None
+            for table, line in tables:
+                table.write(line(item).encode())
+            rows += bool(tables)
     return frames, rows
 
 
 def truth_row(truth: Truth) -> str:
-    """One line of the CSV; its columns are `COLUMNS`."""
+    """One line of the leader's truth; its columns are `COLUMNS`."""
     numbers = (*truth.r_FL_n, *truth.v_FL_n, truth.size, truth.a_lat, truth.a_long, *truth.q_nL)
     return f"{truth.t_ns * 1e-9:.3f}," + ",".join(f"{x:.6f}" for x in numbers) + "\n"
 
@@ -76,9 +73,10 @@ def state_row(truth: Truth) -> str:
 
 
 def _open(path: Path, stack: ExitStack) -> IO[bytes]:
-    """The file, or a compressor onto it without a name or a time in its header: bytes depend on data only."""
+    """The file, or a gzip stream to it. Its header has neither name nor time, so that equal data give equal
+    bytes."""
     file: IO[bytes] = path.open("wb")
     if path.suffix != ".gz":
         return file
     stack.enter_context(file)
-    return gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0)  # type: ignore[return-value]  # it is one in all but name
+    return gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0)  # type: ignore[return-value]  # same methods

@@ -1,11 +1,11 @@
-"""One run: the world, its sensors and its camera, tick by tick. Deterministic in scenario and seed.
+"""One run, step by step: world, sensors, traffic. It depends on scenario and seed alone.
 
-Four ways in, from the raw to the real:
+A run in four forms, from ideal to realistic:
 
     flight.fly(scenario, seed, duration) arrays, nothing quantised: for studies
-    ticks(scenario, seed, boot_ns)       endless steps of 5 ms: what the server paces
-    simulate(scenario, seed, duration)   records with their times, as a link would carry them
-    datagrams(scenario, seed, duration)  bytes with arrival times: what `Pipeline.feed` takes
+    ticks(scenario, seed, boot_ns)       endless steps of 5 ms: for the server
+    simulate(scenario, seed, duration)   records with the times at which they are sent
+    datagrams(scenario, seed, duration)  bytes with arrival times: the input of `Pipeline.feed`
 """
 
 from collections import deque
@@ -32,32 +32,34 @@ from onboard.wire.tlog import frame_length
 from simlink.autopilot import Autopilot
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import CameraSensor, Image, camera_points, is_exposure, target_points
-from simlink.sensors.navigation import Reading, readings, steps_of
-from simlink.traffic.aircraft import Now, Traffic, sender
+from simlink.sensors.navigation import Reading, readings
+from simlink.traffic.reports import sender
+from simlink.traffic.traffic import Traffic, TrafficOutput
+from simlink.world.constants import STEP_NS, steps_of
 from simlink.world.noise import uniforms
-from simlink.world.truth import STEP_NS, State, states, true_size, truth_record
+from simlink.world.truth import State, states, true_size, truth_record
 
 CameraLink = Literal["zenoh", "mavlink", "none"]
 CAMERA_COMPONENT: Final = 191
-EPOCH_NS: Final = 1_735_689_600 * 10**9  # 2025-01-01: Unix time at boot where no real clock is asked
+EPOCH_NS: Final = 1_735_689_600 * 10**9  # 2025-01-01: Unix time at boot of runs without a real clock
 TRANSPORT_NS: Final = 1_000_000
 JITTER_NS: Final = 1_000_000
 
 
 class Tick(NamedTuple):
-    """One step of a run. `truth` at exposures only; `images` are those delivered now."""
+    """One step of a run. `truth` at exposures only; `images`: those delivered at this step."""
 
     t_ns: int  # boot clock
     state: State
     reading: Reading
     truth: Truth | None
     images: tuple[Image, ...]
-    traffic: Now = Now()
+    traffic: TrafficOutput = TrafficOutput()
 
 
 class Event(NamedTuple):
-    """A record that leaves the simulated vehicle at `t_ns` (boot clock). `sender` is the MAVLink system and
-    component of what is not the autopilot's own."""
+    """A record that leaves the simulated vehicle at `t_ns` (boot clock). `sender`: MAVLink system and component of
+    records that are not the autopilot's own."""
 
     t_ns: int
     message: Message | CameraPoints | RadarDetections | Pseudoranges | Truth | TrafficTruth
@@ -65,7 +67,7 @@ class Event(NamedTuple):
 
 
 def boot_ns_of(scenario: Scenario) -> int:
-    """The boot clock when the flight begins, on the grid of steps."""
+    """The boot clock when the flight begins: a whole number of steps."""
     return steps_of(scenario.vehicle.boot) * STEP_NS
 
 
@@ -75,7 +77,7 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
     camera = CameraSensor(scenario, seed, size)
     rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)
     stamp_late_ns = round(scenario.camera.stamp_late * 1e9)
-    on_the_way: deque[Image] = deque()
+    in_transit: deque[Image] = deque()
     traffic = Traffic(scenario, seed)
     for state, reading in readings(scenario, seed, states(scenario, seed)):
         t_ns = boot_ns + state.step * STEP_NS
@@ -84,19 +86,20 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
             truth = truth_record(state, size, t_ns)
             points = camera.expose(state)
             if points is not None:
-                on_the_way.append(Image(t_ns + stamp_late_ns, points))
+                in_transit.append(Image(t_ns + stamp_late_ns, points))
         delivered = []
-        while on_the_way and on_the_way[0].t_ns - stamp_late_ns + latency_ns <= t_ns:
-            delivered.append(on_the_way.popleft())
+        while in_transit and in_transit[0].t_ns - stamp_late_ns + latency_ns <= t_ns:
+            delivered.append(in_transit.popleft())
         yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns))
 
 
 def simulate(
     scenario: Scenario, seed: int, duration: float | None = None, camera: CameraLink = "zenoh"
 ) -> Iterator[Event]:
-    """Everything the vehicle says in `duration` s (None: the scenario's), in order, and the truth between.
+    """All records that the vehicle sends in `duration` s (None: the scenario's) in order, with the truth among
+    them.
 
-    Images are CameraPoints, or TargetPoints with `camera` "mavlink"; nothing is quantised yet.
+    Images are CameraPoints, or TargetPoints with `camera` "mavlink"; nothing is quantised.
     """
     autopilot = Autopilot(scenario.vehicle, EPOCH_NS)
     steps = steps_of(scenario.duration if duration is None else duration)
@@ -114,11 +117,11 @@ def simulate(
 
 
 def _traffic_events(tick: Tick, system: int) -> Iterator[Event]:
-    said, ranges, scan, truth = tick.traffic
+    reports, ranges, scan, truth = tick.traffic
     if truth is not None:
         yield Event(tick.t_ns, truth)
-    for message in said:
-        yield Event(tick.t_ns, message, sender(message, system))
+    for report in reports:
+        yield Event(tick.t_ns, report, sender(report, system))
     for epoch in ranges:
         yield Event(tick.t_ns, epoch)
     if scan is not None:
@@ -129,15 +132,15 @@ def datagrams(
     scenario: Scenario, seed: int, duration: float | None = None, camera: CameraLink = "zenoh"
 ) -> Iterator[Datagram | Truth | TrafficTruth]:
     """`simulate` as bytes: one MAVLink frame (channel "autopilot", images "camera") or one JSON document
-    (channels "points", "radar", "gnss") per Datagram, arriving 1-2 ms after it left, never out of order; truth
-    between."""
+    (channels "points", "radar", "gnss") per Datagram, arriving 1-2 ms after it was sent, in order; the truth
+    among them."""
     vehicle = scenario.vehicle
     encoder = MavlinkEncoder(vehicle.system, vehicle.component)
     vision = MavlinkEncoder(vehicle.system, CAMERA_COMPONENT)
-    others: dict[tuple[int, int], MavlinkEncoder] = {}
+    traffic: dict[tuple[int, int], MavlinkEncoder] = {}
     jitter = uniforms(seed, "transport")
     t_recv_ns = 0
-    for t_ns, message, other in simulate(scenario, seed, duration, camera):
+    for t_ns, message, source in simulate(scenario, seed, duration, camera):
         if isinstance(message, Truth | TrafficTruth):
             yield message
             continue
@@ -148,9 +151,9 @@ def datagrams(
             frames, channel, encoding = [encode_radar(message)], "radar", Encoding.RADAR
         elif isinstance(message, Pseudoranges):
             frames, channel, encoding = [encode_ranges(message)], "gnss", Encoding.RANGES
-        elif other is not None:
-            theirs = others.setdefault(other, MavlinkEncoder(*other))
-            frames, channel, encoding = [theirs.encode(message)], "autopilot", Encoding.MAVLINK
+        elif source is not None:
+            their_encoder = traffic.setdefault(source, MavlinkEncoder(*source))
+            frames, channel, encoding = [their_encoder.encode(message)], "autopilot", Encoding.MAVLINK
         elif isinstance(message, TargetPoints):
             frames, channel, encoding = split_frames(vision.encode(message)), "camera", Encoding.MAVLINK
         else:
@@ -160,7 +163,7 @@ def datagrams(
 
 
 def split_frames(data: bytes) -> list[bytes]:
-    """The single MAVLink frames of whole frames in a row."""
+    """The MAVLink frames in a sequence of whole frames."""
     view, frames, at = memoryview(data), [], 0
     while (length := frame_length(view, at)) is not None:
         frames.append(data[at : at + length])

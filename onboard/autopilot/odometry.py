@@ -9,21 +9,21 @@ from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import NavState, Odometry
 from onboard.wire.mavlink_encode import MavlinkEncoder
 
-CLOSE_NS: Final = 1_000_000  # states come on a grid of their own: this near is due
+CLOSE_NS: Final = 1_000_000  # states come on a grid of their own: one this near to its time is due
 
 
 def odometry_of(state: NavState) -> Odometry | None:
-    """The record to send; None while there is no state. The velocity's covariance has the attitude's in it, for it
-    is by the attitude that the velocity is turned into the body. `quality` is -1 when the state is not valid."""
+    """The record to send; None while there is no state. The covariance of the body's velocity includes that of the
+    attitude, by which the velocity is rotated into the body. `quality` is -1 when the state is not valid."""
     if state.mean is None or state.covariance is None or state.q_nb is None or state.omega_b is None:
         return None
     P, R_bn = np.array(state.covariance), matrix_from_quaternion(state.q_nb).T
     v_b = R_bn @ np.array(state.mean[3:6])
     x, y, z = v_b
-    turned = np.zeros((6, 12))  # of v_b and the rates with respect to r, v, rotation in b, rates
-    turned[:3, 3:6] = R_bn
-    turned[:3, 6:9] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
-    turned[3:, 9:] = np.eye(3)
+    jacobian = np.zeros((6, 12))  # of v_b and the rates with respect to r, v, rotation in b, rates
+    jacobian[:3, 3:6] = R_bn
+    jacobian[:3, 6:9] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    jacobian[3:, 9:] = np.eye(3)
     pose = P[np.ix_((0, 1, 2, 6, 7, 8), (0, 1, 2, 6, 7, 8))]
     north, east, down = state.mean[:3]
     return Odometry(
@@ -34,14 +34,14 @@ def odometry_of(state: NavState) -> Odometry | None:
         v_F_b=tuple(v_b.tolist()),
         omega_b=state.omega_b,
         pose_covariance=upper(pose),
-        velocity_covariance=upper(turned @ P @ turned.T),
+        velocity_covariance=upper(jacobian @ P @ jacobian.T),
         reset_counter=state.reset_count % 256,
         quality=state.quality if state.valid else -1,
     )
 
 
 class OdometryStream:
-    """States in, frames out, at most `rate_hz` of them a second of flight. (system, component) is the sender."""
+    """Frames for states, at most `rate_hz` per second of flight. (system, component) is the sender."""
 
     def __init__(self, system: int, component: int, *, rate_hz: float) -> None:
         self._encoder = MavlinkEncoder(system, component)

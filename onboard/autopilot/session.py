@@ -1,23 +1,22 @@
-"""What we say to the autopilot, and answer: sans-IO, time is an argument.
+"""The conversation with an autopilot on one link: sans-IO, time is an argument.
 
 A good citizen: a heartbeat a second as an onboard controller, TIMESYNC requests to know the clock offset, the
 message rates we need (asked once per boot and again while they are missing, since an autopilot forgets them on
 reboot), replies to TIMESYNC requests, and an answer to every command that is addressed to us.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.clocks import tagged
 from onboard.config import AutopilotConfig
-from onboard.messages import Clock, Command, CommandAck, Heartbeat, Message, TimeSync
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import Clock, Command, CommandAck, Heartbeat, Message, TimeSync, tagged
 from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 
-SECOND: Final = 1_000_000_000
-TIMESYNC_EVERY: Final = SECOND // 5
-ASK_AGAIN: Final = 5 * SECOND
+TIMESYNC_PERIOD_NS: Final = NS_PER_S // 5
+ASK_AGAIN_NS: Final = 5 * NS_PER_S
 SLOW: Final = 0.7  # a stream below this share of its wanted rate is asked for again
 ONBOARD_CONTROLLER: Final = 18
 INVALID: Final = 8
@@ -48,25 +47,25 @@ class Session:
         """The autopilot has rebooted and forgotten what we asked for."""
         self._next_request = 0
 
-    def tick(self, now_ns: int, *, healthy: bool, rates: dict[str, float]) -> list[bytes]:
-        """What is due at `now_ns` (this computer's clock). `healthy` shows in the heartbeat; `rates` are the rates
+    def tick(self, now_ns: int, *, healthy: bool, rates: Mapping[str, float]) -> list[bytes]:
+        """Frames due at `now_ns` (this computer's clock). `healthy` shows in the heartbeat; `rates` are the rates
         of the MAVLink messages received, Hz."""
         if self._autopilot is None:
             return []
         frames = []
         if now_ns >= self._next_heartbeat:
-            self._next_heartbeat = now_ns + SECOND
+            self._next_heartbeat = now_ns + NS_PER_S
             frames.append(self._heartbeat(healthy=healthy))
         if now_ns >= self._next_timesync:
-            self._next_timesync = now_ns + TIMESYNC_EVERY
+            self._next_timesync = now_ns + TIMESYNC_PERIOD_NS
             frames.append(self._pack(TimeSync(**_now(now_ns), tc1_ns=0, ts1_ns=tagged(now_ns))))
         if self._config.request_rates and now_ns >= self._next_request:
-            self._next_request = now_ns + ASK_AGAIN
+            self._next_request = now_ns + ASK_AGAIN_NS
             frames.extend(self._requests(now_ns, rates))
         return frames
 
     def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
-        """Answers to what the autopilot, or others through it, asked of us."""
+        """Answers to requests of the autopilot, and of others through it."""
         if self._autopilot is None:
             return []
         frames = []
@@ -108,7 +107,7 @@ class Session:
             )
         )
 
-    def _requests(self, now_ns: int, rates: dict[str, float]) -> list[bytes]:
+    def _requests(self, now_ns: int, rates: Mapping[str, float]) -> list[bytes]:
         """SET_MESSAGE_INTERVAL for each stream that is too slow."""
         frames = []
         for name, wanted in self._config.rates_hz.items():

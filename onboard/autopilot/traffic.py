@@ -1,10 +1,11 @@
 """Traffic over MAVLink: ADSB_VEHICLE for maps, COLLISION for threats. Sans-IO; off unless the configuration names
-a link. What is done about a threat is the autopilot's: we only tell."""
+a link. We only report a threat: to act on it is the autopilot's part."""
 
 import math
 from typing import Any, Final
 
 from onboard.config import TrafficOutConfig
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -17,23 +18,22 @@ from onboard.messages import (
 )
 from onboard.wire.mavlink_encode import MavlinkEncoder
 
-SECOND: Final = 1_000_000_000
 BY_ADSB, BY_POSITION = 0, 1  # MAV_COLLISION_SRC
 LEVEL: Final = {ThreatLevel.NONE: 0, ThreatLevel.LOW: 1, ThreatLevel.HIGH: 2}  # MAV_COLLISION_THREAT_LEVEL
-OURS_BY_SYSTEM: Final = 0xF0_0000  # F00000 to FFFFFF are nobody's ICAO addresses: for those who have none
+OURS_BY_SYSTEM: Final = 0xF0_0000  # F00000 to FFFFFF are unassigned ICAO addresses: for aircraft that have none
 OURS_BY_RADAR: Final = 0xF1_0000
 MOST: Final = 0xFFFF
 
 
-class TrafficOut:
-    """What to say of each estimate, at most so often of each track. Says nothing before `connect`."""
+class TrafficOutput:
+    """Frames for estimates of traffic, at most `rate_hz` of each track. None before `connect`."""
 
     def __init__(self, config: TrafficOutConfig, component: int) -> None:
         self.link = config.link
         self._config = config
         self._component = component
         self._encoder: MavlinkEncoder | None = None
-        self._period_ns = round(SECOND / config.rate_hz)
+        self._period_ns = round(NS_PER_S / config.rate_hz)
         self._due: dict[str, int] = {}
 
     def connect(self, system: int) -> None:
@@ -52,18 +52,17 @@ class TrafficOut:
         return [self._encoder.encode(message) for message in self._messages(estimate, who)]
 
     def _messages(self, estimate: Estimate, who: Intruder) -> list[Message]:
-        said: list[Message] = []
+        messages: list[Message] = []
         silent = who.icao is None
         if self._config.adsb_vehicle == "all" or (self._config.adsb_vehicle == "silent" and silent):
-            said.append(adsb_vehicle(estimate, who))
+            messages.append(adsb_vehicle(estimate, who))
         if self._config.collision and who.approach.threat is not ThreatLevel.NONE:
-            said.append(collision(estimate, who))
-        return said
+            messages.append(collision(estimate, who))
+        return messages
 
 
 def adsb_vehicle(estimate: Estimate, who: Intruder) -> AdsbVehicle:
-    """A track as ADS-B would have it: where it is now, above mean sea level."""
-    # the record wants course and speed, the estimate has the velocity
+    """A track as ADS-B reports it: its position now (WGS-84, m above mean sea level), course and speed."""
     north, east, down = who.v_n
     return AdsbVehicle(
         **_unstamped(estimate),
@@ -98,7 +97,7 @@ def collision(estimate: Estimate, who: Intruder) -> Collision:
 
 
 def address(estimate: Estimate, who: Intruder) -> int:
-    """Its ICAO address; else a number that is nobody's, the same for a track as long as it lasts."""
+    """The ICAO address of an aircraft; without one, an unassigned number that its track keeps."""
     if who.icao is not None:
         return who.icao
     if who.system is not None:

@@ -5,35 +5,26 @@ client like any other: it sees what the daemon publishes, and beside it the trut
 """
 
 import contextlib
-import os
-import signal
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
-from onboard.config import Config, named_estimators, parse_config, read_table
-from onboard.errors import UserError
+from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
+from onboard.config import Config, load_config
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
-from onboard.scoring.leader import Latency, Score, percentiles, reference_from_records, score
-from onboard.scoring.own_state import OwnScore, score_own
-from onboard.sinks import SinkError
+from onboard.scoring.leader import LeaderScore, reference_from_records, score_leader
+from onboard.scoring.own_state import OwnStateScore, score_own_state
+from onboard.scoring.statistics import Latency, percentiles
 from onboard.view.client import Client, Received
 
 if TYPE_CHECKING:
     from onboard.view.view import View
 
-START_TIMEOUT_S: Final = 20.0
-STOP_TIMEOUT_S: Final = 5.0
 WAIT_FOR_DAEMON_S: Final = 15
 LINGER_S: Final = 0.5
-
-
-class DemoError(UserError):
-    """The demo could not run to its end; the message says which part failed, and its last words."""
 
 
 class Drops(Record, frozen=True, kw_only=True):
@@ -52,10 +43,10 @@ class Report(Record, frozen=True, kw_only=True):
     scenario: str
     seed: int
     duration_s: float
-    score: Score
+    score: LeaderScore
     latency_ms: Latency
     drops: Drops
-    own_state: OwnScore | None = None
+    own_state: OwnStateScore | None = None
 
 
 class Flight(NamedTuple):
@@ -79,56 +70,43 @@ def run_demo(
     overrides: tuple[str, ...],
     prepare: Callable[[Iterable[str]], object],
     view: "Callable[[Config], View | None]",
-    progress: Callable[[float, Estimate | None], None],
+    on_progress: Callable[[float, Estimate | None], None],
 ) -> Report:
-    """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` is given the names of
-    the estimators before any is loaded; `progress` is told the seconds flown and the newest estimate.
+    """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the names of
+    the estimators before any is loaded; `on_progress` the seconds flown and the newest estimate.
 
     Raises DemoError, and ConfigError for bad overrides.
     """
     name = flight_name(scenario, seed)
     described = directory / f"{name}.toml"
     described.write_bytes(_described(scenario))
-    autopilot_port, camera_port, zenoh_port = _free_ports()
-    settings = (*overrides, f"zenoh.listen=['tcp/127.0.0.1:{zenoh_port}']")
-    table = read_table(described, settings)
-    prepare(named_estimators(table))
-    config = parse_config(table)
+    autopilot_port, camera_port, zenoh_port = free_ports()
+    endpoint = f"tcp/127.0.0.1:{zenoh_port}"
+    settings = (*overrides, f"zenoh.listen=['{endpoint}']")
+    config = load_config(described, settings)
+    prepare(config.estimator)
     links = (
         f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot_port}'}}, "
         f"{{name='camera', url='udpin:127.0.0.1:{camera_port}', autopilot=false}}]"
     )
-    endpoint = f"tcp/127.0.0.1:{zenoh_port}"
     daemon_command = ["onboard", "run", str(described), *(a for s in (*settings, links) for a in ("--set", s))]
     simlink_command = [
         *("simlink", "run", scenario, "--seed", str(seed), "--duration", str(duration)),
-        *(
-            "--wait",
-            str(WAIT_FOR_DAEMON_S),
-            "--tcp",
-            "none",
-            "--zenoh",
-            endpoint,
-            "--vehicle",
-            config.zenoh.vehicle,
-        ),
-        *(
-            "--mavlink",
-            f"udpout:127.0.0.1:{autopilot_port}",
-            "--camera-mavlink",
-            f"udpout:127.0.0.1:{camera_port}",
-        ),
+        *("--wait", str(WAIT_FOR_DAEMON_S), "--tcp", "none"),
+        *("--zenoh", endpoint, "--vehicle", config.zenoh.vehicle),
+        *("--mavlink", f"udpout:127.0.0.1:{autopilot_port}"),
+        *("--camera-mavlink", f"udpout:127.0.0.1:{camera_port}"),
     ]
     with contextlib.ExitStack() as stack:
-        heed = stack.enter_context(_interruptions())
-        daemon = stack.enter_context(_process(daemon_command, directory / f"{name}.daemon.log"))
-        client = _connect(endpoint, config.zenoh.vehicle, daemon)
+        heed = stack.enter_context(interruptions())
+        daemon = stack.enter_context(process(daemon_command, directory / f"{name}.daemon.log"))
+        client = connect(endpoint, config.zenoh.vehicle, daemon)
         stack.callback(client.close)
         shown = view(config)
         if shown is not None:
             stack.callback(shown.close)
-        simlink = stack.enter_context(_process(simlink_command, directory / f"{name}.simlink.log"))
-        flight = _watch(client, shown, (daemon, simlink), progress, heed)
+        simlink = stack.enter_context(process(simlink_command, directory / f"{name}.simlink.log"))
+        flight = _watch(client, shown, (daemon, simlink), on_progress, heed)
     return _report(flight, scenario, seed, duration)
 
 
@@ -154,7 +132,7 @@ def _watch(
     client: Client,
     view: "View | None",
     processes: "tuple[Process, Process]",
-    progress: Callable[[float, Estimate | None], None],
+    on_progress: Callable[[float, Estimate | None], None],
     heed: Callable[[], None],
 ) -> Flight:
     """Take and show all records until the simulator says it has finished and the last ones have come, or `heed`
@@ -178,13 +156,13 @@ def _watch(
         match record:
             case NavState():
                 flight.own_states.append(record)
-            case Estimate() if "/" not in record.target:  # of the leader, not of traffic
+            case Estimate() if record.is_primary:
                 flight.estimates.append(record)
                 newest = record
                 _note_latency(flight, received)
             case Truth():
                 flight.truths.append(record)
-                progress((record.t_ns - flight.truths[0].t_ns) * 1e-9, newest)
+                on_progress((record.t_ns - flight.truths[0].t_ns) * 1e-9, newest)
             case Health():
                 flight = flight._replace(health=record)
             case SimStatus():
@@ -224,7 +202,7 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
         scenario=scenario,
         seed=seed,
         duration_s=duration,
-        score=score(flight.estimates, truth),
+        score=score_leader(flight.estimates, truth),
         latency_ms=Latency(p50=p50, p99=p99, receive_to_publish_p50=own50, receive_to_publish_p99=own99),
         drops=Drops(
             images_sent=sent,
@@ -233,102 +211,5 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
             estimates_missed=missed,
             sink_drops=sum(s.dropped for s in sinks),
         ),
-        own_state=score_own(flight.own_states, flight.truths),
+        own_state=score_own_state(flight.own_states, flight.truths),
     )
-
-
-# ---------------------------------------------------------------------------------------- processes
-
-
-@contextlib.contextmanager
-def _interruptions() -> Iterator[Callable[[], None]]:
-    """A function that raises KeyboardInterrupt if the user has wanted an end. The handler raises it too, but what
-    is raised while an object is finalised, say, is only printed, and the demo would end as if it had flown."""
-    came: list[int] = []
-
-    def note(number: int, _: object) -> None:
-        came.append(number)
-        raise KeyboardInterrupt
-
-    def heed() -> None:
-        if came:
-            raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    try:
-        yield heed
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-class Process(NamedTuple):
-    """A program of ours that runs beside this one, and where it writes."""
-
-    name: str
-    popen: "subprocess.Popen[bytes]"
-    log: Path
-
-    def check(self) -> None:
-        """Raise DemoError if it has ended with an error."""
-        code = self.popen.poll()
-        if code not in {None, 0}:
-            words = self.log.read_text(errors="replace").strip().splitlines()
-            raise DemoError(f"{self.name} ended with code {code}: {words[-1] if words else 'it said nothing'}")
-
-
-@contextlib.contextmanager
-def _process(command: list[str], log: Path) -> Iterator[Process]:
-    """Run one of our commands until the block ends; then ask it to stop, and see that it does."""
-    with log.open("wb") as out:
-        popen = _start(command, out)
-        try:
-            yield Process(command[0], popen, log)
-        finally:
-            if popen.poll() is None:
-                popen.send_signal(signal.SIGTERM)
-            try:
-                popen.wait(STOP_TIMEOUT_S)
-            except subprocess.TimeoutExpired:
-                popen.kill()
-                popen.wait()
-
-
-def _start(command: list[str], out: IO[bytes]) -> "subprocess.Popen[bytes]":
-    module, *arguments = command
-    return subprocess.Popen(  # noqa: S603 - our own program, with arguments made above
-        [sys.executable, "-m", module, *arguments],
-        stdout=out,
-        stderr=subprocess.STDOUT,
-        stdin=subprocess.DEVNULL,
-        env=dict(os.environ, PYTHONUNBUFFERED="1"),
-    )
-
-
-def _connect(endpoint: str, vehicle: str, daemon: Process) -> Client:
-    """A client of the daemon, once it is up."""
-    deadline = time.monotonic() + START_TIMEOUT_S
-    while True:
-        daemon.check()
-        try:
-            client = Client(endpoint, vehicle)
-        except SinkError as error:
-            if time.monotonic() > deadline:
-                raise DemoError(f"the daemon did not come up: {error}") from error
-            time.sleep(0.1)
-            continue
-        if client.alive.wait(START_TIMEOUT_S):
-            return client
-        client.close()
-        raise DemoError("the daemon is up but does not publish")
-
-
-def _free_ports() -> tuple[int, int, int]:
-    """Two UDP ports and a TCP port on loopback that are free now."""
-    with contextlib.ExitStack() as stack:
-        kinds = (socket.SOCK_DGRAM, socket.SOCK_DGRAM, socket.SOCK_STREAM)
-        sockets = [stack.enter_context(socket.socket(socket.AF_INET, kind)) for kind in kinds]
-        for s in sockets:
-            s.bind(("127.0.0.1", 0))
-        a, b, c = (s.getsockname()[1] for s in sockets)
-        return a, b, c

@@ -1,7 +1,8 @@
 """`onboard view`: the live view as a client of a running daemon, or a recorded view opened again."""
 
+import argparse
 import subprocess
-from collections.abc import Callable
+import sys
 from pathlib import Path
 from typing import Final
 
@@ -14,9 +15,15 @@ from onboard.view.viewer import has_display, screenshot, viewer_path
 MAGIC: Final = b"RRF"
 
 
-def watch(
-    endpoint: str, vehicle: str, *, rrd: Path | None, overrides: tuple[str, ...], say: Callable[[str], None]
-) -> int:
+def main(arguments: argparse.Namespace) -> int:
+    """Watch a daemon, or open a recording. Raises UserError."""
+    a = arguments
+    if a.recording is not None:
+        return open_recording(a.recording, png=a.png, at=a.at)
+    return watch(a.connect, a.vehicle, rrd=a.rrd, overrides=tuple(a.set))
+
+
+def watch(endpoint: str, vehicle: str, *, rrd: Path | None, overrides: tuple[str, ...]) -> int:
     """Show what a daemon publishes, until interrupted. `overrides` give the camera as the daemon has it."""
     if rrd is None and not has_display():
         raise UserError("no display here: record the view with --rrd FILE.rrd")
@@ -24,7 +31,7 @@ def watch(
     client = Client(endpoint, vehicle)
     try:
         with View(camera=config.camera_model(), rrd=rrd, spawn=has_display()) as view:
-            say(f"watching {endpoint}, vehicle {vehicle}; Ctrl-C ends")
+            print(f"watching {endpoint}, vehicle {vehicle}; Ctrl-C ends", file=sys.stderr, flush=True)
             while view.viewer is None or view.viewer.poll() is None:
                 received = client.take(0.5)
                 if received is not None:

@@ -3,12 +3,12 @@
 `[estimator.NAME]` in the configuration runs `onboard/estimators/NAME.py`. To add one, write that file with
 
     LISTENS: Final = (TargetPoints,)                           # the messages it receives
-    class Config(Record, frozen=True, kw_only=True): ...       # its section's keys
+    class Config(Record, frozen=True, kw_only=True): ...       # its section's keys, checked in __post_init__
     class Estimator:
         def __init__(self, config: Config, camera: Camera) -> None: ...
 
-where Estimator does what the protocol below says. Nothing else needs to know of it. One that outgrows a file is a
-folder: `Config` in `config.py`, which imports no numerics, the rest in `estimator.py`.
+where Estimator follows the protocol below. Nothing else needs to know of it. One that outgrows a file is a folder:
+`Config` in `config.py`, which imports no numerics, the rest in `estimator.py`.
 """
 
 import pkgutil
@@ -20,36 +20,36 @@ from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 
 from onboard.messages import Estimate, Message, Record
 
-if TYPE_CHECKING:  # reading a configuration imports no numerics
+if TYPE_CHECKING:  # it loads numerics, which reading a configuration need not
     from onboard.ownship import Ownship
 
-SHARED: Final = ("history",)  # modules here that are no estimators
+SHARED: Final = ("history",)  # modules here that are not estimators
 
 
 class EstimatorProtocol(Protocol):
     """What the pipeline asks of an estimator. Times are ns on the boot clock."""
 
     def observe(self, message: Message, ownship: "Ownship") -> list[Estimate]:
-        """Take a message of a kind it listens for; an estimate for each target it was a measurement of."""
+        """Fuse a message of a kind it listens for; an estimate for each target that was measured."""
 
     def tick(self, ownship: "Ownship") -> list[Estimate]:
-        """A new navigation sample has come: every target's estimate predicted to `ownship.now_ns`."""
+        """After a new navigation sample: every target's estimate, predicted to `ownship.now_ns`."""
 
     def reset(self, reason: str) -> None:
-        """Forget the track: the time base or our own motion is no longer what it was."""
+        """Forget everything: the time base or the origin of our own motion has changed."""
 
 
 @runtime_checkable
 class CountsVerdicts(Protocol):
-    """An estimator of many targets, that takes more measurements than it tells of one by one."""
+    """An estimator of many targets, which reports only some of its measurements one by one."""
 
     @property
     def verdicts(self) -> Counter[str]:
-        """What became of every measurement so far."""
+        """Verdicts on all measurements so far."""
 
 
 def known() -> tuple[str, ...]:
-    """Names of the estimators there are."""
+    """The names of all estimators."""
     found = (m.name for m in pkgutil.iter_modules(__path__))
     return tuple(sorted(name for name in found if name not in SHARED))
 
@@ -57,7 +57,7 @@ def known() -> tuple[str, ...]:
 def config_type(name: str) -> type[Record]:
     """The record of an estimator's section, without loading its numerics where `config.py` keeps it apart.
 
-    Raises KeyError for a name that is not `known`, naming those that are.
+    Raises KeyError, with the known names, for any other.
     """
     module = _module(name, "config")
     config: type[Record] = module.Config
@@ -67,7 +67,7 @@ def config_type(name: str) -> type[Record]:
 def load(name: str) -> ModuleType:
     """The module of one estimator, with its `LISTENS` and `Estimator`.
 
-    Raises KeyError for a name that is not `known`, naming those that are.
+    Raises KeyError, with the known names, for any other.
     """
     return _module(name, "estimator")
 

@@ -1,9 +1,9 @@
 """Late measurements: a short history of beliefs, rewound to a measurement's own time and replayed.
 
 Nodes stand at every navigation sample and every measurement of the last fraction of a second. A measurement
-goes in where it belongs in time, whenever it arrives, and what came after it is done again, so that a late
+is inserted where it belongs in time, whenever it arrives, and all later nodes are computed again, so that a late
 measurement gives the same belief as one in order. A node reached with extrapolated own motion is provisional:
-it is done again once the motion is known. Measurements that were gated stay in, to be judged again.
+it is computed again once the motion is known. Gated measurements stay in, to be judged again.
 """
 
 from bisect import bisect_left, bisect_right
@@ -13,17 +13,17 @@ from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 
 class Motion(Protocol):
-    """What drives the model between measurements: `Ownship`, or an estimator's own inputs."""
+    """The model's input between measurements: `Ownship`, or an estimator's own inputs."""
 
     @property
     def nav_times(self) -> list[int]:
         """Times of samples at which nodes are to stand."""
 
     def knows(self, t_ns: int) -> bool:
-        """Whether nothing to come can change the motion until then."""
+        """Whether no later message can change the motion until then."""
 
 
-B = TypeVar("B")  # what a filter believes
+B = TypeVar("B")  # a filter's belief
 M = TypeVar("M", bound=Motion)
 
 
@@ -33,7 +33,7 @@ class Node(NamedTuple):
     t_ns: int
     belief: Any
     measurement: Any | None = None
-    outcome: Any | None = None  # what `fuse` last said of it
+    outcome: Any | None = None  # the last one returned by `fuse`
 
 
 TIME: Final = attrgetter("t_ns")
@@ -41,7 +41,7 @@ TIME: Final = attrgetter("t_ns")
 
 class History(Generic[B, M]):
     """Beliefs of one track. `advance(belief, t0_ns, t1_ns, ownship)` predicts; `fuse(belief, measurement,
-    ownship)` updates and says what came of it. Both must be pure; what they raise passes through."""
+    ownship)` updates and returns (belief, outcome). Both must be pure; their errors pass through."""
 
     def __init__(
         self,
@@ -59,18 +59,18 @@ class History(Generic[B, M]):
         self._fuse = fuse
 
     def reaches(self, t_ns: int) -> bool:
-        """Whether a measurement of that time can still be put in."""
+        """Whether a measurement of that time can still be inserted."""
         return t_ns >= self._nodes[0].t_ns
 
     def insert(self, t_ns: int, measurement: Any, ownship: M) -> Any:
-        """Put a measurement in where it belongs (it must reach) and redo what came after; what `fuse` said."""
+        """Insert a measurement at its time (which must reach) and redo all later nodes; its outcome."""
         later = self._cut(bisect_right(self._nodes, t_ns, key=TIME))
         outcome = self._append(t_ns, measurement, ownship)
         self._redo(later, ownship)
         return outcome
 
     def settle(self, ownship: M) -> bool:
-        """New own motion is known: redo what was provisional, come up to the newest sample, forget the old.
+        """After new own motion: redo provisional nodes, advance to the newest sample, drop the oldest nodes.
         Whether any measurement was judged again."""
         first, redone = self._provisional_ns, False
         if first is not None and ownship.knows(first):
@@ -80,20 +80,20 @@ class History(Generic[B, M]):
             self._pass_samples(ownship.nav_times[-1] + 1, ownship)
         oldest = self._nodes[-1].t_ns - self._horizon_ns
         keep = max(bisect_right(self._nodes, oldest, key=TIME) - 1, 0)
-        if self._provisional_ns is not None:  # it will be done again, from the node before it
+        if self._provisional_ns is not None:  # it will be computed again, from the node before it
             keep = min(keep, self._before(self._provisional_ns))
         del self._nodes[:keep]
         return redone
 
     def belief_at(self, t_ns: int, ownship: M) -> tuple[int, B]:
-        """The newest belief, predicted to t_ns (not back: the time it holds for comes with it)."""
+        """(time, belief): the newest belief, predicted to t_ns unless it is of a later time already."""
         newest = self._nodes[-1]
         if t_ns <= newest.t_ns:
             return newest.t_ns, newest.belief
         return t_ns, self._advance(newest.belief, newest.t_ns, t_ns, ownship)
 
     def newest(self, holds: Callable[[Any], bool]) -> int | None:
-        """Time of the newest measurement of whose last outcome `holds` says yes."""
+        """Time of the newest measurement whose last outcome fulfils `holds`."""
         for node in reversed(self._nodes):
             if node.measurement is not None and holds(node.outcome):
                 t_ns: int = node.t_ns
@@ -105,7 +105,7 @@ class History(Generic[B, M]):
         return max(bisect_left(self._nodes, t_ns, key=TIME) - 1, 0)
 
     def _cut(self, index: int) -> list[Node]:
-        """Take away the nodes from an index on, which is not the first."""
+        """Remove the nodes from an index on; the first node always stays."""
         later = self._nodes[index:]
         del self._nodes[index:]
         if self._provisional_ns is not None and self._provisional_ns > self._nodes[-1].t_ns:

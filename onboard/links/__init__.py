@@ -1,4 +1,4 @@
-"""Links: where bytes come in and go out. One module per kind; `parse_link` chooses by link string."""
+"""Links: bytes in and out. One module per kind; `parse_link` selects the kind by the link string."""
 
 from typing import Final
 
@@ -13,18 +13,18 @@ FORMS: Final = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:POR
 
 
 def parse_link(spec: str, channel: str, *, retry: bool = True) -> Link:
-    """The link a link string describes, not opened yet.
+    """The link that a link string describes, not opened yet.
 
-    With `retry`, TCP clients and serial ports that lose their peer try again, ever more slowly; without,
-    their `run` raises LinkError. An IPv6 address stands in brackets. Port 0 of a listening link: any free port.
+    With `retry`, TCP clients and serial ports that lose their peer reconnect, with growing delays; without, their
+    `run` raises LinkError. An IPv6 address is in brackets. Port 0 of a listening link: any free port.
 
-    Raises LinkError, naming the string and the valid forms.
+    Raises LinkError with the string and the valid forms.
     """
     kind, _, rest = spec.partition(":")
     if kind == "serial":
         device, _, baud = rest.rpartition(":")
         if not device or not baud.isdecimal() or int(baud) == 0:
-            raise LinkError(f"link {spec!r}: a serial link is serial:DEVICE:BAUD, as serial:/dev/ttyAMA0:921600")
+            raise LinkError(f"link {spec!r}: use serial:DEVICE:BAUD, such as serial:/dev/ttyAMA0:921600")
         return SerialLink(spec, channel, device, int(baud), retry=retry)
     if kind not in ("udpin", "udpout", "tcp", "tcpin"):
         raise LinkError(f"link {spec!r}: not a link string; use {FORMS}")

@@ -1,8 +1,8 @@
-"""What every link has in common: its shape, its error, and how it looks up an address."""
+"""The interface of all links, their error, and functions that several of them use."""
 
 import asyncio
 import socket
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from typing import Any, Final, Protocol
 
 from onboard.errors import UserError
@@ -16,15 +16,14 @@ LONGEST_RETRY_S: Final = 5.0
 
 
 class LinkError(UserError):
-    """A link cannot be opened or has ended for good; the message says which one, why, and what to do."""
+    """A link cannot be opened or has ended; the message names the link, the reason, and a remedy."""
 
 
 class Link(Protocol):
-    """One place where bytes come in and, mostly, go out.
+    """One connection to the outside, for receiving and mostly for sending.
 
-    `channel` names it in recordings; a link that hears several sources with names of their own (Zenoh keys)
-    gives each its own channel. `received` and `sent` count datagrams (pieces of a stream), `errors` what
-    could not be sent or read.
+    `channel` is its name in recordings; a link with several named sources (Zenoh keys) uses one channel per
+    source. `received` and `sent` count datagrams (or pieces of a stream), `errors` failed sends and reads.
     """
 
     channel: str
@@ -33,39 +32,65 @@ class Link(Protocol):
     errors: int
 
     async def open(self) -> None:
-        """Claim the port or device. Raises LinkError with one line that says what to do."""
+        """Claim the port or device. Raises LinkError with one line that names a remedy."""
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Hand on what arrives until cancelled. What `deliver` raises ends the link and comes out of here."""
+        """Call `deliver` with each datagram until cancelled. An exception of `deliver` ends the link and is
+        raised."""
 
     def send(self, data: bytes) -> None:
-        """Send, or drop and count in `errors` if there is nowhere to send to or no room. Never blocks."""
+        """Send; without a peer or room in the buffer, drop and count in `errors`. Never blocks."""
 
 
 def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:
-    """`deliver` for use in event-loop callbacks, where an exception would otherwise be logged and forgotten:
-    it ends up in `failed`, which `run` awaits."""
+    """`deliver` for event-loop callbacks, which would only log an exception: it is set in `failed`, which `run`
+    awaits."""
 
     def safe(datagram: Datagram) -> None:
         if failed.done():
             return
         try:
             deliver(datagram)
-        except Exception as error:  # whatever it is, it must reach run()
+        except Exception as error:  # of any kind: it must reach run()
             failed.set_exception(error)
 
     return safe
 
 
+async def keep_connected(
+    link: Link,
+    converse: Callable[[Deliver, "asyncio.Future[None]"], Awaitable[None]],
+    deliver: Deliver,
+    *,
+    retry: bool,
+) -> None:
+    """Call `converse` (one connection, ended by a LinkError) again and again, with growing delays while nothing is
+    received. Without `retry`, raises its first LinkError; an exception of `deliver` is raised in any case."""
+    failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    delay_s = FIRST_RETRY_S
+    while True:
+        received = link.received
+        try:
+            await converse(guarded(deliver, failed), failed)
+        except LinkError:
+            if not retry:
+                raise
+            link.errors += 1
+        if link.received > received:  # a server that accepts and closes at once does not reset the delay
+            delay_s = FIRST_RETRY_S
+        await asyncio.sleep(delay_s)
+        delay_s = min(2 * delay_s, LONGEST_RETRY_S)
+
+
 async def until_lost(lost: "asyncio.Future[None]", failed: "asyncio.Future[None]") -> None:
-    """Wait for either; raise what `failed` holds."""
+    """Wait for either future; raise the exception of `failed`."""
     await asyncio.wait({lost, failed}, return_when=asyncio.FIRST_COMPLETED)
     if failed.done():
         failed.result()
 
 
 async def resolve(spec: str, host: str, port: int, kind: socket.SocketKind) -> tuple[int, Any]:
-    """(address family, socket address) of a host. Raises LinkError when the name is not known."""
+    """(address family, socket address) of a host. Raises LinkError if the name is unknown."""
     loop = asyncio.get_running_loop()
     try:
         found = await loop.getaddrinfo(host, port, type=kind)
@@ -76,7 +101,7 @@ async def resolve(spec: str, host: str, port: int, kind: socket.SocketKind) -> t
 
 
 def bind(spec: str, sock: socket.socket, address: Any) -> None:
-    """Bind, closing the socket and raising LinkError if the port is taken or the address is not ours."""
+    """Bind the socket. If the port is in use or the address is not local: closes it and raises LinkError."""
     try:
         sock.bind(address)
     except OSError as error:

@@ -1,29 +1,22 @@
-"""MAVLink over a serial port. pyserial sets the port up; the event loop reads and writes its descriptor."""
+"""MAVLink over a serial port. pyserial configures the port; the event loop reads and writes its descriptor."""
 
 import asyncio
 import os
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from onboard.links.link import (
-    FIRST_RETRY_S,
-    LONGEST_RETRY_S,
-    Deliver,
-    LinkError,
-    NowNs,
-    guarded,
-    until_lost,
-)
+from onboard.links.link import Deliver, LinkError, NowNs, keep_connected, until_lost
 from onboard.messages import Datagram, Encoding
 
 if TYPE_CHECKING:
     from serial import Serial
 
 READ_SIZE: Final = 4096
-SEND_LIMIT: Final = 4096  # bytes waiting to be sent beyond which we drop: a third of a second at 115200 baud
+SEND_LIMIT: Final = 4096  # bytes in the send buffer, beyond which data are dropped: 0.35 s at 115200 baud
 
 
 class SerialLink:
-    """A serial port. With `retry` one that is unplugged while in use is opened again when it is back."""
+    """A serial port. With `retry`, a port that was unplugged is opened again when it is back."""
 
     def __init__(self, spec: str, channel: str, device: str, baud: int, *, retry: bool = True) -> None:
         self.channel = channel
@@ -35,28 +28,17 @@ class SerialLink:
         self._pending = bytearray()
 
     async def open(self) -> None:
-        """Open the port for ourselves alone. Raises LinkError: no such device, not allowed, in use."""
+        """Open the port for exclusive use. Raises LinkError: no such device, no permission, in use."""
         self._port = self._open_port()
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Hand on what arrives until cancelled. Without `retry`: LinkError when the port is gone."""
-        failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        delay_s = FIRST_RETRY_S
-        while True:
-            received = self.received
-            try:
-                await self._converse(guarded(deliver, failed), now_ns, failed)
-            except LinkError:
-                if not self._retry:
-                    raise
-                self.errors += 1
-            if self.received > received:
-                delay_s = FIRST_RETRY_S
-            await asyncio.sleep(delay_s)
-            delay_s = min(2 * delay_s, LONGEST_RETRY_S)
+        """Call `deliver` with each piece until cancelled. Without `retry`, raises LinkError when the port is
+        gone."""
+        await keep_connected(self, partial(self._converse, now_ns), deliver, retry=self._retry)
 
     def send(self, data: bytes) -> None:
-        """Queue for sending if the port is open and not congested. Whole pieces are dropped, never parts."""
+        """Put data into the send buffer, if the port is open and the buffer has room for all of it; else drop
+        it."""
         if self._port is None or len(self._pending) + len(data) > SEND_LIMIT:
             self.errors += 1
             return
@@ -76,8 +58,8 @@ class SerialLink:
             hint = "is it plugged in, free, and are you in its group (dialout)?"
             raise LinkError(f"{self._spec}: cannot open {self._device} ({reason}); {hint}") from error
 
-    async def _converse(self, deliver: Deliver, now_ns: NowNs, failed: "asyncio.Future[None]") -> None:
-        """One use of the port from opening to loss, which is a LinkError."""
+    async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
+        """Use the port until it is lost, which raises LinkError."""
         port = self._port or self._open_port()
         self._port = port
         fd = port.fileno()
@@ -110,7 +92,7 @@ class SerialLink:
             lost.set_result(None)
 
     def _flush(self, fd: int) -> None:
-        """Write what the port takes; come back when it takes more."""
+        """Write as much as the port accepts; call again when it accepts more."""
         loop = asyncio.get_running_loop()
         try:
             del self._pending[: os.write(fd, self._pending)]

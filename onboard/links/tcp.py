@@ -1,30 +1,21 @@
 """MAVLink over TCP: a stream of bytes, cut anywhere. `tcp` connects (ArduPilot SITL listens on 5760), `tcpin`
-waits to be connected to."""
+listens."""
 
 import asyncio
 import socket
+from functools import partial
 from typing import Any, Final, cast
 
-from onboard.links.link import (
-    FIRST_RETRY_S,
-    LONGEST_RETRY_S,
-    Deliver,
-    LinkError,
-    NowNs,
-    bind,
-    guarded,
-    resolve,
-    until_lost,
-)
+from onboard.links.link import Deliver, LinkError, NowNs, bind, guarded, keep_connected, resolve, until_lost
 from onboard.messages import Datagram, Encoding
 
 CONNECT_TIMEOUT_S: Final = 3.0
-SEND_LIMIT: Final = 65_536  # bytes waiting to be sent beyond which we drop: seconds of what we ever say
+SEND_LIMIT: Final = 65_536  # bytes in the send buffer, beyond which data are dropped: seconds of our traffic
 KEEPALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 10_000}
 
 
 class Stream(asyncio.Protocol):
-    """One TCP connection. `lost` is done when it is over."""
+    """One TCP connection. The future `lost` is done when it has ended."""
 
     def __init__(self, link: "TcpClientLink | TcpServerLink", deliver: Deliver, now_ns: NowNs) -> None:
         self.lost: asyncio.Future[None] = asyncio.get_running_loop().create_future()
@@ -32,7 +23,7 @@ class Stream(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Notice within 15 s that the other end lost power: it closes nothing when it does."""
+        """Enable keep-alive: a peer that loses power does not close the connection, and is noticed within 15 s."""
         self._transport = cast(asyncio.Transport, transport)
         sock = transport.get_extra_info("socket")
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -41,7 +32,7 @@ class Stream(asyncio.Protocol):
                 sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
     def data_received(self, data: bytes) -> None:
-        """Hand it on."""
+        """Deliver one piece of the stream."""
         t_recv_ns = self._now_ns()
         link = self._link
         link.received += 1
@@ -50,12 +41,12 @@ class Stream(asyncio.Protocol):
         )
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        """Over, whatever the reason."""
+        """The connection has ended, for any reason."""
         if not self.lost.done():
             self.lost.set_result(None)
 
     def write(self, data: bytes) -> bool:
-        """Whether there was a connection with room for it."""
+        """Send data; False without a connection or without room in its buffer."""
         transport = self._transport
         if transport is None or transport.is_closing():
             return False
@@ -71,7 +62,7 @@ class Stream(asyncio.Protocol):
 
 
 class TcpClientLink:
-    """Connects, and connects again. With `retry` a peer that is not there yet is no error."""
+    """A TCP client. With `retry` it reconnects, and an absent peer is no error."""
 
     def __init__(self, spec: str, channel: str, host: str, port: int, *, retry: bool = True) -> None:
         self.channel = channel
@@ -83,38 +74,26 @@ class TcpClientLink:
         self._stream: Stream | None = None
 
     async def open(self) -> None:
-        """Look the host up and, without `retry`, connect. Raises LinkError."""
+        """Resolve the host and, without `retry`, connect. Raises LinkError."""
         if self._retry:
             await resolve(self._spec, self._host, self._port, socket.SOCK_STREAM)
         else:
             self._socket = await self._connect()
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Hand on what arrives until cancelled. Without `retry`: LinkError when the connection ends."""
-        failed: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        delay_s = FIRST_RETRY_S
-        while True:
-            received = self.received
-            try:
-                await self._converse(guarded(deliver, failed), now_ns, failed)
-            except LinkError:
-                if not self._retry:
-                    raise
-                self.errors += 1
-            if self.received > received:  # a server that accepts and hangs up does not count as there
-                delay_s = FIRST_RETRY_S
-            await asyncio.sleep(delay_s)
-            delay_s = min(2 * delay_s, LONGEST_RETRY_S)
+        """Call `deliver` with each piece until cancelled. Without `retry`, raises LinkError when the connection
+        ends."""
+        await keep_connected(self, partial(self._converse, now_ns), deliver, retry=self._retry)
 
     def send(self, data: bytes) -> None:
-        """Queue for sending if connected and not congested."""
+        """Put data into the send buffer, if connected and the buffer has room; else drop it."""
         if self._stream is not None and self._stream.write(data):
             self.sent += 1
         else:
             self.errors += 1
 
-    async def _converse(self, deliver: Deliver, now_ns: NowNs, failed: "asyncio.Future[None]") -> None:
-        """One connection from beginning to end, which is a LinkError."""
+    async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
+        """One connection until it ends, which raises LinkError."""
         sock, self._socket = self._socket or await self._connect(), None
         loop = asyncio.get_running_loop()
         _, stream = await loop.create_connection(lambda: Stream(self, deliver, now_ns), sock=sock)
@@ -143,8 +122,8 @@ class TcpClientLink:
 
 
 class TcpServerLink:
-    """Waits to be connected to, by one peer at a time: the newest, so that one whose old connection died
-    unnoticed is not locked out. `address` is what it listens on, once open."""
+    """A TCP server for one peer at a time. A new connection replaces the old one, so that a peer whose connection
+    broke unnoticed can return. `address`: the listening address, once open."""
 
     def __init__(self, spec: str, channel: str, host: str, port: int) -> None:
         self.channel = channel
@@ -160,11 +139,11 @@ class TcpServerLink:
         """Bind and listen. Raises LinkError."""
         family, address = await resolve(self._spec, self._host, self._port, socket.SOCK_STREAM)
         sock = socket.socket(family, socket.SOCK_STREAM)
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart need not wait for TIME_WAIT
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # else a restart would wait for TIME_WAIT
         bind(self._spec, sock, address)
         try:
             sock.listen(4)
-        except OSError as error:  # with SO_REUSEADDR a taken port can show only here
+        except OSError as error:  # with SO_REUSEADDR a port in use may be noticed only here
             sock.close()
             raise LinkError(f"{self._spec}: cannot listen ({error.strerror})") from error
         sock.setblocking(False)
@@ -172,7 +151,7 @@ class TcpServerLink:
         self.address = sock.getsockname()
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Hand on what arrives until cancelled."""
+        """Call `deliver` with each piece until cancelled."""
         if self._socket is None:
             await self.open()
         sock = self._socket
@@ -198,7 +177,7 @@ class TcpServerLink:
                 self._stream = None
 
     def send(self, data: bytes) -> None:
-        """Queue for sending if someone is connected and not congested."""
+        """Put data into the send buffer, if a peer is connected and the buffer has room; else drop it."""
         if self._stream is not None and self._stream.write(data):
             self.sent += 1
         else:

@@ -1,9 +1,9 @@
 """MAVLink over UDP: whole frames in datagrams.
 
-`udpin` listens and answers the last address that sent something that begins as a MAVLink frame does: a bridge
-that restarts on another port is followed at once, and a stray probe cannot steal the replies. Two senders on
-one port would take turns at being answered: give each its own link. `udpout` speaks first, and hears only the
-address it speaks to.
+`udpin` listens, and sends to the address of the last datagram that begins like a MAVLink frame: a bridge that
+restarts on another port is followed at once, and a stray probe does not divert the replies. Two senders on one
+port would get the replies in turn: give each its own link. `udpout` sends first, and receives only from that
+address.
 """
 
 import asyncio
@@ -19,14 +19,14 @@ from onboard.messages import Datagram, Encoding
 SHORTEST_FRAME: Final = 8  # bytes of an empty MAVLink 1 frame
 MAGIC: Final = (0xFD, 0xFE)
 LARGEST: Final = 65_535
-RECEIVE_BUFFER: Final = 1 << 20  # bytes asked of the kernel: a second of a busy link, should the loop be late
-BURST: Final = 64  # datagrams read per wake-up, so that one busy link cannot starve the others
+RECEIVE_BUFFER: Final = 1 << 20  # bytes of kernel buffer: one second of a busy link, if the event loop is late
+BURST: Final = 64  # datagrams read per wake-up, so that a busy link does not delay the others
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
-LONGEST_WAIT_NS: Final = 10_000_000_000  # a stamp that says more is a stepped clock
+LONGEST_WAIT_NS: Final = 10_000_000_000  # a longer wait means that the clock was stepped
 
 
 class UdpLink:
-    """A UDP socket. `address` is what it is bound to, once open."""
+    """A UDP socket. `address`: its local address, once open."""
 
     def __init__(self, spec: str, channel: str, host: str, port: int, *, listening: bool) -> None:
         self.channel = channel
@@ -44,7 +44,7 @@ class UdpLink:
         sock = socket.socket(family, socket.SOCK_DGRAM)
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-        with suppress(OSError):  # an older kernel, another system: arrival is then when we read
+        with suppress(OSError):  # older kernels and other systems: the time of reading counts as arrival
             sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         if self._listening:
             bind(self._spec, sock, address)
@@ -53,13 +53,13 @@ class UdpLink:
                 sock.connect(address)
             except OSError as error:
                 sock.close()
-                raise LinkError(f"{self._spec}: cannot send there ({error.strerror})") from error
+                raise LinkError(f"{self._spec}: cannot send to it ({error.strerror})") from error
             self._peer = address
         self._socket = sock
         self.address = sock.getsockname()
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Hand on datagrams until cancelled."""
+        """Call `deliver` with each datagram until cancelled."""
         if self._socket is None:
             await self.open()
         sock = self._socket
@@ -75,7 +75,7 @@ class UdpLink:
             sock.close()
 
     def send(self, data: bytes) -> None:
-        """One datagram to the peer, if there is one."""
+        """Send one datagram to the peer, if there is one."""
         if self._socket is None or self._peer is None:
             self.errors += 1
             return
@@ -84,7 +84,7 @@ class UdpLink:
                 self._socket.sendto(data, self._peer)
             else:
                 self._socket.send(data)
-        except OSError:  # no room, nobody there yet, network down: the next one may get through
+        except OSError:  # no room, no peer yet, network down: the next one may succeed
             self.errors += 1
         else:
             self.sent += 1
@@ -95,7 +95,7 @@ class UdpLink:
                 data, ancillary, _, sender = sock.recvmsg(LARGEST, 64)
             except BlockingIOError:
                 return
-            except OSError:  # the peer's port was closed when we last sent (udpout)
+            except OSError:  # udpout: the peer's port was closed at our last send
                 self.errors += 1
                 return
             t_recv_ns = now_ns() - _waited_ns(ancillary)
@@ -109,9 +109,9 @@ class UdpLink:
 
 
 def _waited_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
-    """How long a datagram lay in the kernel, ns, by the kernel's own arrival stamp; 0 when it has none.
+    """How long a datagram waited in the kernel, ns, by the kernel's arrival stamp; 0 without a stamp.
 
-    A difference of two readings of one clock, so it holds whatever clock the program itself runs on.
+    It is a difference of two readings of one clock, so it is valid for any clock of the program.
     """
     for level, kind, value in ancillary:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) == 16:

@@ -1,4 +1,4 @@
-"""What sensors publish over Zenoh: one JSON `CameraPoints` per image on `<prefix>/camera/<camera>/points`, one
+"""Sensor data over Zenoh: one JSON `CameraPoints` per image on `<prefix>/camera/<camera>/points`, one
 JSON `RadarDetections` per scan on `<prefix>/radar/<radar>/detections`, one JSON `Pseudoranges` per epoch of
 another vehicle's receiver on `<prefix>/gnss/<peer>/pseudoranges`."""
 
@@ -12,14 +12,12 @@ from onboard.links.link import Deliver, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding
 
 LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
-WAITING: Final = 256  # images on their way into the loop: a flood costs its newest images, not our memory
+WAITING: Final = 256  # samples waiting for the event loop: in a flood the newest are dropped, memory stays bounded
 
 
 class ZenohLink:
-    """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh_session`).
-
-    The channel of a datagram is its key. It takes no part in closing the session.
-    """
+    """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh_session`), which it does
+    not close. The channel of a datagram is its key."""
 
     def __init__(self, session: Any, prefix: str, channel: str = "zenoh") -> None:
         self.channel = channel
@@ -34,12 +32,12 @@ class ZenohLink:
         }
 
     async def open(self) -> None:
-        """Raises LinkError when the session is closed; subscribing itself waits for `run`."""
+        """Raises LinkError if the session is closed. `run` subscribes."""
         if self._session.is_closed():
             raise LinkError(f"{next(iter(self._keys))}: the Zenoh session is closed")
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Hand on what sensors say until cancelled."""
+        """Call `deliver` with each sample until cancelled."""
         loop = asyncio.get_running_loop()
         failed: asyncio.Future[None] = loop.create_future()
         safe = guarded(deliver, failed)
@@ -59,26 +57,26 @@ class ZenohLink:
             if not room.acquire(blocking=False):
                 self.errors += 1
                 return
-            with suppress(RuntimeError):  # the loop has closed; so shall we
+            with suppress(RuntimeError):  # the loop has closed: so will this link
                 loop.call_soon_threadsafe(enter, _datagram(sample, t_recv_ns, encoding))
 
         subscribers: list[Any] = []
         try:
             for key, encoding in self._keys.items():
-                take = partial(on_sample, encoding=encoding)
-                subscribers.append(await asyncio.to_thread(self._session.declare_subscriber, key, take))
+                callback = partial(on_sample, encoding=encoding)
+                subscribers.append(await asyncio.to_thread(self._session.declare_subscriber, key, callback))
             await failed
         finally:
             for subscriber in subscribers:
                 subscriber.undeclare()
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature
-        """Nothing is sent on this link; it is counted."""
+        """This link cannot send; counts an error."""
         self.errors += 1
 
 
 def _datagram(sample: Any, t_recv_ns: int, encoding: Encoding) -> Datagram | None:
-    """The sample's bytes; None when there are none or far too many."""
+    """The sample as a datagram; None if it is empty or too large."""
     data = sample.payload.to_bytes()
     if not 0 < len(data) <= LARGEST:
         return None

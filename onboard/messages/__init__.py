@@ -1,9 +1,9 @@
 """Every typed record that crosses a boundary: between stages, processes, or the wire and the filters.
 
-Records are frozen and keyword-only, hold tuples rather than arrays, and are SI throughout. Frames stand in
-the names (see `onboard.geometry`). `t_ns` is when a thing was TRUE: as decoded, on the clock that stamped it
-(`clock`); after `onboard.clocks`, on the autopilot's boot clock, the one time base of the program.
-`t_recv_ns` is when its bytes arrived, on this computer's clock. Both are integer nanoseconds.
+Records are frozen and keyword-only, contain tuples rather than arrays, and use SI units. Names contain the frames
+(see `onboard.geometry`). `t_ns` is the time at which a record was TRUE: after decoding, on the clock that stamped
+it (`clock`); after `onboard.clocks`, on the autopilot's boot clock, the one time base of the program. `t_recv_ns`
+is the time at which its bytes arrived, on this computer's clock. Both are integer nanoseconds.
 """
 
 from onboard.messages.base import (
@@ -63,6 +63,7 @@ from onboard.messages.vehicle import (
     StatusText,
     SystemTime,
     TimeSync,
+    tagged,
 )
 
 __all__ = [
@@ -124,4 +125,5 @@ __all__ = [
     "Truth",
     "Vec3",
     "Verdict",
+    "tagged",
 ]

@@ -1,4 +1,4 @@
-"""Record and Message, of which all others are made, and bytes as they come on a link."""
+"""The base records of all messages, and bytes as they arrive on a link."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -17,15 +17,15 @@ class Record(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
 
 class Clock(StrEnum):
-    """Which clock stamped a message."""
+    """The clock that stamped a message."""
 
     BOOT = "boot"  # the autopilot's time since boot
     HOST = "host"  # this computer's clock, the one that also stamps arrivals
-    NONE = "none"  # not stamped: true when it arrived, as nearly as we know
+    NONE = "none"  # no stamp: the arrival time is the best estimate
 
 
 class Encoding(StrEnum):
-    """How a link's bytes are to be read."""
+    """The format of a link's bytes."""
 
     MAVLINK = "mavlink"  # whole MAVLink frames in each datagram (UDP, .tlog)
     MAVLINK_STREAM = "mavlink_stream"  # MAVLink frames cut anywhere (TCP, serial)
@@ -35,7 +35,7 @@ class Encoding(StrEnum):
 
 
 class Datagram(Record, frozen=True, kw_only=True):
-    """Bytes as they arrived on a link; what a recording holds."""
+    """Bytes as they arrived on a link; recordings contain these."""
 
     channel: str
     encoding: Encoding
@@ -44,7 +44,7 @@ class Datagram(Record, frozen=True, kw_only=True):
 
 
 class Message(Record, frozen=True, kw_only=True):
-    """What every decoded message carries: its times and its sender."""
+    """Base of all decoded messages: times, and MAVLink system and component of the sender."""
 
     t_ns: int
     t_recv_ns: int

@@ -1,4 +1,4 @@
-"""What a camera sees of a target."""
+"""Image points of a target, measured by a camera."""
 
 from onboard.messages.base import Clock, ImagePoint, Message, Record, Vec3
 
@@ -6,11 +6,11 @@ from onboard.messages.base import Clock, ImagePoint, Message, Record, Vec3
 class TargetPoints(Message, frozen=True, kw_only=True):
     """Three points of one aircraft in one image.
 
-    Each point is (Y_c/X_c, Z_c/X_c): position in the image plane of a pinhole camera with unit focal length,
-    lens distortion removed, positive right and positive down. `sigma` holds, for the center, left and right
-    point, the standard deviation of each coordinate in the same unit; None: the configured pixel noise.
-    `target` is empty where the vision process does not tell one aircraft from another. `half_view` is how far the
-    image reaches right and down from its axis; None: as configured.
+    Each point is (Y_c/X_c, Z_c/X_c): the image plane of a pinhole camera with unit focal length, lens distortion
+    removed, positive right and positive down. `sigma`: standard deviation of each coordinate of the center, left
+    and right point, in the same unit; None: the configured pixel noise. `target` is empty if the vision process
+    does not identify aircraft. `half_view`: half width and half height of the image in that unit; None: as
+    configured.
     """
 
     camera: str
@@ -23,7 +23,8 @@ class TargetPoints(Message, frozen=True, kw_only=True):
 
 
 class Pixel(Record, frozen=True, kw_only=True):
-    """A labelled point in an image: u right, v down, pixels; `sigma_px` of each coordinate if known."""
+    """A labelled image point in pixels: u right, v down. `sigma_px`: standard deviation of each coordinate, if
+    known."""
 
     u_px: float
     v_px: float
@@ -31,7 +32,7 @@ class Pixel(Record, frozen=True, kw_only=True):
 
 
 class Intrinsics(Record, frozen=True, kw_only=True):
-    """Pinhole intrinsics in pixels, of the image the pixels are given in (already undistorted)."""
+    """Pinhole intrinsics in pixels of the image that contains the points, lens distortion removed."""
 
     fx_px: float
     fy_px: float
@@ -40,7 +41,7 @@ class Intrinsics(Record, frozen=True, kw_only=True):
 
 
 class CameraPoints(Record, frozen=True, kw_only=True):
-    """What a vision process publishes, one per image, as JSON: `t_ns` is the time of exposure on `clock`."""
+    """Output of a vision process, one per image. `t_ns` is the time of exposure on `clock`."""
 
     t_ns: int
     clock: Clock

@@ -1,4 +1,4 @@
-"""What the estimators say."""
+"""Outputs of the estimators."""
 
 from enum import StrEnum
 
@@ -6,41 +6,42 @@ from onboard.messages.base import ImagePoint, Quaternion, Record, Vec3
 
 
 class Lifecycle(StrEnum):
-    """What an estimator is doing."""
+    """The state of an estimator's track."""
 
-    SEARCHING = "searching"  # nothing seen yet, or nothing for longer than the reset timeout
-    INITIALISING = "initialising"  # images seen, not yet enough that agree
-    TRACKING = "tracking"  # fused within the coasting time
-    COASTING = "coasting"  # predicting; still within the validity timeout
-    LOST = "lost"  # predicting beyond the validity timeout: not to be used
+    SEARCHING = "searching"  # no measurement yet, or none for longer than the reset timeout
+    INITIALISING = "initialising"  # measurements arrive, but not yet enough that agree
+    TRACKING = "tracking"  # the last fused measurement is within the coasting time
+    COASTING = "coasting"  # prediction only, within the validity timeout
+    LOST = "lost"  # prediction only, beyond the validity timeout: do not use it
 
 
 class Verdict(StrEnum):
-    """What became of one measurement, and why."""
+    """The result of processing one measurement."""
 
     FUSED = "fused"
-    FUSED_LATE = "fused_late"  # older than a measurement fused before it: rewound and replayed
-    INITIALISING = "initialising"  # held, to start a track
+    FUSED_LATE = "fused_late"  # older than the newest fused measurement: fused by rewind and replay
+    INITIALISING = "initialising"  # kept, to start a track
     GATED = "gated"  # its NIS exceeds the gate
-    DUPLICATE = "duplicate"  # same camera, same time stamp as one fused before
+    DUPLICATE = "duplicate"  # same camera and same time stamp as an earlier measurement
     TOO_OLD = "too_old"  # older than the rewind horizon
-    TOO_NEW = "too_new"  # stamped after now
-    NOT_FINITE = "not_finite"  # NaN or infinity in it
-    DEGENERATE = "degenerate"  # geometry no camera gives, such as wingtips that coincide
-    OUT_OF_VIEW = "out_of_view"  # at or beyond the image's edge: cut off, or not of this camera
-    NO_POSE = "no_pose"  # our own pose at its time is not known
-    NUMERICAL = "numerical"  # the filter could not use it without losing its covariance
-    STALE = "stale"  # old news: its sender had not heard for too long, or a camera hangs and shows the same points
-    NO_POSITION = "no_position"  # without valid coordinates or altitude
-    IMPLAUSIBLE = "implausible"  # farther from its track than anything flies in the time
-    UNASSOCIATED = "unassociated"  # belongs to no track, nor starts one
+    TOO_NEW = "too_new"  # its time is after the present
+    NOT_FINITE = "not_finite"  # it contains NaN or infinity
+    DEGENERATE = "degenerate"  # geometry that no camera can produce, such as wingtips that coincide
+    OUT_OF_VIEW = "out_of_view"  # at or beyond the edge of the image: cut off, or from another camera
+    NO_POSE = "no_pose"  # our own pose at its time is unknown
+    NUMERICAL = "numerical"  # an update would make the covariance invalid
+    STALE = "stale"  # outdated: its sender received the report too long ago, or a camera repeats the same points
+    NO_POSITION = "no_position"  # no valid coordinates or altitude
+    IMPLAUSIBLE = "implausible"  # farther from its track than an aircraft can fly in the time
+    UNASSOCIATED = "unassociated"  # belongs to no track and starts none
     OURSELVES = "ourselves"  # our own transponder
-    FULL = "full"  # as many tracks as there may be
+    FULL = "full"  # the maximum number of tracks exists
 
 
 class MeasurementReport(Record, frozen=True, kw_only=True):
-    """What one measurement said, what was expected, and what became of it. Angles in rad, points as in
-    `TargetPoints`; fields are None where the verdict was reached before they could be computed."""
+    """One measurement of `source` with its prediction, its innovation and the verdict. Vectors have `components`
+    and `units`; points are as in `TargetPoints`. A field is None if the verdict was reached before it could be
+    computed."""
 
     source: str
     t_ns: int
@@ -59,18 +60,19 @@ class MeasurementReport(Record, frozen=True, kw_only=True):
 
 
 class ThreatLevel(StrEnum):
-    """How near another aircraft is going to come."""
+    """How close another aircraft will come."""
 
     NONE = "none"
-    LOW = "low"  # within its uncertainty it may come too near
-    HIGH = "high"  # as things are it will
+    LOW = "low"  # it may come too close, within the uncertainty
+    HIGH = "high"  # it will come too close on its present motion
 
 
 class ClosestApproach(Record, frozen=True, kw_only=True):
-    """The nearest two aircraft come if neither changes its velocity, or if the other goes on with the turn it is
-    in (`turn_rate`, rad/s, to the right; 0: straight): in `time` seconds from the estimate's own time (0: they
-    part already), at `distance`; each with its standard deviation. `horizontal` and `vertical` are the parts of
-    the distance, vertical positive when the other is above."""
+    """The predicted closest approach of another aircraft. We keep our velocity; the other aircraft keeps its
+    velocity or its present turn (`turn_rate`, rad/s, positive right; 0: straight). `time`: seconds after the
+    estimate's time (0: the distance already grows), `distance` in m, each with its standard deviation.
+    `horizontal` and `vertical`: components of the distance, m, vertical positive if the other aircraft is
+    above."""
 
     time: float
     time_sigma: float
@@ -83,8 +85,8 @@ class ClosestApproach(Record, frozen=True, kw_only=True):
 
 
 class Intruder(Record, frozen=True, kw_only=True):
-    """What else is known of a track of traffic: who it says it is, what it was seen by, WGS-84 position (degrees,
-    m above mean sea level), velocity over ground (NED, m/s), and how near it comes."""
+    """Further data of a traffic track: its reported identity, the sources of its measurements, WGS-84 position
+    (degrees, m above mean sea level), velocity over ground (m/s, NED), and its closest approach."""
 
     icao: int | None
     system: int | None
@@ -100,8 +102,10 @@ class Intruder(Record, frozen=True, kw_only=True):
 
 
 class Estimate(Record, frozen=True, kw_only=True):
-    """One estimate of one target by one estimator. `mean` and `covariance` are None before a track exists;
-    `valid` says whether a consumer may act on it. `frame` is that of the vector components."""
+    """One estimate of one target by one estimator. `mean` and `covariance` have `components` and `units` and are
+    None before a track exists. Use an estimate only if it is `valid`; `reason` explains why it is not. `frame`:
+    frame of the vector components. `age`: seconds from the last fused measurement to `t_ns`. `state_since_ns`:
+    start of the state."""
 
     name: str
     target: str
@@ -115,25 +119,31 @@ class Estimate(Record, frozen=True, kw_only=True):
     units: tuple[str, ...]
     mean: tuple[float, ...] | None
     covariance: tuple[tuple[float, ...], ...] | None
-    age: float | None  # seconds from the last fused measurement to t_ns
+    age: float | None
     reset_count: int
-    state_since_ns: int = 0  # when the state began
+    state_since_ns: int = 0
     measurement: MeasurementReport | None = None
-    intruder: Intruder | None = None  # of traffic only
+    intruder: Intruder | None = None  # for traffic only
+
+    @property
+    def is_primary(self) -> bool:
+        """Whether this is the estimator's one target (the leader, our own state), and not one of many."""
+        return self.target == self.name
 
 
 class FaultKind(StrEnum):
-    """What is wrong with our own vehicle or its sensors."""
+    """Kinds of faults of our own vehicle or its sensors."""
 
-    MOTOR = "motor"  # one motor gives less thrust than it is told to
-    MASS = "mass"  # the same commands lift less, or more: another mass, or all motors weaker (hover cannot tell)
-    GUST = "gust"  # something pushes sideways
-    OUTLIERS = "outliers"  # a sensor tells single wrong values
+    MOTOR = "motor"  # one motor gives less thrust than commanded
+    MASS = "mass"  # equal commands give a different lift: hover cannot distinguish mass from weaker motors
+    GUST = "gust"  # a sideways disturbance
+    OUTLIERS = "outliers"  # a sensor gives single wrong values
 
 
 class Fault(Record, frozen=True, kw_only=True):
-    """A fault that lasts. `part`: which motor ("motor 1"), sensor ("attitude.roll"), or ""; `magnitude` in `unit`:
-    the share of thrust lost, the mass as a multiple of the known one, m/s^2, or wrong values a second."""
+    """A fault that lasts. `part`: the motor ("motor 1"), the sensor ("attitude.roll"), or "". `magnitude` in
+    `unit`: the share of thrust lost, the mass as a multiple of the configured one, m/s^2, or wrong values per
+    second."""
 
     kind: FaultKind
     part: str
@@ -143,13 +153,13 @@ class Fault(Record, frozen=True, kw_only=True):
 
 
 class NavState(Estimate, frozen=True, kw_only=True):
-    """Our own vehicle by our own estimator: position from O, velocity, attitude (ZYX), body rates. In `covariance`
-    the attitude's part is of the rotation, rad about b's axes, that takes the estimate to the truth.
+    """Our own vehicle by our own estimator: position from O, velocity, attitude (ZYX), body rates. The attitude
+    part of `covariance` is that of the rotation vector, rad about b's axes, from the estimate to the truth.
 
-    `layer`: how far each component of the last measurement might have been off, before the filter holds its model
-    wrong; `switch_fraction`: how often one was, over the last second, which measures the model's error;
-    `nis_ratio`: mean NIS over its expectation, over the same. `quality`: 1 to 100 %, -1 when not valid. `origin`:
-    O, degrees and m above mean sea level.
+    `layer`: width of the smoothing boundary layer of each component of the last measurement; an innovation beyond
+    it indicates an error of the model. `switch_fraction`: share of innovations beyond it over the last second.
+    `nis_ratio`: mean NIS over its expectation, over the same time. `quality`: 1 to 100 %, -1 when not valid.
+    `origin`: O, degrees and m above mean sea level.
     """
 
     q_nb: Quaternion | None
@@ -163,7 +173,8 @@ class NavState(Estimate, frozen=True, kw_only=True):
 
 
 class OwnPose(Record, frozen=True, kw_only=True):
-    """Our own vehicle as the autopilot sees it, on the one time base: NED from its EKF origin."""
+    """Our own vehicle by the autopilot's estimate: position from the autopilot's origin O, velocity, acceleration
+    (m, m/s, m/s^2, NED) and attitude. `t_ns` is on the boot clock."""
 
     t_ns: int
     r_OF_n: Vec3

@@ -1,11 +1,11 @@
-"""How the daemon is."""
+"""The condition of the daemon."""
 
 from onboard.messages.base import Record
 from onboard.messages.estimates import Fault, Lifecycle
 
 
 class StreamHealth(Record, frozen=True, kw_only=True):
-    """One message stream: how many, how often (Hz, over the last seconds), how long ago (s)."""
+    """One message stream: number of messages, rate over the last seconds (Hz), age of the last message (s)."""
 
     count: int
     rate: float
@@ -13,7 +13,8 @@ class StreamHealth(Record, frozen=True, kw_only=True):
 
 
 class SinkHealth(Record, frozen=True, kw_only=True):
-    """One sink: records handed on, dropped because its queue was full, restarts after a failure."""
+    """One sink: records sent, records dropped because its queue was full, restarts after failures, and the present
+    error."""
 
     sent: int = 0
     dropped: int = 0
@@ -22,8 +23,9 @@ class SinkHealth(Record, frozen=True, kw_only=True):
 
 
 class Health(Record, frozen=True, kw_only=True):
-    """How the program itself is doing. `clock_offset_ns` is host clock minus boot clock; `faults` are those of our
-    own vehicle that last."""
+    """The condition of the daemon, once a second. `uptime` and `round_trip` (of TIMESYNC) in s; `clock_offset_ns`:
+    host clock minus boot clock. `states` by estimator; `verdicts` count measurements, `rejected` messages by
+    reason. `faults`: present faults of our own vehicle."""
 
     t_ns: int
     t_recv_ns: int

@@ -1,4 +1,4 @@
-"""What is published, said by the records themselves: JSON Schemas, and the tables of the README."""
+"""JSON Schemas and README tables of the published records, generated from the records themselves."""
 
 from collections.abc import Iterator
 from enum import Enum
@@ -28,21 +28,20 @@ PUBLISHED: Final[dict[str, type[Record]]] = {
     "radar/<radar>/detections": RadarDetections,
     "gnss/<peer>/pseudoranges": Pseudoranges,
 }
-"""Key below `onboard/<vehicle>/` -> the record whose JSON it carries. The last two we read, not write."""
+"""Key below `onboard/<vehicle>/` -> the record published there as JSON. The daemon reads the last three."""
 
 
 def key_of(record: Record) -> str:
-    """The key, below the vehicle's prefix, a record is published and recorded under. Raises KeyError."""
+    """The key of a record below the vehicle's prefix, for publishing and recording. Raises KeyError."""
     if isinstance(record, NavState):
         return "own_state"
     if isinstance(record, Estimate):
-        one_of_many = record.target != record.name  # such as icao/4b1a2c
-        return f"estimate/{record.name}/{record.target}" if one_of_many else f"estimate/{record.name}"
+        return f"estimate/{record.name}" if record.is_primary else f"estimate/{record.name}/{record.target}"
     return {OwnPose: "ownship", Health: "health"}[type(record)]
 
 
 def schema(record: type[Record]) -> dict[str, Any]:
-    """JSON Schema (2020-12) of one record, complete in itself."""
+    """JSON Schema (2020-12) of one record, self-contained."""
     (reference,), components = msgspec.json.schema_components([record], ref_template="#/$defs/{name}")
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return head | reference | {"$defs": components}
@@ -54,20 +53,20 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 
 def describe() -> str:
-    """Markdown: a table of keys, then one table of fields for each record they carry, however deep."""
-    lines = ["| key | record | what it is |", "|---|---|---|"]
+    """Markdown: a table of keys, then a table of fields for each record and each record inside it."""
+    lines = ["| key | record | content |", "|---|---|---|"]
     for key, record in PUBLISHED.items():
         lines.append(f"| `{key}` | [`{record.__name__}`](#{record.__name__.lower()}) | {_summary(record)} |")
     for record in _all_records():
         lines += ["", f"#### {record.__name__}", "", _text(record), "", "| field | type |", "|---|---|"]
         for field in msgspec.structs.fields(record):
-            optional = "" if field.required else ", may be left out"
+            optional = "" if field.required else ", optional"
             lines.append(f"| `{field.name}` | {_type(field.type)}{optional} |")
     return "\n".join(lines) + "\n"
 
 
 def _all_records() -> list[type[Record]]:
-    """The published records and, after each, those it holds; each once."""
+    """The published records, each followed by the records inside it; each once."""
     found: dict[type[Record], None] = {}
 
     def visit(record: type[Record]) -> None:
@@ -85,7 +84,7 @@ def _all_records() -> list[type[Record]]:
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
-    """An annotation and everything in its brackets."""
+    """An annotation and all annotations in its brackets."""
     yield annotation
     for part in get_args(annotation):
         yield from _parts(part)
@@ -97,12 +96,12 @@ def _text(record: type[Record]) -> str:
 
 
 def _summary(record: type[Record]) -> str:
-    """Its first sentence."""
+    """The first sentence of the docstring."""
     return _text(record).split(". ")[0].rstrip(".")
 
 
 def _type(annotation: Any) -> str:
-    """An annotation as JSON users think of it, safe inside a Markdown table."""
+    """The JSON type of an annotation, as Markdown for a table."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin in (Union, UnionType):
         return " or ".join(_type(a) for a in arguments)

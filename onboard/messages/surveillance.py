@@ -1,4 +1,4 @@
-"""What is heard and seen of other traffic."""
+"""Reports and measurements of other aircraft."""
 
 from enum import StrEnum
 from typing import Literal
@@ -7,17 +7,17 @@ from onboard.messages.base import Clock, Message, Record, Vec3
 
 
 class AltitudeType(StrEnum):
-    """What an altitude of ADS-B is measured against."""
+    """The reference of an ADS-B altitude."""
 
     PRESSURE = "pressure"  # barometric: above mean sea level as far as the sender's QNH is right
     GEOMETRIC = "geometric"  # GNSS: above the WGS-84 ellipsoid
 
 
 class AdsbVehicle(Message, frozen=True, kw_only=True):
-    """ADSB_VEHICLE: what an ADS-B receiver last heard of one aircraft; None where it is not marked as valid.
+    """ADSB_VEHICLE: the last report of one aircraft at an ADS-B receiver; fields not marked as valid are None.
 
-    WGS-84 degrees, m, m/s; `course` over ground in rad clockwise from true north, `climb` positive up. `tslc` is
-    the time since it was last heard, in whole seconds; `icao` the 24-bit address; `emitter` ADSB_EMITTER_TYPE.
+    WGS-84 degrees, m, m/s; `course` over ground in rad clockwise from true north, `climb` positive up. `tslc`:
+    time since the last reception, in whole seconds; `icao`: the 24-bit address; `emitter`: ADSB_EMITTER_TYPE.
     """
 
     icao: int
@@ -36,8 +36,8 @@ class AdsbVehicle(Message, frozen=True, kw_only=True):
 
 
 class PeerPosition(Message, frozen=True, kw_only=True):
-    """GLOBAL_POSITION_INT of another vehicle, `system`; fields as in `GlobalPosition`. Its stamp is of its own
-    boot clock, so it counts as true when it arrived."""
+    """GLOBAL_POSITION_INT of another vehicle, `system`; fields as in `GlobalPosition`. Its stamp is on the
+    other vehicle's boot clock, so its arrival counts as its time."""
 
     lat_deg: float
     lon_deg: float
@@ -46,9 +46,10 @@ class PeerPosition(Message, frozen=True, kw_only=True):
 
 
 class SatelliteRange(Record, frozen=True, kw_only=True):
-    """What a GNSS receiver measured of one satellite: pseudorange (m) and its rate (m/s), with their standard
-    deviations if known. Position and velocity of the satellite are in e at the time of reception, with the Earth's
-    turn on the signal's way, the satellite's clock and the mean troposphere removed, as receivers do."""
+    """A GNSS receiver's measurement of one satellite: pseudorange (m) and its rate (m/s), with their standard
+    deviations if known. Position and velocity of the satellite (m, m/s) are in e at the time of reception. The
+    Earth's rotation during the signal's flight, the satellite's clock error and the mean troposphere are
+    corrected, as in receivers."""
 
     satellite: str
     r_e: Vec3
@@ -60,15 +61,15 @@ class SatelliteRange(Record, frozen=True, kw_only=True):
 
 
 class PeerRanges(Message, frozen=True, kw_only=True):
-    """What another vehicle's GNSS receiver measured at one time, its own clock's error in all of it."""
+    """One epoch of another vehicle's GNSS receiver. The receiver's clock error is in all its pseudoranges."""
 
     peer: int
     satellites: tuple[SatelliteRange, ...]
 
 
 class Pseudoranges(Record, frozen=True, kw_only=True):
-    """What another vehicle, of MAVLink system number `peer`, shares of its GNSS receiver, one per epoch, as JSON:
-    `t_ns` is the time of reception, on `clock`."""
+    """Pseudoranges that another vehicle, MAVLink system number `peer`, shares, one record per epoch. `t_ns` is the
+    time of reception on `clock`."""
 
     t_ns: int
     clock: Clock
@@ -77,8 +78,8 @@ class Pseudoranges(Record, frozen=True, kw_only=True):
 
 
 class Collision(Message, frozen=True, kw_only=True):
-    """COLLISION: closest approach of a threat. `source` 0 ADS-B, 1 another's GLOBAL_POSITION_INT, with its address
-    or system number; s and m."""
+    """COLLISION: closest approach of a threat. `source`: 0 ADS-B, 1 another vehicle's GLOBAL_POSITION_INT;
+    `threat`: its address or system number. `time` in s, distances in m."""
 
     source: int
     threat: int
@@ -90,7 +91,7 @@ class Collision(Message, frozen=True, kw_only=True):
 
 class RadarDetection(Record, frozen=True, kw_only=True):
     """One echo: range (m), azimuth (rad, positive right of the frame's first axis), elevation (rad, positive up),
-    their standard deviations, if known, and the signal to noise ratio."""
+    their standard deviations, if known, and the signal-to-noise ratio."""
 
     range: float
     azimuth: float
@@ -103,7 +104,7 @@ RadarFrame = Literal["body", "ned"]  # azimuth from the nose, or from true north
 
 
 class RadarScan(Message, frozen=True, kw_only=True):
-    """All echoes of one moment; none is a scan too."""
+    """All echoes of one radar scan; there may be none."""
 
     radar: str
     frame: RadarFrame
@@ -111,8 +112,8 @@ class RadarScan(Message, frozen=True, kw_only=True):
 
 
 class RadarDetections(Record, frozen=True, kw_only=True):
-    """What a radar on our vehicle publishes, one per scan, as JSON: `t_ns` is when the echoes came, on `clock`.
-    Azimuth and elevation are in our body frame, or in local NED for a radar that levels itself."""
+    """Output of a radar on our vehicle, one per scan. `t_ns` is the time of the echoes on `clock`. Azimuth and
+    elevation refer to our body axes, or to local NED for a levelled radar."""
 
     t_ns: int
     clock: Clock

@@ -1,11 +1,12 @@
-"""What the simulator knows."""
+"""The simulator's truth."""
 
 from onboard.messages.base import Quaternion, Record, Vec3
 
 
 class Truth(Record, frozen=True, kw_only=True):
-    """What a simulator knows and an estimator never may. Boot clock; NED; the leader relative to the
-    follower, the size (wingspan, m), Oh & Johnson's a_lat and a_long (m/s^2), and both absolute poses."""
+    """The true state of a simulated formation, which no estimator may use. Boot clock; NED; SI. The leader
+    relative to the follower, its size (wingspan, m), Oh & Johnson's a_lat and a_long (m/s^2), and both absolute
+    poses."""
 
     t_ns: int
     r_FL_n: Vec3
@@ -19,13 +20,13 @@ class Truth(Record, frozen=True, kw_only=True):
     q_nF: Quaternion
     r_OL_n: Vec3
     q_nL: Quaternion
-    omega_b: Vec3 = (0.0, 0.0, 0.0)  # of the follower
-    fault: str = ""  # what is wrong with the follower, "" when nothing is
+    omega_b: Vec3 = (0.0, 0.0, 0.0)  # of the follower, rad/s
+    fault: str = ""  # active faults of the follower, "" if none
 
 
 class IntruderTruth(Record, frozen=True, kw_only=True):
-    """One aircraft of a simulated traffic, relative to us, NED where we are. `detections` counts what the radar
-    has seen of it so far, `messages` what it has said and was received."""
+    """One aircraft of the simulated traffic, relative to us, in NED at our position (m, m/s). `messages`: its
+    reports received so far; `detections`: its detections by our radar so far."""
 
     name: str
     target: str
@@ -43,7 +44,7 @@ class TrafficTruth(Record, frozen=True, kw_only=True):
 
 
 class SimStatus(Record, frozen=True, kw_only=True):
-    """What a simulator has sent so far, so that losses can be counted: images by camera, frames by name."""
+    """Numbers of images and MAVLink frames that the simulator has sent so far, to count losses."""
 
     t_ns: int
     images: int

@@ -1,6 +1,10 @@
-"""What a vehicle says of itself, and what is said to it."""
+"""Messages from an autopilot and to it."""
+
+from typing import Final
 
 from onboard.messages.base import Message, Quaternion, Vec3
+
+OUR_TAG: Final = 191  # the last three digits of the ts1_ns in our own TIMESYNC requests
 
 
 class Heartbeat(Message, frozen=True, kw_only=True):
@@ -13,7 +17,7 @@ class Heartbeat(Message, frozen=True, kw_only=True):
 
 
 class SystemTime(Message, frozen=True, kw_only=True):
-    """SYSTEM_TIME: boot time beside the autopilot's idea of Unix time (0 when unknown)."""
+    """SYSTEM_TIME: boot time and the autopilot's Unix time (0 if unknown)."""
 
     unix_ns: int
 
@@ -23,6 +27,16 @@ class TimeSync(Message, frozen=True, kw_only=True):
 
     tc1_ns: int
     ts1_ns: int
+
+    @property
+    def is_tagged(self) -> bool:
+        """Whether the request's time has our tag, see `tagged`."""
+        return self.ts1_ns % 1000 == OUR_TAG
+
+
+def tagged(now_ns: int) -> int:
+    """The `ts1_ns` of our own request: the time to the microsecond, with our tag for nanoseconds."""
+    return now_ns - now_ns % 1000 + OUR_TAG
 
 
 class Attitude(Message, frozen=True, kw_only=True):
@@ -51,8 +65,8 @@ class GlobalPosition(Message, frozen=True, kw_only=True):
 
 
 class GpsFix(Message, frozen=True, kw_only=True):
-    """GPS_RAW_INT: a raw fix. Speeds in m/s, course in rad, accuracies in m (None when not given); `v_down` only
-    from logs, MAVLink's message has none."""
+    """GPS_RAW_INT: a raw fix. Speeds in m/s, course in rad, accuracies in m (None if not given); `v_down` from
+    logs only: the MAVLink message has none."""
 
     fix_type: int
     satellites: int | None
@@ -67,7 +81,7 @@ class GpsFix(Message, frozen=True, kw_only=True):
 
 
 class Imu(Message, frozen=True, kw_only=True):
-    """HIGHRES_IMU, SCALED_IMU or RAW_IMU: specific force (m/s^2) and angular rate (rad/s), body FRD; where the
+    """HIGHRES_IMU, SCALED_IMU or RAW_IMU: specific force (m/s^2) and angular rate (rad/s), body FRD; if the
     message has a new one, the barometer's altitude (m, see `Barometer`)."""
 
     f_b: Vec3
@@ -76,8 +90,8 @@ class Imu(Message, frozen=True, kw_only=True):
 
 
 class Barometer(Message, frozen=True, kw_only=True):
-    """SCALED_PRESSURE: the altitude that has this pressure in the standard atmosphere, m. Off by a slowly changing
-    offset, and by per cents where the air is warmer or colder than the standard's."""
+    """SCALED_PRESSURE: the altitude of this pressure in the standard atmosphere, m. Its error is a slowly changing
+    offset, and some per cent of height if the air is warmer or colder than standard."""
 
     pressure_altitude: float
 
@@ -98,7 +112,7 @@ class Command(Message, frozen=True, kw_only=True):
 
 
 class CommandAck(Message, frozen=True, kw_only=True):
-    """COMMAND_ACK: MAV_RESULT of a MAV_CMD; `target_*` is who had asked."""
+    """COMMAND_ACK: MAV_RESULT of a MAV_CMD; `target_*`: sender of the command."""
 
     target_system: int
     target_component: int

@@ -11,9 +11,10 @@ import numpy as np
 from numba import njit
 
 from onboard.arrays import Array
+from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
 from onboard.geometry.arctangent import arctan2
 from onboard.models import relative_motion
-from onboard.models.relative_motion import BATCH, BLOCK, INTO, ROWS, VECTOR
+from onboard.models.relative_motion import BLOCK
 
 M: Final = 3
 COMPONENTS: Final = ("azimuth", "elevation", "subtended")
@@ -40,7 +41,7 @@ def _angles(places, angles, count):  # type: ignore[no-untyped-def]
         angles[2 * BLOCK + s] = 2.0 * arctan2(places[3 * BLOCK + s], 2.0 * np.sqrt(x * x + y * y + z * z))
 
 
-@njit((ROWS, ROWS, VECTOR, INTO), cache=True, error_model="numpy")
+@njit((ROWS, ROWS, VECTOR, OUT), cache=True, error_model="numpy")
 def _measure(points, R_cn, r_FC_n, angles):  # type: ignore[no-untyped-def]
     """In blocks, so that the compiler makes one instruction of several rows' roots and arctangents."""
     places, block = np.empty(4 * BLOCK), np.empty(3 * BLOCK)
@@ -64,7 +65,7 @@ def measure_batch(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
     return angles
 
 
-@njit((BATCH, BATCH, ROWS), cache=True, error_model="numpy")
+@njit((CUBE, CUBE, ROWS), cache=True, error_model="numpy")
 def _measure_batch(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
     angles = np.empty((points.shape[0], points.shape[1], 3))
     for b in range(points.shape[0]):

@@ -16,9 +16,10 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import CUBE, ROWS, VECTOR
 from onboard.geometry.arctangent import arctan2
 from onboard.models import relative_motion
-from onboard.models.relative_motion import A_LAT, A_LONG, BATCH, ROWS, SIZE, VECTOR
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
 
 G: Final = 9.80665
 A_ALONG: Final = 9
@@ -187,7 +188,7 @@ def project_about(axes, x, y, z):  # type: ignore[no-untyped-def]
     )
 
 
-@njit((ROWS, BATCH, ROWS, ROWS, ROWS, BATCH, types.float64, types.int64), cache=True, error_model="numpy")
+@njit((ROWS, CUBE, ROWS, ROWS, ROWS, CUBE, types.float64, types.int64), cache=True, error_model="numpy")
 def measure_rows(rows, R_cn, r_FC, v_F, omega_c, axes, eps, m):  # type: ignore[no-untyped-def]
     """`measure`, to be called from compiled code."""
     count, n = rows.shape

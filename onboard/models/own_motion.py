@@ -1,16 +1,16 @@
-"""Our own vehicle's motion: the quadrotor of `models.quadrotor`, made fit to fly. Sixteen states,
+"""Our own vehicle's motion: the quadrotor of `models.quadrotor`, extended for flight. Sixteen states,
 
     [x, xd, y, yd, z, zd, phi, p, theta, q, psi, r, dx, dy, dz, h]
 
-the twelve of Al-Shabi, Gadsden & Wilkerson; three of disturbance: what is to be subtracted, in b, from the
-specific force that drives the model (an accelerometer's bias; without lateral accelerometers, gusts); and a
-barometer's offset: how much higher than -z its altitude is, m.
+the twelve of Al-Shabi, Gadsden & Wilkerson; three of disturbance, to be subtracted, in b, from the specific force
+that drives the model (the accelerometer's bias; without lateral accelerometers, gusts); and a barometer's offset:
+how much higher than -z its altitude is, m.
 
-Two things differ from the paper's equations, which else are kept. The thrust is not computed from commands: the
-specific force is an input, in all three axes, so that -m f_z is the thrust and f_x, f_y are what else pushes. And
-the Euler angles (ZYX) turn from b not into n but into a reference frame a, fixed in n and turned after the vehicle
-whenever an angle grows beyond `LARGEST`: with R_na R_ab in place of R_nb the same equations hold, and theta never
-comes near 90 degrees, nor yaw near its wrap.
+The paper's equations hold but for two things. The thrust is not computed from commands: the specific force is an
+input in all three axes, so that -m f_z is the thrust and m f_x, m f_y are all other forces. And the Euler angles
+(ZYX) are those of R_ab, not of R_nb. The reference frame a is fixed in n and moved to the vehicle's attitude
+whenever an angle exceeds `LARGEST`. With R_na R_ab in place of R_nb the same equations hold, theta never comes
+near 90 degrees, and yaw never near its wrap.
 """
 
 from typing import Final
@@ -19,37 +19,36 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, ROWS, VELOCITY
+from onboard.filters.compiled import ROWS, VECTOR
+from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 
 N: Final = 16
 DISTURBANCE: Final = (12, 13, 14)
 OFFSET: Final = 15
 GRAVITY: Final = 9.80665
 LARGEST: Final = 0.5  # rad
-COMPONENTS: Final = (
+COMPONENTS: Final[tuple[str, ...]] = (
     *("r_north", "r_east", "r_down", "v_north", "v_east", "v_down"),
     *("roll", "pitch", "yaw", "p", "q", "r"),
 )
-UNITS: Final = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("rad/s",) * 3)
-NAVIGATION: Final = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)  # the states that are told, in the order they are
-
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
-MATRIX: Final = types.Array(types.float64, 2, "A", readonly=True)
+UNITS: Final[tuple[str, ...]] = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("rad/s",) * 3)
+# The states that are published, in the order of COMPONENTS.
+NAVIGATION: Final[tuple[int, ...]] = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)
 
 
-@njit((ROWS, types.float64, VECTOR, VECTOR, MATRIX, VECTOR, types.float64), cache=True, error_model="numpy")
-def process(rows, dt, f_b, turning, R_na, inertia, fading):  # type: ignore[no-untyped-def]
+@njit((ROWS, types.float64, VECTOR, VECTOR, ROWS, VECTOR, types.float64), cache=True, error_model="numpy")
+def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):  # type: ignore[no-untyped-def]
     """State rows (k, 16) after `dt` seconds of specific force f_b (3,) and angular acceleration by the motors
-    `turning` (3,), with a's attitude R_na (3, 3) and the moments of inertia (3,). Disturbances fade at the rate
-    `fading` (1/s). Midpoint rule for attitude and velocity: what a step leaves is below 1e-4 rad at 3 rad/s and
+    `omega_dot` (3,), with a's attitude R_na (3, 3) and the moments of inertia (3,). Disturbances fade at the rate
+    `fading` (1/s). Midpoint rule for attitude and velocity: a step's error is below 1e-4 rad at 3 rad/s and
     100 Hz.
     """
     after = np.empty(rows.shape)
     for s in range(rows.shape[0]):
         p, q, r = rows[s, 7], rows[s, 9], rows[s, 11]
-        pd = turning[0] + (inertia[1] - inertia[2]) / inertia[0] * q * r
-        qd = turning[1] + (inertia[2] - inertia[0]) / inertia[1] * p * r
-        rd = turning[2] + (inertia[0] - inertia[1]) / inertia[2] * p * q
+        pd = omega_dot[0] + (inertia[1] - inertia[2]) / inertia[0] * q * r
+        qd = omega_dot[1] + (inertia[2] - inertia[0]) / inertia[1] * p * r
+        rd = omega_dot[2] + (inertia[0] - inertia[1]) / inertia[2] * p * q
         pm, qm, rm = p + 0.5 * dt * pd, q + 0.5 * dt * qd, r + 0.5 * dt * rd
         phi, theta, psi = rows[s, 6], rows[s, 8], rows[s, 10]
         turn = q * np.sin(phi) + r * np.cos(phi)
@@ -112,15 +111,16 @@ def angles(R: Array) -> Array:
     )
 
 
-def turned(rows: Array, R_ca: Array) -> Array:
-    """The same states (k, 16) with angles into another reference frame c instead of a."""
+def change_reference(rows: Array, R_ca: Array) -> Array:
+    """The same states (k, 16) with the angles of R_cb, for another reference frame c, instead of R_ab."""
     after = rows.copy()
     after[:, list(ATTITUDE)] = angles(R_ca @ rotations(rows))
     return after
 
 
-def told(covariance: Array, mean: Array) -> Array:
-    """Covariance (12, 12) of [r, v, rotation of b (rad, in b), rates] from that of the states (16, 16)."""
+def navigation_covariance(covariance: Array, mean: Array) -> Array:
+    """Covariance (12, 12) of [r, v, attitude error (a rotation vector in b, rad), rates] from that of the states
+    (16, 16)."""
     P = np.array(covariance[np.ix_(NAVIGATION, NAVIGATION)])
     phi, theta = mean[ATTITUDE[0]], mean[ATTITUDE[1]]
     c_phi, s_phi, c_th = np.cos(phi), np.sin(phi), np.cos(theta)

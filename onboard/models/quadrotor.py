@@ -4,9 +4,9 @@ State rows: [x, xd, y, yd, z, zd, phi, p, theta, q, psi, r], local NED, ZYX Eule
 Inputs: [u, d_roll, d_pitch, d_yaw]: thrust along -z of the body in N, two differential thrusts in N, a torque in
 N m.
 
-Erratum: eq 4.1 is not in the paper's text, so equations and parameters are those that are usual for this craft. R
-(eq 4.2) reads as twelve numbers when it is split at every comma; those of the gyros (1e-12) are no gyro's, so
-MEASUREMENT_NOISE has 4e-4 for p, q and r, and the exponents of the velocities are assumed.
+Erratum: eq 4.1 is missing from the paper's text, so equations and parameters are the usual ones for this craft. R
+(eq 4.2) reads as twelve numbers when it is split at every comma. Those for the gyros (1e-12) are impossible, so
+MEASUREMENT_NOISE has 4e-4 for p, q and r; the exponents of the velocities are assumed.
 """
 
 from typing import Final, NamedTuple
@@ -16,6 +16,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.filters.belief import FilterError
+from onboard.filters.compiled import ROWS
 
 N: Final = 12
 POSITION: Final = (0, 2, 4)
@@ -30,8 +31,8 @@ MEASUREMENT_NOISE.flags.writeable = False
 
 
 class Airframe(NamedTuple):
-    """Mass (kg), moments of inertia (kg m^2), the rotors' own, arm (m), gravity (m/s^2), and the rotors' net speed
-    (rad/s), whose gyroscopic torque is small and unknown."""
+    """Mass (kg), moments of inertia of the craft and of a rotor `Ir` (kg m^2), arm (m), gravity (m/s^2), and the
+    rotors' net speed (rad/s), whose gyroscopic torque is small and unknown."""
 
     mass: float = 0.468
     Ixx: float = 4.856e-3
@@ -43,7 +44,6 @@ class Airframe(NamedTuple):
     rotor_speed: float = 0.0
 
 
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
 PARAMETERS: Final = types.UniTuple(types.float64, len(Airframe._fields))  # type: ignore[no-untyped-call]
 
 
@@ -68,12 +68,8 @@ def _process(rows, inputs, dt, airframe):  # type: ignore[no-untyped-def]
     after = np.empty(rows.shape)
     run = rows.shape[0] // inputs.shape[0]
     for s in range(rows.shape[0]):
-        u, d_roll, d_pitch, d_yaw = (
-            inputs[s // run, 0],
-            inputs[s // run, 1],
-            inputs[s // run, 2],
-            inputs[s // run, 3],
-        )
+        u, d_roll = inputs[s // run, 0], inputs[s // run, 1]
+        d_pitch, d_yaw = inputs[s // run, 2], inputs[s // run, 3]
         phi, p, theta, q, psi, r = rows[s, 6], rows[s, 7], rows[s, 8], rows[s, 9], rows[s, 10], rows[s, 11]
         c_phi, s_phi, c_th, s_th = np.cos(phi), np.sin(phi), np.cos(theta), np.sin(theta)
         c_psi, s_psi = np.cos(psi), np.sin(psi)

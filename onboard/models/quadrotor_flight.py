@@ -2,7 +2,7 @@
 
 Path (4 sin a, 2 sin 2a, -10 - sin .6t) m with a = w t + phase, w = .5 (.8 + .4 U), yaw .3 sin .4t. The
 controller is a cascade: position to acceleration, its norm to thrust, its direction to tilt, attitude to rate,
-rate to torque. It sees the truth: what is studied is the filter, and the flight must not depend on it.
+rate to torque. It is fed the truth: the filter is studied, so the flight must not depend on it.
 """
 
 from collections.abc import Callable, Sequence
@@ -68,7 +68,7 @@ def start(path: Path) -> Array:
 
 
 def command(state: Array, path: Path, t: float, integral: Array, airframe: Airframe) -> Array:
-    """Inputs (B, 4) that follow the path from `state` (B, 12); `integral` (B, 3) is that of the error."""
+    """Inputs (B, 4) that follow the path from `state` (B, 12); `integral` (B, 3) is that of the position error."""
     position, velocity, feed_forward = along(path, t)
     wanted = (
         feed_forward
@@ -96,12 +96,12 @@ def as_commanded(_t: float, inputs: Array) -> Array:
 
 
 def weak_inputs(t: float, inputs: Array) -> Array:
-    """All four inputs at seven tenths from 10 s."""
+    """All four inputs reduced to 0.7 from 10 s."""
     return 0.7 * inputs if t >= 10.0 else inputs
 
 
 def weak_motor(t: float, inputs: Array) -> Array:
-    """Rotor 1 gives a quarter less than its T1 = u/4 + d_pitch/2 + d_yaw/(4 c) from 10 s."""
+    """From 10 s, rotor 1 gives a quarter less than its commanded T1 = u/4 + d_pitch/2 + d_yaw/(4 c)."""
     if t < 10.0:
         return inputs
     u, _, d_pitch, d_yaw = inputs.T
@@ -127,9 +127,10 @@ def fly(
     truth: Airframe | None = None,
     gust: Array | None = None,
 ) -> Flight:
-    """Fly one figure eight per generator. `actuation(t, inputs)` is what the craft makes of the commands;
-    `outliers` is each measurement's probability of being off by 20 standard deviations; `truth` is the craft where
-    it is not the `airframe` that its controller knows; `gust` (steps, B, 3) accelerates it, NED, m/s^2."""
+    """Fly one figure eight per generator. `actuation(t, inputs)` gives the inputs that act in place of those
+    commanded; `outliers` is each measurement's probability of an error of 20 standard deviations; `truth` is the
+    craft where it differs from the `airframe` that the controller assumes; `gust` (steps, B, 3) accelerates it,
+    NED, m/s^2."""
     path = draw_path(generators)
     state = start(path)
     sigma_process = np.sqrt(np.diag(process_noise()))

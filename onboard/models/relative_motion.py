@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
 
 N: Final = 9
 R: Final = slice(0, 3)
@@ -22,12 +23,9 @@ COMPONENTS: Final = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down
 UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s", "m", "m/s^2", "m/s^2")
 FRAME: Final = "n (local NED), leader relative to follower"
 
-# Types of compiled functions' arguments are declared, so that nothing compiles in flight.
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-BATCH: Final = types.Array(types.float64, 3, "A", readonly=True)
-INTO: Final = types.Array(types.float64, 2, "C")
-PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, INTO)
+
+# Given, so that nothing compiles in flight: rows (k, 9), dt, the follower's four vectors (3,), eps.
+PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, OUT)
 ACCELERATION_SIGNATURE: Final = (ROWS, VECTOR, VECTOR, types.float64)
 
 
@@ -146,7 +144,7 @@ def process_batch(points: Array, dt: float, followers: FollowerMotion, eps: floa
     return after
 
 
-@njit((BATCH, types.float64, ROWS, ROWS, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
+@njit((CUBE, types.float64, ROWS, ROWS, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
 def _process_batch(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
     after = np.empty(points.shape)
     for b in range(points.shape[0]):

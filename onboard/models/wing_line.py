@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import CUBE, ROWS
 from onboard.models.leader_flight import project_about
-from onboard.models.relative_motion import BATCH, ROWS
 
 M: Final = 4
 M_MIDDLE: Final = 6  # with the wing's middle
@@ -35,7 +35,7 @@ def from_points(points: Array, sigmas: Array, m: int = M) -> tuple[Array, Array,
     return y, R, axes
 
 
-@njit((BATCH, ROWS, types.int64), cache=True, error_model="numpy")
+@njit((CUBE, ROWS, types.int64), cache=True, error_model="numpy")
 def _from_points(points, sigmas, m):  # type: ignore[no-untyped-def]
     count = points.shape[0]
     y, R, axes = np.zeros((count, m)), np.zeros((count, m, m)), np.zeros((count, 3, 3))

@@ -1,12 +1,13 @@
-"""How good an estimate was, against a truth: errors, and whether the estimate knew how large they were.
+"""Accuracy of the estimate of the leader, against a truth: errors, and whether the covariance fits them.
 
-Scored are valid estimates from `settle` seconds after the truth begins. The NIS is a white sequence, so its mean
-has chi-square bounds for the number of images; the NEES of one flight is correlated throughout, so its bounds are
+Valid estimates count from `settle` seconds after the truth begins. The NIS is a white sequence, so its mean has
+chi-square bounds for the number of images; the NEES of one flight is correlated throughout, so its bounds are
 those of a single draw.
 """
 
 import csv
 import gzip
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -17,6 +18,7 @@ from onboard.arrays import Array
 from onboard.errors import UserError
 from onboard.filters.gating import chi_square_threshold, mean_bounds, normalised_squared
 from onboard.messages import Estimate, Record, Truth, Verdict
+from onboard.scoring.statistics import percent, rms
 
 SETTLE: Final = 15.0
 LAST: Final = 5.0  # "diverged" is judged over these last seconds
@@ -46,17 +48,8 @@ class Reference(NamedTuple):
     values: Array
 
 
-class Latency(Record, frozen=True, kw_only=True):
-    """Milliseconds. `p50`, `p99`: from exposure to publication; `receive_to_publish_*`: our own share of it."""
-
-    p50: float | None = None
-    p99: float | None = None
-    receive_to_publish_p50: float | None = None
-    receive_to_publish_p99: float | None = None
-
-
-class Score(Record, frozen=True, kw_only=True):
-    """A scorecard. Errors are RMS over the scored estimates; None where there is nothing to judge by."""
+class LeaderScore(Record, frozen=True, kw_only=True):
+    """Errors are RMS over the `scored` estimates; None where there is nothing to judge by."""
 
     estimates: int
     valid: int
@@ -77,6 +70,21 @@ class Score(Record, frozen=True, kw_only=True):
     diverged: bool
     resets: int
     verdicts: dict[str, int]
+
+
+class _Errors(NamedTuple):
+    """Errors of estimates: times (n,), norms (n,) in SI, fractions of the true range and size, bearing errors in
+    degrees, NEES of all components and of the position; degrees of freedom of the former."""
+
+    time: Array
+    position: Array
+    velocity: Array
+    range_fraction: Array
+    size_fraction: Array
+    bearing_deg: Array
+    nees: Array
+    position_nees: Array
+    dof: int
 
 
 def reference_from_csv(path: Path) -> Reference:
@@ -104,19 +112,21 @@ def reference_from_csv(path: Path) -> Reference:
 
 
 def reference_from_records(truths: Iterable[Truth]) -> Reference:
-    """Truth from a simulator's records, in time order, doubles dropped."""
+    """Truth from a simulator's records, in order of time, duplicates dropped."""
     rows = {t.t_ns: (*t.r_FL_n, *t.v_FL_n, t.size, t.a_lat, t.a_long) for t in truths}
     times = sorted(rows)
     values = np.array([rows[t] for t in times]).reshape(len(times), len(COLUMNS))
     return Reference(np.array(times) * 1e-9, tuple(COLUMNS.values()), values)
 
 
-def score(estimates: Sequence[Estimate], reference: Reference | None, settle: float = SETTLE) -> Score:
-    """The scorecard of one flight's estimates of one target; without a reference, what needs none."""
+def score_leader(
+    estimates: Sequence[Estimate], reference: Reference | None, settle: float = SETTLE
+) -> LeaderScore:
+    """The score of one flight's estimates of one target; without a reference, only what needs none."""
     valid = [e for e in estimates if e.valid and e.mean is not None and e.covariance is not None]
     begin = (reference.time[0] if reference is not None and len(reference.time) else _start(estimates)) + settle
-    judged = _errors(valid, reference) if reference is not None else None
-    errors = _since(judged, begin)
+    all_errors = _errors(valid, reference) if reference is not None else None
+    errors = _since(all_errors, begin)
     nis = [
         e.measurement.nis
         for e in estimates
@@ -126,52 +136,30 @@ def score(estimates: Sequence[Estimate], reference: Reference | None, settle: fl
         and e.measurement.t_ns * 1e-9 >= begin
     ]
     dof = next((len(e.measurement.components) for e in estimates if e.measurement is not None), 0)
-    verdicts: dict[str, int] = {}
-    for e in estimates:
-        if e.measurement is not None:
-            verdicts[e.measurement.verdict] = verdicts.get(e.measurement.verdict, 0) + 1
-    return Score(
+    return LeaderScore(
         estimates=len(estimates),
         valid=len(valid),
         scored=len(errors.time) if errors else 0,
         settle_s=settle,
-        range_error_rms_percent=_rms(errors.range_fraction * 100) if errors else None,
-        position_rmse_m=_rms(errors.position) if errors else None,
-        velocity_rmse_m_s=_rms(errors.velocity) if errors else None,
-        size_error_rms_percent=_rms(errors.size_fraction * 100) if errors else None,
+        range_error_rms_percent=rms(errors.range_fraction * 100) if errors else None,
+        position_rmse_m=rms(errors.position) if errors else None,
+        velocity_rmse_m_s=rms(errors.velocity) if errors else None,
+        size_error_rms_percent=rms(errors.size_fraction * 100) if errors else None,
         nees_mean=float(errors.nees.mean()) if errors else None,
         nees_dof=errors.dof if errors else 0,
         nees_bounds=_single_bounds(errors.dof) if errors else None,
-        inside_95_percent=errors.inside_percent(0.95) if errors else None,
+        inside_95_percent=percent(errors.position_nees < chi_square_threshold(0.95, 3)) if errors else None,
         nis_mean=float(np.mean(nis)) if nis else None,
         nis_dof=dof,
         nis_bounds=mean_bounds(dof, len(nis)) if nis else None,
         images_scored=len(nis),
-        diverged=_diverged(judged) if reference is not None else False,
+        diverged=_diverged(all_errors) if reference is not None else False,
         resets=estimates[-1].reset_count if estimates else 0,
-        verdicts=verdicts,
+        verdicts=dict(Counter(e.measurement.verdict for e in estimates if e.measurement is not None)),
     )
 
 
-class Errors(NamedTuple):
-    """Errors of the scored estimates: times (n,), norms (n,) in SI, fractions of the true range and size, NEES."""
-
-    time: Array
-    position: Array
-    velocity: Array
-    range_fraction: Array
-    size_fraction: Array
-    bearing: Array
-    nees: Array
-    position_nees: Array
-    dof: int
-
-    def inside_percent(self, probability: float) -> float:
-        """How often the true position lay inside the position ellipsoid of that probability, %."""
-        return float(np.mean(self.position_nees < chi_square_threshold(probability, 3))) * 100
-
-
-def _since(errors: Errors | None, begin: float) -> Errors | None:
+def _since(errors: _Errors | None, begin: float) -> _Errors | None:
     """The errors from a time on; None when there are none."""
     if errors is None or not (errors.time >= begin).any():
         return None
@@ -180,8 +168,8 @@ def _since(errors: Errors | None, begin: float) -> Errors | None:
     return errors._replace(**arrays)
 
 
-def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
-    """Errors against the truth interpolated at each estimate's time; None when no estimate can be judged."""
+def _errors(valid: Sequence[Estimate], reference: Reference) -> _Errors | None:
+    """_Errors against the truth interpolated at each estimate's time; None when no estimate can be judged."""
     times = np.array([e.t_ns * 1e-9 for e in valid])
     if not len(times) or not len(reference.time):
         return None
@@ -200,25 +188,26 @@ def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
     distance = np.linalg.norm(truth[:, r], axis=1)
     estimated = np.linalg.norm(mean[:, r], axis=1)
     cosine = np.sum(mean[:, r] * truth[:, r], axis=1) / (distance * estimated)
-    return Errors(
+    return _Errors(
         time=times[inside],
         position=np.linalg.norm(error[:, r], axis=1),
         velocity=np.linalg.norm(error[:, 3:6], axis=1),
         range_fraction=estimated / distance - 1,
         size_fraction=error[:, size] / truth[:, size],
-        bearing=np.degrees(np.arccos(np.clip(cosine, -1, 1))),
+        bearing_deg=np.degrees(np.arccos(np.clip(cosine, -1, 1))),
         nees=normalised_squared(error, P),
         position_nees=normalised_squared(error[:, r], P[:, r, r]),
         dof=len(columns),
     )
 
 
-def _diverged(errors: Errors | None) -> bool:
-    """Nothing valid to judge; or, over the last seconds, the mean range error above 50 % or the bearing 5 deg."""
+def _diverged(errors: _Errors | None) -> bool:
+    """Whether no estimate was valid, or over the last seconds the mean range error is above 50 % or the mean
+    bearing error above 5 degrees."""
     if errors is None:
         return True
     last = errors.time > errors.time[-1] - LAST
-    return bool(np.mean(np.abs(errors.range_fraction[last])) > 0.5 or np.mean(errors.bearing[last]) > 5.0)
+    return bool(np.mean(np.abs(errors.range_fraction[last])) > 0.5 or np.mean(errors.bearing_deg[last]) > 5.0)
 
 
 def _start(estimates: Sequence[Estimate]) -> float:
@@ -226,16 +215,5 @@ def _start(estimates: Sequence[Estimate]) -> float:
 
 
 def _single_bounds(dof: int) -> tuple[float, float]:
+    """Bounds that a single chi-square draw keeps with 95 %."""
     return chi_square_threshold(0.025, dof), chi_square_threshold(0.975, dof)
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def percentiles(milliseconds: Sequence[float]) -> tuple[float | None, float | None]:
-    """Median and 99th percentile, None of nothing."""
-    if not milliseconds:
-        return None, None
-    p50, p99 = np.percentile(np.array(milliseconds), [50, 99])
-    return float(p50), float(p99)

@@ -1,4 +1,4 @@
-"""A score for people: one table, each figure with its unit and, where there is one, the bound it should keep."""
+"""Scores printed: for each figure its value with the unit and, where there is one, the bound it should keep."""
 
 from collections.abc import Sequence
 
@@ -6,12 +6,13 @@ from rich.console import Console
 from rich.table import Table
 
 from onboard.messages import Health, NavState
-from onboard.scoring.leader import Latency, Score
-from onboard.scoring.own_state import OwnScore
+from onboard.scoring.leader import LeaderScore
+from onboard.scoring.own_state import OwnStateScore
+from onboard.scoring.statistics import Latency
 
 
-def print_score(console: Console, title: str, score: Score, latency: Latency | None = None) -> None:
-    """Print the scorecard. Frames: NED, leader relative to follower."""
+def print_leader_score(console: Console, title: str, score: LeaderScore, latency: Latency | None = None) -> None:
+    """Print the score of the leader's estimate as a table."""
     table = Table(title=title, title_justify="left", show_edge=False, pad_edge=False)
     table.add_column("")
     table.add_column("measured", justify="right")
@@ -21,9 +22,8 @@ def print_score(console: Console, title: str, score: Score, latency: Latency | N
     console.print(table)
 
 
-def score_rows(score: Score, latency: Latency | None) -> list[tuple[str, str, str]]:
+def score_rows(s: LeaderScore, latency: Latency | None) -> list[tuple[str, str, str]]:
     """(figure, value, what it should be) for each line."""
-    s = score
     rows = [("estimates", f"{s.estimates} ({s.valid} valid, {s.scored} scored)", "")]
     if s.range_error_rms_percent is not None:
         after = f"RMS, valid, after {s.settle_s:g} s"
@@ -50,18 +50,12 @@ def score_rows(score: Score, latency: Latency | None) -> list[tuple[str, str, st
     if latency is not None and latency.p50 is not None:
         own50, own99 = latency.receive_to_publish_p50, latency.receive_to_publish_p99
         rows.append(("exposure to publication", f"p50 {latency.p50:.2f} ms, p99 {latency.p99 or 0:.2f} ms", ""))
-        rows.append(
-            (
-                "  of it our own",
-                f"p50 {own50 or 0:.2f} ms, p99 {own99 or 0:.2f} ms",
-                "",
-            )
-        )
+        rows.append(("  of it our own", f"p50 {own50 or 0:.2f} ms, p99 {own99 or 0:.2f} ms", ""))
     return rows
 
 
 def print_health(console: Console, health: Health) -> None:
-    """Print what came in, and what was rejected and why."""
+    """Print the messages received, and those rejected with the reason."""
     streams = ", ".join(f"{name} {s.count}" for name, s in sorted(health.streams.items()))
     console.print(f"autopilot: {health.autopilot}; clock offset from {health.clock_source}", highlight=False)
     console.print(f"messages:  {streams or 'none'}", highlight=False)
@@ -69,8 +63,8 @@ def print_health(console: Console, health: Health) -> None:
     console.print(f"rejected:  {rejected or 'none'}", highlight=False)
 
 
-def print_own(console: Console, states: Sequence[NavState]) -> None:
-    """Print what became of our own state: how often it was valid, whether its covariance fits, what was wrong."""
+def print_own_state(console: Console, states: Sequence[NavState]) -> None:
+    """Print how often our own state was valid, whether its covariance fits, and the faults it reported."""
     if not states:
         return
     valid = sum(s.valid for s in states)
@@ -84,8 +78,8 @@ def print_own(console: Console, states: Sequence[NavState]) -> None:
         console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)
 
 
-def print_own_score(console: Console, score: OwnScore) -> None:
-    """Print how good our own state was."""
+def print_own_state_score(console: Console, score: OwnStateScore) -> None:
+    """Print the accuracy of our own state."""
     lines = [f"own state: {score.states} ({score.valid} valid), begun anew {score.resets} times"]
     if score.velocity_rmse_m_s is not None and score.attitude_rmse_deg is not None:
         errors = f"velocity {score.velocity_rmse_m_s:.3f} m/s, attitude {score.attitude_rmse_deg:.2f} degrees"

@@ -1,4 +1,4 @@
-"""Sinks: where records go, each behind its own bounded queue and in its own thread."""
+"""Sinks: outputs of records, each with its own bounded queue and its own thread."""
 
 from onboard.sinks.sink import BoundedQueue, Sink, SinkError, SinkRunner
 

@@ -1,8 +1,8 @@
-"""The flight recorder: every datagram as received, and the estimates beside it, in an MCAP file.
+"""The flight recorder: every datagram as received, and the estimates, in an MCAP file.
 
-What was flushed survives the process being killed, and, being synced to the disk, the battery being pulled:
-a recording then ends without an index and `onboard.wire.recording` reads it all the same. Nothing recorded is
-ever overwritten: an existing name gets a number.
+Flushed records are synced to the disk: they survive a killed process and a loss of power. Such a recording ends
+without an index; `onboard.wire.recording` reads it nevertheless. A recording is never overwritten: if the name
+exists, the new file gets a number.
 """
 
 import os
@@ -21,13 +21,13 @@ from onboard.sinks.sink import SinkError
 
 Recorded = Datagram | Estimate | OwnPose | Health
 
-FLUSH_S: Final = 1.0  # what a crash may cost
+FLUSH_S: Final = 1.0  # a crash loses at most this much
 CHUNK_BYTES: Final = 1 << 20
-CAPACITY: Final = 20_000  # records waiting: half a minute of a busy flight, should the card stall
+CAPACITY: Final = 20_000  # queued records: half a minute of a busy flight, if the card stalls
 
 
 class Recorder:
-    """Sink that writes `path`, or `path` with a number before its suffix if that exists already."""
+    """Sink that writes `path`, or `path` with a number before its suffix if that exists."""
 
     def __init__(self, path: Path, *, monotonic: Callable[[], float] = time.monotonic) -> None:
         self.path = path  # of the file being written, once open
@@ -42,7 +42,7 @@ class Recorder:
         self._t_recv_ns = 0
 
     def check(self) -> None:
-        """Whether `open` will find a folder it can write to, asked before the flight. Raises SinkError."""
+        """Check before the flight that the folder is writable; create it if necessary. Raises SinkError."""
         folder = self._wanted.parent
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -64,7 +64,7 @@ class Recorder:
         self._flush()
 
     def write(self, records: Sequence[Recorded]) -> None:
-        """Append; flush and sync when the last time is `FLUSH_S` ago."""
+        """Append records; flush and sync `FLUSH_S` after the last time."""
         for record in records:
             if isinstance(record, Datagram):
                 self._t_recv_ns = record.t_recv_ns
@@ -77,7 +77,7 @@ class Recorder:
             self._flush()
 
     def close(self) -> None:
-        """Write the index and close; what can still be saved of a recording whose disk failed is saved."""
+        """Write the index and close the file. If the disk fails, as much as possible is saved."""
         file, writer = self._file, self._writer
         self._file = self._writer = None
         if file is None:
@@ -87,12 +87,12 @@ class Recorder:
             file.flush()
             os.fdatasync(file.fileno())
         finally:
-            with suppress(OSError):  # closing flushes again what could not be written
+            with suppress(OSError):  # closing flushes again, which fails again
                 file.close()
 
     def _append(self, channel: int, data: bytes) -> None:
-        """One message at the time of the latest datagram: a record that was computed is logged at the arrival
-        that caused it."""
+        """Append one message at the time of the latest datagram: a computed record gets the arrival time of the
+        datagram that caused it."""
         self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns)
         self._unflushed += 1
 

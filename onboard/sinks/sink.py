@@ -1,8 +1,8 @@
-"""The one way records leave: a bounded drop-oldest queue, a thread behind it, and restarts with back-off.
+"""The one way for records to leave: a bounded drop-oldest queue, a thread behind it, and restarts with back-off.
 
-The event loop only ever appends to a queue. Opening, writing and closing a sink happen in the sink's own thread,
-so a full disk, a slow viewer or a stalled peer delays nobody else: `put` costs about a microsecond whatever the
-sink is doing. The thread is a daemon: one stuck in a write cannot keep the process from ending.
+The event loop only appends to a queue. A sink is opened, written and closed in its own thread, so a full disk, a
+slow viewer or a stalled peer delays nothing else: `put` takes about a microsecond whatever the sink is doing. The
+thread is a daemon thread: the process can end while it is stuck in a write.
 """
 
 import asyncio
@@ -18,7 +18,7 @@ from onboard.messages import SinkHealth
 T = TypeVar("T")
 In_contra = TypeVar("In_contra", contravariant=True)
 
-IDLE_S: Final = 0.25  # a sink is called this often at least, with nothing, so that it can flush
+IDLE_S: Final = 0.25  # without records, a sink is called with none this often, so that it can flush
 BATCH: Final = 1024
 FIRST_RETRY_S: Final = 0.5
 LONGEST_RETRY_S: Final = 30.0
@@ -26,26 +26,26 @@ CLOSE_TIMEOUT_S: Final = 3.0
 
 
 class SinkError(UserError):
-    """A sink cannot be opened; the message says which one, why, and what to do."""
+    """A sink cannot be opened; the message names the sink, the reason, and a remedy."""
 
 
 class Sink(Protocol[In_contra]):
-    """Where records go. All three are called in one thread, the sink's own, and may block or raise."""
+    """An output of records. Its methods are called in one thread, the sink's own, and may block or raise."""
 
     def open(self) -> None:
-        """Make ready; called again after each failure."""
+        """Prepare for writing. Called again after each failure."""
 
     def write(self, records: Sequence[In_contra]) -> None:
-        """Hand records on, oldest first. Empty when there was nothing for a while: a chance to flush."""
+        """Write records, oldest first. An empty sequence after a pause is an opportunity to flush."""
 
     def close(self) -> None:
-        """Release everything; must bear being called after an `open` that failed."""
+        """Release all resources. Also called after an `open` that failed."""
 
 
 class BoundedQueue(Generic[T]):
-    """Between one producer and one consumer thread; the oldest item makes room for the newest.
+    """A queue from one producer thread to one consumer thread. When it is full, the oldest item is dropped.
 
-    `put` neither waits nor fails. `dropped` counts exactly: an item is either taken or dropped.
+    `put` neither waits nor fails. `dropped` is exact: each item is either taken or dropped.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -56,15 +56,15 @@ class BoundedQueue(Generic[T]):
         self._items: queue.SimpleQueue[T] = queue.SimpleQueue()
 
     def put(self, item: T) -> None:
-        """Append. From the producer's thread only."""
-        with suppress(queue.Empty):  # the consumer made room meanwhile
+        """Append. Call it from the producer's thread only."""
+        with suppress(queue.Empty):  # the consumer has emptied it meanwhile
             while self._items.qsize() >= self._capacity:
                 self._items.get_nowait()
                 self.dropped += 1
         self._items.put(item)
 
     def take(self, limit: int, timeout: float) -> list[T]:
-        """Up to `limit` items, waiting at most `timeout` seconds for the first; none when none came."""
+        """Up to `limit` items; waits at most `timeout` seconds for the first, and returns none if none came."""
         items: list[T] = []
         with suppress(queue.Empty):
             items.append(self._items.get(timeout=timeout))
@@ -74,7 +74,7 @@ class BoundedQueue(Generic[T]):
 
 
 class SinkRunner(Generic[T]):
-    """One sink behind its queue. `put` from the event loop's thread; `run` is its (optional) task."""
+    """One sink with its queue. Call `put` from the event loop's thread; `run` is the sink's (optional) task."""
 
     def __init__(
         self,
@@ -96,37 +96,39 @@ class SinkRunner(Generic[T]):
         self._error = ""
 
     def put(self, record: T) -> None:
-        """Queue a record; never blocks, never raises. Before `run` has started it waits in the queue."""
+        """Queue a record. Never blocks, never raises; records wait in the queue until `run` starts."""
         self._queue.put(record)
 
     def health(self) -> SinkHealth:
-        """Counts so far. `error` is why the sink is not running now, "" when it is; a batch whose write failed
-        counts as dropped."""
+        """Counts so far. `error`: why the sink is not running now, "" if it is. A batch whose write failed counts
+        as dropped."""
         dropped = self._queue.dropped + self._lost
         return SinkHealth(sent=self._sent, dropped=dropped, restarts=self._restarts, error=self._error)
 
     async def run(self) -> None:
-        """Until cancelled; a failing sink is restarted, never raised. On cancellation what is queued is still
-        written and the sink closed, unless that takes longer than `close_timeout_s`."""
+        """Run until cancelled; a sink that fails is restarted, and its exception is not raised. On cancellation
+        the queued records are still written and the sink is closed, unless that takes longer than
+        `close_timeout_s`."""
         self._stop.clear()
         thread = threading.Thread(target=self._work, name=f"sink-{self.name}", daemon=True)
         thread.start()
         try:
-            await asyncio.get_running_loop().create_future()  # that nothing resolves
+            await asyncio.get_running_loop().create_future()  # which is never done
         finally:
             self._stop.set()
-            # To its very end: what it lets go of last may be in a library of Rust's, in which no thread must be
-            # when Python ends (`onboard.sinks.zenoh_session`).
+            # Wait for the thread's end: it may be inside a Rust library, where no thread may be when the
+            # interpreter ends (`onboard.sinks.zenoh_session`).
             await asyncio.to_thread(thread.join, self._close_timeout_s)
 
     def _work(self) -> None:
-        """The sink's thread: use it until told to stop, again after every failure, ever more slowly."""
+        """The sink's thread: use the sink until `_stop` is set; after each failure try again with a growing
+        delay."""
         delay_s = self._first_retry_s
         while True:
             sent = self._sent
             try:
                 self._use()
-            except BaseException as error:  # a panic in a library written in Rust is no Exception
+            except BaseException as error:  # a panic in a Rust library is no Exception
                 self._error = str(error) or type(error).__name__
                 self._restarts += 1
             if self._sent > sent:
@@ -136,13 +138,13 @@ class SinkRunner(Generic[T]):
             delay_s = min(2 * delay_s, LONGEST_RETRY_S)
 
     def _use(self) -> None:
-        """Open, write until told to stop, close."""
+        """Open, write until `_stop` is set, close."""
         sink = self._sink
         try:
             sink.open()
             self._error = ""
             while True:
-                stopping = self._stop.is_set()  # read before taking: what was put before the stop is written
+                stopping = self._stop.is_set()  # read before `take`: records put before the stop are written
                 records = self._queue.take(BATCH, 0.0 if stopping else IDLE_S)
                 self._lost += len(records)
                 sink.write(records)

@@ -1,10 +1,10 @@
 """The sink that publishes over Zenoh.
 
-Below `onboard/<vehicle>/`: `estimate/<name>`, `own_state`, `ownship` and `health` are published as JSON and
-answer queries with the latest value; the attachment of what is published is the time of publication, in ns of
-this computer's clock, as decimal ASCII; the liveliness token `alive` is there while the program is. A reply
-carries the attachment `{"age_s": ..., "stale": ...}`, and an estimate published longer ago than the validity
-timeout comes back as lost and not valid: a late joiner can never take an old value for a fresh one.
+Below `onboard/<vehicle>/`: `estimate/<name>`, `own_state`, `ownship` and `health` are published as JSON, and
+queries return the latest value. The attachment of a published record is the time of publication, in ns of this
+computer's clock, as decimal ASCII. The liveliness token `alive` exists while the program runs. A reply has the
+attachment `{"age_s": ..., "stale": ...}`; in it an estimate older than the validity timeout is lost and not valid,
+so that a late joiner cannot mistake an old value for a new one.
 """
 
 import time
@@ -20,7 +20,7 @@ from onboard.sinks.zenoh_session import ZenohSession
 
 Published = Estimate | OwnPose | Health
 
-CAPACITY: Final = 2048  # records waiting; a second or two, or the tracks of a busy sky a few times
+CAPACITY: Final = 2048  # queued records: one or two seconds, or several updates of many tracks
 QUERYABLE: Final = ("estimate/**", "own_state", "ownship", "health")
 
 
@@ -45,7 +45,7 @@ class ZenohSink:
         self._declared: list[Any] = []
 
     def open(self) -> None:
-        """Declare the queryables and, last, that we are alive. Raises SinkError when the session is closed."""
+        """Declare the queryables and, last, the liveliness token. Raises SinkError if the session is closed."""
         if self._session.is_closed():
             raise SinkError("zenoh: the session is closed")
         for pattern in QUERYABLE:
@@ -54,22 +54,18 @@ class ZenohSink:
         self._declared.append(self._session.liveliness().declare_token(f"{self._prefix}/alive"))
 
     def write(self, records: Sequence[Published]) -> None:
-        """Publish each."""
+        """Publish each record."""
         for record in records:
             key = f"{self._prefix}/{key_of(record)}"
             publisher = self._publishers.get(key) or self._declare(key)
             self._latest[key] = record, self._monotonic()
             publisher.put(self._encoder.encode(record), attachment=b"%d" % self._now_ns())
-            if (
-                isinstance(record, Estimate)
-                and record.target != record.name
-                and record.state is Lifecycle.SEARCHING
-            ):
-                self._publishers.pop(key).undeclare()  # the last word on one of many, of which there is no end
+            if isinstance(record, Estimate) and not record.is_primary and record.state is Lifecycle.SEARCHING:
+                self._publishers.pop(key).undeclare()  # this target is gone; else publishers would accumulate
                 del self._latest[key]
 
     def close(self) -> None:
-        """Undeclare everything, the token first."""
+        """Undeclare everything in reverse order."""
         declared = [*self._declared, *self._publishers.values()]
         self._declared, self._publishers = [], {}
         if not self._session.is_closed():
@@ -85,7 +81,7 @@ class ZenohSink:
         return publisher
 
     def _answer(self, query: Any) -> None:
-        """Reply with the latest values the query asks for. On one of Zenoh's threads."""
+        """Reply with the latest values that match the query. Runs in one of Zenoh's threads."""
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
         with query:

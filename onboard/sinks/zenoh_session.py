@@ -1,4 +1,4 @@
-"""The one Zenoh session of a program: how it takes part, and how it ends."""
+"""The one Zenoh session of a program: configuration, opening and closing."""
 
 import queue
 import threading
@@ -19,10 +19,10 @@ CLOSE_TIMEOUT_S: Final = 2.0
 
 
 class ZenohConfig(Record, frozen=True, kw_only=True):
-    """How to take part in Zenoh. The defaults make us the router on this computer's loopback and nothing else.
+    """Configuration of Zenoh. By default the program is a router on this computer's loopback interface only.
 
-    `config_file` is a Zenoh JSON5 file for what is not here (TLS, passwords, access control); what it leaves
-    unsaid keeps our defaults, and `mode`, `listen` and `connect` then count only where it does.
+    `config_file` is a Zenoh JSON5 file for further settings (TLS, passwords, access control). It takes precedence;
+    settings that it does not contain keep our defaults, `mode`, `listen` and `connect` included.
     """
 
     enabled: bool = True
@@ -34,74 +34,74 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
     config_file: str | None = None
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a vehicle that cannot stand in a key."""
+        """Raises ValueError for a vehicle that cannot be part of a key."""
         v = self.vehicle
         if not v or not v.isascii() or not v.isprintable() or any(c in FORBIDDEN or c.isspace() for c in v):
-            raise ValueError(f"vehicle {v!r} cannot be part of a key: use letters, digits, - and _, as uav-1")
+            raise ValueError(f"vehicle {v!r} cannot be part of a key: use letters, digits, - and _, such as uav-1")
 
     @property
     def prefix(self) -> str:
-        """What all our keys begin with."""
+        """The beginning of all our keys."""
         return f"onboard/{self.vehicle}"
 
 
 class ZenohSession:
-    """A `zenoh.Session` whose `close` returns when no thread of Zenoh's runs Python any more.
+    """A `zenoh.Session` whose `close` waits until no thread of Zenoh runs Python code. Other attributes are the
+    session's.
 
-    Each callback is called in a Python thread of its own, which ends some time after what it was declared for.
-    One that is still there when the interpreter ends is unwound by it through Zenoh's code, and Rust answers that
-    by aborting the process ("FATAL: exception not rethrown") although all had gone well. What is not here is the
-    session's own.
+    Zenoh calls each callback in its own Python thread, which ends some time after its subscriber or queryable. If
+    such a thread still runs when the interpreter ends, the interpreter unwinds it through Zenoh's code, and Rust
+    aborts the process ("FATAL: exception not rethrown") after a successful run.
     """
 
     def __init__(self, session: Any) -> None:
         self._session = session
-        self._lock = threading.Lock()  # so that nothing is being declared while we close
+        self._lock = threading.Lock()  # prevents declarations during `close`
         self._started = 0
         self._ending: queue.SimpleQueue[threading.Thread] = queue.SimpleQueue()
 
     def __getattr__(self, name: str) -> Any:
-        """The session's own."""
+        """The session's attribute."""
         return getattr(self._session, name)
 
     def declare_subscriber(self, key: str, callback: Callable[[Any], None]) -> Any:
-        """A subscriber. Raises SinkError when the session is closed."""
+        """Declare a subscriber. Raises SinkError if the session is closed."""
         with self._lock:
-            return self._session.declare_subscriber(key, self._followed(callback))
+            return self._session.declare_subscriber(key, self._counted(callback))
 
     def declare_queryable(self, key: str, callback: Callable[[Any], None]) -> Any:
-        """A queryable. Raises SinkError when the session is closed."""
+        """Declare a queryable. Raises SinkError if the session is closed."""
         with self._lock:
-            return self._session.declare_queryable(key, self._followed(callback))
+            return self._session.declare_queryable(key, self._counted(callback))
 
     def watch_liveliness(self, key: str, callback: Callable[[Any], None]) -> Any:
-        """A subscriber to liveliness tokens, told of those already there, too. Raises SinkError when closed."""
+        """Subscribe to liveliness tokens, existing ones included. Raises SinkError if the session is closed."""
         with self._lock:
-            return self._session.liveliness().declare_subscriber(key, self._followed(callback), history=True)
+            return self._session.liveliness().declare_subscriber(key, self._counted(callback), history=True)
 
     def close(self) -> None:
-        """Undeclare everything, and wait for the callbacks that run, though not for ever."""
+        """Undeclare everything, and wait at most `CLOSE_TIMEOUT_S` for running callbacks."""
         with self._lock:
             self._session.close()
             started, self._started = self._started, 0
         deadline = time.monotonic() + CLOSE_TIMEOUT_S
         for _ in range(started):
-            with suppress(queue.Empty):  # stuck in a callback
+            with suppress(queue.Empty):  # a callback is stuck
                 thread = self._ending.get(timeout=max(deadline - time.monotonic(), 0.0))
                 thread.join(max(deadline - time.monotonic(), 0.0))
 
-    def _followed(self, callback: Callable[[Any], None]) -> Any:
-        """The callback, whose thread says so when it has nothing more to do."""
+    def _counted(self, callback: Callable[[Any], None]) -> Any:
+        """The callback; its thread is put into `_ending` when Zenoh drops it."""
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
-        if self._session.is_closed():  # declaring would start a thread all the same
+        if self._session.is_closed():  # a declaration would start a thread nevertheless
             raise SinkError("zenoh: the session is closed")
         self._started += 1
         return zenoh.handlers.Callback(callback, lambda: self._ending.put(threading.current_thread()))
 
 
 def open_session(config: ZenohConfig) -> ZenohSession:
-    """Open the session; blocks for some ten milliseconds (client and connect: until the peer answers).
+    """Open the session. Blocks for about ten milliseconds (with mode client or `connect`: until the peer answers).
 
     Raises SinkError: port in use, no router there, unreadable file.
     """
@@ -114,17 +114,17 @@ def open_session(config: ZenohConfig) -> ZenohSession:
 
 
 def _explanation(config: ZenohConfig, error: str) -> str:
-    """One line for what Zenoh says at length."""
+    """Zenoh's error in one line."""
     if "Address already in use" in error:
         return f"zenoh: {', '.join(config.listen)} is in use: is another router, or another onboard, running?"
     if config.mode == "client":
         return f"zenoh: no router answers at {', '.join(config.connect) or 'any address: set connect'}"
-    reason = error.splitlines()[0].split(" at /")[0]  # the rest names places in Zenoh's sources
+    reason = error.splitlines()[0].split(" at /")[0]  # the rest are places in Zenoh's sources
     return f"zenoh: cannot open a session ({reason})"
 
 
 def _zenoh_config(config: ZenohConfig) -> Any:
-    """Zenoh's form of it. Raises SinkError when the file cannot be read."""
+    """The configuration in Zenoh's form. Raises SinkError if the file cannot be read."""
     import zenoh  # noqa: PLC0415 - replay never loads it
 
     untouched = zenoh.Config()
@@ -137,16 +137,16 @@ def _zenoh_config(config: ZenohConfig) -> Any:
         "mode": config.mode,
         "listen/endpoints": [] if config.mode == "client" else list(config.listen),
         "connect/endpoints": list(config.connect),
-        "scouting/delay": 0,  # opening would wait half a second for the answers to a scouting we do not do
+        "scouting/delay": 0,  # else opening would wait half a second for replies to scouting, which is off
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/rx/max_message_size": config.max_message_size,
-        # Room for a tenth of a second of estimates, so that a subscriber may be busy for a moment; when it is
-        # full, drop at once rather than wait a millisecond (50 for fragments) for a peer that does not read.
+        # Room for 0.1 s of estimates, so that a subscriber may be busy for a moment. When it is full, drop at once
+        # instead of waiting 1 ms (50 for fragments) for a peer that does not read.
         "transport/link/tx/queue/size/data": 16,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
         "transport/link/tx/queue/congestion_control/drop/max_wait_before_drop_fragments": 0,
-        # A killed process would leave segments behind, and our messages are too short to gain by it.
+        # A killed process would leave segments behind, and our messages are too short to benefit.
         "transport/shared_memory/enabled": False,
     }
     for key, value in ours.items():

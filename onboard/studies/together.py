@@ -1,4 +1,4 @@
-"""All studies, two at a time, each with half of the cores: while one draws its figures, the other goes on."""
+"""All studies, two at a time, each with half of the cores: while one draws its figures, the other computes."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -16,58 +16,59 @@ from onboard import studies
 from onboard.studies.report.workers import Progress
 
 AT_ONCE: Final = 2
-# what takes longest goes first, so that the last ones are short; measured
-LONGEST: Final = (
+# the slowest first (as measured), so that the last ones are short
+SLOWEST: Final = (
     *("relative-motion", "csvsf-quadrotor", "traffic", "own-state"),
     *("joseph-srukf-sense-and-avoid", "ukf-radar-launch-vehicle"),
 )
 
-Told = Callable[[str, int, int], None]
-Said = tuple[str, int, int] | None
+StudyProgress = Callable[[str, int, int], None]
 
 
 def run_study(
     name: str, seeds: int | None, out: Path, progress: Progress, jobs: int | None = None
 ) -> dict[str, Any]:
-    """One study, by its name, in `jobs` processes (None: one per core); its files go to a folder of `out`. Its
-    numbers as plain values.
+    """Run a study in `jobs` processes (None: one per core), and give its result as plain values. Its files go to a
+    folder of `out`.
 
     Raises ImportError where figures cannot be drawn.
     """
     module = import_module(f"{studies.__name__}.{name.replace('-', '_')}.study")
-    asked = {} if seeds is None else {"seeds": seeds}
-    numbers: dict[str, Any] = msgspec.to_builtins(
-        module.run(**asked, jobs=jobs, out=out / name, progress=progress)
-    )
-    return numbers
+    given = {} if seeds is None else {"seeds": seeds}
+    result: dict[str, Any] = msgspec.to_builtins(module.run(**given, jobs=jobs, out=out / name, progress=progress))
+    return result
 
 
-def run_all(names: Sequence[str], seeds: int | None, out: Path, told: Told) -> dict[str, dict[str, Any]]:
-    """Every study of these names, in their order. `told(name, done, total)` is called, from a thread, as parts of
-    them finish. Raises what a study does; those not begun then never are."""
+def run_all(
+    names: Sequence[str], seeds: int | None, out: Path, on_progress: StudyProgress
+) -> dict[str, dict[str, Any]]:
+    """Run every study of these names; the results are in their order. `on_progress(name, done, total)` is called,
+    from a thread, as parts finish. If a study raises, this raises the same and begins no other."""
     context = get_context("spawn")
-    order = sorted(names, key=lambda name: LONGEST.index(name) if name in LONGEST else len(LONGEST))
-    found: dict[str, dict[str, Any]] = {}
+    order = sorted(names, key=lambda name: SLOWEST.index(name) if name in SLOWEST else len(SLOWEST))
+    results: dict[str, dict[str, Any]] = {}
     with context.Manager() as manager, ProcessPoolExecutor(AT_ONCE, context) as pool:
-        queue: Queue[Said] = manager.Queue()
-        listener = Thread(target=_listen, args=(queue, told), daemon=True)
+        queue: Queue[tuple[str, int, int] | None] = manager.Queue()
+        listener = Thread(target=_listen, args=(queue, on_progress), daemon=True)
         listener.start()
-        running = {pool.submit(_child, queue, name, seeds, out): name for name in order}
+        running = {pool.submit(_run_in_child, queue, name, seeds, out): name for name in order}
         try:
             for done in as_completed(running):
-                found[running[done]] = done.result()
+                results[running[done]] = done.result()
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             queue.put(None)
             listener.join()
-    return {name: found[name] for name in names}
+    return {name: results[name] for name in names}
 
 
-def _child(queue: "Queue[Said]", name: str, seeds: int | None, out: Path) -> dict[str, Any]:
+def _run_in_child(
+    queue: "Queue[tuple[str, int, int] | None]", name: str, seeds: int | None, out: Path
+) -> dict[str, Any]:
     jobs = max(1, (os.cpu_count() or 1) // AT_ONCE)  # with one, a study starts no process of its own
     return run_study(name, seeds, out, lambda done, total: queue.put((name, done, total)), jobs)
 
 
-def _listen(queue: "Queue[Said]", told: Told) -> None:
-    while (heard := queue.get()) is not None:
-        told(*heard)
+def _listen(queue: "Queue[tuple[str, int, int] | None]", on_progress: StudyProgress) -> None:
+    while (report := queue.get()) is not None:
+        on_progress(*report)

@@ -1,7 +1,7 @@
 """The live view: a client of the published records.
 
-It draws records in Rerun and knows nothing of the filter. It is meant for a process of its own, fed from Zenoh,
-or for replay, which hands it the records: either way it cannot stall an estimator. Rerun is the extra
+It draws records in Rerun and knows nothing of the filters. It runs in a process of its own, fed from Zenoh, or in
+a replay, which hands it the records: either way it cannot stall an estimator. Rerun is the extra
 `pip install wingline[view]`; this package imports without it, `onboard.view.view` and its neighbours do not.
 
     Records -> drawing -> Columns -> (every 0.1 s of flight) -> one Rerun stream -> viewer and/or .rrd

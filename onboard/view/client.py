@@ -1,4 +1,4 @@
-"""A client of a running daemon: subscribes to what it and a simulator publish. The view and the demo read this.
+"""A client of a running daemon, for the view and the demo: subscribes to what it and a simulator publish.
 
 Records arrive on Zenoh's threads and wait in a queue until they are taken.
 """
@@ -23,14 +23,14 @@ KINDS: Final[dict[str, type[Record]]] = {
 
 
 class Received(NamedTuple):
-    """A record, and when its publisher sent it on (ns, this computer's clock; None if it did not say)."""
+    """A record, and the time of its publication (ns, this computer's clock; None if the publisher sent none)."""
 
     record: Any
     t_publish_ns: int | None
 
 
 class Client:
-    """A subscription to one vehicle's daemon, and to the simulator's truth beside it.
+    """A subscription to one vehicle's daemon, and to the simulator's truth.
 
     Raises SinkError when no daemon answers at `endpoint`.
     """
@@ -42,21 +42,12 @@ class Client:
         self._records: queue.SimpleQueue[Received] = queue.SimpleQueue()
         self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in KINDS.items()}
         self._session = open_session(config)
-        self._subscribers = [
-            self._session.declare_subscriber(key, self._receive)
-            for key in (
-                f"{config.prefix}/estimate/**",
-                f"{config.prefix}/own_state",
-                f"{config.prefix}/ownship",
-                f"{config.prefix}/health",
-            )
-        ]
-        self._subscribers += [
-            self._session.declare_subscriber(f"simlink/{vehicle}/{name}", self._receive)
-            for name in ("truth", "status")
-        ]
-        token = f"{config.prefix}/alive"
-        self._subscribers.append(self._session.watch_liveliness(token, self._see_alive))
+        keys = (
+            *(f"{config.prefix}/{name}" for name in ("estimate/**", "own_state", "ownship", "health")),
+            *(f"simlink/{vehicle}/{name}" for name in ("truth", "status")),
+        )
+        self._subscribers = [self._session.declare_subscriber(key, self._receive) for key in keys]
+        self._subscribers.append(self._session.watch_liveliness(f"{config.prefix}/alive", self._update_alive))
 
     def take(self, timeout: float) -> Received | None:
         """The next record, None if none comes within `timeout` seconds."""
@@ -66,11 +57,11 @@ class Client:
             return None
 
     def close(self) -> None:
-        """Leave. What was received can still be taken."""
+        """End the subscription. Records received before can still be taken."""
         self._session.close()
 
     def _receive(self, sample: Any) -> None:
-        """On one of Zenoh's threads."""
+        """Queue a record; called on one of Zenoh's threads."""
         parts = str(sample.key_expr).split("/")
         name = "estimate" if "estimate" in parts else parts[-1]
         attachment = sample.attachment
@@ -82,7 +73,7 @@ class Client:
             return
         self._records.put(Received(record, t_publish_ns))
 
-    def _see_alive(self, sample: Any) -> None:
+    def _update_alive(self, sample: Any) -> None:
         import zenoh  # noqa: PLC0415 - loaded already: there is a session
 
         if sample.kind == zenoh.SampleKind.PUT:

@@ -1,4 +1,4 @@
-"""Rows gathered here, sent as columns.
+"""Rows gathered into columns, and sent as those.
 
 Logging one row of one entity costs 30 to 150 us, a row of a column a few: so rows wait until a tenth of a second
 of flight is together and then go out at once. A row's kind is the function that turns its values into columns.
@@ -19,15 +19,15 @@ Kind = Callable[[Sequence[Any]], Any]
 
 
 class Pose(NamedTuple):
-    """Where an entity is in its parent: translation m, rotation (scalar first), scale of its three axes."""
+    """Pose of an entity in its parent: translation m, quaternion (scalar first), scale of its three axes."""
 
     translation: ArrayLike
     q: ArrayLike
     scale: ArrayLike
 
 
-class Spots(NamedTuple):
-    """Points in the image, px (n, 2), their colour and one label for the first of them."""
+class ImagePoints(NamedTuple):
+    """Points in the image, px (n, 2), their colour, and a label of the first."""
 
     positions: Array
     colour: tuple[int, ...]
@@ -35,7 +35,7 @@ class Spots(NamedTuple):
 
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
-# a scale of nothing: what has no place yet must not be drawn at the origin
+# a scale of zero: an entity without a position yet must not be drawn at the origin
 HIDDEN = Pose((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, 0.0))
 
 
@@ -55,8 +55,8 @@ def poses(values: Sequence[Pose]) -> Any:
     )
 
 
-def spots(values: Sequence[Spots]) -> Any:
-    """Columns of coloured image points; a row of none takes the last ones away."""
+def image_points(values: Sequence[ImagePoints]) -> Any:
+    """Columns of coloured image points; a row of none removes the last ones."""
     lengths = [len(v.positions) for v in values]
     colours = [v.colour for v in values for _ in v.positions]
     positions = np.concatenate([np.asarray(v.positions, dtype=float).reshape(-1, 2) for v in values])
@@ -66,7 +66,7 @@ def spots(values: Sequence[Spots]) -> Any:
     ]
 
 
-def labels(values: Sequence[Spots]) -> Any:
+def labels(values: Sequence[ImagePoints]) -> Any:
     """Columns of one labelled point each."""
     return rr.Points2D.columns(
         positions=np.concatenate([v.positions for v in values]),
@@ -86,17 +86,18 @@ def circles(values: Sequence[tuple[Array, float]]) -> Any:
 
 
 def lines_2d(values: Sequence[Array]) -> Any:
-    """Columns of one line in the image each, (n, 2) px; n = 0 takes the last one away."""
-    return rr.LineStrips2D.columns(strips=[v for v in values if len(v)]).partition(
-        [int(len(v) > 0) for v in values]
-    )
+    """Columns of one line in the image each, (n, 2) px; n = 0 removes the last one."""
+    return _lines(rr.LineStrips2D, values)
 
 
 def lines_3d(values: Sequence[Array]) -> Any:
-    """Columns of one line in space each, (n, 3) m; n = 0 takes the last one away."""
-    return rr.LineStrips3D.columns(strips=[v for v in values if len(v)]).partition(
-        [int(len(v) > 0) for v in values]
-    )
+    """Columns of one line in space each, (n, 3) m; n = 0 removes the last one."""
+    return _lines(rr.LineStrips3D, values)
+
+
+def _lines(archetype: Any, values: Sequence[Array]) -> Any:
+    columns = archetype.columns(strips=[v for v in values if len(v)])
+    return columns.partition([int(len(v) > 0) for v in values])
 
 
 def colours_2d(values: Sequence[tuple[int, ...]]) -> Any:
@@ -129,7 +130,7 @@ def tags(values: Sequence[tuple[ArrayLike, tuple[int, ...], str]]) -> Any:
 
 
 def no_tags(values: Sequence[None]) -> Any:
-    """Columns that take the last tag away."""
+    """Columns that remove the last tag."""
     return rr.Points3D.columns(positions=np.zeros((0, 3))).partition([0] * len(values))
 
 

@@ -1,4 +1,4 @@
-"""How the window opens: what is where, on 1400 x 900. The blueprint goes with the data, so nobody arranges it."""
+"""The layout of the window, for 1400 x 900. The blueprint goes with the data, so that it need not be arranged."""
 
 from onboard.geometry.camera import Camera
 from onboard.view import scene, traffic
@@ -9,6 +9,8 @@ from onboard.view.words import plain
 WINDOW_S = 30.0  # of flight in every plot
 TRAIL_S = 10.0
 BACKGROUND = [18, 20, 23]
+
+Point = tuple[float, float, float]
 
 
 def last(seconds: float) -> "rrb.VisibleTimeRanges":
@@ -26,7 +28,7 @@ def time_axis() -> "rrb.TimeAxis":
 
 
 def plot(name: str, entity: str, *, legend: bool = False) -> "rrb.TimeSeriesView":
-    """A plot of one subtree whose time axis runs with the others."""
+    """A plot of one subtree; all plots share their time axis."""
     return rrb.TimeSeriesView(
         name=name,
         origin=f"/plots/{entity}",
@@ -47,26 +49,27 @@ def banner() -> "rrb.Spatial2DView":
     )
 
 
+def orbit(position: Point, target: Point) -> "rrb.EyeControls3D":
+    """The camera of a 3-D view at `position`, looking at `target` and turning about it; m, z down."""
+    kind = rrb.Eye3DKind.Orbital
+    return rrb.EyeControls3D(kind=kind, position=position, look_target=target, eye_up=(0.0, 0.0, -1.0))
+
+
 def chase_view() -> "rrb.Spatial3DView":
-    """From behind and above, turning with our nose: the leader stays ahead."""
+    """From behind and above, turning with our heading: the leader stays ahead."""
     return rrb.Spatial3DView(
         name=f"Chase view: 10 m grid at our altitude, leader drawn at {scene.ENLARGEMENT:.0f} times its size",
         origin=f"/{scene.HEADING}",
         contents=[
             f"+ /{scene.SCENE}/**",
-            # the truth's outline would cover the leader at this distance; its trail and the close view show it
+            # its outline would cover the leader at this distance; the truth has its trail and the close view
             *(
                 f"- /{entity}/**"
                 for entity in (scene.HEADING, scene.LEADER_TRUTH, scene.TRUE_SIZE, scene.MAGNIFIER)
             ),
             *(f"- /{scene.CAMERA}/{name}" for name in ("verdict", "frame")),
         ],
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            position=(-5.5, -7.5, -10.0),
-            look_target=(9.0, 0.0, 0.5),
-            eye_up=(0.0, 0.0, -1.0),
-        ),
+        eye_controls=orbit((-5.5, -7.5, -10.0), (9.0, 0.0, 0.5)),
         line_grid=False,
         spatial_information=rrb.SpatialInformation.from_fields(show_axes=False),
         background=BACKGROUND,
@@ -80,12 +83,7 @@ def close_view() -> "rrb.Spatial3DView":
         name="Leader, close",
         origin=f"/{scene.AROUND_LEADER}",
         contents=[f"+ /{entity}/**" for entity in (scene.TRUE_SIZE, scene.LEADER_TRUTH, scene.UNCERTAINTY)],
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            position=(-3.5, -2.6, -2.4),
-            look_target=(0.0, 0.0, 0.0),
-            eye_up=(0.0, 0.0, -1.0),
-        ),
+        eye_controls=orbit((-3.5, -2.6, -2.4), (0.0, 0.0, 0.0)),
         line_grid=False,
         spatial_information=rrb.SpatialInformation.from_fields(show_axes=False),
         background=BACKGROUND,
@@ -105,7 +103,7 @@ def camera_view(camera: Camera) -> "rrb.Spatial2DView":
 
 
 def traffic_view() -> "rrb.Spatial2DView":
-    """Other aircraft about us."""
+    """The map of other aircraft."""
     bounds = [-0.5 * traffic.SHOWN, 0.5 * traffic.SHOWN]
     return rrb.Spatial2DView(
         name="Traffic: north up, ways of the next 20 s relative to us",
@@ -116,7 +114,7 @@ def traffic_view() -> "rrb.Spatial2DView":
 
 
 def plots() -> "rrb.Tabs":
-    """Six pages of plots, and one of traffic; the first answers "where is it, and can I believe it"."""
+    """Six pages of plots, and one of traffic; the first shows where the leader is, and how far to trust that."""
     return rrb.Tabs(
         rrb.Vertical(
             plot("Range [m]: estimate ±3σ, truth white", "range"),
@@ -168,7 +166,7 @@ def plots() -> "rrb.Tabs":
 
 
 def window(camera: Camera) -> "rrb.Horizontal":
-    """Space on the left, time on the right."""
+    """The scene on the left, plots on the right."""
     return rrb.Horizontal(
         rrb.Vertical(
             banner(),

@@ -1,21 +1,21 @@
-"""What the view remembers between records: the neighbours in time that a picture needs, and nothing else."""
+"""What the view keeps between records: the latest of each kind, and what a later record needs of earlier ones."""
 
 from collections import deque
 from dataclasses import dataclass, field
 
 from onboard.messages import Estimate, MeasurementReport, OwnPose, Truth
-from onboard.view.motion import Track
+from onboard.view.motion import LeaderState
 
 NEVER = -(10**18)
 
 
 @dataclass(eq=False)
 class Memory:
-    """The latest of everything; `due` holds, by name, when something was last drawn."""
+    """The latest of everything; `drawn_ns`: when each thing was last drawn, by name."""
 
     own: OwnPose | None = None
     truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=100))
-    waiting: deque[Track] = field(default_factory=lambda: deque(maxlen=200))  # for the truth of their time
+    waiting: deque[LeaderState] = field(default_factory=lambda: deque(maxlen=200))  # for a truth of their time
     report: MeasurementReport | None = None
     t_image_ns: int = NEVER
     drawn_ns: dict[str, int] = field(default_factory=dict)
@@ -27,7 +27,7 @@ class Memory:
     error: float | None = None  # distance of the last estimate from the truth, m
 
     def due(self, name: str, t_ns: int, hz: float) -> bool:
-        """Whether to draw this at t_ns, at no more than `hz`; notes it when so."""
+        """Whether to draw this at t_ns, at no more than `hz`; if so, remembers it as drawn."""
         # a tenth of slack, or a stream at just this rate would lose every other record to its jitter
         if t_ns - self.drawn_ns.get(name, NEVER) < 0.9e9 / hz:
             return False

@@ -13,8 +13,9 @@ from onboard.messages import Estimate, OwnPose, Truth
 COMPONENTS = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")
 
 
-class Track(NamedTuple):
-    """An estimate as arrays: mean (9,) in the order of COMPONENTS, covariance (9, 9); NaN where not estimated."""
+class LeaderState(NamedTuple):
+    """An estimate of the leader as arrays: mean (9,) in the order of COMPONENTS, covariance (9, 9); NaN where not
+    estimated."""
 
     t_ns: int
     mean: Array
@@ -31,8 +32,8 @@ class Track(NamedTuple):
         return np.asarray(np.sqrt(np.clip(np.diag(self.covariance), 0.0, None)))
 
 
-def track_of(estimate: Estimate) -> Track | None:
-    """The track in an estimate; None if it has none, or if its relative position is not finite."""
+def leader_state(estimate: Estimate) -> LeaderState | None:
+    """The state in an estimate; None if it has none, or if its relative position is not finite."""
     if estimate.mean is None or estimate.covariance is None:
         return None
     order = {name: i for i, name in enumerate(estimate.components)}
@@ -45,12 +46,12 @@ def track_of(estimate: Estimate) -> Track | None:
     covariance[np.ix_(known, known)] = np.asarray(estimate.covariance, dtype=float)[np.ix_(source, source)]
     if not (np.all(np.isfinite(mean[:3])) and np.all(np.isfinite(covariance[:3, :3]))):
         return None
-    return Track(t_ns=estimate.t_ns, mean=mean, covariance=covariance)
+    return LeaderState(t_ns=estimate.t_ns, mean=mean, covariance=covariance)
 
 
-class Sight(NamedTuple):
-    """Along the line of sight: range m, its sigma m, closing speed m/s (positive when closing), and the larger
-    sigma across, m."""
+class RangeEstimate(NamedTuple):
+    """Range and its sigma, m; closing speed, m/s, positive when closing; the larger position sigma across the line
+    of sight, m."""
 
     range: float
     sigma: float
@@ -58,16 +59,16 @@ class Sight(NamedTuple):
     sigma_across: float
 
 
-def sight(track: Track) -> Sight:
-    """Range, closing speed and their uncertainty of a track."""
-    distance = float(np.linalg.norm(track.r))
-    u = track.r / max(distance, 1e-6)
-    P = track.covariance[:3, :3]
+def range_estimate(leader: LeaderState) -> RangeEstimate:
+    """The components of a state along and across the line of sight."""
+    distance = float(np.linalg.norm(leader.r))
+    u = leader.r / max(distance, 1e-6)
+    P = leader.covariance[:3, :3]
     across = np.eye(3) - np.outer(u, u)
-    return Sight(
+    return RangeEstimate(
         range=distance,
         sigma=float(np.sqrt(max(float(u @ P @ u), 0.0))),
-        closing=float(-u @ track.mean[3:6]),
+        closing=float(-u @ leader.mean[3:6]),
         sigma_across=float(np.sqrt(max(np.linalg.eigvalsh(across @ P @ across)[-1], 0.0))),
     )
 
@@ -81,7 +82,7 @@ def ellipsoid(P: Array, sigmas: float) -> tuple[Array, Array]:
 
 
 def course_quaternion(v_n: ArrayLike) -> Array:
-    """Attitude (4,) of something flying straight along v_n (3,), wings level: what is known without more."""
+    """Attitude (4,) of an aircraft flying straight along v_n (3,), wings level: all that a velocity tells."""
     north, east, down = np.asarray(v_n, dtype=float)
     return quaternion_from_euler(
         0.0, float(np.arctan2(-down, np.hypot(north, east))), float(np.arctan2(east, north))
@@ -95,7 +96,7 @@ def heading_quaternion(q_nb: ArrayLike) -> Array:
 
 
 def own_position(pose: OwnPose, t_ns: int) -> Array:
-    """Our position r_OF_n (3,) at t_ns, carried on at constant velocity from the latest pose."""
+    """Our position r_OF_n (3,) at t_ns, extrapolated at constant velocity from the latest pose."""
     dt = np.clip((t_ns - pose.t_ns) * 1e-9, -0.5, 0.5)
     return np.asarray(np.asarray(pose.r_OF_n) + dt * np.asarray(pose.v_F_n), dtype=float)
 

@@ -1,4 +1,4 @@
-"""Colours: one meaning each, the same in every panel. RGB, or RGBA where something must shine through."""
+"""Colours: one meaning each, the same in every panel. RGB, or RGBA where it is translucent."""
 
 from onboard.messages import Lifecycle, Verdict
 

@@ -7,7 +7,7 @@ from onboard.messages import Estimate, Health, MeasurementReport, Truth
 from onboard.view import palette, scene
 from onboard.view.columns import Columns, scalars, states
 from onboard.view.memory import Memory
-from onboard.view.motion import Track, sight, truth_at, truth_vector
+from onboard.view.motion import LeaderState, range_estimate, truth_at, truth_vector
 from onboard.view.sdk import rr
 from onboard.view.words import plain
 
@@ -20,9 +20,8 @@ QUANTITIES = {
     7: "acceleration/lateral",
     8: "acceleration/longitudinal",
 }
-ERROR_WAIT_NS = 1_000_000_000  # an estimate waits so long for a truth after it
 NIS_CLIP = 3.0
-NONE = np.full(3, np.nan)  # a hole in a curve
+GAP = np.full(3, np.nan)  # of a curve and its band
 
 
 def banded(value: float, sigma: float) -> Array:
@@ -30,17 +29,17 @@ def banded(value: float, sigma: float) -> Array:
     return np.array([value, value + scene.SIGMAS * sigma, value - scene.SIGMAS * sigma])
 
 
-def plot_track(columns: Columns, memory: Memory, t_ns: int, track: Track | None) -> None:
-    """Range and components with their bands; holes where there is no track."""
-    if track is None:
+def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderState | None) -> None:
+    """Range and components with their bands; gaps without a state."""
+    if leader is None:
         for name in ("range", *QUANTITIES.values()):
-            columns.add(scalars, f"plots/{name}/estimate", t_ns, NONE)
+            columns.add(scalars, f"plots/{name}/estimate", t_ns, GAP)
         return
-    seen = sight(track)
-    columns.add(scalars, "plots/range/estimate", t_ns, banded(seen.range, seen.sigma))
+    r = range_estimate(leader)
+    columns.add(scalars, "plots/range/estimate", t_ns, banded(r.range, r.sigma))
     for k, name in QUANTITIES.items():
-        columns.add(scalars, f"plots/{name}/estimate", t_ns, banded(track.mean[k], track.sigma[k]))
-    memory.waiting.append(track)
+        columns.add(scalars, f"plots/{name}/estimate", t_ns, banded(leader.mean[k], leader.sigma[k]))
+    memory.waiting.append(leader)
 
 
 def plot_truth(columns: Columns, truth: Truth) -> None:
@@ -52,26 +51,24 @@ def plot_truth(columns: Columns, truth: Truth) -> None:
 
 
 def plot_errors(columns: Columns, memory: Memory) -> None:
-    """Errors of those estimates whose time the truth has reached."""
+    """Errors of the waiting states whose time the truth has reached."""
     newest = memory.truths[-1].t_ns if memory.truths else None
     while memory.waiting and newest is not None and memory.waiting[0].t_ns <= newest:
-        track = memory.waiting.popleft()
-        truth = truth_at(memory.truths, track.t_ns)
+        leader = memory.waiting.popleft()
+        truth = truth_at(memory.truths, leader.t_ns)
         if truth is None:
             continue
-        error, sigma = track.r - truth[:3], track.sigma
+        error, sigma, r = leader.r - truth[:3], leader.sigma, range_estimate(leader)
         memory.error = float(np.linalg.norm(error))
-        seen = sight(track)
-        along = seen.range - float(np.linalg.norm(truth[:3]))
-        edge = scene.SIGMAS * seen.sigma
-        columns.add(scalars, "plots/range_error", track.t_ns, np.array([along, edge, -edge]))
+        range_error, edge = r.range - float(np.linalg.norm(truth[:3])), scene.SIGMAS * r.sigma
+        columns.add(scalars, "plots/range_error", leader.t_ns, np.array([range_error, edge, -edge]))
         for k, axis in enumerate(scene.AXIS_NAMES):
             edge = scene.SIGMAS * sigma[k]
-            columns.add(scalars, f"plots/error/{axis}", track.t_ns, np.array([error[k], edge, -edge]))
+            columns.add(scalars, f"plots/error/{axis}", leader.t_ns, np.array([error[k], edge, -edge]))
 
 
 def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, stream: "rr.RecordingStream") -> None:
-    """Innovations in sigmas with gates at three, and the NIS with the gate it has to pass."""
+    """Innovations in sigmas with gates at three, and the NIS as a share of its gate."""
     t_ns = report.t_ns
     if report.innovation is not None and report.innovation_sigma is not None:
         sigma = np.asarray(report.innovation_sigma, dtype=float)
@@ -86,13 +83,13 @@ def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, str
         columns.add(scalars, "plots/innovation/value", t_ns, ratio)
         columns.add(scalars, "plots/innovation/gate", t_ns, np.array([scene.SIGMAS, -scene.SIGMAS]))
     if report.nis is not None and report.gate is not None:
-        # one wild image must not flatten the plot: what is far beyond the gate stands at its upper edge
+        # one outlier must not flatten the plot: values far beyond the gate are drawn at its upper edge
         columns.add(scalars, "plots/nis/value", t_ns, np.minimum(report.nis / max(report.gate, 1e-9), NIS_CLIP))
         columns.add(scalars, "plots/nis/gate", t_ns, 1.0)
 
 
 def plot_health(columns: Columns, memory: Memory, health: Health, stream: "rr.RecordingStream") -> None:
-    """How often every stream comes, Hz."""
+    """The rate of every stream, Hz."""
     for name, one in health.streams.items():
         entity = f"plots/rate/{rr.escape_entity_path_part(name)}"
         if name not in memory.rates:
@@ -109,7 +106,7 @@ def plot_state(columns: Columns, memory: Memory, strip: str, t_ns: int, state: s
 
 
 def plot_no_image(columns: Columns, memory: Memory, t_ns: int) -> None:
-    """Where images are missing, curves have holes."""
+    """A gap in the innovations while there are no images."""
     if memory.innovations and memory.due("no innovation", t_ns, 2.0):
         columns.add(scalars, "plots/innovation/value", t_ns, np.full(memory.innovations, np.nan))
 

@@ -1,7 +1,7 @@
-"""What does not change during a flight: shapes, colours, names of curves. Logged once, without a time.
+"""The parts that do not change during a flight: shapes, colours, names of curves. Logged once, without a time.
 
-The scene's origin is the follower F, its axes are NED, so that what matters stays in front of the eye while
-both aircraft cross the country. Below it, `scene/ground` is at the EKF origin O and carries the trails.
+The scene's origin is the follower F, its axes are NED, so that both aircraft stay in front of the eye while they
+cross the country. Below it, `scene/ground` is at the EKF origin O and carries the trails.
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ GRID = f"{SCENE}/grid"
 GROUND = f"{SCENE}/ground"
 TRAILS = {name: f"{GROUND}/trail_{name}" for name in ("own", "estimate", "truth")}
 
-# everything with a place that records give; not to be drawn before they have
+# entities whose position comes with records: hidden before the first
 MOVING = (
     *(FOLLOWER, OWN_VELOCITY, GRID, GROUND),
     *(LEADER, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY),
@@ -41,8 +41,8 @@ MOVING = (
 SIGMAS = 3.0
 GRID_CELL = 10.0
 ENLARGEMENT = 2.0  # of the leader in the chase view, where it is far from the eye
-FOLLOWER_SPAN = 2.0  # m, of the glyph: nothing tells us the real one
-VELOCITY_SCALE = 0.3  # s: a velocity arrow shows the way flown in this time
+FOLLOWER_SPAN = 2.0  # m, of the glyph: the real one is unknown
+VELOCITY_SCALE = 0.3  # s: a velocity arrow is as long as the way flown in this time
 
 # curves of each plot entity: (name, colour, width)
 Curve = tuple[str, palette.Colour, float]
@@ -129,7 +129,7 @@ def magnifier(camera: Camera) -> tuple[float, float, float, float]:
 
 
 def log_camera(stream: "rr.RecordingStream", camera: Camera) -> None:
-    """Where the camera sits, what it can see, and the frame of its image."""
+    """The camera's mount and field of view, and the frame of its image."""
     q = quaternion_from_matrix(camera.R_bc)
     mount = rr.Transform3D(translation=camera.r_FC_b, quaternion=rr.Quaternion(xyzw=q[[1, 2, 3, 0]]))
     lens = rr.Pinhole(
@@ -155,13 +155,13 @@ def rectangle(x: float, y: float, w: float, h: float) -> list[tuple[float, float
 
 
 def log_frame(stream: "rr.RecordingStream", entity: str, strips: list[list[tuple[float, float]]]) -> None:
-    """Fine lines that frame the image."""
+    """Thin lines that frame the image."""
     lines = rr.LineStrips2D(strips, colors=palette.FAINT, radii=rr.Radius.ui_points(0.7))
     stream.log(entity, lines, static=True)
 
 
 def log_image_styles(stream: "rr.RecordingStream") -> None:
-    """Sizes of what is drawn into the image and its magnifier; positions and colours come with the records."""
+    """Sizes of marks in the image and its magnifier; positions and colours come with the records."""
     hair = rr.Radius.ui_points(0.8)
     for place, size in ((CAMERA, 2.2), (MAGNIFIER, 3.5)):
         dots = rr.Points2D.from_fields(radii=rr.Radius.ui_points(size), draw_order=30.0)
@@ -185,7 +185,7 @@ def log_aircraft(stream: "rr.RecordingStream") -> None:
     log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.quadrotor(), palette.OWN)
     stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
     for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA, LEADER, ENLARGED):
-        # the viewer draws axes for what is nothing but a place
+        # the viewer draws axes for entities that are only a pose
         stream.log(entity, rr.TransformAxes3D(axis_length=0.0), static=True)
     for entity, colour in ((LEADER_VELOCITY, palette.ESTIMATE), (OWN_VELOCITY, palette.OWN)):
         arrow = rr.Arrows3D(vectors=[(1, 0, 0)], colors=colour, radii=rr.Radius.ui_points(1.2))

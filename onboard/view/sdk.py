@@ -1,4 +1,4 @@
-"""Rerun, or a clear word about how to get it. The rest of the package takes `rr` and `rrb` from here."""
+"""Rerun, or an error that says how to install it. The package imports `rr` and `rrb` from here."""
 
 from onboard.errors import UserError
 

@@ -1,4 +1,4 @@
-"""Records into the 3-D scene: places, attitudes, trails. NED metres, the follower at the origin."""
+"""Records into the 3-D scene: positions, attitudes, trails. NED metres, the follower at the origin."""
 
 import numpy as np
 
@@ -8,28 +8,22 @@ from onboard.messages import Estimate, OwnPose, Truth
 from onboard.view import palette, scene
 from onboard.view.columns import HIDDEN, LEVEL, Columns, Pose, ellipsoids, lines_3d, no_tags, poses, tags
 from onboard.view.memory import Memory
-from onboard.view.motion import (
-    Track,
-    course_quaternion,
-    ellipsoid,
-    heading_quaternion,
-    own_position,
-)
+from onboard.view.motion import LeaderState, course_quaternion, ellipsoid, heading_quaternion, own_position
 
 SCENE_HZ = 25.0
 TRAIL_HZ = 5.0
-TAG_ABOVE = 3.0  # m, so as not to cover what it names
+TAG_ABOVE = 3.0  # m, so as not to cover the leader
 ORIGIN = (0.0, 0.0, 0.0)
 ONE = (1.0, 1.0, 1.0)
-FRESH_NS = 500_000_000  # an attitude from the truth older than this says nothing
+FRESH_NS = 500_000_000  # an older attitude of the truth is not used
 NO_LINE = np.zeros((0, 3))
 
 
 def hide_everything(columns: Columns, t_ns: int) -> None:
-    """Nothing has a place before its first record."""
+    """Hide what has no position before its first record."""
     for entity in scene.MOVING:
         columns.add(poses, entity, t_ns, HIDDEN)
-    for entity in (scene.HEADING, scene.AROUND_LEADER):  # an eye must have a frame of some size
+    for entity in (scene.HEADING, scene.AROUND_LEADER):  # a camera needs a frame of some size
         columns.add(poses, entity, t_ns, Pose(ORIGIN, LEVEL, ONE))
 
 
@@ -44,7 +38,7 @@ def extend_trail(columns: Columns, memory: Memory, name: str, t_ns: int, positio
 
 
 def arrow(origin: Array, v_n: Array) -> Pose:
-    """Where an arrow of unit length goes to show the velocity v_n (3,)."""
+    """The pose of an arrow of unit length that shows the velocity v_n (3,)."""
     return Pose(origin, course_quaternion(v_n), np.full(3, scene.VELOCITY_SCALE * float(np.linalg.norm(v_n))))
 
 
@@ -72,7 +66,7 @@ def draw_own(columns: Columns, memory: Memory, pose: OwnPose) -> None:
 
 
 def draw_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
-    """The leader as it really is: an outline over the estimate."""
+    """The true leader: an outline over the estimate."""
     r = np.asarray(truth.r_FL_n, dtype=float)
     if not (np.all(np.isfinite(r)) and memory.due("truth", truth.t_ns, SCENE_HZ)):
         return
@@ -81,14 +75,14 @@ def draw_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
 
 
 def leader_attitude(memory: Memory, t_ns: int, v_L_n: Array) -> Array:
-    """The truth's, when a simulator tells; else wings level along the course, which is all we estimate."""
+    """Attitude (4,) of the true leader in a simulation; else wings level along its course: none is estimated."""
     if memory.truths and abs(t_ns - memory.truths[-1].t_ns) < FRESH_NS:
         return np.asarray(memory.truths[-1].q_nL, dtype=float)
     return course_quaternion(v_L_n if np.all(np.isfinite(v_L_n)) else np.array([1.0, 0.0, 0.0]))
 
 
 def hide_leader(columns: Columns, t_ns: int) -> None:
-    """Take away what showed a track that is no more."""
+    """Remove everything that shows a track."""
     for entity in (scene.LEADER, scene.UNCERTAINTY, scene.LEADER_VELOCITY):
         columns.add(poses, entity, t_ns, HIDDEN)
     for entity in (scene.SIGHT_LINE, scene.DROP_LINE):
@@ -96,21 +90,21 @@ def hide_leader(columns: Columns, t_ns: int) -> None:
     columns.add(no_tags, scene.TAG, t_ns, None)
 
 
-def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, track: Track | None) -> None:
-    """The estimated leader, its uncertainty, its velocity, and lines that tie it to us and to the grid."""
+def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: LeaderState | None) -> None:
+    """The estimated leader, its uncertainty and velocity, and lines from it to us and to the grid."""
     t_ns = estimate.t_ns
     if not memory.due("leader", t_ns, SCENE_HZ):
         return
-    if track is None:
+    if leader is None:
         hide_leader(columns, t_ns)
         return
     v_F_n = np.zeros(3) if memory.own is None else np.asarray(memory.own.v_F_n, dtype=float)
-    v_L_n, r = v_F_n + track.mean[3:6], track.r
-    span = track.mean[6] if np.isfinite(track.mean[6]) else 1.0
+    v_L_n, r = v_F_n + leader.mean[3:6], leader.r
+    span = leader.mean[6] if np.isfinite(leader.mean[6]) else 1.0
     columns.add(poses, scene.LEADER, t_ns, Pose(r, leader_attitude(memory, t_ns, v_L_n), np.full(3, span)))
     if np.all(np.isfinite(v_L_n)):
         columns.add(poses, scene.LEADER_VELOCITY, t_ns, arrow(r, v_L_n))
-    half_axes, axes = ellipsoid(track.covariance[:3, :3], scene.SIGMAS)
+    half_axes, axes = ellipsoid(leader.covariance[:3, :3], scene.SIGMAS)
     columns.add(poses, scene.UNCERTAINTY, t_ns, Pose(r, quaternion_from_matrix(axes), ONE))
     columns.add(ellipsoids, f"{scene.UNCERTAINTY}/ellipsoid", t_ns, half_axes)
     q_heading = LEVEL if memory.own is None else heading_quaternion(memory.own.q_nb)
@@ -121,6 +115,6 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, track: Tra
         extend_trail(columns, memory, "estimate", t_ns, own_position(memory.own, t_ns) + r)
 
 
-def draw_tag(columns: Columns, t_ns: int, track: Track, colour: palette.Colour, text: str) -> None:
-    """Words above the leader."""
-    columns.add(tags, scene.TAG, t_ns, (track.r - np.array([0.0, 0.0, TAG_ABOVE]), colour, text))
+def draw_tag(columns: Columns, t_ns: int, leader: LeaderState, colour: palette.Colour, text: str) -> None:
+    """A label above the leader."""
+    columns.add(tags, scene.TAG, t_ns, (leader.r - np.array([0.0, 0.0, TAG_ABOVE]), colour, text))

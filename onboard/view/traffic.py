@@ -1,4 +1,4 @@
-"""Other aircraft on a map about us, north up, and in a table, the nearest to come first."""
+"""Other aircraft on a map about us, north up, and in a table, by the distance of the closest approach."""
 
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -7,7 +7,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.messages import Estimate, Lifecycle, ThreatLevel
-from onboard.view import palette
+from onboard.view import palette, scene
 from onboard.view.columns import Columns, texts
 from onboard.view.memory import Memory
 from onboard.view.sdk import rr
@@ -17,9 +17,8 @@ TABLE: Final = "traffic/table"
 RINGS: Final = (500.0, 1000.0, 2000.0, 4000.0)  # m
 SHOWN: Final = 6000.0  # m
 HZ: Final = 4.0
-AHEAD_S: Final = 20.0  # of the line that shows where an aircraft goes, relative to us
+AHEAD_S: Final = 20.0  # length of the line that shows the motion relative to us
 LONGEST_TABLE: Final = 20
-SIGMAS: Final = 3.0
 THREATS: Final = {ThreatLevel.HIGH: palette.RED, ThreatLevel.LOW: palette.AMBER}
 
 
@@ -65,7 +64,7 @@ def log_static(stream: "rr.RecordingStream") -> None:
 
 
 def draw_traffic(columns: Columns, memory: Memory, estimate: Estimate) -> None:
-    """Take one track in; draw all of them when it is time."""
+    """Keep one track; draw all of them when it is time."""
     memory.traffic[estimate.target] = estimate
     if estimate.mean is None:
         del memory.traffic[estimate.target]
@@ -95,12 +94,12 @@ def ellipse(estimate: Estimate) -> Array:
     circle = np.stack([np.cos(around), np.sin(around)])
     P = np.array(estimate.covariance)[:2, :2]
     values, vectors = np.linalg.eigh(P)
-    level = (vectors * SIGMAS * np.sqrt(np.maximum(values, 0.0))) @ circle
+    level = (vectors * scene.SIGMAS * np.sqrt(np.maximum(values, 0.0))) @ circle
     return on_map(level.T)
 
 
 def colour_of(estimate: Estimate) -> palette.Colour:
-    """Red and amber for threats; grey for what is not to be relied on."""
+    """Red and amber for threats; grey for estimates that are not valid."""
     if not estimate.valid:
         return palette.GREY
     threat = estimate.intruder.approach.threat if estimate.intruder else ThreatLevel.NONE
@@ -108,14 +107,14 @@ def colour_of(estimate: Estimate) -> palette.Colour:
 
 
 def label(estimate: Estimate) -> str:
-    """Who it is and how far above us, m."""
-    assert estimate.mean is not None  # noqa: S101 - only those with one are drawn
-    called = estimate.intruder.callsign if estimate.intruder else ""
-    return f"{called or estimate.target} {-estimate.mean[2]:+.0f} m"
+    """The aircraft's name and its height above us, m."""
+    assert estimate.mean is not None  # noqa: S101 - estimates without one are not drawn
+    callsign = estimate.intruder.callsign if estimate.intruder else ""
+    return f"{callsign or estimate.target} {-estimate.mean[2]:+.0f} m"
 
 
 def table(tracks: Sequence[Estimate]) -> str:
-    """Markdown: the tracks that come nearest first."""
+    """Markdown: the tracks with the nearest closest approach first."""
     rows = ["| aircraft | state | distance | closest | in | sources |", "|---|---|---|---|---|---|"]
     known = [(e, e.intruder) for e in tracks if e.intruder is not None]
     for e, who in sorted(known, key=lambda pair: pair[1].approach.distance)[:LONGEST_TABLE]:
@@ -131,4 +130,4 @@ def table(tracks: Sequence[Estimate]) -> str:
 
 def _colours(rows: Sequence[Sequence[palette.Colour]]) -> Array:
     flat = [colour[:3] for row in rows for colour in row]
-    return np.array(flat, dtype=np.uint8).reshape(-1, 3)  # type: ignore[return-value]  # as Rerun takes them
+    return np.array(flat, dtype=np.uint8).reshape(-1, 3)  # type: ignore[return-value]  # bytes, as Rerun expects

@@ -11,14 +11,14 @@ import numpy as np
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Health, NavState, OwnPose, Truth
 from onboard.view import image, own, palette, plots, scene, space, traffic, words
-from onboard.view.columns import Columns, Spots, colours_2d, labels, texts
+from onboard.view.columns import Columns, ImagePoints, colours_2d, labels, texts
 from onboard.view.layout import blueprint
 from onboard.view.memory import Memory
-from onboard.view.motion import Track, sight, track_of
+from onboard.view.motion import LeaderState, leader_state
 from onboard.view.sdk import rr
 from onboard.view.viewer import free_port, start_viewer
 
-BATCH_NS = 200_000_000  # of flight, for somebody who watches
+BATCH_NS = 200_000_000  # of flight, for a viewer
 PLOT_EVERY = 3  # batches
 BATCH_FILE_NS = 2_000_000_000  # for a file alone: a tenth of the overhead
 STATUS_HZ = 5.0
@@ -30,9 +30,9 @@ class View:
     """Draws records as they come. Not for the daemon's own process: Rerun may block its caller.
 
     `rrd` names a recording to write; `grpc_port` a port on 127.0.0.1 to serve viewers from (0: any free one);
-    `spawn` opens the packaged viewer on it if there is a display, and it is for the user to close. With a server
-    or a viewer, `url` says where. `memory_limit` bounds what the server keeps for viewers that come late.
-    Raises `ValueError` if there is nowhere to draw to, `OSError` if the port is taken.
+    `spawn` opens the packaged viewer if there is a display, and the user closes it. `url` is the server's address.
+    `memory_limit` bounds what the server keeps for viewers that connect later.
+    Raises `ValueError` without any of `rrd`, `grpc_port` and `spawn`, `OSError` if the port is taken.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class View:
             self.viewer = start_viewer(self.url)
 
     def show(self, record: Estimate | OwnPose | Truth | Health) -> None:
-        """Draw one record. Records of other kinds, and of other estimators, are none of the view's business."""
+        """Draw one record; those of other kinds and estimators are ignored. Raises `ValueError` once closed."""
         if self._closed:
             raise ValueError("this view is closed")
         if not isinstance(record, Estimate | OwnPose | Truth | Health):
@@ -84,7 +84,7 @@ class View:
             case NavState():
                 own.plot_state(self._columns, self._memory, record)
             case Estimate():
-                if record.name == self._estimator:
+                if record.name == self._estimator and record.is_primary:
                     self._show_estimate(record)
                 elif record.name == TRAFFIC:
                     traffic.draw_traffic(self._columns, self._memory, record)
@@ -102,7 +102,7 @@ class View:
                 self._columns.add(texts, "health", record.t_ns, words.health(record))
 
     def close(self) -> None:
-        """Send what is left and finish the file, which has no index before that. May be called twice."""
+        """Send the rest and finish the file, which has no index before that. May be called twice."""
         if self._closed:
             return
         self._closed = True
@@ -121,13 +121,13 @@ class View:
         self.close()
 
     def _keep_time(self, t_ns: int) -> None:
-        """Flush what a batch's worth of flight has gathered; begin anew when the autopilot has."""
+        """Flush once a batch is complete; begin anew when the autopilot has rebooted."""
         if self._t_first_ns is None or t_ns < self._t_flush_ns - RESTART_NS:
             self._memory = Memory()
             self._t_first_ns = self._t_flush_ns = t_ns
             space.hide_everything(self._columns, t_ns)
         if t_ns - self._t_flush_ns >= self._batch_ns:
-            # half of all entities are curves, and a curve may end two thirds of a second ago unnoticed
+            # half of all entities are curves; a delay of two thirds of a second in a curve is not noticed
             self._flushes += 1
             plots_too = self._batch_ns > BATCH_NS or self._flushes % PLOT_EVERY == 0
             self._columns.flush(self._stream, plots=plots_too)
@@ -135,16 +135,16 @@ class View:
 
     def _show_estimate(self, estimate: Estimate) -> None:
         columns, memory, t_ns = self._columns, self._memory, estimate.t_ns
-        track = track_of(estimate)
-        space.draw_leader(columns, memory, estimate, track)
-        plots.plot_track(columns, memory, t_ns, track)
+        leader = leader_state(estimate)
+        space.draw_leader(columns, memory, estimate, leader)
+        plots.plot_leader(columns, memory, t_ns, leader)
         plots.plot_errors(columns, memory)
         plots.plot_age(columns, estimate)
         plots.plot_state(columns, memory, "track", t_ns, estimate.state)
         report = estimate.measurement
         if report is not None:
             memory.report, memory.t_image_ns = report, t_ns
-            image.draw_image(columns, memory, self._camera, report, track)
+            image.draw_image(columns, memory, self._camera, report, leader)
             plots.plot_report(columns, memory, report, self._stream)
             plots.plot_state(columns, memory, "images", report.t_ns, report.verdict)
         elif t_ns - memory.t_image_ns > image.STALE_NS:
@@ -152,18 +152,17 @@ class View:
             plots.plot_no_image(columns, memory, t_ns)
             plots.plot_state(columns, memory, "images", t_ns, palette.NO_IMAGE)
         if memory.due("status", t_ns, STATUS_HZ):
-            self._say(estimate, track)
+            self._show_status(estimate, leader)
 
-    def _say(self, estimate: Estimate, track: Track | None) -> None:
-        """The state in words: the banner, the panel, and the tag beside the leader."""
+    def _show_status(self, estimate: Estimate, leader: LeaderState | None) -> None:
+        """The texts: the banner, the panel, and the tag beside the leader."""
         columns, t_ns = self._columns, estimate.t_ns
         fresh = t_ns - self._memory.t_image_ns <= image.STALE_NS
         report = self._memory.report if fresh else None
-        seen = None if track is None else sight(track)
-        columns.add(texts, "status", t_ns, words.status(estimate, track, seen, report, self._memory.error))
-        line = words.headline(estimate, track, seen, report)
+        columns.add(texts, "status", t_ns, words.status(estimate, leader, report, self._memory.error))
+        line = words.headline(estimate, leader, report)
         colour = palette.STATES[estimate.state]
-        columns.add(labels, f"{scene.BANNER}/words", t_ns, Spots(np.zeros((1, 2)), colour, line))
+        columns.add(labels, f"{scene.BANNER}/words", t_ns, ImagePoints(np.zeros((1, 2)), colour, line))
         columns.add(colours_2d, f"{scene.BANNER}/bar", t_ns, palette.shade(colour, 0.35))
-        if track is not None and seen is not None:
-            space.draw_tag(columns, t_ns, track, colour, words.tag(estimate, seen))
+        if leader is not None:
+            space.draw_tag(columns, t_ns, leader, colour, words.tag(estimate, leader))

@@ -11,8 +11,8 @@ from typing import Final
 
 from onboard.errors import UserError
 
-ALIKE: Final = 5  # pictures in a row, a fifth of a second apart: it is painted
-PAINTING_S: Final = 15.0  # a live view never comes to rest
+EQUAL_PICTURES: Final = 5  # in a row, a fifth of a second apart: painting is complete
+PAINTING_S: Final = 15.0  # at most: a live view never comes to rest
 
 
 class ViewerError(UserError, RuntimeError):
@@ -20,8 +20,8 @@ class ViewerError(UserError, RuntimeError):
 
 
 def free_port(port: int = 0) -> int:
-    """`port` of 127.0.0.1, or for 0 any, that nobody listens on just now. Raises `OSError` if somebody does:
-    Rerun itself would only log it, and then serve nobody."""
+    """A port of 127.0.0.1 that is free now: `port`, or any for 0. Raises `OSError` if it is taken: Rerun itself
+    would only log that, and then serve nobody."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -32,7 +32,7 @@ def free_port(port: int = 0) -> int:
 
 
 def viewer_path() -> Path:
-    """The viewer in the wheel: the `rerun` command beside it is a script that would survive its own end."""
+    """The viewer in the wheel. The `rerun` command is a script: ending it would leave the viewer running."""
     spec = find_spec("rerun_cli")
     for folder in (spec.submodule_search_locations or []) if spec else []:
         for name in ("rerun", "rerun.exe"):
@@ -58,7 +58,7 @@ def start_viewer(url: str) -> "subprocess.Popen[bytes] | None":
 
 
 def _environment() -> dict[str, str]:
-    """Ours, and a word that the viewer is only an app here: it then asks nobody about analytics."""
+    """Ours, with the setting that makes the viewer an app only: it then does not ask about analytics."""
     return {**os.environ, "RERUN_APP_ONLY": "true"}
 
 
@@ -73,8 +73,8 @@ def screenshot(
     """Picture of a recording (a file, or the URL of a server) as the viewer shows it, without a screen.
 
     `at` is the time shown, s since boot; None: the end. Needs Vulkan, which mesa's software driver provides.
-    Raises `FileNotFoundError` if the file is not there, `ViewerError` with the viewer's own last words if it
-    cannot draw.
+    Raises `FileNotFoundError` if the file is not there, `ViewerError` with the end of the viewer's
+    log if it cannot draw.
     """
     is_url = "://" in str(source)
     if not is_url and not Path(source).is_file():
@@ -91,12 +91,12 @@ def screenshot(
             command, stdout=log, stderr=log, env=_environment()
         )
         try:
-            _take(process, port, png.resolve(), at, deadline)
+            _take_screenshot(process, port, png.resolve(), at, deadline)
         except (ViewerError, RuntimeError, ConnectionError) as error:
             log.seek(0)
-            said = _last_words(log.read().decode(errors="replace"))
+            end = _end_of_log(log.read().decode(errors="replace"))
             raise ViewerError(
-                f"no picture of {source}: {error}\n{said}\n"
+                f"no picture of {source}: {error}\n{end}\n"
                 "(without a graphics card, Debian's mesa-vulkan-drivers draws in software)"
             ) from error
         finally:
@@ -108,14 +108,16 @@ def screenshot(
                 process.wait(5)
 
 
-def _last_words(log: str) -> str:
-    """What a viewer said before it ended: its panic, without the trace of its stack; else its last lines."""
+def _end_of_log(log: str) -> str:
+    """A viewer's panic, without the trace of its stack; else its last lines."""
     lines = [line for line in log.splitlines() if line.strip()]
     panics = [i for i, line in enumerate(lines) if "panicked at" in line]
     return "\n".join(lines[panics[0] : panics[0] + 2] if panics else lines[-5:])
 
 
-def _take(process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | None, deadline: float) -> None:
+def _take_screenshot(
+    process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | None, deadline: float
+) -> None:
     """Wait until the viewer listens and has loaded everything, go to the time, and let it paint until the
     picture stays as it is: the first painting lays out, views appear in the second, plots come to rest."""
     from rerun.experimental import ViewerClient  # noqa: PLC0415  (drags in a query engine)
@@ -144,10 +146,10 @@ def _take(process: "subprocess.Popen[bytes]", port: int, png: Path, at: float | 
         wait("loading the recording")
     if at is not None:
         client.set_time("boot_time", duration=at, play_state="paused")
-    picture, alike, begun = b"", 0, time.monotonic()
-    while alike < ALIKE and time.monotonic() < begun + PAINTING_S:
+    picture, equal, begun = b"", 0, time.monotonic()
+    while equal < EQUAL_PICTURES and time.monotonic() < begun + PAINTING_S:
         newest = client.take_screenshot()  # once it is painted
-        picture, alike = newest, alike + 1 if newest == picture else 1
+        picture, equal = newest, equal + 1 if newest == picture else 1
         wait("painting")
     png.parent.mkdir(parents=True, exist_ok=True)
     png.write_bytes(picture)

@@ -1,9 +1,9 @@
-"""The state in words: what a pilot reads, and what somebody on the ground looks up."""
+"""Texts of the view: the headline that a pilot reads, and the panels for those on the ground."""
 
 import math
 
 from onboard.messages import Estimate, Health, MeasurementReport
-from onboard.view.motion import Sight, Track
+from onboard.view.motion import LeaderState, RangeEstimate, range_estimate
 
 KEY = """\
 ± is one standard deviation
@@ -26,26 +26,26 @@ def nis_words(report: MeasurementReport | None) -> str:
     return "NIS ok" if report.nis <= report.gate else "NIS TOO HIGH"
 
 
-def headline(estimate: Estimate, track: Track | None, seen: Sight | None, report: MeasurementReport | None) -> str:
+def headline(estimate: Estimate, leader: LeaderState | None, report: MeasurementReport | None) -> str:
     """One line: state, range, closing speed, size. The ± are one standard deviation."""
     state = estimate.state.upper()
-    if track is None or seen is None:
+    if leader is None:
         return f"{state} · no track"
-    closing = f"closing {seen.closing:.1f}" if seen.closing >= 0 else f"opening {-seen.closing:.1f}"
-    words = f"{state} · range {seen.range:.1f} ± {seen.sigma:.1f} m · {closing} m/s"
-    size, sigma = track.mean[6], track.sigma[6]
+    r = range_estimate(leader)
+    words = f"{state} · range {_range(r)} · {_direction(r)} {abs(r.closing):.1f} m/s"
+    size, sigma = leader.mean[6], leader.sigma[6]
     if not math.isnan(size):
         words += f" · size {size:.2f} ± {sigma:.2f} m"
     return f"{words} · {nis_words(report)}"
 
 
-def tag(estimate: Estimate, seen: Sight) -> str:
-    """What stands beside the leader in the 3-D view."""
-    return f"{estimate.state.upper()}  {seen.range:.1f} ± {seen.sigma:.1f} m"
+def tag(estimate: Estimate, leader: LeaderState) -> str:
+    """The label of the leader in the 3-D view."""
+    return f"{estimate.state.upper()}  {_range(range_estimate(leader))}"
 
 
 def verdict_label(report: MeasurementReport) -> str:
-    """What stands in the image: what became of it, and by how much."""
+    """The label of the image: its verdict, and its NIS beside the gate."""
     name = report.verdict.replace("_", " ").upper()
     if report.nis is None or report.gate is None:
         return name
@@ -53,22 +53,19 @@ def verdict_label(report: MeasurementReport) -> str:
 
 
 def status(
-    estimate: Estimate,
-    track: Track | None,
-    seen: Sight | None,
-    report: MeasurementReport | None,
-    error: float | None,
+    estimate: Estimate, leader: LeaderState | None, report: MeasurementReport | None, error: float | None
 ) -> str:
     """The status panel, Markdown; `report` is the last image's, `error` the distance to the truth, m, if known."""
     rows = [f"| {estimate.state.upper()} | {'' if estimate.valid else 'not valid'} |", "|---|---|"]
-    if track is not None and seen is not None:
+    if leader is not None:
+        r = range_estimate(leader)
         rows += [
-            f"| range | **{seen.range:.1f} ± {seen.sigma:.1f} m** |",
-            f"| {'closing' if seen.closing >= 0 else 'opening'} | **{abs(seen.closing):.1f} m/s** |",
-            f"| wingspan | **{track.mean[6]:.2f} ± {track.sigma[6]:.2f} m** |",
+            f"| range | **{_range(r)}** |",
+            f"| {_direction(r)} | **{abs(r.closing):.1f} m/s** |",
+            f"| wingspan | **{leader.mean[6]:.2f} ± {leader.sigma[6]:.2f} m** |",
         ]
-    if track is not None and error is not None:
-        rows.append(f"| off the truth | {error:.2f} m |")
+        if error is not None:
+            rows.append(f"| off the truth | {error:.2f} m |")
     age = "–" if estimate.age is None else f"{estimate.age:.2f} s ago"
     rows += [f"| innovation | {nis_words(report)} |", f"| last fused | {age} |", ""]
     if estimate.reason:
@@ -93,3 +90,11 @@ def health(record: Health) -> str:
     rows += ["", "| sink | sent | dropped | restarts |", "|---|---:|---:|---:|"]
     rows += [f"| {n} {s.error} | {s.sent} | {s.dropped} | {s.restarts} |" for n, s in sorted(record.sinks.items())]
     return plain("\n".join(rows))
+
+
+def _range(r: RangeEstimate) -> str:
+    return f"{r.range:.1f} ± {r.sigma:.1f} m"
+
+
+def _direction(r: RangeEstimate) -> str:
+    return "closing" if r.closing >= 0 else "opening"

@@ -5,54 +5,21 @@ eat the next. Streams (TCP, serial): the parser keeps the cut frame, and its con
 pymavlink never does while reads end mid-frame.
 """
 
-import math
-import os
 from collections import Counter
-from collections.abc import Callable
 from typing import Any, Final
-
-# With this set in the environment pymavlink would accept frames with a wrong checksum.
-os.environ.pop("MAV_IGNORE_CRC", None)
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.geometry.rotations import quaternion_from_euler
-from onboard.messages import (
-    ActuatorOutputs,
-    AdsbVehicle,
-    AltitudeType,
-    Attitude,
-    Barometer,
-    Clock,
-    Collision,
-    Command,
-    CommandAck,
-    GlobalPosition,
-    GpsFix,
-    Heartbeat,
-    ImagePoint,
-    Imu,
-    LocalPosition,
-    Message,
-    StatusText,
-    SystemTime,
-    TargetPoints,
-    TimeSync,
-)
+from onboard.messages import Message
+from onboard.wire.landing_target import PointAssembler
+from onboard.wire.mavlink_records import CONVERT, read_header
 
-G: Final = 9.80665
-SEA_LEVEL_HPA: Final = 1013.25
-STANDARD_K: Final = 288.15
-LAPSE_K_PER_M: Final = 0.0065
-LAPSE_EXPONENT: Final = 0.190263
-UNIX_ERA_NS: Final = 10**18  # a 64-bit stamp above this (2001) is Unix time, below it time since boot
 TRIM_BYTES: Final = 4096
-PENDING_IMAGES: Final = 8  # images whose three points have not all come yet
 
 
 class MavlinkDecoder:
-    """Decoder of one channel. `rejected` counts, by reason, what did not become a message; `names` counts
-    every well-formed frame by its MAVLink name."""
+    """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
+    counts every well-formed frame by its MAVLink name."""
 
     def __init__(self, *, stream: bool) -> None:
         self.rejected: Counter[str] = Counter()
@@ -87,254 +54,10 @@ class MavlinkDecoder:
             self.rejected["bad_frame"] += 1
             return None
         if name.startswith("UNKNOWN_"):
-            self.rejected["unknown_message"] += 1  # pymavlink hands these on without a checksum test
+            self.rejected["unknown_message"] += 1  # pymavlink passes these on without a checksum test
             return None
         self.names[name] += 1
         if name == "LANDING_TARGET":
             return self._points.add(frame, t_recv_ns)
         convert = CONVERT.get(name)
-        return None if convert is None else convert(frame, _header(frame, t_recv_ns))
-
-
-def _header(frame: Any, t_recv_ns: int) -> dict[str, Any]:
-    """The fields every record shares; the stamp is read from whichever time field the message has."""
-    t_ns, clock = t_recv_ns, Clock.NONE
-    if hasattr(frame, "time_boot_ms"):
-        t_ns, clock = frame.time_boot_ms * 1_000_000, Clock.BOOT
-    elif hasattr(frame, "time_usec") and frame.time_usec > 0:
-        t_ns = frame.time_usec * 1000
-        clock = Clock.HOST if t_ns >= UNIX_ERA_NS else Clock.BOOT
-    return {
-        "t_ns": t_ns,
-        "t_recv_ns": t_recv_ns,
-        "clock": clock,
-        "system": frame.get_srcSystem(),
-        "component": frame.get_srcComponent(),
-    }
-
-
-def _known(value: float, unknown: float, scale: float) -> float | None:
-    return None if value == unknown else value * scale
-
-
-def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
-    armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-    return Heartbeat(**h, vehicle_type=m.type, autopilot=m.autopilot, armed=armed, status=m.system_status)
-
-
-def _system_time(m: Any, h: dict[str, Any]) -> Message:
-    return SystemTime(**h, unix_ns=m.time_unix_usec * 1000)
-
-
-def _time_sync(m: Any, h: dict[str, Any]) -> Message:
-    return TimeSync(**h, tc1_ns=m.tc1, ts1_ns=m.ts1)
-
-
-def _attitude_quaternion(m: Any, h: dict[str, Any]) -> Message:
-    omega = (m.rollspeed, m.pitchspeed, m.yawspeed)
-    return Attitude(**h, q_nb=(m.q1, m.q2, m.q3, m.q4), omega_b=omega)
-
-
-def _attitude(m: Any, h: dict[str, Any]) -> Message:
-    w, x, y, z = quaternion_from_euler(m.roll, m.pitch, m.yaw).tolist()
-    return Attitude(**h, q_nb=(w, x, y, z), omega_b=(m.rollspeed, m.pitchspeed, m.yawspeed))
-
-
-def _local_position(m: Any, h: dict[str, Any]) -> Message:
-    return LocalPosition(**h, r_OF_n=(m.x, m.y, m.z), v_F_n=(m.vx, m.vy, m.vz))
-
-
-def _global_position(m: Any, h: dict[str, Any]) -> Message:
-    heading = _known(m.hdg, 65535, math.pi / 18000)
-    return GlobalPosition(
-        **h,
-        lat_deg=m.lat * 1e-7,
-        lon_deg=m.lon * 1e-7,
-        alt_msl=m.alt * 1e-3,
-        height=m.relative_alt * 1e-3,
-        v_F_n=(m.vx * 0.01, m.vy * 0.01, m.vz * 0.01),
-        heading_rad=heading,
-    )
-
-
-def _gps_fix(m: Any, h: dict[str, Any]) -> Message:
-    satellites = None if m.satellites_visible == 255 else m.satellites_visible
-    return GpsFix(
-        **h,
-        fix_type=m.fix_type,
-        satellites=satellites,
-        lat_deg=m.lat * 1e-7,
-        lon_deg=m.lon * 1e-7,
-        alt_msl=m.alt * 1e-3,
-        ground_speed=_known(m.vel, 65535, 0.01),
-        course_rad=_known(m.cog, 65535, math.pi / 18000),
-        h_acc=_known(m.h_acc, 0, 1e-3),
-        v_acc=_known(m.v_acc, 0, 1e-3),
-    )
-
-
-def _highres_imu(m: Any, h: dict[str, Any]) -> Message:
-    return Imu(
-        **h,
-        f_b=(m.xacc, m.yacc, m.zacc),
-        omega_b=(m.xgyro, m.ygyro, m.zgyro),
-        pressure_altitude=m.pressure_alt if m.fields_updated & dialect.HIGHRES_IMU_UPDATED_PRESSURE_ALT else None,
-    )
-
-
-def _scaled_pressure(m: Any, h: dict[str, Any]) -> Message:
-    """The troposphere of the ISO standard atmosphere (ISO 2533); NaN where there is no pressure."""
-    ratio = m.press_abs / SEA_LEVEL_HPA
-    altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
-    return Barometer(**h, pressure_altitude=altitude)
-
-
-def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
-    milli_g, milli = G * 1e-3, 1e-3
-    f_b = (m.xacc * milli_g, m.yacc * milli_g, m.zacc * milli_g)
-    return Imu(**h, f_b=f_b, omega_b=(m.xgyro * milli, m.ygyro * milli, m.zgyro * milli))
-
-
-def _servo_output_raw(m: Any, h: dict[str, Any]) -> Message:
-    return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
-
-
-def _command_long(m: Any, h: dict[str, Any]) -> Message:
-    params = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
-    return Command(
-        **h,
-        target_system=m.target_system,
-        target_component=m.target_component,
-        command=m.command,
-        params=params,
-    )
-
-
-def _command_int(m: Any, h: dict[str, Any]) -> Message:
-    params = (m.param1, m.param2, m.param3, m.param4, float(m.x), float(m.y), m.z)
-    return Command(
-        **h,
-        target_system=m.target_system,
-        target_component=m.target_component,
-        command=m.command,
-        params=params,
-    )
-
-
-def _command_ack(m: Any, h: dict[str, Any]) -> Message:
-    return CommandAck(
-        **h,
-        target_system=m.target_system,
-        target_component=m.target_component,
-        command=m.command,
-        result=m.result,
-    )
-
-
-def _status_text(m: Any, h: dict[str, Any]) -> Message:
-    return StatusText(**h, severity=m.severity, text=m.text)
-
-
-def _adsb_vehicle(m: Any, h: dict[str, Any]) -> Message:
-    """Every field has a flag that says whether it is valid."""
-
-    def has(flag: int) -> bool:
-        return bool(m.flags & flag)
-
-    coordinates = has(dialect.ADSB_FLAGS_VALID_COORDS)
-    geometric = m.altitude_type == dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC
-    return AdsbVehicle(
-        **h,
-        icao=m.ICAO_address,
-        lat_deg=m.lat * 1e-7 if coordinates else None,
-        lon_deg=m.lon * 1e-7 if coordinates else None,
-        altitude=m.altitude * 1e-3 if has(dialect.ADSB_FLAGS_VALID_ALTITUDE) else None,
-        altitude_type=AltitudeType.GEOMETRIC if geometric else AltitudeType.PRESSURE,
-        course=m.heading * math.pi / 18000 if has(dialect.ADSB_FLAGS_VALID_HEADING) else None,
-        ground_speed=m.hor_velocity * 0.01 if has(dialect.ADSB_FLAGS_VALID_VELOCITY) else None,
-        climb=m.ver_velocity * 0.01 if has(dialect.ADSB_FLAGS_VERTICAL_VELOCITY_VALID) else None,
-        callsign=_text(m.callsign) if has(dialect.ADSB_FLAGS_VALID_CALLSIGN) else "",
-        emitter=m.emitter_type,
-        tslc=float(m.tslc),
-        squawk=m.squawk if has(dialect.ADSB_FLAGS_VALID_SQUAWK) else None,
-        simulated=has(dialect.ADSB_FLAGS_SIMULATED),
-    )
-
-
-def _text(field: str | bytes) -> str:
-    """A field of characters without what cannot be printed."""
-    text = field if isinstance(field, str) else field.decode("ascii", "replace")
-    return "".join(c for c in text.split("\0")[0] if c.isascii() and c.isprintable()).strip()
-
-
-def _collision(m: Any, h: dict[str, Any]) -> Message:
-    return Collision(
-        **h,
-        source=m.src,
-        threat=m.id,
-        threat_level=m.threat_level,
-        time=m.time_to_minimum_delta,
-        vertical=m.altitude_minimum_delta,
-        horizontal=m.horizontal_minimum_delta,
-    )
-
-
-CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
-    "HEARTBEAT": _heartbeat,
-    "SYSTEM_TIME": _system_time,
-    "TIMESYNC": _time_sync,
-    "ATTITUDE_QUATERNION": _attitude_quaternion,
-    "ATTITUDE": _attitude,
-    "LOCAL_POSITION_NED": _local_position,
-    "GLOBAL_POSITION_INT": _global_position,
-    "GPS_RAW_INT": _gps_fix,
-    "HIGHRES_IMU": _highres_imu,
-    "SCALED_IMU": _scaled_imu,
-    "SCALED_PRESSURE": _scaled_pressure,
-    "RAW_IMU": _scaled_imu,
-    "SERVO_OUTPUT_RAW": _servo_output_raw,
-    "COMMAND_LONG": _command_long,
-    "COMMAND_INT": _command_int,
-    "COMMAND_ACK": _command_ack,
-    "STATUSTEXT": _status_text,
-    "ADSB_VEHICLE": _adsb_vehicle,
-    "COLLISION": _collision,
-}
-
-
-class PointAssembler:
-    """Three LANDING_TARGETs of one sender and one time_usec -> TargetPoints.
-
-    target_num 0, 1, 2 are the center, left and right point of the leader; 3k, 3k+1, 3k+2 those of a further
-    target k. The angles are those of the image axes: angle_x = atan(Y_c/X_c), angle_y = atan(Z_c/X_c).
-    """
-
-    def __init__(self, rejected: Counter[str]) -> None:
-        self._rejected = rejected
-        self._pending: dict[tuple[int, int, int, int], dict[int, ImagePoint]] = {}
-
-    def add(self, frame: Any, t_recv_ns: int) -> TargetPoints | None:
-        """The image's points once its third has come, else None."""
-        number, label = divmod(frame.target_num, 3)
-        key = (frame.get_srcSystem(), frame.get_srcComponent(), frame.time_usec, number)
-        points = self._pending.setdefault(key, {})
-        points[label] = (_tangent(frame.angle_x), _tangent(frame.angle_y))
-        if len(points) < 3:
-            while len(self._pending) > PENDING_IMAGES:
-                self._pending.pop(next(iter(self._pending)))
-                self._rejected["incomplete_points"] += 1
-            return None
-        del self._pending[key]
-        return TargetPoints(
-            **_header(frame, t_recv_ns),
-            camera="landing_target",
-            target="leader" if number == 0 else f"target/{number}",
-            center=points[0],
-            left=points[1],
-            right=points[2],
-        )
-
-
-def _tangent(angle: float) -> float:
-    """tan, or NaN at and beyond a right angle, where no image point is."""
-    return math.tan(angle) if abs(angle) < math.pi / 2 else math.nan
+        return None if convert is None else convert(frame, read_header(frame, t_recv_ns))

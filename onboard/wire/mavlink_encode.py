@@ -1,4 +1,4 @@
-"""Records -> MAVLink 2 frames: what the daemon says to an autopilot, and what simlink says as one."""
+"""Records -> MAVLink 2 frames: those the daemon sends to an autopilot, and those simlink sends as one."""
 
 import math
 from collections.abc import Callable
@@ -29,6 +29,7 @@ from onboard.messages import (
 )
 
 BODY_FRD: Final = 12
+ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 GPS_RAW_INT_HDOP: Final = 121  # a typical 1.21, in hundredths
 
 
@@ -58,7 +59,7 @@ class MavlinkEncoder:
 
 
 def message_number(name: str) -> int:
-    """The number of a MAVLink message. Raises KeyError for a name that is none."""
+    """The number of a MAVLink message. Raises KeyError for an unknown name."""
     number = getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
     if not isinstance(number, int):
         raise KeyError(name)
@@ -75,27 +76,6 @@ def _usec(m: Message) -> int:
 
 def _hundredths_of_degree(angle: float | None) -> int:
     return 65535 if angle is None else round(math.degrees(angle) % 360 * 100) % 36000
-
-
-def _heartbeat(m: Any) -> list[Any]:
-    mode = dialect.MAV_MODE_FLAG_SAFETY_ARMED if m.armed else 0
-    return [dialect.MAVLink_heartbeat_message(m.vehicle_type, m.autopilot, mode, 0, m.status, 3)]
-
-
-def _system_time(m: Any) -> list[Any]:
-    return [dialect.MAVLink_system_time_message(m.unix_ns // 1000, _ms(m))]
-
-
-def _time_sync(m: Any) -> list[Any]:
-    return [dialect.MAVLink_timesync_message(m.tc1_ns, m.ts1_ns)]
-
-
-def _attitude(m: Any) -> list[Any]:
-    return [dialect.MAVLink_attitude_quaternion_message(_ms(m), *m.q_nb, *m.omega_b)]
-
-
-def _local_position(m: Any) -> list[Any]:
-    return [dialect.MAVLink_local_position_ned_message(_ms(m), *m.r_OF_n, *m.v_F_n)]
 
 
 def _global_position(m: Any) -> list[Any]:
@@ -137,11 +117,6 @@ def _imu(m: Any) -> list[Any]:
     return [dialect.MAVLink_highres_imu_message(_usec(m), *m.f_b, *m.omega_b, *rest, updated)]
 
 
-def _actuator_outputs(m: Any) -> list[Any]:
-    pwm = list(m.pwm_us) + [0] * (16 - len(m.pwm_us))
-    return [dialect.MAVLink_servo_output_raw_message(_usec(m) % 2**32, 0, *pwm)]
-
-
 def _target_points(m: Any) -> list[Any]:
     base = 0 if m.target == "leader" else 3 * int(m.target.rsplit("/", 1)[1])
     return [
@@ -150,18 +125,6 @@ def _target_points(m: Any) -> list[Any]:
         )
         for label, (y, z) in enumerate((m.center, m.left, m.right))
     ]
-
-
-def _command(m: Any) -> list[Any]:
-    return [dialect.MAVLink_command_long_message(m.target_system, m.target_component, m.command, 0, *m.params)]
-
-
-def _command_ack(m: Any) -> list[Any]:
-    return [dialect.MAVLink_command_ack_message(m.command, m.result, 0, 0, m.target_system, m.target_component)]
-
-
-def _status_text(m: Any) -> list[Any]:
-    return [dialect.MAVLink_statustext_message(m.severity, m.text.encode("ascii", "replace")[:50])]
 
 
 def _odometry(m: Any) -> list[Any]:
@@ -195,7 +158,7 @@ def _adsb_vehicle(m: Any) -> list[Any]:
         dialect.ADSB_FLAGS_SIMULATED: m.simulated,
     }
     geometric = m.altitude_type is AltitudeType.GEOMETRIC
-    course = 0 if m.course is None else round(math.degrees(m.course) % 360 * 100) % 36000
+    course = 0 if m.course is None else _hundredths_of_degree(m.course)
     return [
         dialect.MAVLink_adsb_vehicle_message(
             m.icao,
@@ -209,32 +172,40 @@ def _adsb_vehicle(m: Any) -> list[Any]:
             m.callsign.encode("ascii", "replace")[:8],
             m.emitter,
             min(int(m.tslc), 255),
-            sum(flag for flag, is_there in present.items() if is_there),
+            sum(flag for flag, is_present in present.items() if is_present),
             m.squawk or 0,
         )
     ]
 
 
 def _collision(m: Any) -> list[Any]:
-    none = dialect.MAV_COLLISION_ACTION_NONE  # we tell; what is done about it is the autopilot's
-    about = (m.time, m.vertical, m.horizontal)
-    return [dialect.MAVLink_collision_message(m.source, m.threat, none, m.threat_level, *about)]
+    none = dialect.MAV_COLLISION_ACTION_NONE  # we report; it is for the autopilot to act
+    approach = (m.time, m.vertical, m.horizontal)
+    return [dialect.MAVLink_collision_message(m.source, m.threat, none, m.threat_level, *approach)]
 
 
 ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
-    Heartbeat: _heartbeat,
-    SystemTime: _system_time,
-    TimeSync: _time_sync,
-    Attitude: _attitude,
-    LocalPosition: _local_position,
+    Heartbeat: lambda m: [
+        dialect.MAVLink_heartbeat_message(m.vehicle_type, m.autopilot, ARMED if m.armed else 0, 0, m.status, 3)
+    ],
+    SystemTime: lambda m: [dialect.MAVLink_system_time_message(m.unix_ns // 1000, _ms(m))],
+    TimeSync: lambda m: [dialect.MAVLink_timesync_message(m.tc1_ns, m.ts1_ns)],
+    Attitude: lambda m: [dialect.MAVLink_attitude_quaternion_message(_ms(m), *m.q_nb, *m.omega_b)],
+    LocalPosition: lambda m: [dialect.MAVLink_local_position_ned_message(_ms(m), *m.r_OF_n, *m.v_F_n)],
     GlobalPosition: _global_position,
     GpsFix: _gps_fix,
     Imu: _imu,
-    ActuatorOutputs: _actuator_outputs,
+    ActuatorOutputs: lambda m: [
+        dialect.MAVLink_servo_output_raw_message(_usec(m) % 2**32, 0, *m.pwm_us, *[0] * (16 - len(m.pwm_us)))
+    ],
     TargetPoints: _target_points,
-    Command: _command,
-    CommandAck: _command_ack,
-    StatusText: _status_text,
+    Command: lambda m: [
+        dialect.MAVLink_command_long_message(m.target_system, m.target_component, m.command, 0, *m.params)
+    ],
+    CommandAck: lambda m: [
+        dialect.MAVLink_command_ack_message(m.command, m.result, 0, 0, m.target_system, m.target_component)
+    ],
+    StatusText: lambda m: [dialect.MAVLink_statustext_message(m.severity, m.text.encode("ascii", "replace")[:50])],
     AdsbVehicle: _adsb_vehicle,
     Collision: _collision,
     Odometry: _odometry,

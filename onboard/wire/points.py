@@ -1,4 +1,4 @@
-"""Camera points as JSON <-> TargetPoints: pixels and intrinsics on the outside, image points inside."""
+"""Camera points as JSON <-> TargetPoints: pixels and intrinsics outside, image points inside."""
 
 import math
 import re
@@ -7,34 +7,25 @@ from typing import Final
 import msgspec
 
 from onboard.messages import CameraPoints, Pixel, TargetPoints
+from onboard.wire.document import BadDocumentError, parse
 
-LATEST_NS: Final = 2**63
 TARGET: Final = re.compile(r"(?=.{0,64}$)([A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*)?")  # part of a key to publish under
 
 _decoder = msgspec.json.Decoder(CameraPoints)
 
 
-class BadPointsError(ValueError):
-    """JSON that is no CameraPoints; the message names the field."""
-
-
 def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
-    """TargetPoints of one JSON document.
+    """TargetPoints of one JSON document of CameraPoints: image points in focal lengths, right and down positive.
 
-    Raises BadPointsError when it is no JSON, a field is missing, unknown or of the wrong type, a focal
-    length is not positive, the time not of 64 bits, or the target no part of a key.
+    Raises BadDocumentError (see `document.parse`), also when a focal length is not positive or the target cannot
+    be part of a key.
     """
-    try:
-        m = _decoder.decode(data)
-    except msgspec.DecodeError as error:  # ValidationError is one too
-        raise BadPointsError(str(error)) from error
+    m = parse(_decoder, data)
     k = m.intrinsics
     if not (k.fx_px > 0 and k.fy_px > 0):
-        raise BadPointsError("focal lengths must be positive - at `$.intrinsics`")
-    if not -LATEST_NS < m.t_ns < LATEST_NS:
-        raise BadPointsError("a time is of 64 bits - at `$.t_ns`")
+        raise BadDocumentError("focal lengths must be positive - at `$.intrinsics`")
     if not TARGET.fullmatch(m.target):
-        raise BadPointsError("letters, digits and -_. with / between, 64 at most - at `$.target`")
+        raise BadDocumentError("letters, digits and -_. with / between, 64 at most - at `$.target`")
     sigmas = (m.center.sigma_px, m.left.sigma_px, m.right.sigma_px)
     f_px = math.sqrt(k.fx_px) * math.sqrt(k.fy_px)
 

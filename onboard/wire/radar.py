@@ -6,34 +6,24 @@ from typing import Final
 import msgspec
 
 from onboard.messages import RadarDetection, RadarDetections, RadarScan
+from onboard.wire.document import BadDocumentError, parse
 
-LATEST_NS: Final = 2**63
-MOST: Final = 4096  # detections in one scan; no radar of a small aircraft tells more apart
+MOST: Final = 4096  # detections in one scan; no radar of a small aircraft resolves more
 
 _decoder = msgspec.json.Decoder(RadarDetections)
 
 
-class BadRadarError(ValueError):
-    """JSON that is no RadarDetections; the message names the field."""
-
-
 def decode_radar(data: bytes, t_recv_ns: int) -> RadarScan:
-    """RadarScan of one JSON document.
+    """RadarScan of one JSON document of RadarDetections.
 
-    Raises BadRadarError when it is no JSON, a field is missing, unknown or of the wrong type, a number out of its
-    range, or the time not of 64 bits.
+    Raises BadDocumentError (see `document.parse`), also when a number is out of its range.
     """
-    try:
-        m = _decoder.decode(data)
-    except msgspec.DecodeError as error:  # ValidationError is one too
-        raise BadRadarError(str(error)) from error
-    if not -LATEST_NS < m.t_ns < LATEST_NS:
-        raise BadRadarError("a time is of 64 bits - at `$.t_ns`")
+    m = parse(_decoder, data)
     if len(m.detections) > MOST:
-        raise BadRadarError(f"more than {MOST} detections - at `$.detections`")
+        raise BadDocumentError(f"more than {MOST} detections - at `$.detections`")
     for i, detection in enumerate(m.detections):
         if not _possible(detection):
-            raise BadRadarError(
+            raise BadDocumentError(
                 f"range > 0, azimuth within +-2 pi, elevation within +-pi/2, sigma > 0 - at `$.detections[{i}]`"
             )
     return RadarScan(

@@ -6,39 +6,30 @@ from typing import Final
 import msgspec
 
 from onboard.messages import PeerRanges, Pseudoranges, SatelliteRange
+from onboard.wire.document import BadDocumentError, parse
 
-LATEST_NS: Final = 2**63
 MOST: Final = 64  # satellites; no receiver follows more of one kind
 ORBITS: Final = (6.4e6, 1e8)  # m from the Earth's centre
 FASTEST: Final = 2e4  # m/s
-FARTHEST: Final = 1e9  # m: a pseudorange has the receiver's clock in it
+FARTHEST: Final = 1e9  # m: a pseudorange contains the error of the receiver's clock
 
 _decoder = msgspec.json.Decoder(Pseudoranges)
 
 
-class BadRangesError(ValueError):
-    """JSON that is no Pseudoranges; the message names the field."""
-
-
 def decode_ranges(data: bytes, t_recv_ns: int) -> PeerRanges:
-    """PeerRanges of one JSON document.
+    """PeerRanges of one JSON document of Pseudoranges.
 
-    Raises BadRangesError when it is no JSON, a field is missing, unknown or of the wrong type, a number out of its
-    range, a satellite there twice, or the time not of 64 bits.
+    Raises BadDocumentError (see `document.parse`), also when a number is out of its range or a satellite occurs
+    twice.
     """
-    try:
-        m = _decoder.decode(data)
-    except msgspec.DecodeError as error:  # ValidationError is one too
-        raise BadRangesError(str(error)) from error
-    if not -LATEST_NS < m.t_ns < LATEST_NS:
-        raise BadRangesError("a time is of 64 bits - at `$.t_ns`")
+    m = parse(_decoder, data)
     if not 1 <= m.peer <= 255:
-        raise BadRangesError("a system number is 1 to 255 - at `$.peer`")
+        raise BadDocumentError("a system number is 1 to 255 - at `$.peer`")
     if len(m.satellites) > MOST or len({s.satellite for s in m.satellites}) < len(m.satellites):
-        raise BadRangesError(f"at most {MOST} satellites, each once - at `$.satellites`")
+        raise BadDocumentError(f"at most {MOST} satellites, each once - at `$.satellites`")
     for i, satellite in enumerate(m.satellites):
         if not _possible(satellite):
-            raise BadRangesError(
+            raise BadDocumentError(
                 "orbits are 6400 to 100000 km from the Earth's centre, pseudoranges to 1e9 m, rates and "
                 f"velocities to 20 km/s, sigma > 0 - at `$.satellites[{i}]`"
             )

@@ -1,8 +1,8 @@
-"""Recordings as `onboard` writes them (MCAP): every datagram bit for bit, in the order it was fed, and what
-was estimated from it, as JSON.
+"""Recordings as `onboard` writes them (MCAP): every datagram bit for bit, in the order it was fed, and the
+estimates made from them, as JSON.
 
 A channel whose message encoding is one of `Encoding` holds datagrams: its topic is their channel, the log time
-their arrival, ns. A channel of encoding "json" holds records that were published, under the key they were
+their arrival, ns. A channel of encoding "json" holds published records; its topic is the key they were
 published on.
 """
 
@@ -33,10 +33,10 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
-    """(Datagram, bytes of the file consumed so far) for each one; (None, ...) once for each stretch that
-    cannot be read, the missing end of a recording that was cut off among them.
+    """(Datagram, bytes of the file consumed so far) for each one; (None, ...) once for each stretch that cannot be
+    read, such as the missing end of a recording that was cut off.
 
-    Raises NotALogError at once when the file is no MCAP file, OSError when it cannot be read.
+    Raises NotALogError at once when the file is not an MCAP file, OSError when it cannot be read.
     """
     lost = False
     for item, at in _read(path):
@@ -53,7 +53,7 @@ def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
 
 
 def read_estimates(path: Path) -> Iterator[Estimate]:
-    """The estimates that were made while it was recorded, to compare a replay with.
+    """The estimates that were made during the recording, to compare a replay with.
 
     Raises NotALogError, OSError, and msgspec.DecodeError when one is of another version of the record.
     """
@@ -68,10 +68,10 @@ def _datagram(channel: str, encoding: Encoding, message: Any) -> Datagram:
 
 
 def _read(path: Path) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
-    """((channel, message), bytes consumed) in file order; (None, ...) for what cannot be read."""
+    """((channel, message), bytes consumed) in file order; (None, ...) for a part that cannot be read."""
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
-            raise NotALogError(f"{path.name}: this is no recording: it does not begin as an MCAP file does")
+            raise NotALogError(f"{path.name}: this is not a recording: it does not begin as an MCAP file does")
         reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=LARGEST_RECORD)
         channels: dict[int, Any] = {}
         ended = False
@@ -80,14 +80,14 @@ def _read(path: Path) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
                 ended = isinstance(record, Footer)
                 for item in _messages(record, channels):
                     yield item, file.tell()
-        except DAMAGE:  # cut off, or a length that leads nowhere
+        except DAMAGE:  # cut off, or a length that is damaged
             ended = False
         if not ended:
             yield None, path.stat().st_size
 
 
 def _messages(record: Any, channels: dict[int, Any]) -> list[tuple[Any, Any] | None]:
-    """The messages of one record, with their channels; a None for those that cannot be read."""
+    """The messages of one record with their channels; None for one that cannot be read."""
     try:
         parts = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
     except Exception:  # a decompressor may raise anything on damaged bytes

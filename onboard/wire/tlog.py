@@ -20,7 +20,7 @@ class NotALogError(ValueError):
 
 
 def frame_length(data: memoryview, at: int) -> int | None:
-    """Length of the frame that starts at `at`, None if none does or its header is cut off."""
+    """Length of the frame that starts at `at`; None if no frame does, or its header is cut off."""
     if at + 3 > len(data):
         return None
     if data[at] == MAGIC_V2:
@@ -31,9 +31,9 @@ def frame_length(data: memoryview, at: int) -> int | None:
 
 
 def read_tlog(data: bytes, channel: str = "tlog") -> Iterator[tuple[Datagram | None, int]]:
-    """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch that is no record.
+    """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch without one.
 
-    Raises NotALogError at once when the first bytes are no record.
+    Raises NotALogError at once when the first bytes are not a record.
     """
     view = memoryview(data)
     if not _record_at(view, 0):
@@ -57,7 +57,7 @@ def read_tlog(data: bytes, channel: str = "tlog") -> Iterator[tuple[Datagram | N
 
 
 def _record_at(view: memoryview, at: int) -> bool:
-    """Whether a plausible time stamp and a frame's first byte stand at `at`."""
+    """Whether a plausible time stamp starts at `at`, followed by a frame's first byte."""
     if at + 9 > len(view) or view[at + 8] not in (MAGIC_V1, MAGIC_V2):
         return False
     (t_us,) = struct.unpack_from(">Q", view, at)

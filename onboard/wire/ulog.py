@@ -1,4 +1,4 @@
-"""PX4 ULog (.ulg) -> records: the autopilot's own log, for what it holds of our vehicle (never camera points).
+"""PX4 ULog (.ulg) -> records of our vehicle, from the autopilot's own log. It never holds camera points.
 
 Stamps are the autopilot's boot clock; the time of arrival is taken to be the same, there being no link.
 """
@@ -21,7 +21,7 @@ ACTIVE: Final = 4
 
 
 def read_ulog(path: Path) -> Iterator[Message]:
-    """The messages of a ULog, in time order, after one heartbeat that says whose log it is.
+    """The messages of a ULog in time order, after one heartbeat that names the autopilot and the vehicle type.
 
     Raises NotALogError when it cannot be read.
     """
@@ -43,7 +43,7 @@ def read_ulog(path: Path) -> Iterator[Message]:
 
 
 def _add_rates(topics: dict[str, Any]) -> None:
-    """Body rates to the attitude, which newer logs keep apart: those of the gyro, at the attitude's times."""
+    """Add body rates to the attitude in newer logs, which keep them apart: the gyro's, at the attitude's times."""
     attitude = topics.get("vehicle_attitude")
     rates, fields = topics.get(RATES), [f"xyz[{k}]" for k in range(3)]
     if rates is None:
@@ -55,7 +55,7 @@ def _add_rates(topics: dict[str, Any]) -> None:
 
 
 def _stream(name: str, columns: Any) -> Iterator[Message]:
-    """One topic's messages. `columns` maps each field to an array over the topic's rows."""
+    """One topic's messages. `columns` maps each field's name to an array over the topic's rows."""
     convert = CONVERT[name]
     for i, t_us in enumerate(columns["timestamp"].tolist()):
         message = convert(columns, i, _header(t_us * 1000))
@@ -68,7 +68,7 @@ def _header(t_ns: int) -> dict[str, Any]:
 
 
 def _vector(columns: Any, i: int, *names: str) -> Any:
-    """The row's values of the named fields, as a tuple of as many floats."""
+    """The named fields of one row, as a tuple of floats."""
     return tuple(float(columns[name][i]) for name in names)
 
 

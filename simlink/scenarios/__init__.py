@@ -1,1 +1,1 @@
-"""What is flown: the scenarios, their records, and the configuration a daemon needs for each."""
+"""The scenarios: their records and files, and the daemon's configuration for each."""

@@ -1,14 +1,17 @@
-"""What a daemon must be told to fly a scenario: its camera, and what is known of the leader beforehand."""
+"""The configuration that a daemon needs for a scenario: camera, prior knowledge of the leader, own sensors'
+errors."""
 
 import math
 
+from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.scene import Nav, Quadrotor, TrafficScene
+from simlink.scenarios.traffic import TrafficScene
+from simlink.scenarios.vehicle import Nav
 
 
 def daemon_config(scenario: Scenario) -> str:
-    """Configuration of `onboard` in TOML. The wingspan is the nominal one, as well known as the scenario draws it;
-    our own attitude is said to be exact where the scenario makes it so."""
+    """Configuration of `onboard` in TOML. The prior of the leader's size is the nominal size with the scenario's
+    sigma; our own attitude is declared exact where the scenario has no error in it."""
     camera, leader = scenario.camera, scenario.leader
     lines = [
         f"# Made by `simlink config {scenario.name}`.",
@@ -38,7 +41,7 @@ def daemon_config(scenario: Scenario) -> str:
 
 
 def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
-    """The section of the estimator of our own state: the nominal craft, and the noise of what it is told."""
+    """The section of the own-state estimator: the nominal craft, and the noise of its measurements."""
     nav, gps = scenario.nav, scenario.gps
     rotors = ", ".join(f"[{x}, {y}, {sense:.0f}]" for x, y, sense in craft.rotors)
     lines = ["", "[delay]", f"gps_s = {gps.delay}", "", "[estimator.own_state]", 'airframe = "custom"']
@@ -66,24 +69,27 @@ def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
 
 
 def _traffic(scene: TrafficScene, nav: Nav) -> list[str]:
-    """What is known of other aircraft's reports, of our radar and of our own navigation: their data sheets, in
-    effect. A step is as good as an error that is even over it; an altitude's, which lasts for a few reports in
-    level flight, as one of 1.6 times the size (so much is left of it in the mean of a minute). Reports are
-    compared with our own position: its error adds."""
+    """The section of the traffic estimator: errors of reports, of our radar and of our own navigation, as data
+    sheets give them.
+
+    A quantisation step counts as a uniform error over its width. The step of an altitude persists over several
+    reports in level flight; it counts 1.6 times, which is the error left in the mean of a minute. Reports are
+    compared with our own position, so its error adds.
+    """
     lines = ["[estimator.traffic]"]
     for name, reports in (("adsb", scene.adsb), ("peer", scene.peer)):
         earliest, latest = reports.latency
-        place = math.hypot(reports.position_white, _even(reports.position_step))
-        speed = math.hypot(reports.velocity_white, _even(reports.velocity_step))
+        place = math.hypot(reports.position_white, _uniform_sigma(reports.position_step))
+        speed = math.hypot(reports.velocity_white, _uniform_sigma(reports.velocity_step))
         lines += [
             f"{name}_latency_s = {(earliest + latest) / 2:.6g}",
-            f"{name}_latency_sigma_s = {_even(latest - earliest):.6g}",
+            f"{name}_latency_sigma_s = {_uniform_sigma(latest - earliest):.6g}",
             f"{name}_position_sigma_m = {place:.6g}",
             f"{name}_velocity_sigma_m_s = {speed:.6g}",
         ]
     adsb, attitude = scene.adsb, nav.attitude_deg
     bias = math.hypot(adsb.position.sigma, nav.position.sigma)
-    altitude = math.hypot(adsb.position_white, 1.6 * _even(adsb.altitude_step))
+    altitude = math.hypot(adsb.position_white, 1.6 * _uniform_sigma(adsb.altitude_step))
     return [
         *lines,
         f"adsb_altitude_sigma_m = {max(altitude, 0.1):.6g}",
@@ -104,6 +110,6 @@ def _traffic(scene: TrafficScene, nav: Nav) -> list[str]:
     ]
 
 
-def _even(width: float) -> float:
-    """Standard deviation of what is even over a width."""
+def _uniform_sigma(width: float) -> float:
+    """Standard deviation of a uniform distribution over a width."""
     return width / math.sqrt(12)

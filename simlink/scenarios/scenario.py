@@ -1,8 +1,8 @@
-"""Scenarios: TOML files -> frozen records. SI throughout; the defaults are the reference formation flight.
+"""Scenarios: TOML files read into frozen records. SI units; the defaults are the reference formation flight.
 
 The reference is that of Oh & Johnson (relative motion by vision), in feet in the paper and in metres here:
 a leader at 70 ft/s in a steady right turn of 8 ft/s^2, the follower 90 ft behind, 10 ft to the right and 5 ft
-below. `scenarios/formation.toml` writes every default out; the other files name only what differs.
+below. `scenarios/formation.toml` lists every default; the other files contain only the differences.
 """
 
 import math
@@ -16,32 +16,22 @@ from typing import Any
 
 import msgspec
 
-from onboard.messages import Record
-from simlink.scenarios.scene import (
-    MOST_AIRCRAFT,
-    Barometer,
-    Camera,
-    Follower,
-    Gps,
-    ImuErrors,
-    Leader,
-    Nav,
-    Outliers,
-    Positive,
-    Quadrotor,
-    TrafficScene,
-    Vehicle,
-)
+from onboard.messages import Positive, Record
+from simlink.scenarios.camera import Camera
+from simlink.scenarios.formation import Follower, Leader
+from simlink.scenarios.quadrotor import Quadrotor
+from simlink.scenarios.traffic import MOST_AIRCRAFT, TrafficScene
+from simlink.scenarios.vehicle import BarometerErrors, Gps, ImuErrors, Nav, Outliers, Vehicle
 
 SCENARIO_FOLDER = Path(__file__).parent
 
 
 class ScenarioError(ValueError):
-    """A scenario that does not exist or does not hold; one line that names the file and the key."""
+    """A scenario that does not exist or is not valid; one line that names the file and the key."""
 
 
 class Scenario(Record, frozen=True, kw_only=True):
-    """One flight. `repeat`: pulses and blackouts come again every so many seconds of an endless flight."""
+    """One flight. Pulses and blackouts repeat every `repeat` seconds of an endless flight; `duration` in s."""
 
     name: str = "formation"
     description: str = ""
@@ -52,7 +42,7 @@ class Scenario(Record, frozen=True, kw_only=True):
     camera: Camera = Camera()
     nav: Nav = Nav()
     imu: ImuErrors = ImuErrors()
-    barometer: Barometer = Barometer()
+    barometer: BarometerErrors = BarometerErrors()
     gps: Gps = Gps()
     vehicle: Vehicle = Vehicle()
     outliers: Outliers = Outliers()
@@ -68,7 +58,7 @@ def scenario_names() -> tuple[str, ...]:
 def load_scenario(name_or_path: str) -> Scenario:
     """The scenario of that name, or in that .toml file.
 
-    Raises ScenarioError when there is none, or when it does not hold.
+    Raises ScenarioError when there is none, or when it is not valid.
     """
     if name_or_path.endswith(".toml"):
         path = Path(name_or_path)
@@ -86,11 +76,8 @@ def load_scenario(name_or_path: str) -> Scenario:
 
 
 def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
-    """Scenario of TOML text. Raises ScenarioError, which begins with `source` and names the key."""
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"{source}: {error}") from error
+    """The scenario of a TOML text. Raises ScenarioError, which begins with `source` and names the key."""
+    data = _tables(text, source)
     data.setdefault("name", name)
     for path, value in _numbers(data, ""):
         if not math.isfinite(value):
@@ -103,10 +90,30 @@ def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
     return scenario
 
 
+def _tables(text: str, source: str) -> dict[str, Any]:
+    """The tables of a TOML text, merged into those of the scenario that it `extends`. Raises ScenarioError."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{source}: {error}") from error
+    base = data.pop("extends", None)
+    if base is None:
+        return data
+    if base not in scenario_names():
+        raise ScenarioError(f"{source}: extends: no scenario {base!r}; known: {', '.join(scenario_names())}")
+    return _merged(_tables((SCENARIO_FOLDER / f"{base}.toml").read_text(encoding="utf-8"), base), data)
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`base` with `changes`: tables are merged, everything else is replaced."""
+    tables = [key for key in changes if isinstance(changes[key], dict) and isinstance(base.get(key), dict)]
+    return base | changes | {key: _merged(base[key], changes[key]) for key in tables}
+
+
 def from_the_side(scenario: Scenario, angle_deg: float) -> Scenario:
-    """The same flight with the slot turned about the leader by `angle_deg` and the camera turned back to look
-    at it: the leader is then yawed by so much against the image plane (less, in a turn, by the angle between
-    the two courses)."""
+    """The same flight with the slot rotated about the leader by `angle_deg` and the camera rotated back towards
+    it: the leader is then yawed by that angle against the image plane (in a turn, less the angle between the two
+    courses)."""
     c, s = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
     x, y, z = scenario.follower.slot
     roll, pitch, yaw = scenario.camera.mount_rpy_deg
@@ -116,7 +123,7 @@ def from_the_side(scenario: Scenario, angle_deg: float) -> Scenario:
 
 
 def _check(s: Scenario, source: str) -> None:
-    """What single fields cannot say. Raises ScenarioError."""
+    """Conditions on several fields. Raises ScenarioError."""
     for key, intervals in (
         ("leader.speed_pulses", s.leader.speed_pulses),
         ("leader.yaw_pulses_deg", s.leader.yaw_pulses_deg),
@@ -137,8 +144,8 @@ def _check(s: Scenario, source: str) -> None:
         ("follower.slot_pulses", s.follower.slot_pulses),
     ):
         if any(pulse.hold >= pulse.end - pulse.start for pulse in pulses):
-            raise ScenarioError(f"{source}: {key}: hold leaves no time to go out and back")
-    # a point mass that turns needs speed; one that flies straight may stop
+            raise ScenarioError(f"{source}: {key}: hold leaves no time to rise and fall")
+    # a point mass needs speed to turn; in straight flight it may stop
     turns = any((w.mean, w.amplitude) != (0.0, 0.0) for w in (s.leader.a_lat, s.leader.a_long))
     slowest = s.leader.speed + sum(min(p.change, 0.0) for p in s.leader.speed_pulses)
     if slowest < (1.0 if turns else 0.0):
@@ -168,7 +175,7 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
 
 
 def _explain(error: str) -> str:
-    """msgspec's message; for an unknown key, with the known ones of that table."""
+    """msgspec's message; for an unknown key, with the known keys of that table."""
     unknown = re.fullmatch(r"Object contains unknown field `(.+?)`(?: - at `\$\.?(.*)`)?", error)
     if unknown is None:
         return error.replace("`$.", "`")

@@ -1,1 +1,1 @@
-"""What our own vehicle's sensors measure of the truth, with noise, delays and losses."""
+"""Sensors: measurements of the truth, with noise, delays and losses."""

@@ -1,5 +1,5 @@
-"""A GPS almanac in YUMA's text form, and where its satellites are (IS-GPS-200, 20.3.3.5.2.1, with an almanac's
-elements only).
+"""A GPS almanac in YUMA's text form, and the positions of its satellites (IS-GPS-200, 20.3.3.5.2.1, with the
+elements of an almanac only).
 
 `data/gps-week-2429.alm` is that of GPS week 2429 (381 as broadcast, modulo 1024), applicable at 61440 s: 26
 July 2026, as the U.S. Coast Guard's Navigation Center publishes it (a work of the U.S. government) and CelesTrak
@@ -12,10 +12,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from simlink.sensors.constellation import EARTH_RATE, GRAVITY, Array, Satellites
+from simlink.sensors.arrays import Array
+from simlink.sensors.constellation import EARTH_RATE, GRAVITY, Satellites
 
 FILE: Final = Path(__file__).parent / "data" / "gps-week-2429.alm"
-ITERATIONS: Final = 8  # of Kepler's equation: each takes off two digits at least at these eccentricities
+ITERATIONS: Final = 8  # of Kepler's equation; each gains two digits at least at these eccentricities
 FIELDS: Final = {
     "Eccentricity": "eccentricity",
     "Time of Applicability(s)": "time",
@@ -29,7 +30,7 @@ FIELDS: Final = {
 
 
 class Almanac(NamedTuple):
-    """Elements (s,) of the satellites that are healthy, by name; rad, rad/s, s of the GPS week, m^1/2."""
+    """Names and orbital elements (s,) of the healthy satellites; rad, rad/s, s of the GPS week, m^1/2."""
 
     names: tuple[str, ...]
     eccentricity: Array
@@ -43,7 +44,7 @@ class Almanac(NamedTuple):
 
 
 def read(text: str) -> Almanac:
-    """The healthy satellites of a YUMA almanac. Raises ValueError for one that is damaged."""
+    """The healthy satellites of a YUMA almanac. Raises ValueError when it is damaged."""
     names, rows = [], []
     for block in text.split("********")[2::2]:
         entries = dict(line.split(":", maxsplit=1) for line in block.splitlines() if ":" in line)
@@ -62,13 +63,13 @@ def read(text: str) -> Almanac:
 
 @lru_cache(maxsize=1)
 def load() -> Almanac:
-    """The almanac of the package."""
+    """The almanac that comes with the package."""
     return read(FILE.read_text(encoding="ascii"))
 
 
 def satellites(almanac: Almanac, t: float) -> Satellites:
-    """Positions and velocities (s, 3) in e at `t` seconds of the almanac's GPS week; the velocity is that relative
-    to the turning Earth."""
+    """Positions and velocities (s, 3) in e at `t` seconds of the almanac's GPS week, m and m/s; the
+    velocity is relative to the rotating Earth."""
     a = almanac
     since = t - a.time
     axis = a.root_axis**2
@@ -78,7 +79,7 @@ def satellites(almanac: Almanac, t: float) -> Satellites:
     for _ in range(ITERATIONS):
         E -= (E - a.eccentricity * np.sin(E) - mean) / (1.0 - a.eccentricity * np.cos(E))
     flat = np.sqrt(1.0 - a.eccentricity**2)
-    # in the plane of the orbit, along the perigee and across
+    # in the orbital plane: towards the perigee, and across
     x, y = axis * (np.cos(E) - a.eccentricity), axis * flat * np.sin(E)
     E_rate = motion / (1.0 - a.eccentricity * np.cos(E))
     x_rate, y_rate = -axis * np.sin(E) * E_rate, axis * flat * np.cos(E) * E_rate
@@ -92,7 +93,7 @@ def satellites(almanac: Almanac, t: float) -> Satellites:
 
 
 def _axes(perigee: Array, inclination: Array, node: Array) -> tuple[Array, Array]:
-    """Unit vectors (s, 3) in e along the perigee and a quarter turn on."""
+    """Unit vectors (s, 3) in e towards the perigee, and 90 degrees further along the orbit."""
     cw, sw, ci, si = np.cos(perigee), np.sin(perigee), np.cos(inclination), np.sin(inclination)
     cn, sn = np.cos(node), np.sin(node)
     along = np.column_stack([cn * cw - sn * ci * sw, sn * cw + cn * ci * sw, si * sw])

@@ -1,4 +1,4 @@
-"""The camera and the vision process behind it: exposures, noise, drop-outs, wrong blobs, latency.
+"""The camera and its vision process: exposures, noise, drop-outs, wrong blobs.
 
 A point is (Y_c/X_c, Z_c/X_c), positive right and down, as in `onboard.geometry.camera`.
 """
@@ -8,28 +8,22 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from onboard.geometry.rotations import quaternion_from_euler
-from onboard.messages import (
-    CameraPoints,
-    Clock,
-    ImagePoint,
-    Intrinsics,
-    Pixel,
-    Quaternion,
-    TargetPoints,
-    Vec3,
-)
+from onboard.messages import CameraPoints, Clock, ImagePoint, Intrinsics, Pixel, Quaternion, TargetPoints, Vec3
+from simlink.scenarios.camera import Camera
+from simlink.scenarios.profiles import is_within
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.scene import Camera
 from simlink.world import attitude
+from simlink.world.attitude import difference
+from simlink.world.constants import STEPS_PER_SECOND
 from simlink.world.motion import Real
 from simlink.world.noise import normals, uniforms
-from simlink.world.truth import STEPS_PER_SECOND, State, difference
+from simlink.world.truth import State
 
 Points = tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left wing, right wing of the leader
 
 
 class Image(NamedTuple):
-    """One registered image: stamped `t_ns` (boot clock), in units of the focal length."""
+    """The points of one registered image, in units of the focal length; `t_ns` is its stamp (boot clock)."""
 
     t_ns: int
     points: Points
@@ -50,7 +44,7 @@ def leader_points_n(r_FL_n: Vec3, q_nL: Quaternion, size: float) -> tuple[Vec3, 
 
 
 def in_camera(r_FP_n: Vec3, q_nF: Quaternion, camera: Camera, q_bc: Quaternion) -> Vec3:
-    """Where a point stands before the camera: r_CP_c. Of floats, or of arrays of them."""
+    """r_CP_c of a point P. The components are floats, or arrays of them."""
     return attitude.to_b(q_bc, difference(attitude.to_b(q_nF, r_FP_n), camera.mount_offset))
 
 
@@ -61,25 +55,25 @@ def is_inside(camera: Camera, x: Real, y: Real, z: Real) -> Real:
 
 
 def project(state: State, size: float, camera: Camera, q_bc: Quaternion) -> Points | None:
-    """Where the camera sees the leader's points; None if one is behind the lens or outside the image."""
-    seen = []
+    """Image points of the leader; None if one is behind the lens or outside the image."""
+    points = []
     for r_FP_n in leader_points_n(difference(state.r_OL_n, state.r_OF_n), state.q_nL, size):
         x, y, z = in_camera(r_FP_n, state.q_nF, camera, q_bc)
         if not is_inside(camera, x, y, z):
             return None
-        seen.append((y / x, z / x))
-    return seen[0], seen[1], seen[2]
+        points.append((y / x, z / x))
+    return points[0], points[1], points[2]
 
 
 def is_exposure(step: int, rate: float) -> bool:
     """Whether an image is taken at this step of the world: the first step at or after each 1 / rate."""
     per_step = rate / STEPS_PER_SECOND
-    # a millionth of a step forgives the rounding of rates such as 60, whose period is no binary fraction
+    # a millionth of a step tolerates the rounding of rates such as 60, whose period is no binary fraction
     return math.floor(step * per_step + 1e-6) > math.floor((step - 1) * per_step + 1e-6)
 
 
 def registrations(camera: Camera, seed: int) -> Iterator[bool]:
-    """Whether the vision process finds the leader, image by image: a Markov chain, begun registered."""
+    """Whether the vision process finds the leader, image by image: a Markov chain that begins registered."""
     u = uniforms(seed, "camera.registration")
     registered = True
     while True:
@@ -88,7 +82,8 @@ def registrations(camera: Camera, seed: int) -> Iterator[bool]:
 
 
 def _noisy(points: Points, z: Iterator[float], sigma: float) -> Points:
-    """Six draws whether or not there is noise: every image takes the same numbers from the stream."""
+    """Points with noise. It takes six draws even when sigma is zero: each image then has its own place in the
+    stream."""
     (a, b), (c, d), (e, f) = points
     return (
         (a + sigma * next(z), b + sigma * next(z)),
@@ -98,7 +93,8 @@ def _noisy(points: Points, z: Iterator[float], sigma: float) -> Points:
 
 
 def blob(camera: Camera, u: Real, v: Real, w: Real) -> Points:
-    """Something else: a center uniform in the image, a level span uniform in `blob_span_px`; by three draws."""
+    """A wrong detection: center uniform in the image, level span uniform in `blob_span_px`. u, v, w: uniform
+    draws."""
     low, high = camera.blob_span_px
     x = (u - 0.5) * camera.width_px / camera.f_px
     y = (v - 0.5) * camera.height_px / camera.f_px
@@ -119,9 +115,9 @@ class CameraSensor:
         self._wrong = uniforms(seed, "camera.wrong")
 
     def expose(self, state: State) -> Points | None:
-        """The points measured in an image taken now, or None when none is registered."""
+        """The points measured in an image exposed now; None when the leader is not registered."""
         camera, t = self._camera, state.t % self._repeat
-        registered = next(self._registered) and not any(b.start <= t < b.end for b in camera.blackouts)
+        registered = next(self._registered) and not is_within(t, camera.blackouts)
         wrong = next(self._wrong) < camera.wrong_blob
         other = blob(camera, next(self._wrong), next(self._wrong), next(self._wrong))
         truth = project(state, self._size, camera, self._q_bc)
@@ -132,20 +128,15 @@ class CameraSensor:
 
 
 def target_points(image: Image, camera: Camera) -> TargetPoints:
-    """The record the MAVLink encoder turns into three LANDING_TARGETs."""
+    """The record that the MAVLink encoder sends as three LANDING_TARGETs."""
     center, left, right = image.points
     return TargetPoints(
-        t_ns=image.t_ns,
-        t_recv_ns=image.t_ns,
-        camera=camera.name,
-        center=center,
-        left=left,
-        right=right,
+        t_ns=image.t_ns, t_recv_ns=image.t_ns, camera=camera.name, center=center, left=left, right=right
     )
 
 
 def camera_points(image: Image, camera: Camera) -> CameraPoints:
-    """What a vision process publishes on Zenoh: pixels and intrinsics."""
+    """The record that a vision process publishes on Zenoh: pixels and intrinsics."""
     cx, cy = camera.width_px / 2, camera.height_px / 2
     center, left, right = (
         Pixel(u_px=cx + camera.f_px * y, v_px=cy + camera.f_px * z, sigma_px=camera.sigma_px or None)

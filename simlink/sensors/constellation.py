@@ -1,15 +1,14 @@
-"""The 24 slots of GPS in its six planes, and where their satellites are, in ECEF.
+"""The 24 slots of GPS in six orbital planes, and the positions of their satellites in e.
 
 Circular orbits from the nominal constellation of the GPS SPS Performance Standard (2001, table 3-1 and A-2.1.1),
-an almanac without eccentricities and clocks. The planes' slow drift (4e-7 deg/s) is left out.
+an almanac without eccentricities and clocks. The slow drift of the planes (4e-7 deg/s) is neglected.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from simlink.sensors.arrays import Array
 
 AXIS = 26559.7e3  # m
 INCLINATION_DEG = 55.0
@@ -37,7 +36,7 @@ class Satellites(NamedTuple):
 
 
 def satellites(t: float) -> Satellites:
-    """All of them, `t` seconds after the epoch. The velocity is that relative to the turning Earth."""
+    """All 24 satellites, `t` seconds after the epoch. The velocity is relative to the rotating Earth."""
     motion = np.sqrt(GRAVITY / AXIS**3)
     u = np.radians(np.ravel(ARGUMENT_DEG)) + motion * t
     node = np.radians(np.repeat(NODE_DEG, 4) - GREENWICH_DEG) - EARTH_RATE * t

@@ -1,10 +1,10 @@
 """A GNSS receiver in flight: pseudoranges and their rates, with the errors of De Vivo et al., 5.2.2-5.2.3.
 
-The receiver gives satellites' positions and velocities in e at the time of reception, with the Earth's turn during
-the signals' flight removed, so a range is the distance between two points. Its clock's error is in all of them.
-Errors: the clock's walks, the troposphere (less a model's mean, unless told otherwise), multipath, and noise.
+The receiver gives the satellites' positions and velocities in e at the time of reception, corrected for the
+Earth's rotation during the signal's flight: a range is the distance between two points. Errors: the receiver's
+clock (common to all), the troposphere (minus a model's mean unless `corrected` is false), multipath, and noise.
 
-Erratum: the multipath's elevation is in degrees; in radians, as printed, it hardly depends on it.
+Erratum: the elevation in the multipath formula is in degrees; in radians, as printed, it has hardly any effect.
 """
 
 from collections.abc import Sequence
@@ -15,15 +15,14 @@ import numpy.typing as npt
 
 from onboard.geometry.geodesy import geodetic_from_ecef, rotation_ne
 from simlink.sensors import constellation, troposphere
-
-Array = npt.NDArray[np.float64]
+from simlink.sensors.arrays import Array, Flags, within
 
 
 class Receiver(NamedTuple):
-    """A receiver off the shelf."""
+    """A commercial receiver and the random walks of its errors."""
 
-    every: int = 10  # a fix at each so many of the given times
-    mask_deg: float = 10.0  # satellites lower than this are left out
+    every: int = 10  # a fix at every so many-th of the given times
+    mask_deg: float = 10.0  # satellites below this elevation are not used
     sigma: float = 5.0  # m, of a pseudorange, without multipath
     rate_sigma: float = 0.1  # m/s
     clock_sigma: float = 150.0  # m at the start: 500 ns
@@ -31,13 +30,13 @@ class Receiver(NamedTuple):
     clock_walk: float = 0.05  # m^2/s
     drift_walk: float = 0.01  # (m/s)^2/s
     wet_walk: float = 1e-4 / 3600  # m^2/s, of the wet zenith delay: 1 cm^2 an hour
-    corrected: bool = True  # whether it removes the mean troposphere
+    corrected: bool = True  # whether it removes the mean delay of the troposphere
     day: float = 60.0  # of the year
     epoch: float = 0.0  # s, of the constellation at t = 0
 
 
 class Conditions(NamedTuple):
-    """Faults by intervals [from, to) s: the clock degraded, and no signal at all (the loops have lost lock)."""
+    """Intervals [from, to) s of faults: a degraded clock, and no signal (the tracking loops have lost lock)."""
 
     degraded: Sequence[tuple[float, float]] = ()
     lost: Sequence[tuple[float, float]] = ()
@@ -48,18 +47,18 @@ class Conditions(NamedTuple):
 
 
 class Fix(NamedTuple):
-    """What the receiver gives at one time, of s satellites. `sigma` is what it says of its errors: it does not
-    notice a degraded clock."""
+    """Measurements of s satellites at one time. `sigma`: the standard deviations that the receiver reports; it
+    does not notice a degraded clock."""
 
     y: Array  # (2 s,): pseudoranges m, then rates m/s
     sigma: Array  # (2 s,)
     position: Array  # (s, 3) in e
     velocity: Array  # (s, 3)
-    slots: npt.NDArray[np.intp]  # (s,), places in the constellation
+    slots: npt.NDArray[np.intp]  # (s,), their indices in the constellation
 
 
 class Reception(NamedTuple):
-    """All of a flight: the clock's true error and drift (N, 2), m and m/s, and a fix or None at each time."""
+    """A whole flight: the clock's true error and drift (N, 2), m and m/s, and a fix or None at each time."""
 
     clock: Array
     fixes: tuple[Fix | None, ...]
@@ -73,15 +72,15 @@ def receive(
     rng: np.random.Generator,
     conditions: Conditions = Conditions(),  # noqa: B008 - immutable
 ) -> Reception:
-    """A flight at times t (N,), evenly spaced, s, with positions and velocities (N, 3) in e.
+    """The reception of a flight at evenly spaced times t (N,), s, with positions and velocities (N, 3) in e.
 
-    Random numbers are drawn for all satellites at all times, so that faults do not change them elsewhere.
-    Raises ValueError for a single time, and for a mask that lets satellites below the horizon in.
+    Random numbers are drawn for all satellites at all times, so that a fault changes the errors during it only.
+    Raises ValueError for a single time, and for a mask that admits satellites below the horizon.
     """
     if len(t) < 2 or not receiver.mask_deg > 0:
         raise ValueError("needs two times at least, and a mask above the horizon")
     n, dt = len(t), float(t[1] - t[0])
-    degraded, lost = _within(t, conditions.degraded), _within(t, conditions.lost)
+    degraded, lost = within(t, conditions.degraded), within(t, conditions.lost)
     clock = _clock(receiver, conditions, degraded, dt, rng)
     wet = troposphere.WET_ZENITH + np.sqrt(receiver.wet_walk * dt) * np.cumsum(rng.standard_normal(n))
     noise = rng.standard_normal((n, 2, len(constellation.SLOTS)))
@@ -91,8 +90,10 @@ def receive(
             fixes.append(None)
             continue
         worse = (conditions.noise_factor, conditions.rate_noise_factor) if degraded[k] else (1.0, 1.0)
-        seen = constellation.satellites(receiver.epoch + float(t[k]))
-        fixes.append(fix(receiver, seen, r_e[k], v_e[k], clock[k], float(wet[k]), noise[k] * np.array([worse]).T))
+        satellites = constellation.satellites(receiver.epoch + float(t[k]))
+        fixes.append(
+            fix(receiver, satellites, r_e[k], v_e[k], clock[k], float(wet[k]), noise[k] * np.array([worse]).T)
+        )
     return Reception(clock, tuple(fixes))
 
 
@@ -105,24 +106,24 @@ def elevations(satellites: Array, r_e: Array) -> Array:
 
 
 def multipath(elevation: Array) -> Array:
-    """Standard deviation (s,), m, of the multipath at an elevation (s,), rad: ICAO's standard curve."""
+    """Standard deviation (s,), m, of the multipath at an elevation (s,), rad: ICAO's standard model."""
     return np.asarray(0.13 + 0.53 * np.exp(-np.degrees(elevation) / 10))
 
 
 def fix(
     receiver: Receiver,
-    seen: constellation.Satellites,
+    satellites: constellation.Satellites,
     r_e: Array,
     v_e: Array,
     clock: Array,
     wet: float,
     noise: Array,
 ) -> Fix:
-    """What the receiver gives of satellites at a place and velocity in e: its clock's error and drift (2,), the
-    wet zenith delay, m, and normal numbers (2, s) for each of them, above the mask or not."""
-    elevation = elevations(seen.position, r_e)
+    """The receiver's measurements at a position and velocity in e, given its clock's error and drift (2,), the wet
+    zenith delay (m), and normal numbers (2, s) for all satellites, above the mask or not."""
+    elevation = elevations(satellites.position, r_e)
     up = np.flatnonzero(elevation >= np.radians(receiver.mask_deg))
-    position, velocity, elevation = seen.position[up], seen.velocity[up], elevation[up]
+    position, velocity, elevation = satellites.position[up], satellites.velocity[up], elevation[up]
     sight, rate = position - r_e, velocity - v_e
     distance = np.linalg.norm(sight, axis=1)
     closing = np.sum(sight * rate, axis=1) / distance
@@ -144,25 +145,18 @@ def fix(
 def _clock(
     receiver: Receiver,
     conditions: Conditions,
-    degraded: npt.NDArray[np.bool_],
+    degraded: Flags,
     dt: float,
     rng: np.random.Generator,
 ) -> Array:
-    """Error and drift (N, 2): the drift walks, and the error walks beside it."""
+    """Error and drift (N, 2), m and m/s: random walks of both, and the drift integrates into the error."""
     start = rng.standard_normal(2) * (receiver.clock_sigma, receiver.drift_sigma)
     steps = rng.standard_normal((len(degraded), 3))
     drift_walk = np.sqrt(receiver.drift_walk * np.where(degraded, conditions.drift_walk_factor, 1.0) * dt)
     clock_walk = np.sqrt(receiver.clock_walk * np.where(degraded, conditions.clock_walk_factor, 1.0) * dt)
     drift = start[1] + np.cumsum(drift_walk * steps[:, 0])
     before = np.concatenate([[start[1]], drift[:-1]])
-    # within a step the drift's walk adds dt/2 of its change, and a part of its own with variance dt^2/12
+    # within a step the drift's random walk adds dt/2 of its change, and an independent part with variance dt^2/12
     within = dt * (0.5 * (before + drift) + drift_walk / np.sqrt(12) * steps[:, 1])
     error = start[0] + np.cumsum(within + clock_walk * steps[:, 2])
     return np.column_stack([error, drift])
-
-
-def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> npt.NDArray[np.bool_]:
-    inside = np.zeros(t.shape, bool)
-    for begin, end in intervals:
-        inside |= (t >= begin) & (t < end)
-    return inside

@@ -1,30 +1,29 @@
-"""A phased-array radar: what it measures and how well, from the signal-to-noise ratio. De Vivo et al., 5.1.2.
+"""A phased-array radar: its measurements and their errors, by the signal-to-noise ratio. De Vivo et al., 5.1.2.
 
 Frame: east, north, up at the radar. Azimuth is clockwise from north, elevation positive up, rad; range in m.
 
 Errata: the paper's S/(J+N) lacks the pulse duration tau (without it watts are divided by joules); the formula it
 calls coherent integration is the non-coherent one; L is given "in dB" and enters as a ratio. Its theta is the
-azimuth in the vector of measurements and the elevation in the scan loss: here the beam at rest points to azimuth
-theta_r and elevation phi_r of Table 4. Where the paper refers to Curry (2005) for a loss, it is said below.
+azimuth in the measurement vector but the elevation in the scan loss: here the unscanned beam points to azimuth
+theta_r and elevation phi_r of Table 4. The paper refers to Curry (2005) for the losses; `losses_db` states them.
 """
 
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from simlink.sensors.arrays import Array, Flags, within
 
 LIGHT = 299792458.0  # m/s
 BOLTZMANN = 1.380649e-23  # J/K
-EARTH = 6371e3 * 4 / 3  # m: radio rays bend as if the Earth were larger
+EARTH = 6371e3 * 4 / 3  # m: refraction of radio waves acts like a larger Earth
 
 
 class Radar(NamedTuple):
-    """Table 4, and what the paper takes from Curry's book."""
+    """The parameters of Table 4, and those that the paper takes from Curry's book."""
 
-    azimuth_deg: float = 0.0  # theta_r, of the beam without scan
+    azimuth_deg: float = 0.0  # theta_r, of the unscanned beam
     elevation_deg: float = 20.0  # phi_r
     peak_power: float = 2.5e3  # W
     pulse: float = 50e-6  # s
@@ -44,21 +43,21 @@ class Radar(NamedTuple):
     integration_loss_db: float = 1.0
     beamshape_loss_db: float = 3.2
     jammer_power: float = 15.0  # W effective radiated, at the target
-    # not in the paper
+    # the rest is not in the paper
     gas_db_km: float = 0.0075  # one way at sea level, 3 GHz
-    gas_height: float = 5e3  # m: the gas thins out by 1/e
+    gas_height: float = 5e3  # m, scale height of the attenuation
     rain_k: float = 1.26e-4  # ITU-R P.838-3, horizontal, at 3.3 GHz: dB/km one way = k (mm/h)^a
     rain_a: float = 1.34
-    detection_db: float = 0.0  # an integrated signal weaker than this is not seen
+    detection_db: float = 0.0  # weakest integrated signal that is detected
 
 
-class Look(NamedTuple):
-    """What the radar says of a target at each of N times. `y` is NaN where it sees nothing."""
+class Measurements(NamedTuple):
+    """Measurements of a target at N times. `y` is NaN where nothing is detected."""
 
     y: Array  # (N, 3): range m, azimuth rad, elevation rad
-    sigma: Array  # (N, 3), what the radar says of its own errors
+    sigma: Array  # (N, 3), standard deviations that the radar reports
     snr_db: Array  # (N,), integrated
-    seen: npt.NDArray[np.bool_]  # (N,)
+    detected: Flags  # (N,)
 
 
 class Conditions(NamedTuple):
@@ -70,90 +69,90 @@ class Conditions(NamedTuple):
     lost: Sequence[tuple[float, float]] = ()
 
 
-def look(
+def measure(
     radar: Radar,
     t: Array,
     r_RT: Array,
     rng: np.random.Generator,
     conditions: Conditions = Conditions(),  # noqa: B008 - immutable
-) -> Look:
-    """The radar on a target at r_RT (N, 3), east, north, up from it, at times t (N,).
+) -> Measurements:
+    """Measurements of a target at r_RT (N, 3), east, north, up of the radar, m, at times t (N,), s.
 
-    Every look takes three normal numbers, seen or not, so that faults do not change the noise elsewhere.
+    Each measurement draws three normal numbers, detected or not, so that a fault changes the noise during it only.
     """
-    jammed = _within(t, conditions.jammed)
+    jammed = within(t, conditions.jammed)
     truth = spherical(r_RT)
     ratio = integrated(radar, signal_to_noise(radar, truth, r_RT[:, 2], conditions.rain_mm_h, jammed))
     sigma = accuracy(radar, truth, ratio)
     y = truth + sigma * rng.standard_normal(truth.shape)
     y[:, 1] = np.remainder(y[:, 1] + np.pi, 2 * np.pi) - np.pi
     snr_db = 10 * np.log10(ratio)
-    seen = ~_within(t, conditions.lost) & in_scan(radar, truth) & (snr_db >= radar.detection_db)
-    y[~seen] = np.nan
-    return Look(y, sigma, snr_db, seen)
+    detected = ~within(t, conditions.lost) & in_scan(radar, truth) & (snr_db >= radar.detection_db)
+    y[~detected] = np.nan
+    return Measurements(y, sigma, snr_db, detected)
 
 
 def spherical(r_RT: Array) -> Array:
-    """Range, azimuth and elevation (N, 3) of points (N, 3)."""
+    """Range (m), azimuth and elevation (rad), (N, 3), of points (N, 3), east, north, up."""
     x, y, z = r_RT[:, 0], r_RT[:, 1], r_RT[:, 2]
     level = np.hypot(x, y)
     return np.column_stack([np.hypot(level, z), np.arctan2(x, y), np.arctan2(z, level)])
 
 
 def bandwidth(radar: Radar) -> float:
-    """Of the signal, Hz: what the array passes at its largest scan (.15 GHz)."""
+    """Bandwidth of the signal, Hz: that of the array at its largest scan angle (0.15 GHz)."""
     widest = np.radians(max(radar.beamwidth_azimuth_deg, radar.beamwidth_elevation_deg))
     return float(widest * LIGHT / (0.886 * _wavelength(radar) * np.sin(np.radians(radar.scan_max_deg))))
 
 
-def scan_angles(radar: Radar, seen: Array) -> Array:
-    """Angles off the beam at rest (N, 2), rad: in azimuth and elevation."""
-    azimuth = seen[:, 1] - np.radians(radar.azimuth_deg)
+def scan_angles(radar: Radar, polar: Array) -> Array:
+    """Azimuth and elevation (N, 2), rad, relative to the unscanned beam, of targets at `polar` (N, 3)."""
+    azimuth = polar[:, 1] - np.radians(radar.azimuth_deg)
     azimuth = np.remainder(azimuth + np.pi, 2 * np.pi) - np.pi
-    return np.column_stack([azimuth, seen[:, 2] - np.radians(radar.elevation_deg)])
+    return np.column_stack([azimuth, polar[:, 2] - np.radians(radar.elevation_deg)])
 
 
-def in_scan(radar: Radar, seen: Array) -> npt.NDArray[np.bool_]:
-    """Whether the beam can be steered there (N,)."""
-    return np.asarray(np.all(np.abs(scan_angles(radar, seen)) <= np.radians(radar.scan_max_deg), axis=1))
+def in_scan(radar: Radar, polar: Array) -> Flags:
+    """Whether the beam can be steered to targets at `polar` (N, 3): (N,)."""
+    return np.asarray(np.all(np.abs(scan_angles(radar, polar)) <= np.radians(radar.scan_max_deg), axis=1))
 
 
 def elevation_above_horizon(distance: Array, height: Array) -> Array:
-    """Phi (N,), rad, of targets at a range and height, m, over an Earth of 4/3 the radius."""
+    """Phi (N,), rad, of targets at a distance and height, m, over an Earth of 4/3 the radius."""
     near = np.maximum(distance, 1.0)
     above = ((EARTH + height) ** 2 - near**2 - EARTH**2) / (2 * near * EARTH)
     return np.asarray(np.arcsin(np.clip(above, -1.0, 1.0)))
 
 
-def losses_db(radar: Radar, seen: Array, height: Array, rain_mm_h: float = 0.0) -> Array:
-    """L (N,): antennas, processing, beam shape, scan, gases (path loss) and rain, there and back.
+def losses_db(radar: Radar, polar: Array, height: Array, rain_mm_h: float = 0.0) -> Array:
+    """L (N,), dB, over both ways: antennas, processing, beam shape, scan, atmospheric gases and rain.
 
-    The lens loss, of rays that leave the atmosphere, is nothing at the ranges of sense and avoid.
+    The lens loss, of rays that leave the atmosphere, is negligible at the ranges of sense and avoid.
     """
     fixed = radar.transmit_loss_db + radar.receive_loss_db + radar.processing_loss_db + radar.beamshape_loss_db
-    off = scan_angles(radar, seen)
-    off[:, 1] = elevation_above_horizon(seen[:, 0], height) - np.radians(radar.elevation_deg)
-    # beyond 90 degrees there is no beam; the scan's limit is kept elsewhere
+    off = scan_angles(radar, polar)
+    off[:, 1] = elevation_above_horizon(polar[:, 0], height) - np.radians(radar.elevation_deg)
+    # beyond 90 degrees there is no beam; `in_scan` applies the scan limit
     scan = -25.0 * np.log10(np.maximum(np.cos(off[:, 0]) * np.cos(off[:, 1]), 1e-3))
     thin = np.maximum(height, 1.0) / radar.gas_height
     gas = radar.gas_db_km * -np.expm1(-thin) / thin  # mean over the path
     rain = radar.rain_k * rain_mm_h**radar.rain_a
-    return np.asarray(fixed + scan + 2e-3 * seen[:, 0] * (gas + rain))
+    return np.asarray(fixed + scan + 2e-3 * polar[:, 0] * (gas + rain))
 
 
 def signal_to_noise(
     radar: Radar,
-    seen: Array,
+    polar: Array,
     height: Array,
     rain_mm_h: float,
-    jammed: npt.NDArray[np.bool_],
+    jammed: Flags,
     cross_section: float = 10**0.01,  # 0.1 dBsm
 ) -> Array:
     """S/N (N,) of one pulse (eq 46), or S/(J+N) where the target jams, as ratios."""
-    wavelength, r = _wavelength(radar), np.maximum(seen[:, 0], 1.0)  # nearer is the far field of no radar
+    wavelength, r = _wavelength(radar), np.maximum(polar[:, 0], 1.0)  # below 1 m there is no far field
     both = _ratio(radar.transmit_gain_db) * _ratio(radar.receive_gain_db)
     energy = radar.peak_power * radar.pulse * both * wavelength**2 * cross_section / ((4 * np.pi) ** 3 * r**4)
-    energy = energy / 10 ** (losses_db(radar, seen, height, rain_mm_h) / 10)
+    energy = energy / 10 ** (losses_db(radar, polar, height, rain_mm_h) / 10)
     noise = BOLTZMANN * radar.temperature
     radiated = radar.jammer_power * _ratio(radar.receive_gain_db) * wavelength**2
     jammer = radiated / ((4 * np.pi * r) ** 2 * radar.jammer_bandwidth * _ratio(radar.receive_loss_db))
@@ -161,15 +160,15 @@ def signal_to_noise(
 
 
 def integrated(radar: Radar, ratio: Array) -> Array:
-    """S/N of all pulses, added up without their phases."""
+    """S/N (N,) after non-coherent integration of all pulses."""
     return np.asarray(radar.pulses * ratio * ratio / ((1 + ratio) * _ratio(radar.integration_loss_db)))
 
 
-def accuracy(radar: Radar, seen: Array, ratio: Array) -> Array:
+def accuracy(radar: Radar, polar: Array, ratio: Array) -> Array:
     """Standard deviations (N, 3) of range (m), azimuth and elevation (rad): eq 45, noise and fixed errors."""
     cell = LIGHT / (2 * bandwidth(radar))
     beam = np.radians([radar.beamwidth_azimuth_deg, radar.beamwidth_elevation_deg])
-    beam = beam / np.maximum(np.cos(scan_angles(radar, seen)), 1e-3)
+    beam = beam / np.maximum(np.cos(scan_angles(radar, polar)), 1e-3)
     noisy = np.sqrt(2 * ratio)
     distance = cell * np.hypot(1 / noisy, 1 / 25)
     angles = beam * np.hypot(1 / (radar.monopulse_slope * noisy), 1 / 40)[:, None]
@@ -182,10 +181,3 @@ def _wavelength(radar: Radar) -> float:
 
 def _ratio(db: float) -> float:
     return float(10 ** (db / 10))
-
-
-def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> npt.NDArray[np.bool_]:
-    inside = np.zeros(t.shape, bool)
-    for begin, end in intervals:
-        inside |= (t >= begin) & (t < end)
-    return inside

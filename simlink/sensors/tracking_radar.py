@@ -6,15 +6,13 @@ Frame: east, north, up at the radar (the paper's topocentric triad). Azimuth is 
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from simlink.sensors.arrays import Array
 from simlink.sensors.phased_array import spherical
-
-Array = npt.NDArray[np.float64]
 
 
 class TrackingRadar(NamedTuple):
-    """One-sigma errors; the paper also tries three times as much."""
+    """1-sigma errors; the paper also uses three times as much."""
 
     range_sigma: float = 10.0  # m
     azimuth_sigma: float = 0.2e-3  # rad
@@ -26,7 +24,8 @@ class TrackingRadar(NamedTuple):
 
 
 def track(radar: TrackingRadar, r_RT: Array, rng: np.random.Generator) -> Array:
-    """Range m, azimuth and elevation rad, (N, 3), of a target at r_RT (N, 3), east, north, up from the radar."""
+    """Measured range (m), azimuth and elevation (rad), (N, 3), of a target at r_RT (N, 3), east, north, up from
+    the radar."""
     y = spherical(r_RT) + np.array(radar) * rng.standard_normal(r_RT.shape)
     y[:, 1] = np.remainder(y[:, 1] + np.pi, 2 * np.pi) - np.pi
     return y

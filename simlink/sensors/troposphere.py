@@ -1,19 +1,18 @@
-"""What the troposphere adds to a GNSS pseudorange: De Vivo et al. eq 53, with the mapping functions of Niell
-(1996, J. Geophys. Res. 101 B2, tables 3 and 4).
+"""Delay of a GNSS pseudorange in the troposphere: De Vivo et al. eq 53, with the mapping functions of Niell (1996,
+J. Geophys. Res. 101 B2, tables 3 and 4).
 
-Erratum: the paper's T_dry takes z of its NED frame for what is an altitude, -z.
+Erratum: the paper's T_dry contains z of its NED frame where the altitude, -z, must stand.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from simlink.sensors.arrays import Array
 
 DRY_ZENITH = 2.3  # m, at sea level
 DRY_DECAY = 0.116e-3  # 1/m
 WET_ZENITH = 0.1  # m
 LATITUDES_DEG = (15.0, 30.0, 45.0, 60.0, 75.0)
-# a, b, c at those latitudes: of the dry part on average, how far the seasons move it, and of the wet part
+# a, b, c at those latitudes: yearly mean of the dry part, its seasonal amplitude, and the wet part
 DRY_AVERAGE = (
     (1.2769934e-3, 1.2683230e-3, 1.2465397e-3, 1.2196049e-3, 1.2045996e-3),
     (2.9153695e-3, 2.9152299e-3, 2.9288445e-3, 2.9022565e-3, 2.9024912e-3),
@@ -35,7 +34,7 @@ YEAR_DAYS = 365.25
 
 
 def delay(elevation: Array, height: float, lat_deg: float, day: float, wet_zenith: float = WET_ZENITH) -> Array:
-    """Extra path (s,), m, of rays that come in at `elevation` (s,), rad above 0, at a height (m), on a day of the
+    """Extra path (s,), m, of rays that arrive at `elevation` (s,), rad > 0, at a height (m), on a day of the
     year."""
     dry = DRY_ZENITH * np.exp(-DRY_DECAY * height)
     return np.asarray(
@@ -44,7 +43,7 @@ def delay(elevation: Array, height: float, lat_deg: float, day: float, wet_zenit
 
 
 def dry_mapping(elevation: Array, height: float, lat_deg: float, day: float) -> Array:
-    """How much longer the dry path is than straight up (s,)."""
+    """Ratio of the dry delay to that at the zenith (s,)."""
     winter = COLDEST_DAY if lat_deg >= 0 else COLDEST_DAY + YEAR_DAYS / 2
     season = np.cos(2 * np.pi * (day - winter) / YEAR_DAYS)
     a, b, c = _at(DRY_AVERAGE, lat_deg) - _at(DRY_SEASON, lat_deg) * season
@@ -53,16 +52,16 @@ def dry_mapping(elevation: Array, height: float, lat_deg: float, day: float) -> 
 
 
 def wet_mapping(elevation: Array, lat_deg: float) -> Array:
-    """The same for the wet part."""
+    """Ratio of the wet delay to that at the zenith (s,)."""
     return _fraction(elevation, *_at(WET, lat_deg))
 
 
 def _at(table: tuple[tuple[float, ...], ...], lat_deg: float) -> Array:
-    """The coefficients at a latitude, those of the outer rows beyond them."""
+    """The coefficients interpolated at a latitude, constant beyond the table."""
     return np.array([np.interp(abs(lat_deg), LATITUDES_DEG, row) for row in table])
 
 
 def _fraction(elevation: Array, a: float, b: float, c: float) -> Array:
-    """Marini's continued fraction, one at the zenith."""
+    """Marini's continued fraction; 1 at the zenith."""
     s = np.sin(elevation)
     return np.asarray((1 + a / (1 + b / (1 + c))) / (s + a / (s + b / (s + c))))

@@ -1,1 +1,1 @@
-"""Real time: paces the bytes, serves them over UDP, TCP and Zenoh, and answers commands."""
+"""The simulator in real time, over UDP, TCP and Zenoh."""

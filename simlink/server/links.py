@@ -1,4 +1,4 @@
-"""Sockets of the simulator: UDP to a companion computer, TCP for ground stations. Both never wait for a peer."""
+"""The simulator's sockets: UDP to a companion computer, TCP for ground stations. Neither waits for a peer."""
 
 import asyncio
 from collections.abc import Callable, Iterable
@@ -8,19 +8,19 @@ from onboard.messages import Record
 from simlink.autopilot import AutopilotLink
 from simlink.sensors.navigation import Reading
 
-MOST_UNSENT_BYTES: Final = 1 << 20  # of one TCP client; beyond it, it misses frames
+MOST_UNSENT_BYTES: Final = 1 << 20  # of one TCP client; beyond that it misses frames
 
 MakeSession = Callable[[], AutopilotLink]
 Now = Callable[[], int]  # boot clock, ns
 
 
 class LinkError(Exception):
-    """A link that cannot be had; one line that says which and why."""
+    """A link cannot be opened; one line with the link and the reason."""
 
 
 class UdpSpec(Record, frozen=True, kw_only=True):
-    """`udpout:host:port` sends there, and hears answers on the same socket; `udpin:host:port` waits there for
-    a first datagram and sends to whoever sent the last."""
+    """`udpout:host:port` sends there and receives on the same socket; `udpin:host:port` listens there and sends to
+    the sender of the last datagram."""
 
     out: bool
     host: str
@@ -28,7 +28,7 @@ class UdpSpec(Record, frozen=True, kw_only=True):
 
 
 def parse_udp(spec: str) -> UdpSpec:
-    """UdpSpec of text. Raises LinkError."""
+    """The UdpSpec of a text. Raises LinkError."""
     kind, _, rest = spec.partition(":")
     host, _, port = rest.rpartition(":")
     if kind not in ("udpout", "udpin") or not host or not port.isdecimal() or not int(port) < 65536:
@@ -37,11 +37,11 @@ def parse_udp(spec: str) -> UdpSpec:
 
 
 class UdpLink(asyncio.DatagramProtocol):
-    """One UDP socket. `received` is called with each datagram and may return frames to answer with."""
+    """One UDP socket. `received` is called with each datagram and returns frames to reply with."""
 
     def __init__(self, spec: UdpSpec, received: Callable[[bytes], Iterable[bytes]]) -> None:
-        self.heard = False  # whether a peer has ever sent anything
-        self.refused = 0  # sends that found nobody listening
+        self.has_peer = False  # whether a peer has ever sent anything
+        self.refused = 0  # datagrams that the peer's host refused
         self._spec = spec
         self._received = received
         self._peer: Any = None
@@ -64,12 +64,12 @@ class UdpLink(asyncio.DatagramProtocol):
 
     @property
     def address(self) -> tuple[str, int]:
-        """Our own end, once open."""
+        """The local address, once open."""
         host, port = self._get().get_extra_info("sockname")[:2]
         return str(host), int(port)
 
     def send(self, data: bytes) -> bool:
-        """Send one datagram; False when there is nobody to send to yet. Never blocks, never raises."""
+        """Send one datagram; False if there is no peer yet. Never blocks, never raises."""
         if not self._spec.out and self._peer is None:
             return False
         self._get().sendto(data, self._peer if not self._spec.out else None)
@@ -91,12 +91,12 @@ class UdpLink(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """From asyncio."""
-        self.heard, self._peer = True, addr
+        self.has_peer, self._peer = True, addr
         for frame in self._received(data):
             self.send(frame)
 
     def error_received(self, exc: Exception) -> None:  # noqa: ARG002  # asyncio's signature
-        """From asyncio: on loopback, ECONNREFUSED while the daemon is not up. It may come later."""
+        """From asyncio: on loopback, ECONNREFUSED while the daemon is not running. It may start later."""
         self.refused += 1
 
 
@@ -104,7 +104,7 @@ class TcpServer:
     """MAVLink for any number of TCP clients, each with its own session and message intervals."""
 
     def __init__(self, host: str, port: int, make_session: MakeSession, now: Now) -> None:
-        self.heard = False
+        self.has_peer = False
         self.clients: set[TcpClient] = set()
         self.make_session = make_session
         self.now = now
@@ -128,13 +128,13 @@ class TcpServer:
 
     @property
     def port(self) -> int:
-        """The port listened on, once open."""
+        """The listening port, once open."""
         if self._server is None:
             raise RuntimeError("the server is not open")
         return int(self._server.sockets[0].getsockname()[1])
 
     def send(self, t_ns: int, reading: Reading | None) -> int:
-        """What is due to every client; the number of frames sent."""
+        """Send each client the frames due at `t_ns`; the number of frames sent."""
         return sum(client.send(client.session.send(t_ns, reading)) for client in tuple(self.clients))
 
     async def close(self) -> None:
@@ -155,7 +155,7 @@ class TcpClient(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
 
     def send(self, frames: list[bytes]) -> int:
-        """Hand frames to the socket, unless the client reads too slowly; the number sent."""
+        """Send frames, unless the client reads too slowly; the number sent."""
         transport = self._transport
         if not frames or transport is None or transport.get_write_buffer_size() > MOST_UNSENT_BYTES:
             return 0
@@ -174,7 +174,7 @@ class TcpClient(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """From asyncio."""
-        self._server.heard = True
+        self._server.has_peer = True
         self.send(self.session.receive(data, self._server.now()))
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002  # asyncio's signature

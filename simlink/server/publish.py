@@ -1,6 +1,6 @@
-"""What goes out over Zenoh: images, radar scans, the truth, and how much has been sent.
+"""Publishing over Zenoh: images, radar scans, pseudoranges, the truth, and counts of what was sent.
 
-Everything is dropped rather than waited for: a slow subscriber must not slow the simulation.
+Records are dropped rather than delayed: a slow subscriber must not slow the simulation.
 """
 
 import json
@@ -16,41 +16,41 @@ from simlink.server.links import LinkError
 
 
 def check_vehicle(vehicle: str) -> str:
-    """The vehicle's id if it can stand in a key. Raises LinkError."""
+    """The vehicle's id, if it may be part of a key. Raises LinkError."""
     if not vehicle.isascii() or any(c in "*$?# " for c in vehicle) or "" in vehicle.split("/"):
         raise LinkError(f"bad vehicle id {vehicle!r}: ASCII without * $ ? # or blanks, and no empty part")
     return vehicle
 
 
-# so that a daemon started second is joined within the second; Zenoh's own slows down to 4 s
+Published = CameraPoints | RadarDetections | Pseudoranges | Truth | TrafficTruth | SimStatus
+
+# connects within a second to a daemon that starts later; Zenoh's default slows down to 4 s
 RETRY: Final = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
 
 
 class ZenohPublisher:
-    """Five publishers on one session; `ZenohPublisher.open` connects, and keeps trying in the background."""
+    """A publisher of each kind of record; `ZenohPublisher.open` connects, and keeps trying in the background."""
 
     def __init__(self, session: Any, vehicle: str, camera: str, radar: str) -> None:
         import zenoh  # noqa: PLC0415  # a run without Zenoh need not load it
 
         drop = zenoh.CongestionControl.DROP
-        keys = (
-            f"onboard/{vehicle}/camera/{camera}/points",
-            f"simlink/{vehicle}/truth",
-            f"simlink/{vehicle}/status",
-            f"onboard/{vehicle}/radar/{radar}/detections",
-            f"simlink/{vehicle}/traffic",
-        )
+        keys: dict[type[Published], str] = {
+            CameraPoints: f"onboard/{vehicle}/camera/{camera}/points",
+            RadarDetections: f"onboard/{vehicle}/radar/{radar}/detections",
+            Truth: f"simlink/{vehicle}/truth",
+            TrafficTruth: f"simlink/{vehicle}/traffic",
+            SimStatus: f"simlink/{vehicle}/status",
+        }
         self._session, self._vehicle = session, vehicle
-        self._kind = {"congestion_control": drop, "encoding": zenoh.Encoding.APPLICATION_JSON}
-        self._points, self._truth, self._status, self._radar, self._traffic = (
-            session.declare_publisher(key, **self._kind) for key in keys
-        )
+        self._options = {"congestion_control": drop, "encoding": zenoh.Encoding.APPLICATION_JSON}
+        self._publishers = {kind: session.declare_publisher(key, **self._options) for kind, key in keys.items()}
 
     @classmethod
     def open(cls, endpoint: str, vehicle: str, camera: str, radar: str) -> "ZenohPublisher":
         """Connect to `endpoint` (such as tcp/127.0.0.1:7447) and to nothing else: no listening, no scouting.
 
-        Blocks for half a second when no router is there yet. Raises LinkError for an endpoint that is none.
+        Blocks for half a second if no router runs yet. Raises LinkError for an invalid endpoint.
         """
         import zenoh  # noqa: PLC0415  # see above
 
@@ -68,38 +68,27 @@ class ZenohPublisher:
                 config.insert_json5(key, json.dumps(value))
             return cls(zenoh.open(config), vehicle, camera, radar)
         except zenoh.ZError as error:
-            said = str(error).split(" at /")[0]
-            raise LinkError(f"cannot use Zenoh endpoint {endpoint!r}: {said}") from error
+            reason = str(error).split(" at /")[0]
+            raise LinkError(f"cannot use Zenoh endpoint {endpoint!r}: {reason}") from error
 
     def has_viewer(self) -> bool:
-        """Whether anybody subscribes to the images."""
-        return bool(self._points.matching_status.matching)
+        """Whether the images have a subscriber."""
+        return bool(self._publishers[CameraPoints].matching_status.matching)
 
-    def put_points(self, points: CameraPoints) -> None:
-        """Publish one image's points."""
-        self._points.put(encode_points(points))
-
-    def put_truth(self, truth: Truth) -> None:
-        """Publish the truth."""
-        self._truth.put(msgspec.json.encode(truth))
-
-    def put_scan(self, scan: RadarDetections) -> None:
-        """Publish one radar scan."""
-        self._radar.put(encode_radar(scan))
-
-    def put_ranges(self, epoch: Pseudoranges) -> None:
-        """Publish what one aircraft's receiver measured; one publisher each, so `put` by key."""
-        key = f"onboard/{self._vehicle}/gnss/{epoch.peer}/pseudoranges"
-        self._session.put(key, encode_ranges(epoch), **self._kind)
-
-    def put_traffic(self, truth: TrafficTruth) -> None:
-        """Publish the truth of all other aircraft."""
-        self._traffic.put(msgspec.json.encode(truth))
-
-    def put_status(self, status: SimStatus) -> None:
-        """Publish the counts."""
-        self._status.put(msgspec.json.encode(status))
+    def put(self, record: Published) -> None:
+        """Publish one record as JSON."""
+        if isinstance(record, Pseudoranges):  # each aircraft has its own key
+            key = f"onboard/{self._vehicle}/gnss/{record.peer}/pseudoranges"
+            self._session.put(key, encode_ranges(record), **self._options)
+        else:
+            self._publishers[type(record)].put(_encoded(record))
 
     def close(self) -> None:
         """End the session."""
         self._session.close()
+
+
+def _encoded(record: Published) -> bytes:
+    if isinstance(record, CameraPoints):
+        return encode_points(record)
+    return encode_radar(record) if isinstance(record, RadarDetections) else msgspec.json.encode(record)

@@ -1,7 +1,7 @@
-"""The simulator as a process: paces a run on the clock, sends it, answers commands.
+"""The simulator as a process: it paces a run by the clock, sends its messages and answers commands.
 
-Nothing here waits for a receiver. A computer too slow for the asked speed slows the flight down, and the boot
-clock with it: stamps and TIMESYNC replies always agree.
+Nothing here waits for a receiver. On a computer too slow for the requested speed the flight slows down, and the
+boot clock with it: stamps and TIMESYNC replies always agree.
 """
 
 import asyncio
@@ -17,20 +17,22 @@ from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import Image, camera_points, target_points
 from simlink.sensors.navigation import Reading
 from simlink.server.links import LinkError, TcpServer, UdpLink, parse_udp
-from simlink.server.publish import ZenohPublisher, check_vehicle
+from simlink.server.publish import Published, ZenohPublisher, check_vehicle
 from simlink.simulation import CAMERA_COMPONENT, Tick, boot_ns_of, ticks
-from simlink.traffic.aircraft import Now, sender
-from simlink.world.truth import STEP_NS, STEPS_PER_SECOND
+from simlink.traffic.reports import sender
+from simlink.traffic.traffic import TrafficOutput
+from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
 
-MOST_BEHIND: Final = 0.25  # s of wall time before the boot clock slips
+MOST_BEHIND: Final = 0.25  # s of wall time; beyond that the boot clock is set back
 STATUS_STEPS: Final = STEPS_PER_SECOND // 5
 WAIT_POLL: Final = 0.02  # s
-LONGEST_SLEEP: Final = 0.05  # s, so that a stop is noticed soon
-FLUSH: Final = 0.2  # s for the last records to leave
+LONGEST_SLEEP: Final = 0.05  # s: a stop is noticed this soon
+FLUSH: Final = 0.2  # s, for Zenoh to send the last records
 
 
 class Options(Record, frozen=True, kw_only=True):
-    """How to run. `duration` and `wait` in seconds, of flight and of wall time; None: endless, no such link."""
+    """Options of a run. `duration` in s of flight (None: endless), `wait` in s of wall time; a link that is None
+    is absent."""
 
     scenario: Scenario
     seed: int = 1
@@ -47,7 +49,7 @@ class Options(Record, frozen=True, kw_only=True):
 
 
 class BootClock:
-    """The autopilot's time since boot, `speed` times as fast as `now` (s, monotonic)."""
+    """The autopilot's time since boot. It runs `speed` times as fast as `now` (s, monotonic)."""
 
     def __init__(self, now: Callable[[], float], boot_ns: int, speed: float) -> None:
         self._now = now
@@ -55,12 +57,13 @@ class BootClock:
         self._anchor = (now(), boot_ns)
 
     def ns(self) -> int:
-        """Time since boot."""
+        """Time since boot, ns."""
         wall, boot_ns = self._anchor
         return boot_ns + round((self._now() - wall) * self._speed * 1e9)
 
     def wait_for(self, t_ns: int) -> float:
-        """Wall seconds until `t_ns`; negative when it has passed. Slips when that is too long ago."""
+        """Wall seconds until `t_ns`, negative when it has passed. The clock is set back when that was too long
+        ago."""
         ahead = (t_ns - self.ns()) * 1e-9 / self._speed
         if ahead < -MOST_BEHIND:
             self._anchor = (self._now(), t_ns)
@@ -69,10 +72,10 @@ class BootClock:
 
 
 class Server:
-    """One run. `await run(stop)` opens the links, flies, and closes them whatever happens.
+    """One run. `await run(stop)` opens the links, flies, and closes them in any case.
 
-    `now` is a monotonic clock in seconds, `unix_ns` Unix time at this moment, for SYSTEM_TIME; `report` takes
-    one line of text at a time. Raises LinkError for options that do not hold.
+    `now` is a monotonic clock in seconds, `unix_ns` the present Unix time, for SYSTEM_TIME; `report` is called
+    with one line of text at a time. Raises LinkError for invalid options.
     """
 
     def __init__(
@@ -89,7 +92,7 @@ class Server:
         self._epoch_ns = unix_ns - boot_ns
         self._session = self._make_session(stream=False)
         self._vision = MavlinkEncoder(self._vehicle.system, CAMERA_COMPONENT)
-        self._others: dict[tuple[int, int], MavlinkEncoder] = {}
+        self._traffic: dict[tuple[int, int], MavlinkEncoder] = {}  # by system and component
         self._zenoh: ZenohPublisher | None = None
         self.udp: UdpLink | None = None
         self.camera: UdpLink | None = None
@@ -137,7 +140,8 @@ class Server:
         await asyncio.sleep(0)  # asyncio closes sockets on its next turn
 
     async def _wait_for_peer(self, stop: asyncio.Event) -> None:
-        """Heartbeats only, until somebody answers and the images have a subscriber, or `wait` is over."""
+        """Send heartbeats only, until a peer has sent something and the images have a subscriber, or `wait` is
+        over."""
         o = self._options
         deadline = self._now() + o.wait
         if o.wait > 0:
@@ -148,10 +152,10 @@ class Server:
 
     def _peer_is_there(self) -> bool:
         links = [link for link in (self.udp, self.tcp) if link is not None]
-        heard = not links or any(link.heard for link in links)
+        has_peer = not links or any(link.has_peer for link in links)
         if self._zenoh is None or self._options.camera not in ("zenoh", "both"):
-            return heard
-        return heard and self._zenoh.has_viewer()
+            return has_peer
+        return has_peer and self._zenoh.has_viewer()
 
     async def _fly(self, stop: asyncio.Event) -> None:
         o = self._options
@@ -173,19 +177,19 @@ class Server:
             await asyncio.sleep(FLUSH)
 
     async def _until(self, t_ns: int, stop: asyncio.Event) -> None:
-        """Sleep until the boot clock shows `t_ns`; let the sockets be served at least once."""
+        """Sleep until the boot clock shows `t_ns`; the event loop serves the sockets at least once."""
         # waiting for the event with a time limit would make and cancel a task 200 times a second
         while (ahead := self._clock.wait_for(t_ns)) > 0 and not stop.is_set():  # noqa: ASYNC110
             await asyncio.sleep(min(ahead, LONGEST_SLEEP))
         await asyncio.sleep(0)
 
     def _send(self, tick: Tick) -> None:
-        """All that one tick has for the outside."""
+        """Send the messages and records of one tick."""
         self._send_frames(tick.t_ns, tick.reading)
         for image in tick.images:
             self._send_image(image)
-        if self._zenoh is not None and tick.truth is not None:
-            self._zenoh.put_truth(tick.truth)
+        if tick.truth is not None:
+            self._publish(tick.truth)
         self._send_traffic(tick.traffic)
         if tick.state.step % STATUS_STEPS == 0:
             self._status(tick.t_ns, finished=False)
@@ -197,40 +201,40 @@ class Server:
             sent = self.tcp.send(t_ns, reading)
             self.frames += sent if self.udp is None else 0
 
-    def _send_traffic(self, traffic: Now) -> None:
-        """What others say goes out on the autopilot's link, as an autopilot forwards it; echoes beside it."""
-        for message in traffic.said:
-            key = sender(message, self._vehicle.system)
-            encoder = self._others.setdefault(key, MavlinkEncoder(*key))
-            frame = encoder.encode(message)
+    def _send_traffic(self, traffic: TrafficOutput) -> None:
+        """Reports go out on the autopilot's link, which forwards them; ranges, scans and truth go out over
+        Zenoh."""
+        for report in traffic.reports:
+            key = sender(report, self._vehicle.system)
+            encoder = self._traffic.setdefault(key, MavlinkEncoder(*key))
+            frame = encoder.encode(report)
             if self.udp is not None:
                 self.frames += self.udp.send(frame)
             if self.tcp is not None:
                 for client in tuple(self.tcp.clients):
                     client.send([frame])
-        if self._zenoh is not None and traffic.scan is not None:
-            self._zenoh.put_scan(traffic.scan)
-        if self._zenoh is not None:
-            for epoch in traffic.ranges:
-                self._zenoh.put_ranges(epoch)
-        if self._zenoh is not None and traffic.truth is not None:
-            self._zenoh.put_traffic(traffic.truth)
+        for record in (traffic.scan, *traffic.ranges, traffic.truth):
+            if record is not None:
+                self._publish(record)
 
     def _send_image(self, image: Image) -> None:
         camera = self._options.scenario.camera
-        if self._zenoh is not None and self._options.camera in ("zenoh", "both"):
-            self._zenoh.put_points(camera_points(image, camera))
+        if self._options.camera in ("zenoh", "both"):
+            self._publish(camera_points(image, camera))
         if self.camera is not None:
             self.camera.send(self._vision.encode(target_points(image, camera)))
         self.images += self._options.camera != "none"
 
     def _status(self, t_ns: int, *, finished: bool) -> None:
+        self._publish(SimStatus(t_ns=t_ns, images=self.images, frames=self.frames, finished=finished))
+
+    def _publish(self, record: Published) -> None:
+        """Publish a record over Zenoh, if there is a session."""
         if self._zenoh is not None:
-            counts = SimStatus(t_ns=t_ns, images=self.images, frames=self.frames, finished=finished)
-            self._zenoh.put_status(counts)
+            self._zenoh.put(record)
 
     def _answer(self, data: bytes) -> list[bytes]:
-        """Replies to a datagram from the UDP peer; they count as frames sent."""
+        """Replies to a datagram from the UDP peer; they are counted in `frames`."""
         replies = self._session.receive(data, self._clock.ns())
         self.frames += len(replies)
         return replies
@@ -240,7 +244,7 @@ class Server:
 
 
 async def serve(server: Server) -> None:
-    """Run until the end, SIGINT or SIGTERM. Raises LinkError."""
+    """Run until the flight ends or SIGINT or SIGTERM arrives. Raises LinkError."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,1 +1,1 @@
-"""Other aircraft: how they fly, what they report, and what a radar sees of them."""
+"""Other aircraft: their motion, their reports, and our radar's detections of them."""

@@ -1,5 +1,5 @@
-"""Another aircraft's GNSS receiver that shares what it measures: pseudoranges and their rates, once a second, with
-the errors of `simlink.sensors.gnss`, of the satellites of a real almanac."""
+"""Another aircraft's GNSS receiver, which shares its pseudoranges and their rates: the errors of
+`simlink.sensors.gnss`, the satellites of a real almanac."""
 
 import math
 from typing import Final
@@ -8,11 +8,12 @@ import numpy as np
 
 from onboard.geometry.geodesy import ecef_from_geodetic, rotation_ne
 from onboard.messages import Clock, Pseudoranges, SatelliteRange, Vec3
-from simlink.scenarios.scene import Interval, PeerReceiver
+from simlink.scenarios.profiles import is_within
+from simlink.scenarios.traffic import PeerReceiver
 from simlink.sensors import almanac, gnss, troposphere
 from simlink.world.noise import stream
 
-EPOCH: Final = 61_440.0  # s of the almanac's week, when the flight begins
+EPOCH: Final = 61_440.0  # s of the almanac's week at which the flight begins
 
 
 class RangesSensor:
@@ -30,19 +31,19 @@ class RangesSensor:
         self._wet = troposphere.WET_ZENITH
 
     def measure(self, t: float, t_ns: int, r: Vec3, v: Vec3) -> Pseudoranges | None:
-        """What it measures at flight time t (s) at r from the origin, with velocity v, both in n there; None
-        without a signal. Call it once for each of its epochs: numbers are drawn, seen or not."""
+        """Measurements at flight time t (s), position r from the origin and velocity v, in n at the origin; None
+        without a signal. Call it once per epoch: it draws random numbers in any case."""
         noise = self._rng.standard_normal((2, len(self._almanac.names)))
-        self._walk(1.0 / self._settings.rate)
-        if _within(t, self._settings.lost):
+        self._advance_errors(1.0 / self._settings.rate)
+        if is_within(t, self._settings.lost):
             return None
         r_e, v_e = self._origin_e + np.array(r) @ self._R_ne, np.array(v) @ self._R_ne
-        seen = almanac.satellites(self._almanac, EPOCH + t)
-        fix = gnss.fix(self._receiver, seen, r_e, v_e, self._clock, self._wet, noise)
+        satellites = almanac.satellites(self._almanac, EPOCH + t)
+        fix = gnss.fix(self._receiver, satellites, r_e, v_e, self._clock, self._wet, noise)
         count = len(fix.slots)
-        if _within(t, self._settings.masked):
+        if is_within(t, self._settings.masked):
             count = min(count, 3)
-        # a receiver's clock is off: it does not know it, and its stamp is good to a microsecond all the same
+        # the receiver does not know its clock error, but its stamp is accurate to a microsecond
         return Pseudoranges(
             t_ns=t_ns,
             clock=Clock.BOOT,
@@ -64,13 +65,10 @@ class RangesSensor:
             rate_sigma=float(fix.sigma[n + k]),
         )
 
-    def _walk(self, dt: float) -> None:
+    def _advance_errors(self, dt: float) -> None:
+        """One step dt (s) of the random walks of clock and troposphere."""
         walk, drift, wet = self._rng.standard_normal(3)
         r = self._receiver
         self._clock[0] += dt * self._clock[1] + math.sqrt(r.clock_walk * dt) * walk
         self._clock[1] += math.sqrt(r.drift_walk * dt) * drift
         self._wet += math.sqrt(r.wet_walk * dt) * wet
-
-
-def _within(t: float, intervals: tuple[Interval, ...]) -> bool:
-    return any(i.start <= t < i.end for i in intervals)

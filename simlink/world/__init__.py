@@ -1,1 +1,1 @@
-"""The truth: how aircraft move, by dynamics of the simulator's own."""
+"""The true motion of the formation's aircraft, and the random streams of the simulation."""

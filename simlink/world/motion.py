@@ -1,9 +1,10 @@
-"""How the two aircraft move: profiles in time, the leader's point mass, the follower's slot and its control.
+"""Equations of motion of the two aircraft: profiles in time, the leader's point mass, the follower's slot.
 
 Leader: dcourse/dt = a_lat / (V cos climb), dclimb/dt = a_long / V, speed V a function of time. The follower
-accelerates exactly as its slot does, plus proportional and derivative terms on what error is left.
+accelerates as its slot does, plus proportional and derivative feedback of its position error.
 
-What takes `maths` works on plain floats with `math`, step by step, and on whole flights as arrays with `numpy`.
+Functions with an argument `maths` work on floats with `math`, step by step, and on whole flights as arrays with
+`numpy`.
 """
 
 import math
@@ -12,18 +13,20 @@ from types import ModuleType
 from typing import Any, NamedTuple
 
 from onboard.messages import Vec3
+from simlink.scenarios.formation import Follower
+from simlink.scenarios.profiles import Pulse, Wave
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.scene import Follower, Pulse, Wave
 
-Kinematics = tuple[float, ...]  # course, climb, r_L (3), r_F (3), v_F (3)
+Row = tuple[float, ...]  # the state of a system
+Kinematics = Row  # course, climb, r_L (3), r_F (3), v_F (3)
 Real = Any  # a float, or an array of them
 Real3 = tuple[Real, Real, Real]
 
 
-class Rates(NamedTuple):
-    """What `Derivative` knows at one time: derivative of the kinematics and the quantities behind it."""
+class Derivative(NamedTuple):
+    """Time derivative of the kinematics, and the velocities and accelerations behind it (m/s, m/s^2)."""
 
-    derivative: Kinematics
+    kinematics: Kinematics
     v_L_n: Vec3
     a_L_n: Vec3
     a_F_n: Vec3
@@ -31,7 +34,7 @@ class Rates(NamedTuple):
     a_long: float
 
 
-Derivative = Callable[[float, Kinematics], Rates]
+EquationsOfMotion = Callable[[float, Kinematics], Derivative]
 
 
 def wave(w: Wave, maths: ModuleType = math) -> Callable[[Real], tuple[Real, Real]]:
@@ -51,14 +54,14 @@ def wave(w: Wave, maths: ModuleType = math) -> Callable[[Real], tuple[Real, Real
 def pulses(
     items: Sequence[Pulse], repeat: float, maths: ModuleType = math
 ) -> Callable[[Real], tuple[Real, Real, Real]]:
-    """(value, first, second derivative) of the sum of pulses, which come again every `repeat` seconds."""
+    """(value, first, second derivative) of the sum of pulses, repeated every `repeat` seconds."""
     rows = [(p.start, p.end, p.hold, p.change / 2, 2 * math.pi / (p.end - p.start - p.hold)) for p in items]
 
     def at(t: Real) -> tuple[Real, Real, Real]:
         value = first = second = 0.0
         t = t % repeat
         for start, end, hold, half, omega in rows:
-            # comparisons as factors, so that t may be an array
+            # comparisons serve as factors, so that t may be an array
             top = t - start - math.pi / omega
             holds = (top > 0.0) * (top < hold)
             angle = omega * (t - start - top * holds - hold * (top >= hold))
@@ -75,7 +78,8 @@ def pulses(
 def slot(
     f: Follower, phases: Real3, repeat: float, maths: ModuleType = math
 ) -> Callable[[Real], tuple[Real3, Real3, Real3]]:
-    """Place, velocity and acceleration of the slot in the leader's path axes (forward, right, down)."""
+    """Position, velocity and acceleration of the slot in the leader's path axes (forward, right, down), over
+    time."""
     (x0, y0, z0), (ax, ay, az), (px, py, pz) = f.slot, f.wander, phases
     wx, wy, wz = (2 * math.pi / period for period in f.wander_period)
     forward = pulses(f.slot_pulses, repeat, maths)
@@ -103,7 +107,7 @@ class SlotMotion(NamedTuple):
 
 
 class LeaderMotion(NamedTuple):
-    """The leader at one time, its course (rad) and climb angle given: their rates and what it does in n."""
+    """Rates of the leader's course and climb angle (rad/s, rad/s^2), its velocity and acceleration in n."""
 
     course_rate: Real
     course_rate_dot: Real
@@ -115,7 +119,7 @@ class LeaderMotion(NamedTuple):
 
 
 def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Real, Real, Real], LeaderMotion]:
-    """The leader's motion as a function of time, course and climb angle."""
+    """The leader's motion as a function of time (s), course and climb angle (rad)."""
     leader = scenario.leader
     cruise, speed_change = leader.speed, pulses(leader.speed_pulses, scenario.repeat, maths)
     lateral, normal = wave(leader.a_lat, maths), wave(leader.a_long, maths)
@@ -126,7 +130,7 @@ def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Rea
         (lat, dlat), (long, _) = lateral(t), normal(t)
         cc, sc, cg, sg = maths.cos(course), maths.sin(course), maths.cos(climb), maths.sin(climb)
         along = dV * cg - long * sg
-        # it turns only where it moves (`scenario` sees to that): the rates of one that hovers are 0, not 0/0
+        # `scenario` ensures that it turns only while it moves: at rest the rates are 0, not 0/0
         moving = V + (V == 0.0)
         climb_rate, course_rate = long / moving, lat / (moving * cg)
         return LeaderMotion(
@@ -143,13 +147,9 @@ def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Rea
 
 
 def slot_in_n(
-    course: Real,
-    leader: LeaderMotion,
-    r_L: Real3,
-    s: tuple[Real3, Real3, Real3],
-    maths: ModuleType = math,
+    course: Real, leader: LeaderMotion, r_L: Real3, s: tuple[Real3, Real3, Real3], maths: ModuleType = math
 ) -> SlotMotion:
-    """The slot in n from the slot in path axes, which turn about the vertical with the leader's course:
+    """The slot in n from the slot s in path axes, which rotate about the vertical with the leader's course:
     a = a_L + R (s'' + 2 w x s' + w' x s + w x (w x s)), w = (0, 0, course rate)."""
     rate, rate_dot, v_L, a_L = leader.course_rate, leader.course_rate_dot, leader.v_n, leader.a_n
     c, n = maths.cos(course), maths.sin(course)
@@ -164,8 +164,8 @@ def slot_in_n(
     )
 
 
-def make_motion(scenario: Scenario, phases: Vec3) -> tuple[Derivative, Kinematics]:
-    """The derivative of the kinematics, and where they begin: the follower on its slot, moving with it."""
+def make_motion(scenario: Scenario, phases: Vec3) -> tuple[EquationsOfMotion, Kinematics]:
+    """The equations of motion and the initial state: the follower on its slot, moving with it."""
     leader = scenario.leader
     leader_at = leader_motion(scenario)
     slot_at = slot(scenario.follower, phases, scenario.repeat)
@@ -175,7 +175,7 @@ def make_motion(scenario: Scenario, phases: Vec3) -> tuple[Derivative, Kinematic
         m = leader_at(t, course, climb)
         return slot_in_n(course, m, r_L, slot_at(t)), m
 
-    def derivative(t: float, y: Kinematics) -> Rates:
+    def derivative(t: float, y: Kinematics) -> Derivative:
         course, climb, lx, ly, lz, fx, fy, fz, ux, uy, uz = y
         place, m = leader_and_slot(t, course, climb, (lx, ly, lz))
         (sx, sy, sz), (vx, vy, vz), (ax, ay, az) = place
@@ -185,7 +185,7 @@ def make_motion(scenario: Scenario, phases: Vec3) -> tuple[Derivative, Kinematic
             az + kp * (sz - fz) + kd * (vz - uz),
         )
         dy = (m.course_rate, m.climb_rate, *m.v_n, ux, uy, uz, *a_F)
-        return Rates(dy, m.v_n, m.a_n, a_F, m.a_lat, m.a_long)
+        return Derivative(dy, m.v_n, m.a_n, a_F, m.a_lat, m.a_long)
 
     course, climb = math.radians(leader.course_deg), math.radians(leader.climb_deg)
     r_L = (0.0, 0.0, -leader.height)
@@ -193,12 +193,16 @@ def make_motion(scenario: Scenario, phases: Vec3) -> tuple[Derivative, Kinematic
     return derivative, (course, climb, *r_L, *start.r_n, *start.v_n)
 
 
-def advance(f: Derivative, t: float, y: Kinematics, first: Rates, dt: float) -> Kinematics:
-    """One step of the classical fourth-order Runge-Kutta method; `first` is f(t, y), known already."""
+def advance(f: EquationsOfMotion, t: float, y: Kinematics, first: Derivative, dt: float) -> Kinematics:
+    """The kinematics one step later; `first` is f(t, y)."""
+    return runge_kutta(lambda t, y: f(t, y).kinematics, t, y, first.kinematics, dt)
+
+
+def runge_kutta(f: Callable[[float, Row], Row], t: float, y: Row, k1: Row, dt: float) -> Row:
+    """One step of the classical fourth-order Runge-Kutta method for y' = f(t, y); k1 is f(t, y)."""
     h = dt / 2
-    k1 = first.derivative
-    k2 = f(t + h, tuple([a + h * b for a, b in zip(y, k1, strict=True)])).derivative
-    k3 = f(t + h, tuple([a + h * b for a, b in zip(y, k2, strict=True)])).derivative
-    k4 = f(t + dt, tuple([a + dt * b for a, b in zip(y, k3, strict=True)])).derivative
+    k2 = f(t + h, tuple([a + h * b for a, b in zip(y, k1, strict=True)]))
+    k3 = f(t + h, tuple([a + h * b for a, b in zip(y, k2, strict=True)]))
+    k4 = f(t + dt, tuple([a + dt * b for a, b in zip(y, k3, strict=True)]))
     sixth = dt / 6
     return tuple([a + sixth * (p + 2 * (q + r) + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)])

@@ -1,17 +1,21 @@
-"""Random sequences. Each has its own stream, found by seed and name, so that adding one, or asking for a
-message at another rate, leaves all the others as they were."""
+"""Random sequences. Each has its own stream, identified by seed and name: a further sequence, or a message at
+another rate, leaves all the others unchanged."""
 
 import math
 import zlib
 from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 
-BLOCK = 1024  # numbers are drawn in blocks: one at a time costs ten times as much
+from onboard.messages import Vec3
+from simlink.scenarios.profiles import GaussMarkov
+
+BLOCK: Final = 1024  # numbers are drawn in blocks: one at a time costs ten times as much
 
 
 def stream(seed: int, name: str) -> np.random.Generator:
-    """The generator behind the stream `name` of `seed` (>= 0): all of a stream's numbers at once are those that
+    """The generator of the stream `name` of `seed` (>= 0). Drawn as one array, its numbers are those that
     `normals` or `uniforms` give one by one."""
     return np.random.default_rng([seed, zlib.crc32(name.encode())])
 
@@ -30,15 +34,24 @@ def uniforms(seed: int, name: str) -> Iterator[float]:
         yield from rng.random(BLOCK).tolist()
 
 
-def gauss_markov(z: Iterator[float], sigma: float, time: float, dt: float) -> Iterator[float]:
-    """Samples `dt` seconds apart of a stationary first-order Gauss-Markov process: standard deviation
-    `sigma`, correlation time `time` (s), driven by the normals `z`."""
+def gauss_markov(z: Iterator[float], process: GaussMarkov, dt: float, unit: float = 1.0) -> Iterator[float]:
+    """Samples `dt` seconds apart of a stationary first-order Gauss-Markov process, driven by the normals `z`; its
+    sigma is in `unit`s."""
+    sigma = process.sigma * unit
     if sigma == 0.0:
         while True:
             yield 0.0
-    decay = math.exp(-dt / time)
+    decay = math.exp(-dt / process.time)
     drive = sigma * math.sqrt(1.0 - decay * decay)
     x = sigma * next(z)
     while True:
         yield x
         x = decay * x + drive * next(z)
+
+
+def gauss_markov_vectors(
+    seed: int, name: str, process: GaussMarkov, dt: float, unit: float = 1.0
+) -> Iterator[Vec3]:
+    """Vectors of three independent Gauss-Markov processes, from the streams `name`.x, .y and .z of `seed`."""
+    x, y, z = (gauss_markov(normals(seed, f"{name}.{axis}"), process, dt, unit) for axis in "xyz")
+    return zip(x, y, z, strict=True)

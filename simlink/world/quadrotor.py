@@ -1,9 +1,9 @@
-"""A quadrotor's truth: a rigid body with six degrees of freedom under four rotors, by quaternion and Runge-Kutta.
+"""A quadrotor: a rigid body with six degrees of freedom under four rotors, integrated by Runge-Kutta.
 
-State: r_OF_n, v_F_n, q_nb, omega_b, and the speed of each rotor as a share of its fastest. A rotor at (x, y) in b
+State: r_OF_n, v_F_n, q_nb, omega_b, and the speed of each rotor as a share of its maximum. A rotor at (x, y) in b
 (forward, right) pushes up with the square of its speed and turns the body about -y x thrust (roll), x thrust
 (pitch) and its own drag torque (yaw); its speed follows the command with a lag. Rotor drag acts against the
-velocity along b's x and y. Nothing here comes from a filter's model.
+velocity along b's x and y. No filter's model is used here.
 """
 
 import math
@@ -11,30 +11,32 @@ from collections.abc import Iterator
 from typing import Final, NamedTuple
 
 from onboard.messages import Quaternion, Vec3
-from simlink.scenarios.scene import Interval, Quadrotor, QuadrotorFault
+from simlink.scenarios.profiles import is_within
+from simlink.scenarios.quadrotor import Quadrotor, QuadrotorFault
 from simlink.world import attitude
-from simlink.world.noise import gauss_markov, normals
-from simlink.world.quadrotor_control import Controller, Reference, thrusting
+from simlink.world.constants import G
+from simlink.world.motion import Row, runge_kutta
+from simlink.world.noise import gauss_markov, gauss_markov_vectors, normals
+from simlink.world.quadrotor_control import Controller, Reference, thrust_attitude
 
-G: Final = 9.80665
-PWM_US: Final = (1000, 2000)  # of a rotor at rest and at its fastest
+PWM_US: Final = (1000, 2000)  # of a rotor at rest and at its maximum speed
 FULL: Final = 1.0
 
-Body = tuple[float, ...]  # r (3), v (3), q (4), omega (3), rotor speeds (4)
+Body = Row  # r (3), v (3), q (4), omega (3), rotor speeds (4)
 
 
 class Forces(NamedTuple):
-    """What acts during one step: of each rotor its thrust at full speed (N), mass, inertia, and the wind's push
-    (m/s^2, n)."""
+    """The forces' parameters during one step: each rotor's thrust at full speed (N), mass (kg), moments of inertia
+    (kg m^2), and the wind's acceleration in n (m/s^2)."""
 
     thrusts: tuple[float, float, float, float]
     mass: float
     inertia: Vec3
-    push_n: Vec3
+    wind_n: Vec3
 
 
-class Motion(NamedTuple):
-    """The quadrotor at one step. `pwm_us` are the commands given to the motors then."""
+class QuadrotorState(NamedTuple):
+    """The quadrotor at one step, SI; `pwm_us`: the commands to its motors."""
 
     r_n: Vec3
     v_n: Vec3
@@ -47,7 +49,7 @@ class Motion(NamedTuple):
 
 
 def derivative(craft: Quadrotor, forces: Forces, command: Body, y: Body) -> tuple[Body, Vec3]:
-    """Time derivative of a body, and its specific force in b."""
+    """Time derivative of a body's state, and its specific force in b (m/s^2)."""
     q: Quaternion = (y[6], y[7], y[8], y[9])
     p, w, r = y[10:13]
     vx, vy, _ = attitude.to_b(q, (y[3], y[4], y[5]))
@@ -58,7 +60,7 @@ def derivative(craft: Quadrotor, forces: Forces, command: Body, y: Body) -> tupl
         roll -= right * thrust
         pitch += x * thrust
         yaw += spin * craft.torque_per_thrust * thrust
-    px, py, pz = attitude.to_b(q, forces.push_n)
+    px, py, pz = attitude.to_b(q, forces.wind_n)
     f_b = (px - craft.drag * vx, py - craft.drag * vy, pz - lift / forces.mass)
     ax, ay, az = attitude.to_n(q, f_b)
     ixx, iyy, izz = forces.inertia
@@ -75,27 +77,27 @@ def derivative(craft: Quadrotor, forces: Forces, command: Body, y: Body) -> tupl
 
 
 def advance(craft: Quadrotor, forces: Forces, command: Body, y: Body, dt: float) -> Body:
-    """One step of the classical fourth-order Runge-Kutta method; the quaternion is brought back to unit length."""
-    k1, _ = derivative(craft, forces, command, y)
-    k2, _ = derivative(craft, forces, command, _along(y, dt / 2, k1))
-    k3, _ = derivative(craft, forces, command, _along(y, dt / 2, k2))
-    k4, _ = derivative(craft, forces, command, _along(y, dt, k3))
-    after = [a + dt / 6 * (p + 2 * (q + r) + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)]
+    """The body one step later, with its quaternion normalised."""
+
+    def slope(_: float, y: Body) -> Body:
+        return derivative(craft, forces, command, y)[0]
+
+    after = list(runge_kutta(slope, 0.0, y, slope(0.0, y), dt))
     length = math.sqrt(sum(x * x for x in after[6:10]))
     after[6:10] = [x / length for x in after[6:10]]
     return tuple(after)
 
 
-def _along(y: Body, dt: float, slope: Body) -> Body:
-    return tuple([a + dt * b for a, b in zip(y, slope, strict=True)])
+def quadrotor_states(
+    craft: Quadrotor, seed: int, references: Iterator[Reference], dt: float
+) -> Iterator[QuadrotorState]:
+    """The quadrotor every `dt` seconds, flown along `references` (one per step).
 
-
-def motions(craft: Quadrotor, seed: int, references: Iterator[Reference], dt: float) -> Iterator[Motion]:
-    """The quadrotor every `dt` seconds, flown along `references` (one a step) by its controller, which sees the
-    truth: what is tried is who watches the flight, and the flight must not depend on it."""
+    The controller knows the true state: the flight must not depend on the estimator under test.
+    """
     controller = Controller(craft, dt)
-    turbulence = [gauss_markov(normals(seed, f"quadrotor.air.{axis}"), *_process(craft), dt) for axis in "xyz"]
-    wobble = [gauss_markov(normals(seed, f"quadrotor.gust.{axis}"), *_gust(craft), dt) for axis in "xy"]
+    turbulence = gauss_markov_vectors(seed, "quadrotor.air", craft.turbulence, dt)
+    wobble = [gauss_markov(normals(seed, f"quadrotor.gust.{axis}"), craft.gust.wobble, dt) for axis in "xy"]
     y: Body | None = None
     for step, reference in enumerate(references):
         t = step * dt
@@ -103,15 +105,14 @@ def motions(craft: Quadrotor, seed: int, references: Iterator[Reference], dt: fl
             hover = math.sqrt(craft.mass * G / (4 * craft.thrust_max))
             ax, ay, az = reference.a_n
             down = (-ax, -ay, G - az)
-            tilted = thrusting(down, math.sqrt(sum(x * x for x in down)), reference.yaw)
+            tilted = thrust_attitude(down, math.sqrt(sum(x * x for x in down)), reference.yaw)
             y = (*reference.r_n, *reference.v_n, *tilted, 0.0, 0.0, 0.0, hover, hover, hover, hover)
-        air: Vec3 = (next(turbulence[0]), next(turbulence[1]), next(turbulence[2]))
-        push = _pushed(craft, t, air, (next(wobble[0]), next(wobble[1])))
-        forces = acting(craft, t, push)
+        wind = _wind(craft, t, next(turbulence), (next(wobble[0]), next(wobble[1])))
+        forces = forces_at(craft, t, wind)
         q: Quaternion = (y[6], y[7], y[8], y[9])
         command = controller.command(reference, (y[0], y[1], y[2]), (y[3], y[4], y[5]), q, (y[10], y[11], y[12]))
         slope, f_b = derivative(craft, forces, command, y)
-        yield Motion(
+        yield QuadrotorState(
             (y[0], y[1], y[2]),
             (y[3], y[4], y[5]),
             (slope[3], slope[4], slope[5]),
@@ -119,24 +120,24 @@ def motions(craft: Quadrotor, seed: int, references: Iterator[Reference], dt: fl
             (y[10], y[11], y[12]),
             f_b,
             tuple(round(PWM_US[0] + (PWM_US[1] - PWM_US[0]) * c) for c in command),
-            named(craft, t),
+            active_faults(craft, t),
         )
         y = advance(craft, forces, command, y, dt)
 
 
-def acting(craft: Quadrotor, t: float, push_n: Vec3) -> Forces:
-    """Mass, inertia and thrusts at time `t`, with the scenario's fault once it has come."""
+def forces_at(craft: Quadrotor, t: float, wind_n: Vec3) -> Forces:
+    """The forces' parameters at time `t` (s), with the scenario's fault from its onset on."""
     fault = craft.fault if t >= craft.fault.at else QuadrotorFault()
     full = [craft.thrust_max * fault.inputs] * 4
     if fault.motor:
         full[fault.motor - 1] *= 1.0 - fault.motor_loss
     i, j, k = craft.inertia
     inertia = (i * fault.inertia, j * fault.inertia, k * fault.inertia)
-    return Forces((full[0], full[1], full[2], full[3]), craft.mass * fault.mass, inertia, push_n)
+    return Forces((full[0], full[1], full[2], full[3]), craft.mass * fault.mass, inertia, wind_n)
 
 
-def named(craft: Quadrotor, t: float) -> str:
-    """The fault at time `t` in words for the truth: "" when there is none."""
+def active_faults(craft: Quadrotor, t: float) -> str:
+    """Names of the faults at time `t` (s), "" when there is none."""
     found = []
     fault = craft.fault
     if t >= fault.at:
@@ -144,24 +145,16 @@ def named(craft: Quadrotor, t: float) -> str:
         found += ["inputs"] if fault.inputs != FULL else []
         found += ["mass"] if fault.mass != FULL else []
         found += ["inertia"] if fault.inertia != FULL else []
-    return ", ".join(found + (["gust"] if _in(craft.gust.when, t) else []))
+    return ", ".join(found + (["gust"] if _gusts(craft, t) else []))
 
 
-def _pushed(craft: Quadrotor, t: float, air: Vec3, wobble: tuple[float, float]) -> Vec3:
-    """What the wind adds to the acceleration, n."""
-    if not _in(craft.gust.when, t):
+def _wind(craft: Quadrotor, t: float, air: Vec3, wobble: tuple[float, float]) -> Vec3:
+    """The wind's acceleration in n: turbulence, and the gust during its interval."""
+    if not _gusts(craft, t):
         return air
     north, east, down = craft.gust.acceleration
     return air[0] + north + wobble[0], air[1] + east + wobble[1], air[2] + down
 
 
-def _in(when: Interval | None, t: float) -> bool:
-    return when is not None and when.start <= t < when.end
-
-
-def _process(craft: Quadrotor) -> tuple[float, float]:
-    return craft.turbulence.sigma, craft.turbulence.time
-
-
-def _gust(craft: Quadrotor) -> tuple[float, float]:
-    return craft.gust.wobble.sigma, craft.gust.wobble.time
+def _gusts(craft: Quadrotor, t: float) -> bool:
+    return craft.gust.when is not None and is_within(t, [craft.gust.when])

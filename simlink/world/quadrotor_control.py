@@ -1,7 +1,8 @@
-"""How the quadrotor is flown: a path, and a cascade that follows it.
+"""The quadrotor's path, and the cascaded controller that follows it.
 
-Position and velocity errors give an acceleration; with gravity it is the thrust's direction and size; with the
-wanted yaw, an attitude; its error a body rate; the rate's error a torque; thrust and torques a speed per rotor.
+Position and velocity errors give an acceleration; with gravity, a thrust vector; with the commanded yaw, an
+attitude. The attitude error gives a body rate, the rate error a torque; thrust and torques give each rotor's
+speed.
 """
 
 import math
@@ -11,11 +12,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.messages import Quaternion, Vec3
-from simlink.scenarios.scene import Quadrotor
+from simlink.scenarios.quadrotor import Quadrotor
 from simlink.world import attitude
+from simlink.world.constants import G
 from simlink.world.noise import uniforms
 
-G: Final = 9.80665
 POSITION_GAIN: Final = (4.0, 4.0, 4.0)  # 1/s^2
 VELOCITY_GAIN: Final = (3.2, 3.2, 4.0)  # 1/s
 INTEGRAL_GAIN: Final = (1.0, 1.0, 1.5)  # 1/s^3
@@ -27,7 +28,7 @@ RATE_LIMIT: Final = 6.0  # rad/s
 
 
 class Reference(NamedTuple):
-    """Where the vehicle is to be, n, and its yaw (rad)."""
+    """Commanded position, velocity and acceleration in n, and yaw (rad)."""
 
     r_n: Vec3
     v_n: Vec3
@@ -37,7 +38,7 @@ class Reference(NamedTuple):
 
 def figure_eight(seed: int, dt: float) -> Iterator[Reference]:
     """(4 sin a, 2 sin 2a, -10 - sin .6t) m, a = w t + phase, w = .5 (.8 + .4 U); yaw .3 sin .4t. `U` and the phase
-    are drawn once a run."""
+    are uniform draws, once a run."""
     drawn = uniforms(seed, "quadrotor.path")
     w = 0.5 * (0.8 + 0.4 * next(drawn))
     phase = 2 * math.pi * next(drawn)
@@ -54,18 +55,18 @@ def figure_eight(seed: int, dt: float) -> Iterator[Reference]:
         step += 1
 
 
-def demanded(reference: Reference, r_n: Vec3, v_n: Vec3, integral: Vec3) -> Vec3:
-    """The acceleration that leads back to the path, limited."""
-    wanted = []
+def commanded_acceleration(reference: Reference, r_n: Vec3, v_n: Vec3, integral: Vec3) -> Vec3:
+    """The acceleration in n that leads back to the path, limited (m/s^2)."""
+    commanded = []
     for i in range(3):
         e, ev = reference.r_n[i] - r_n[i], reference.v_n[i] - v_n[i]
         a = reference.a_n[i] + POSITION_GAIN[i] * e + VELOCITY_GAIN[i] * ev + integral[i]
-        wanted.append(min(max(a, -ACCELERATION_LIMIT[i]), ACCELERATION_LIMIT[i]))
-    return wanted[0], wanted[1], wanted[2]
+        commanded.append(min(max(a, -ACCELERATION_LIMIT[i]), ACCELERATION_LIMIT[i]))
+    return commanded[0], commanded[1], commanded[2]
 
 
 class Controller:
-    """The cascade, with the nominal craft in mind: faults are for its integral to fly out."""
+    """The cascaded controller. It assumes the nominal craft; its integral compensates faults."""
 
     def __init__(self, craft: Quadrotor, dt: float) -> None:
         self._craft = craft
@@ -82,16 +83,16 @@ class Controller:
     def command(
         self, reference: Reference, r_n: Vec3, v_n: Vec3, q_nb: Quaternion, omega_b: Vec3
     ) -> tuple[float, ...]:
-        """Each rotor's speed, as a share of its fastest."""
+        """Each rotor's speed as a share of its maximum."""
         for i in range(3):
             grown = self._integral[i] + INTEGRAL_GAIN[i] * (reference.r_n[i] - r_n[i]) * self._dt
             self._integral[i] = min(max(grown, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
         x, y, z = self._integral
-        ax, ay, az = demanded(reference, r_n, v_n, (x, y, z))
-        down = (-ax, -ay, G - az)  # the body's z axis is to point this way
+        ax, ay, az = commanded_acceleration(reference, r_n, v_n, (x, y, z))
+        down = (-ax, -ay, G - az)  # commanded direction of b's z axis
         lift = math.sqrt(down[0] ** 2 + down[1] ** 2 + down[2] ** 2)
-        wanted = thrusting(down, lift, reference.yaw)
-        error = attitude.to_vector(attitude.product(attitude.conjugate(q_nb), wanted))
+        commanded = thrust_attitude(down, lift, reference.yaw)
+        error = attitude.to_vector(attitude.product(attitude.conjugate(q_nb), commanded))
         torque = []
         for i in range(3):
             rate = min(max(ATTITUDE_GAIN[i] * error[i], -RATE_LIMIT), RATE_LIMIT)
@@ -107,12 +108,12 @@ class Controller:
         return tuple(speeds)
 
 
-def thrusting(down: Vec3, length: float, yaw: float) -> Quaternion:
-    """q_nb with z along `down` and the nose towards `yaw`: tilt by the shortest way, from level at that yaw."""
+def thrust_attitude(down: Vec3, length: float, yaw: float) -> Quaternion:
+    """q_nb with z along `down` (n, of that length): level at `yaw` (rad), then tilted by the shortest rotation."""
     z = (down[0] / length, down[1] / length, down[2] / length)
     level = attitude.from_euler(0.0, 0.0, yaw)
     in_level = attitude.to_b(level, z)
-    # the shortest rotation that takes (0, 0, 1) to in_level; never upside down, so its scalar part is not zero
+    # the shortest rotation from (0, 0, 1) to in_level; never upside down, so its scalar part is not zero
     scalar = math.sqrt((1.0 + in_level[2]) / 2.0)
     tilt: Quaternion = (scalar, -in_level[1] / (2 * scalar), in_level[0] / (2 * scalar), 0.0)
     return attitude.product(level, tilt)

@@ -1,9 +1,9 @@
-"""The truth: two aircraft, step by step, with dynamics of their own (nothing here comes from a filter's model).
+"""The truth: the states of leader and follower, step by step. No filter's model is used here.
 
-`states` is endless and depends on the scenario and the seed alone. The follower flies coordinated: heading
-along its course, pitch along its path, bank atan(a_right / g); or it is a quadrotor, and flies as
-`simlink.world.quadrotor` has it, on a path of its own or on the same slot. The leader does the same, with bank and
-heading wobbling about that. Frames are those of `onboard.geometry`.
+`states` is endless and depends on the scenario and the seed alone. The follower flies coordinated (heading along
+its course, pitch along its path, bank atan(a_right / g)), tilts like a hovering multirotor, or is the rigid body
+of `simlink.world.quadrotor`. The leader flies coordinated, with errors in bank and heading. Frames are those of
+`onboard.geometry`.
 """
 
 import math
@@ -13,22 +13,19 @@ from types import ModuleType
 from typing import NamedTuple
 
 from onboard.messages import Quaternion, Truth, Vec3
+from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.scene import Quadrotor
 from simlink.world import attitude
-from simlink.world.motion import Rates, Real, Real3, advance, make_motion, pulses
+from simlink.world.attitude import difference
+from simlink.world.constants import DT, STEPS_PER_SECOND, G
+from simlink.world.motion import Derivative, Real, Real3, advance, make_motion, pulses
 from simlink.world.noise import gauss_markov, normals, uniforms
-from simlink.world.quadrotor import motions
+from simlink.world.quadrotor import quadrotor_states
 from simlink.world.quadrotor_control import Reference, figure_eight
-
-G = 9.80665
-STEPS_PER_SECOND = 200
-STEP_NS = 1_000_000_000 // STEPS_PER_SECOND
-DT = 1.0 / STEPS_PER_SECOND
 
 
 class State(NamedTuple):
-    """The world at `step` * 5 ms of flight. SI; n is NED at the scenario's origin O."""
+    """The world after `step` steps of 5 ms. SI; n is NED at the scenario's origin O."""
 
     step: int
     t: float
@@ -42,14 +39,14 @@ class State(NamedTuple):
     v_F_n: Vec3
     a_F_n: Vec3
     q_nF: Quaternion
-    omega_b: Vec3  # mean body rate over the step that ends here (of the first step: zero)
+    omega_b: Vec3  # mean body rate over the step that ends here; zero at the first
     f_b: Vec3  # specific force R_bn (a_F_n - g_n)
-    pwm_us: tuple[int, ...] | None = None  # what a quadrotor's motors are told
-    fault: str = ""  # what is wrong with it now
+    pwm_us: tuple[int, ...] | None = None  # commands to a quadrotor's motors
+    fault: str = ""  # the active faults of the follower
 
 
 def true_size(scenario: Scenario, seed: int) -> float:
-    """The leader's size in this run, m: the nominal one and its draw."""
+    """The leader's true size in this run, m: the nominal size with its random error."""
     sigma = scenario.leader.size_sigma_percent / 100
     return scenario.leader.size * (1.0 + sigma * next(normals(seed, "leader.size")))
 
@@ -61,14 +58,14 @@ def states(scenario: Scenario, seed: int) -> Iterator[State]:
 
 
 def _with_quadrotor(craft: Quadrotor, seed: int, formation: Iterator[State]) -> Iterator[State]:
-    """The same world with the follower flown as a quadrotor; on the slot, what the follower was is its path."""
+    """The same world with a quadrotor as follower. On "slot" it follows the path of the original follower."""
     if craft.path == "figure_eight":
         path = figure_eight(seed, DT)
     else:
         formation, slots = tee(formation)
         path = map(_as_reference, slots)
     q_before = None
-    for state, m in zip(formation, motions(craft, seed, path, DT), strict=True):
+    for state, m in zip(formation, quadrotor_states(craft, seed, path, DT), strict=True):
         yield state._replace(
             r_OF_n=m.r_n,
             v_F_n=m.v_n,
@@ -83,13 +80,13 @@ def _with_quadrotor(craft: Quadrotor, seed: int, formation: Iterator[State]) -> 
 
 
 def _as_reference(state: State) -> Reference:
-    """Where a follower of the formation is, its nose towards the leader's side: along its course."""
+    """A reference for the quadrotor: the follower's motion, with the nose along its course."""
     course = math.atan2(state.v_F_n[1], state.v_F_n[0])
     return Reference(state.r_OF_n, state.v_F_n, state.a_F_n, course)
 
 
 def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
-    """Leader and follower, both coordinated."""
+    """Leader and follower as point masses with an attitude."""
     phase = uniforms(seed, "follower.wander")
     turn = 2 * math.pi
     f, y = make_motion(scenario, (turn * next(phase), turn * next(phase), turn * next(phase)))
@@ -127,13 +124,13 @@ def _wobbles(scenario: Scenario, seed: int) -> tuple[Iterator[float], Iterator[f
     """The leader's bank and heading errors, rad, one per step."""
     b, h = scenario.leader.bank_wobble_deg, scenario.leader.heading_wobble_deg
     return (
-        gauss_markov(normals(seed, "leader.bank"), math.radians(b.sigma), b.time, DT),
-        gauss_markov(normals(seed, "leader.heading"), math.radians(h.sigma), h.time, DT),
+        gauss_markov(normals(seed, "leader.bank"), b, DT, math.pi / 180),
+        gauss_markov(normals(seed, "leader.heading"), h, DT, math.pi / 180),
     )
 
 
 def _leader_attitude(
-    course: float, climb: float, rates: Rates, bank_error: float, heading_error: float
+    course: float, climb: float, rates: Derivative, bank_error: float, heading_error: float
 ) -> Quaternion:
     return attitude.from_euler(math.atan(rates.a_lat / G) + bank_error, climb, course + heading_error)
 
@@ -156,20 +153,20 @@ def hovering(a_n: Vec3, yaw: float) -> Quaternion:
 
 
 def hovering_angles(a_n: Real3, yaw: Real, maths: ModuleType = math) -> Real3:
-    """Roll, pitch and yaw of that, rad."""
+    """Roll, pitch and yaw of `hovering`, rad."""
     c, s = maths.cos(yaw), maths.sin(yaw)
     forward, right, up = c * a_n[0] + s * a_n[1], c * a_n[1] - s * a_n[0], G - a_n[2]
     return maths.atan2(right, maths.hypot(forward, up)), maths.atan2(-forward, up), yaw
 
 
 def body_rate(q_before: Quaternion, q_now: Quaternion) -> Vec3:
-    """Mean rate over one step, rad/s, body axes: what a gyro that integrates its angle reports."""
+    """Mean rate over one step, rad/s, in b: the output of a gyro that integrates its rate."""
     x, y, z = attitude.to_vector(attitude.product(attitude.conjugate(q_before), q_now))
     return x * STEPS_PER_SECOND, y * STEPS_PER_SECOND, z * STEPS_PER_SECOND
 
 
 def truth_record(s: State, size: float, t_ns: int) -> Truth:
-    """What is published as the truth at boot time `t_ns`."""
+    """The record of the truth to publish at boot time `t_ns`."""
     return Truth(
         t_ns=t_ns,
         r_FL_n=difference(s.r_OL_n, s.r_OF_n),
@@ -186,8 +183,3 @@ def truth_record(s: State, size: float, t_ns: int) -> Truth:
         omega_b=s.omega_b,
         fault=s.fault,
     )
-
-
-def difference(a: Vec3, b: Vec3) -> Vec3:
-    """a - b."""
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]

@@ -1,4 +1,4 @@
-"""`onboard demo` as its user sees it: it prints a scorecard, writes files, and leaves no process behind."""
+"""`onboard demo` as a user runs it: it prints a scorecard, writes files, and leaves no process behind."""
 
 import json
 import signal
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import psutil
 import pytest
 
-from tests.support import readme
+from tests.support import documents
 from tests.support.programs import Program, all_gone, run, started, until
 
 SECONDS = 25
@@ -44,21 +44,21 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
         *("--json", folder / "score.json", "--out", folder / "out"),
     )
     family: set[psutil.Process] = set()
-    seen: set[str] = set()
+    local: set[str] = set()
     with started(folder / "demo.log", *map(str, command), cwd=folder) as demo:
         while demo.popen.poll() is None:
             present = [demo.process, *demo.descendants()]
             family |= set(present)
-            seen |= addresses(present)
+            local |= addresses(present)
             time.sleep(0.5)
     return Flown(
         demo.popen.returncode,
         json.loads((folder / "score.json").read_bytes()),
         demo.stdout.read_text(),
-        demo.said(),
+        demo.output(),
         folder,
         list(family),
-        seen,
+        local,
     )
 
 
@@ -77,7 +77,7 @@ def test_demo_seed_1_tracks_within_the_documented_error(flown: Flown) -> None:
 
 def test_demo_seed_1_accounts_for_every_image(flown: Flown) -> None:
     drops = flown.numbers["drops"]
-    assert drops["images_sent"] > SECONDS * 25 * 0.85  # two in a hundred are lost on purpose, some in a row
+    assert drops["images_sent"] > SECONDS * 25 * 0.85  # the scenario loses some: 2 % chance per image
     assert drops["images_received"] == drops["images_sent"] == sum(flown.numbers["verdicts"].values())
     assert drops["images_lost"] == 0
     assert drops["sink_drops"] == 0
@@ -85,9 +85,9 @@ def test_demo_seed_1_accounts_for_every_image(flown: Flown) -> None:
 
 
 def test_demo_seed_1_writes_the_documented_keys_and_no_others(flown: Flown) -> None:
-    assert readme.keys_of(flown.numbers) == readme.scorecard_keys("demo")
+    assert documents.keys_of(flown.numbers) == documents.scorecard_keys("demo")
     latency = flown.numbers["latency_ms"]
-    assert latency["p50"] >= 20.0  # of which the camera's own
+    assert latency["p50"] >= 20.0  # the camera's latency alone
     assert 0 < latency["receive_to_publish_p50"] < latency["p50"]
 
 
@@ -98,7 +98,7 @@ def test_demo_prints_a_scorecard_that_agrees_with_the_numbers(flown: Flown) -> N
     assert "diverged" in flown.stdout
 
 
-def test_demo_writes_the_view_the_configuration_and_what_was_said(flown: Flown) -> None:
+def test_demo_writes_the_view_the_configuration_and_the_logs(flown: Flown) -> None:
     out = flown.folder / "out"
     recording = out / "formation-1.rrd"
     assert recording.read_bytes()[:3] == b"RRF"
@@ -111,7 +111,7 @@ def test_demo_writes_the_view_the_configuration_and_what_was_said(flown: Flown) 
 
 def test_demo_leaves_no_process_behind_and_only_used_loopback(flown: Flown) -> None:
     assert len(flown.family) >= 3  # itself, the simulator and the daemon
-    until(lambda: all_gone(flown.family), "the end of Python's helper, too", timeout=5)
+    until(lambda: all_gone(flown.family), "the end of Python's helper", timeout=5)
     assert flown.addresses <= {"127.0.0.1", "::1"}
     assert flown.addresses
 
@@ -124,16 +124,15 @@ def test_demo_leaves_no_process_behind_and_only_used_loopback(flown: Flown) -> N
 def test_interrupted_demo_takes_its_programs_along(tmp_path: Path, number: int, group: bool) -> None:
     command = ("onboard", "demo", "--headless", "--duration", "600", "--seed", "2", "--out", str(tmp_path))
     with started(tmp_path / "demo.err", *command) as demo:
-        said = tmp_path / "formation-2.daemon.log"
-        until(lambda: said.exists() and "tracking" in said.read_text(), "a track")
+        log = tmp_path / "formation-2.daemon.log"
+        until(lambda: log.exists() and "tracking" in log.read_text(), "a track")
         family = demo.descendants()
         programs = [p for p in family if {"onboard", "simlink"} & set(p.cmdline())]
         assert len(programs) == 2
         assert demo.end(number, group=group) == 130
         assert all_gone(programs)
-        # The demo compiled by processes, for which Python keeps a helper (multiprocessing's resource tracker). It
-        # ends when it notices that the demo has: a moment later.
-        until(lambda: all_gone(family), "the end of Python's helper, too", timeout=5)
+        # the helper process of Python's multiprocessing (its resource tracker) ends a moment later
+        until(lambda: all_gone(family), "the end of Python's helper", timeout=5)
     for path in (*tmp_path.glob("*.log"), tmp_path / "demo.err"):
         assert "Traceback" not in path.read_text()
 
@@ -143,13 +142,13 @@ def test_demo_of_an_unknown_scenario_is_one_line(tmp_path: Path) -> None:
         tmp_path / "demo.err", "onboard", "demo", "--headless", "--scenario", "no-such", cwd=tmp_path
     ) as demo:
         assert demo.popen.wait(60) == 2
-    (line,) = demo.said().splitlines()
+    (line,) = demo.output().splitlines()
     assert "'no-such'" in line
-    assert "formation-s-turn" in line  # what there is
+    assert "formation-s-turn" in line  # the known scenarios
 
 
 def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> None:
-    """Shorter than the time to settle: judged all the same, by what there is."""
+    """Shorter than the settling time: scored nevertheless, without settled numbers."""
 
     def demo(seed: int) -> tuple[str, ...]:
         json_file = tmp_path / f"{seed}.json"
@@ -157,7 +156,7 @@ def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> Non
         return *command, "--out", str(tmp_path), "--json", str(json_file)
 
     with started(tmp_path / "3.err", *demo(3)) as third, started(tmp_path / "4.err", *demo(4)) as fourth:
-        assert (third.popen.wait(100), fourth.popen.wait(100)) == (0, 0), third.said() + fourth.said()
+        assert (third.popen.wait(100), fourth.popen.wait(100)) == (0, 0), third.output() + fourth.output()
     for seed in (3, 4):
         numbers = json.loads((tmp_path / f"{seed}.json").read_bytes())
         assert numbers["drops"]["images_lost"] == 0
@@ -167,8 +166,8 @@ def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> Non
         assert numbers["range_error_rms_percent"] is None
 
 
-def test_demo_knows_the_camera_of_the_scenario_seed_5(tmp_path: Path) -> None:
-    """A scenario of one's own, by path: another lens, mounted aslant, on another vehicle id."""
+def test_demo_uses_the_camera_of_the_scenario_seed_5(tmp_path: Path) -> None:
+    """A user's scenario by path: another lens, a rotated mount, another vehicle id."""
     scenario = tmp_path / "mine.v2.toml"
     scenario.write_text(
         "[camera]\nf_px = 300.0\nmount_rpy_deg = [0.0, 5.0, 10.0]\nmount_offset = [0.5, 0.0, 0.2]\n"
@@ -186,4 +185,4 @@ def test_demo_knows_the_camera_of_the_scenario_seed_5(tmp_path: Path) -> None:
 
 def test_program_helper_notices_an_end(tmp_path: Path) -> None:
     with started(tmp_path / "x.err", "onboard", "no-such-command") as program, pytest.raises(AssertionError):
-        Program.wait_for(program, "never said")
+        Program.wait_for(program, "never printed")

@@ -16,7 +16,7 @@ NEAR_NS = 25_000_000
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 
 
-def test_a_weak_motor_is_flown_named_and_told_seed_2(tmp_path: Path) -> None:
+def test_a_weak_motor_is_named_over_zenoh_and_mavlink_seed_2(tmp_path: Path) -> None:
     autopilot, ground, zenoh = free_ports(UDP, UDP, TCP)
     endpoint = f"tcp/127.0.0.1:{zenoh}"
     config = tmp_path / "q.toml"
@@ -66,7 +66,7 @@ def test_a_weak_motor_is_flown_named_and_told_seed_2(tmp_path: Path) -> None:
 
 
 def collect(client: Client, receiver: socket.socket, parser: Any, records: list[Any], odometry: list[Any]) -> None:
-    """Take what has come over both ways."""
+    """Receive what has arrived over Zenoh and MAVLink."""
     for _ in range(200):
         received = client.take(0.0)
         if received is None:

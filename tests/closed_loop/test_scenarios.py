@@ -1,6 +1,6 @@
 """simlink's scenarios through the whole program, faster than real time: `simlink log`, then `onboard replay
---truth` with the configuration that `simlink config` gives. Seed 1 throughout; the bounds are those measured,
-half as much again."""
+--truth` with the configuration of `simlink config`. Seed 1 throughout; the bounds are 1.5 times the measured
+values."""
 
 import csv
 import json
@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tests.support import readme
+from tests.support import documents
 from tests.support.programs import run
 
 SEED = 1
@@ -21,12 +21,12 @@ class Replayed(NamedTuple):
     csv: str
 
     def at(self, begin: float, end: float) -> list[dict[str, str]]:
-        """Rows between two times, s after the flight began (40 s on the boot clock)."""
+        """Rows between two times of flight, s (40 s on the boot clock are 0)."""
         return [row for row in self.rows if begin <= float(row["time_boot_s"]) - 40.0 < end]
 
 
 class Flights:
-    """Replays in a folder; one asked for again is not flown again."""
+    """Replays in a folder; each is flown once."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -61,7 +61,7 @@ def replay(tmp_path_factory: pytest.TempPathFactory) -> Flights:
     return Flights(tmp_path_factory.mktemp("flights"))
 
 
-# Of 1400 right images the gate turns away 1.4 on average, and more than six in one run of a thousand.
+# Of 1400 correct images the gate rejects 1.4 on average, and more than six in one run of a thousand.
 CHANCE = 6
 # scenario: range error %, position inside the 95 % ellipsoid at least %, gated images at most
 BOUNDS = {
@@ -75,7 +75,7 @@ BOUNDS = {
     "formation-speed-change": (4.0, 85, CHANCE),
     "formation-from-the-side": (4.0, 85, CHANCE),
     "formation-hover": (4.0, 85, CHANCE),
-    "formation-out-of-view": (10.0, 55, CHANCE),  # two flights in one: to 30 m ahead and back, with a gap
+    "formation-out-of-view": (10.0, 55, CHANCE),  # two parts: to 30 m ahead and back, with a gap
 }
 
 
@@ -89,30 +89,30 @@ def test_scenario_seed_1_keeps_its_bounds(replay: Flights, scenario: str) -> Non
     verdicts = numbers["verdicts"]
     assert verdicts["fused"] + verdicts.get("fused_late", 0) > 1000
     assert verdicts.get("gated", 0) <= gated
-    assert 4.5 < numbers["nis_mean"] < 7.5  # six numbers an image
+    assert 4.5 < numbers["nis_mean"] < 7.5  # six numbers per image
 
 
 def test_replay_writes_the_documented_keys_and_no_others_seed_1(replay: Flights) -> None:
     numbers = replay("formation").numbers
-    assert readme.keys_of(numbers) == readme.scorecard_keys("replay")
+    assert documents.keys_of(numbers) == documents.scorecard_keys("replay")
     assert numbers["log"]["damaged"] == 0
     assert numbers["health"]["autopilot"] == "PX4, system 1"
 
 
 def test_drop_out_seed_1_coasts_two_seconds_and_is_then_not_valid(replay: Flights) -> None:
-    """No image from 30 to 35 s: predicted and valid, then lost, not valid, with empty numbers; then tracked."""
+    """No image from 30 to 35 s: coasting and valid, then lost, not valid, with empty numbers; then tracking."""
     flight = replay("formation-drop-out")
     assert {row["state"] for row in flight.at(30.5, 31.7)} == {"coasting"}
     assert all(row["valid"] == "1" for row in flight.at(28.0, 31.7))
     blind = flight.at(32.5, 34.9)
-    assert len(blind) > 50  # it goes on to say so
+    assert len(blind) > 50  # rows continue
     assert {(row["state"], row["valid"], row["r_north_m"]) for row in blind} == {("lost", "0", "")}
     after = flight.at(36.0, 60.0)
     assert all(row["valid"] == "1" for row in after)
-    assert flight.numbers["resets"] == 0  # under ten seconds: not forgotten
+    assert flight.numbers["resets"] == 0  # shorter than ten seconds: the track is kept
 
 
-def test_out_of_view_seed_1_is_forgotten_after_ten_seconds_and_found_again(replay: Flights) -> None:
+def test_out_of_view_seed_1_drops_the_track_after_ten_seconds_and_starts_anew(replay: Flights) -> None:
     flight = replay("formation-out-of-view")
     states = {row["state"] for row in flight.rows}
     assert states == {"searching", "initialising", "tracking", "coasting", "lost"}
@@ -123,41 +123,42 @@ def test_out_of_view_seed_1_is_forgotten_after_ten_seconds_and_found_again(repla
 
 def test_wrong_blobs_seed_1_are_gated(replay: Flights) -> None:
     flight = replay("formation-wrong-blobs")
-    assert flight.numbers["verdicts"]["gated"] >= 15  # of some thirty; the others look likely enough
+    assert flight.numbers["verdicts"]["gated"] >= 15  # of about thirty; the others are plausible
     assert flight.numbers["resets"] == 0
 
 
 def test_late_images_seed_1_lose_nothing_against_images_in_time(replay: Flights) -> None:
     late, in_time = replay("formation-late-image").numbers, replay("formation").numbers
-    assert late["verdicts"]["fused"] >= in_time["verdicts"]["fused"] - 2  # the last are still on their way
+    assert late["verdicts"]["fused"] >= in_time["verdicts"]["fused"] - 2  # the last ones have not arrived yet
     assert late["position_rmse_m"] == pytest.approx(in_time["position_rmse_m"], rel=0.1)
 
 
-def test_old_stamps_seed_1_are_mended_by_what_is_known_of_ardupilot(replay: Flights) -> None:
-    mended = replay("formation-old-stamps").numbers
-    believed = replay("formation-old-stamps", "delay.local_position_s=0.0").numbers
-    assert mended["nis_mean"] < believed["nis_mean"] or mended["velocity_rmse_m_s"] < believed["velocity_rmse_m_s"]
+def test_old_stamps_seed_1_are_corrected_by_the_known_delays_of_ardupilot(replay: Flights) -> None:
+    corrected = replay("formation-old-stamps").numbers
+    uncorrected = replay("formation-old-stamps", "delay.local_position_s=0.0").numbers
+    assert any(corrected[key] < uncorrected[key] for key in ("nis_mean", "velocity_rmse_m_s"))
 
 
-def test_stamps_80_ms_late_seed_1_are_found_out_when_the_delay_is_estimated(replay: Flights) -> None:
-    """Untold, the filter is sure of what is wrong; with the delay estimated it does as well as on time."""
-    untold = replay("formation-late-stamp").numbers
-    found = replay("formation-late-stamp", "estimator.leader.delay_sigma_s=0.15").numbers
+def test_stamps_80_ms_late_seed_1_are_corrected_when_the_delay_is_estimated(replay: Flights) -> None:
+    """Without an estimate of the delay the covariance is too small; with it the errors are those of correct
+    stamps."""
+    ignored = replay("formation-late-stamp").numbers
+    estimated = replay("formation-late-stamp", "estimator.leader.delay_sigma_s=0.15").numbers
     in_time = replay("formation").numbers
-    assert untold["inside_95_percent"] < 50
-    assert found["inside_95_percent"] > 85
-    assert found["velocity_rmse_m_s"] < 1.15 * in_time["velocity_rmse_m_s"] < untold["velocity_rmse_m_s"]
+    assert ignored["inside_95_percent"] < 50
+    assert estimated["inside_95_percent"] > 85
+    assert estimated["velocity_rmse_m_s"] < 1.15 * in_time["velocity_rmse_m_s"] < ignored["velocity_rmse_m_s"]
 
 
 def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
-    """Half a degree of our own attitude: without being told, the ellipsoid would hold the truth almost never."""
-    told = replay("formation-nav-error").numbers
-    not_told = replay(
+    """Half a degree of attitude error: a filter that ignores it has a far too small ellipsoid."""
+    considered = replay("formation-nav-error").numbers
+    ignored = replay(
         "formation-nav-error",
         *("estimator.leader.own_tilt_sigma_deg=0.0", "estimator.leader.own_yaw_sigma_deg=0.0"),
     ).numbers
-    assert told["inside_95_percent"] > 75
-    assert not_told["inside_95_percent"] < 25
+    assert considered["inside_95_percent"] > 75
+    assert ignored["inside_95_percent"] < 25
 
 
 def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Flights) -> None:
@@ -170,8 +171,8 @@ def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Fl
     assert numbers["verdicts"].get("gated", 0) == 0
 
 
-def test_a_leader_seen_from_the_side_seed_1_looks_farther_to_the_papers_angles(replay: Flights) -> None:
-    """Yawed by 40 degrees it looks 0.8 times as wide: a quarter farther, to who takes the wing to be in the image
+def test_a_leader_viewed_from_the_side_seed_1_is_too_far_by_the_papers_angles(replay: Flights) -> None:
+    """Yawed by 40 degrees its image is 0.8 times as wide: a quarter farther, if the wing were in the image
     plane."""
     numbers = replay("formation-from-the-side", "estimator.leader.filter=subtended").numbers
     assert numbers["diverged"] is False
@@ -184,9 +185,9 @@ def test_same_scenario_and_seed_1_twice_give_the_same_csv_bit_for_bit(replay: Fl
     assert len(first.rows) > 3000
 
 
-def test_out_of_view_seed_1_says_so_until_the_leader_is_seen_again(replay: Flights) -> None:
-    """The leader leaves the view at 28.04 s, passes behind and is back at 41.80 s: predicted for two seconds from
-    the last image, then not valid, then searched for, then begun anew from three images."""
+def test_out_of_view_seed_1_is_reported_until_the_leader_is_in_view_again(replay: Flights) -> None:
+    """The leader leaves the view at 28.04 s, passes behind and is back at 41.80 s: coasting for two seconds after
+    the last image, then lost, then searching, then tracking again after three images."""
     flight = replay("formation-out-of-view")
     assert {(row["state"], row["valid"]) for row in flight.at(28.35, 29.9)} == {("coasting", "1")}
     assert {(row["state"], row["valid"]) for row in flight.at(30.1, 37.9)} == {("lost", "0")}

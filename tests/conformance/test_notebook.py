@@ -1,6 +1,5 @@
-"""The lines that README.md gives a researcher, run as they stand there."""
+"""The lines that docs/notebook.md gives a researcher, run as they stand there."""
 
-import re
 import subprocess
 import sys
 
@@ -9,13 +8,13 @@ import pytest
 
 import onboard.filters
 from onboard.filters import FilterError, Method
-from tests.support import readme
+from tests.support import documents
 from tests.support.programs import ROOT
 
-BLOCKS = re.findall(r"```python\n(.*?)```", readme.TEXT, re.DOTALL)
+BLOCKS = documents.blocks(documents.text("notebook"), "python")
 
 
-def test_the_five_lines_of_the_readme_run_a_filter_on_a_model_of_ones_own() -> None:
+def test_the_five_lines_of_the_page_run_a_filter_on_a_model_of_ones_own() -> None:
     (block,) = BLOCKS
     assert len([line for line in block.splitlines() if line.strip()]) == 5
     names: dict[str, object] = {}

@@ -40,7 +40,7 @@ def test_a_killed_recorder_leaves_what_it_had_flushed(tmp_path: Path) -> None:
         writer.kill()
         writer.wait()
     after = [datagram for datagram, _ in read_recording(path)]
-    assert after[-1] is None  # cut off, and said so
+    assert after[-1] is None  # cut off, and reported as such
     assert len(after) >= len(found)
     for n, datagram in enumerate(after[:-1]):
         assert isinstance(datagram, Datagram)

@@ -1,4 +1,4 @@
-"""A program whose sink is stuck in a write still ends when told to."""
+"""A program whose sink is stuck in a write still ends on request."""
 
 import subprocess
 import sys

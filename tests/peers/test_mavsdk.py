@@ -42,8 +42,8 @@ def look():
 
 def is_known(seen):
     numbers = seen["q"] + seen["position"] + seen["ned"] + seen["velocity"]
-    heard = any(seen["ned"]) and any(seen["velocity"]) and seen["armed"]
-    return all(x == x for x in numbers) and heard
+    received = any(seen["ned"]) and any(seen["velocity"]) and seen["armed"]
+    return all(x == x for x in numbers) and received
 
 
 deadline = time.monotonic() + 30
@@ -60,7 +60,7 @@ ORIGIN = (47.397742, 8.545594)
 
 def test_mavsdk_sees_the_vehicle_of_formation_seed_1(tmp_path: Path) -> None:
     (port,) = free_ports(socket.SOCK_DGRAM)
-    command = (
+    command = [
         "simlink",
         "run",
         "formation",
@@ -72,7 +72,7 @@ def test_mavsdk_sees_the_vehicle_of_formation_seed_1(tmp_path: Path) -> None:
         "none",
         "--camera",
         "none",
-    )
+    ]
     with started(tmp_path / "simlink.log", *command, "--mavlink", f"udpout:127.0.0.1:{port}"):
         done = subprocess.run(
             [sys.executable, "-c", CLIENT, f"udpin://127.0.0.1:{port}"],

@@ -1,6 +1,5 @@
-"""The one Zenoh session of a program: how it is configured, what it says of mistakes, and how it ends."""
+"""The one Zenoh session of a program: its configuration, its error messages and its end."""
 
-import socket
 import subprocess
 import sys
 import threading
@@ -12,7 +11,7 @@ import pytest
 
 from onboard.sinks import SinkError
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
-from tests.support.programs import environment, free_ports
+from tests.support.programs import environment, free_endpoint
 
 # Python takes a second to end, during which a callback in a thread that it does not wait for wants to go on.
 ENDS_IN_A_CALLBACK = """
@@ -38,10 +37,6 @@ session.put("a/b", b"x")
 assert called.wait(10)
 session.close()
 """
-
-
-def free_endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_ports(socket.SOCK_STREAM)[0]}"
 
 
 def config(endpoint: str, **options: Any) -> ZenohConfig:
@@ -103,19 +98,19 @@ def test_a_port_in_use_is_one_clear_line() -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_client_whose_router_is_not_there_is_told_so() -> None:
+def test_a_client_without_a_router_is_a_sink_error() -> None:
     endpoint = free_endpoint()
     with pytest.raises(SinkError, match="no router answers at tcp/127"):
         open_session(config(endpoint, mode="client", connect=(endpoint,)))
 
 
 @pytest.mark.parametrize("vehicle", ["", "a b", "a/b", "*", "$x", "a?", "#", "é", "a\n"])
-def test_a_vehicle_that_cannot_stand_in_a_key_is_refused(vehicle: str) -> None:
+def test_a_vehicle_that_cannot_be_part_of_a_key_is_refused(vehicle: str) -> None:
     with pytest.raises(ValueError, match="cannot be part of a key"):
         ZenohConfig(vehicle=vehicle)
 
 
-def test_a_config_file_rules_and_what_it_leaves_unsaid_keeps_our_defaults(tmp_path: Path) -> None:
+def test_a_config_file_takes_precedence_and_our_defaults_fill_it_up(tmp_path: Path) -> None:
     theirs, ours = free_endpoint(), free_endpoint()
     file = tmp_path / "zenoh.json5"
     file.write_text(f'{{mode: "router", listen: {{endpoints: ["{theirs}"]}}}}')
@@ -135,10 +130,10 @@ def test_a_config_file_rules_and_what_it_leaves_unsaid_keeps_our_defaults(tmp_pa
         session.close()
 
 
-@pytest.mark.parametrize(("content", "says"), [(None, "does not exist"), ("{mode: ", "cannot be read")])
-def test_a_config_file_that_is_none_is_a_sink_error(tmp_path: Path, content: str | None, says: str) -> None:
+@pytest.mark.parametrize(("content", "message"), [(None, "does not exist"), ("{mode: ", "cannot be read")])
+def test_a_config_file_that_is_none_is_a_sink_error(tmp_path: Path, content: str | None, message: str) -> None:
     file = tmp_path / "zenoh.json5"
     if content is not None:
         file.write_text(content)
-    with pytest.raises(SinkError, match=says):
+    with pytest.raises(SinkError, match=message):
         open_session(config(free_endpoint(), config_file=str(file)))

@@ -2,9 +2,8 @@
 
 import asyncio
 import json
-import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -18,19 +17,11 @@ from onboard.messages import Datagram, Encoding, Estimate, Health, Lifecycle, Ow
 from onboard.sinks import SinkRunner
 from onboard.sinks.zenoh import ZenohSink
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
+from tests.support.programs import free_endpoint, until
+from tests.support.records import POSE, make_estimate
 
 TIMEOUT_S = 10.0
 PREFIX = "onboard/uav-1"
-
-
-def free_endpoint() -> str:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{s.getsockname()[1]}"
-
-
-def config(endpoint: str, **options: Any) -> ZenohConfig:
-    return ZenohConfig(vehicle="uav-1", listen=(endpoint,), **options)
 
 
 @pytest.fixture
@@ -40,7 +31,7 @@ def endpoint() -> str:
 
 @pytest.fixture
 def session(endpoint: str) -> Iterator[Any]:
-    session = open_session(config(endpoint))
+    session = open_session(ZenohConfig(vehicle="uav-1", listen=(endpoint,)))
     yield session
     session.close()
 
@@ -56,33 +47,6 @@ def client(session: Any, endpoint: str) -> Iterator[Any]:  # noqa: ARG001 - the 
     client.close()
 
 
-def until(condition: Callable[[], Any]) -> None:
-    end = time.monotonic() + TIMEOUT_S
-    while not condition():
-        assert time.monotonic() < end, "timed out"
-        time.sleep(0.005)
-
-
-def estimate(sequence: int = 1, name: str = "ukf") -> Estimate:
-    return Estimate(
-        name=name,
-        target=name,
-        sequence=sequence,
-        t_ns=10**9,
-        state=Lifecycle.TRACKING,
-        valid=True,
-        reason="",
-        frame="n",
-        components=("x",),
-        units=("m",),
-        mean=(1.5,),
-        covariance=((2.0,),),
-        age=0.01,
-        reset_count=0,
-    )
-
-
-POSE = OwnPose(t_ns=1, r_OF_n=(1, 2, 3), v_F_n=(4, 5, 6), a_F_n=(7, 8, 9), q_nb=(1, 0, 0, 0))
 HEALTH = Health(
     t_ns=1,
     t_recv_ns=2,
@@ -116,21 +80,21 @@ def opened(session: Any, **options: Any) -> ZenohSink:
     return sink
 
 
-def test_a_subscriber_hears_each_record_on_its_key_as_json(session: Any, client: Any) -> None:
-    heard: dict[str, Any] = {}
-    client.declare_subscriber("onboard/**", lambda s: heard.__setitem__(str(s.key_expr), s))
+def test_a_subscriber_receives_each_record_on_its_key_as_json(session: Any, client: Any) -> None:
+    received: dict[str, Any] = {}
+    client.declare_subscriber("onboard/**", lambda s: received.__setitem__(str(s.key_expr), s))
     sink = opened(session, now_ns=lambda: 1_700_000_000_123_456_789)
 
     def all_there() -> bool:
-        sink.write([estimate(), POSE, HEALTH])  # again until the subscription has reached the router
-        return len(heard) == 3
+        sink.write([make_estimate(), POSE, HEALTH])  # again until the subscription has reached the router
+        return len(received) == 3
 
-    until(all_there)
-    payloads = {key: sample.payload.to_bytes() for key, sample in heard.items()}
-    assert msgspec.json.decode(payloads[f"{PREFIX}/estimate/ukf"], type=Estimate) == estimate()
+    until(all_there, "records over Zenoh")
+    payloads = {key: sample.payload.to_bytes() for key, sample in received.items()}
+    assert msgspec.json.decode(payloads[f"{PREFIX}/estimate/ukf"], type=Estimate) == make_estimate()
     assert msgspec.json.decode(payloads[f"{PREFIX}/ownship"], type=OwnPose) == POSE
     assert msgspec.json.decode(payloads[f"{PREFIX}/health"], type=Health) == HEALTH
-    for sample in heard.values():
+    for sample in received.values():
         assert sample.encoding == zenoh.Encoding.APPLICATION_JSON
         assert sample.congestion_control == zenoh.CongestionControl.DROP
         assert sample.express
@@ -140,12 +104,12 @@ def test_a_subscriber_hears_each_record_on_its_key_as_json(session: Any, client:
 
 def test_a_late_joiner_gets_the_latest_of_everything_once(session: Any, client: Any) -> None:
     sink = opened(session)
-    sink.write([estimate(1), estimate(1, "csvsf"), estimate(2), POSE, HEALTH])
-    until(lambda: get(client, f"{PREFIX}/estimate/ukf"))
+    sink.write([make_estimate(1), make_estimate(1, "csvsf"), make_estimate(2), POSE, HEALTH])
+    until(lambda: get(client, f"{PREFIX}/estimate/ukf"), "records over Zenoh")
     found = get(client, f"{PREFIX}/**")
     assert set(found) == {f"{PREFIX}/{k}" for k in ("estimate/ukf", "estimate/csvsf", "ownship", "health")}
     payload, attachment = found[f"{PREFIX}/estimate/ukf"]
-    assert msgspec.json.decode(payload, type=Estimate) == estimate(2)
+    assert msgspec.json.decode(payload, type=Estimate) == make_estimate(2)
     assert 0 <= attachment["age_s"] < TIMEOUT_S
     assert set(get(client, f"{PREFIX}/estimate/*")) == {f"{PREFIX}/estimate/ukf", f"{PREFIX}/estimate/csvsf"}
     assert get(client, f"{PREFIX}/estimate/none") == {}
@@ -156,21 +120,21 @@ def test_a_late_joiner_gets_the_latest_of_everything_once(session: Any, client: 
 def test_a_stale_estimate_comes_back_lost_and_not_valid(session: Any, client: Any) -> None:
     now = [100.0]
     sink = opened(session, validity_s=2.0, monotonic=lambda: now[0])
-    sink.write([estimate(), POSE])
-    until(lambda: get(client, f"{PREFIX}/ownship"))
+    sink.write([make_estimate(), POSE])
+    until(lambda: get(client, f"{PREFIX}/ownship"), "records over Zenoh")
 
     def reply() -> tuple[Estimate, dict[str, Any]]:
         payload, attachment = get(client, f"{PREFIX}/estimate/ukf")[f"{PREFIX}/estimate/ukf"]
         return msgspec.json.decode(payload, type=Estimate), attachment
 
     now[0] = 101.9
-    assert reply() == (estimate(), {"age_s": 1.9, "stale": False})
+    assert reply() == (make_estimate(), {"age_s": 1.9, "stale": False})
     now[0] = 103.2
     found, attachment = reply()
     assert (found.valid, found.state) == (False, Lifecycle.LOST)
     assert "3.2 s ago" in found.reason
     assert attachment == {"age_s": 3.2, "stale": True}
-    assert found.mean == estimate().mean  # still there for who wants to know
+    assert found.mean == make_estimate().mean  # still available
     assert get(client, f"{PREFIX}/ownship")[f"{PREFIX}/ownship"][1]["stale"]
     sink.close()
 
@@ -181,25 +145,25 @@ def test_the_liveliness_token_comes_and_goes_with_the_sink(session: Any, client:
         "onboard/*/alive", lambda s: changes.append((str(s.key_expr), s.kind)), history=True
     )
     sink = opened(session)
-    until(lambda: changes == [(f"{PREFIX}/alive", zenoh.SampleKind.PUT)])
+    until(lambda: changes == [(f"{PREFIX}/alive", zenoh.SampleKind.PUT)], "records over Zenoh")
     sink.close()
-    until(lambda: changes[1:] == [(f"{PREFIX}/alive", zenoh.SampleKind.DELETE)])
+    until(lambda: changes[1:] == [(f"{PREFIX}/alive", zenoh.SampleKind.DELETE)], "records over Zenoh")
 
 
 def test_behind_its_runner_it_publishes_and_survives_the_session_going(session: Any, client: Any) -> None:
-    heard: list[bytes] = []
-    client.declare_subscriber(f"{PREFIX}/estimate/*", lambda s: heard.append(s.payload.to_bytes()))
+    received: list[bytes] = []
+    client.declare_subscriber(f"{PREFIX}/estimate/*", lambda s: received.append(s.payload.to_bytes()))
 
     async def main() -> None:
         runner: SinkRunner[Any] = SinkRunner("zenoh", ZenohSink(session, PREFIX), 64, first_retry_s=0.01)
         task = asyncio.create_task(runner.run())
         async with asyncio.timeout(TIMEOUT_S):
-            while not heard:
-                runner.put(estimate())
+            while not received:
+                runner.put(make_estimate())
                 await asyncio.sleep(0.01)
             await asyncio.to_thread(session.close)
             while runner.health().restarts < 2:
-                runner.put(estimate())
+                runner.put(make_estimate())
                 await asyncio.sleep(0.01)
         assert "session is closed" in runner.health().error
         task.cancel()
@@ -212,33 +176,33 @@ def test_behind_its_runner_it_publishes_and_survives_the_session_going(session: 
 def test_camera_points_come_in_with_their_key_and_arrival(session: Any, client: Any) -> None:
     key = f"{PREFIX}/camera/front/points"
     put = partial(client.put, congestion_control=zenoh.CongestionControl.BLOCK)  # else it may drop any
-    heard: list[Datagram] = []
+    received: list[Datagram] = []
 
     async def main() -> None:
         link = ZenohLink(session, PREFIX)
         await link.open()
-        task = asyncio.create_task(link.run(heard.append, time.time_ns))
+        task = asyncio.create_task(link.run(received.append, time.time_ns))
         async with asyncio.timeout(TIMEOUT_S):
-            while not heard:
+            while not received:
                 put(key, b'{"first": 1}')
                 await asyncio.sleep(0.01)
             put(f"{PREFIX}/camera/front/other", b"not for us")
             put(key, b"")
             put(key, bytes(100_000))
             put(key, b'{"last": 1}')
-            while heard[-1].data != b'{"last": 1}':  # noqa: ASYNC110 - as above
+            while received[-1].data != b'{"last": 1}':  # noqa: ASYNC110 - as above
                 await asyncio.sleep(0.01)
         assert link.errors == 2
-        assert link.received == len(heard)
+        assert link.received == len(received)
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task
 
     before = time.time_ns()
     asyncio.run(main())
-    assert {(d.channel, d.encoding) for d in heard} == {(key, Encoding.POINTS)}
-    assert {d.data for d in heard} == {b'{"first": 1}', b'{"last": 1}'}
-    stamps = [d.t_recv_ns for d in heard]
+    assert {(d.channel, d.encoding) for d in received} == {(key, Encoding.POINTS)}
+    assert {d.data for d in received} == {b'{"first": 1}', b'{"last": 1}'}
+    stamps = [d.t_recv_ns for d in received]
     assert before <= stamps[0]
     assert stamps == sorted(stamps)
     client.put(key, b"after the loop has closed")  # must not disturb anyone
@@ -247,20 +211,20 @@ def test_camera_points_come_in_with_their_key_and_arrival(session: Any, client: 
 def test_a_flood_of_points_costs_points_not_memory(session: Any, client: Any) -> None:
     async def main() -> None:
         link = ZenohLink(session, PREFIX)
-        heard: list[Datagram] = []
-        task = asyncio.create_task(link.run(heard.append, time.time_ns))
+        received: list[Datagram] = []
+        task = asyncio.create_task(link.run(received.append, time.time_ns))
         key = f"{PREFIX}/camera/front/points"
         async with asyncio.timeout(TIMEOUT_S):
-            while not heard:
+            while not received:
                 client.put(key, b"x")
                 await asyncio.sleep(0.01)
             while link.errors == 0:
                 for _ in range(2000):
                     client.put(key, b"x")
                 time.sleep(0.05)  # noqa: ASYNC251 - the loop is to be late
-            before = len(heard)
+            before = len(received)
             await asyncio.sleep(0.05)
-            assert len(heard) - before <= 1000
+            assert len(received) - before <= 1000
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task
@@ -272,8 +236,8 @@ def test_a_client_of_another_router_publishes_through_it(session: Any, client: A
     ours = open_session(ZenohConfig(vehicle="uav-1", mode="client", connect=(endpoint,)))
     try:
         sink = opened(ours)
-        sink.write([estimate()])
-        until(lambda: get(client, f"{PREFIX}/estimate/ukf"))
+        sink.write([make_estimate()])
+        until(lambda: get(client, f"{PREFIX}/estimate/ukf"), "records over Zenoh")
         sink.close()
     finally:
         ours.close()

@@ -80,7 +80,7 @@ def test_position_and_range_are_right_while_valid(
     assert np.sqrt(np.mean(relative**2)) <= 0.05
 
 
-def test_it_is_valid_for_nearly_all_of_the_time_the_leader_is_in_view(formation: tuple[Run, Health]) -> None:
+def test_it_is_valid_nearly_always_while_the_leader_is_in_view(formation: tuple[Run, Health]) -> None:
     run, _ = formation
     start = min(r.t_ns for r in run.reports) + WARM_UP * S
     in_view = [e for e in run.estimates if e.measurement is not None and e.t_ns >= start]
@@ -88,7 +88,7 @@ def test_it_is_valid_for_nearly_all_of_the_time_the_leader_is_in_view(formation:
     assert run.estimates[-1].reset_count <= 1
 
 
-def test_what_became_of_every_image_is_told(formation: tuple[Run, Health]) -> None:
+def test_every_image_has_a_verdict(formation: tuple[Run, Health]) -> None:
     run, health = formation
     verdicts = run.verdicts()
     total = sum(verdicts.values())

@@ -22,8 +22,8 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def told(items: Iterator[Datagram | Message], **delay: Any) -> tuple[list[NavState], list[LocalPosition]]:
-    """Our states, and the autopilot's own, as stamped."""
+def fly(items: Iterator[Datagram | Message], **delay: Any) -> tuple[list[NavState], list[LocalPosition]]:
+    """Our states, and the autopilot's own positions as stamped."""
     pipeline = Pipeline(parse_config({"estimator": {"own_state": {}}, "delay": delay}))
     states: list[NavState] = []
     theirs: list[LocalPosition] = []
@@ -48,11 +48,11 @@ def within(states: list[NavState], t: np.ndarray, velocity: np.ndarray, settle: 
 
 
 def test_a_real_px4_that_loses_a_motor_agrees_with_its_own_filter() -> None:
-    """The IMU is logged at 9 Hz and shaken by 4 to 12 m/s^2: attitude tells more of the force than it does, and
-    what we say of our accuracy must follow."""
+    """The IMU is logged at 9 Hz and shaken by 4 to 12 m/s^2: the attitude shows the force better than it does, and
+    our covariance must follow."""
     messages = list(read_ulog(DATA / "logs" / "frrs_motor_failure.ulg"))
     assert sum(isinstance(m, Barometer) for m in messages) > 100
-    states, theirs = told(iter(messages), gps_s=0.11)
+    states, theirs = fly(iter(messages), gps_s=0.11)
     t = np.array([m.t_ns for m in theirs]) / S
     share, difference = within(states, t, np.array([m.v_F_n for m in theirs]), 10.0)
     assert share >= 0.95
@@ -64,12 +64,12 @@ def test_ardupilots_stream_agrees_with_the_truth_and_with_its_own_filter() -> No
     log = DATA / "formation-copter" / "follower.tlog"
     datagrams = (d for d, _ in read_tlog(log.read_bytes()) if d is not None)
     first = next(datagrams)
-    states, theirs = told(takewhile(lambda d: d.t_recv_ns - first.t_recv_ns < 45 * S, datagrams))
+    states, theirs = fly(takewhile(lambda d: d.t_recv_ns - first.t_recv_ns < 45 * S, datagrams))
     truth = _truth(log.parent / "follower_state_truth.csv.gz")
     share, error = within(states, truth[:, 0], truth[:, 4:7], 15.0)
     assert share >= 0.99
     assert error < 0.05
-    t = np.array([m.t_ns for m in theirs]) / S - 0.0225  # older than they say
+    t = np.array([m.t_ns for m in theirs]) / S - 0.0225  # older than their stamps
     share, difference = within(states, t, np.array([m.v_F_n for m in theirs]), 15.0)
     assert share >= 0.95
     assert difference < 0.1

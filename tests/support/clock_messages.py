@@ -1,14 +1,11 @@
 """Messages with stamps of two clocks."""
 
-from onboard.clocks import OUR_TAG, Clocks
+from onboard.clocks import Clocks
 from onboard.messages import Clock, LocalPosition, TargetPoints, TimeSync
+from onboard.messages.vehicle import OUR_TAG
 
 MS = 1_000_000
-
-
 S = 1_000_000_000
-
-
 EPOCH = 1_735_689_600 * S
 
 
@@ -22,15 +19,15 @@ def image(t_ns: int, t_recv_ns: int, clock: Clock = Clock.BOOT) -> TargetPoints:
 
 
 def run(clocks: Clocks, start_s: float, seconds: float, host_ns: int = EPOCH + 2 * MS, period_ms: int = 20) -> int:
-    """Samples every 20 ms; how many came through."""
-    through = 0
+    """Align samples every `period_ms`; how many were accepted."""
+    accepted = 0
     for ms in range(round(start_s * 1000), round((start_s + seconds) * 1000), period_ms):
-        through += clocks.align(sample(ms * MS, host_ns + ms * MS)) is not None
-    return through
+        accepted += clocks.align(sample(ms * MS, host_ns + ms * MS)) is not None
+    return accepted
 
 
 def reply(boot_ns: int, out_ns: int, back_ns: int, *, host_ns: int = EPOCH, tag: int = OUR_TAG) -> TimeSync:
-    """A reply made at boot time `boot_ns`, asked for `out_ns` before and heard `back_ns` after."""
+    """A reply made at boot time `boot_ns`, `out_ns` after its request was sent, received `back_ns` later."""
     ts1 = host_ns + boot_ns - out_ns
     ts1 += tag - ts1 % 1000
     recv = host_ns + boot_ns + back_ns

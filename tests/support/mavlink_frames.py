@@ -1,4 +1,4 @@
-"""MAVLink frames packed by hand, what our decoder makes of them, and pymavlink's parser to compare with."""
+"""MAVLink frames packed by hand, our decoder's reading of them, and pymavlink's parser to compare with."""
 
 import struct
 from typing import Any, Final
@@ -39,17 +39,17 @@ def frame(
 
 
 def decode(data: bytes, *, stream: bool = False) -> list[Message]:
-    """What a new decoder reads, received at RECV."""
+    """The messages that a new decoder reads, received at RECV."""
     return MavlinkDecoder(stream=stream).decode(data, RECV)
 
 
 def one(data: bytes) -> Any:
-    """The same; there must be one."""
+    """The only message in these bytes."""
     (message,) = decode(data)
     return message
 
 
 def independent(data: bytes) -> list[Any]:
-    """What pymavlink's parser of the common dialect reads."""
+    """The messages that pymavlink's parser of the common dialect reads."""
     parser = common.MAVLink(None)
     return parser.parse_buffer(data) or []

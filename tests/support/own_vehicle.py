@@ -1,4 +1,4 @@
-"""Our own vehicle's messages made by hand, free of noise unless it is added, and what the pipeline tells of it."""
+"""Our own vehicle's messages made by hand, free of noise unless it is added, and the states they give."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ G: Final = 9.80665
 
 
 def pipeline(**section: Any) -> Pipeline:
-    """One with these settings of the estimator of our own state, and the delay of fixes `gps_s`."""
+    """A pipeline with these settings of the own-state estimator, and the delay `gps_s` of fixes."""
     delay = {"gps_s": section.pop("gps_s", 0.0)}
     return Pipeline(parse_config({"estimator": {"own_state": section}, "delay": delay}))
 
@@ -59,8 +59,8 @@ def heartbeat() -> Heartbeat:
     return Heartbeat(t_ns=0, t_recv_ns=0, vehicle_type=2, autopilot=12, armed=True, status=4)
 
 
-def told(p: Pipeline, messages: Sequence[Message]) -> list[NavState]:
-    """Our own states that these messages bring forth."""
+def states_of(p: Pipeline, messages: Sequence[Message]) -> list[NavState]:
+    """The own states that the pipeline makes of these messages."""
     return [o for o in p.advance(messages) if isinstance(o, NavState)]
 
 

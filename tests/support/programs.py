@@ -19,7 +19,7 @@ PATIENCE = 60.0  # s; generous, since nothing here is about speed
 
 
 def run(*command: str | Path, cwd: Path | None = None, timeout: float = 110) -> "subprocess.CompletedProcess[str]":
-    """`onboard ...` or `simlink ...` to its end."""
+    """Run `onboard ...` or `simlink ...` to its end."""
     return subprocess.run(
         argv(*command), cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False, env=environment()
     )
@@ -31,7 +31,7 @@ def argv(*command: str | Path) -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """Ours, with the sources found from any folder, no display, and no colours."""
+    """Our environment, with the sources on the path, without display and colours."""
     kept = {k: v for k, v in os.environ.items() if k not in {"DISPLAY", "WAYLAND_DISPLAY", "FORCE_COLOR"}}
     return {
         **kept,
@@ -44,26 +44,29 @@ def environment() -> dict[str, str]:
 
 
 class Program:
-    """A program of ours that runs; what it says goes to `log`."""
+    """A running program of ours; its stderr goes to the file `log`."""
 
     def __init__(self, log: Path, *command: str | Path, cwd: Path | None = None) -> None:
         self.log = log
         self.stdout = log.with_suffix(".out")
         with log.open("wb") as err, self.stdout.open("wb") as out:
-            # a session of its own: what is sent to the group is what a terminal sends on Ctrl-C
+            # its own session: a signal to the group acts like Ctrl-C in a terminal
             self.popen = subprocess.Popen(
                 argv(*command), stdout=out, stderr=err, cwd=cwd, env=environment(), start_new_session=True
             )
         self.process = psutil.Process(self.popen.pid)
         self._family: set[psutil.Process] = set()
 
-    def said(self) -> str:
+    def output(self) -> str:
+        """Its stderr so far."""
         return self.log.read_text(errors="replace")
 
     def wait_for(self, text: str, count: int = 1) -> None:
-        """Until it has said `text` that many times; fails at once when it has ended."""
-        until(lambda: self.said().count(text) >= count or self.popen.poll() is not None, f"{text!r} in {self.log}")
-        assert self.said().count(text) >= count, f"ended with {self.popen.poll()}, having said:\n{self.said()}"
+        """Wait until `text` is in its output that many times; fails at once if it has ended."""
+        until(
+            lambda: self.output().count(text) >= count or self.popen.poll() is not None, f"{text!r} in {self.log}"
+        )
+        assert self.output().count(text) >= count, f"ended with {self.popen.poll()}, with output:\n{self.output()}"
 
     def descendants(self) -> list[psutil.Process]:
         found = list(self.process.children(recursive=True)) if self.popen.poll() is None else []
@@ -71,7 +74,7 @@ class Program:
         return found
 
     def kill(self) -> None:
-        """It, and all it is known to have started, should that have outlived it."""
+        """Kill it and all processes that it is known to have started."""
         self.descendants()
         for process in (self.process, *self._family):
             with suppress(psutil.NoSuchProcess):
@@ -79,18 +82,18 @@ class Program:
         self.popen.wait(PATIENCE)
 
     def end(self, number: int = signal.SIGTERM, *, group: bool = False) -> int:
-        """Send a signal to it, or to all of its group; its exit code."""
+        """Send a signal to it, or to its process group, and wait; its exit code."""
         if self.popen.poll() is None:
             (os.killpg if group else os.kill)(self.popen.pid, number)
         code = self.popen.wait(PATIENCE)
         if code < 0 and code != -number:
-            print(f"died of {signal.Signals(-code).name}, having said:\n{self.said()}", file=sys.stderr)
+            print(f"died of {signal.Signals(-code).name}, with output:\n{self.output()}", file=sys.stderr)
         return code
 
 
 @contextmanager
 def started(log: Path, *command: str | Path, cwd: Path | None = None) -> Iterator[Program]:
-    """A Program; whatever happens, nothing of it is left afterwards."""
+    """A Program, killed at the end with all its processes."""
     program = Program(log, *command, cwd=cwd)
     try:
         yield program
@@ -113,9 +116,14 @@ def all_gone(processes: list[psutil.Process]) -> bool:
 
 
 def free_ports(*kinds: socket.SocketKind) -> list[int]:
-    """Ports on loopback that are free now, different from each other."""
+    """Different ports on loopback that are free now."""
     with ExitStack() as stack:
         sockets = [stack.enter_context(socket.socket(socket.AF_INET, kind)) for kind in kinds]
         for s in sockets:
             s.bind(("127.0.0.1", 0))
         return [int(s.getsockname()[1]) for s in sockets]
+
+
+def free_endpoint() -> str:
+    """A Zenoh endpoint on a free port."""
+    return f"tcp/127.0.0.1:{free_ports(socket.SOCK_STREAM)[0]}"

@@ -1,4 +1,4 @@
-"""Truth of the simulator's worlds, and what an inertial sensor without error would make of it."""
+"""The simulator's truth, and its dead reckoning from an ideal inertial sensor."""
 
 from itertools import islice, pairwise
 

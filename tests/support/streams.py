@@ -1,7 +1,7 @@
-"""Synthetic flights as bytes: two aircraft on analytic paths, one looking at the other, and its MAVLink.
+"""Synthetic flights as bytes: two aircraft on analytic paths, and the follower's MAVLink and images.
 
 Independent of `simlink` and of `onboard.models`: positions and velocities are closed formulas, image points are
-projected by hand.
+projected explicitly.
 """
 
 import math
@@ -61,7 +61,7 @@ class Flight:
     size: float = SIZE
 
     def at(self, t: float, ahead: float = 0.0) -> Kinematics:
-        """The aircraft `ahead` metres along the path; a slow height wave tells up from down."""
+        """The aircraft `ahead` metres along the path; a slow wave in height makes up and down distinct."""
         along = self.speed * t + ahead
         w = 0.3
         down, climb, bend = -50 + 2 * math.sin(w * t), 2 * w * math.cos(w * t), -2 * w * w * math.sin(w * t)
@@ -95,7 +95,7 @@ class Flight:
         return r_c[:, 1:] / r_c[:, :1]
 
     def attitude(self, t_ns: int) -> Attitude:
-        """What the autopilot says of its attitude at a boot time."""
+        """The autopilot's attitude message at a boot time."""
         rpy = self.at(t_ns / S).rpy
         rate = 0.0 if self.radius is None else self.speed / self.radius
         omega = matrix_from_euler(*rpy).T @ np.array([0.0, 0.0, rate])
@@ -103,7 +103,7 @@ class Flight:
         return Attitude(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, q_nb=tuple(q.tolist()), omega_b=tuple(omega.tolist()))
 
     def position(self, t_ns: int) -> LocalPosition:
-        """What the autopilot says of its position and velocity at a boot time."""
+        """The autopilot's position message at a boot time."""
         k = self.at(t_ns / S)
         return LocalPosition(
             t_ns=t_ns, t_recv_ns=EPOCH + t_ns, r_OF_n=tuple(k.r.tolist()), v_F_n=tuple(k.v.tolist())
@@ -131,7 +131,7 @@ STRAIGHT: Final = Flight(radius=None)
 
 
 class Item(NamedTuple):
-    """One datagram-to-be: when it arrives and what it holds. Faults act on these."""
+    """A message and its arrival time, before encoding. Faults act on these."""
 
     t_recv_ns: int
     message: Message
@@ -140,20 +140,14 @@ class Item(NamedTuple):
 def heartbeat(t_ns: int, system: int = FLIGHT_SYSTEM, autopilot: int = PX4) -> Heartbeat:
     """An armed multirotor's heartbeat."""
     return Heartbeat(
-        t_ns=t_ns,
-        t_recv_ns=EPOCH + t_ns,
-        system=system,
-        vehicle_type=2,
-        autopilot=autopilot,
-        armed=True,
-        status=4,
+        t_ns=t_ns, t_recv_ns=EPOCH + t_ns, system=system, vehicle_type=2, autopilot=autopilot, armed=True, status=4
     )
 
 
 @dataclass
 class Stream:
-    """A flight as messages in order of arrival, from boot time `t0` to `t1` (s). `images`: in which the leader is
-    seen; `lead_ns`: how far the camera's clock is ahead."""
+    """A flight as messages in order of arrival, from boot time `t0` to `t1` (s). `images(t)`: whether the image at
+    t (s) contains the leader; `lead_ns`: camera clock minus boot clock."""
 
     flight: Flight = CIRCLE
     t0: float = 5.0
@@ -203,7 +197,7 @@ def make_config(*overrides: str) -> Config:
 
 
 class Run(NamedTuple):
-    """A pipeline and all it said."""
+    """A pipeline and all its outputs."""
 
     pipeline: Pipeline
     outputs: list[Output]
@@ -215,11 +209,11 @@ class Run(NamedTuple):
 
     @property
     def reports(self) -> list[MeasurementReport]:
-        """What became of each image."""
+        """The report of each image."""
         return [e.measurement for e in self.estimates if e.measurement is not None]
 
     def verdicts(self) -> dict[Verdict, int]:
-        """Images by verdict."""
+        """Number of images by verdict."""
         found: dict[Verdict, int] = {}
         for report in self.reports:
             found[report.verdict] = found.get(report.verdict, 0) + 1
@@ -227,12 +221,12 @@ class Run(NamedTuple):
 
     @property
     def rejected(self) -> dict[str, int]:
-        """What the pipeline counts as rejected."""
+        """The pipeline's counts of rejected messages."""
         return self.pipeline.health(0).rejected
 
 
 def feed(datagrams: Iterable[Datagram], config: Config | None = None) -> Run:
-    """All datagrams through a new pipeline."""
+    """Run all datagrams through a new pipeline."""
     pipeline = Pipeline(config or make_config())
     outputs: list[Output] = []
     for datagram in datagrams:
@@ -241,7 +235,7 @@ def feed(datagrams: Iterable[Datagram], config: Config | None = None) -> Run:
 
 
 def advance(messages: Iterable[Message], config: Config | None = None) -> Run:
-    """All messages through a new pipeline, without the wire between."""
+    """Run all messages through a new pipeline, without encoding."""
     pipeline = Pipeline(config or make_config())
     outputs: list[Output] = []
     for message in messages:
@@ -256,7 +250,7 @@ def position_error(estimate: Estimate, flight: Flight = CIRCLE) -> float:
 
 
 def assert_sane(estimates: Iterable[Estimate]) -> None:
-    """What every estimate must be, whatever came in."""
+    """Assert the properties of every estimate, for any input."""
     for e in estimates:
         if e.mean is None:
             assert not e.valid

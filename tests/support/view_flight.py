@@ -30,7 +30,7 @@ START_S = 12.0
 
 
 def truth_of(t: float) -> Truth:
-    """Both on a circle; the leader ahead, breathing in range, a little above and to the side."""
+    """Both on a circle; the leader ahead at a range that swings, a little above and to the side."""
     rate = SPEED / RADIUS
     bank = math.atan(SPEED * rate / 9.81)
 
@@ -43,7 +43,7 @@ def truth_of(t: float) -> Truth:
     r_F, v_F = place(angle, 60.0)
     r_L, v_L = place(angle + ahead, 62.0 + 1.5 * math.sin(0.5 * t))
     v_L = v_L * (1 + 4 * 0.35 * math.cos(0.35 * t) / SPEED) - np.array([0, 0, 0.75 * math.cos(0.5 * t)])
-    look = math.atan2((r_L - r_F)[1], (r_L - r_F)[0]) - angle
+    direction = math.atan2((r_L - r_F)[1], (r_L - r_F)[0]) - angle
     return Truth(
         t_ns=round((START_S + t) * 1e9),
         r_FL_n=tuple(r_L - r_F),
@@ -54,7 +54,7 @@ def truth_of(t: float) -> Truth:
         r_OF_n=tuple(r_F),
         v_F_n=tuple(v_F),
         a_F_n=(0.0, 0.0, 0.0),
-        q_nF=tuple(quaternion_from_euler(0.15 * bank, 0.06, angle + look + 0.05 * math.sin(0.8 * t))),
+        q_nF=tuple(quaternion_from_euler(0.15 * bank, 0.06, angle + direction + 0.05 * math.sin(0.8 * t))),
         r_OL_n=tuple(r_L),
         q_nL=tuple(quaternion_from_euler(bank, 0.04, angle + ahead)),
     )

@@ -1,14 +1,13 @@
-"""One time base: offsets, steps of our clock, reboots of theirs, and stamps that lie."""
+"""One time base: the offset between the clocks, from arrivals and from TIMESYNC."""
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.clocks import OUR_TAG, Clocks, tagged
-from onboard.messages import Clock
+from onboard.clocks import Clocks
+from onboard.messages import Clock, tagged
+from onboard.messages.vehicle import OUR_TAG
 from tests.support.clock_messages import EPOCH, MS, S, image, reply, run, sample
-
-# ------------------------------------------------------------------------------------- offset
 
 
 def test_before_anything_there_is_no_time_base() -> None:
@@ -29,7 +28,7 @@ def test_offset_from_arrivals_is_that_of_the_fastest() -> None:
     assert clocks.source == "arrival"
 
 
-def test_host_stamps_are_carried_over_by_the_offset_less_their_delay() -> None:
+def test_host_stamps_are_converted_by_the_offset_less_their_delay() -> None:
     clocks = Clocks()
     clocks.align(sample(5 * S, EPOCH + 5 * S))
     aligned = clocks.align(image(EPOCH + 5 * S + 7 * MS, EPOCH + 6 * S, Clock.HOST), delay_ns=3 * MS)
@@ -83,7 +82,7 @@ def test_replies_to_others_do_not_count_once_ours_come() -> None:
     assert clocks.rejected["timesync_not_ours"] == 1
 
 
-def test_a_reply_that_bears_our_tag_by_chance_does_not_silence_the_others_in_a_log() -> None:
+def test_a_reply_with_our_tag_by_chance_does_not_exclude_the_others_in_a_log() -> None:
     """One in a thousand does; the recorded formation flight holds two."""
     clocks = Clocks()
     for i in range(600):
@@ -114,7 +113,7 @@ def test_untagged_replies_serve_a_log_until_tagged_ones_come() -> None:
 
 
 @pytest.mark.parametrize("round_trip_ms", [-5, 201, 5000])
-def test_round_trips_that_cannot_be_are_rejected(round_trip_ms: int) -> None:
+def test_impossible_round_trips_are_rejected(round_trip_ms: int) -> None:
     clocks = Clocks()
     run(clocks, 5, 1)
     before = clocks.offset_ns

@@ -11,13 +11,13 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.belief import OK, SHAPE, Belief, Update, Weights, flags, refuse
+from onboard.filters.belief import OK, SHAPE, Belief, Update, Weights, mask, raise_status
+from onboard.filters.compiled import CUBE, FLAGS, FOUR, ROWS
 from onboard.filters.inline import (
-    FLAGS,
     correct_into,
-    correct_room,
+    correct_scratch_shape,
     gather_into,
-    gather_room,
+    gather_scratch_shape,
     mix_into,
     pass_into,
     spread_into,
@@ -25,9 +25,8 @@ from onboard.filters.inline import (
 )
 from onboard.models import wing_line
 from onboard.models.leader_flight import ImageGeometry, measure_rows, process_rows, wing_axis
-from onboard.models.relative_motion import BATCH, ROWS, SIZE
+from onboard.models.relative_motion import SIZE
 
-FOUR: Final = types.Array(types.float64, 4, "A", readonly=True)
 NUMBER: Final = types.float64
 CLOSEST: Final = 1e-6  # m ahead of the camera: a nearer point is in no image
 
@@ -78,7 +77,7 @@ def predict(modes: Modes, step: Step, dt: float, v_F_n: Array, a_F_n: Array, wei
     """
     *after, status = _predict(*modes, *step, dt, v_F_n, a_F_n, *weights)
     if status:
-        refuse(status)
+        raise_status(status)
     return Modes(*after)
 
 
@@ -97,14 +96,14 @@ def update(
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    marks = flags((), y.shape[-1]), flags(considered, modes.means.shape[-1])
+    marks = mask((), y.shape[-1]), mask(considered, modes.means.shape[-1])
     *after, e, S, predicted, nis, status = _update(*modes, y, R_y, *geometry, eps, *weights, *marks)
     if status:
-        refuse(status)
+        raise_status(status)
     return Update(Modes(*after), e, S, predicted, nis)
 
 
-@njit((BATCH, FOUR, ROWS), cache=True, error_model="numpy")
+@njit((CUBE, FOUR, ROWS), cache=True, error_model="numpy")
 def _mixture(means, P, probabilities):  # type: ignore[no-untyped-def]
     count, _, n = means.shape
     mean_out, P_out = np.empty((count, n)), np.empty((count, n, n))
@@ -113,7 +112,7 @@ def _mixture(means, P, probabilities):  # type: ignore[no-untyped-def]
     return mean_out, P_out
 
 
-PREDICT_SIGNATURE: Final = (BATCH, FOUR, ROWS, ROWS, BATCH, ROWS, NUMBER, ROWS, ROWS, *[NUMBER] * 4)
+PREDICT_SIGNATURE: Final = (CUBE, FOUR, ROWS, ROWS, CUBE, ROWS, NUMBER, ROWS, ROWS, *[NUMBER] * 4)
 
 
 @njit(PREDICT_SIGNATURE, cache=True, error_model="numpy")
@@ -124,7 +123,7 @@ def _predict(  # type: ignore[no-untyped-def]
     k = 2 * n + 1
     means_out, P_out, ahead = np.empty((count, r, n)), np.empty((count, r, n, n)), np.empty((count, r))
     mixing, mean, covariance = np.empty((r, r)), np.empty(n), np.empty((n, n))
-    points, scratch = np.empty((r, count * k, n)), np.empty(gather_room(n))
+    points, scratch = np.empty((r, count * k, n)), np.empty(gather_scratch_shape(n))
     if v_F.shape[0] != count or a_F.shape[0] != count or parameters.shape[0] != r or Q.shape[0] != r:
         return means_out, P_out, ahead, SHAPE
     for b in range(count):
@@ -145,7 +144,7 @@ def _predict(  # type: ignore[no-untyped-def]
     return means_out, P_out, ahead, OK
 
 
-@njit((BATCH, ROWS, BATCH, ROWS, ROWS, NUMBER), cache=True, error_model="numpy")
+@njit((CUBE, ROWS, CUBE, ROWS, ROWS, NUMBER), cache=True, error_model="numpy")
 def _predicted_points(means, weights, R_cn, r_FC, v_F, eps):  # type: ignore[no-untyped-def]
     count, r, n = means.shape
     points, x = np.full((count, 3, 2), np.nan), np.empty(n)
@@ -188,7 +187,7 @@ def _correct_into(  # type: ignore[no-untyped-def]
     """The update of one filter by its modes' points (r, 2n+1, n) and their images (r, 2n+1, m); (status, NIS)."""
     r, _, n = points.shape
     m = len(y)
-    scratch, log_l, each_nis = np.empty(correct_room(n, m)), np.empty(r), np.empty(r)
+    scratch, log_l, each_nis = np.empty(correct_scratch_shape(n, m)), np.empty(r), np.empty(r)
     z, R_z, of_mode = np.empty(m), np.empty((m, m)), np.empty(m)
     e, covariances = np.empty((r, m)), np.empty((r, m, m))
     wing_line.order_tips_into(y, R_y, images[0, 0], z, R_z)
@@ -204,8 +203,8 @@ def _correct_into(  # type: ignore[no-untyped-def]
     return status, nis
 
 
-GEOMETRY: Final = (BATCH, ROWS, ROWS, ROWS, BATCH)
-UPDATE_SIGNATURE: Final = (BATCH, FOUR, ROWS, ROWS, BATCH, *GEOMETRY, *[NUMBER] * 5, FLAGS, FLAGS)
+GEOMETRY: Final = (CUBE, ROWS, ROWS, ROWS, CUBE)
+UPDATE_SIGNATURE: Final = (CUBE, FOUR, ROWS, ROWS, CUBE, *GEOMETRY, *[NUMBER] * 5, FLAGS, FLAGS)
 
 
 @njit(UPDATE_SIGNATURE, cache=True, error_model="numpy")

@@ -1,4 +1,7 @@
-"""`[estimator.own_state]`: its keys, and the airframes whose constants are known."""
+"""`[estimator.own_state]`: its keys, the filters it may name, and the airframes whose constants are known.
+
+Imports no numerics, so that a configuration is read and checked before anything slow is loaded.
+"""
 
 from typing import Annotated, Final, Literal
 
@@ -9,11 +12,20 @@ from onboard.messages import NotNegative, Positive, Record
 Positive3 = tuple[Positive, Positive, Positive]
 Rotor = tuple[float, float, Literal[-1, 1]]
 
+# Names of `onboard.filters.methods()`, which a test compares with this list.
+FILTERS: Final = (
+    *("augmented", "augmented-scaled-1", "csvsf", "csvsf-adaptive", "csvsf-printed", "csvsf-robust", "cubature"),
+    *("extended", "imm", "kalman", "posterior-linearisation", "square-root", "square-root-cubature"),
+    *("square-root-downdated", "square-root-joseph", "svsf", "svsf-zero-layer", "unscented"),
+    *("unscented-considered", "unscented-scaled-0.1", "unscented-scaled-1", "vbl-svsf"),
+)
+
 
 class Airframe(Record, frozen=True, kw_only=True):
-    """What is known of a multirotor. `rotors`: forward and right of the centre (m), and the sense of the torque
-    about b's z axis that its drag gives: +1 for one that turns counter-clockwise seen from above. A rotor gives
-    `thrust_max_n` at the second of `pwm_us`, nothing at the first, and between them the square of the way."""
+    """Constants of a multirotor. Each of `rotors` has its place forward and right of the centre (m), and the sign
+    of the torque about b's z axis that its drag gives: +1 where it turns counter-clockwise seen from above.
+    A rotor gives no thrust at the first of `pwm_us` and `thrust_max_n` at the second; between them thrust grows
+    with the square of the command."""
 
     mass_kg: Positive
     inertia_kg_m2: Positive3
@@ -33,7 +45,7 @@ class Airframe(Record, frozen=True, kw_only=True):
 
 
 AIRFRAMES: Final = {
-    # Al-Shabi, Gadsden & Wilkerson; the rotors' places are from d_pitch and d_roll, their thrust simlink's
+    # Al-Shabi, Gadsden & Wilkerson; the rotors' places follow from d_pitch and d_roll, the thrust is simlink's
     "csvsf": Airframe(
         mass_kg=0.468,
         inertia_kg_m2=(4.856e-3, 4.856e-3, 8.801e-3),
@@ -57,26 +69,26 @@ AIRFRAMES: Final = {
 class Config(Record, frozen=True, kw_only=True):
     """`[estimator.own_state]`. The keys carry their units."""
 
-    filter: str = "csvsf-adaptive"  # or cubature, unscented, svsf, csvsf, csvsf-printed, csvsf-robust
+    filter: str = "csvsf-adaptive"  # one of FILTERS
     airframe: Literal["unknown", "csvsf", "x500", "custom"] = "unknown"
     custom: Airframe | None = None
-    force: Literal["accelerometer", "thrust"] = "accelerometer"  # or f_z only, and the rest estimated
+    force: Literal["accelerometer", "thrust"] = "accelerometer"  # thrust: f_z only, lateral force is estimated
     attitude_sigma_deg: Positive3 = (0.573, 0.573, 1.72)  # roll, pitch, yaw, of one message
     rates_sigma_deg_s: Positive = 0.573
-    gps_position_sigma_m: Positive3 | None = None  # north, east, down; None: what the receiver says
+    gps_position_sigma_m: Positive3 | None = None  # north, east, down; None: the receiver's
     gps_velocity_sigma_m_s: Positive3 = (0.15, 0.15, 0.3)
-    pressure_rate_hz: NotNegative = 20.0  # as often as this a barometer's altitude is fused; 0: never
+    pressure_rate_hz: NotNegative = 20.0  # rate at which a barometer's altitudes are fused; 0: never
     pressure_sigma_m: Positive = 0.3  # of one such altitude
-    pressure_drift: Positive = 0.07  # of its offset, m per square root of a second
+    pressure_drift: Positive = 0.07  # random walk of its offset, m per square root of a second
     force_noise: Positive = 0.005  # of the specific force, m/s^2 per square root of Hz, beside its scatter
     # of the angular acceleration, rad/s^2 per square root of Hz; None: 0.2 where motors' torques are known, else 2
     turning_noise: Positive | None = None
-    bias_sigma_m_s2: Positive = 0.05  # of the accelerometer, or of gusts with force = "thrust" (then 3)
-    bias_time_s: Positive = 50.0  # over which it changes (gusts: 1)
-    own_tilt_sigma_deg: NotNegative = 0.3  # how far roll and pitch as told may steadily be off
-    own_yaw_sigma_deg: NotNegative = 1.0
-    layer_sigmas: Positive = 5.0  # beyond so many deviations an innovation is held for model error or an outlier
-    gate_probability: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.99999  # of filters that have no layer
+    bias_sigma_m_s2: Positive = 0.05  # of the accelerometer; with force = "thrust" lateral gusts have 3
+    bias_time_s: Positive = 50.0  # correlation time of the bias; of gusts 1 s
+    own_tilt_sigma_deg: NotNegative = 0.3  # constant error of the reported roll and pitch
+    own_yaw_sigma_deg: NotNegative = 1.0  # the same of the reported yaw
+    layer_sigmas: Positive = 5.0  # an innovation beyond this many deviations is a model error or an outlier
+    gate_probability: Annotated[float, msgspec.Meta(gt=0, lt=1)] = 0.99999  # of filters without a layer
     rewind_horizon_s: Positive = 0.5
     publish_rate_hz: Positive = 50.0
     coast_after_s: NotNegative = 0.5  # without a fix: coasting
@@ -84,8 +96,16 @@ class Config(Record, frozen=True, kw_only=True):
     reset_timeout_s: NotNegative = 30.0  # without a fix: forgotten
     silence_s: Positive = 0.5  # without an attitude: not valid
 
-    def known_airframe(self) -> Airframe | None:
-        """The airframe's constants. Raises ValueError for custom without a table, or a table without custom."""
+    def __post_init__(self) -> None:
+        """Raises ValueError for timeouts out of order, custom without its table or the reverse, or an unknown
+        filter."""
+        if not self.coast_after_s <= self.validity_timeout_s <= self.reset_timeout_s:
+            raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
         if (self.airframe == "custom") != (self.custom is not None):
             raise ValueError('airframe = "custom" and a table estimator.own_state.custom go together')
+        if self.filter not in FILTERS:
+            raise ValueError(f"filter: there is none named {self.filter!r}; there are: {', '.join(FILTERS)}")
+
+    def known_airframe(self) -> Airframe | None:
+        """The airframe's constants, None where they are unknown."""
         return self.custom if self.airframe == "custom" else AIRFRAMES.get(self.airframe)

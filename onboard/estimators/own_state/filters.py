@@ -1,8 +1,8 @@
 """Any filter of `onboard.filters` under several sensors.
 
 A smooth variable structure filter remembers, beside mean and covariance, the last residual of each measured
-quantity and for how long it has been outside its layer. Of several sensors each has its own such memory, which
-must not be another's: here it is taken out of the filter's state and put back by the name of the sensor.
+quantity and how long it has been outside its layer. Each sensor needs a memory of its own: here it is taken out of
+the filter's state after an update and put back, by the sensor's name, before the next.
 """
 
 from collections.abc import Mapping
@@ -12,28 +12,26 @@ from onboard.arrays import Array
 from onboard.filters import methods
 from onboard.filters.belief import Belief, Method, Rows, Update
 
-BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "doubt"}
+BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "model_error"}
 
 
 class Filtered(NamedTuple):
-    """A filter's state, and of each sensor what the filter remembers of it, and doubts by it."""
+    """A filter's state; and by sensor the filter's memory of it, and the covariance of the model's error that the
+    filter found by it but does not follow."""
 
     state: Any
-    memory: Mapping[str, Any]
-    doubts: Mapping[str, Array]
+    memories: Mapping[str, Any]
+    model_errors: Mapping[str, Array]
 
 
 class SensorFilter:
-    """One method, called with the sensor's name. Holds nothing that changes."""
+    """One of `onboard.filters.methods()`, called with the sensor's name. Holds nothing that changes."""
 
     def __init__(self, name: str) -> None:
-        found = methods()
-        if name not in found:
-            raise ValueError(f"filter: there is none named {name!r}; there are: {', '.join(sorted(found))}")
-        self._method: Method = found[name]
+        self._method: Method = methods()[name]
 
     def start(self, mean: Array, covariance: Array) -> Filtered:
-        """A state that has seen no measurement."""
+        """A state before any measurement."""
         return Filtered(self._method.start(mean, covariance), {}, {})
 
     def predict(self, filtered: Filtered, process: Rows, Q: Array) -> Filtered:
@@ -45,24 +43,24 @@ class SensorFilter:
     ) -> tuple[Filtered, Update]:
         """Measurement update. Raises FilterError, NotPositiveDefiniteError."""
         belief = self.belief(filtered)
-        remembered = filtered.memory.get(sensor)
-        if remembered is None:
-            remembered = _memory(self._method.start(belief.mean, belief.covariance))
-        state = _remembering(filtered.state, remembered)
+        memory = filtered.memories.get(sensor)
+        if memory is None:
+            memory = _memory(self._method.start(belief.mean, belief.covariance))
+        state = _with_memory(filtered.state, memory)
         update = self._method.update(state, y, measure, R, angular)
-        memory, after = {**filtered.memory, sensor: _memory(update.belief)}, update.belief
-        if not hasattr(after, "doubt"):
-            return Filtered(after, memory, {}), update
-        doubts = {**filtered.doubts, sensor: after.doubt}
-        return Filtered(after._replace(doubt=sum(doubts.values())), memory, doubts), update
+        memories, after = {**filtered.memories, sensor: _memory(update.belief)}, update.belief
+        if not hasattr(after, "model_error"):
+            return Filtered(after, memories, {}), update
+        errors = {**filtered.model_errors, sensor: after.model_error}
+        return Filtered(after._replace(model_error=sum(errors.values())), memories, errors), update
 
     def belief(self, filtered: Filtered) -> Belief:
-        """What the filter believes."""
+        """The filter's mean and covariance."""
         return self._method.belief(filtered.state)
 
 
 def _memory(state: Any) -> Any:
-    """What a state holds beside beliefs; of states within a state, of each."""
+    """The fields of a state that are not part of its belief; also those of states within a state."""
     fields = state._asdict()
     return {
         name: _memory(value) if hasattr(value, "_asdict") else value
@@ -71,11 +69,11 @@ def _memory(state: Any) -> Any:
     }
 
 
-def _remembering(state: Any, memory: Any) -> Any:
-    """The state with a memory in place of its own."""
+def _with_memory(state: Any, memory: Any) -> Any:
+    """The state with another memory."""
     return state._replace(
         **{
-            name: _remembering(getattr(state, name), value) if isinstance(value, dict) else value
+            name: _with_memory(getattr(state, name), value) if isinstance(value, dict) else value
             for name, value in memory.items()
         }
     )

@@ -12,33 +12,50 @@ from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Attitude, Barometer, GpsFix, Imu, Vec3, Verdict
 from onboard.models import own_motion
-from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
+from onboard.models.quadrotor import POSITION
 
-FARTHEST: Final = 1e6  # m from the origin; what is farther is no fix of this flight
+FARTHEST: Final = 1e6  # m from the origin; a fix beyond is not of this flight
 FASTEST: Final = 300.0  # m/s
 QUICKEST: Final = 100.0  # rad/s
-UNKNOWN_ACCURACY: Final = (2.0, 3.0)  # m, horizontal and vertical, where a receiver does not say
 HIGHEST: Final = 1e5  # m; a barometer's altitude beyond is none
-BAROMETER: Final = "barometer"
+UNKNOWN_ACCURACY: Final = (2.0, 3.0)  # m, horizontal and vertical, where the receiver states none
 LEAST_ACCURACY: Final = 0.05  # m
+ATTITUDE_SENSOR: Final = "attitude"
+BAROMETER: Final = "barometer"
+GPS: Final = "gps"
+NO_ATTITUDE: Final = np.eye(3)
 
 
-class Measured(NamedTuple):
-    """A measurement y (m,) of `states`, true at `t_ns`, with its noise R (m, m). Of an attitude y's first three
-    are filled in (`attitude_rows`) once it is known what the angles turn into."""
+class Measurement(NamedTuple):
+    """A measurement y (m,) at `t_ns` with noise covariance R (m, m). An attitude comes as `R_nb`: its three angles
+    in y are zero until the reference frame is known (see `relative_to`)."""
 
     sensor: str
     t_ns: int
     t_recv_ns: int
     y: Array
     R: Array
-    states: tuple[int, ...]
-    components: tuple[str, ...]
-    units: tuple[str, ...]
-    q_nb: Array
+    R_nb: Array = NO_ATTITUDE
+
+    @property
+    def part(self) -> slice:
+        """The measured part of `own_motion.NAVIGATION`; of a barometer, which measures none of them, empty."""
+        if self.sensor == BAROMETER:
+            return slice(0)
+        return slice(6, 12) if self.sensor == ATTITUDE_SENSOR else slice(len(self.y))
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the components of y."""
+        return own_motion.COMPONENTS[self.part] or ("pressure_altitude",)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Their units."""
+        return own_motion.UNITS[self.part] or ("m",)
 
 
-def from_attitude(m: Attitude, config: Config) -> Measured | Verdict:
+def from_attitude(m: Attitude, config: Config) -> Measurement | Verdict:
     """Attitude and body rates."""
     q, omega = np.array(m.q_nb), np.array(m.omega_b)
     if not (np.isfinite(q).all() and np.isfinite(omega).all()):
@@ -46,30 +63,12 @@ def from_attitude(m: Attitude, config: Config) -> Measured | Verdict:
     if not 0.5 < float(np.linalg.norm(q)) < 2.0 or np.abs(omega).max() > QUICKEST:
         return Verdict.DEGENERATE
     sigmas = np.radians([*config.attitude_sigma_deg, *[config.rates_sigma_deg_s] * 3])
-    return Measured(
-        "attitude",
-        m.t_ns,
-        m.t_recv_ns,
-        np.concatenate([np.zeros(3), omega]),
-        np.diag(sigmas**2),
-        (*ATTITUDE, *RATES),
-        ("roll", "pitch", "yaw", "p", "q", "r"),
-        ("rad", "rad", "rad", "rad/s", "rad/s", "rad/s"),
-        q,
-    )
+    y = np.concatenate([np.zeros(3), omega])
+    return Measurement(ATTITUDE_SENSOR, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2), matrix_from_quaternion(q))
 
 
-def attitude_rows(measured: Measured, R_na: Array) -> tuple[Array, tuple[int, ...]]:
-    """(y, its angular components), with an attitude's angles turned into the frame a."""
-    if measured.sensor != "attitude":
-        return measured.y, ()
-    y = measured.y.copy()
-    y[:3] = own_motion.angles(R_na.T @ matrix_from_quaternion(measured.q_nb))
-    return y, (0, 1, 2)
-
-
-def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measured | Verdict:
-    """Position from O, and velocity as far as the fix has it."""
+def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measurement | Verdict:
+    """Position from O (`origin`: latitude, longitude, altitude) and as much of the velocity as the fix has."""
     if not all(math.isfinite(x) for x in (m.lat_deg, m.lon_deg, m.alt_msl)):
         return Verdict.NOT_FINITE
     place = ned_from_geodetic((m.lat_deg, m.lon_deg, m.alt_msl), origin)
@@ -83,45 +82,34 @@ def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measured | Verdict:
     if np.abs(place).max() > FARTHEST or np.abs(y[3:]).max(initial=0.0) > FASTEST:
         return Verdict.DEGENERATE
     sigmas = np.array([*_accuracy(m, config), *config.gps_velocity_sigma_m_s[: len(velocity)]])
-    n = len(y)
-    return Measured(
-        "gps",
-        m.t_ns,
-        m.t_recv_ns,
-        y,
-        np.diag(sigmas**2),
-        (*POSITION, *VELOCITY)[:n],
-        ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")[:n],
-        ("m", "m", "m", "m/s", "m/s", "m/s")[:n],
-        np.zeros(4),
-    )
+    return Measurement(GPS, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2))
 
 
-def from_barometer(m: Barometer | Imu, altitude: float, datum: float, config: Config) -> Measured | Verdict:
+def from_barometer(m: Barometer | Imu, altitude: float, datum: float, config: Config) -> Measurement | Verdict:
     """A barometer's altitude above its `datum`, both m."""
     if not math.isfinite(altitude):
         return Verdict.NOT_FINITE
     if abs(altitude) > HIGHEST:
         return Verdict.DEGENERATE
-    return Measured(
-        BAROMETER,
-        m.t_ns,
-        m.t_recv_ns,
-        np.array([altitude - datum]),
-        np.array([[config.pressure_sigma_m**2]]),
-        (),
-        ("pressure_altitude",),
-        ("m",),
-        np.zeros(4),
-    )
+    R = np.array([[config.pressure_sigma_m**2]])
+    return Measurement(BAROMETER, m.t_ns, m.t_recv_ns, np.array([altitude - datum]), R)
 
 
-def predicted(measured: Measured) -> Rows:
+def relative_to(R_na: Array, measurement: Measurement) -> tuple[Array, tuple[int, ...]]:
+    """(y, its components that are angles): an attitude's are the ZYX angles of R_ab."""
+    if measurement.sensor != ATTITUDE_SENSOR:
+        return measurement.y, ()
+    y = measurement.y.copy()
+    y[:3] = own_motion.angles(R_na.T @ measurement.R_nb)
+    return y, (0, 1, 2)
+
+
+def measurement_model(measurement: Measurement) -> Rows:
     """The measurement as a function of rows of states."""
-    if measured.sensor == BAROMETER:
+    if measurement.sensor == BAROMETER:
         return lambda rows: rows[:, own_motion.OFFSET :] - rows[:, POSITION[2], None]
-    seen = list(measured.states)
-    return lambda rows: rows[:, seen]
+    columns = list(own_motion.NAVIGATION[measurement.part])
+    return lambda rows: rows[:, columns]
 
 
 def _accuracy(m: GpsFix, config: Config) -> Vec3:

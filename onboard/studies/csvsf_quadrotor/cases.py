@@ -1,4 +1,4 @@
-"""The flights of the quadrotor study: what is wrong with the craft, and what its sensors see of it."""
+"""The flights of the quadrotor study: the errors of the model, and the measurements."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -12,13 +12,13 @@ from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY, Airfra
 from onboard.models.quadrotor_flight import DT, Actuation, as_commanded, weak_inputs, weak_motor
 
 STEPS: Final = 2000
-FAULT: Final = 10.0  # s, from when scores are taken; faults of the actuation and gusts begin then
+FAULT: Final = 10.0  # s: scores, faults of the actuation and gusts begin here
 GUST: Final = 3.0  # m/s^2, horizontal
-GUST_SIGMA: Final = 1.0  # m/s^2 a horizontal axis, of the Gauss-Markov part ...
-GUST_TIME: Final = 1.0  # s, and its correlation
+GUST_SIGMA: Final = 1.0  # m/s^2 per horizontal axis, of the Gauss-Markov part ...
+GUST_TIME: Final = 1.0  # s, and its correlation time
 SHORT_GUST: Final = (12.0, 14.0)  # s
 GNSS_EVERY: Final = 10  # steps
-FORCE_SIGMA: Final = 0.1  # m/s^2 an axis and sample, of the accelerometer
+FORCE_SIGMA: Final = 0.1  # m/s^2, white noise of the accelerometer, per axis and sample
 NOMINAL: Final = Airframe()
 
 FAST: Final = tuple(sorted((*ATTITUDE, *RATES)))
@@ -27,15 +27,15 @@ ALL: Final = tuple(range(quadrotor.N))
 
 
 class Sensor(NamedTuple):
-    """Which states it measures, and every how many steps."""
+    """The states that it measures, every so many steps."""
 
     states: tuple[int, ...]
     every: int
 
 
 class Variant(NamedTuple):
-    """What is wrong, and what is measured. `gust`: none, all the time from 10 s with a Gauss-Markov part, or for
-    two seconds. `late`: until 10 s it is the same flight as without error."""
+    """An error of the model, and the sensors. `gust`: none (""), "long" from 10 s on with a Gauss-Markov part, or
+    "short" for two seconds. `late`: until 10 s the flight is the same as without error."""
 
     name: str
     label: str
@@ -48,13 +48,11 @@ class Variant(NamedTuple):
     late: bool = False
 
 
-def heavier(factor: float) -> Airframe:
-    """The nominal craft with another mass."""
+def _heavier(factor: float) -> Airframe:
     return NOMINAL._replace(mass=factor * NOMINAL.mass)
 
 
-def stiffer(factor: float) -> Airframe:
-    """The nominal craft with other moments of inertia."""
+def _turning_harder(factor: float) -> Airframe:
     return NOMINAL._replace(Ixx=factor * NOMINAL.Ixx, Iyy=factor * NOMINAL.Iyy, Izz=factor * NOMINAL.Izz)
 
 
@@ -66,10 +64,10 @@ VARIANTS: Final = (
     Variant("weak", "all inputs x .7 from 10 s", actuation=weak_inputs, late=True),
     Variant("motor", "one motor -25 % from 10 s", actuation=weak_motor, late=True),
     Variant("outliers", "2 % outliers of 20 sigma", outliers=0.02),
-    Variant("mass-1.3", "mass x 1.3", truth=heavier(1.3)),
-    Variant("mass-1.5", "mass x 1.5", truth=heavier(1.5)),
-    Variant("inertia-0.5", "inertias x .5", truth=stiffer(0.5)),
-    Variant("inertia-1.5", "inertias x 1.5", truth=stiffer(1.5)),
+    Variant("mass-1.3", "mass x 1.3", truth=_heavier(1.3)),
+    Variant("mass-1.5", "mass x 1.5", truth=_heavier(1.5)),
+    Variant("inertia-0.5", "inertias x .5", truth=_turning_harder(0.5)),
+    Variant("inertia-1.5", "inertias x 1.5", truth=_turning_harder(1.5)),
     Variant("gust", "gusts of 3 m/s² from 10 s", gust="long"),
     Variant("hidden-weak", "inputs x .7, velocity not measured", actuation=weak_inputs, sensors=NO_VELOCITY),
     Variant(
@@ -87,7 +85,7 @@ NAMED: Final = {variant.name: variant for variant in VARIANTS}
 
 class Case(NamedTuple):
     """B flights: states (N+1, B, 12), commanded inputs (N, B, 4), measurements of all states (N, B, 12) and their
-    noise (12, 12), specific force (N, B, 3) in the body as an accelerometer has it, and first guesses (B, 12)."""
+    noise (12, 12), specific force (N, B, 3) in the body frame by an accelerometer, and initial means (B, 12)."""
 
     states: Array
     inputs: Array
@@ -98,7 +96,7 @@ class Case(NamedTuple):
 
 
 def one(case: Case, b: int) -> Case:
-    """One of a case's flights, as a case; as a copy, since a view would keep all the others."""
+    """One of a case's flights, as a case; a copy, since a view would keep all the others in memory."""
     only = [b]
     return Case(
         case.states[:, only],
@@ -140,8 +138,8 @@ def multirate_noise() -> Array:
 
 
 def specific_force(states: Array) -> Array:
-    """What an ideal accelerometer has measured over each step (N, B, 3), of states (N+1, B, 12): all that moved
-    the craft but gravity, in the body's axes as they were when the step began."""
+    """Measurement of an ideal accelerometer over each step (N, B, 3), m/s^2, from states (N+1, B, 12): the mean
+    acceleration without gravity, in the body axes at the beginning of the step."""
     acceleration = np.diff(states[..., list(VELOCITY)], axis=0) / DT - np.array([0.0, 0.0, NOMINAL.gravity])
     return np.asarray(np.einsum("...ij,...i->...j", matrices(states[:-1]), acceleration))
 
@@ -161,7 +159,7 @@ def matrices(states: Array) -> Array:
 
 
 def _gust(kind: str, generators: Sequence[np.random.Generator], steps: int) -> Array | None:
-    """Acceleration (N, B, 3), each flight's from a direction of its own."""
+    """Acceleration (N, B, 3) in n, m/s^2, each flight's from a random direction."""
     if not kind:
         return None
     t = np.arange(steps) * DT

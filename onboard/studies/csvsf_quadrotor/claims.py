@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from onboard.studies.csvsf_quadrotor.table import Row
-from onboard.studies.report.findings import Claim
+from onboard.studies.csvsf_quadrotor.scores import Row
+from onboard.studies.report.findings import Claim, verdict
 
 Rows = Mapping[tuple[str, str], Row]
 
@@ -35,10 +35,10 @@ def _ckf_is_good(rows: Rows) -> Claim:
     return Claim(
         claim="The CKF yields good estimates when the model is well known.",
         where="sections 4 and 5",
-        verdict="holds" if ckf < GOOD * raw and not row.diverged_percent else "does not hold",
+        verdict=verdict(ckf < GOOD * raw and not row.diverged_percent),
         evidence=(
             f"Velocity {ckf:.4f} m/s where the sensor has {raw:.3f}; NEES over twelve states "
-            f"{_value(row, 'nees'):.1f} (12 is right; one sample a run: {low:.1f}-{high:.1f}). "
+            f"{row.value('nees'):.1f} (12 is right; one sample a run: {low:.1f}-{high:.1f}). "
             f"The UKF is the same here: {ukf:.4f}."
         ),
     )
@@ -51,7 +51,7 @@ def _ckf_diverges(rows: Rows) -> Claim:
     return Claim(
         claim="With modelling uncertainties the CKF fails and diverges.",
         where="section 4",
-        verdict="does not hold" if not diverges else "holds only if" if only_if else "holds",
+        verdict=verdict(diverges and not only_if, diverges),
         evidence=(
             "Only if its process noise is that of a right model: with all inputs x .7 "
             f"{gone[0]:.0f} % of runs diverge (velocity {_v(rows, 'weak', 'ckf'):.3f} m/s), with a weak motor "
@@ -72,7 +72,7 @@ def _svsf_is_robust(rows: Rows) -> Claim:
     return Claim(
         claim="The SVSF overcomes modelling uncertainties: sub-optimal, but robust and stable.",
         where="sections 4 and 5",
-        verdict="does not hold" if not same else "holds only if" if hidden.diverged_percent else "holds",
+        verdict=verdict(same and not hidden.diverged_percent, same),
         evidence=(
             f"Only if every state is measured: then a layer of zero repeats the measurement, model or not "
             f"({clean:.3f} m/s, the sensor's own). Where velocity is not measured and all inputs are x .7, "
@@ -89,11 +89,7 @@ def _csvsf_is_accurate(rows: Rows) -> Claim:
     return Claim(
         claim="The combined strategy is as accurate as the CKF where the model is right.",
         where="abstract, sections 4 and 5",
-        verdict="holds"
-        if printed <= AS_ACCURATE * ckf
-        else "holds only if"
-        if recursive <= AS_ACCURATE * ckf
-        else "does not hold",
+        verdict=verdict(printed <= AS_ACCURATE * ckf, recursive <= AS_ACCURATE * ckf),
         evidence=(
             f"Not as section 3 prints it, with a Pzz made anew of R at each step: {printed:.3f} m/s against "
             f"{ckf:.4f}. Only in the recursive form of 2014, which is the CKF within the layer: {recursive:.4f}."
@@ -108,23 +104,19 @@ def _csvsf_is_robust(rows: Rows) -> Claim:
             for fault in FAULTS
         )
 
-    def told(name: str) -> str:
+    def errors(name: str) -> str:
         weak, motor = _v(rows, "weak", name), _w(rows, "motor", name)
         return f"{weak:.3f} m/s with inputs x .7 and {motor:.3f} rad/s with a weak motor"
 
     return Claim(
         claim="The combined strategy is robust to modelling uncertainties.",
         where="abstract, sections 4 and 5",
-        verdict="holds"
-        if better_than_raw("csvsf-printed")
-        else "holds only if"
-        if better_than_raw("csvsf-adaptive")
-        else "does not hold",
+        verdict=verdict(better_than_raw("csvsf-printed"), better_than_raw("csvsf-adaptive")),
         evidence=(
             f"Robust: better than the raw measurement ({_v(rows, 'none', RAW):.3f} m/s, "
-            f"{_w(rows, 'none', RAW):.3f} rad/s) in spite of either fault. As printed {told('csvsf-printed')}; "
-            f"recursive {told('csvsf')}; with persistence {told('csvsf-robust')}. Only the adaptive form: "
-            f"{told('csvsf-adaptive')}."
+            f"{_w(rows, 'none', RAW):.3f} rad/s) in spite of either fault. As printed {errors('csvsf-printed')}; "
+            f"recursive {errors('csvsf')}; with persistence {errors('csvsf-robust')}. Only the adaptive form: "
+            f"{errors('csvsf-adaptive')}."
         ),
     )
 
@@ -135,7 +127,7 @@ def _disturbances(rows: Rows) -> Claim:
     return Claim(
         claim="The combined strategy is robust to external disturbances.",
         where="abstract and section 4",
-        verdict="does not hold" if not gust else "holds" if outliers else "holds only if",
+        verdict=verdict(gust and outliers, gust),
         evidence=(
             f"Only if it is a force that disturbs: in gusts {_v(rows, 'gust', 'csvsf-printed'):.3f} m/s as "
             f"printed, {_v(rows, 'gust', 'csvsf'):.3f} recursive, "
@@ -155,7 +147,7 @@ def _stable(rows: Rows) -> Claim:
     return Claim(
         claim="That the layer's filter is not recursive guarantees the system's stability.",
         where="section 3",
-        verdict="holds" if gone[worst] == 0 else "does not hold",
+        verdict=verdict(gone[worst] == 0),
         evidence=(
             f"In {sum(rows[e, 'csvsf-printed'].runs for e in ERRORS)} flights with seven kinds of error "
             f"{what}: with every state measured, it can be no worse than its sensors for long. Where a state is "
@@ -164,14 +156,9 @@ def _stable(rows: Rows) -> Claim:
     )
 
 
-def _value(row: Row, quantity: str) -> float:
-    value = row.quantities[quantity].value
-    return float("nan") if value is None else value
-
-
 def _v(rows: Rows, variant: str, method: str) -> float:
-    return _value(rows[variant, method], "velocity_m_s")
+    return rows[variant, method].value("velocity_m_s")
 
 
 def _w(rows: Rows, variant: str, method: str) -> float:
-    return _value(rows[variant, method], "rates_rad_s")
+    return rows[variant, method].value("rates_rad_s")

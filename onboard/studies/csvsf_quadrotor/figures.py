@@ -1,14 +1,11 @@
-"""The quadrotor study's figures: the paper's 3-5, their like with modelling errors, and what tells the filters
-apart. SI units, NED, body rates."""
+"""The quadrotor study's figures: the paper's 3-5, the same with modelling errors, and the differences between the
+filters. SI units, NED, body rates."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import matplotlib as mpl
-
-mpl.use("Agg")
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -20,6 +17,8 @@ from onboard.models.quadrotor_flight import DT
 from onboard.studies.csvsf_quadrotor.cases import FAULT, NAMED, Case
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, MAIN, METHODS, PRINTED, RECURSIVE, SVSF, Track
 from onboard.studies.csvsf_quadrotor.report import Result, Setting
+from onboard.studies.report.drawing import STYLE, legend, panels, save
+from onboard.studies.report.runs import by_name
 
 DRAWN: Final = (CKF, SVSF, PRINTED, RECURSIVE, ADAPTIVE)
 COLOURS: Final = {
@@ -31,17 +30,6 @@ COLOURS: Final = {
 }
 WIDTHS: Final = {CKF.name: 2.4, SVSF.name: 0.6}  # others may lie on the CKF's curve
 UNITS: Final = {"u": "N", "d_roll": "N", "d_pitch": "N", "d_yaw": "N m"}
-STYLE: Final[dict[Any, Any]] = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.0,
-    "legend.frameon": False,
-    "figure.dpi": 150,
-    "figure.constrained_layout.use": True,
-}
 SHOWN: Final = (9.5, 11.5)  # s of the upper panels
 ZD, P_RATE, Q_RATE = COMPONENTS.index("zd"), COMPONENTS.index("p"), COMPONENTS.index("q")
 Flights = Mapping[str, tuple[Case, Mapping[str, Track]]]
@@ -52,21 +40,21 @@ def draw(flights: Flights, result: Result, out: Path) -> tuple[str, ...]:
     clean, weak, motor = flights["none"], flights["weak"], flights["motor"]
     p = "p, rad/s (roll rate, body)"
     with mpl.rc_context(STYLE):
-        figures = {
-            "overview.png": _overview(result),
-            "figure-03-inputs.png": _inputs(clean[0]),
-            "figure-04-roll-rate-frame.png": _estimates(
-                clean, roll_rate, "phi', rad/s (roll rate, frame)", "none"
-            ),
-            "figure-05-roll-rate-body.png": _estimates(clean, lambda x: x[..., P_RATE], p, "none"),
-            "velocity-inputs-weak.png": _estimates(weak, lambda x: x[..., ZD], "z', m/s (down)", "weak"),
-            "pitch-rate-motor-weak.png": _estimates(motor, lambda x: x[..., Q_RATE], "q, rad/s", "motor"),
-            "model-error-meter.png": _meter(flights),
-            "settings.png": _settings(result.sweep),
-        }
-        for name, figure in figures.items():
-            figure.savefig(out / name)
-    return tuple(figures)
+        return save(
+            {
+                "overview.png": _overview(result),
+                "figure-03-inputs.png": _inputs(clean[0]),
+                "figure-04-roll-rate-frame.png": _estimates(
+                    clean, roll_rate, "phi', rad/s (roll rate, frame)", "none"
+                ),
+                "figure-05-roll-rate-body.png": _estimates(clean, lambda x: x[..., P_RATE], p, "none"),
+                "velocity-inputs-weak.png": _estimates(weak, lambda x: x[..., ZD], "z', m/s (down)", "weak"),
+                "pitch-rate-motor-weak.png": _estimates(motor, lambda x: x[..., Q_RATE], "q, rad/s", "motor"),
+                "model-error-meter.png": _meter(flights),
+                "settings.png": _settings(result.sweep),
+            },
+            out,
+        )
 
 
 def roll_rate(states: Array) -> Array:
@@ -77,46 +65,37 @@ def roll_rate(states: Array) -> Array:
 
 def _overview(result: Result) -> Figure:
     """Velocity error of each method, a panel for each of the reference's columns."""
-    figure = Figure(figsize=(10, 4.2))
-    axes = np.atleast_1d(figure.subplots(1, len(MAIN), sharey=True))
-    rows = {(row.variant, row.method): row for row in result.rows}
+    title = f"Velocity error, 10–20 s, {result.seeds} flights · bar: another implementation · dashed: the sensor"
+    figure, axes = panels(title, 1, len(MAIN), (10.0, 4.2), sharey=True)
+    rows = by_name(result.rows)
     reference = {(c.variant, c.method): c.reference for c in result.comparisons}
     y = np.arange(len(METHODS))[::-1]
-    raw = rows["none", SVSF.name].quantities["velocity_m_s"].value or np.nan
-    for ax, variant in zip(axes, MAIN, strict=True):
+    raw = rows["none", SVSF.name].value("velocity_m_s")
+    for ax, variant in zip(axes[0], MAIN, strict=True):
         ax.axvline(raw, color="#999999", lw=0.8, ls="--")
         for at, method in zip(y, METHODS, strict=True):
-            ax.plot(
-                rows[variant, method.name].quantities["velocity_m_s"].value or np.nan,
-                at,
-                "o",
-                color=COLOURS.get(method.name, "#444444"),
-                zorder=3,
-            )
+            value, colour = rows[variant, method.name].value("velocity_m_s"), COLOURS.get(method.name, "#444444")
+            ax.plot(value, at, "o", color=colour, zorder=3)
             ax.plot(reference.get((variant, method.name), np.nan), at, "|", color="black", ms=12)
-        ax.set(xscale="log", xlim=(0.008, 1.0), title=NAMED[variant].label, xlabel="velocity, m/s")
-    axes[0].set_yticks(y, [m.label for m in METHODS])
-    figure.suptitle(
-        f"Velocity error over 10–20 s, {result.seeds} flights · bar: another implementation · dashed: the sensor"
-    )
+        ax.set(xscale="log", xlim=(0.008, 1.0), xlabel="velocity, m/s")
+        ax.set_title(NAMED[variant].label, fontsize=8)
+    axes[0, 0].set_yticks(y, [m.label for m in METHODS])
     return figure
 
 
 def _inputs(case: Case) -> Figure:
-    figure = Figure(figsize=(8, 5))
+    figure, axes = panels("The inputs of the flight", 2, 2, (8.0, 5.0), sharex=True)
     t = np.arange(len(case.inputs)) * DT
-    for k, (ax, name) in enumerate(zip(figure.subplots(2, 2, sharex=True).ravel(), INPUTS, strict=True)):
+    for k, (ax, name) in enumerate(zip(axes.flat, INPUTS, strict=True)):
         ax.plot(t, case.inputs[:, 0, k], color="#0072b2", lw=0.6)
         ax.set(ylabel=f"{name}, {UNITS[name]}", xlabel="time, s" if k > 1 else "")
-    figure.suptitle("The inputs of the flight")
     return figure
 
 
 def _estimates(flown: tuple[Case, Mapping[str, Track]], quantity: Any, name: str, variant: str) -> Figure:
     """Truth and estimates about the time when faults begin, and the errors over the whole flight."""
     case, tracks = flown
-    figure = Figure(figsize=(9, 6))
-    above, below = figure.subplots(2, 1)
+    figure, ((above,), (below,)) = panels(f"{name} · {NAMED[variant].label} · black: truth", 2, size=(9.0, 6.0))
     truth = quantity(case.states[1:, 0])
     t = (1 + np.arange(len(truth))) * DT
     near = (t >= SHOWN[0]) & (t <= SHOWN[1])
@@ -131,8 +110,7 @@ def _estimates(flown: tuple[Case, Mapping[str, Track]], quantity: Any, name: str
     below.set(ylabel="rms error, over half a second", xlabel="time, s", yscale="log")
     for ax in (above, below):
         _fault(ax, variant)
-    figure.legend(*below.get_legend_handles_labels(), fontsize=8, ncols=3, loc="outside lower center")
-    figure.suptitle(f"{name} · {NAMED[variant].label} · black: truth")
+    legend(figure, below, columns=3)
     return figure
 
 
@@ -147,8 +125,8 @@ def _moving_rms(error: Array) -> Array:
 
 def _meter(flights: Flights) -> Figure:
     """The adaptive form's fading mean of sat(e/layer), of two quantities in four flights."""
-    figure = Figure(figsize=(9, 6))
-    grid = figure.subplots(len(MAIN), 2, sharex=True, sharey=True)
+    title = "A measure of the model's error: the mean of sat(e / layer); green: the range of white noise"
+    figure, grid = panels(title, len(MAIN), 2, (9.0, 6.0), sharex=True, sharey=True)
     limit = float(np.sqrt(FADING / (2 - FADING)))
     for row, variant in zip(grid, MAIN, strict=True):
         switching = flights[variant][1][ADAPTIVE.name].switching[:, 0]
@@ -160,14 +138,13 @@ def _meter(flights: Flights) -> Figure:
             _fault(ax, variant)
     grid[-1][0].set(xlabel="time, s", ylim=(-1, 1))
     grid[-1][1].set(xlabel="time, s")
-    figure.suptitle("A meter of the model's error: the mean of sat(e / layer), and what white noise makes of it")
     return figure
 
 
 def _settings(sweep: Sequence[Setting]) -> Figure:
-    """What the four figures are for other settings, each over its limit."""
-    figure = Figure(figsize=(9, 3.6))
-    left, right = figure.subplots(1, 2, sharey=True)
+    """The four figures that are asked for with other settings, each over its limit."""
+    title = "Settings of the adaptive form, on the seeds for choosing: below 1 is met"
+    figure, ((left, right),) = panels(title, 1, 2, (9.0, 3.6), sharey=True)
     wanted = {
         "no error (CKF + 1 %)": ("none_m_s", _chosen(sweep).none_m_s * 1.01, "#0072b2"),
         "inputs x .7 (.09 m/s)": ("weak_m_s", 0.09, "#d55e00"),
@@ -188,7 +165,6 @@ def _settings(sweep: Sequence[Setting]) -> Figure:
         ax.minorticks_off()
     left.set_ylabel("error over its limit")
     left.legend(fontsize=7)
-    figure.suptitle("Settings of the adaptive form, on the seeds for choosing: below 1 is met")
     return figure
 
 

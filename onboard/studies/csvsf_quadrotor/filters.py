@@ -15,12 +15,14 @@ from onboard.studies.csvsf_quadrotor.cases import FAULT, NOMINAL, Case, Sensor, 
 
 CONSISTENCY_EVERY: Final = 10  # steps
 HALFWAY: Final = round(FAULT / DT)  # steps
-MEMORY: Final = ("residual", "lasted", "switching", "leaning")  # what a smooth filter keeps of each sensor
+# what a smooth filter keeps of each sensor
+MEMORY: Final = ("residual", "updates_outside", "switching", "slow_switching")
 
 
 class Method(NamedTuple):
-    """A filter of `onboard.filters`, how much wider its process noise of velocity and rates is than the truth's,
-    and what drives its model: the commands; thrust by the accelerometer, u = -m f_z; all of its specific force."""
+    """A filter of `onboard.filters`. `widened`: its process noise Q of velocity and rates over the truth's.
+    `inputs`, which drive its model: the commands; thrust by the accelerometer, u = -m f_z; or all of the specific
+    force."""
 
     name: str
     label: str
@@ -59,7 +61,7 @@ EVERY: Final = {m.name: m for m in (*METHODS, *THRUST, *FORCE)}
 
 
 def methods_on(variant: Variant) -> tuple[Method, ...]:
-    """Those that are flown on a variant."""
+    """The methods that are flown on a variant."""
     if variant.multirate:
         return MULTIRATE_METHODS
     if len(variant.sensors[0].states) < quadrotor.N:
@@ -69,8 +71,8 @@ def methods_on(variant: Variant) -> tuple[Method, ...]:
 
 class Track(NamedTuple):
     """Estimates (N, B, 12), NaN after a failure; NEES (B,), the mean from 10 s on; NIS (B,) of the first sensor,
-    likewise; the smooth filters' `switching` of it (N, B, m), zero for others. And the filter's state and memory
-    of each sensor at 10 s, from where a flight goes on that is the same until then."""
+    likewise; the smooth filters' `switching` of that sensor (N, B, m), zero for other filters. `halfway`: the
+    filter's state and its memory of each sensor at 10 s, where the late variants continue."""
 
     mean: Array
     nees: Array
@@ -80,8 +82,8 @@ class Track(NamedTuple):
 
 
 def track(case: Case, variant: Variant, method: Method, since: Track | None = None) -> Track:
-    """Fly `method` over all flights of a case. If the batch fails numerically, each of its flights for itself.
-    `since` is the track of the same flights without error: a late variant goes on from its tenth second."""
+    """Fly `method` over all flights of a case; if the batch fails numerically, over each flight by itself.
+    `since` is the track of the same flights without error: a late variant continues from its tenth second."""
     B = case.start.shape[0]
     found = _track(case, variant, method, since)
     if B == 1 or np.isfinite(found.mean).all():
@@ -95,7 +97,7 @@ def track(case: Case, variant: Variant, method: Method, since: Track | None = No
 
 
 def _track(case: Case, variant: Variant, method: Method, since: Track | None) -> Track:
-    """Up to where the batch fails."""
+    """As `track`, until the batch fails."""
     steps, B = case.inputs.shape[:2]
     flown, Q = methods()[method.filter], _process_noise(method.widened)
     state = flown.start(case.start, np.tile(4.0 * case.R, (B, 1, 1)))
@@ -151,11 +153,11 @@ def _process(case: Case, k: int, method: Method) -> Rows:
 
 
 def _update(flown: Any, method: Method, state: Any, case: Case, k: int, sensor: Sensor) -> Any:
-    seen = list(sensor.states)
-    R, y = case.R[seen][:, seen], case.measurements[k][:, seen]
+    measured = list(sensor.states)
+    R, y = case.R[measured][:, measured], case.measurements[k][:, measured]
 
     def measure(rows: Array) -> Array:
-        return rows[:, seen]
+        return rows[:, measured]
 
     if method.filter == ADAPTIVE.filter:
         settings: Any = {"fading": method.fading, "patience": method.patience}
@@ -164,7 +166,7 @@ def _update(flown: Any, method: Method, state: Any, case: Case, k: int, sensor: 
 
 
 def _recall(state: Any, last: Any, variant: Variant) -> Any:
-    """The state with what it kept of this sensor: of several, each has residuals of its own."""
+    """The state with the memory of this sensor: each of several sensors has residuals of its own."""
     if len(variant.sensors) == 1 or not hasattr(state, "residual"):
         return state
     if last is None:

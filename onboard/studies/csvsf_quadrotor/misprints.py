@@ -1,4 +1,4 @@
-"""The formulas of Al-Shabi et al. that cannot be as printed: what they give, and what the right ones give."""
+"""The formulas of Al-Shabi et al. that cannot be as printed: their figures, and those of the right formulas."""
 
 import numpy as np
 

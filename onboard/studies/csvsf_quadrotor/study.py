@@ -2,8 +2,8 @@
 Quadrotor Controller".
 
 The paper's filters over simulated flights of a quadrotor whose model is right, or wrong in a dozen ways. Its
-equation of motion (4.1) is lost: see `onboard.models.quadrotor`. The truth is that model too, with other
-parameters and forces, as in the paper; a simulator with dynamics of its own is simlink's.
+equation of motion (4.1) is lost: see `onboard.models.quadrotor`. The truth follows that model too, with other
+parameters and forces, as in the paper. simlink, not used here, has dynamics of its own.
 """
 
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from typing import Final, NamedTuple
 import msgspec
 
 from onboard.filters.cubature_smooth import FADING, PATIENCE
-from onboard.studies.csvsf_quadrotor.cases import FORCE_SIGMA, NAMED, VARIANTS, Case, one, simulate
+from onboard.studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, one, simulate
 from onboard.studies.csvsf_quadrotor.claims import claims_of
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE, MAIN, METHODS, Method, Track, methods_on, track
 from onboard.studies.csvsf_quadrotor.misprints import misprints
-from onboard.studies.csvsf_quadrotor.report import Result, Setting, markdown
-from onboard.studies.csvsf_quadrotor.table import (
+from onboard.studies.csvsf_quadrotor.report import Result, Setting, findings
+from onboard.studies.csvsf_quadrotor.scores import (
     ASKED,
     ASKED_SLOW,
     REFERENCE,
@@ -30,13 +30,14 @@ from onboard.studies.csvsf_quadrotor.table import (
     make_row,
     score,
 )
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.runs import by_name
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 
 NAME: Final = "csvsf-quadrotor"
 TITLE: Final = "Al-Shabi et al.: a quadrotor's own state, smooth variable structure filters"
-TOGETHER: Final = 60  # flights in a batch: fixed, so that results do not depend on the number of processes
-FEWER: Final = 4  # of the flights that nothing is held against, one in so many is flown
-CHOOSING: Final = range(1000, 1010)  # of the seeds that settings were chosen on
+AT_ONCE: Final = 60  # flights in a batch: fixed, so that results do not depend on the number of processes
+FEWER: Final = 4  # of the flights whose figures are compared with nothing, one in so many is flown
+CHOOSING: Final = range(1000, 1010)  # seeds that the settings were chosen on
 FADINGS: Final = (0.02, 0.05, FADING, 0.2, 0.4)
 PATIENCES: Final = (1, 2, PATIENCE, 5, 8)
 SWEPT: Final = tuple(
@@ -46,8 +47,8 @@ SWEPT: Final = tuple(
 
 
 class Task(NamedTuple):
-    """Flights of variants, and the methods to fly on them. Of several variants the first is that without error,
-    and the others are late."""
+    """Flights of variants, and the methods to fly on them. Of several variants the first is without error, and the
+    others begin as it does (see `Variant.late`)."""
 
     variants: tuple[str, ...]
     seeds: tuple[int, ...]
@@ -56,8 +57,8 @@ class Task(NamedTuple):
 
 
 class Flown(NamedTuple):
-    """By variant, the scores of each method over a task's flights; and of a task that is drawn the first flight
-    with its tracks."""
+    """By variant, the scores of each method over a task's flights; of a drawn task also the first flight with its
+    tracks."""
 
     scores: dict[str, list[list[Score]]]
     first: dict[str, tuple[Case, dict[str, Track]]]
@@ -91,7 +92,7 @@ def run(
         first_seed=first_seed,
         rows=tuple(rows),
         comparisons=tuple(c for row in rows for c in compare(row)),
-        claims=claims_of({(row.variant, row.method): row for row in rows}),
+        claims=claims_of(by_name(rows)),
         figures=(),
         limits=tuple(limits_of(rows, [method.name for method in METHODS])),
         sweep=_sweep(settings, found[len(tasks) :]),
@@ -99,13 +100,14 @@ def run(
         sweep_first_seed=choosing[0],
         misprints=misprints(),
     )
+    if out is None:
+        return result
+    from onboard.studies.csvsf_quadrotor import figures  # noqa: PLC0415 - matplotlib is an extra
+
     drawn = {name: flight for f in found[: len(tasks)] for name, flight in f.first.items()}
-    return result if out is None else _write(result, drawn, out)
-
-
-def to_json(result: Result) -> bytes:
-    """The result as a JSON document, NaN as null."""
-    return msgspec.json.format(msgspec.json.encode(result), indent=1)
+    result = msgspec.structs.replace(result, figures=figures.draw(drawn, result, out))
+    write(findings(result, NAME, TITLE), out, result)
+    return result
 
 
 def fly(task: Task) -> Flown:
@@ -127,7 +129,7 @@ def fly(task: Task) -> Flown:
 
 
 def _tasks(seeds: range) -> list[Task]:
-    """The largest first. Nothing is held against some variants' figures: of these fewer are flown."""
+    """The largest first. Variants whose figures are compared with nothing are flown fewer times."""
     judged = {variant for variant, _ in REFERENCE} | {variant for variant, _, _ in (*ASKED, *ASKED_SLOW)}
     together = _together([v.name for v in VARIANTS])
     tasks = []
@@ -135,19 +137,19 @@ def _tasks(seeds: range) -> list[Task]:
         flown = seeds if judged.intersection(names) else seeds[: -(-len(seeds) // FEWER)]
         methods = methods_on(NAMED[names[0]])
         tasks += [
-            Task(names, tuple(flown[k : k + TOGETHER]), methods, k == 0 and names[0] in MAIN)
-            for k in range(0, len(flown), TOGETHER)
+            Task(names, tuple(flown[k : k + AT_ONCE]), methods, k == 0 and names[0] in MAIN)
+            for k in range(0, len(flown), AT_ONCE)
         ]
     return tasks
 
 
 def _first(found: Track) -> Track:
-    """The first flight's; as a copy, since a view would keep all the others."""
+    """The track of the first flight; a copy, since a view would keep all the others in memory."""
     return Track(found.mean[:, [0]], found.nees[[0]], found.nis[[0]], found.switching[:, [0]])
 
 
 def _together(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Variants that begin alike, as tuples."""
+    """The variants that begin alike as one tuple, each other one as a tuple of its own."""
     late = tuple(name for name in names if NAMED[name].late)
     return [("none", *late), *((name,) for name in names if name != "none" and name not in late)]
 
@@ -166,28 +168,14 @@ def _sweep(methods: Sequence[Method], found: list[Flown]) -> tuple[Setting, ...]
     settings = []
     for k, method in enumerate(methods):
         rows = {name: make_row(name, method.name, each[k]) for name, each in scores.items()}
-        figures = {name: row.quantities for name, row in rows.items()}
-        nan = float("nan")
         settings.append(
             Setting(
                 fading=method.fading,
                 patience=method.patience,
-                none_m_s=figures["none"]["velocity_m_s"].value or nan,
-                weak_m_s=figures["weak"]["velocity_m_s"].value or nan,
-                outliers_m_s=figures["outliers"]["velocity_m_s"].value or nan,
-                motor_rad_s=figures["motor"]["rates_rad_s"].value or nan,
+                none_m_s=rows["none"].value("velocity_m_s"),
+                weak_m_s=rows["weak"].value("velocity_m_s"),
+                outliers_m_s=rows["outliers"].value("velocity_m_s"),
+                motor_rad_s=rows["motor"].value("rates_rad_s"),
             )
         )
     return tuple(settings)
-
-
-def _write(result: Result, drawn: dict[str, tuple[Case, dict[str, Track]]], out: Path) -> Result:
-    """Figures of the first seed, the report and the JSON, into the folder `out`."""
-    from onboard.studies.csvsf_quadrotor import figures as quadrotor_figures  # noqa: PLC0415 - matplotlib is an extra
-
-    out.mkdir(parents=True, exist_ok=True)
-    figures = quadrotor_figures.draw(drawn, result, out)
-    result = msgspec.structs.replace(result, figures=figures)
-    (out / "report.md").write_text(markdown(result, FORCE_SIGMA, (FADING, PATIENCE)), encoding="utf-8")
-    (out / "result.json").write_bytes(to_json(result))
-    return result

@@ -16,46 +16,46 @@ SHOWN = (17, 29, 34, 42, 45, 49)  # the steps of figures 3-5
 ONE_SIGMA_PLANE = 2.2789  # chi-square of two, 68 %
 
 
-def draw(flown: Runs, out: Path) -> tuple[str, ...]:
+def draw(runs: Runs, out: Path) -> tuple[str, ...]:
     """Write the figures into the folder `out`; their names."""
     with mpl.rc_context(STYLE):
         return save(
             {
-                "figure-01-02-trajectory.png": _trajectory(flown),
-                "figure-03-05-steps.png": _steps(flown),
+                "figure-01-02-trajectory.png": _trajectory(runs),
+                "figure-03-05-steps.png": _steps(runs),
             },
             out,
         )
 
 
-def _trajectory(flown: Runs) -> Figure:
+def _trajectory(runs: Runs) -> Figure:
     figure, axes = panels("Figures 1 and 2: trajectory and velocity in the plane (x, y)", 1, 2, (9.5, 4.6))
     plan, speed = axes[0]
-    plan.plot(*flown.seen[:, 0, :2].T, ".", color=COLOURS["raw"], markersize=4, label="measured")
+    plan.plot(*runs.measured[:, 0, :2].T, ".", color=COLOURS["raw"], markersize=4, label="measured")
     for axis, i in ((plan, 0), (speed, 3)):
-        axis.plot(*flown.truth[:, 0, i : i + 2].T, color="black", label="real")
-        axis.plot(*flown.mean[:, 0, i : i + 2].T, "--", color=COLOURS["ukf"], label="estimated")
+        axis.plot(*runs.truth[:, 0, i : i + 2].T, color="black", label="real")
+        axis.plot(*runs.mean[:, 0, i : i + 2].T, "--", color=COLOURS["ukf"], label="estimated")
         axis.plot(0, 0, "o", color="black", fillstyle="none")
-    _name(plan, "m")
-    _name(speed, "m/s")
+    _label_axes(plan, "m")
+    _label_axes(speed, "m/s")
     legend(figure, plan)
     return figure
 
 
-def _steps(flown: Runs) -> Figure:
+def _steps(runs: Runs) -> Figure:
     figure, axes = panels("Figures 3-5: the filter at single steps, with its 68 % ellipse", 2, 3, (10.5, 7.0))
     F = wiener_acceleration(DT, DENSITY).F
     for axis, step in zip(axes.flat, SHOWN, strict=True):
         k = step - 1
-        axis.plot(*flown.seen[: k + 1, 0, :2].T, ".", color=COLOURS["raw"], markersize=3, label="measured")
-        axis.plot(*flown.truth[:, 0, :2].T, color="black", linewidth=0.8, label="real")
-        axis.plot(*flown.mean[: k + 1, 0, :2].T, "--", color=COLOURS["ukf"], label="filtered")
-        mean = flown.mean[k, 0]
-        axis.plot(*_ellipse(mean[:2], flown.covariance[k, :2, :2]), color=COLOURS["ukf"], linewidth=0.8)
+        axis.plot(*runs.measured[: k + 1, 0, :2].T, ".", color=COLOURS["raw"], markersize=3, label="measured")
+        axis.plot(*runs.truth[:, 0, :2].T, color="black", linewidth=0.8, label="real")
+        axis.plot(*runs.mean[: k + 1, 0, :2].T, "--", color=COLOURS["ukf"], label="filtered")
+        mean = runs.mean[k, 0]
+        axis.plot(*_ellipse(mean[:2], runs.covariance[k, :2, :2]), color=COLOURS["ukf"], linewidth=0.8)
         axis.plot(*mean[:2], "o", color=COLOURS["ukf"], markersize=4)
         axis.plot(*(F @ mean)[:2], "o", color=COLOURS["ekf"], fillstyle="none", label="predicted next")
         axis.set_title(f"step {step}", loc="left", fontsize=9)
-        _name(axis, "m")
+        _label_axes(axis, "m")
     legend(figure, axes[0, 0])
     return figure
 
@@ -66,6 +66,6 @@ def _ellipse(centre: Array, covariance: Array) -> Array:
     return np.asarray(centre[:, None] + np.sqrt(ONE_SIGMA_PLANE) * np.linalg.cholesky(covariance) @ circle)
 
 
-def _name(axis: Axes, unit: str) -> None:
+def _label_axes(axis: Axes, unit: str) -> None:
     axis.set_xlabel(f"x, {unit}")
     axis.set_ylabel(f"y, {unit}")

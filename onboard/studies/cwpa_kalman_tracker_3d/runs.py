@@ -1,6 +1,6 @@
-"""Runs of the paper's tracker on its own model, with the process noise as printed and right.
+"""Runs of the paper's tracker on its own model, with the process noise as printed and as it should be.
 
-States as the paper orders them: positions, velocities, accelerations; "relative dimensions", read as m.
+States in the paper's order: positions, velocities, accelerations; its "relative dimensions" are read as m.
 """
 
 from typing import Final, NamedTuple
@@ -10,6 +10,7 @@ from scipy.linalg import expm
 
 from onboard.arrays import Array
 from onboard.filters.discretisation import wiener_acceleration
+from onboard.filters.gating import chi_square_threshold, normalised_squared
 
 STEPS: Final = 50
 DT: Final = 0.5  # s, assumed
@@ -24,14 +25,28 @@ class Runs(NamedTuple):
     """B runs of one filter. Errors are estimate minus truth."""
 
     truth: Array  # (T, B, 9)
-    seen: Array  # (T, B, 3)
+    measured: Array  # (T, B, 3)
     mean: Array  # (T, B, 9)
     covariance: Array  # (T, 9, 9), the same in all runs
     gain: Array  # (T, 9, 3)
 
 
+class Scores(NamedTuple):
+    """Over all steps and runs: RMS of the lengths of the error vectors (m, m/s, m/s^2) and of the measurements'
+    errors (m), the Cramér-Rao bound of the position (m), mean NEES, and the share of NEES within its 95 %
+    bound."""
+
+    position: float
+    velocity: float
+    acceleration: float
+    raw: float
+    bound: float
+    nees: float
+    inside: float
+
+
 def printed_noise(dt: float, q: float) -> Array:
-    """Q (9, 9) of eq 14 as it stands: t^5/20 for all variances of an axis."""
+    """Q (9, 9) of eq 14 as printed: t^5/20 for all variances of an axis."""
     a, b, c = dt**5 / 20, dt**4 / 8, dt**3 / 6
     return np.asarray(np.kron(q * np.array([[a, b, c], [b, a, b], [c, b, a]]), np.eye(3)), float)
 
@@ -45,27 +60,27 @@ def fraction_noise(dt: float, q: float) -> Array:
 
 
 def fly(seed: int, runs: int, drawn: bool, noise: Array | None = None) -> Runs:
-    """`runs` runs on the paper's model, begun at a draw from P0 or, as in the paper, at rest at the origin. The
-    filter is the paper's (eqs 16-19), with `noise` for its Q (None: the right one)."""
+    """`runs` runs on the paper's model. They start at a draw from P0 if `drawn`, else, as in the paper, at rest at
+    the origin. The filter is the paper's (eqs 16-19), with `noise` for its Q (None: the right one)."""
     rng = np.random.default_rng([seed, 14])
     F, Q = wiener_acceleration(DT, DENSITY)
     x = rng.standard_normal((runs, 9)) * (np.sqrt(np.diag(P0)) if drawn else 0.0)
     covariance, gain = schedule(F, Q if noise is None else noise)
     root, mean = np.linalg.cholesky(Q), np.zeros((runs, 9))
-    truth, seen, means = [], [], []
+    truth, measured, means = [], [], []
     for k in range(STEPS):
         x = x @ F.T + rng.standard_normal((runs, 9)) @ root.T
         y = x[:, :3] + rng.standard_normal((runs, 3)) * np.sqrt(np.diag(R))
         mean = mean @ F.T
         mean = mean + (y - mean[:, :3]) @ gain[k].T
         truth.append(x)
-        seen.append(y)
+        measured.append(y)
         means.append(mean)
-    return Runs(np.array(truth), np.array(seen), np.array(means), covariance, gain)
+    return Runs(np.array(truth), np.array(measured), np.array(means), covariance, gain)
 
 
 def schedule(F: Array, Q: Array) -> tuple[Array, Array]:
-    """Covariances (T, 9, 9) and gains (T, 9, 3) by eqs 17-19: they do not depend on what is seen."""
+    """Covariances (T, 9, 9) and gains (T, 9, 3) by eqs 17-19: they do not depend on the measurements."""
     P, covariances, gains = P0, [], []
     for _ in range(STEPS):
         P = F @ P @ F.T + Q
@@ -75,3 +90,25 @@ def schedule(F: Array, Q: Array) -> tuple[Array, Array]:
         covariances.append(P)
         gains.append(K)
     return np.array(covariances), np.array(gains)
+
+
+def score(seeds: range, drawn: bool, noise: Array | None) -> Scores:
+    """The scores of all runs of these seeds; arguments as of `fly`."""
+    each = [fly(seed, RUNS_PER_SEED, drawn, noise) for seed in seeds]
+    error = np.concatenate([r.mean - r.truth for r in each], axis=1)
+    raw = np.concatenate([r.measured - r.truth[..., :3] for r in each], axis=1)
+    nees = normalised_squared(error, each[0].covariance[:, None])
+    position = np.trace(each[0].covariance[:, :3, :3], axis1=1, axis2=2)
+    return Scores(
+        position=_rms(error[..., :3]),
+        velocity=_rms(error[..., 3:6]),
+        acceleration=_rms(error[..., 6:]),
+        raw=_rms(raw),
+        bound=float(np.sqrt(position.mean())),
+        nees=float(nees.mean()),
+        inside=float(np.mean(nees < chi_square_threshold(0.95, 9))),
+    )
+
+
+def _rms(vectors: Array) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=-1))))

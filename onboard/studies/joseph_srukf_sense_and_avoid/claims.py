@@ -1,35 +1,14 @@
-"""What De Vivo et al. claim, and whether it held in our runs."""
-
-from typing import NamedTuple
+"""The claims of De Vivo et al., and whether they held in our runs."""
 
 import numpy as np
 
-from onboard.studies.joseph_srukf_sense_and_avoid.runs import Flown
+from onboard.studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, SYMMETRIC, AllResults, Results
 from onboard.studies.report.findings import Claim
-from onboard.studies.tracking.outcomes import Outcome
 
 BETTER = 0.95  # "more accurate": by a twentieth at least
-MINE = "srukf-joseph"
-SYMMETRIC = ("ekf", "ukf", "srukf", MINE)
 
 
-class Measured(NamedTuple):
-    """All that was flown."""
-
-    gnss: Flown
-    validation: Flown
-    radar: Flown
-    uncorrected: Flown
-    rain: Flown
-    sharp_single: Flown
-    sharp_double: Flown
-    acquisition: Flown
-    literal: Outcome
-    alpha: Outcome
-    durations: dict[str, float]
-
-
-def claims_of(m: Measured) -> tuple[Claim, ...]:
+def claims_of(m: AllResults) -> tuple[Claim, ...]:
     """Judge each claim by thresholds fixed in this file."""
     return (
         _accuracy(m),
@@ -49,25 +28,25 @@ def claims_of(m: Measured) -> tuple[Claim, ...]:
     )
 
 
-def _accuracy(m: Measured) -> Claim:
+def _accuracy(m: AllResults) -> Claim:
     found = {name: m.validation.outcomes[name].windows["settled"].position for name in SYMMETRIC}
-    ratio = found[MINE] / min(found["ekf"], found["ukf"])
+    ratio = found[JOSEPH] / min(found["ekf"], found["ukf"])
     worst = min(
-        flown.outcomes[MINE].windows[w].position / flown.outcomes["ukf"].windows[w].position
-        for flown in (m.radar, m.gnss)
-        for w in flown.outcomes["ukf"].windows
+        results.outcomes[JOSEPH].windows[w].position / results.outcomes["ukf"].windows[w].position
+        for results in (m.radar, m.gnss)
+        for w in results.outcomes["ukf"].windows
     )
     return Claim(
         claim="The square-root filter in Joseph's form is much more accurate than the EKF and the UKF.",
         where="section 4.3, figures 2-5; section 6",
         verdict="holds" if ratio < BETTER else "does not hold",
         evidence=f"Validation: EKF {found['ekf']:.2f}, UKF {found['ukf']:.2f}, square-root UKF "
-        f"{found['srukf']:.2f}, Joseph {found[MINE]:.2f} m: {100 * (1 - ratio):.1f} % better. Radar and GNSS: "
+        f"{found['srukf']:.2f}, Joseph {found[JOSEPH]:.2f} m: {100 * (1 - ratio):.1f} % better. Radar and GNSS: "
         f"{100 * (1 - worst):.1f} % at the most, in any window.",
     )
 
 
-def _condition_diverges(m: Measured) -> Claim:
+def _condition_diverges(m: AllResults) -> Claim:
     plain, whole = m.validation.outcomes["ekf-plain"], m.validation.outcomes["ekf"]
     growth = float(np.nanmax(plain.condition / whole.condition))
     by_radar = m.radar.outcomes["ekf-plain"]
@@ -83,8 +62,8 @@ def _condition_diverges(m: Measured) -> Claim:
     )
 
 
-def _condition_of_joseph(m: Measured) -> Claim:
-    classical, joseph = m.validation.outcomes["srukf"].condition, m.validation.outcomes[MINE].condition
+def _condition_of_joseph(m: AllResults) -> Claim:
+    classical, joseph = m.validation.outcomes["srukf"].condition, m.validation.outcomes[JOSEPH].condition
     settled = len(classical) // 5
     ratio = float(np.nanmedian(joseph[settled:] / classical[settled:]))
     return Claim(
@@ -96,7 +75,7 @@ def _condition_of_joseph(m: Measured) -> Claim:
     )
 
 
-def _condition_of_the_root(m: Measured) -> Claim:
+def _condition_of_the_root(m: AllResults) -> Claim:
     whole, root = m.validation.outcomes["ukf"].condition, m.validation.outcomes["srukf"].condition
     ratio, square = float(np.nanmedian(whole / root)), float(np.nanmax(np.abs(root**2 / whole - 1)))
     return Claim(
@@ -109,9 +88,9 @@ def _condition_of_the_root(m: Measured) -> Claim:
     )
 
 
-def _downdates(m: Measured) -> Claim:
+def _downdates(m: AllResults) -> Claim:
     single, double = m.sharp_single.outcomes, m.sharp_double.outcomes
-    book, careful, mine = (single[n] for n in ("srukf-textbook", "srukf-classical", MINE))
+    book, careful, mine = (single[n] for n in ("srukf-textbook", "srukf-classical", JOSEPH))
     only_if = book.failed > 0 and mine.failed == 0
     return Claim(
         claim="Joseph's form keeps the square-root filter positive definite where downdates fail.",
@@ -125,7 +104,7 @@ def _downdates(m: Measured) -> Claim:
     )
 
 
-def _no_downdate(m: Measured) -> Claim:
+def _no_downdate(m: AllResults) -> Claim:
     classical, joseph = (m.sharp_double.outcomes[n] for n in ("negative-classical", "negative-joseph"))
     return Claim(
         claim="The algorithm needs no negative update of the Cholesky factor.",
@@ -138,61 +117,62 @@ def _no_downdate(m: Measured) -> Claim:
     )
 
 
-def _jacobian(m: Measured) -> Claim:
+def _jacobian(m: AllResults) -> Claim:
     far, sharp = m.acquisition.outcomes, m.sharp_double.outcomes
-    first = {name: far[name].windows["first"] for name in ("srukf", MINE, "iplf")}
-    nees = {name: (sharp[name].windows["all"].nees, far[name].windows["all"].nees) for name in ("srukf", MINE)}
-    holds = all(a <= b for a, b in zip(nees[MINE], nees["srukf"], strict=True))
+    first = {name: far[name].windows["first"] for name in ("srukf", JOSEPH, "iplf")}
+    nees = {name: (sharp[name].windows["all"].nees, far[name].windows["all"].nees) for name in ("srukf", JOSEPH)}
+    holds = all(a <= b for a, b in zip(nees[JOSEPH], nees["srukf"], strict=True))
     return Claim(
         claim="The Jacobian at the posterior mean makes the filter more accurate, and its covariance too.",
         where="section 3, eqs 17, 18",
         verdict="holds" if holds else "does not hold",
-        evidence="What the measurement bends over the prior is in the gain but not in the covariance, so it is "
-        f"overconfident: NEES of nine states {nees[MINE][1]:.0f} from 20 km, {nees[MINE][0]:.0f} with 1 cm and "
-        f"10 µrad; by triangularisation {nees['srukf'][1]:.0f} and {nees['srukf'][0]:.1f}. The mean is the same "
-        f"({first[MINE].position:.0f} m after the first look). To relinearise the gain about the posterior as "
-        f"well (four iterations) gives {first['iplf'].position:.1f} m and a NEES of {first['iplf'].nees:.1f}.",
+        evidence="The curvature of the measurement over the prior is in the gain but not in the covariance, so it "
+        f"is overconfident: NEES of nine states {nees[JOSEPH][1]:.0f} from 20 km, {nees[JOSEPH][0]:.0f} with 1 cm "
+        f"and 10 µrad; by triangularisation {nees['srukf'][1]:.0f} and {nees['srukf'][0]:.1f}. The mean is the "
+        f"same ({first[JOSEPH].position:.0f} m after the first measurement). To relinearise the gain about the "
+        f"posterior as well (four iterations) gives {first['iplf'].position:.1f} m and a NEES of "
+        f"{first['iplf'].nees:.1f}.",
     )
 
 
-def _diverged(flown: Flown) -> dict[str, int]:
-    return {name: flown.outcomes[name].diverged for name in SYMMETRIC}
+def _diverged(results: Results) -> dict[str, int]:
+    return {name: results.outcomes[name].diverged for name in SYMMETRIC}
 
 
-def _faults_of_radar(m: Measured) -> Claim:
+def _faults_of_radar(m: AllResults) -> Claim:
     found, plain = _diverged(m.radar), m.radar.outcomes["ekf-plain"]
     others = found["ekf"] + found["ukf"]
     return Claim(
         claim="When the radar is jammed the EKF diverges, when it loses the signal the UKF; Joseph's form does "
         "not.",
         where="section 5.1.3, figure 12",
-        verdict="holds" if others > 0 and found[MINE] == 0 else "does not hold",
+        verdict="holds" if others > 0 and found[JOSEPH] == 0 else "does not hold",
         evidence=f"Runs of {plain.runs} that diverge: EKF {found['ekf']}, UKF {found['ukf']}, square-root UKF "
-        f"{found['srukf']}, Joseph {found[MINE]}. Jamming raises the error to "
-        f"{m.radar.outcomes[MINE].windows['jammed'].position:.0f} m with each of them. The EKF as printed, "
+        f"{found['srukf']}, Joseph {found[JOSEPH]}. Jamming raises the error to "
+        f"{m.radar.outcomes[JOSEPH].windows['jammed'].position:.0f} m with each of them. The EKF as printed, "
         f"whose covariance loses its symmetry, fails in {plain.failed}, long before the jamming "
         f"({plain.failed_at:.0f} s).",
     )
 
 
-def _acceleration(m: Measured) -> Claim:
+def _acceleration(m: AllResults) -> Claim:
     found = {
         name: [m.radar.outcomes[name].windows[w].acceleration for w in ("nominal", "jammed", "after")]
-        for name in ("ekf", "ukf", MINE)
+        for name in ("ekf", "ukf", JOSEPH)
     }
-    ratio = min(a / b for name in ("ekf", "ukf") for a, b in zip(found[MINE], found[name], strict=True))
+    ratio = min(a / b for name in ("ekf", "ukf") for a, b in zip(found[JOSEPH], found[name], strict=True))
     numbers = "; ".join(f"{name} " + ", ".join(f"{x:.2f}" for x in row) for name, row in found.items())
     return Claim(
         claim="The filtered acceleration is closer to the truth than that of EKF and UKF.",
         where="sections 5.1.3 and 5.2.3, figures 13, 16",
-        verdict="holds" if ratio < BETTER and found[MINE][0] < BETTER * found["ukf"][0] else "does not hold",
+        verdict="holds" if ratio < BETTER and found[JOSEPH][0] < BETTER * found["ukf"][0] else "does not hold",
         evidence=f"Radar, m/s², nominal, jammed and after the faults: {numbers}. UKF and Joseph's form agree; "
         "the EKF recovers from the loss of signal a little slower.",
     )
 
 
-def _halved(m: Measured) -> Claim:
-    ours, raw = m.radar.outcomes[MINE].windows, m.radar.raw
+def _halved(m: AllResults) -> Claim:
+    ours, raw = m.radar.outcomes[JOSEPH].windows, m.radar.raw
     ratios = {w: ours[w].position / raw[w] for w in ("nominal", "jammed", "after")}
     return Claim(
         claim="The RMSE is halved with respect to the radar's noise, in faults too.",
@@ -203,26 +183,26 @@ def _halved(m: Measured) -> Claim:
     )
 
 
-def _faults_of_gnss(m: Measured) -> Claim:
+def _faults_of_gnss(m: AllResults) -> Claim:
     found, plain = _diverged(m.gnss), m.gnss.outcomes["ekf-plain"]
-    ours = m.gnss.outcomes[MINE].windows
+    ours = m.gnss.outcomes[JOSEPH].windows
     others = found["ekf"] + found["ukf"]
     return Claim(
         claim="The clock's degradation makes EKF and UKF diverge; Joseph's form stays stable through both "
         "failures.",
         where="section 5.2.3, figures 15, 16",
-        verdict="holds" if others > 0 and found[MINE] == 0 else "does not hold",
+        verdict="holds" if others > 0 and found[JOSEPH] == 0 else "does not hold",
         evidence=f"Runs of {plain.runs} that diverge: EKF {found['ekf']}, UKF {found['ukf']}, square-root UKF "
-        f"{found['srukf']}, Joseph {found[MINE]}: all are stable. Errors are {ours['degraded'].position:.1f} m "
+        f"{found['srukf']}, Joseph {found[JOSEPH]}: all are stable. Errors are {ours['degraded'].position:.1f} m "
         f"with the degraded clock, {ours['lost'].position:.0f} m without satellites, "
         f"{ours['after'].position:.1f} m afterwards. The EKF as printed fails in {plain.failed}, at "
         f"{plain.failed_at:.0f} s, before any fault. No filter knows of the degraded clock (NEES "
-        f"{ours['degraded'].nees:.0f} of 11): a filter must be told, or must gate.",
+        f"{ours['degraded'].nees:.0f} of 11): a filter needs to know, or must gate.",
     )
 
 
-def _gnss_against_fixes(m: Measured) -> Claim:
-    ours, raw = m.gnss.outcomes[MINE].windows, m.gnss.raw
+def _gnss_against_fixes(m: AllResults) -> Claim:
+    ours, raw = m.gnss.outcomes[JOSEPH].windows, m.gnss.raw
     kept = ("nominal", "degraded", "between", "after")
     better = all(ours[w].position < raw[w] for w in kept)
     return Claim(
@@ -234,9 +214,9 @@ def _gnss_against_fixes(m: Measured) -> Claim:
     )
 
 
-def _duration(m: Measured) -> Claim:
-    ratio = m.durations[MINE] / m.durations["srukf"]
-    classical = m.durations[MINE] / m.durations["srukf-classical"]
+def _duration(m: AllResults) -> Claim:
+    ratio = m.durations[JOSEPH] / m.durations["srukf"]
+    classical = m.durations[JOSEPH] / m.durations["srukf-classical"]
     return Claim(
         claim="Joseph's form does not cost time.",
         where="section 4.3, figure 10; section 6",
@@ -247,11 +227,11 @@ def _duration(m: Measured) -> Claim:
     )
 
 
-def _consistency(m: Measured) -> Claim:
+def _consistency(m: AllResults) -> Claim:
     found = {
-        "validation": (m.validation.outcomes[MINE].windows["settled"], 9),
-        "radar": (m.radar.outcomes[MINE].windows["nominal"], 9),
-        "GNSS": (m.gnss.outcomes[MINE].windows["nominal"], 11),
+        "validation": (m.validation.outcomes[JOSEPH].windows["settled"], 9),
+        "radar": (m.radar.outcomes[JOSEPH].windows["nominal"], 9),
+        "GNSS": (m.gnss.outcomes[JOSEPH].windows["nominal"], 11),
     }
     numbers = ", ".join(
         f"{name} {w.nees:.1f} of {n} ({100 * w.inside:.0f} % in 95 %)" for name, (w, n) in found.items()

@@ -9,26 +9,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from onboard.arrays import Array
-from onboard.models import radar
 from onboard.studies.joseph_srukf_sense_and_avoid import scenes
-from onboard.studies.joseph_srukf_sense_and_avoid.claims import MINE, Measured
-from onboard.studies.joseph_srukf_sense_and_avoid.runs import Flown
+from onboard.studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, AllResults, Results, measurement_errors
 from onboard.studies.report.drawing import COLOURS, STYLE, legend, panels, save, shade
 from onboard.studies.tracking.outcomes import ACCELERATION, POSITION
 
-SHOWN = ("ekf", "ukf", MINE)
-LABELS = {"ekf": "EKF", "ukf": "UKF", MINE: "square-root UKF, Joseph"}
-# curves lie on each other: the first is broad, the others broken
+SHOWN = ("ekf", "ukf", JOSEPH)
+LABELS = {"ekf": "EKF", "ukf": "UKF", JOSEPH: "square-root UKF, Joseph"}
+# the curves coincide: the first is broad, the others are broken
 LINES: dict[str, Any] = {
     "ekf": {"linestyle": "-", "linewidth": 2.2, "alpha": 0.6},
     "ukf": {"linestyle": "--", "linewidth": 1.4},
-    MINE: {"linestyle": ":", "linewidth": 1.4},
+    JOSEPH: {"linestyle": ":", "linewidth": 1.4},
 }
 RADAR_FAULTS = (*scenes.JAMMED, *scenes.SIGNAL_LOST)
 GNSS_FAULTS = (*scenes.DEGRADED, *scenes.NO_SATELLITES)
 
 
-def draw(m: Measured, seeds: range, out: Path) -> tuple[str, ...]:
+def draw(m: AllResults, seeds: range, out: Path) -> tuple[str, ...]:
     """Write the figures into the folder `out`; their names. `seeds`: the first one."""
     t, truth = scenes.intruder()
     e = scenes.in_ecef(truth)
@@ -50,30 +48,23 @@ def draw(m: Measured, seeds: range, out: Path) -> tuple[str, ...]:
         )
 
 
-def _trajectories(m: Measured, seeds: range) -> Figure:
+def _trajectories(m: AllResults, seeds: range) -> Figure:
     figure, axes = panels(
         "Figures 1 and 11: trajectories of the validation and of the intruder", 1, 2, (10.0, 5.0)
     )
-    for axis, made, flown, faults in (
+    for axis, made, results, faults in (
         (axes[0, 0], scenes.validation(seeds), m.validation, ()),
         (axes[0, 1], scenes.by_radar(seeds), m.radar, RADAR_FAULTS),
     ):
-        sights = [made.sights(k) for k in range(len(made.truth))]
-        seen = np.array([radar.cartesian(s.y)[0] if s is not None else np.full(3, np.nan) for s in sights]) / 1e3
-        path, mean = made.truth[:, POSITION] / 1e3, flown.outcomes[MINE].first_mean[:, POSITION] / 1e3
-        axis.plot(seen[:, 0], seen[:, 1], ".", color=COLOURS["raw"], markersize=2, label="measured")
+        measured = (made.truth[:, POSITION] + measurement_errors(made)[:, 0]) / 1e3
+        path, mean = made.truth[:, POSITION] / 1e3, results.outcomes[JOSEPH].first_mean[:, POSITION] / 1e3
+        axis.plot(measured[:, 0], measured[:, 1], ".", color=COLOURS["raw"], markersize=2, label="measured")
         axis.plot(path[:, 0], path[:, 1], color="black", label="truth")
-        axis.plot(mean[:, 0], mean[:, 1], "--", color=COLOURS[MINE], label=LABELS[MINE])
+        axis.plot(mean[:, 0], mean[:, 1], "--", color=COLOURS[JOSEPH], label=LABELS[JOSEPH])
         for count, (begin, end) in enumerate(faults):
             k = slice(round(begin / scenes.DT), round(end / scenes.DT))
-            axis.plot(
-                path[k, 0],
-                path[k, 1],
-                color=COLOURS["ekf"],
-                linewidth=4,
-                alpha=0.35,
-                label="" if count else "faults",
-            )
+            style = {"color": COLOURS["ekf"], "linewidth": 4, "alpha": 0.35, "label": "" if count else "faults"}
+            axis.plot(path[k, 0], path[k, 1], **style)
         axis.set_xlabel("east, km")
         axis.set_ylabel("north, km")
         axis.set_aspect("equal", adjustable="datalim")
@@ -81,7 +72,7 @@ def _trajectories(m: Measured, seeds: range) -> Figure:
     return figure
 
 
-def _validation(m: Measured) -> Figure:
+def _validation(m: AllResults) -> Figure:
     figure, axes = panels("Figures 2-5: RMSE of the validation, and UKF less Joseph", 2, 2, (9.5, 6.2))
     t, found = scenes.validation_times(), m.validation.outcomes
     for i, axis in enumerate(axes.flat[:3]):
@@ -90,22 +81,22 @@ def _validation(m: Measured) -> Figure:
                 t, found[name].rms[:, POSITION[i]], color=COLOURS[name], label=LABELS[name], **LINES[name]
             )
         axis.set_ylabel(f"{'xyz'[i]}, m")
-    difference = [np.linalg.norm(found[name].rms[:, POSITION], axis=1) for name in ("ukf", MINE)]
+    difference = [np.linalg.norm(found[name].rms[:, POSITION], axis=1) for name in ("ukf", JOSEPH)]
     axes[1, 1].plot(t, difference[0] - difference[1], color="black")
     axes[1, 1].set_ylabel("UKF − Joseph, m")
-    _name_times(axes)
+    _label_times(axes)
     legend(figure, axes[0, 0])
     return figure
 
 
-def _conditions(m: Measured) -> Figure:
+def _conditions(m: AllResults) -> Figure:
     figure, axes = panels("Figures 6-9: condition numbers of the validation (medians)", 2, 2, (9.5, 6.2))
     t, found = scenes.validation_times(), m.validation.outcomes
     pairs = (
         ("EKF: κ(P)", (("ekf-plain", "as printed"), ("ekf", "Joseph"))),
-        ("UKF: κ(P)", (("ukf", "classical"), (MINE, "Joseph (κ(S)²)"))),
-        ("square-root UKF: κ(S)", (("srukf-classical", "downdates"), (MINE, "Joseph"))),
-        ("all", (("ekf", "EKF κ(P)"), ("ukf", "UKF κ(P)"), (MINE, "Joseph κ(S)"))),
+        ("UKF: κ(P)", (("ukf", "classical"), (JOSEPH, "Joseph (κ(S)²)"))),
+        ("square-root UKF: κ(S)", (("srukf-classical", "downdates"), (JOSEPH, "Joseph"))),
+        ("all", (("ekf", "EKF κ(P)"), ("ukf", "UKF κ(P)"), (JOSEPH, "Joseph κ(S)"))),
     )
     for axis, (title, names) in zip(axes.flat, pairs, strict=True):
         for (name, label), style in zip(names, ("-", "--", ":"), strict=False):
@@ -114,11 +105,11 @@ def _conditions(m: Measured) -> Figure:
             axis.semilogy(t, kappa, style, color=COLOURS[name], label=label)
         axis.set_title(title, loc="left", fontsize=9)
         axis.legend(fontsize=8)
-    _name_times(axes)
+    _label_times(axes)
     return figure
 
 
-def _times(m: Measured) -> Figure:
+def _times(m: AllResults) -> Figure:
     figure, axes = panels("Figure 10: time of a step, µs", 1, 1, (6.5, 2.8))
     names = list(m.durations)
     labels = [m.validation.outcomes[name].label for name in names]
@@ -126,19 +117,19 @@ def _times(m: Measured) -> Figure:
     return figure
 
 
-def _signal(m: Measured, seeds: range) -> Figure:
+def _signal(m: AllResults, seeds: range) -> Figure:
     figure, axes = panels("Figure 12: the radar's signal-to-noise ratio, and condition numbers", 2)
     t, look = scenes.intruder()[0], scenes.looks(seeds)[0]
-    axes[0, 0].plot(t, np.where(look.seen, look.snr_db, np.nan), color="black")
+    axes[0, 0].plot(t, np.where(look.detected, look.snr_db, np.nan), color="black")
     axes[0, 0].set_ylabel("S/N, dB")
     _condition_panel(axes[1, 0], m.radar, t)
     for axis in axes[:, 0]:
         shade(axis, RADAR_FAULTS)
-    _name_times(axes)
+    _label_times(axes)
     return figure
 
 
-def _pseudoranges(m: Measured, seeds: range) -> Figure:
+def _pseudoranges(m: AllResults, seeds: range) -> Figure:
     figure, axes = panels("Figure 15: errors of pseudoranges (clock removed), and condition numbers", 2)
     t, truth = scenes.intruder()
     e, reception = scenes.in_ecef(truth), scenes.receptions(seeds)[0]
@@ -152,52 +143,52 @@ def _pseudoranges(m: Measured, seeds: range) -> Figure:
     _condition_panel(axes[1, 0], m.gnss, t)
     for axis in axes[:, 0]:
         shade(axis, GNSS_FAULTS)
-    _name_times(axes)
+    _label_times(axes)
     return figure
 
 
-def _condition_panel(axis: Axes, flown: Flown, t: Array) -> None:
+def _condition_panel(axis: Axes, results: Results, t: Array) -> None:
     for name in ("ekf-plain", *SHOWN):
         label = {"ekf-plain": "EKF as printed κ(P)"}.get(
-            name, f"{LABELS.get(name)} κ({'S' if name == MINE else 'P'})"
+            name, f"{LABELS.get(name)} κ({'S' if name == JOSEPH else 'P'})"
         )
-        axis.semilogy(t, flown.outcomes[name].condition, color=COLOURS[name], label=label, **LINES.get(name, {}))
+        axis.semilogy(t, results.outcomes[name].condition, color=COLOURS[name], label=label, **LINES.get(name, {}))
     axis.set_ylabel("condition number")
     axis.legend(fontsize=8, ncols=2)
 
 
 def _accelerations(
-    flown: Flown, t: Array, truth: Array, faults: tuple[tuple[float, float], ...], title: str
+    results: Results, t: Array, truth: Array, faults: tuple[tuple[float, float], ...], title: str
 ) -> Figure:
     figure, axes = panels(f"Figure {title}: acceleration, m/s²", 3)
     for i, axis in enumerate(axes[:, 0]):
         for name in SHOWN:
-            mean = flown.outcomes[name].first_mean[:, ACCELERATION[i]]
+            mean = results.outcomes[name].first_mean[:, ACCELERATION[i]]
             axis.plot(t, mean, color=COLOURS[name], label=LABELS[name], **LINES[name])
         axis.plot(t, truth[:, ACCELERATION[i]], color="black", linewidth=0.9, linestyle=(0, (4, 2)), label="truth")
         reach = 1.6 * float(np.abs(truth[:, ACCELERATION[i]]).max()) + 1
         axis.set_ylim(-reach, reach)
         axis.set_ylabel(f"axis {i + 1}")
         shade(axis, faults)
-    _name_times(axes)
+    _label_times(axes)
     legend(figure, axes[0, 0])
     return figure
 
 
-def _rmse(flown: Flown, t: Array, faults: tuple[tuple[float, float], ...], title: str, names: str) -> Figure:
+def _rmse(results: Results, t: Array, faults: tuple[tuple[float, float], ...], title: str, names: str) -> Figure:
     figure, axes = panels(f"Figure {title}: RMSE of the measurements and of the filter, m", 3)
     for i, (axis, name) in enumerate(zip(axes[:, 0], names.split(), strict=True)):
-        raw = flown.raw_axes[:, i]
+        raw = results.raw_axes[:, i]
         known = np.isfinite(raw)
         axis.semilogy(t[known], raw[known], ".", color=COLOURS["raw"], markersize=2, label="measured")
-        axis.semilogy(t, flown.outcomes[MINE].rms[:, POSITION[i]], color=COLOURS[MINE], label=LABELS[MINE])
+        axis.semilogy(t, results.outcomes[JOSEPH].rms[:, POSITION[i]], color=COLOURS[JOSEPH], label=LABELS[JOSEPH])
         axis.set_ylabel(name)
         shade(axis, faults)
-    _name_times(axes)
+    _label_times(axes)
     legend(figure, axes[0, 0])
     return figure
 
 
-def _name_times(axes: Array) -> None:
+def _label_times(axes: Array) -> None:
     for axis in axes[-1]:
         axis.set_xlabel("time, s")

@@ -1,4 +1,4 @@
-"""The scenes of De Vivo et al.: validation (section 4), radar (5.1), GNSS (5.2), and two that strain the
+"""The scenes of De Vivo et al.: validation (section 4), radar (5.1), GNSS (5.2), and two that are hard for the
 filters."""
 
 from typing import Any, Final
@@ -9,13 +9,13 @@ from onboard.arrays import Array
 from onboard.filters.discretisation import wiener_acceleration
 from onboard.geometry.geodesy import ecef_from_geodetic, rotation_ne
 from onboard.models import constant_acceleration, gnss_clock, pseudorange, radar, variable_turn
+from onboard.studies.tracking.batch import Measurement, Scene
 from onboard.studies.tracking.outcomes import POSITION, VELOCITY, Mask, between
-from onboard.studies.tracking.tracking import Scene, Sight
 from onboard.studies.tracking.trajectories import load
 from simlink.sensors import gnss, phased_array
 from simlink.sensors.phased_array import spherical
 
-SIGHTED: Final = np.array([-6000.0, 110, -0.2, 4500, -60, 0.3, 1000, 8, -0.05])  # the validation's target at 0 s
+TARGET: Final = np.array([-6000.0, 110, -0.2, 4500, -60, 0.3, 1000, 8, -0.05])  # the validation's target at 0 s
 WIDE: Final = np.tile([300.0, 30.0, 3.0], 3)  # sigmas of P0 in the validation
 NARROW: Final = np.tile([100.0, 20.0, 3.0], 3)  # and with radar and GNSS
 VALIDATION_SIGMA: Final = np.array([30.0, np.radians(1.45), np.radians(5.0)])
@@ -33,8 +33,8 @@ SIGNAL_LOST: Final = ((95.0, 105.0),)
 DEGRADED: Final = ((60.0, 75.0),)
 NO_SATELLITES: Final = ((90.0, 102.0),)
 ORIGIN: Final = (45.2, 7.6, 300.0)  # latitude, longitude (degrees), height of the local frame
-CLOCK_WALK: Final = 0.05  # m^2/s, the receiver's when it is well
-DRIFT_WALK: Final = 0.01  # (m/s)^2/s
+CLOCK_NOISE: Final = 0.05  # m^2/s, process noise density of the receiver's clock when it is sound
+DRIFT_NOISE: Final = 0.01  # (m/s)^2/s, and of its drift
 CLOCK_START: Final = (150.0, 1.0)  # m, m/s
 
 
@@ -43,23 +43,20 @@ def rng_of(seed: int, stream: int) -> np.random.Generator:
     return np.random.default_rng([seed, stream])
 
 
-# ------------------------------------------------------------------------------------------ validation
-
-
 def validation_times(steps: int = 200) -> Array:
-    """Of the measurements (T,), s."""
+    """Times of the measurements (T,), s."""
     return np.asarray(VALIDATION_DT * np.arange(1, steps + 1))
 
 
 def validation(seeds: range, sigma: Array = VALIDATION_SIGMA, steps: int = 200, dtype: Any = np.float64) -> Scene:
-    """A target of constant acceleration, as the filter assumes but for its process noise. In float32
-    everything the filter sees is."""
-    return _steady(seeds, SIGHTED, WIDE, sigma, steps, VALIDATION_DT, dtype)
+    """A target of constant acceleration, as the filter assumes but for its process noise. `dtype`: of everything
+    the filter is given."""
+    return _steady(seeds, TARGET, WIDE, sigma, steps, VALIDATION_DT, dtype)
 
 
 def acquisition(seeds: range, steps: int = 50) -> Scene:
-    """The same target from 20 km, known to a kilometre and seen to a metre and 4 m across."""
-    x = SIGHTED.copy()
+    """The same target from 20 km, known to 1 km, measured to 1 m in range and 4 m across."""
+    x = TARGET.copy()
     x[list(POSITION)] *= FAR / np.linalg.norm(x[list(POSITION)])
     return _steady(seeds, x, FAR_START, FAR_SIGMA, steps, DT, np.float64)
 
@@ -70,24 +67,21 @@ def _steady(seeds: range, x: Array, start: Array, sigma: Array, steps: int, dt: 
     for _ in range(steps):
         states.append(F @ states[-1])
     truth = np.array(states[1:])
-    seen = spherical(truth[:, POSITION])[:, None] + np.zeros((1, len(seeds), 1))
+    y = spherical(truth[:, POSITION])[:, None] + np.zeros((1, len(seeds), 1))
     begin = np.tile(x, (len(seeds), 1))
     for run, seed in enumerate(seeds):
         rng = rng_of(seed, 17)
         begin[run] += start * rng.standard_normal(9)
-        seen[:, run] += sigma * rng.standard_normal((steps, 3))
-    seen, R = seen.astype(dtype), np.diag(sigma**2).astype(dtype)
+        y[:, run] += sigma * rng.standard_normal((steps, 3))
+    y, R = y.astype(dtype), np.diag(sigma**2).astype(dtype)
     return Scene(
         truth=truth,
         start=begin.astype(dtype),
         covariance=np.diag(start**2).astype(dtype),
         process=lambda rows: constant_acceleration.process(rows, dt),
         noise=Q.astype(dtype),
-        sights=lambda k: Sight(seen[k], R, radar.measure, radar.jacobian, radar.ANGULAR),
+        measurements=lambda k: Measurement(y[k], R, radar.measure, radar.jacobian, radar.ANGULAR),
     )
-
-
-# ----------------------------------------------------------------------------------------------- radar
 
 
 def intruder() -> tuple[Array, Array]:
@@ -106,23 +100,23 @@ def radar_windows(t: Array) -> dict[str, Mask]:
     }
 
 
-def looks(seeds: range, rain_mm_h: float = 0.0) -> list[phased_array.Look]:
-    """What the phased array says in each run."""
+def looks(seeds: range, rain_mm_h: float = 0.0) -> list[phased_array.Measurements]:
+    """The phased array's measurements in each run."""
     t, truth = intruder()
     conditions = phased_array.Conditions(rain_mm_h=rain_mm_h, jammed=JAMMED, lost=SIGNAL_LOST)
     return [
-        phased_array.look(phased_array.Radar(), t, truth[:, POSITION], rng_of(seed, 51), conditions)
+        phased_array.measure(phased_array.Radar(), t, truth[:, POSITION], rng_of(seed, 51), conditions)
         for seed in seeds
     ]
 
 
 def by_radar(seeds: range, rain_mm_h: float = 0.0) -> Scene:
-    """The intruder by radar, its R from what the radar says of its own errors."""
+    """The intruder by radar, R from the radar's own estimate of its errors."""
     truth, trajectory = intruder()[1], load("intruder-manoeuvring")
     found = looks(seeds, rain_mm_h)
     y = np.stack([look.y for look in found], axis=1)
     R = np.stack([look.sigma[:, :, None] ** 2 * np.eye(3) for look in found], axis=1)
-    seen = found[0].seen  # range and faults decide that, the same in all runs
+    seen = found[0].detected  # by range and faults, the same in all runs
     start = trajectory.states[0] + NARROW * np.array([rng_of(s, 52).standard_normal(9) for s in seeds])
     return Scene(
         truth=truth,
@@ -130,11 +124,10 @@ def by_radar(seeds: range, rain_mm_h: float = 0.0) -> Scene:
         covariance=np.diag(NARROW**2),
         process=lambda rows: variable_turn.process(rows, DT),
         noise=lambda _, mean: variable_turn.noise(mean, DT, DENSITY),
-        sights=lambda k: Sight(y[k], R[k], radar.measure, radar.jacobian, radar.ANGULAR) if seen[k] else None,
+        measurements=lambda k: (
+            Measurement(y[k], R[k], radar.measure, radar.jacobian, radar.ANGULAR) if seen[k] else None
+        ),
     )
-
-
-# ------------------------------------------------------------------------------------------------ GNSS
 
 
 def gnss_windows(t: Array) -> dict[str, Mask]:
@@ -149,21 +142,21 @@ def gnss_windows(t: Array) -> dict[str, Mask]:
 
 
 def in_ecef(states: Array) -> Array:
-    """States (..., 9) of the local frame in e."""
+    """States (..., 9), east, north, up of the local frame, in frame e."""
     R_en = rotation_ne(*ORIGIN[:2]).T @ np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])  # from east, north, up
-    turned = np.empty_like(states)
+    rotated = np.empty_like(states)
     for kind in range(3):
-        turned[..., kind::3] = states[..., kind::3] @ R_en.T
-    turned[..., POSITION] += ecef_from_geodetic(*ORIGIN)
-    return turned
+        rotated[..., kind::3] = states[..., kind::3] @ R_en.T
+    rotated[..., POSITION] += ecef_from_geodetic(*ORIGIN)
+    return rotated
 
 
 def receptions(seeds: range, corrected: bool = True) -> list[gnss.Reception]:
-    """What the intruder's receiver gives in each run."""
+    """The fixes of the intruder's receiver in each run."""
     t, truth = intruder()
     e = in_ecef(truth)
     conditions = gnss.Conditions(degraded=DEGRADED, lost=NO_SATELLITES)
-    receiver = gnss.Receiver(corrected=corrected, clock_walk=CLOCK_WALK, drift_walk=DRIFT_WALK)
+    receiver = gnss.Receiver(corrected=corrected, clock_walk=CLOCK_NOISE, drift_walk=DRIFT_NOISE)
     return [
         gnss.receive(receiver, t, e[:, POSITION], e[:, VELOCITY], rng_of(seed, 53), conditions) for seed in seeds
     ]
@@ -182,7 +175,7 @@ def snapshots(seeds: range, corrected: bool = True) -> Array:
 
 
 def _least_squares(fix: gnss.Fix) -> Array:
-    """The position (3,) that fits the pseudoranges best, begun at the origin of the local frame."""
+    """The position (3,) that fits the pseudoranges best, iterated from the origin of the local frame."""
     x, count = np.zeros((1, 11)), len(fix.slots)
     x[0, POSITION] = ecef_from_geodetic(*ORIGIN)
     used = [*POSITION, 9]
@@ -195,7 +188,7 @@ def _least_squares(fix: gnss.Fix) -> Array:
 
 
 def by_gnss(seeds: range, corrected: bool = True) -> Scene:
-    """The intruder by its own GNSS, in e; the filter is not told that the clock is degraded."""
+    """The intruder by its own GNSS, in frame e; R does not change when the clock is degraded."""
     truth, trajectory = intruder()[1], load("intruder-manoeuvring")
     found, e = receptions(seeds, corrected), in_ecef(truth)
     clocks = np.stack([one.clock for one in found], axis=1)
@@ -204,14 +197,14 @@ def by_gnss(seeds: range, corrected: bool = True) -> Scene:
     offset = NARROW * np.array([rng_of(s, 54).standard_normal(9) for s in seeds])
     start = np.hstack([in_ecef(trajectory.states[0] + offset), np.zeros((len(seeds), 2))])
 
-    def sights(k: int) -> Sight | None:
+    def measurements(k: int) -> Measurement | None:
         fixes = [one.fixes[k] for one in found]
         first = fixes[0]
         if first is None:
             return None
         r, v = first.position, first.velocity
         y = np.array([fix.y for fix in fixes if fix is not None])
-        return Sight(
+        return Measurement(
             y,
             np.diag(first.sigma**2),
             lambda rows: pseudorange.measure(rows, r, v),
@@ -223,6 +216,6 @@ def by_gnss(seeds: range, corrected: bool = True) -> Scene:
         start=start,
         covariance=np.diag(sigma**2),
         process=lambda rows: gnss_clock.process(rows, DT),
-        noise=lambda _, mean: gnss_clock.noise(mean, DT, DENSITY, CLOCK_WALK, DRIFT_WALK),
-        sights=sights,
+        noise=lambda _, mean: gnss_clock.noise(mean, DT, DENSITY, CLOCK_NOISE, DRIFT_NOISE),
+        measurements=measurements,
     )

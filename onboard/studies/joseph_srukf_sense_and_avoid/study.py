@@ -6,27 +6,25 @@ mean, against its neighbours: on the paper's validation, on a phased-array radar
 signal, and on GNSS with a degraded clock and without satellites.
 """
 
-from importlib import import_module
 from pathlib import Path
 from typing import Final
 
-import msgspec
-
-from onboard.studies.joseph_srukf_sense_and_avoid import misprints_filters, misprints_models, misprints_sensors
-from onboard.studies.joseph_srukf_sense_and_avoid import runs as flights
-from onboard.studies.joseph_srukf_sense_and_avoid.claims import Measured, claims_of
+from onboard.studies.joseph_srukf_sense_and_avoid import runs
+from onboard.studies.joseph_srukf_sense_and_avoid.claims import claims_of
+from onboard.studies.joseph_srukf_sense_and_avoid.misprints import filters, models, sensors
+from onboard.studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, SYMMETRIC, AllResults
 from onboard.studies.joseph_srukf_sense_and_avoid.tables import tables_of
-from onboard.studies.report import findings as report
-from onboard.studies.report.findings import Findings, Misprint
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
+from onboard.studies.report.findings import Check, Findings, Misprint, check, near
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds
 from onboard.studies.tracking.outcomes import Outcome
+from onboard.studies.tracking.publish import drawing, publish
 
 NAME: Final = "joseph-srukf-sense-and-avoid"
 TITLE: Final = "De Vivo et al.: Joseph's form for square-root sigma-point filters"
 VALIDATION_RUNS: Final = 10  # for each seed: the paper flies 500, and 10 of the others
 FAR_RUNS: Final = 4
 RAIN_MM_H: Final = 50.0
-MINE: Final = "srukf-joseph"
+FORMULAS: Final = (*filters.MISPRINTS, *models.MISPRINTS, *sensors.MISPRINTS)
 
 
 def run(
@@ -38,124 +36,101 @@ def run(
 ) -> Findings:
     """The study over `seeds` runs by radar and GNSS, ten times as many of the validation; with `out`, figures and
     report are written (the extra `study`)."""
-    if out is not None:
-        import_module("matplotlib")
+    draw = drawing(__package__, out)
     every = require_seeds(seeds, first_seed)
     many = range(first_seed, first_seed + VALIDATION_RUNS * seeds)
     some = range(first_seed, first_seed + FAR_RUNS * seeds)
-    measured = Measured(
-        *compute(
-            [
-                Part(flights.fly_gnss, (every,)),
-                Part(flights.fly_validation, (many,)),
-                Part(flights.fly_radar, (every,)),
-                Part(flights.fly_gnss, (every, False, MINE)),
-                Part(flights.fly_radar, (every, RAIN_MM_H, MINE)),
-                Part(flights.fly_sharp, (every, True)),
-                Part(flights.fly_sharp, (every, False)),
-                Part(flights.fly_acquisition, (some,)),
-                Part(flights.fly_literal, (some,)),
-                Part(flights.fly_printed_alpha, (every,)),
-                Part(flights.durations, ()),
-            ],
-            jobs,
-            progress,
-        )
+    parts = (
+        Part(runs.fly_gnss, (every,)),
+        Part(runs.fly_validation, (many,)),
+        Part(runs.fly_radar, (every,)),
+        Part(runs.fly_gnss, (every, False, JOSEPH)),
+        Part(runs.fly_radar, (every, RAIN_MM_H, JOSEPH)),
+        Part(runs.fly_sharp, (every, True)),
+        Part(runs.fly_sharp, (every, False)),
+        Part(runs.fly_acquisition, (some,)),
+        Part(runs.fly_literal, (some,)),
+        Part(runs.fly_printed_alpha, (every,)),
+        Part(runs.durations, ()),
     )
+    results = AllResults(*compute(parts, jobs, progress))
     found = Findings(
         study=NAME,
         title=TITLE,
-        setting=(
-            f"Validation: {len(many)} runs of 100 s at 2 Hz, 30 m, 1.45° and 5° (constant acceleration, q "
-            f"0.01). Radar: {seeds} runs of 120 s at 10 Hz against a manoeuvring intruder, Table 4's phased "
-            "array, jammed 70-85 s, no signal 95-105 s (variable turn, q 1). GNSS: the same flight by "
-            f"pseudoranges at 1 Hz, {measured.gnss.extra['satellites_least']:.0f} satellites, filter at 10 Hz, "
-            "clock degraded 60-75 s, no satellites 90-102 s. Each run starts at a draw from P₀. Sigma points "
-            "are √n σ apart, with no weight at the centre. Diverged: a numerical failure, or the last 50 steps "
-            "more than 500 m off in the mean."
-        ),
+        setting=_setting(len(many), seeds, results),
         seeds=seeds,
         first_seed=first_seed,
-        tables=tables_of(measured),
-        checks=_checks(measured),
-        claims=claims_of(measured),
-        misprints=_misprints(measured),
+        tables=tables_of(results),
+        checks=_checks(results),
+        claims=claims_of(results),
+        misprints=_misprints(results),
         figures=(),
     )
-    if out is not None:
-        from onboard.studies.joseph_srukf_sense_and_avoid import figures as avoid_figures  # noqa: PLC0415 - matplotlib is an extra
-
-        found = msgspec.structs.replace(found, figures=avoid_figures.draw(measured, every[:1], out))
-        write(found, out)
-    return found
+    return publish(found, out, draw, results, every[:1])
 
 
-def _checks(m: Measured) -> tuple[report.Check, ...]:
-    validation, radar, gnss = (flown.outcomes for flown in (m.validation, m.radar, m.gnss))
-    ours = radar[MINE].windows
-
-    def diverged(outcomes: dict[str, Outcome]) -> float:
-        return float(max(outcomes[name].diverged for name in ("ekf", "ukf", "srukf", MINE)))
-
-    def failed(outcomes: dict[str, Outcome], name: str) -> float:
-        return outcomes[name].failed / outcomes[name].runs
-
-    sharp, double, far = (flown.outcomes for flown in (m.sharp_single, m.sharp_double, m.acquisition))
+def _setting(validations: int, seeds: int, m: AllResults) -> str:
     return (
-        report.near(
-            "validation: position RMSE, UKF", "m", validation["ukf"].windows["settled"].position, 88.8, 2.0
-        ),
-        report.near(
-            "validation: position RMSE, Joseph", "m", validation[MINE].windows["settled"].position, 88.8, 2.0
-        ),
-        report.check("validation: UKF against square-root UKF", "m", m.validation.gap, 0.0, 1e-8),
-        report.check("radar: position RMSE, nominal", "m", ours["nominal"].position, 0.0, 4.5),
-        report.check("radar: position RMSE, jammed", "m", ours["jammed"].position, 0.0, 26.0),
-        report.check("radar: runs that diverge, symmetric filters", "", diverged(radar), 0.0, 0.0),
-        report.check(
-            "radar: RMSE over raw, nominal", "", ours["nominal"].position / m.radar.raw["nominal"], 0.0, 0.5
-        ),
-        report.check(
-            "radar: RMSE over raw, jammed", "", ours["jammed"].position / m.radar.raw["jammed"], 0.0, 0.5
-        ),
-        report.check("GNSS: position RMSE, nominal", "m", gnss[MINE].windows["nominal"].position, 0.0, 2.8),
-        report.check("GNSS: runs that diverge, symmetric filters", "", diverged(gnss), 0.0, 0.0),
-        report.check("float32: share that fails, EKF as printed", "", failed(sharp, "ekf-plain"), 1.0, 1.0),
-        report.check(
-            "float32: share that fails, textbook downdates", "", failed(sharp, "srukf-textbook"), 0.1, 0.9
-        ),
-        report.check("float32: share that fails, Joseph", "", failed(sharp, MINE), 0.0, 0.0),
-        report.check(
-            "float64: share that fails, textbook downdates", "", failed(double, "srukf-textbook"), 0.0, 0.0
-        ),
-        report.check("eqs 21, 22 as printed: share diverged", "", m.literal.diverged / m.literal.runs, 0.95, 1.0),
-        report.check("α as printed: share diverged", "", m.alpha.diverged / m.alpha.runs, 0.75, 1.0),
-        report.check("20 km: first position, UKF", "m", far["ukf"].windows["first"].position, 60.0, 130.0),
-        report.check("20 km: first position, iterated", "m", far["iplf"].windows["first"].position, 4.0, 8.0),
-        report.check("20 km: NEES of Joseph over UKF", "", _overconfident(m), 1.2),
+        f"Validation: {validations} runs of 100 s at 2 Hz, 30 m, 1.45° and 5° (constant acceleration, q "
+        f"0.01). Radar: {seeds} runs of 120 s at 10 Hz against a manoeuvring intruder, Table 4's phased "
+        "array, jammed 70-85 s, no signal 95-105 s (variable turn, q 1). GNSS: the same flight by "
+        f"pseudoranges at 1 Hz, {m.gnss.extra['satellites_least']:.0f} satellites, filter at 10 Hz, "
+        "clock degraded 60-75 s, no satellites 90-102 s. Each run starts at a draw from P₀. Sigma points "
+        "are √n σ apart, with no weight at the centre. Diverged: a numerical failure, or the last 50 steps "
+        "more than 500 m off in the mean."
     )
 
 
-def _overconfident(m: Measured) -> float:
-    windows = (m.acquisition.outcomes[name].windows["all"].nees for name in (MINE, "srukf"))
-    joseph, production = windows
-    return joseph / production
+def _checks(m: AllResults) -> tuple[Check, ...]:
+    """The numbers of an independent implementation."""
+    validation, radar, gnss = (results.outcomes for results in (m.validation, m.radar, m.gnss))
+    sharp, double, far = (results.outcomes for results in (m.sharp_single, m.sharp_double, m.acquisition))
+    ours, raw = radar[JOSEPH].windows, m.radar.raw
+    nees = {name: far[name].windows["all"].nees for name in (JOSEPH, "srukf")}
+
+    def diverged(outcomes: dict[str, Outcome]) -> float:
+        return float(max(outcomes[name].diverged for name in SYMMETRIC))
+
+    rows: tuple[tuple[str, str, float, float | None, float], ...] = (
+        ("validation: UKF against square-root UKF", "m", m.validation.gap, 0.0, 1e-8),
+        ("radar: position RMSE, nominal", "m", ours["nominal"].position, 0.0, 4.5),
+        ("radar: position RMSE, jammed", "m", ours["jammed"].position, 0.0, 26.0),
+        ("radar: runs that diverge, symmetric filters", "", diverged(radar), 0.0, 0.0),
+        ("radar: RMSE over raw, nominal", "", ours["nominal"].position / raw["nominal"], 0.0, 0.5),
+        ("radar: RMSE over raw, jammed", "", ours["jammed"].position / raw["jammed"], 0.0, 0.5),
+        ("GNSS: position RMSE, nominal", "m", gnss[JOSEPH].windows["nominal"].position, 0.0, 2.8),
+        ("GNSS: runs that diverge, symmetric filters", "", diverged(gnss), 0.0, 0.0),
+        ("float32: share that fails, EKF as printed", "", sharp["ekf-plain"].failed_share, 1.0, 1.0),
+        ("float32: share that fails, textbook downdates", "", sharp["srukf-textbook"].failed_share, 0.1, 0.9),
+        ("float32: share that fails, Joseph", "", sharp[JOSEPH].failed_share, 0.0, 0.0),
+        ("float64: share that fails, textbook downdates", "", double["srukf-textbook"].failed_share, 0.0, 0.0),
+        ("eqs 21, 22 as printed: share diverged", "", m.literal.diverged_share, 0.95, 1.0),
+        ("α as printed: share diverged", "", m.alpha.diverged_share, 0.75, 1.0),
+        ("20 km: first position, UKF", "m", far["ukf"].windows["first"].position, 60.0, 130.0),
+        ("20 km: first position, iterated", "m", far["iplf"].windows["first"].position, 4.0, 8.0),
+    )
+    ukf, mine = (validation[name].windows["settled"].position for name in ("ukf", JOSEPH))
+    return (
+        near("validation: position RMSE, UKF", "m", ukf, 88.8, 2.0),
+        near("validation: position RMSE, Joseph", "m", mine, 88.8, 2.0),
+        *(check(*row) for row in rows),
+        check("20 km: NEES of Joseph over UKF", "", nees[JOSEPH] / nees["srukf"], 1.2),
+    )
 
 
-def _misprints(m: Measured) -> tuple[Misprint, ...]:
-    """All of them; of two, what they do in flight as well."""
-    formulas = (*misprints_filters.MISPRINTS, *misprints_models.MISPRINTS, *misprints_sensors.MISPRINTS)
+def _misprints(m: AllResults) -> tuple[Misprint, ...]:
+    """All misprints; of two of them the effect in flight too."""
     literal, alpha = m.literal, m.alpha
     sound, steady = m.validation.outcomes["srukf"], m.radar.outcomes["ukf"]
     return (
-        *(formula() for formula in formulas),
+        *(formula() for formula in FORMULAS),
         Misprint(
             where="eqs 21, 22",
             printed="as above",
             right="as above",
             proof="in flight: share of runs of the validation that diverge",
-            printed_value=literal.diverged / literal.runs,
-            right_value=sound.diverged / sound.runs,
+            printed_value=literal.diverged_share,
+            right_value=sound.diverged_share,
             proven=literal.diverged > 0.5 * literal.runs and sound.diverged == 0,
         ),
         Misprint(
@@ -163,8 +138,8 @@ def _misprints(m: Measured) -> tuple[Misprint, ...]:
             printed="α = −v·a / |a|²",
             right="α = −v·a / |v|²",
             proof="in flight: share of runs by radar that diverge",
-            printed_value=alpha.diverged / alpha.runs,
-            right_value=steady.diverged / steady.runs,
+            printed_value=alpha.diverged_share,
+            right_value=steady.diverged_share,
             proven=alpha.diverged > 0.5 * alpha.runs and steady.diverged == 0,
         ),
     )

@@ -3,11 +3,11 @@
 import numpy as np
 
 from onboard.filters.gating import mean_bounds
-from onboard.studies.joseph_srukf_sense_and_avoid.claims import Measured
-from onboard.studies.joseph_srukf_sense_and_avoid.runs import Flown
+from onboard.studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, AllResults, Results
 from onboard.studies.report.findings import Cell, Table
 from onboard.studies.tracking.outcomes import Outcome
 
+ERRORS = ("position m", "velocity m/s", "acceleration m/s²")
 RMS = (
     "Root mean squares of the lengths of error vectors over the runs that did not fail. NEES of {n} states: {n} "
     "when consistent (95 % of means, were each of {runs} runs one sample: {low:.1f} to {high:.1f}), NIS: {m}; in "
@@ -15,15 +15,13 @@ RMS = (
 )
 
 
-def tables_of(m: Measured) -> tuple[Table, ...]:
+def tables_of(m: AllResults) -> tuple[Table, ...]:
     """All of them."""
     return (
         _validation(m),
         _sharp(m),
-        _by_window("Radar", m.radar, 9, 3, ("nominal", "jammed", "lost", "after"), _radar_note(m)),
-        _by_window(
-            "GNSS", m.gnss, 11, _seen(m), ("nominal", "degraded", "between", "lost", "after"), _gnss_note(m)
-        ),
+        _by_window("Radar", m.radar, 9, 3, _radar_note(m)),
+        _by_window("GNSS", m.gnss, 11, _rows_of_a_fix(m), _gnss_note(m)),
         _acquisition(m),
         _durations(m),
     )
@@ -34,43 +32,28 @@ def _rms(o: Outcome, n: int, m: int) -> str:
     return RMS.format(n=n, m=m, runs=o.runs, low=low, high=high)
 
 
-def failures(o: Outcome) -> str:
-    """How many runs failed, and when."""
-    return f"{o.failed} of {o.runs}" + (f", median {o.failed_at:.0f} s" if o.failed else "")
-
-
-def _validation(m: Measured) -> Table:
-    rows: list[tuple[Cell, ...]] = []
-    for o in m.validation.outcomes.values():
-        w = o.windows["settled"]
-        condition = float(np.nanmedian(o.condition))
-        rows.append(
-            (o.label, w.position, w.velocity, w.acceleration, w.nees, w.nis, w.inside, condition, failures(o))
-        )
+def _validation(m: AllResults) -> Table:
     extra = m.validation.extra
     return Table(
         title="Validation",
         note=_rms(m.validation.outcomes["ukf"], 9, 3)
-        + f" After 20 s. What is measured is off by {m.validation.raw['settled']:.0f} m. Cramér–Rao bound of "
+        + f" After 20 s. The measurements are off by {m.validation.raw['settled']:.0f} m. Cramér–Rao bound of "
         f"the position: {extra['bound_model']:.1f} m for a target with the filter's process noise, "
         f"{extra['bound_still']:.1f} m for one without, as this; the filter must be between. κ: condition "
         "number, median over time and runs, of P, of its root S for square-root filters.",
-        header=(
-            "filter",
-            "position m",
-            "velocity m/s",
-            "acceleration m/s²",
-            "NEES",
-            "NIS",
-            "in 95 %",
-            "κ",
-            "failed",
+        header=("filter", *ERRORS, "NEES", "NIS", "in 95 %", "κ", "failed"),
+        rows=tuple(
+            (
+                *(o.label, w.position, w.velocity, w.acceleration, w.nees, w.nis, w.inside),
+                *(float(np.nanmedian(o.condition)), o.failures),
+            )
+            for o in m.validation.outcomes.values()
+            for w in (o.windows["settled"],)
         ),
-        rows=tuple(rows),
     )
 
 
-def _sharp(m: Measured) -> Table:
+def _sharp(m: AllResults) -> Table:
     single, double = m.sharp_single.outcomes, m.sharp_double.outcomes
     return Table(
         title="An ill-conditioned case: 1 cm and 10 µrad from a prior of 300 m",
@@ -90,31 +73,26 @@ def _sharp(m: Measured) -> Table:
     )
 
 
-def _by_window(title: str, flown: Flown, n: int, seen: int, windows: tuple[str, ...], note: str) -> Table:
+def _by_window(title: str, results: Results, n: int, components: int, note: str) -> Table:
     rows: list[tuple[Cell, ...]] = [
         (
             o.label,
-            *(o.windows[name].position for name in windows),
-            o.windows["nominal"].acceleration,
-            o.windows["nominal"].nees,
-            o.windows["nominal"].nis,
-            o.windows["nominal"].inside,
-            failures(o),
+            *(o.windows[name].position for name in results.raw),
+            *(w.acceleration, w.nees, w.nis, w.inside),
+            o.failures,
             o.diverged,
         )
-        for o in flown.outcomes.values()
+        for o in results.outcomes.values()
+        for w in (o.windows["nominal"],)
     ]
-    raw: tuple[Cell, ...] = ("measured", *(flown.raw[name] for name in windows), None, None, None, None, "", None)
+    raw: tuple[Cell, ...] = ("measured", *results.raw.values(), None, None, None, None, "", None)
     return Table(
         title=title,
-        note=_rms(flown.outcomes["ukf"], n, seen) + " " + note,
+        note=_rms(results.outcomes["ukf"], n, components) + " " + note,
         header=(
             "filter",
-            *(f"position m, {name}" for name in windows),
-            "acceleration m/s², nominal",
-            "NEES, nominal",
-            "NIS, nominal",
-            "in 95 %, nominal",
+            *(f"position m, {name}" for name in results.raw),
+            *(f"{name}, nominal" for name in ("acceleration m/s²", "NEES", "NIS", "in 95 %")),
             "failed",
             "diverged",
         ),
@@ -122,8 +100,8 @@ def _by_window(title: str, flown: Flown, n: int, seen: int, windows: tuple[str, 
     )
 
 
-def _radar_note(m: Measured) -> str:
-    rain, ours = (flown.outcomes["srukf-joseph"].windows for flown in (m.rain, m.radar))
+def _radar_note(m: AllResults) -> str:
+    rain, ours = (results.outcomes[JOSEPH].windows for results in (m.rain, m.radar))
     return (
         "Nominal: 10-70 s, before the faults. The signal-to-noise ratio falls from "
         f"{m.radar.extra['snr_first_db']:.0f} dB at the start to {m.radar.extra['snr_jammed_db']:.1f} dB when "
@@ -132,24 +110,24 @@ def _radar_note(m: Measured) -> str:
     )
 
 
-def _gnss_note(m: Measured) -> str:
-    left = m.uncorrected.outcomes["srukf-joseph"].windows["nominal"].position
+def _gnss_note(m: AllResults) -> str:
+    left = m.uncorrected.outcomes[JOSEPH].windows["nominal"].position
     return (
-        "Nominal: 10-60 s. What is measured: the least-squares position of each fix alone. The receiver "
-        f"removes the mean troposphere; if it did not, the nominal error would be {left:.1f} m. The filter is "
-        "not told that the clock is degraded: R and Q stay."
+        "Nominal: 10-60 s. Measured: the least-squares position of each fix alone. The receiver "
+        f"removes the mean troposphere; otherwise the nominal error would be {left:.1f} m. R and "
+        "Q do not change with the degraded clock."
     )
 
 
-def _seen(m: Measured) -> int:
+def _rows_of_a_fix(m: AllResults) -> int:
     """Pseudoranges and rates in a fix."""
     return 2 * round(m.gnss.extra["satellites_most"])
 
 
-def _acquisition(m: Measured) -> Table:
+def _acquisition(m: AllResults) -> Table:
     return Table(
         title="Acquisition from 20 km: 1 m and 0.2 mrad from a prior of 1 km",
-        note="After the first look, and over all looks of the first 5 s.",
+        note="After the first measurement, and over all measurements of the first 5 s.",
         header=("filter", "position m, first", "NEES, first", "in 95 %, first", "position m", "NEES", "in 95 %"),
         rows=tuple(
             (
@@ -161,13 +139,12 @@ def _acquisition(m: Measured) -> Table:
     )
 
 
-def _durations(m: Measured) -> Table:
+def _durations(m: AllResults) -> Table:
     least = m.durations["srukf"]
     labels = {name: o.label for name, o in m.validation.outcomes.items()}
     return Table(
         title="Time of a step",
-        note="Predict and update of the validation, 100 runs in one call, on this computer; only ratios are "
-        "meant.",
+        note="Predict and update of the validation, 100 runs in one call, on this computer; only ratios matter.",
         header=("filter", "µs", "square-root UKF by triangularisation = 1"),
         rows=tuple((labels[name], micro, micro / least) for name, micro in m.durations.items()),
     )

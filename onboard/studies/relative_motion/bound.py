@@ -3,12 +3,14 @@
 Recursion of Tichavsky, Muravchik and Nehorai (1998), J' = (Q + F J^-1 F^T)^-1 + H^T R^-1 H with Jacobians along
 the true trajectories, in its covariance form; each flight's own, instead of expectations over flights.
 
-It assumes: our own motion is known exactly; the leader moves as Oh & Johnson have it, with the process noise
-given; each coordinate of the three points has the camera's noise, and the leader's attitude is known, so that the
-points tell of its place and size only; the size prior, and of velocity and accelerations the initial sigmas given.
-The true leader of the reference flight has no process noise at all: a filter tuned more tightly could be below.
+It assumes: our own motion is known exactly; the leader moves by Oh & Johnson's model, with the process noise
+given; each coordinate of the three points has the camera's noise; the leader's attitude is known, so that the
+points depend on its position and size only; the size prior, and the given initial sigmas of velocity and
+accelerations. The true leader of the reference flight has no process noise at all: a filter with less of it could
+be below the bound.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -21,11 +23,12 @@ from onboard.messages import Record
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, SIZE, FollowerMotion, R, V
 from onboard.studies.relative_motion.formation import B0, FT, SIZE_SIGMA
+from onboard.studies.report.runs import rms
 from simlink.flights import Flights
-from simlink.scenarios.scene import Camera
+from simlink.scenarios.camera import Camera
 
-UNKNOWN: Final = 1e3  # m: nothing is known of the position before the first image
-SMALL: Final = 1e-4  # of m, m/s, m/s^2: for differences that stand for derivatives
+UNKNOWN: Final = 1e3  # m, sigma of the position before the first image
+SMALL: Final = 1e-4  # m, m/s, m/s^2: steps of finite differences
 ASSUMES: Final = (
     "own motion exact; process noise as the shipped filter assumes; 1 px on each coordinate of three points, "
     "the leader's attitude known; size prior 2 %"
@@ -33,16 +36,27 @@ ASSUMES: Final = (
 
 
 class Bound(Record, frozen=True, kw_only=True):
-    """Least root mean square errors of one flight over t >= 15 s."""
+    """Least root mean square errors over t >= 15 s."""
 
-    seed: int
     position_ft: float
     velocity_ft_s: float
     range_percent: float
     a_lat_ft_s2: float
 
 
-def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> list[Bound]:
+class FlightBound(Bound, frozen=True, kw_only=True):
+    """The bound of one flight."""
+
+    seed: int
+
+
+class VariantBound(Bound, frozen=True, kw_only=True):
+    """The bound over all flights of a variant."""
+
+    variant: str
+
+
+def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> list[FlightBound]:
     """The bound of each flight, seen by a camera in the follower's centre, over t >= `settled` s."""
     truth, t = flights.nav_truth, flights.nav_t
     count, samples = truth.a_lat.shape
@@ -60,7 +74,7 @@ def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> li
     sigma = [UNKNOWN] * 3 + [noise.initial_velocity] * 3 + [SIZE_SIGMA] + [noise.initial_acceleration] * 2
     P = np.tile(np.diag(np.square(sigma)), (count, 1, 1))
     squares = np.zeros((count, 4))
-    kept = 0
+    settled_samples = 0
     for k in range(samples):
         if k:
             dt = float(t[k] - t[k - 1])
@@ -68,22 +82,28 @@ def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> li
             P = F @ P @ np.swapaxes(F, 1, 2) + np.diag(process_noise(noise, B0) * dt)
         image = image_at.get(k)
         if image is not None:
-            seen = registered[:, image]
-            P[seen] = _informed(P[seen], _sensitivity(states[seen, k], R_cn[seen, k], wing[seen, k]), variance)
+            at = registered[:, image]
+            P[at] = _informed(P[at], _sensitivity(states[at, k], R_cn[at, k], wing[at, k]), variance)
         if t[k] >= settled:
             squares += _squares(P, states[:, k])
-            kept += 1
-    rms = np.sqrt(squares / max(kept, 1))
+            settled_samples += 1
+    errors = np.sqrt(squares / max(settled_samples, 1))
     return [
-        Bound(
+        FlightBound(
             seed=seed,
             position_ft=float(row[0] / FT),
             velocity_ft_s=float(row[1] / FT),
             range_percent=float(100 * row[2]),
             a_lat_ft_s2=float(row[3] / FT),
         )
-        for seed, row in zip(flights.seeds, rms, strict=True)
+        for seed, row in zip(flights.seeds, errors, strict=True)
     ]
+
+
+def over_flights(variant: str, bounds: Sequence[FlightBound]) -> VariantBound:
+    """The bound over all flights of a variant: root mean squares."""
+    pooled = {name: rms([getattr(b, name) for b in bounds]).value or np.nan for name in Bound.__struct_fields__}
+    return VariantBound(variant=variant, **pooled)
 
 
 def _squares(P: Array, x: Array) -> Array:
@@ -107,11 +127,11 @@ def _sensitivity(x: Array, R_cn: Array, wing: Array) -> Array:
     """H (B, 6, 9) of the three points."""
     rows = _around(x)
     half = 0.5 * rows[..., SIZE, None] * wing[:, None]
-    seen = []
+    coordinates = []
     for place in (rows[..., R], rows[..., R] - half, rows[..., R] + half):
         x_c, y_c, z_c = np.moveaxis(place @ np.swapaxes(R_cn, 1, 2), -1, 0)
-        seen += [y_c / x_c, z_c / x_c]
-    return _slopes(np.stack(seen, axis=-1))
+        coordinates += [y_c / x_c, z_c / x_c]
+    return _slopes(np.stack(coordinates, axis=-1))
 
 
 def _around(x: Array) -> Array:

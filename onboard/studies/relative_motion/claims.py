@@ -1,30 +1,20 @@
-"""What the paper claims, and whether it held in our runs."""
+"""The paper's claims, and whether they held in our runs."""
 
 from collections.abc import Mapping
-from typing import Literal
 
 import numpy as np
 
-from onboard.messages import Record
 from onboard.models import camera_angles
-from onboard.studies.relative_motion.table import Row
+from onboard.studies.relative_motion.scores import Row
+from onboard.studies.report.findings import Claim, verdict
+from onboard.studies.report.runs import rms
 
-Verdict = Literal["holds", "holds only if", "does not hold"]
 Rows = Mapping[tuple[str, str], Row]
 
 SMALL_RANGE_PERCENT = 10.0  # "satisfactory": a tenth of the range ...
 SMALL_DIVERGENCE_PERCENT = 2.0  # ... in all runs but one of fifty
 LEARNT = 0.7  # a size is learnt when its error falls below this fraction of the prior's
 HONEST_FACTOR = 2.0  # noise settings describe the sensor when within this factor
-
-
-class Claim(Record, frozen=True, kw_only=True):
-    """A statement of the paper, where it stands, and what our runs say."""
-
-    claim: str
-    where: str
-    verdict: Verdict
-    evidence: str
 
 
 def claims_of(rows: Rows) -> tuple[Claim, ...]:
@@ -42,16 +32,16 @@ def claims_of(rows: Rows) -> tuple[Claim, ...]:
 
 def _satisfactory(rows: Rows) -> Claim:
     paper, tuned, honest = (rows["a", name] for name in ("paper", "tuned", "honest"))
-    good = _value(paper, "range_percent") < SMALL_RANGE_PERCENT
+    good = paper.value("range_percent") < SMALL_RANGE_PERCENT
     return Claim(
         claim="The vision-based filter estimates relative position and velocity satisfactorily.",
         where="section IV.B, figures 8, 9, 11, 12",
-        verdict="holds" if good and paper.diverged_percent <= SMALL_DIVERGENCE_PERCENT else "does not hold",
+        verdict=verdict(good and paper.diverged_percent <= SMALL_DIVERGENCE_PERCENT),
         evidence=(
-            f"Position {_value(paper, 'position_ft'):.2f} ft at some 90 ft, velocity "
-            f"{_value(paper, 'velocity_ft_s'):.2f} ft/s, range {_value(paper, 'range_percent'):.1f} % with the "
-            f"paper's settings. The velocity is {_value(tuned, 'velocity_ft_s'):.2f} ft/s with noise settings "
-            f"that follow from the camera; the position is {_value(honest, 'position_ft'):.2f} ft when the size "
+            f"Position {paper.value('position_ft'):.2f} ft at some 90 ft, velocity "
+            f"{paper.value('velocity_ft_s'):.2f} ft/s, range {paper.value('range_percent'):.1f} % with the "
+            f"paper's settings. The velocity is {tuned.value('velocity_ft_s'):.2f} ft/s with noise settings "
+            f"that follow from the camera; the position is {honest.value('position_ft'):.2f} ft when the size "
             "is considered instead of estimated. Most of the range error left is the error of the size prior."
         ),
     )
@@ -59,12 +49,11 @@ def _satisfactory(rows: Rows) -> Claim:
 
 def _nonlinearity(rows: Rows) -> Claim:
     steady, printed, mended = rows["a", "paper"], rows["d", "printed"], rows["d", "paper"]
-    holds = printed.diverged_percent <= SMALL_DIVERGENCE_PERCENT
-    only_if = mended.diverged_percent <= SMALL_DIVERGENCE_PERCENT
+    holds, only_if = (row.diverged_percent <= SMALL_DIVERGENCE_PERCENT for row in (printed, mended))
     return Claim(
         claim="The UKF successfully overcomes the highly nonlinear system characteristics.",
         where="abstract, sections IV.B and V",
-        verdict="holds" if holds else "holds only if" if only_if else "does not hold",
+        verdict=verdict(holds, only_if),
         evidence=(
             f"While images keep coming {steady.diverged_percent:.0f} % of runs diverge. After five seconds "
             "without one, the paper's process noise has spread the sigma points past the camera: with eq 14's "
@@ -77,16 +66,14 @@ def _nonlinearity(rows: Rows) -> Claim:
 
 def _lateral(rows: Rows) -> Claim:
     paper, tuned = rows["a", "paper"], rows["a", "tuned"]
-    times = [s.a_lat_converged_s for s in paper.scores]
-    holds = all(t is not None for t in times)
     return Claim(
         claim="The lateral acceleration converges rapidly from 0 to around 8 ft/s^2.",
         where="section IV.B, figure 14(b)",
-        verdict="holds" if holds else "does not hold",
+        verdict=verdict(all(s.a_lat_converged_s is not None for s in paper.scores)),
         evidence=(
             f"Within 20 % of the truth after {_seconds(paper)} (median) with the paper's settings, "
-            f"{_seconds(tuned)} with the tuned ones; afterwards off by {_value(paper, 'a_lat_ft_s2'):.2f} and "
-            f"{_value(tuned, 'a_lat_ft_s2'):.2f} ft/s^2."
+            f"{_seconds(tuned)} with the tuned ones; afterwards off by {paper.value('a_lat_ft_s2'):.2f} and "
+            f"{tuned.value('a_lat_ft_s2'):.2f} ft/s^2."
         ),
     )
 
@@ -96,10 +83,10 @@ def _longitudinal(rows: Rows) -> Claim:
     return Claim(
         claim="The longitudinal acceleration is approximately zero in planar circular flight.",
         where="section IV.B, figure 14(c)",
-        verdict="holds" if _value(paper, "a_long_ft_s2") < 0.1 * 8.0 else "does not hold",
+        verdict=verdict(paper.value("a_long_ft_s2") < 0.1 * 8.0),
         evidence=(
-            f"Off by {_value(paper, 'a_long_ft_s2'):.2f} ft/s^2 with the paper's settings, "
-            f"{_value(tuned, 'a_long_ft_s2'):.2f} with the tuned ones (the truth is 0)."
+            f"Off by {paper.value('a_long_ft_s2'):.2f} ft/s^2 with the paper's settings, "
+            f"{tuned.value('a_long_ft_s2'):.2f} with the tuned ones (the truth is 0)."
         ),
     )
 
@@ -108,14 +95,14 @@ def _size(rows: Rows) -> Claim:
     evidence, ratios = [], []
     for name in ("paper", "tuned"):
         kept = [s for s in rows["a", name].scores if s.diverged is None]
-        first = _rms([s.size_error_first_percent for s in kept])
-        last = _rms([s.size_error_last_percent for s in kept])
+        first = rms([s.size_error_first_percent for s in kept]).value or np.nan
+        last = rms([s.size_error_last_percent for s in kept]).value or np.nan
         ratios.append(last / first)
         evidence.append(f"from {first:.1f} % to {last:.1f} % ({name})")
     return Claim(
         claim="The subtended angle ultimately provides the target size.",
         where="abstract, sections IV.B and V, figure 14(a)",
-        verdict="holds" if min(ratios) < LEARNT else "does not hold",
+        verdict=verdict(min(ratios) < LEARNT),
         evidence=(
             "Three angles give the ratio of range to size, not the size. The error of the size goes, over a "
             f"minute, {' and '.join(evidence)}: it stays that of the prior, or drifts away from it."
@@ -131,7 +118,7 @@ def _noise(rows: Rows) -> Claim:
     return Claim(
         claim="R = (5, 4, 3 deg)^2 is the measurement noise.",
         where="eq 54",
-        verdict="holds" if bool(np.all(ratio < HONEST_FACTOR)) else "does not hold",
+        verdict=verdict(bool(np.all(ratio < HONEST_FACTOR))),
         evidence=(
             f"For one pixel of noise at f = 554 px the {', '.join(camera_angles.COMPONENTS)} angles are off by "
             f"{names} deg: the settings are {ratio.min():.0f} to {ratio.max():.0f} times larger."
@@ -142,33 +129,22 @@ def _noise(rows: Rows) -> Claim:
 def _consistency(rows: Rows) -> Claim:
     paper, tuned, honest, alone = (rows["a", name] for name in ("paper", "tuned", "honest", "r-alone"))
     low, high = paper.nees_bounds
-    holds = low <= _value(paper, "nees") <= high
     return Claim(
         claim="(Implied.) The covariance says how large the errors are.",
         where="eqs 33, 42, 51-54",
-        verdict="holds" if holds else "does not hold",
+        verdict=verdict(low <= paper.value("nees") <= high),
         evidence=(
-            f"NEES over nine states should be 9 (95 %: {low:.1f}-{high:.1f}): {_value(paper, 'nees'):.2f} with "
-            f"the paper's settings, {_value(tuned, 'nees'):.1f} tuned, {_value(honest, 'nees'):.1f} with "
+            f"NEES over nine states should be 9 (95 %: {low:.1f}-{high:.1f}): {paper.value('nees'):.2f} with "
+            f"the paper's settings, {tuned.value('nees'):.1f} tuned, {honest.value('nees'):.1f} with "
             "the size considered. "
-            f"NIS should be 3: {_value(paper, 'nis'):.4f}, {_value(tuned, 'nis'):.1f}, "
-            f"{_value(honest, 'nis'):.1f}. "
-            f"R from the pixels alone does not mend it, with the paper's Q: NEES {_value(alone, 'nees'):.2f}, "
-            f"velocity off by {_value(alone, 'velocity_ft_s'):.2f} instead of "
-            f"{_value(paper, 'velocity_ft_s'):.2f} ft/s."
+            f"NIS should be 3: {paper.value('nis'):.4f}, {tuned.value('nis'):.1f}, {honest.value('nis'):.1f}. "
+            f"R from the pixels alone does not mend it, with the paper's Q: NEES {alone.value('nees'):.2f}, "
+            f"velocity off by {alone.value('velocity_ft_s'):.2f} instead of "
+            f"{paper.value('velocity_ft_s'):.2f} ft/s."
         ),
     )
-
-
-def _value(row: Row, quantity: str) -> float:
-    value = row.quantities[quantity].value
-    return float("nan") if value is None else value
 
 
 def _seconds(row: Row) -> str:
     t = row.a_lat_converged_s
     return "never" if t is None else f"{t:.1f} s"
-
-
-def _rms(values: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values)))) if values else float("nan")

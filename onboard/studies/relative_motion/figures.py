@@ -5,9 +5,6 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import matplotlib as mpl
-
-mpl.use("Agg")
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -15,44 +12,29 @@ from matplotlib.figure import Figure
 from onboard.arrays import Array
 from onboard.filters.gating import normalised_squared
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
-from onboard.studies.relative_motion.comparison import compared, over_time
 from onboard.studies.relative_motion.formation import FT, Track
-from onboard.studies.relative_motion.methods import PAPER_MENDED, TUNED
 from onboard.studies.relative_motion.report import Result
 from onboard.studies.relative_motion.scores import relative_acceleration, truth_of
-from onboard.studies.relative_motion.variants import OURS
+from onboard.studies.relative_motion.variant_figures import COLOURS, compared, over_time
+from onboard.studies.relative_motion.variants import SHOWN
+from onboard.studies.report.drawing import STYLE, TRUTH, legend, panels, save
 from simlink.flight import Flight
 
 Examples = Mapping[str, Mapping[str, Array]]  # see `over_time`
-SHOWN: Final = (PAPER_MENDED, TUNED, *OURS)
-COLOURS: Final = dict(
-    zip((method.name for method in SHOWN), ("#d55e00", "#0072b2", "#009e73", "#cc79a7"), strict=False)
-)
 LABELS: Final = {method.name: method.label for method in SHOWN}
 DRAWN: Final = ("paper", "tuned")  # in figures 8-14; the overview shows all
-STYLE: Final[dict[Any, Any]] = {
-    "font.size": 9,
-    "axes.spines.top": False,
-    "axes.grid": True,
-    "grid.alpha": 0.25,
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.1,
-    "legend.frameon": False,
-    "figure.dpi": 150,
-}
-BANDS: Final = " · bands and σ (median): by each filter's own account"
+BANDS: Final = " · bands and σ (median): as each filter reports"
 FORMATION: Final = (15.0, 30.0)  # s that the formation panel shows
 AXES: Final = ("north", "east", "down")
 
 
-class Quantity(NamedTuple):
-    """Three components of one thing, each drawn in a panel: truth (N, 3), and by method estimates (N, 3) and
+class Components(NamedTuple):
+    """Three components of a quantity, each drawn in a panel: truth (N, 3), and by method estimates (N, 3) and
     their standard deviations (N, 3; None: not drawn)."""
 
     title: str
     names: Sequence[str]
-    unit: str
-    si_unit: str
+    units: Sequence[str]  # in feet
     truth: Array
     estimates: Mapping[str, Array]
     sigmas: Mapping[str, Array] | None
@@ -66,75 +48,61 @@ def draw(
     position, velocity, acceleration, target = _quantities(flight, tracks)
     t = flight.nav_t
     with mpl.rc_context(STYLE):
-        figures = {
-            "comparison.png": compared(result.rows, result.bounds),
-            "over-time.png": over_time(examples),
-            "overview.png": _overview(flight, tracks),
-            "figure-08-relative-position.png": _against_truth(t, position),
-            "figure-09-relative-velocity.png": _against_truth(t, velocity),
-            "figure-10-relative-acceleration.png": _against_truth(t, acceleration),
-            "figure-11-position-error.png": _errors(t, position),
-            "figure-12-velocity-error.png": _errors(t, velocity),
-            "figure-13-acceleration-error.png": _errors(t, acceleration),
-            "figure-14-target.png": _against_truth(t, target),
-        }
-        for name, figure in figures.items():
-            figure.savefig(out / name)
-    return tuple(figures)
+        return save(
+            {
+                "comparison.png": compared(result.rows, result.bounds),
+                "over-time.png": over_time(examples),
+                "overview.png": _overview(flight, tracks),
+                "figure-08-relative-position.png": _against_truth(t, position),
+                "figure-09-relative-velocity.png": _against_truth(t, velocity),
+                "figure-10-relative-acceleration.png": _against_truth(t, acceleration),
+                "figure-11-position-error.png": _errors(t, position),
+                "figure-12-velocity-error.png": _errors(t, velocity),
+                "figure-13-acceleration-error.png": _errors(t, acceleration),
+                "figure-14-target.png": _against_truth(t, target),
+            },
+            out,
+        )
 
 
-def _quantities(flight: Flight, tracks: Mapping[str, Track]) -> tuple[Quantity, Quantity, Quantity, Quantity]:
+def _quantities(flight: Flight, tracks: Mapping[str, Track]) -> tuple[Components, ...]:
+    """Position, velocity, acceleration, and the target's size and accelerations."""
     truth = truth_of(flight)
     shown = {name: tracks[name] for name in DRAWN}
     sigma = {name: np.sqrt(np.einsum("nii->ni", track.covariance)) / FT for name, track in shown.items()}
-    mean = {name: track.mean / FT for name, track in shown.items()}
 
-    def states(title: str, names: Sequence[str], unit: str, si_unit: str, columns: list[int]) -> Quantity:
-        return Quantity(
-            title,
-            names,
-            unit,
-            si_unit,
-            truth[:, columns] / FT,
-            {name: rows[:, columns] for name, rows in mean.items()},
-            {name: rows[:, columns] for name, rows in sigma.items()},
-        )
+    def states(title: str, names: Sequence[str], units: Sequence[str], columns: Any) -> Components:
+        means = {name: track.mean[:, columns] / FT for name, track in shown.items()}
+        sigmas = {name: rows[:, columns] for name, rows in sigma.items()}
+        return Components(title, names, units, truth[:, columns] / FT, means, sigmas)
 
-    components = list(range(truth.shape[1]))
-    acceleration = Quantity(
+    acceleration = Components(
         "Relative acceleration",
         AXES,
-        "ft/s²",
-        "m/s²",
-        relative_acceleration(truth, flight, 0.0) / FT,
-        {name: relative_acceleration(track.mean, flight, 0.0) / FT for name, track in shown.items()},
+        ["ft/s²"] * 3,
+        relative_acceleration(truth, flight) / FT,
+        {name: relative_acceleration(track.mean, flight) / FT for name, track in shown.items()},
         None,
     )
     return (
-        states("Relative position", AXES, "ft", "m", components[R]),
-        states("Relative velocity", AXES, "ft/s", "m/s", components[V]),
+        states("Relative position", AXES, ["ft"] * 3, R),
+        states("Relative velocity", AXES, ["ft/s"] * 3, V),
         acceleration,
-        states("Target", ("size", "a_lat", "a_long"), "ft, ft/s²", "m, m/s²", [SIZE, A_LAT, A_LONG]),
+        states("Target", ("size", "a_lat", "a_long"), ("ft", "ft/s²", "ft/s²"), [SIZE, A_LAT, A_LONG]),
     )
 
 
-def _panels(title: str, banded: bool) -> tuple[Figure, Array]:
-    figure = Figure(figsize=(7.2, 6.2), layout="constrained")
-    axes = figure.subplots(3, 1, sharex=True)
-    figure.suptitle(title + (BANDS if banded else ""), fontsize=10, x=0.01, ha="left")
-    axes[-1].set_xlabel("time, s")
-    axes[-1].set_xlim(0, 60)
-    return figure, axes
+def _three_panels(title: str, q: Components) -> tuple[Figure, Sequence[Axes]]:
+    figure, axes = panels(title + (BANDS if q.sigmas is not None else ""), 3, sharex=True)
+    axes[-1, 0].set_xlabel("time, s")
+    axes[-1, 0].set_xlim(0, 60)
+    return figure, axes[:, 0]
 
 
-def _label(axis: Axes, q: Quantity, i: int) -> None:
-    """Names and units: of three panels in two units the first is a length."""
-    unit, si_unit = q.unit, q.si_unit
-    if ", " in unit:
-        unit, si_unit = unit.split(", ")[min(i, 1)], si_unit.split(", ")[min(i, 1)]
-    axis.set_ylabel(f"{q.names[i]}, {unit}")
-    right = axis.secondary_yaxis("right", functions=(_to_si, _from_si))
-    right.set_ylabel(si_unit)
+def _label(axis: Axes, q: Components, i: int) -> None:
+    """Name and unit left, the SI unit right."""
+    axis.set_ylabel(f"{q.names[i]}, {q.units[i]}")
+    axis.secondary_yaxis("right", functions=(_to_si, _from_si)).set_ylabel(q.units[i].replace("ft", "m"))
 
 
 def _to_si(y: Any) -> Any:
@@ -145,21 +113,21 @@ def _from_si(y: Any) -> Any:
     return y / FT
 
 
-def _against_truth(t: Array, q: Quantity) -> Figure:
-    figure, axes = _panels(q.title, q.sigmas is not None)
+def _against_truth(t: Array, q: Components) -> Figure:
+    figure, axes = _three_panels(q.title, q)
     for i, axis in enumerate(axes):
         _set_limits(axis, [q.truth[:, i], *(e[t > 2, i] for e in q.estimates.values())], 0.2)
         for name, estimate in q.estimates.items():
             axis.plot(t, estimate[:, i], color=COLOURS[name], label=LABELS[name])
-        axis.plot(t, q.truth[:, i], color="black", linewidth=0.9, linestyle=(0, (4, 2)), label="truth")
+        axis.plot(t, q.truth[:, i], label="truth", **TRUTH)
         _bands(axis, t, q, i, q.estimates)
         _label(axis, q, i)
-    _legend(figure, axes[0])
+    legend(figure, axes[0])
     return figure
 
 
-def _errors(t: Array, q: Quantity) -> Figure:
-    figure, axes = _panels(f"{q.title}: error", q.sigmas is not None)
+def _errors(t: Array, q: Components) -> Figure:
+    figure, axes = _three_panels(f"{q.title}: error", q)
     for i, axis in enumerate(axes):
         errors = {name: estimate - q.truth for name, estimate in q.estimates.items()}
         _set_limits(axis, [e[t > 2, i] for e in errors.values()], 0.25)
@@ -168,12 +136,12 @@ def _errors(t: Array, q: Quantity) -> Figure:
         axis.axhline(0.0, color="black", linewidth=0.7)
         _bands(axis, t, q, i, {name: np.zeros_like(error) for name, error in errors.items()})
         _label(axis, q, i)
-    _legend(figure, axes[0])
+    legend(figure, axes[0])
     return figure
 
 
-def _bands(axis: Axes, t: Array, q: Quantity, i: int, centres: Mapping[str, Array]) -> None:
-    """One sigma either side, of the filters whose band leaves room for the curves; the medians of all in words."""
+def _bands(axis: Axes, t: Array, q: Components, i: int, centres: Mapping[str, Array]) -> None:
+    """One sigma either side, of the filters whose band leaves room for the curves; the medians of all as text."""
     if q.sigmas is None:
         return
     low, high = axis.get_ylim()
@@ -199,21 +167,16 @@ def _bands(axis: Axes, t: Array, q: Quantity, i: int, centres: Mapping[str, Arra
     axis.set_ylim(low, high)
 
 
-def _legend(figure: Figure, axis: Axes) -> None:
-    handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(handles))
-
-
 def _set_limits(axis: Axes, curves: Sequence[Array], margin: float) -> None:
-    """By the curves once they have started: sigma bands may run out of the picture."""
+    """By the curves after their start: sigma bands may run out of the figure."""
     low = min(float(np.nanmin(c)) for c in curves)
     high = max(float(np.nanmax(c)) for c in curves)
     axis.set_ylim(low - margin * (high - low), high + margin * (high - low))
 
 
 def _overview(flight: Flight, tracks: Mapping[str, Track]) -> Figure:
-    figure = Figure(figsize=(10.5, 6.4), layout="constrained")
-    (plan, ranges, size), (nees, speed, lateral) = figure.subplots(2, 3)
+    figure, axes = panels("", 2, 3, (10.5, 6.4))
+    (plan, ranges, size), (nees, speed, lateral) = axes
     truth, t = truth_of(flight), flight.nav_t
     _formation(plan, flight, tracks)
     for name, track in tracks.items():
@@ -226,7 +189,7 @@ def _overview(flight: Flight, tracks: Mapping[str, Track]) -> Figure:
         speed.plot(t, np.linalg.norm(error[:, V], axis=1) / FT, color=colour)
         lateral.plot(t, track.mean[:, A_LAT] / FT, color=colour)
     nees.axhline(9, color="black", linewidth=0.7)
-    lateral.plot(t, truth[:, A_LAT] / FT, color="black", linewidth=0.9, linestyle=(0, (4, 2)))
+    lateral.plot(t, truth[:, A_LAT] / FT, **TRUTH)
     speed.set_ylim(0, 4)
     ranges.set_ylim(-12, 12)
     lateral.set_ylim(5, 11)
@@ -241,12 +204,12 @@ def _overview(flight: Flight, tracks: Mapping[str, Track]) -> Figure:
         axis.set_title(title, loc="left", fontsize=9.5)
         axis.set_xlim(0, 60)
         axis.set_xlabel("time, s")
-    _legend(figure, ranges)
+    legend(figure, ranges)
     return figure
 
 
 def _formation(axis: Axes, flight: Flight, tracks: Mapping[str, Track]) -> None:
-    """Where the leader is from the follower, along and across its heading, true and estimated."""
+    """The leader's position from the follower, along and across the follower's heading, true and estimated."""
     v = flight.nav_truth.v_F_n
     heading = np.arctan2(v[:, 1], v[:, 0])
     ahead, right = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])

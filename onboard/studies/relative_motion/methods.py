@@ -1,6 +1,7 @@
-"""Oh & Johnson's unscented filter as methods of `_formation`: their settings, others, and our own."""
+"""Oh & Johnson's unscented filter as methods of the study: their settings, others, and our own."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Final, Literal
 
 import numpy as np
@@ -13,56 +14,35 @@ from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import R, V
-from onboard.studies.relative_motion.formation import FT, Filter, Method, Seen, Setting, Step, View
+from onboard.studies.relative_motion.formation import Filter, Images, ImageUpdate, Method, Setting, Step
 
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
-# R as given in degrees by the noise; the same for every image, diag(1, 1, 2) (sigma_px / f)^2; from its own points
+# R from the settings' degrees; the same for all images, diag(1, 1, 2) (sigma_px / f)^2; from each image's points
 ImageNoise = Literal["degrees", "constant", "points"]
 
-TUNED_NOISE: Final = Noise(
-    position_random_walk=0.02 * FT,
-    velocity_random_walk=0.1 * FT,
-    size_random_walk=1e-5,
-    a_lat_random_walk=1 * FT,
-    a_long_random_walk=0.3 * FT,
-    initial_position=None,
-    initial_velocity=12 * FT,
-    initial_acceleration=10 * FT,
-    angles_deg=None,
-    gate_probability=None,
-    hover_speed=0.0,
-    initialise_images=1,
-    consider_size=False,
+# the daemon's noise, ungated, the size estimated
+TUNED_NOISE: Final = noise_for("honest", "fixed_wing")._replace(
+    gate_probability=None, hover_speed=0.0, initialise_images=1, consider_size=False
 )
 
 
 def unscented_filter(setting: Setting, noise: Noise, image_noise: ImageNoise, fold: bool = False) -> Filter:
-    """The nine-state filter. `fold`: eq 14's arctangents as printed, which take a leader behind for one ahead."""
+    """The nine-state filter. `fold`: eq 14's arctangents as printed: a leader behind looks as if ahead."""
     Q = np.diag(process_noise(noise, setting.size))
-    measure = _measure_folded if fold else camera_angles.measure_batch
-    considered = (relative_motion.SIZE,) if noise.consider_size else ()
     gate = (
         np.inf if noise.gate_probability is None else chi_square_threshold(noise.gate_probability, camera_angles.M)
     )
+    measured = partial(_angles_and_noise, noise=noise, image_noise=image_noise)
+    measure = _measure_folded if fold else camera_angles.measure_batch
+    considered = (relative_motion.SIZE,) if noise.consider_size else ()
     # The error of our own attitude is nearly constant, so no innovation shows it: like the daemon, the filter adds
-    # what it was told of it to what it says, and not to what it knows. The paper takes its attitude as known.
-    own = np.radians(setting.nav.attitude_deg.sigma) * (noise.angles_deg is None)
+    # its known sigma to the reported covariance, and not to its own. The paper takes its attitude as known.
+    attitude_sigma = np.radians(setting.nav.attitude_deg.sigma) * (noise.angles_deg is None)
 
-    def angles_and_noise(view: View) -> tuple[Array, Array]:
-        angles = camera_angles.angles_from_points(view.points)
-        if image_noise == "points":
-            return angles, camera_angles.noise_from_points(view.points, np.full(3, view.sigma))
-        if image_noise == "constant":
-            constant = np.diag([1.0, 1.0, 2.0]) * view.sigma**2
-        else:
-            constant = np.diag(np.radians(noise.angles_deg or ()) ** 2)
-        return angles, np.broadcast_to(constant, (len(angles), 3, 3))
-
-    def start(view: View) -> Belief:
-        angles, image_R = angles_and_noise(view)
+    def start(images: Images) -> Belief:
         beliefs = [
             initial_belief(noise, y, R_y, setting.size, setting.size_sigma, R_cn, r_FC_n)
-            for y, R_y, R_cn, r_FC_n in zip(angles, image_R, view.R_cn, view.r_FC_n, strict=True)
+            for y, R_y, R_cn, r_FC_n in zip(*measured(images), images.R_cn, images.r_FC_n, strict=True)
         ]
         return Belief(*(np.array(arrays) for arrays in zip(*beliefs, strict=True)))
 
@@ -73,41 +53,46 @@ def unscented_filter(setting: Setting, noise: Noise, image_noise: ImageNoise, fo
         )
         return unscented.predict(belief, process, Q * step.dt, WEIGHTS)
 
-    def see(belief: Belief, view: View) -> Seen:
-        angles, image_R = angles_and_noise(view)
-        update = unscented.update(
-            belief,
-            angles,
-            _by_filter(belief, lambda points: measure(points, view.R_cn, view.r_FC_n)),
-            image_R,
-            WEIGHTS,
-            camera_angles.ANGULAR,
-            considered,
-        )
-        fused = update.nis <= gate
-        mean = np.where(fused[:, None], update.belief.mean, belief.mean)
-        covariance = np.where(fused[:, None, None], update.belief.covariance, belief.covariance)
-        return Seen(Belief(mean, covariance), update.nis, fused)
+    def update(belief: Belief, images: Images) -> ImageUpdate:
+        angles, R_y = measured(images)
+        model = _by_filter(belief, lambda points: measure(points, images.R_cn, images.r_FC_n))
+        after = unscented.update(belief, angles, model, R_y, WEIGHTS, camera_angles.ANGULAR, considered)
+        fused = after.nis <= gate
+        mean = np.where(fused[:, None], after.belief.mean, belief.mean)
+        covariance = np.where(fused[:, None, None], after.belief.covariance, belief.covariance)
+        return ImageUpdate(Belief(mean, covariance), after.nis, fused)
 
-    def to_nine(belief: Belief) -> Belief:
-        return with_attitude_error(belief, own) if own else belief
+    def nine_states(belief: Belief) -> Belief:
+        return with_attitude_error(belief, attitude_sigma) if attitude_sigma else belief
 
-    return Filter(start, predict, see, to_nine)
+    return Filter(start, predict, update, nine_states)
+
+
+def _angles_and_noise(images: Images, noise: Noise, image_noise: ImageNoise) -> tuple[Array, Array]:
+    """The measured angles (B, 3), rad, and their R (B, 3, 3)."""
+    angles = camera_angles.angles_from_points(images.points)
+    if image_noise == "points":
+        return angles, camera_angles.noise_from_points(images.points, np.full(3, images.sigma))
+    if image_noise == "constant":
+        constant = np.diag([1.0, 1.0, 2.0]) * images.sigma**2
+    else:
+        constant = np.diag(np.radians(noise.angles_deg or ()) ** 2)
+    return angles, np.broadcast_to(constant, (len(angles), 3, 3))
 
 
 def with_attitude_error(belief: Belief, sigma: float) -> Belief:
-    """Beliefs (B, 9) told with the error (rad, about each axis) of the attitude that they were formed in: as
-    `relative_motion.rotation_covariance`."""
-    turned = np.zeros((*belief.mean.shape, 3))
+    """Beliefs (B, 9) widened by the error (rad, 1 sigma about each axis) of our own attitude, as
+    `relative_motion.rotation_covariance` gives it."""
+    slopes = np.zeros((*belief.mean.shape, 3))
     for at in (R, V):
         x, y, z = np.moveaxis(belief.mean[:, at], -1, 0) * sigma
         o = np.zeros_like(x)
-        turned[:, at] = np.moveaxis(np.array([[o, z, -y], [-z, o, x], [y, -x, o]]), -1, 0)
-    return Belief(belief.mean, belief.covariance + turned @ np.swapaxes(turned, 1, 2))
+        slopes[:, at] = np.moveaxis(np.array([[o, z, -y], [-z, o, x], [y, -x, o]]), -1, 0)
+    return Belief(belief.mean, belief.covariance + slopes @ np.swapaxes(slopes, 1, 2))
 
 
 def _by_filter(belief: Belief, model: Callable[[Array], Array]) -> Callable[[Array], Array]:
-    """A model over points (B, k, 9) as the filters call it: over the rows of all, each filter's together."""
+    """A model over points (B, k, 9) as the filters call it: over the rows of all, one filter after another."""
     count, n = belief.mean.shape
 
     def over_rows(rows: Array) -> Array:
@@ -139,11 +124,10 @@ AS_PRINTED: Final = Method(
 TUNED: Final = Method(
     "tuned", "R from pixels, Q to match", lambda setting: unscented_filter(setting, TUNED_NOISE, "constant")
 )
-# without the daemon's allowance for an error of its own attitude, unless the setting tells of one
+# with the daemon's allowance for an error of its own attitude only if the setting has one
 SHIPPED: Final = Method("honest", "size considered, gated", _shipped)
 R_ALONE: Final = Method(
     "r-alone",
     "R from pixels, the paper's Q and P0",
     lambda setting: unscented_filter(setting, PAPER._replace(angles_deg=None), "constant"),
 )
-METHODS: Final = (PAPER_MENDED, TUNED, SHIPPED)

@@ -1,27 +1,37 @@
-"""What a track was worth against the truth, run by run, and over the runs. In the paper's feet."""
+"""Errors of tracks against the truth: the scores of a run, and the row of all runs. In the paper's feet."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.gating import chi_square_threshold, normalised_squared
+from onboard.filters.gating import chi_square_threshold, mean_bounds, normalised_squared
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Record
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
-from onboard.studies.relative_motion.formation import FT, Indices, Mask, Track
+from onboard.studies.relative_motion.formation import FT, Mask, Track
+from onboard.studies.relative_motion.stacked_states import Indices
+from onboard.studies.report import runs
+from onboard.studies.report.runs import Quantity
 from simlink.flight import Flight
+from simlink.flights import Flights
 
 SETTLED: Final = 15.0  # s: scores are taken from here on
 LAST: Final = 5.0  # s at the end that decide whether a run diverged
 RANGE_LIMIT: Final = 0.5  # diverged: mean range error over the last 5 s, as a fraction
 BEARING_LIMIT: Final = np.radians(5.0)  # or mean angle between true and estimated direction
 CONVERGED: Final = 0.2  # a_lat has converged when first within this fraction of the truth
-COVERAGE: Final = 0.95  # of the ellipsoids that are held against the truth
+COVERAGE: Final = 0.95  # of the position ellipsoids: their share that should hold the true position
 DROP_OUT: Final = (29.9, 34.9, 44.9)  # s: before, at the end of and well after the five seconds without images
-DELAY_FROM: Final = 20.0  # s: from here on a delay is to be known ...
-DELAY_LIMIT: Final = 0.015  # s: ... so nearly
+DELAY_FROM: Final = 20.0  # s: from here on the estimated delay counts ...
+DELAY_LIMIT: Final = 0.015  # s: ... and is found while its error stays within this
+SLOWEST: Final = 0.95  # of runs have converged by the time that is judged
+
+RMS: Final = ("position_ft", "velocity_ft_s", "range_percent", "size_percent", "a_lat_ft_s2", "a_long_ft_s2")
+MEANS: Final = ("nees", "nis")
+OF_ALL: Final = ("inside_percent", "inside_unseen_percent", "told_percent")  # of the diverged runs too
 
 
 class Score(Record, frozen=True, kw_only=True):
@@ -41,7 +51,7 @@ class Score(Record, frozen=True, kw_only=True):
     nis_degrees: int
     inside_percent: float  # of true positions inside the reported 95 % ellipsoid ...
     inside_unseen_percent: float | None  # ... and of those while the leader is out of view, if it ever is
-    told_percent: float  # of samples with an estimate
+    told_percent: float  # of samples that have an estimate
     a_lat_converged_s: float | None  # from the first image
     size_error_first_percent: float  # signed, at the first image (the prior's error) ...
     size_error_last_percent: float  # ... and at the end
@@ -50,7 +60,24 @@ class Score(Record, frozen=True, kw_only=True):
     gated: int
     delay_at_20_s_ms: float | None = None  # error of methods that estimate the stamps' delay
     delay_error_ms: float | None = None  # the largest of it after 20 s
-    delay_found_s: float | None = None  # from when on it stays within 15 ms; None: not at the end
+    delay_found_s: float | None = None  # from when on it stays within 15 ms; None: it is not at the end
+
+
+class Row(runs.Row, frozen=True, kw_only=True):
+    """Figures of the runs that did not diverge; the shares of samples are of all runs."""
+
+    position_m: float | None
+    velocity_m_s: float | None
+    a_lat_m_s2: float | None
+    a_lat_converged_s: float | None  # median
+    a_lat_converged_95_s: float | None  # by when 95 % of all runs had converged; None: never
+    nis_bounds: tuple[float, float]  # as nees_bounds
+    nis_degrees: int
+    position_sigma_ft: tuple[float, ...]  # reported (root mean square) before, in and after a drop-out
+    delay_at_20_s_ms: float | None  # root mean square
+    delay_error_ms: float | None  # largest after 20 s in 95 % of the runs of a method that estimates the delay
+    delay_found_s: float | None  # from when on the delay stays within 15 ms in 95 % of runs
+    scores: tuple[Score, ...]
 
 
 def truth_of(flight: Flight) -> Array:
@@ -61,7 +88,7 @@ def truth_of(flight: Flight) -> Array:
 
 
 def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, stamps_late: float = 0.0) -> Score:
-    """Score of one run; of one that failed, up to where it did. `unseen` (N,): whether the leader is out of view;
+    """Score of one run; of one that failed, until then. `unseen` (N,): whether the leader is out of view.
     `stamps_late`: s, the delay that a method may find."""
     truth = truth_of(flight)
     error = track.mean - truth
@@ -104,8 +131,49 @@ def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, s
     )
 
 
+def score_flights(flights: Flights, tracks: Track, stamps_late: float) -> list[Score]:
+    """The score of each flight."""
+    rows = range(len(flights.seeds))
+    unseen = [unseen_samples(flights.image_at, flights.in_view[b], len(flights.nav_t)) for b in rows]
+    return [score(flights.seeds[b], flights.one(b), tracks.one(b), unseen[b], stamps_late) for b in rows]
+
+
+def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
+    """The row of these runs."""
+    kept = [s for s in scores if s.diverged is None]
+    quantities = {name: runs.rms([getattr(s, name) for s in kept]) for name in RMS}
+    quantities |= {name: runs.mean([getattr(s, name) for s in kept]) for name in MEANS}
+    quantities |= {name: runs.mean(_known([getattr(s, name) for s in scores])) for name in OF_ALL}
+    times = _known([s.a_lat_converged_s for s in kept])
+    at_20_s = [s.delay_at_20_s_ms for s in kept if s.delay_at_20_s_ms is not None]
+    delays = [s.delay_error_ms for s in kept if s.delay_error_ms is not None]
+    sigmas = [runs.rms([s.position_sigma_ft[i] for s in kept]).value for i in range(len(DROP_OUT))]
+    nis_degrees = scores[0].nis_degrees
+    return Row(
+        variant=variant,
+        method=method,
+        runs=len(scores),
+        diverged_percent=100.0 * (1.0 - len(kept) / len(scores)),
+        diverged_why=tuple(sorted({s.diverged.split(" at ")[0] for s in scores if s.diverged is not None})),
+        quantities=quantities,
+        position_m=_si(quantities["position_ft"]),
+        velocity_m_s=_si(quantities["velocity_ft_s"]),
+        a_lat_m_s2=_si(quantities["a_lat_ft_s2"]),
+        a_lat_converged_s=float(np.median(times)) if times else None,
+        a_lat_converged_95_s=_time_of_most([s.a_lat_converged_s for s in scores]),
+        nees_bounds=mean_bounds(9, max(len(kept), 1)),
+        nis_bounds=mean_bounds(nis_degrees, max(len(kept), 1)),
+        nis_degrees=nis_degrees,
+        position_sigma_ft=tuple(np.nan if sigma is None else sigma for sigma in sigmas),
+        delay_at_20_s_ms=runs.rms(at_20_s).value,
+        delay_error_ms=float(np.quantile(delays, SLOWEST)) if delays else None,
+        delay_found_s=_time_of_most([s.delay_found_s for s in scores]),
+        scores=tuple(scores),
+    )
+
+
 def unseen_samples(image_at: Indices, in_view: Mask, samples: int) -> Mask:
-    """Whether the leader is out of view at each of the navigation samples: as at the image before it."""
+    """Whether the leader is out of view at each of the navigation samples: as in the image before it."""
     image = np.searchsorted(image_at, np.arange(samples), side="right") - 1
     unseen: Mask = ~in_view[np.maximum(image, 0)]
     return unseen
@@ -118,10 +186,10 @@ def error_over_time(flight: Flight, track: Track) -> Array:
     return np.column_stack([track.t, error / FT, sigma / FT])
 
 
-def relative_acceleration(mean: Array, flight: Flight, eps: float) -> Array:
+def relative_acceleration(mean: Array, flight: Flight) -> Array:
     """a_FL_n (N, 3) that states (N, 9) imply: eq 4."""
     v_L = mean[:, V] + flight.nav_v_F_n
-    a_L = relative_motion.leader_acceleration(v_L, mean[:, A_LAT], mean[:, A_LONG], eps)
+    a_L = relative_motion.leader_acceleration(v_L, mean[:, A_LAT], mean[:, A_LONG], 0.0)
     return np.asarray(a_L - flight.nav_a_F_n)
 
 
@@ -140,7 +208,7 @@ def _delay(track: Track, stamps_late: float) -> tuple[float | None, float | None
     if track.delay is None:
         return None, None, None
     error = np.abs(track.delay[:, 0] - stamps_late)
-    beyond = np.flatnonzero(~(error <= DELAY_LIMIT))  # an estimate that is not there is not near either
+    beyond = np.flatnonzero(~(error <= DELAY_LIMIT))  # without an estimate, too
     found = 0 if not beyond.size else int(beyond[-1]) + 1
     after = 1e3 * error[track.t >= DELAY_FROM]
     first, largest = (float(after[0]), float(np.max(after))) if len(after) else (None, None)
@@ -158,7 +226,7 @@ def _angle_error_deg(flight: Flight) -> tuple[float, float, float]:
 
 
 def _diverged(track: Track, truth: Array, range_error: Array) -> str | None:
-    if track.failed_at is not None:
+    if np.isfinite(track.failed_at):
         return f"numerical failure at {track.failed_at:.2f} s"
     last = track.t > track.t[-1] - LAST
     last &= np.isfinite(range_error)
@@ -187,3 +255,17 @@ def _rms(rows: Array) -> float:
 
 def _mean(values: Array) -> float:
     return float(np.mean(values)) if values.size else float("nan")
+
+
+def _known(values: Sequence[float | None]) -> list[float]:
+    return [x for x in values if x is not None and np.isfinite(x)]
+
+
+def _time_of_most(times: Sequence[float | None]) -> float | None:
+    """The time by which 95 % of the runs had converged; None if fewer ever did."""
+    when = float(np.quantile([np.inf if t is None else t for t in times], SLOWEST, method="higher"))
+    return when if np.isfinite(when) else None
+
+
+def _si(quantity: Quantity) -> float | None:
+    return None if quantity.value is None else quantity.value * FT

@@ -1,4 +1,4 @@
-"""The flights of the study: a scenario of simlink each, what filters are told, and which of them fly it."""
+"""The flights of the study: a scenario of simlink each, what the filters know before it, and the methods flown."""
 
 from typing import Final, NamedTuple
 
@@ -9,15 +9,16 @@ from onboard.studies.relative_motion.methods import AS_PRINTED, PAPER_MENDED, R_
 from onboard.studies.relative_motion.wing_line import WING_LINE, WING_LINE_DELAY
 from simlink.scenarios.scenario import Scenario, from_the_side, load_scenario
 
-# what the daemon flies; science.md's rows know the first, the last is judged
+# The daemon's filters. The last is judged.
 OURS: Final = (SHIPPED, WING_LINE)
 COMPARED: Final = (PAPER_MENDED, *OURS)
+SHOWN: Final = (PAPER_MENDED, TUNED, *OURS)  # in figures of one flight
 SAMPLE: Final = 0.02  # s between navigation samples
 
 
 class Variant(NamedTuple):
-    """`angle_deg`: the slot turned about the leader, the camera turned back. `size_factor`: of the size prior.
-    `multirotor`: the filter is told that the leader is one. `judged` is the method to be flown behind."""
+    """`angle_deg`: the slot turned about the leader, the camera turned back. `size_factor`: of the assumed size.
+    `multirotor`: the filter knows that the leader is one. `judged`: the method that the targets are asked of."""
 
     name: str
     scenario: str
@@ -41,7 +42,7 @@ VARIANTS: Final = (
     Variant(
         "g",
         "formation",
-        "stamps 80 ms late, untold",
+        "stamps 80 ms late, unknown",
         (*COMPARED, WING_LINE_DELAY),
         late=Lateness(stamp=4),
         judged=WING_LINE_DELAY,
@@ -55,22 +56,23 @@ VARIANTS: Final = (
     Variant("hover", "formation-hover", "multirotor stops, hovers, yaws", multirotor=True),
 )
 BY_NAME: Final = {variant.name: variant for variant in VARIANTS}
+LABELS: Final = {method.name: method.label for variant in VARIANTS for method in variant.methods}
 
 
 def scenario_of(variant: Variant) -> Scenario:
-    """What is flown."""
+    """The scenario that is flown."""
     scenario = load_scenario(variant.scenario)
     return from_the_side(scenario, variant.angle_deg) if variant.angle_deg else scenario
 
 
 def course_deg(seed: int) -> float:
-    """The course on which a flight begins: each seed's own."""
+    """The initial course of a seed's flight, deg."""
     return float(np.random.default_rng([seed, 7]).uniform(0.0, 360.0))
 
 
 def setting_of(variant: Variant, scenario: Scenario) -> Setting:
-    """What the filters are told: the camera, the nominal size (or what is taken for it) with 2 %, how good our own
-    state is, and what kind of craft the leader is."""
+    """What the filters know: the camera, the assumed size with 2 %, the errors of our own state, and the leader's
+    class."""
     size = B0 * variant.size_factor
     return Setting(
         scenario.camera, size, 0.02 * size, "multirotor" if variant.multirotor else "fixed_wing", scenario.nav

@@ -1,1 +1,1 @@
-"""The kit every study reports with: claims, checks, misprints, tables, figures, and processes to compute in."""
+"""The kit that every study reports with: findings, figures over runs, markdown, drawings and worker processes."""

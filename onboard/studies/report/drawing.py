@@ -1,6 +1,6 @@
-"""The look of the tracker studies' figures. Needs the extra `study`."""
+"""The look of all studies' figures. Needs the extra `study`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,20 +34,29 @@ STYLE: Final[dict[Any, Any]] = {
     "legend.frameon": False,
     "figure.dpi": 130,
 }
+TRUTH: Final[dict[str, Any]] = {"color": "black", "linewidth": 0.9, "linestyle": (0, (4, 2))}
 
 
-def panels(title: str, rows: int, columns: int = 1, size: tuple[float, float] = (7.2, 6.2)) -> tuple[Figure, Any]:
+def panels(
+    title: str,
+    rows: int,
+    columns: int = 1,
+    size: tuple[float, float] = (7.2, 6.2),
+    *,
+    sharex: bool = False,
+    sharey: bool = False,
+) -> tuple[Figure, Any]:
     """A figure and its axes (rows, columns), with a title over all."""
     figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
     figure.suptitle(title, fontsize=10, x=0.01, ha="left")
     return figure, axes
 
 
-def legend(figure: Figure, axis: Axes) -> None:
+def legend(figure: Figure, axis: Axes, columns: int = 4) -> None:
     """One legend below, of the curves of one panel."""
     handles, labels = axis.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(handles), 4))
+    figure.legend(handles, labels, loc="outside lower center", ncols=min(len(handles), columns))
 
 
 def shade(axis: Axes, intervals: Sequence[tuple[float, float]]) -> None:
@@ -62,7 +71,7 @@ def within_sigma(axis: Axes, t: Array, error: Array, sigma: Array, colour: str, 
     axis.plot(t, error, color=colour, linewidth=0.6, label=label)
 
 
-def save(figures: dict[str, Figure], out: Path) -> tuple[str, ...]:
+def save(figures: Mapping[str, Figure], out: Path) -> tuple[str, ...]:
     """Write them into the folder `out`; their file names."""
     out.mkdir(parents=True, exist_ok=True)
     for name, figure in figures.items():

@@ -1,7 +1,7 @@
-"""The parts of a study in several processes, and what a study writes."""
+"""The parts of a study, computed in several processes; the files that a study writes."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from onboard.studies.report.findings import Findings, markdown
+from onboard.messages import Record
+from onboard.studies.report.findings import Findings
+from onboard.studies.report.markdown import markdown
 
 Progress = Callable[[int, int], None]
 
@@ -22,30 +24,25 @@ class Part(NamedTuple):
 
 
 def compute(parts: Sequence[Part], jobs: int | None = None, progress: Progress | None = None) -> list[Any]:
-    """What each part gives, in their order, computed in `jobs` processes (None: one per core).
+    """The result of each part, in their order, computed in `jobs` processes (None: one per core).
 
     `progress(done, total)` is called as parts finish.
     """
     count = min(jobs or os.cpu_count() or 1, len(parts))
-    found: list[Any] = []
     if count <= 1:
-        for part in parts:
-            found.append(part.function(*part.arguments))
-            _tell(progress, len(found), len(parts))
-        return found
-    # spawned, not forked: whoever shows the progress may run threads
+        return _collect(map(_run, parts), len(parts), progress)
+    # spawned, not forked: the caller may run threads, to show the progress
     with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-        for result in pool.map(_run, parts):
-            found.append(result)
-            _tell(progress, len(found), len(parts))
-    return found
+        return _collect(pool.map(_run, parts), len(parts), progress)
 
 
-def write(found: Findings, out: Path) -> None:
-    """report.md and result.json into the folder `out`, NaN as null."""
+def write(found: Findings, out: Path, result: Record | None = None) -> None:
+    """report.md and result.json into the folder `out`. The JSON holds `result` (None: `found`), NaN as null."""
     out.mkdir(parents=True, exist_ok=True)
     (out / "report.md").write_text(markdown(found), encoding="utf-8")
-    (out / "result.json").write_bytes(msgspec.json.format(msgspec.json.encode(found), indent=1))
+    (out / "result.json").write_bytes(
+        msgspec.json.format(msgspec.json.encode(found if result is None else result), indent=1)
+    )
 
 
 def require_seeds(seeds: int, first_seed: int) -> range:
@@ -59,6 +56,10 @@ def _run(part: Part) -> Any:
     return part.function(*part.arguments)
 
 
-def _tell(progress: Progress | None, done: int, total: int) -> None:
-    if progress is not None:
-        progress(done, total)
+def _collect(results: Iterable[Any], total: int, progress: Progress | None) -> list[Any]:
+    found: list[Any] = []
+    for result in results:
+        found.append(result)
+        if progress is not None:
+            progress(len(found), total)
+    return found

@@ -1,7 +1,7 @@
-"""What many runs of a tracker come to: errors in windows of time, consistency, failures; small enough to be sent
+"""Results of many runs of a tracker: errors in windows of time, consistency, failures; small enough to be sent
 between processes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -9,23 +9,23 @@ import numpy.typing as npt
 
 from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold
-from onboard.studies.tracking.tracking import Scene, Trace, Tracker, follow
+from onboard.studies.tracking.batch import Scene, Trace, Tracker, run_batch
 
 Mask = npt.NDArray[np.bool_]
 POSITION: Final = (0, 3, 6)
 VELOCITY: Final = (1, 4, 7)
 ACCELERATION: Final = (2, 5, 8)
-LAST: Final = 50  # steps over which a run that is lost stays lost
+LAST: Final = 50  # steps over which divergence is judged
 
 
-class Window(NamedTuple):
+class WindowErrors(NamedTuple):
     """Over the steps of a window and the runs that did not fail: root mean squares of the lengths of error vectors
-    (m, m/s, m/s^2), the largest position error, means of NEES and NIS, and how often NEES kept its 95 % bound."""
+    (m, m/s, m/s^2), means of NEES and NIS, and the share of NEES within its 95 %
+    bound."""
 
     position: float
     velocity: float
     acceleration: float
-    worst: float
     nees: float
     nis: float
     inside: float
@@ -34,51 +34,66 @@ class Window(NamedTuple):
 class Outcome(NamedTuple):
     """One tracker over all runs of a scene."""
 
-    tracker: str
     label: str
     runs: int
     failed: int  # numerical failures
     failed_at: float  # s, their median, NaN without
-    diverged: int  # failures, and runs whose last steps are off by more than `lost`
-    windows: dict[str, Window]
+    diverged: int  # failures, and runs too far off over their last steps
+    windows: dict[str, WindowErrors]
     rms: Array  # (T, n), over runs, of each state's error
-    sigma: Array  # (T, n), rms over runs of the filter's own standard deviations
     first_mean: Array  # (T, n), of the first run
-    nees: Array  # (T,)
     condition: Array  # (T,), median over runs
 
+    @property
+    def failed_share(self) -> float:
+        """Numerical failures over runs."""
+        return self.failed / self.runs
 
-def outcome(
-    scene: Scene, tracker: Tracker, t: Array, windows: Mapping[str, Mask], lost: float, condition: bool = False
-) -> Outcome:
-    """Follow and judge. `t` (T,) in s; `windows` are masks (T,); `lost`, m, is what the mean position error over
-    the last steps of a run must not exceed."""
-    return judge(follow(scene, tracker, condition), scene.truth, tracker, t, windows, lost)
+    @property
+    def diverged_share(self) -> float:
+        """Diverged runs over runs."""
+        return self.diverged / self.runs
+
+    @property
+    def failures(self) -> str:
+        """How many runs failed, and when."""
+        return f"{self.failed} of {self.runs}" + (f", median {self.failed_at:.0f} s" if self.failed else "")
+
+
+def outcomes_of(
+    scene: Scene,
+    trackers: Iterable[Tracker],
+    t: Array,
+    windows: Mapping[str, Mask],
+    limit: float,
+    condition: bool = False,
+) -> dict[str, Outcome]:
+    """Run and judge each of the trackers; by name. Arguments as of `run_batch` and `judge`."""
+    return {x.name: judge(run_batch(scene, x, condition), scene.truth, x, t, windows, limit) for x in trackers}
 
 
 def judge(
-    trace: Trace, truth: Array, tracker: Tracker, t: Array, windows: Mapping[str, Mask], lost: float
+    trace: Trace, truth: Array, tracker: Tracker, t: Array, windows: Mapping[str, Mask], limit: float
 ) -> Outcome:
-    """What a trace comes to, against the truth (T, n) or (T, B, n)."""
+    """Compare a trace with the truth (T, n) or (T, B, n). `t` (T,) in s; `windows` are masks (T,). A run has
+    diverged if its mean position error over the last steps is above `limit`, m."""
     steps, runs, n = trace.mean.shape
     error = trace.mean - (truth if truth.ndim == 3 else truth[:, None])
     failed = trace.failed < steps
     distance = _length(error, POSITION)
-    off = distance[-LAST:].mean(axis=0) > lost  # NaN is not, and has failed
+    far = distance[-LAST:].mean(axis=0) > limit  # false of NaN, a run that failed
     bound = chi_square_threshold(0.95, n)
     return Outcome(
-        tracker=tracker.name,
         label=tracker.label,
         runs=runs,
         failed=int(failed.sum()),
         failed_at=float(np.median(t[trace.failed[failed]])) if failed.any() else float("nan"),
-        diverged=int((failed | off).sum()),
+        diverged=int((failed | far).sum()),
         windows={
-            name: Window(
+            name: WindowErrors(
                 position=_rms(distance[at]),
                 velocity=_rms(_length(error[at], VELOCITY)),
                 acceleration=_rms(_length(error[at], ACCELERATION)),
-                worst=_over(np.max, distance[at]),
                 nees=_over(np.mean, trace.nees[at]),
                 nis=_over(np.mean, trace.nis[at]),
                 inside=_over(np.mean, trace.nees[at], lambda x: x < bound),
@@ -86,9 +101,7 @@ def judge(
             for name, at in windows.items()
         },
         rms=_rms_over_runs(error),
-        sigma=_rms_over_runs(trace.sigma),
         first_mean=trace.mean[:, 0],
-        nees=_mean_over_runs(trace.nees),
         condition=_median_over_runs(trace.condition),
     )
 
@@ -103,7 +116,7 @@ def _length(error: Array, columns: tuple[int, ...]) -> Array:
 
 
 def _over(statistic: Any, values: Array, of: Any = None) -> float:
-    """A statistic of what is finite, NaN of nothing."""
+    """A statistic of the finite values, NaN without any."""
     known = values[np.isfinite(values)]
     return float(statistic(known if of is None else of(known))) if known.size else float("nan")
 
@@ -116,13 +129,6 @@ def _rms_over_runs(values: Array) -> Array:
     known = np.isfinite(values)
     total = np.sum(np.where(known, values, 0.0) ** 2, axis=1)
     return np.asarray(np.sqrt(total / np.where(known.any(axis=1), known.sum(axis=1), np.nan)))
-
-
-def _mean_over_runs(values: Array) -> Array:
-    known = np.isfinite(values)
-    return np.asarray(
-        np.sum(np.where(known, values, 0.0), axis=1) / np.where(known.any(axis=1), known.sum(1), np.nan)
-    )
 
 
 def _median_over_runs(values: Array) -> Array:

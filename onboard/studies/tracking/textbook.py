@@ -1,4 +1,4 @@
-"""Two filters as textbooks print them, to see them fail: the extended filter whose covariance is never made
+"""Two filters as textbooks print them, to show where they fail: the extended filter whose covariance is never made
 symmetric, and the square-root filter with rank-one downdates (van der Merwe & Wan 2001)."""
 
 from typing import Final
@@ -6,12 +6,12 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters import extended, kalman
+from onboard.filters import cubature, extended, kalman
 from onboard.filters.belief import Belief, NotPositiveDefiniteError, Rows, Update
 from onboard.filters.gating import normalised_squared
 from onboard.filters.square_root import SquareRoot
-from onboard.studies.tracking.trackers import SRUKF, centred
-from onboard.studies.tracking.tracking import Sight, Tracker
+from onboard.studies.tracking.batch import Measurement, Tracker
+from onboard.studies.tracking.trackers import SRUKF
 
 
 def _plain(state: Belief, mean: Array, F: Array, Q: Array) -> Belief:
@@ -24,17 +24,17 @@ def _plain_predict_linear(state: Belief, process: Rows, Q: Array) -> Belief:
 
 
 def _plain_predict(state: Belief, process: Rows, Q: Array) -> Belief:
-    # differences need a scale; this covariance may have lost what it takes to give one
+    # differences need a scale, which this covariance may no longer give: it need not be positive definite
     scale = np.broadcast_to(1e4 * np.eye(state.mean.shape[-1], dtype=state.mean.dtype), state.covariance.shape)
     mean, F = extended.tangent(Belief(state.mean, scale), process)
     return _plain(state, mean, F, Q)
 
 
-def _plain_update(state: Belief, s: Sight) -> Update:
+def _plain_update(state: Belief, s: Measurement) -> Update:
     predicted, H = extended.tangent(state, s.measure, s.jacobian, s.y, s.angular)
     innovation = s.y - predicted
     angular = list(s.angular)
-    innovation[..., angular] -= 2 * np.pi * np.rint(innovation[..., angular] / (2 * np.pi))
+    innovation[..., angular] -= _whole_turns(innovation[..., angular])
     P, Ht = state.covariance, np.swapaxes(H, -1, -2)
     S = H @ P @ Ht + s.R
     K = P @ Ht @ np.linalg.inv(S)
@@ -46,18 +46,14 @@ def _plain_update(state: Belief, s: Sight) -> Update:
 
 
 EKF_PLAIN: Final = Tracker(
-    "ekf-plain",
-    "EKF as printed: P − K S Kᵀ, never made symmetric",
-    Belief,
-    _plain_predict_linear,
-    _plain_update,
-    lambda state: state,
+    "ekf-plain", "EKF as printed: P − K S Kᵀ, never made symmetric", _plain_predict_linear, _plain_update
 )
-EKF_PLAIN_BENT: Final = EKF_PLAIN._replace(predict=_plain_predict)  # for processes that are not linear
+EKF_PLAIN_NONLINEAR: Final = EKF_PLAIN._replace(predict=_plain_predict)  # for processes that are not linear
 
 
 def _downdated(lower: Array, x: Array) -> Array:
-    """The factors (B, n, n) of L L^T - x x^T, for x (B, n): d^2 - x^2 under the root, as it is mostly written."""
+    """The factors (B, n, n) of L L^T - x x^T, for x (B, n), with d^2 - x^2 under the root, as mostly written.
+    Raises NotPositiveDefiniteError."""
     L, x = lower.copy(), x.copy()
     for j in range(L.shape[-1]):
         square = L[:, j, j] * L[:, j, j] - x[:, j] * x[:, j]
@@ -71,15 +67,15 @@ def _downdated(lower: Array, x: Array) -> Array:
     return L
 
 
-def _downdating_update(state: SquareRoot, s: Sight) -> Update:
+def _downdating_update(state: SquareRoot, s: Measurement) -> Update:
     n, m = state.mean.shape[-1], s.y.shape[-1]
-    w = np.asarray(centred(n).other, state.mean.dtype)
-    offsets = np.asarray(centred(n).spread, state.mean.dtype) * np.swapaxes(state.factor, 1, 2)
+    w = np.asarray(cubature.weights(n).other, state.mean.dtype)
+    offsets = np.asarray(cubature.weights(n).spread, state.mean.dtype) * np.swapaxes(state.factor, 1, 2)
     points = state.mean[:, None] + np.concatenate([offsets, -offsets], axis=1)
     spread = points - state.mean[:, None]  # rounded, as the paper's X - x
     images = s.measure(points.reshape(-1, n)).reshape(len(points), -1, m)
     angular = list(s.angular)
-    images[..., angular] -= _turns((images - images[:, :1])[..., angular])
+    images[..., angular] -= _whole_turns((images - images[:, :1])[..., angular])
     predicted = np.mean(images, axis=1)
     d = images - predicted[:, None]
     S = w * np.swapaxes(d, 1, 2) @ d + s.R
@@ -89,7 +85,7 @@ def _downdating_update(state: SquareRoot, s: Sight) -> Update:
         raise NotPositiveDefiniteError("innovation covariance: not positive definite") from error
     K = w * np.swapaxes(spread, 1, 2) @ d @ np.linalg.inv(S)
     innovation = s.y - predicted
-    innovation[..., angular] -= _turns(innovation[..., angular])
+    innovation[..., angular] -= _whole_turns(innovation[..., angular])
     factor, U = state.factor, K @ root
     for column in range(m):
         factor = _downdated(factor, U[..., column])
@@ -97,8 +93,8 @@ def _downdating_update(state: SquareRoot, s: Sight) -> Update:
     return Update(SquareRoot(mean, factor), innovation, S, predicted, normalised_squared(innovation, S))
 
 
-def _turns(angle: Array) -> Array:
-    """The whole turns in differences of angles, rad, in their precision."""
+def _whole_turns(angle: Array) -> Array:
+    """The whole turns in differences of angles, rad, in the precision of these."""
     return np.asarray(2 * np.pi * np.rint(angle / (2 * np.pi)), angle.dtype)
 
 

@@ -25,7 +25,7 @@ class Trajectory(NamedTuple):
 
 def load(name: str) -> Trajectory:
     """`intruder-manoeuvring` (120 s) or `launch-vehicle` (500 s: a PSLV-like ascent from public stage data, a
-    point mass over the turning Earth). Raises ValueError if its columns are not those expected."""
+    point mass over the turning Earth). Raises ValueError if its columns are not COLUMNS."""
     packed = files("onboard.studies.tracking").joinpath(f"data/{name}.csv.gz").read_bytes()
     header, *rows = csv.reader(gzip.decompress(packed).decode("ascii").splitlines())
     if tuple(header) != COLUMNS:

@@ -1,42 +1,38 @@
-"""What Varaprasad et al. claim, and whether it held in our runs."""
+"""The claims of Varaprasad et al., and whether they held in our runs."""
 
 from collections.abc import Sequence
 
 from onboard.studies.report.findings import Claim, Verdict
 from onboard.studies.tracking.outcomes import Outcome
-from onboard.studies.ukf_radar_launch_vehicle.runs import WINDOWS, Flown
+from onboard.studies.ukf_radar_launch_vehicle.runs import NAMES, Results
 
-LAST = f"{WINDOWS[-1][0]}-{WINDOWS[-1][1]} s"
+LAST = NAMES[-1]
 BETTER = 0.95  # "more accurate": at least a twentieth
 
 
 def claims_of(
-    single: Flown, triple: Flown, flights: Sequence[Flown], bound: dict[str, float]
+    single: Results, triple: Results, flights: Sequence[Results], bound: dict[str, float]
 ) -> tuple[Claim, ...]:
     """Judge each claim by thresholds fixed in this file. `flights`: with any process noise; `bound`: the least
     errors for nearly steady acceleration."""
     return (
-        _accuracy("unscented", 5.0, 5.0, [_of(f, "ukf") for f in flights], bound, "section 5, figure 11"),
-        _accuracy("extended", 10.0, 10.0, [_of(f, "ekf") for f in flights], bound, "section 5, figure 12"),
+        _accuracy("unscented", 5.0, 5.0, [f.outcomes["ukf"] for f in flights], bound, "section 5, figure 11"),
+        _accuracy("extended", 10.0, 10.0, [f.outcomes["ekf"] for f in flights], bound, "section 5, figure 12"),
         _triple(triple),
         _better(single, triple),
         _consistent(single),
-        _easier(single),
+        _close_points(single),
     )
 
 
-def _of(flown: Flown, name: str) -> Outcome:
-    return next(o for o in flown.outcomes if o.tracker == name)
-
-
 def _inside(o: Outcome, position: float, velocity: float) -> list[str]:
-    """The windows in which both errors keep the claimed size."""
+    """The windows in which both errors are within the claimed size."""
     return [n for n, w in o.windows.items() if w.position <= position and w.velocity <= velocity]
 
 
 def _verdict(found: list[str]) -> Verdict:
     """The paper says "throughout the flight"."""
-    return "holds" if len(found) == len(WINDOWS) else "does not hold"
+    return "holds" if len(found) == len(NAMES) else "does not hold"
 
 
 def _accuracy(
@@ -56,8 +52,8 @@ def _accuracy(
     )
 
 
-def _triple(triple: Flown) -> Claim:
-    ukf, ekf = _of(triple, "ukf"), _of(triple, "ekf")
+def _triple(triple: Results) -> Claim:
+    ukf, ekf = triple.outcomes["ukf"], triple.outcomes["ekf"]
     kept = _inside(ukf, 10.0, 5.0)
     numbers = ", ".join(f"{u.position:.0f} m and {u.velocity:.0f} m/s ({n})" for n, u in ukf.windows.items())
     apart = max(abs(u.position - ekf.windows[n].position) for n, u in ukf.windows.items())
@@ -70,18 +66,17 @@ def _triple(triple: Flown) -> Claim:
     )
 
 
-def _better(single: Flown, triple: Flown) -> Claim:
-    plain = _of(single, "ekf-plain")
+def _better(single: Results, triple: Results) -> Claim:
+    plain = single.outcomes["ekf-plain"]
     ratio = max(
-        _of(f, "ukf").windows[n].position / _of(f, "ekf").windows[n].position
+        f.outcomes["ukf"].windows[n].position / f.outcomes["ekf"].windows[n].position
         for f in (single, triple)
-        for n in _of(f, "ukf").windows
+        for n in NAMES
     )
-    holds = ratio < BETTER
     return Claim(
         claim="The unscented filter is more accurate than the extended one.",
         where="abstract, sections 5 and 6",
-        verdict="holds" if holds else "holds only if" if plain.failed else "does not hold",
+        verdict="holds" if ratio < BETTER else "holds only if" if plain.failed else "does not hold",
         evidence=f"Their positions after 262 s are {1e3 * single.gap:.1f} mm apart (rms), with three times the "
         f"noise {1e3 * triple.gap:.0f} mm. It holds only if the extended filter's covariance is never made "
         f"symmetric (eq 18 as it stands): then {plain.failed} of {plain.runs} runs fail, at "
@@ -89,8 +84,8 @@ def _better(single: Flown, triple: Flown) -> Claim:
     )
 
 
-def _consistent(single: Flown) -> Claim:
-    within, ukf = single.within["ukf"], _of(single, "ukf")
+def _consistent(single: Results) -> Claim:
+    within, ukf = single.within["ukf"], single.outcomes["ukf"]
     nees = ", ".join(f"{w.nees:.1f} ({n})" for n, w in ukf.windows.items())
     return Claim(
         claim="Errors run within their 1σ bounds: the filter is consistent.",
@@ -102,13 +97,13 @@ def _consistent(single: Flown) -> Claim:
     )
 
 
-def _easier(single: Flown) -> Claim:
+def _close_points(single: Results) -> Claim:
     return Claim(
         claim="The sigma points should be close together (a small α) to avoid non-local effects.",
         where="section 3.1",
         verdict="does not hold",
         evidence="With α = 10⁻³ the position after 262 s is "
-        f"{_of(single, 'ukf-scaled').windows[LAST].position:.2f} m off, with the points √9 σ apart "
-        f"{_of(single, 'ukf').windows[LAST].position:.2f} m: at these ranges the measurement is straight over "
+        f"{single.outcomes['ukf-scaled'].windows[LAST].position:.2f} m off, with the points √9 σ apart "
+        f"{single.outcomes['ukf'].windows[LAST].position:.2f} m: at these ranges the measurement is straight over "
         "the prior. α only spends digits, with weights of a million.",
     )

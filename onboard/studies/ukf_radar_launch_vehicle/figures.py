@@ -6,17 +6,16 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from onboard.arrays import Array
 from onboard.models import radar
 from onboard.studies.report.drawing import COLOURS, STYLE, legend, panels, save, within_sigma
 from onboard.studies.tracking.outcomes import POSITION, VELOCITY
 from onboard.studies.tracking.trajectories import load
-from onboard.studies.ukf_radar_launch_vehicle.runs import EVENTS, Flown, times
+from onboard.studies.ukf_radar_launch_vehicle.runs import EVENTS, Results, times
 
 AXES = ("east", "north", "up")
 
 
-def draw(single: Flown, triple: Flown, out: Path) -> tuple[str, ...]:
+def draw(single: Results, triple: Results, out: Path) -> tuple[str, ...]:
     """Write the figures into the folder `out`; their names."""
     with mpl.rc_context(STYLE):
         return save(
@@ -29,19 +28,15 @@ def draw(single: Flown, triple: Flown, out: Path) -> tuple[str, ...]:
         )
 
 
-def _mean(flown: Flown, name: str) -> Array:
-    return next(o.first_mean for o in flown.outcomes if o.tracker == name)
-
-
-def _differences(single: Flown) -> Figure:
-    figure, axes = panels("Figures 2-4: first differences of what is measured, raw and filtered", 3)
-    t, filtered = times()[1:], radar.measure(np.ascontiguousarray(_mean(single, "ukf")))
+def _differences(single: Results) -> Figure:
+    figure, axes = panels("Figures 2-4: first differences of the measurements, raw and filtered", 3)
+    t, filtered = times()[1:], radar.measure(np.ascontiguousarray(single.outcomes["ukf"].first_mean))
     scales = (1.0, 1e3, 1e3)
     for i, name in enumerate(("slant range, m", "azimuth, mrad", "elevation, mrad")):
         axis = axes[i, 0]
-        axis.plot(t, scales[i] * np.diff(single.seen[:, i]), color=COLOURS["ekf"], linewidth=0.4, label="raw")
+        axis.plot(t, scales[i] * np.diff(single.measured[:, i]), color=COLOURS["ekf"], linewidth=0.4, label="raw")
         axis.plot(t, scales[i] * np.diff(filtered[:, i]), color=COLOURS["ukf"], label="filtered")
-        low, high = scales[i] * np.quantile(np.diff(single.seen[50:, i]), [0, 1])
+        low, high = scales[i] * np.quantile(np.diff(single.measured[50:, i]), [0, 1])
         axis.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
         axis.set_ylabel(name)
     axes[-1, 0].set_xlabel("time, s")
@@ -49,9 +44,9 @@ def _differences(single: Flown) -> Figure:
     return figure
 
 
-def _errors(single: Flown) -> Figure:
+def _errors(single: Results) -> Figure:
     figure, axes = panels("Figures 5-10: errors of the unscented filter, and its ±1σ", 3, 2, (10.5, 7.5))
-    t, error = times(), _mean(single, "ukf") - load("launch-vehicle").states[1:]
+    t, error = times(), single.outcomes["ukf"].first_mean - load("launch-vehicle").states[1:]
     for column, (states, unit) in enumerate(((POSITION, "m"), (VELOCITY, "m/s"))):
         for row, state in enumerate(states):
             axis, sigma = axes[row, column], single.sigma["ukf"][:, state]
@@ -66,16 +61,16 @@ def _errors(single: Flown) -> Figure:
     return figure
 
 
-def _lengths(single: Flown, triple: Flown) -> Figure:
+def _lengths(single: Results, triple: Results) -> Figure:
     figure, axes = panels(
         "Figures 11-14: position and velocity errors, root mean square over runs", 2, 2, (10.5, 6.4)
     )
     t = times()
-    for row, (flown, noise) in enumerate(((single, "1σ noise"), (triple, "3σ noise"))):
+    for row, (results, noise) in enumerate(((single, "1σ noise"), (triple, "3σ noise"))):
         for column, (states, unit) in enumerate(((POSITION, "m"), (VELOCITY, "m/s"))):
             axis = axes[row, column]
             for name, style in (("ekf", "-"), ("ukf", "--")):
-                o = next(o for o in flown.outcomes if o.tracker == name)
+                o = results.outcomes[name]
                 length = np.linalg.norm(o.rms[:, states], axis=1)
                 axis.semilogy(t, length, style, color=COLOURS[name], label=o.label)
             claimed = ((5.0, 5.0), (10.0, 5.0))[row][column]

@@ -1,4 +1,4 @@
-"""The launch-vehicle study's runs: the ascent as its radar sees it, and what the filters make of it."""
+"""The runs of the launch-vehicle study: the ascent measured by a radar, and the filters' results."""
 
 from typing import Final, NamedTuple
 
@@ -8,20 +8,22 @@ from onboard.arrays import Array
 from onboard.filters import unscented
 from onboard.filters.discretisation import wiener_acceleration
 from onboard.models import constant_acceleration, radar
+from onboard.studies.tracking.batch import Measurement, Scene, run_batch
+from onboard.studies.tracking.bound import position_variances
 from onboard.studies.tracking.outcomes import POSITION, VELOCITY, Mask, Outcome, judge
 from onboard.studies.tracking.textbook import EKF_PLAIN
 from onboard.studies.tracking.trackers import EKF, UKF, sigma_point_tracker
-from onboard.studies.tracking.tracking import Scene, Sight, Tracker, follow
 from onboard.studies.tracking.trajectories import load
 from simlink.sensors.tracking_radar import TrackingRadar, track
 
 DT: Final = 0.1
 DENSITY: Final = 1.0  # q, (m/s^3)^2/Hz, the reference's
-LOST: Final = 2000.0  # m: ten times what three times the noise gives
+DIVERGED_M: Final = 2000.0  # ten times the error with three times the noise
 START: Final = np.tile([100.0, 20.0, 3.0], 3)  # sigmas of P0, per axis
 EVENTS: Final = (0, 0.5, 25, 49.5, 70, 74, 92, 102, 112, 112.5, 155, 260.5, 262, 263, 333)  # s, of the thrust
-AROUND: Final = (0.5, 5.0)  # s before and after an event that the paper excepts
+AROUND: Final = (0.5, 5.0)  # s before and after an event, left out as in the paper
 WINDOWS: Final = ((10, 112), (112, 262), (262, 500))  # s
+NAMES: Final = tuple(f"{begin}-{end} s" for begin, end in WINDOWS)
 # the paper scales its process noise around stage separations, and does not say by how much
 STAGED: Final = 0.1  # q between events ...
 STAGED_FACTOR: Final = 300.0  # ... and how much more it is until STAGED_FOR s after one
@@ -33,53 +35,52 @@ ALPHA: Final = sigma_point_tracker(
 TRACKERS: Final = {tracker.name: tracker for tracker in (EKF, UKF, ALPHA, EKF_PLAIN)}
 
 
-class Flown(NamedTuple):
+class Results(NamedTuple):
     """The runs of several trackers on the same measurements.
 
-    `gap` is the rms distance, m, between the first two trackers' positions in the last window; `within`, by
-    tracker, how often a component of position or velocity lay within one sigma. Of the first run: what was
-    seen (T, 3), and by tracker its standard deviations (T, 9).
+    `gap` is the RMS distance, m, between the first two trackers' positions in the last window; `within`, by
+    tracker, how often the error of a component of position or velocity was within one sigma. Of the first run:
+    the measurements (T, 3), and by tracker the standard deviations (T, 9).
     """
 
-    outcomes: tuple[Outcome, ...]
+    outcomes: dict[str, Outcome]
     gap: float
     within: dict[str, float]
-    seen: Array
+    measured: Array
     sigma: dict[str, Array]
 
 
 def times() -> Array:
-    """Of the measurements (T,), s."""
+    """Times of the measurements (T,), s."""
     return load("launch-vehicle").t[1:]
 
 
 def calm(t: Array) -> Mask:
-    """Where no event is near (T,)."""
-    before, after = AROUND
-    near = [(t >= event - before) & (t <= event + after) for event in EVENTS]
-    return np.asarray(~np.any(near, axis=0))
+    """The mask (T,) of times with no event near."""
+    return ~_after_events(t, AROUND[1])
 
 
 def windows(t: Array) -> dict[str, Mask]:
     """The windows without events, by name."""
     quiet = calm(t)
-    return {f"{a}-{b} s": quiet & (t >= a) & (t <= b) for a, b in WINDOWS}
+    return {name: quiet & (t >= a) & (t <= b) for name, (a, b) in zip(NAMES, WINDOWS, strict=True)}
 
 
 def scene(seeds: range, factor: float, q: float, staged: bool = False) -> Scene:
-    """The ascent seen by a radar with `factor` times the paper's noise, a run for each seed."""
+    """The ascent measured by a radar with `factor` times the paper's noise, a run for each seed. Process noise q,
+    (m/s^3)^2/Hz; `staged`: more after events."""
     trajectory = load("launch-vehicle")
     truth, sensor = trajectory.states[1:], TrackingRadar().times(factor)
-    seen, start = np.empty((len(truth), len(seeds), 3)), np.empty((len(seeds), 9))
+    measured, start = np.empty((len(truth), len(seeds), 3)), np.empty((len(seeds), 9))
     for run, seed in enumerate(seeds):
         rng = np.random.default_rng([seed, 41])
         start[run] = trajectory.states[0] + START * rng.standard_normal(9)
-        seen[:, run] = track(sensor, truth[:, POSITION], rng)
+        measured[:, run] = track(sensor, truth[:, POSITION], rng)
     R, Q = np.diag(np.square(sensor)), wiener_acceleration(DT, q, by_axis=True).Q
-    stirred = _stirred(trajectory.t[1:])
+    disturbed = _after_events(trajectory.t[1:], STAGED_FOR)
 
     def noise(k: int, _: Array) -> Array:
-        return Q * STAGED_FACTOR if staged and stirred[k] else Q
+        return Q * STAGED_FACTOR if staged and disturbed[k] else Q
 
     return Scene(
         truth=truth,
@@ -87,49 +88,39 @@ def scene(seeds: range, factor: float, q: float, staged: bool = False) -> Scene:
         covariance=np.diag(START**2),
         process=lambda rows: constant_acceleration.process(rows, DT),
         noise=noise,
-        sights=lambda k: Sight(seen[k], R, radar.measure, radar.jacobian, radar.ANGULAR),
+        measurements=lambda k: Measurement(measured[k], R, radar.measure, radar.jacobian, radar.ANGULAR),
     )
 
 
-def fly(seeds: range, factor: float, q: float, names: tuple[str, ...], staged: bool = False) -> Flown:
-    """The trackers of these names on one set of measurements."""
+def fly(seeds: range, factor: float, q: float, names: tuple[str, ...], staged: bool = False) -> Results:
+    """Run the trackers of these names on one set of measurements."""
     made, t = scene(seeds, factor, q, staged), times()
-    parts = windows(t)
-    last = parts[f"{WINDOWS[-1][0]}-{WINDOWS[-1][1]} s"]
-    outcomes, within, sigma, positions = [], {}, {}, []
+    parts, quiet = windows(t), calm(t)
+    outcomes, within, sigma, positions = {}, {}, {}, []
     for name in names:
-        tracker: Tracker = TRACKERS[name]
-        trace = follow(made, tracker)
-        outcomes.append(judge(trace, made.truth, tracker, t, parts, LOST))
+        trace = run_batch(made, TRACKERS[name])
+        outcomes[name] = judge(trace, made.truth, TRACKERS[name], t, parts, DIVERGED_M)
         columns = [*POSITION, *VELOCITY]
-        error = (trace.mean - made.truth[:, None])[calm(t)][..., columns]
+        error = (trace.mean - made.truth[:, None])[quiet][..., columns]
         known = np.isfinite(error)
-        within[name] = float(np.mean((np.abs(error) < trace.sigma[calm(t)][..., columns])[known]))
+        within[name] = float(np.mean((np.abs(error) < trace.sigma[quiet][..., columns])[known]))
         sigma[name] = trace.sigma[:, 0]
-        positions.append(trace.mean[last][..., POSITION])
+        positions.append(trace.mean[parts[NAMES[-1]]][..., POSITION])
     gap = np.linalg.norm(positions[0] - positions[min(1, len(positions) - 1)], axis=-1)
-    first = made.sights
-    seen = np.array([sight.y[0] for k in range(len(t)) if (sight := first(k)) is not None])
-    return Flown(tuple(outcomes), float(np.sqrt(np.mean(gap**2))), within, seen, sigma)
+    measured = [m.y[0] for k in range(len(t)) if (m := made.measurements(k)) is not None]
+    return Results(outcomes, float(np.sqrt(np.mean(gap**2))), within, np.array(measured), sigma)
 
 
 def bound(factor: float, q: float) -> dict[str, float]:
-    """Posterior Cramer-Rao bound of the position, m, rms over each window: the least error of any filter that
-    knows as much of the motion as process noise q says, with measurements linearised at the truth."""
+    """Posterior Cramér-Rao bound of the position, m, RMS over each window: the least error of any filter that
+    knows the motion but for process noise q."""
     trajectory, t = load("launch-vehicle"), times()
-    truth = trajectory.states[1:]
     F, Q = wiener_acceleration(DT, q, by_axis=True)
     R = np.diag(np.square(TrackingRadar().times(factor)))
-    P, variance = np.diag(START**2), np.empty(len(truth))
-    slopes = radar.jacobian(truth)
-    for k, H in enumerate(slopes):
-        P = F @ P @ F.T + Q
-        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
-        left = np.eye(9) - K @ H
-        P = left @ P @ left.T + K @ R @ K.T
-        variance[k] = P[POSITION, POSITION].sum()
-    return {name: float(np.sqrt(variance[at].mean())) for name, at in windows(t).items()}
+    variances = position_variances(np.diag(START**2), F, Q, R, radar.jacobian(trajectory.states[1:]))
+    return {name: float(np.sqrt(variances[at].mean())) for name, at in windows(t).items()}
 
 
-def _stirred(t: Array) -> Mask:
-    return np.asarray(np.any([(t >= e - AROUND[0]) & (t <= e + STAGED_FOR) for e in EVENTS], axis=0))
+def _after_events(t: Array, seconds: float) -> Mask:
+    """The mask (T,) of times from just before an event to so long after it."""
+    return np.asarray(np.any([(t >= e - AROUND[0]) & (t <= e + seconds) for e in EVENTS], axis=0))

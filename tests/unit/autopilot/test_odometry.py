@@ -1,6 +1,5 @@
 """ODOMETRY as an independent parser reads it, against numbers worked out by hand."""
 
-import math
 from typing import Any
 
 import numpy as np
@@ -10,37 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.odometry import OdometryStream, odometry_of
 from onboard.config import ConfigError, parse_config
-from onboard.messages import Lifecycle, NavState
-
-EAST = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))  # nose to the east
-
-
-def state(t_ms: int = 5000, **changed: Any) -> NavState:
-    variances = np.arange(1.0, 13.0)
-    fields: dict[str, Any] = {
-        "name": "own_state",
-        "target": "own_state",
-        "sequence": 1,
-        "t_ns": t_ms * 1_000_000,
-        "state": Lifecycle.TRACKING,
-        "valid": True,
-        "reason": "",
-        "frame": "n",
-        "components": ("x",) * 12,
-        "units": ("m",) * 12,
-        "mean": (1.0, 2.0, -3.0, 4.0, 5.0, 6.0, 0.0, 0.0, math.pi / 2, 0.1, 0.2, 0.3),
-        "covariance": tuple(map(tuple, np.diag(variances).tolist())),
-        "age": 0.1,
-        "reset_count": 258,
-        "q_nb": EAST,
-        "omega_b": (0.1, 0.2, 0.3),
-        "origin": (47.0, 8.0, 500.0),
-        "layer": None,
-        "switch_fraction": 0.0,
-        "nis_ratio": 1.0,
-        "quality": 87,
-    }
-    return NavState(**{**fields, **changed})
+from tests.support.vehicle_records import EAST, nav_state
 
 
 def parsed(frames: list[bytes]) -> list[Any]:
@@ -49,7 +18,7 @@ def parsed(frames: list[bytes]) -> list[Any]:
 
 
 def test_what_a_parser_reads_is_the_state_in_local_ned_and_in_the_body() -> None:
-    (m,) = parsed(OdometryStream(7, 191, rate_hz=30.0).frames(state()))
+    (m,) = parsed(OdometryStream(7, 191, rate_hz=30.0).frames(nav_state()))
     assert m.get_type() == "ODOMETRY"
     assert (m.get_srcSystem(), m.get_srcComponent()) == (7, 191)
     assert (m.time_usec, m.frame_id, m.child_frame_id) == (5_000_000, 1, 12)  # LOCAL_NED, BODY_FRD
@@ -69,16 +38,16 @@ def test_what_a_parser_reads_is_the_state_in_local_ned_and_in_the_body() -> None
 
 
 def test_a_state_that_is_not_valid_says_so_and_one_that_is_not_there_is_not_sent() -> None:
-    lost = odometry_of(state(valid=False))
+    lost = odometry_of(nav_state(valid=False))
     assert lost is not None
     assert lost.quality == -1
-    assert odometry_of(state(mean=None, covariance=None, q_nb=None)) is None
+    assert odometry_of(nav_state(mean=None, covariance=None, q_nb=None)) is None
 
 
 def test_no_more_are_sent_than_asked_and_a_reboot_does_not_end_them() -> None:
     stream = OdometryStream(1, 191, rate_hz=25.0)
-    assert sum(len(stream.frames(state(t))) for t in range(1000, 3000, 10)) == pytest.approx(50, abs=1)
-    assert len(stream.frames(state(100))) == 1
+    assert sum(len(stream.frames(nav_state(t))) for t in range(1000, 3000, 10)) == pytest.approx(50, abs=1)
+    assert len(stream.frames(nav_state(100))) == 1
 
 
 def test_a_link_that_does_not_exist_is_a_mistake_of_the_configuration() -> None:

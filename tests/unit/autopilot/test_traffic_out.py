@@ -7,72 +7,31 @@ import pytest
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import common
 
-from onboard.autopilot.traffic import TrafficOut
+from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import ConfigError, TrafficOutConfig, load_config, parse_config
 from onboard.messages import (
     Clock,
-    ClosestApproach,
     Datagram,
     Encoding,
     Estimate,
     Heartbeat,
-    Intruder,
-    Lifecycle,
     ThreatLevel,
 )
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_encode import MavlinkEncoder
+from tests.support.vehicle_records import APPROACH, INTRUDER, TRAFFIC
 
 S = 1_000_000_000
-APPROACH = ClosestApproach(
-    time=12.0,
-    time_sigma=0.5,
-    distance=50.0,
-    distance_sigma=5.0,
-    horizontal=40.0,
-    vertical=-30.0,
-    threat=ThreatLevel.HIGH,
-)
-WHO = Intruder(
-    icao=0x4B1A2C,
-    system=None,
-    callsign="HBABC",
-    squawk=7000,
-    emitter=1,
-    sources=("adsb",),
-    lat_deg=47.4,
-    lon_deg=-8.5,
-    alt_msl=600.0,
-    v_n=(-30.0, 40.0, 2.0),
-    approach=APPROACH,
-)
-ESTIMATE = Estimate(
-    name="traffic",
-    target="icao/4b1a2c",
-    sequence=1,
-    t_ns=100 * S,
-    state=Lifecycle.TRACKING,
-    valid=True,
-    reason="by adsb",
-    frame="n",
-    components=(),
-    units=(),
-    mean=(0.0,) * 6,
-    covariance=None,
-    age=1.4,
-    reset_count=0,
-    intruder=WHO,
-)
 
 
 def silent(target: str, system: int | None = None) -> Estimate:
     return replace(
-        ESTIMATE, target=target, intruder=replace(WHO, icao=None, system=system, callsign="", squawk=None)
+        TRAFFIC, target=target, intruder=replace(INTRUDER, icao=None, system=system, callsign="", squawk=None)
     )
 
 
-def out(**config: Any) -> TrafficOut:
-    made = TrafficOut(TrafficOutConfig(link="gcs", **config), 191)
+def out(**config: Any) -> TrafficOutput:
+    made = TrafficOutput(TrafficOutConfig(link="gcs", **config), 191)
     made.connect(7)
     return made
 
@@ -83,7 +42,7 @@ def parsed(frames: list[bytes]) -> list[Any]:
 
 
 def test_a_threat_is_told_with_its_closest_approach() -> None:
-    (m,) = parsed(out().frames(ESTIMATE))
+    (m,) = parsed(out().frames(TRAFFIC))
     assert (m.get_type(), m.get_srcSystem(), m.get_srcComponent()) == ("COLLISION", 7, 191)
     assert (m.src, m.id, m.action, m.threat_level) == (0, 0x4B1A2C, 0, 2)
     assert (m.time_to_minimum_delta, m.altitude_minimum_delta, m.horizontal_minimum_delta) == (12.0, -30.0, 40.0)
@@ -106,28 +65,28 @@ def test_those_without_a_transponder_are_put_on_the_map_under_an_address_that_is
 @pytest.mark.parametrize(("which", "count"), [("all", 2), ("silent", 1), ("none", 0)])
 def test_which_tracks_are_put_on_the_map_is_configured(which: str, count: int) -> None:
     made = out(adsb_vehicle=which, collision=False)
-    frames = made.frames(ESTIMATE) + made.frames(silent("radar/3"))
+    frames = made.frames(TRAFFIC) + made.frames(silent("radar/3"))
     assert [m.get_type() for m in parsed(frames)] == ["ADSB_VEHICLE"] * count
 
 
 def test_each_track_is_told_of_as_often_as_configured_and_not_when_it_is_no_threat() -> None:
     made = out(rate_hz=2.0)
     times = [(1000 + k) * S // 10 for k in range(40)]  # 4 s at 10 Hz
-    assert sum(len(made.frames(replace(ESTIMATE, t_ns=t_ns))) for t_ns in times) == 8
-    harmless = replace(WHO, approach=replace(APPROACH, threat=ThreatLevel.NONE))
-    assert out().frames(replace(ESTIMATE, intruder=harmless)) == []
+    assert sum(len(made.frames(replace(TRAFFIC, t_ns=t_ns))) for t_ns in times) == 8
+    harmless = replace(INTRUDER, approach=replace(APPROACH, threat=ThreatLevel.NONE))
+    assert out().frames(replace(TRAFFIC, intruder=harmless)) == []
 
 
 def test_after_the_clock_has_gone_back_it_goes_on() -> None:
     made = out()
-    assert made.frames(ESTIMATE)
-    assert made.frames(replace(ESTIMATE, t_ns=3 * S))
+    assert made.frames(TRAFFIC)
+    assert made.frames(replace(TRAFFIC, t_ns=3 * S))
 
 
 def test_nothing_is_told_of_what_is_not_valid_nor_before_an_autopilot_is_heard() -> None:
-    assert out().frames(replace(ESTIMATE, valid=False)) == []
-    assert out().frames(replace(ESTIMATE, intruder=None)) == []
-    assert TrafficOut(TrafficOutConfig(link="gcs"), 191).frames(ESTIMATE) == []
+    assert out().frames(replace(TRAFFIC, valid=False)) == []
+    assert out().frames(replace(TRAFFIC, intruder=None)) == []
+    assert TrafficOutput(TrafficOutConfig(link="gcs"), 191).frames(TRAFFIC) == []
 
 
 def test_it_is_off_unless_a_link_is_named_and_the_link_must_be_there() -> None:
@@ -140,7 +99,7 @@ def test_it_is_off_unless_a_link_is_named_and_the_link_must_be_there() -> None:
 def test_what_we_told_ourselves_is_no_traffic_when_it_comes_back() -> None:
     pipeline = Pipeline(parse_config({"estimator": {"traffic": {}}}))
     beat = Heartbeat(t_ns=0, t_recv_ns=0, clock=Clock.NONE, vehicle_type=2, autopilot=12, armed=True, status=4)
-    frames = [MavlinkEncoder(7, 1).encode(beat), *out(adsb_vehicle="all").frames(ESTIMATE)]
+    frames = [MavlinkEncoder(7, 1).encode(beat), *out(adsb_vehicle="all").frames(TRAFFIC)]
     for frame in frames:
         pipeline.feed(Datagram(channel="autopilot", encoding=Encoding.MAVLINK, t_recv_ns=S, data=frame))
     health = pipeline.health(2 * S)

@@ -234,7 +234,7 @@ def test_help_shows_an_example_that_parses(command: str, capsys: pytest.CaptureF
     assert examples
     for example in examples:
         words = example.split("  ")[0].split(" >")[0].split()[1:]
-        cli._parser().parse_args(words)
+        cli.parser().parse_args(words)
 
 
 def test_several_keys_may_follow_one_set() -> None:

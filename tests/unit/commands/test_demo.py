@@ -7,15 +7,15 @@ import pytest
 from rich.console import Console
 
 from onboard.commands.compiling import Module
-from onboard.commands.demo_flight import _interruptions
-from onboard.commands.reporting import _told_once
+from onboard.commands.processes import interruptions
+from onboard.commands.progress import announce_once
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interruption_that_is_lost_is_heeded_all_the_same(number: signal.Signals) -> None:
     """As one raised while an object is finalised is: Python prints it and goes on."""
     before = signal.getsignal(number)
-    with _interruptions() as heed:
+    with interruptions() as heed:
         heed()
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(number)
@@ -25,15 +25,15 @@ def test_an_interruption_that_is_lost_is_heeded_all_the_same(number: signal.Sign
 
 
 def test_an_interruption_interrupts() -> None:
-    with _interruptions(), pytest.raises(KeyboardInterrupt):
+    with interruptions(), pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
 
 
-def test_compiling_is_told_of_once_and_only_if_there_was_something_to_compile() -> None:
+def test_compiling_is_announced_once_and_only_if_there_was_something_to_compile() -> None:
     console = Console(record=True, quiet=False, stderr=True)
-    tell = _told_once(console, "this flight", "a minute")
-    tell(Module("there", loaded=3, compiled=0, seconds=0.1, folder=""))
+    on_module = announce_once(console, "this flight", "a minute")
+    on_module(Module("there", loaded=3, compiled=0, seconds=0.1, folder=""))
     assert console.export_text(clear=False) == ""
     for _ in range(2):
-        tell(Module("new", loaded=0, compiled=3, seconds=9.0, folder=""))
+        on_module(Module("new", loaded=0, compiled=3, seconds=9.0, folder=""))
     assert console.export_text().count("compiling what this flight needs (a minute on two cores, once)") == 1

@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 FLOORS = (
     {"arrays", "errors"},
     {"geometry", "messages"},
-    {"clocks", "filters", "links", "sinks", "wire"},
+    {"clocks", "filters", "health", "links", "sinks", "wire"},
     {"models", "ownship"},
     {"estimators", "scoring"},
     {"config", "view"},

@@ -10,7 +10,8 @@ import pytest
 
 from onboard.links import Link, LinkError, parse_link
 from onboard.messages import Datagram, Encoding
-from tests.support.link_story import TIMEOUT_S, free_port, until, with_link
+from tests.support.programs import free_ports
+from tests.support.running_link import TIMEOUT_S, until, with_link
 
 FRAME = bytes.fromhex("fe0009010100000000000000")
 
@@ -23,7 +24,7 @@ def udp_peer() -> socket.socket:
 
 
 @pytest.mark.parametrize(
-    ("spec", "says"),
+    ("spec", "message"),
     [
         ("", "udpin:HOST:PORT"),
         ("udp:127.0.0.1:14550", "udpin:HOST:PORT"),
@@ -39,8 +40,8 @@ def udp_peer() -> socket.socket:
         ("serial:/dev/ttyAMA0:0", "serial:DEVICE:BAUD"),
     ],
 )
-def test_a_bad_link_string_is_named_with_what_would_be_right(spec: str, says: str) -> None:
-    with pytest.raises(LinkError, match=says) as caught:
+def test_a_bad_link_string_is_named_with_the_valid_forms(spec: str, message: str) -> None:
+    with pytest.raises(LinkError, match=message) as caught:
         parse_link(spec, "x")
     assert repr(spec) in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -57,7 +58,7 @@ def test_a_bad_link_string_is_named_with_what_would_be_right(spec: str, says: st
         "serial:/dev/null:57600",
     ],
 )
-def test_what_cannot_be_opened_says_so_before_anything_runs(spec: str) -> None:
+def test_a_link_that_cannot_be_opened_raises_before_anything_runs(spec: str) -> None:
     with pytest.raises(LinkError) as caught:
         asyncio.run(parse_link(spec, "x").open())
     assert str(caught.value).startswith(spec)
@@ -66,16 +67,16 @@ def test_what_cannot_be_opened_says_so_before_anything_runs(spec: str) -> None:
 
 @pytest.mark.parametrize("kind", ["udpin", "tcpin"])
 def test_a_port_in_use_is_a_link_error(kind: str) -> None:
-    async def story(link: Any, _: list[Datagram]) -> None:
+    async def check(link: Any, _: list[Datagram]) -> None:
         other: Link = parse_link(f"{kind}:127.0.0.1:{link.address[1]}", "other")
         with pytest.raises(LinkError, match="another onboard"):
             await other.open()
 
-    with_link(f"{kind}:127.0.0.1:0", story)
+    with_link(f"{kind}:127.0.0.1:0", check)
 
 
 def test_a_tcp_client_that_may_not_retry_fails_at_once() -> None:
-    link = parse_link(f"tcp:127.0.0.1:{free_port()}", "x", retry=False)
+    link = parse_link(f"tcp:127.0.0.1:{free_ports(socket.SOCK_STREAM)[0]}", "x", retry=False)
     with pytest.raises(LinkError, match="cannot connect"):
         asyncio.run(link.open())
 
@@ -83,54 +84,54 @@ def test_a_tcp_client_that_may_not_retry_fails_at_once() -> None:
 def test_udpin_keeps_datagrams_whole_and_in_order_garbage_included() -> None:
     pieces = [FRAME, b"\x00", FRAME[:5], os.urandom(300), b"\xfd" * 60_000, FRAME]
 
-    async def story(link: Any, heard: list[Datagram]) -> None:
+    async def check(link: Any, received: list[Datagram]) -> None:
         with udp_peer() as peer:
             for piece in pieces:
                 peer.sendto(piece, link.address)
-            await until(lambda: len(heard) == len(pieces))
-        assert [d.data for d in heard] == pieces
-        assert {(d.channel, d.encoding) for d in heard} == {("autopilot", Encoding.MAVLINK)}
+            await until(lambda: len(received) == len(pieces))
+        assert [d.data for d in received] == pieces
+        assert {(d.channel, d.encoding) for d in received} == {("autopilot", Encoding.MAVLINK)}
         assert link.received == len(pieces)
 
-    with_link("udpin:127.0.0.1:0", story)
+    with_link("udpin:127.0.0.1:0", check)
 
 
-def test_udpin_has_nobody_to_answer_until_a_mavlink_frame_came_and_then_follows_its_sender() -> None:
-    async def story(link: Any, heard: list[Datagram]) -> None:
+def test_udpin_sends_to_nobody_before_a_mavlink_frame_and_then_to_its_sender() -> None:
+    async def check(link: Any, received: list[Datagram]) -> None:
         with udp_peer() as stray, udp_peer() as first, udp_peer() as second:
             stray.sendto(b"GET / HTTP/1.1", link.address)
-            await until(lambda: len(heard) == 1)
+            await until(lambda: len(received) == 1)
             link.send(b"to nobody")
             assert (link.sent, link.errors) == (0, 1)
             for n, peer in enumerate((first, second), 2):
                 peer.sendto(FRAME, link.address)
                 stray.sendto(b"\xfe", link.address)
-                await until(lambda n=n: len(heard) == 2 * n - 1)
+                await until(lambda n=n: len(received) == 2 * n - 1)
                 link.send(b"to %d" % n)
                 assert await asyncio.to_thread(peer.recv, 100) == b"to %d" % n
             assert link.sent == 2
 
-    with_link("udpin:127.0.0.1:0", story)
+    with_link("udpin:127.0.0.1:0", check)
 
 
-def test_a_datagram_is_stamped_when_it_arrived_not_when_the_loop_got_to_it() -> None:
-    """The kernel's stamp: a loop busy for 200 ms makes the datagram no younger."""
+def test_a_datagram_is_stamped_at_arrival_not_when_the_loop_reads_it() -> None:
+    """By the kernel's stamp: a loop that is busy for 200 ms does not change it."""
 
-    async def story(link: Any, heard: list[Datagram]) -> None:
+    async def check(link: Any, received: list[Datagram]) -> None:
         with udp_peer() as peer:
             before = time.time_ns()
             peer.sendto(FRAME, link.address)
             time.sleep(0.2)  # noqa: ASYNC251 - the loop is to be late
-            await until(lambda: heard)
-        assert before - 1_000_000 <= heard[0].t_recv_ns < before + 100_000_000
+            await until(lambda: received)
+        assert before - 1_000_000 <= received[0].t_recv_ns < before + 100_000_000
 
-    with_link("udpin:127.0.0.1:0", story)
+    with_link("udpin:127.0.0.1:0", check)
 
 
-def test_udpout_speaks_first_hears_only_its_peer_and_survives_its_absence() -> None:
-    port = free_port(socket.SOCK_DGRAM)
+def test_udpout_sends_first_receives_only_from_its_peer_and_survives_its_absence() -> None:
+    port = free_ports(socket.SOCK_DGRAM)[0]
 
-    async def story(link: Any, heard: list[Datagram]) -> None:
+    async def check(link: Any, received: list[Datagram]) -> None:
         for _ in range(3):
             link.send(FRAME)  # nobody is there: the kernel reports it on the next call
             await asyncio.sleep(0.02)
@@ -143,13 +144,13 @@ def test_udpout_speaks_first_hears_only_its_peer_and_survives_its_absence() -> N
             assert data == b"hello"
             stranger.sendto(b"spoofed", sender)
             peer.sendto(FRAME, sender)
-            await until(lambda: heard)
-        assert [d.data for d in heard] == [FRAME]
+            await until(lambda: received)
+        assert [d.data for d in received] == [FRAME]
 
-    with_link(f"udpout:127.0.0.1:{port}", story)
+    with_link(f"udpout:127.0.0.1:{port}", check)
 
 
-def test_what_deliver_raises_ends_the_link_and_is_not_swallowed() -> None:
+def test_an_exception_of_deliver_ends_the_link_and_is_raised() -> None:
     async def main() -> None:
         link: Any = parse_link("udpin:127.0.0.1:0", "x")
         await link.open()

@@ -35,11 +35,7 @@ def test_falls_without_thrust_and_drifts_with_its_velocity() -> None:
 def test_thrust_is_along_the_body_s_z_axis_seed_1() -> None:
     """Against the rotation matrix of ZYX Euler angles, made of three factors."""
     for phi, theta, psi in np.random.default_rng(1).uniform(-1.2, 1.2, (20, 3)):
-        c, s = np.cos, np.sin
-        Rz = np.array([[c(psi), -s(psi), 0], [s(psi), c(psi), 0], [0, 0, 1]])
-        Ry = np.array([[c(theta), 0, s(theta)], [0, 1, 0], [-s(theta), 0, c(theta)]])
-        Rx = np.array([[1, 0, 0], [0, c(phi), -s(phi)], [0, s(phi), c(phi)]])
-        expected = np.array([0, 0, 9.81]) - 7.0 / AIR.mass * (Rz @ Ry @ Rx)[:, 2]
+        expected = np.array([0, 0, 9.81]) - 7.0 / AIR.mass * matrix(phi, theta, psi)[:, 2]
         d = rate({"phi": phi, "theta": theta, "psi": psi}, np.array([7.0, 0, 0, 0]))
         np.testing.assert_allclose([d["xd"], d["yd"], d["zd"]], expected, atol=1e-12)
 
@@ -50,9 +46,9 @@ def test_body_rates_turn_the_attitude_seed_2() -> None:
         d = rate({"phi": phi, "theta": theta, "psi": psi, "p": w[0], "q": w[1], "r": w[2]}, HOVER)
         step = 1e-6
         skew = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-        turned = matrix(phi, theta, psi) @ (np.eye(3) + step * skew)
+        rotated = matrix(phi, theta, psi) @ (np.eye(3) + step * skew)
         moved = matrix(phi + step * d["phi"], theta + step * d["theta"], psi + step * d["psi"])
-        np.testing.assert_allclose(moved, turned, atol=2e-11)
+        np.testing.assert_allclose(moved, rotated, atol=2e-11)
 
 
 def matrix(phi: float, theta: float, psi: float) -> Array:
@@ -93,7 +89,7 @@ def test_inputs_of_a_batch_go_with_its_rows() -> None:
         (np.zeros((2, 12)), HOVER, float("nan"), "dt"),
     ],
 )
-def test_what_cannot_be_used_is_refused_by_name(rows: Array, inputs: Array, dt: float, name: str) -> None:
+def test_unusable_arguments_are_refused_by_name(rows: Array, inputs: Array, dt: float, name: str) -> None:
     with pytest.raises(FilterError, match=rf"\b{name}\b"):
         quadrotor.process(rows, inputs, dt)
 

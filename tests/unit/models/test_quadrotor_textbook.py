@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.models.quadrotor import VELOCITY
 from onboard.studies.csvsf_quadrotor.cases import NAMED, Case, simulate
 from onboard.studies.csvsf_quadrotor.filters import WIDE, track
-from onboard.studies.csvsf_quadrotor.table import make_row, score
+from onboard.studies.csvsf_quadrotor.scores import make_row, score
 
 WIDER = 300.0
 M, IXX, IYY, IZZ, ARM, G, T = 0.468, 4.856e-3, 4.856e-3, 8.801e-3, 0.225, 9.81, 0.01
@@ -69,7 +69,7 @@ def test_the_wide_filter_is_the_textbook_s_seed_3() -> None:
 
 def test_with_a_wide_noise_the_velocity_error_is_a_scalar_filter_s_seeds_1_to_8() -> None:
     """Each axis a random walk of step variance q, believed to be 300 q, and measured with variance r: the steady
-    gain is k, the error's variance v = (1 - k)^2 (v + q) + k^2 r. Position and attitude tell next to nothing."""
+    gain is k, the error's variance v = (1 - k)^2 (v + q) + k^2 r. Position and attitude hardly add information."""
     case = simulate(NAMED["none"], range(1, 9))
     variance = 0.0
     for r in np.diag(case.R)[list(VELOCITY)]:

@@ -1,5 +1,5 @@
 """`onboard study --all`: every study from its flights to its report, as small as each can be, so that none breaks
-unnoticed. What they find is looked at in the tests of each."""
+unnoticed. The tests of each study check its results."""
 
 import json
 import os
@@ -12,11 +12,11 @@ import matplotlib
 import msgspec
 import pytest
 
-from onboard.commands import reporting
+from onboard.commands import study as command
 from onboard.commands.cli import main
 from onboard.studies.csvsf_quadrotor import study as csvsf_quadrotor
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE
-from onboard.studies.own_state import study as own_state
+from onboard.studies.own_state import flights as own_state
 from onboard.studies.relative_motion import study as relative_motion
 from onboard.studies.relative_motion.variants import Variant, scenario_of
 from onboard.studies.together import run_study
@@ -25,10 +25,10 @@ from simlink.scenarios.scenario import Scenario
 
 
 def _one_after_another(
-    names: Sequence[str], seeds: int | None, out: Path, told: Callable[[str, int, int], None]
+    names: Sequence[str], seeds: int | None, out: Path, on_progress: Callable[[str, int, int], None]
 ) -> dict[str, dict[str, Any]]:
-    """As `run_all`, but in this process, which knows of the shorter flights."""
-    return {name: run_study(name, seeds, out, partial(told, name)) for name in names}
+    """As `run_all`, but in this process, where the flights are made shorter."""
+    return {name: run_study(name, seeds, out, partial(on_progress, name)) for name in names}
 
 
 def _shorter(variant: Variant) -> Scenario:
@@ -39,7 +39,7 @@ def _shorter(variant: Variant) -> Scenario:
 def test_every_study_flies_and_writes_its_report_one_seed_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(reporting, "run_all", _one_after_another)
+    monkeypatch.setattr(command, "run_all", _one_after_another)
     monkeypatch.setattr(os, "cpu_count", lambda: 1)
     monkeypatch.setitem(matplotlib.rcParams, "savefig.dpi", 20)
     monkeypatch.setattr(relative_motion, "scenario_of", _shorter)
@@ -51,7 +51,7 @@ def test_every_study_flies_and_writes_its_report_one_seed_each(
     monkeypatch.setattr(traffic, "fly", partial(traffic.fly, duration=12.0))
     numbers = tmp_path / "all.json"
     assert main(["study", "--all", "--seeds", "1", "--out", str(tmp_path), "--json", str(numbers)]) == 0
-    names = reporting.study_names()
+    names = command.study_names()
     assert len(names) >= 7
     assert sorted(json.loads(numbers.read_bytes())) == names
     for name in names:

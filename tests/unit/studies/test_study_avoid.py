@@ -8,22 +8,14 @@ import numpy as np
 import pytest
 
 from onboard.filters.discretisation import van_loan
-from onboard.studies.joseph_srukf_sense_and_avoid import (
-    misprints_filters,
-    misprints_models,
-    misprints_sensors,
-    scenes,
-    study,
-)
-from onboard.studies.joseph_srukf_sense_and_avoid import runs as flights
+from onboard.studies.joseph_srukf_sense_and_avoid import runs, scenes, study
+from onboard.studies.joseph_srukf_sense_and_avoid.misprints import models
 from onboard.studies.report.findings import Findings, Misprint
 from onboard.studies.tracking.outcomes import POSITION
 from simlink.sensors import gnss
 
-MISPRINTS = (*misprints_filters.MISPRINTS, *misprints_models.MISPRINTS, *misprints_sensors.MISPRINTS)
 
-
-@pytest.mark.parametrize("formula", MISPRINTS, ids=lambda f: f.__name__)
+@pytest.mark.parametrize("formula", study.FORMULAS, ids=lambda f: f.__name__)
 def test_the_printed_form_fails_and_the_right_one_holds(formula: Callable[[], Misprint]) -> None:
     found = formula()
     assert found.proven
@@ -33,18 +25,18 @@ def test_the_printed_form_fails_and_the_right_one_holds(formula: Callable[[], Mi
     assert found.printed != found.right
 
 
-def test_the_misprints_are_all_that_are_known() -> None:
-    assert len({f.__name__ for f in MISPRINTS}) == 17
+def test_all_17_known_misprints_are_there() -> None:
+    assert len({f.__name__ for f in study.FORMULAS}) == 17
 
 
-def test_mended_closed_forms_cancel_where_van_loan_does_not() -> None:
+def test_corrected_closed_forms_cancel_where_van_loan_does_not() -> None:
     """Why the model uses the integral: alpha -> 0."""
     w, a, dt = 0.2, 1e-7, 0.1
     A = np.array([[0.0, 1, 0], [0, 0, 1], [0, -(a * a + w * w), -2 * a]])
     right = van_loan(A, np.diag([0.0, 0.0, 1.0]), dt).Q
     assert np.linalg.eigvalsh(right)[0] > 0
     assert right[0, 0] == pytest.approx(dt**5 / 20, rel=1e-3)
-    assert abs(misprints_models.mended_q1(w, a, dt)[0, 0] / right[0, 0] - 1) > 0.1
+    assert abs(models.corrected_q1(w, a, dt)[0, 0] / right[0, 0] - 1) > 0.1
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +74,7 @@ def test_claims_are_judged_seeds_200_and_201(found: tuple[Findings, Path]) -> No
     assert all(m.proven for m in found[0].misprints)
 
 
-def test_what_is_written_can_be_read_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
+def test_written_files_can_be_read_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
     written = json.loads((found[1] / "result.json").read_bytes())
     assert len(written["misprints"]) == 19
     assert len(written["figures"]) == 10
@@ -111,11 +103,10 @@ def test_a_fix_alone_finds_the_intruder_seed_1() -> None:
 
 
 def test_both_filters_agree_but_for_rounding_seeds_1_to_3() -> None:
-    assert flights.fly_validation(range(1, 4)).gap < 1e-8
+    assert runs.fly_validation(range(1, 4)).gap < 1e-8
 
 
-def test_the_receiver_says_what_it_does_not_know() -> None:
-    """With the degraded clock its sigmas stay: the filter is not told."""
+def test_the_receiver_s_sigmas_stay_with_the_degraded_clock() -> None:
     fixes = [f for f in scenes.receptions(range(1))[0].fixes if isinstance(f, gnss.Fix)]
     sigmas = np.array([f.sigma[0] for f in fixes])
     assert sigmas.max() < 6

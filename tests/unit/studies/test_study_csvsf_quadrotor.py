@@ -16,9 +16,10 @@ from onboard.studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, multira
 from onboard.studies.csvsf_quadrotor.figures import roll_rate
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, FORCE, RECURSIVE, SVSF, Track, methods_on, track
 from onboard.studies.csvsf_quadrotor.misprints import misprints
-from onboard.studies.csvsf_quadrotor.report import comparison_table, limits_table, pivot
-from onboard.studies.csvsf_quadrotor.table import Score, compare, limits_of, make_row, score
+from onboard.studies.csvsf_quadrotor.report import findings
+from onboard.studies.csvsf_quadrotor.scores import Score, compare, limits_of, make_row, score
 
+Ran = tuple[study.Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
 BEGIN = 1000  # the step from which scores are taken
 
 
@@ -36,7 +37,7 @@ def a_track(case: Case, error: Array) -> Track:
 # ------------------------------------------------------------------------------------------ the flights
 
 
-def test_an_accelerometer_at_rest_feels_that_gravity_is_held_off() -> None:
+def test_an_accelerometer_at_rest_measures_the_force_against_gravity() -> None:
     states = np.zeros((3, 1, 12))
     np.testing.assert_allclose(specific_force(states), np.tile([0, 0, -9.81], (2, 1, 1)), atol=1e-12)
     states[..., 6] = np.pi / 2  # on its right side: up is to the left
@@ -63,8 +64,8 @@ def test_a_flight_does_not_depend_on_the_others_seeds_3_and_4(case: Case) -> Non
         np.testing.assert_allclose(together.start[1], alone.start[0])
 
 
-def test_what_is_wrong_with_the_craft_is_wrong_from_then_on_seed_3(case: Case) -> None:
-    """Flights of one seed are the same until something is wrong."""
+def test_an_error_of_the_craft_changes_the_flight_from_its_beginning_on_seed_3(case: Case) -> None:
+    """Until then flights of one seed are the same."""
     begin = {"weak": 10.0, "motor": 10.0, "gust": 10.0, "mass-1.3": 0.0, "inertia-0.5": 0.0}
     for name, seconds in begin.items():
         states = simulate(NAMED[name], (3,)).states[:, 0]
@@ -98,7 +99,7 @@ def test_sensors_of_two_rates_have_memories_of_their_own_seed_3() -> None:
     np.testing.assert_allclose(smooth, kalman, rtol=1e-9, atol=1e-9)
 
 
-def test_a_late_variant_goes_on_from_the_flight_without_error_seeds_3_and_4(case: Case) -> None:
+def test_a_late_variant_continues_the_flight_without_error_seeds_3_and_4(case: Case) -> None:
     for method in (CKF, filters.PRINTED, ADAPTIVE):
         clean = track(case, NAMED["none"], method)
         weak = simulate(NAMED["weak"], (3, 4))
@@ -204,20 +205,22 @@ def test_the_roll_rate_of_the_frame_is_the_model_s() -> None:
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[study.Result, Path, list[tuple[int, int]]]:
+def result(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     out, calls = tmp_path_factory.mktemp("study"), []
 
-    def tell(done: int, total: int) -> None:
-        calls.append((done, total))
-
-    found = study.run(seeds=2, first_seed=3, jobs=1, out=out, progress=tell, settings=(ADAPTIVE,))
+    found = study.run(
+        seeds=2,
+        first_seed=3,
+        jobs=1,
+        out=out,
+        progress=lambda done, total: calls.append((done, total)),
+        settings=(ADAPTIVE,),
+    )
     return found, out, calls
 
 
 @pytest.mark.timeout(180)
-def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
-    result: tuple[study.Result, Path, list[tuple[int, int]]],
-) -> None:
+def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None:
     found, out, calls = result
     assert calls == [(k, 13) for k in range(1, 14)]
     assert {(r.variant, r.method) for r in found.rows} == {
@@ -231,16 +234,12 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
     report = (out / "report.md").read_text(encoding="utf-8")
     assert all(claim.claim in report for claim in found.claims)
     assert all(f"]({name})" in report for name in found.figures)
-    for lines in (
-        pivot(found.rows, VARIANTS, "velocity_m_s"),
-        limits_table(found.limits),
-        comparison_table(found.comparisons),
-    ):
-        assert len({len(cells) for cells in lines}) == 1
+    tables = findings(found, study.NAME, study.TITLE).tables
+    assert all({len(cells) for cells in table.rows} == {len(table.header)} for table in tables)
 
 
-def test_what_the_reference_says_seeds_3_and_4(result: tuple[study.Result, Path, list[tuple[int, int]]]) -> None:
-    """Of two flights, and all but one figure: Q x 300, see the report."""
+def test_figures_agree_with_the_reference_seeds_3_and_4(result: Ran) -> None:
+    """All but one figure, Q x 300: see the report."""
     found = result[0]
     differ = {(c.variant, c.method) for c in found.comparisons if not c.agrees_as_printed}
     assert len(found.comparisons) == 26
@@ -252,9 +251,7 @@ def test_what_the_reference_says_seeds_3_and_4(result: tuple[study.Result, Path,
     assert verdicts == ["holds", *["holds only if"] * 5, "holds"]
 
 
-def test_the_adaptive_form_meets_what_no_other_meets_seeds_3_and_4(
-    result: tuple[study.Result, Path, list[tuple[int, int]]],
-) -> None:
+def test_the_adaptive_form_meets_what_no_other_meets_seeds_3_and_4(result: Ran) -> None:
     limits = [x for x in result[0].limits if not x.variant.startswith("multirate")]
     met = {x.method for x in limits} - {x.method for x in limits if not x.met}
     assert met == {ADAPTIVE.name}

@@ -54,7 +54,7 @@ def test_the_bound_is_no_better_than_the_angles_allow() -> None:
     assert runs.bound(3.0, 0.01)["262-500 s"] > 2 * at_the_end
 
 
-def test_the_radar_s_noise_is_as_said_seed_1() -> None:
+def test_the_radar_has_the_noise_of_the_paper_seed_1() -> None:
     r: Array = np.tile([[3e4, -4e4, 2e4]], (5000, 1))
     radar = TrackingRadar()
     y = track(radar, r, np.random.default_rng(1))

@@ -1,9 +1,9 @@
-"""The study of our own state judges what it should: names, times, errors."""
+"""The scores of the own-state study: names, times, errors."""
 
 import pytest
 
 from onboard.messages import FaultKind, NavState, Truth
-from onboard.studies.own_state import study as own_state
+from onboard.studies.own_state import flights
 from simlink.scenarios.scenario import load_scenario
 
 MOTOR = (FaultKind.MOTOR, "motor 1")
@@ -12,12 +12,12 @@ Flight = tuple[list[NavState], list[Truth]]
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
-    (states,), truths = own_state.fly(load_scenario("quadrotor-motor"), 3, 12.0, ["csvsf-adaptive"])
+    (states,), truths = flights.fly(load_scenario("quadrotor-motor"), 3, 12.0, ["csvsf-adaptive"])
     return states, truths
 
 
-def test_the_right_name_in_time_seed_3(flight: Flight) -> None:
-    judged = own_state.judge(*flight, MOTOR)
+def test_a_motor_loss_is_named_in_time_seed_3(flight: Flight) -> None:
+    judged = flights.judge(*flight, MOTOR)
     assert judged.named
     assert 0.1 < judged.delay < 0.6
     assert abs(judged.onset) < 0.2
@@ -26,25 +26,24 @@ def test_the_right_name_in_time_seed_3(flight: Flight) -> None:
     assert 0.01 < judged.velocity <= judged.worst < 0.5
 
 
-def test_the_same_name_is_wrong_where_it_should_not_be_seed_3(flight: Flight) -> None:
-    assert own_state.judge(*flight, None).wrong == ("motor motor 1",)
-    other = own_state.judge(*flight, (FaultKind.MOTOR, "motor 2"))
+def test_a_name_that_is_not_expected_is_wrong_seed_3(flight: Flight) -> None:
+    assert flights.judge(*flight, None).wrong == ("motor motor 1",)
+    other = flights.judge(*flight, (FaultKind.MOTOR, "motor 2"))
     assert (other.named, other.wrong) == (False, ("motor motor 1",))
     states, truths = flight
-    silent = own_state.judge([s for s in states if not s.faults], truths, MOTOR)
+    silent = flights.judge([s for s in states if not s.faults], truths, MOTOR)
     assert not silent.named
 
 
-def test_without_the_barometer_it_is_not_asked() -> None:
-    used = own_state.FILTERS[-1]
-    alone = own_state.section(used + own_state.NO_BAROMETER)
-    assert alone == {**own_state.section(used), "pressure_rate_hz": 0.0}
+def test_without_the_barometer_its_updates_are_off() -> None:
+    alone = flights.section(flights.DEFAULT + flights.NO_BAROMETER)
+    assert alone == {**flights.section(flights.DEFAULT), "pressure_rate_hz": 0.0}
 
 
-def test_records_bring_the_vertical_velocity_that_mavlink_has_not_seed_3() -> None:
+def test_records_hold_the_vertical_velocity_that_mavlink_lacks_seed_3() -> None:
     scenario = load_scenario("quadrotor")
     for vertical, components in ((False, 5), (True, 6)):
-        (states, others), _ = own_state.fly(scenario, 3, 1.5, ["cubature", "csvsf"], vertical)
+        (states, others), _ = flights.fly(scenario, 3, 1.5, ["cubature", "csvsf"], vertical)
         assert len(states) == len(others)
         assert states != others  # each by its own filter
         fixes = [s.measurement for s in states if s.measurement is not None and s.measurement.source == "gps"]

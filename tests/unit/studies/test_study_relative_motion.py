@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 
 from onboard.studies.relative_motion import study
-from onboard.studies.relative_motion.report import HEADER, comparison_table, table, target_table
-from onboard.studies.relative_motion.targets import judged
+from onboard.studies.relative_motion.report import findings, targets_table
+from onboard.studies.relative_motion.targets import judge
 from onboard.studies.relative_motion.variants import BY_NAME, VARIANTS
 from onboard.studies.report.workers import Part, compute
 from simlink.scenarios.scenario import load_scenario
 
 SCENARIO = load_scenario("formation")
 
+Ran = tuple[study.Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
 FLOWN = tuple(BY_NAME[name] for name in ("a", "d", "e", "k45"))
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[study.Result, Path, list[tuple[int, int]]]:
+def result(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     out, calls = tmp_path_factory.mktemp("study"), []
     found = study.run(
         seeds=2,
@@ -32,9 +33,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> tuple[study.Result, Path
     return found, out, calls
 
 
-def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
-    result: tuple[study.Result, Path, list[tuple[int, int]]],
-) -> None:
+def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None:
     found, out, calls = result
     assert calls == [(i + 1, len(FLOWN)) for i in range(len(FLOWN))]
     assert len(found.figures) == 10
@@ -47,13 +46,13 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(
     assert all(claim.claim in report for claim in found.claims)
     assert all(target.what in report for target in found.targets)
     assert all(f"]({name})" in report for name in found.figures)
-    assert {len(cells) for cells in table(found.rows)} == {len(HEADER)}
-    assert len(comparison_table(found.comparisons)) == len(found.comparisons)
+    tables = findings(found, study.NAME, study.TITLE).tables
+    assert all({len(cells) for cells in table.rows} == {len(table.header)} for table in tables)
+    compared, expected = (len(tables[0].rows), len(tables[-1].rows)), (len(found.rows), len(found.comparisons))
+    assert compared == expected
 
 
-def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(
-    result: tuple[study.Result, Path, list[tuple[int, int]]],
-) -> None:
+def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(result: Ran) -> None:
     """Bands wide enough for two flights; those of the full study are compared by `compare`."""
     rows = {(row.variant, row.method): row for row in result[0].rows}
     values = {key: {n: q.value or np.nan for n, q in row.quantities.items()} for key, row in rows.items()}
@@ -71,16 +70,16 @@ def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(
     assert verdicts["eq 54"] == "does not hold"
 
 
-def test_targets_are_met_or_not_by_the_numbers(result: tuple[study.Result, Path, list[tuple[int, int]]]) -> None:
+def test_targets_are_met_or_not_by_the_numbers(result: Ran) -> None:
     rows, limits = result[0].rows, result[0].bounds
-    paper = {(t.variant, t.what): t for t in judged(rows, {row.variant: "paper" for row in rows}, limits)}
+    paper = {(t.variant, t.what): t for t in judge(rows, {row.variant: "paper" for row in rows}, limits)}
     assert not paper["a", "NEES (9)"].met
     assert paper["a", "diverged"].met
     assert not paper["k45", "range"].met
     ratio = paper["a", "position error / Cramer-Rao bound"]
     row = next(row for row in rows if (row.variant, row.method) == ("a", "paper"))
     assert ratio.value == pytest.approx((row.quantities["position_ft"].value or np.nan) / limits[0].position_ft)
-    assert len({line[0] for line in target_table(result[0].targets)}) == len(FLOWN)
+    assert len({line[0] for line in targets_table(result[0].targets).rows}) == len(FLOWN)
 
 
 def test_processes_find_what_one_process_finds_seed_2() -> None:

@@ -9,12 +9,13 @@ import pytest
 from onboard.arrays import Array
 from onboard.filters.belief import Belief, FilterError
 from onboard.models.relative_motion import rotation_covariance
-from onboard.studies.relative_motion.formation import Filter, Lateness, Method, Seen, Setting, View, track
+from onboard.studies.relative_motion.formation import Filter, Images, ImageUpdate, Lateness, Method, Setting, track
 from onboard.studies.relative_motion.methods import PAPER_MENDED, SHIPPED, TUNED
 from onboard.studies.relative_motion.scores import score, truth_of
 from simlink.flights import Flights, fly_many
+from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.scenario import load_scenario
-from simlink.scenarios.scene import GaussMarkov, Nav
+from simlink.scenarios.vehicle import Nav
 
 SCENARIO = load_scenario("formation")
 
@@ -47,15 +48,15 @@ def _fragile(at_once: bool) -> Method:
     def make(setting: Setting) -> Filter:
         inner = TUNED.make(setting)
 
-        def see(state: Belief, view: View) -> Seen:
-            broken = view.points[:, 0, 0] > 5.0
+        def update(state: Belief, images: Images) -> ImageUpdate:
+            broken = images.points[:, 0, 0] > 5.0
             if at_once and broken.any():
                 raise FilterError("made to fail")
-            seen = inner.see(state, view)
-            covariance = np.where(broken[:, None, None], np.nan, seen.state.covariance)
-            return seen._replace(state=Belief(seen.state.mean, covariance))
+            after = inner.update(state, images)
+            covariance = np.where(broken[:, None, None], np.nan, after.state.covariance)
+            return after._replace(state=Belief(after.state.mean, covariance))
 
-        return inner._replace(see=see)
+        return inner._replace(update=update)
 
     return Method("fragile", "breaks", make)
 
@@ -73,7 +74,7 @@ def test_a_flight_that_fails_is_taken_out_and_the_rest_fly_on_seeds_1_to_3(
     whole = track(flights, Setting(SCENARIO.camera), TUNED)
     for b in (0, 2):
         np.testing.assert_allclose(found.mean[b], whole.mean[b], rtol=1e-9, atol=1e-9)
-        assert found.one(b).failed_at is None
+        assert np.isnan(found.one(b).failed_at)
 
 
 def test_late_stamps_show_as_an_old_image_and_late_delivery_as_a_prediction_seed_1(flights: Flights) -> None:
@@ -83,7 +84,7 @@ def test_late_stamps_show_as_an_old_image_and_late_delivery_as_a_prediction_seed
     )
     first = [int(np.flatnonzero(np.isfinite(tracks.mean[0, :, 0]))[0]) for tracks in (on_time, stamped, delivered)]
     assert first == [0, 4, 4]
-    # the same images fused at the same times, told four samples later: apart by that prediction only
+    # the same images fused at the same times, reported four samples later: they differ by that prediction only
     assert np.array_equal(on_time.nis, delivered.nis, equal_nan=True)
     truth = truth_of(flights.one(0))[:, :3]
     late = flights.nav_t > 10.0
@@ -92,8 +93,7 @@ def test_late_stamps_show_as_an_old_image_and_late_delivery_as_a_prediction_seed
     assert not np.array_equal(on_time.nis, stamped.nis, equal_nan=True)
 
 
-def test_a_turned_and_displaced_camera_is_where_it_is_seed_1() -> None:
-    """A mount that the filter knows costs nothing."""
+def test_a_turned_and_displaced_camera_costs_a_filter_that_knows_it_nothing_seed_1() -> None:
     mounted = msgspec.structs.replace(
         SCENARIO.camera, mount_rpy_deg=(3.0, -5.0, 4.0), mount_offset=(0.4, 0.3, -0.2)
     )
@@ -105,16 +105,16 @@ def test_a_turned_and_displaced_camera_is_where_it_is_seed_1() -> None:
     assert wrong.position_ft > right.position_ft + 3.0
 
 
-def test_an_attitude_error_that_is_told_of_widens_what_is_said_seed_1(flights: Flights) -> None:
+def test_a_known_attitude_error_widens_the_reported_covariance_seed_1(flights: Flights) -> None:
     nav = Nav(attitude_deg=GaussMarkov(sigma=0.5))
-    without, told = (track(flights, Setting(SCENARIO.camera, nav=n), SHIPPED).one(0) for n in (Nav(), nav))
-    assert np.array_equal(without.mean, told.mean, equal_nan=True)
-    added = told.covariance[-1] - without.covariance[-1]
+    without, known = (track(flights, Setting(SCENARIO.camera, nav=n), SHIPPED).one(0) for n in (Nav(), nav))
+    assert np.array_equal(without.mean, known.mean, equal_nan=True)
+    added = known.covariance[-1] - without.covariance[-1]
     expected = rotation_covariance(without.mean[-1], np.full(3, np.radians(0.5)))
     np.testing.assert_allclose(added, expected, rtol=1e-6, atol=1e-12)
 
 
-def test_a_filter_with_more_states_than_nine_tells_nine_and_a_delay_seed_1(flights: Flights) -> None:
+def test_a_filter_with_more_states_than_nine_reports_nine_and_a_delay_seed_1(flights: Flights) -> None:
     class Wider(NamedTuple):
         nine: Belief
         delay: Array  # (B,)
@@ -122,15 +122,15 @@ def test_a_filter_with_more_states_than_nine_tells_nine_and_a_delay_seed_1(fligh
     def make(setting: Setting) -> Filter:
         inner = TUNED.make(setting)
 
-        def see(state: Wider, view: View) -> Seen:
-            seen = inner.see(state.nine, view)
-            return seen._replace(state=Wider(seen.state, state.delay + 0.001))
+        def update(state: Wider, images: Images) -> ImageUpdate:
+            after = inner.update(state.nine, images)
+            return after._replace(state=Wider(after.state, state.delay + 0.001))
 
         return Filter(
-            start=lambda view: Wider(inner.start(view), np.zeros(len(view.points))),
+            start=lambda images: Wider(inner.start(images), np.zeros(len(images.points))),
             predict=lambda state, step: state._replace(nine=inner.predict(state.nine, step)),
-            see=see,
-            to_nine=lambda state: inner.to_nine(state.nine),
+            update=update,
+            nine_states=lambda state: inner.nine_states(state.nine),
             degrees=4,
             delay=lambda state: (state.delay, np.full(len(state.delay), 0.01)),
         )
@@ -139,7 +139,7 @@ def test_a_filter_with_more_states_than_nine_tells_nine_and_a_delay_seed_1(fligh
     found, plain = track(flights, setting, Method("wider", "wider", make)), track(flights, setting, TUNED)
     assert np.array_equal(found.mean, plain.mean, equal_nan=True)
     assert found.delay is not None
-    for b in range(3):  # each of its own images, for its state is put back where it was taken from
+    for b in range(3):  # each by its own images: a state goes back to the row that it was taken from
         images = np.isfinite(flights.image_points[b]).all(axis=(1, 2)).sum()
         assert found.delay[b, -1, 0] == pytest.approx(0.001 * (images - 1))
     one = score(1, flights.one(0), found.one(0), stamps_late=float(found.delay[0, -1, 0]))

@@ -8,8 +8,8 @@ from onboard.estimators.leader.settings import noise_for
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.studies.relative_motion.bound import bounds
 from onboard.studies.relative_motion.formation import FT, Track
-from onboard.studies.relative_motion.scores import Score, score, truth_of, unseen_samples
-from onboard.studies.relative_motion.table import compare, make_row
+from onboard.studies.relative_motion.reference import compare
+from onboard.studies.relative_motion.scores import Score, make_row, score, truth_of, unseen_samples
 from simlink.flight import Flight
 from simlink.flights import Flights, fly_many
 from simlink.scenarios.scenario import load_scenario
@@ -27,8 +27,8 @@ def flight(flights: Flights) -> Flight:
     return flights.one(0)
 
 
-def a_track(flight: Flight, mean: Array, *, failed_at: float | None = None) -> Track:
-    """A filter that said `mean` throughout, with unit covariance, NIS 3 and no image gated."""
+def a_track(flight: Flight, mean: Array, *, failed_at: float = np.nan) -> Track:
+    """A filter that reported `mean` throughout, with unit covariance, NIS 3 and no image gated."""
     n, m = len(mean), len(flight.image_t)
     return Track(
         t=flight.nav_t,
@@ -97,7 +97,7 @@ def test_a_numerical_failure_is_diverged(flight: Flight) -> None:
     assert s.diverged == "numerical failure at 12.00 s"
 
 
-def test_a_filter_that_says_nothing_in_the_end_has_diverged(flight: Flight) -> None:
+def test_a_filter_without_an_estimate_in_the_end_has_diverged(flight: Flight) -> None:
     mean = truth_of(flight)
     mean[flight.nav_t > 14.0] = np.nan
     s = score(1, flight, a_track(flight, mean))
@@ -123,8 +123,8 @@ def test_the_ellipsoid_holds_the_truth_or_does_not(flight: Flight) -> None:
 
 def test_a_delay_is_found_when_it_stays_within_15_ms(flight: Flight) -> None:
     t = flight.nav_t
-    said = np.where(t < 8.0, 0.080 + 0.016, 0.080 + 0.014)
-    found = a_track(flight, truth_of(flight))._replace(delay=np.stack([said, np.full(t.size, 0.01)], axis=1))
+    estimate = np.where(t < 8.0, 0.080 + 0.016, 0.080 + 0.014)
+    found = a_track(flight, truth_of(flight))._replace(delay=np.stack([estimate, np.full(t.size, 0.01)], axis=1))
     s = score(1, flight, found, stamps_late=0.08)
     assert s.delay_found_s == pytest.approx(8.0)
     assert s.delay_error_ms == pytest.approx(14.0)
@@ -168,7 +168,7 @@ def test_comparisons_agree_within_two_standard_errors(flight: Flight) -> None:
 
 
 def test_the_bound_is_below_what_filters_reach_seeds_1_to_3(flights: Flights) -> None:
-    """And by as much as one knows: the position's error is that of the size prior, 2 % of 90 ft."""
+    """The position's error is that of the size prior, 2 % of 90 ft."""
     least = bounds(flights, SCENARIO.camera, noise_for("honest", "fixed_wing"), 15.0)
     assert [b.seed for b in least] == [1, 2, 3]
     for one in least:

@@ -1,4 +1,4 @@
-"""All studies at once: each in a process of its own, their numbers by name, their progress told."""
+"""All studies at once: each in a process of its own, their results by name, their progress reported."""
 
 from pathlib import Path
 
@@ -9,16 +9,16 @@ from onboard.studies.together import run_all
 SMALL = "cwpa-kalman-tracker-3d"
 
 
-def test_studies_run_in_processes_of_their_own_and_tell_how_far_they_are_3_seeds(tmp_path: Path) -> None:
-    told: list[tuple[str, int, int]] = []
-    found = run_all([SMALL], 3, tmp_path, lambda name, done, total: told.append((name, done, total)))
+def test_studies_run_in_processes_of_their_own_and_report_their_progress_3_seeds(tmp_path: Path) -> None:
+    calls: list[tuple[str, int, int]] = []
+    found = run_all([SMALL], 3, tmp_path, lambda name, done, total: calls.append((name, done, total)))
     assert list(found) == [SMALL]
     assert found[SMALL]["seeds"] == 3
-    assert {name for name, _, _ in told} == {SMALL}
-    assert told[-1][1] == told[-1][2] > 0
+    assert {name for name, _, _ in calls} == {SMALL}
+    assert calls[-1][1] == calls[-1][2] > 0
     assert (tmp_path / SMALL / "report.md").exists()
 
 
-def test_what_one_of_them_raises_is_raised(tmp_path: Path) -> None:
+def test_run_all_raises_the_error_of_a_study(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="seed"):
         run_all([SMALL], 0, tmp_path, lambda *_: None)

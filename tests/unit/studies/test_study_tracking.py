@@ -1,4 +1,4 @@
-"""Running batches of trackers in the studies: a run that fails leaves the others as they were."""
+"""Batches of trackers in the studies: a run that fails leaves the others unchanged."""
 
 from typing import Any
 
@@ -10,9 +10,9 @@ from onboard.filters.belief import FilterError, NotPositiveDefiniteError
 from onboard.filters.discretisation import wiener_acceleration
 from onboard.models import constant_acceleration, radar
 from onboard.studies.report.workers import Part, compute
+from onboard.studies.tracking.batch import Measurement, Scene, Trace, run_batch
 from onboard.studies.tracking.outcomes import POSITION, judge
 from onboard.studies.tracking.trackers import EKF, ITERATED, SRUKF, SRUKF_CLASSICAL, SRUKF_JOSEPH, UKF
-from onboard.studies.tracking.tracking import Scene, Sight, Trace, follow
 from onboard.studies.tracking.trajectories import load
 
 DT, STEPS = 0.5, 40
@@ -20,19 +20,19 @@ SIGMA = np.array([30.0, 0.02, 0.02])
 START = np.tile([300.0, 30.0, 3.0], 3)
 
 
-def scene(seed: int, runs: int, sigma: Array = SIGMA, lost: range = range(0)) -> Scene:
+def scene(seed: int, runs: int, sigma: Array = SIGMA, missing: range = range(0)) -> Scene:
     rng = np.random.default_rng(seed)
     x = np.array([[-6000.0, 110, -0.2, 4500, -60, 0.3, 1000, 8, -0.05]])
     truth = np.concatenate([constant_acceleration.process(x, DT * (k + 1)) for k in range(STEPS)])
-    seen = radar.measure(truth)[:, None] + sigma * rng.standard_normal((STEPS, runs, 3))
+    y = radar.measure(truth)[:, None] + sigma * rng.standard_normal((STEPS, runs, 3))
     return Scene(
         truth=truth,
         start=x + START * rng.standard_normal((runs, 9)),
         covariance=np.diag(START**2),
         process=lambda rows: constant_acceleration.process(rows, DT),
         noise=wiener_acceleration(DT, 0.01, by_axis=True).Q,
-        sights=lambda k: (
-            None if k in lost else Sight(seen[k], np.diag(sigma**2), radar.measure, radar.jacobian, (1, 2))
+        measurements=lambda k: (
+            None if k in missing else Measurement(y[k], np.diag(sigma**2), radar.measure, radar.jacobian, (1, 2))
         ),
     )
 
@@ -42,7 +42,7 @@ ALL = (EKF, UKF, SRUKF, SRUKF_JOSEPH, SRUKF_CLASSICAL, ITERATED)
 
 @pytest.mark.parametrize("tracker", ALL, ids=lambda t: t.name)
 def test_every_tracker_finds_the_target_seed_1(tracker: Any) -> None:
-    trace = follow(scene(1, 4, lost=range(20, 24)), tracker, condition=True)
+    trace = run_batch(scene(1, 4, missing=range(20, 24)), tracker, condition=True)
     error = np.linalg.norm((trace.mean - scene(1, 4).truth[:, None])[..., POSITION], axis=-1)
     assert error[10:].max() < 400
     assert (trace.failed == STEPS).all()
@@ -55,35 +55,35 @@ def test_every_tracker_finds_the_target_seed_1(tracker: Any) -> None:
 
 def test_a_batch_is_a_loop_seed_2() -> None:
     together = scene(2, 3)
-    whole = follow(together, UKF)
+    whole = run_batch(together, UKF)
     for run in range(3):
 
-        def sights(k: int, run: int = run) -> Sight | None:
-            sight = together.sights(k)
-            return None if sight is None else sight._replace(y=sight.y[run : run + 1])
+        def measurements(k: int, run: int = run) -> Measurement | None:
+            measurement = together.measurements(k)
+            return None if measurement is None else measurement._replace(y=measurement.y[run : run + 1])
 
-        one = follow(together._replace(start=together.start[run : run + 1], sights=sights), UKF)
+        one = run_batch(together._replace(start=together.start[run : run + 1], measurements=measurements), UKF)
         np.testing.assert_allclose(one.mean[:, 0], whole.mean[:, run], rtol=1e-9, atol=1e-6)
 
 
 def test_a_run_that_fails_is_taken_out_and_the_others_stay_seed_3() -> None:
     made = scene(3, 5)
-    healthy = follow(made, UKF)
+    healthy = run_batch(made, UKF)
 
-    def update(state: Any, sight: Sight) -> Any:
-        if np.isnan(sight.y).any():
+    def update(state: Any, measurement: Measurement) -> Any:
+        if np.isnan(measurement.y).any():
             raise NotPositiveDefiniteError("covariance: not positive definite")
-        return UKF.update(state, sight)
+        return UKF.update(state, measurement)
 
-    def sights(k: int) -> Sight | None:
-        sight = made.sights(k)
-        if sight is not None and k == 7:
-            y = sight.y.copy()
+    def measurements(k: int) -> Measurement | None:
+        measurement = made.measurements(k)
+        if measurement is not None and k == 7:
+            y = measurement.y.copy()
             y[[1, 4]] = np.nan
-            return sight._replace(y=y)
-        return sight
+            return measurement._replace(y=y)
+        return measurement
 
-    trace = follow(made._replace(sights=sights), UKF._replace(update=update))
+    trace = run_batch(made._replace(measurements=measurements), UKF._replace(update=update))
     assert trace.failed.tolist() == [STEPS, 7, STEPS, STEPS, 7]
     np.testing.assert_allclose(trace.mean[:, [0, 2, 3]], healthy.mean[:, [0, 2, 3]], rtol=1e-9, atol=1e-6)
     assert np.isnan(trace.mean[7:, [1, 4]]).all()
@@ -93,9 +93,9 @@ def test_a_run_that_fails_is_taken_out_and_the_others_stay_seed_3() -> None:
 
 
 def test_a_fault_of_the_call_is_not_a_failure_of_runs() -> None:
-    wrong = Sight(np.zeros((2, 3)), np.eye(3), lambda rows: rows[:, :2])
+    wrong = Measurement(np.zeros((2, 3)), np.eye(3), lambda rows: rows[:, :2])
     with pytest.raises(FilterError, match="measure"):
-        follow(scene(4, 2)._replace(sights=lambda _: wrong), UKF)
+        run_batch(scene(4, 2)._replace(measurements=lambda _: wrong), UKF)
 
 
 def test_windows_are_judged_by_hand() -> None:
@@ -107,9 +107,9 @@ def test_windows_are_judged_by_hand() -> None:
     ones = np.ones((60, 2))
     trace = Trace(mean, mean + 1, 9 * ones, 3 * ones, ones, np.array([60, 60]))
     t = np.arange(60.0)
-    found = judge(trace, truth, UKF, t, {"first": t < 5, "rest": t >= 10}, lost=50.0)
+    found = judge(trace, truth, UKF, t, {"first": t < 5, "rest": t >= 10}, limit=50.0)
     first, rest = found.windows["first"], found.windows["rest"]
-    assert (first.position, first.velocity, first.worst) == (pytest.approx(5 / 2**0.5), 0.0, 5.0)
+    assert (first.position, first.velocity) == (pytest.approx(5 / 2**0.5), 0.0)
     assert rest.position == pytest.approx(((25 + 1e4) / 2) ** 0.5)
     assert rest.velocity == pytest.approx(2**0.5)
     assert (rest.nees, rest.nis, rest.inside) == (9.0, 3.0, 1.0)
@@ -129,9 +129,9 @@ def test_trajectories_are_smooth_motions(name: str, seconds: float) -> None:
     np.testing.assert_allclose(slope[calm], mean[calm], atol=0.3, rtol=1e-2)
 
 
-def test_processes_keep_the_order_and_tell_their_progress() -> None:
+def test_processes_keep_the_order_and_report_their_progress() -> None:
     parts = [Part(pow, (x, 2)) for x in range(5)]
     for jobs in (1, 2):
-        told: list[tuple[int, int]] = []
-        assert compute(parts, jobs, lambda *p, told=told: told.append(p)) == [0, 1, 4, 9, 16]
-        assert told == [(k, 5) for k in range(1, 6)]
+        reported: list[tuple[int, int]] = []
+        assert compute(parts, jobs, lambda *p, reported=reported: reported.append(p)) == [0, 1, 4, 9, 16]
+        assert reported == [(k, 5) for k in range(1, 6)]

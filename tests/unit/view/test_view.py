@@ -1,4 +1,4 @@
-"""The live view itself: where it goes, whom it serves, what it needs and how it ends."""
+"""The live view: its targets, its server, its dependency and its end."""
 
 import socket
 import subprocess

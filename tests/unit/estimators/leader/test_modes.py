@@ -69,7 +69,7 @@ def by_parts(own: Filter, state: Modes, a: Array, image: tuple[Array, Array, Ima
     R_y[swapped, 2:4] *= -1
     R_y[swapped, :, 2:4] *= -1
     update = multiple_model.update(methods, modes, y, [measure] * r, R_y)
-    mixture = multiple_model.believed(methods, update.belief)
+    mixture = multiple_model.belief(methods, update.belief)
     each = update.belief.states
     return [
         *mixture,

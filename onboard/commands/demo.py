@@ -1,0 +1,103 @@
+"""`onboard demo`: the main job on simulated input, a view of it, and a scorecard."""
+
+import argparse
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from rich.console import Console
+
+from onboard.commands.compiling import needed_by_flight
+from onboard.commands.demo_flight import Report, flight_name, run_demo
+from onboard.commands.files import check_targets, make_folder, write_json
+from onboard.commands.progress import announce_once, compile_shown, progress_bar
+from onboard.config import Config, estimator_modules
+from onboard.messages import Estimate
+from onboard.scoring.scorecard import print_leader_score, print_own_state_score
+
+if TYPE_CHECKING:
+    from onboard.view.view import View
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Fly, show, judge: 0 unless the estimate diverged. Raises UserError."""
+    a = arguments
+    console = Console(stderr=True)
+    make_folder(a.out)
+    check_targets(a.json)
+    rrd = a.out / f"{flight_name(a.scenario, a.seed)}.rrd"
+    with ExitStack() as stack:
+        bar = progress_bar(console)
+        task = bar.add_task("starting simulator and daemon", total=a.duration)
+
+        def prepare(names: Iterable[str]) -> None:
+            modules = needed_by_flight(estimator_modules(names))
+            compile_shown(modules, console, announce_once(console, "this flight", "half a minute"))
+            stack.enter_context(bar)  # after the bar of the compilation: a terminal shows one at a time
+
+        def on_progress(flown: float, newest: Estimate | None) -> None:
+            bar.update(task, completed=min(flown, a.duration), description=in_words(newest))
+
+        report = run_demo(
+            scenario=a.scenario,
+            seed=a.seed,
+            duration=a.duration,
+            directory=a.out,
+            overrides=tuple(a.set),
+            prepare=prepare,
+            view=lambda config: open_view(config, rrd, console, headless=a.headless),
+            on_progress=on_progress,
+        )
+    print_report(report, rrd)
+    if a.json is not None:
+        write_json(a.json, demo_numbers(report))
+    return 1 if report.score.diverged and not is_alone(report) else 0
+
+
+def open_view(config: Config, rrd: Path, console: Console, *, headless: bool) -> "View":
+    """The view: a window where there is a display and it is wanted, and always the recording `rrd`."""
+    from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
+    from onboard.view.viewer import has_display  # noqa: PLC0415
+
+    shown = not headless and has_display()
+    if not headless and not shown:
+        console.print(f"no display here: the view is recorded to {rrd}")
+    return View(camera=config.camera_model(), rrd=rrd, spawn=shown)
+
+
+def is_alone(report: Report) -> bool:
+    """Whether our own vehicle flew without a leader to be seen."""
+    return report.own_state is not None and report.drops.images_sent == 0
+
+
+def print_report(report: Report, rrd: Path) -> None:
+    """The scorecard, what was lost on the way, and where the recording is."""
+    out = Console()
+    title = f"{report.scenario}, seed {report.seed}, {report.duration_s:g} s (NED, leader relative to follower)"
+    if not is_alone(report):
+        print_leader_score(out, title, report.score, report.latency_ms)
+    if report.own_state is not None:
+        print_own_state_score(out, report.own_state)
+    d = report.drops
+    out.print(
+        f"lost: {d.images_lost} of {d.images_sent} images between simulator and pipeline, "
+        f"{d.estimates_missed} estimates between daemon and view",
+        highlight=False,
+    )
+    out.print(f"recorded: {rrd} (open it with: onboard view {rrd})", highlight=False, soft_wrap=True)
+
+
+def demo_numbers(report: Report) -> dict[str, Any]:
+    """The scorecard under its documented keys, the score's own at the top level."""
+    numbers: dict[str, Any] = msgspec.to_builtins(report)
+    return {**numbers.pop("score"), **numbers}
+
+
+def in_words(newest: Estimate | None) -> str:
+    """The state of the newest estimate, and the leader's distance (m)."""
+    if newest is None or newest.mean is None:
+        return "searching" if newest is None else str(newest.state)
+    distance = sum(x * x for x in newest.mean[:3]) ** 0.5
+    return f"{newest.state}: leader at {distance:.1f} m"

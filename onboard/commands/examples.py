@@ -1,0 +1,64 @@
+"""The texts below each command's `--help`: examples, what is written, exit codes."""
+
+from typing import Final
+
+ALL: Final = """\
+examples:
+  onboard demo                                   a simulated formation flight, the live view, a scorecard
+  onboard demo --headless --duration 60 --seed 1 --json score.json
+  onboard run configs/companion.toml             fly
+  onboard replay flight.tlog --out estimates.csv --truth truth.csv.gz --set camera.mount_rpy_deg=[0,15,0]
+  onboard view                                   watch a daemon that runs on this computer
+  onboard study relative-motion                  the paper's filter against ours, with its figures
+"""
+RUN: Final = """\
+examples:
+  onboard run                            a simulated flight: simlink run formation --wait 15
+  onboard run configs/companion.toml     fly
+  onboard run --set recorder.path=flight.mcap --set zenoh.vehicle=uav-2
+
+Ctrl-C or SIGTERM stops it. Watch it with: onboard view
+"""
+DEMO: Final = """\
+examples:
+  onboard demo
+  onboard demo --headless --duration 60 --seed 1 --json score.json
+  onboard demo --scenario formation-out-of-view --set estimator.leader.noise=paper
+
+DIR gets the view (.rrd), the configuration used (.toml) and what both programs said (.log).
+Exit code 1: the estimate diverged.
+"""
+REPLAY: Final = """\
+examples:
+  onboard replay flight.tlog --out estimates.csv --set camera.mount_rpy_deg=[0,15,0]
+  onboard replay flight.mcap --config companion.toml --rrd flight.rrd
+  simlink log formation --out f.tlog --truth f.csv && simlink config formation > f.toml &&
+      onboard replay f.tlog --config f.toml --truth f.csv
+"""
+VIEW: Final = """\
+examples:
+  onboard view                                            of a daemon on this computer
+  onboard view --connect tcp/192.168.1.20:7447 --rrd flight.rrd
+  onboard view out/formation-1.rrd
+  onboard view out/formation-1.rrd --png view.png --at 60
+"""
+STUDY: Final = """\
+examples:
+  onboard study relative-motion --seeds 10                writes report, numbers and figures to out/studies
+  onboard study --all --json study.json
+"""
+SCHEMA: Final = """\
+example:
+  onboard schema --json > schema.json
+"""
+COMPILE: Final = """\
+examples:
+  onboard compile                        everything
+  onboard compile companion.toml         what a flight with this configuration needs, which is much less
+
+Estimating is done by machine code that is made on each computer once, on all cores, in half a minute to some
+minutes, and again after an update. `onboard demo` makes what it needs; do it before you fly.
+
+The code is kept beside the sources (__pycache__). Where that folder cannot be written to, Numba keeps it in the
+user's cache folder (~/.cache/numba on Linux), so run this as the user who flies; NUMBA_CACHE_DIR names another.
+"""

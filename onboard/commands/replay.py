@@ -1,0 +1,100 @@
+"""`onboard replay`: a log through the pipeline, and a scorecard."""
+
+import argparse
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from rich.console import Console
+
+from onboard.commands.csv_rows import CsvWriter, OwnCsvWriter
+from onboard.commands.files import check_targets, write_json
+from onboard.commands.log_replay import Replayed, check_log, replay
+from onboard.commands.progress import progress_bar
+from onboard.config import Config, load_config
+from onboard.errors import UserError
+from onboard.scoring.leader import LeaderScore, reference_from_csv, score_leader
+from onboard.scoring.scorecard import print_health, print_leader_score, print_own_state
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Replay a log. Raises UserError."""
+    a = arguments
+    config = load_config(a.config, tuple(a.set))
+    return replay_log(a.log, config, out=a.out, truth=a.truth, json_file=a.json, rrd=a.rrd, own=a.own)
+
+
+def replay_log(
+    log: Path,
+    config: Config,
+    *,
+    out: Path | None,
+    truth: Path | None,
+    json_file: Path | None,
+    rrd: Path | None,
+    own: Path | None = None,
+) -> int:
+    """`onboard replay`: a log through the pipeline; rows to `out`, of our own state to `own`, the view to `rrd`, a
+    summary to the screen."""
+    reference = reference_from_csv(truth) if truth is not None else None
+    check_log(log)
+    check_targets(out, json_file, rrd, own, inputs=(log, truth))
+    with ExitStack() as stack:
+        takers: list[Callable[[Any], None]] = []
+        if rrd is not None:
+            from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
+
+            view = stack.enter_context(View(camera=config.camera_model(), rrd=rrd))
+            takers.append(view.show)
+        for path, writer in ((out, CsvWriter), (own, OwnCsvWriter)):
+            if path is None:
+                continue
+            try:
+                takers.append(writer(stack.enter_context(path.open("w", encoding="utf-8", newline=""))).write)
+            except OSError as error:
+                raise UserError(f"cannot write {path}: {error.strerror}") from error
+        bar = stack.enter_context(progress_bar(Console(stderr=True)))
+        task = bar.add_task(f"replaying {log.name}", total=None)
+        replayed = replay(
+            log,
+            config,
+            take=lambda record: _each(takers, record),
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    result = score_leader(replayed.estimates, reference)
+    _print_replay(log, replayed, result, out, own, rrd)
+    if json_file is not None:
+        write_json(json_file, replay_numbers(replayed, result))
+    return 0
+
+
+def replay_numbers(replayed: Replayed, result: LeaderScore) -> dict[str, Any]:
+    """The summary of a replay as plain values."""
+    numbers: dict[str, Any] = msgspec.to_builtins(result)
+    log = {"duration_s": replayed.duration, "records": replayed.records, "damaged": replayed.damaged}
+    return {**numbers, "log": log, "health": msgspec.to_builtins(replayed.health)}
+
+
+def _print_replay(log: Path, replayed: Replayed, result: LeaderScore, *written: Path | None) -> None:
+    console = Console()
+    damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
+    console.print(
+        f"{log}: {replayed.duration:.1f} s, {replayed.records} records{damage}",
+        highlight=False,
+        soft_wrap=True,
+    )
+    print_health(console, replayed.health)
+    if not result.verdicts:
+        console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
+    print_leader_score(console, "leader relative to follower, NED", result)
+    print_own_state(console, replayed.own_states)
+    for path in written:
+        if path is not None:
+            console.print(f"written: {path}", highlight=False, soft_wrap=True)
+
+
+def _each(takers: list[Callable[[Any], None]], record: Any) -> None:
+    for take in takers:
+        take(record)

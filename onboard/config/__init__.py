@@ -1,0 +1,41 @@
+"""Configuration: TOML -> frozen records. `sections` has the keys, `reading` the errors."""
+
+from onboard.config.reading import (
+    ConfigError,
+    estimator_modules,
+    load_config,
+    named_estimators,
+    parse_config,
+    read_table,
+)
+from onboard.config.sections import (
+    AutopilotConfig,
+    CameraConfig,
+    Config,
+    DelayConfig,
+    LinkConfig,
+    OdometryConfig,
+    OwnshipConfig,
+    RecorderConfig,
+    TrafficOutConfig,
+    source_delays_ns,
+)
+
+__all__ = [
+    "AutopilotConfig",
+    "CameraConfig",
+    "Config",
+    "ConfigError",
+    "DelayConfig",
+    "LinkConfig",
+    "OdometryConfig",
+    "OwnshipConfig",
+    "RecorderConfig",
+    "TrafficOutConfig",
+    "estimator_modules",
+    "load_config",
+    "named_estimators",
+    "parse_config",
+    "read_table",
+    "source_delays_ns",
+]

@@ -1,0 +1,152 @@
+"""TOML -> configuration. An unknown key is an error that names it and those that are known.
+
+`--set KEY=VALUE` puts one value over the file's, with VALUE read as TOML.
+"""
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from onboard.config.sections import Config, LinkConfig
+from onboard.errors import UserError
+from onboard.estimators import config_type, known, module_name
+from onboard.messages import Record
+from onboard.wire.mavlink_encode import message_number
+
+
+class ConfigError(UserError, ValueError):
+    """The configuration cannot be used; the message is one line that says where and why."""
+
+
+def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
+    """The configuration of a TOML file (None: the defaults, with the leader estimator) and `--set` overrides.
+
+    Raises ConfigError.
+    """
+    return parse_config(read_table(path, overrides))
+
+
+def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
+    """The unchecked table of a file and overrides. Raises ConfigError for a file that is not TOML."""
+    table: dict[str, Any] = {}
+    if path is not None:
+        try:
+            table = tomllib.loads(path.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path} is not TOML: {error}") from error
+    for override in overrides:
+        _put(table, override)
+    table.setdefault("estimator", {"leader": {}})
+    return table
+
+
+def named_estimators(table: dict[str, Any]) -> dict[str, Any]:
+    """The sections of a table's estimators by their names, unchecked, without loading any. Raises ConfigError."""
+    sections = table.get("estimator", {})
+    if not isinstance(sections, dict):
+        raise ConfigError("`estimator` must be a table of tables, such as [estimator.leader]")
+    for name in sections:
+        if name not in known():
+            raise ConfigError(f"unknown key estimator.{name}{_among(name, known())}")
+    return sections
+
+
+def estimator_modules(names: Iterable[str] | None = None) -> list[str]:
+    """The modules of these estimators, by default of all there are, without loading any."""
+    return [module_name(name) for name in (known() if names is None else names)]
+
+
+def parse_config(table: dict[str, Any]) -> Config:
+    """The configuration of a table as TOML gives it. Raises ConfigError."""
+    config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
+    for name, rate in config.autopilot.rates_hz.items():
+        if not _is_message(name):
+            raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
+        if not rate > 0:
+            raise ConfigError(f"autopilot.rates_hz.{name}: must be positive, not {rate}")
+    named = tuple(link.name for link in config.link)
+    if config.traffic_out.link and config.traffic_out.link not in named:
+        raise ConfigError(f"traffic_out.link: no link is called {config.traffic_out.link!r}{_among('', named)}")
+    if config.odometry.link and config.odometry.link not in named:
+        raise ConfigError(f"odometry.link: no link is called {config.odometry.link!r}{_among('', named)}")
+    sections = {}
+    for name, section in named_estimators(table).items():
+        sections[name] = _convert(section, config_type(name), f"estimator.{name}")
+    return msgspec.structs.replace(config, estimator=sections)
+
+
+def _is_message(name: str) -> bool:
+    try:
+        message_number(name)
+    except KeyError:
+        return False
+    return True
+
+
+def _put(table: dict[str, Any], override: str) -> None:
+    """Put KEY=VALUE into a nested table."""
+    key, equals, text = override.partition("=")
+    if not equals or not key.strip():
+        raise ConfigError(f"--set {override!r}: must be KEY=VALUE, such as camera.f_px=554.3")
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        value = text.strip()  # a bare word is a string
+    *path, last = key.strip().split(".")
+    for part in path:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise ConfigError(f"--set {override!r}: `{part}` holds a value, not a table")
+    table[last] = value
+
+
+def _convert(table: Any, kind: type[Any], at: str) -> Any:
+    """A table as a record, strictly; errors name the key by its full path."""
+    if not isinstance(table, dict):
+        raise ConfigError(f"`{at}` must be a table, not {table!r}")
+    _check_keys(table, kind, at)
+    _check_finite(table, at)
+    try:
+        return msgspec.convert(table, kind)
+    except msgspec.ValidationError as error:
+        text, _, path = str(error).partition(" - at `$")
+        where = f"{at}{path.rstrip('`')}".lstrip(".") or at
+        reason = f"{text[0].lower()}{text[1:]}"
+        raise ConfigError(reason if reason.startswith(where) else f"{where}: {reason}") from error
+
+
+def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
+    """Raise for a key that `kind` does not have, here or in the tables below."""
+    fields = {field.name: field.type for field in msgspec.structs.fields(kind)}
+    for key, value in table.items():
+        path = f"{at}.{key}".lstrip(".")
+        if key not in fields:
+            raise ConfigError(f"unknown key {path}{_among(key, tuple(fields))}")
+        if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):
+            _check_keys(value, fields[key], path)
+        if isinstance(value, list) and fields[key] == tuple[LinkConfig, ...]:
+            for i, item in enumerate(value):
+                if isinstance(item, dict):
+                    _check_keys(item, LinkConfig, f"{path}[{i}]")
+
+
+def _check_finite(value: Any, at: str) -> None:
+    """Raise for a number, however deep, that is not finite: TOML has nan and inf, we have no use for them."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(f"{at}: must be a finite number, not {value}")
+    inside = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, item in inside:
+        _check_finite(item, f"{at}[{key}]" if isinstance(value, list) else f"{at}.{key}".lstrip("."))
+
+
+def _among(key: str, names: tuple[str, ...]) -> str:
+    near = difflib.get_close_matches(key, names, n=1)
+    hint = f" (did you mean {near[0]}?)" if near else ""
+    return f"{hint}; known: {', '.join(names)}"

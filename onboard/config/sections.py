@@ -1,0 +1,154 @@
+"""Configuration as frozen records: one for each section of the TOML file. Keys carry their units."""
+
+from typing import Annotated, Any, Final, Literal
+
+import msgspec
+
+from onboard.geometry.camera import Camera, make_camera
+from onboard.messages import (
+    Attitude,
+    Barometer,
+    GlobalPosition,
+    GpsFix,
+    Imu,
+    LocalPosition,
+    Message,
+    NotNegative,
+    Positive,
+    Record,
+    TargetPoints,
+    Vec3,
+)
+from onboard.sinks.zenoh_session import ZenohConfig
+
+ARDUPILOT: Final = 3
+SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
+
+
+class LinkConfig(Record, frozen=True, kw_only=True):
+    """`[[link]]`: a name, and udpin:HOST:PORT, udpout:, tcp:, tcpin: or serial:DEVICE:BAUD."""
+
+    name: str
+    url: str
+    autopilot: bool = True  # heartbeats, TIMESYNC and requests for message rates go out on it
+
+
+class AutopilotConfig(Record, frozen=True, kw_only=True):
+    """`[autopilot]`: whose vehicle this is, and what we ask of it."""
+
+    system: SystemId = 0  # its MAVLink system id; 0: that of the first autopilot heard
+    component: SystemId = 191  # our own component id (MAV_COMP_ID_ONBOARD_COMPUTER)
+    request_rates: bool = True
+    rates_hz: dict[str, float] = msgspec.field(
+        default_factory=lambda: {
+            "ATTITUDE_QUATERNION": 50.0,
+            "LOCAL_POSITION_NED": 50.0,
+            "HIGHRES_IMU": 100.0,
+            "GLOBAL_POSITION_INT": 10.0,
+            "GPS_RAW_INT": 10.0,
+        }
+    )
+
+
+class CameraConfig(Record, frozen=True, kw_only=True):
+    """`[camera]`: the mount and the lens. Points in pixels bring their own intrinsics with them."""
+
+    name: str = "front"
+    f_px: Positive = 554.256
+    width_px: Positive = 640.0
+    height_px: Positive = 480.0
+    sigma_px: Positive = 1.0  # standard deviation of each image coordinate
+    mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
+    mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
+
+
+class DelayConfig(Record, frozen=True, kw_only=True):
+    """`[delay]`: how much older than its stamp each source is, s. None: what is known of the autopilot."""
+
+    attitude_s: float | None = None
+    imu_s: float | None = None
+    local_position_s: float | None = None
+    global_position_s: float | None = None
+    gps_s: float | None = None
+    camera_s: float | None = None
+
+
+class OwnshipConfig(Record, frozen=True, kw_only=True):
+    """`[ownship]`"""
+
+    max_extrapolation_s: NotNegative = 0.1  # how far beyond its newest sample our own pose may be carried on
+    max_lead_s: NotNegative = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
+
+
+class OdometryConfig(Record, frozen=True, kw_only=True):
+    """`[odometry]`: our own state as MAVLink's ODOMETRY, on one of our links. Never let the autopilot whose
+    attitude we use fuse it: it would fuse its own estimate."""
+
+    link: str | None = None  # its name; None: not sent
+    rate_hz: Positive = 30.0
+
+
+class RecorderConfig(Record, frozen=True, kw_only=True):
+    """`[recorder]`: raw bytes as they came, and every estimate, in an MCAP file."""
+
+    path: str | None = None
+
+
+class TrafficOutConfig(Record, frozen=True, kw_only=True):
+    """`[traffic_out]`: tracks of traffic as MAVLink messages on one of the links; without `link` on none."""
+
+    link: str = ""  # its name
+    adsb_vehicle: Literal["all", "silent", "none"] = "silent"  # which tracks; silent: those without a transponder
+    collision: bool = True  # threats
+    rate_hz: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0  # of each track
+
+
+class Config(Record, frozen=True, kw_only=True):
+    """The whole configuration of the daemon and the replay. `estimator` holds each estimator's own Config."""
+
+    link: tuple[LinkConfig, ...] = (
+        LinkConfig(name="autopilot", url="udpin:127.0.0.1:14540"),
+        LinkConfig(name="camera", url="udpin:127.0.0.1:14560", autopilot=False),
+    )
+    autopilot: AutopilotConfig = AutopilotConfig()
+    camera: CameraConfig = CameraConfig()
+    delay: DelayConfig = DelayConfig()
+    ownship: OwnshipConfig = OwnshipConfig()
+    estimator: dict[str, Any] = msgspec.field(default_factory=dict)
+    zenoh: ZenohConfig = ZenohConfig()
+    recorder: RecorderConfig = RecorderConfig()
+    traffic_out: TrafficOutConfig = TrafficOutConfig()
+    odometry: OdometryConfig = OdometryConfig()
+
+    def camera_model(self) -> Camera:
+        """The camera as a geometric model."""
+        c = self.camera
+        return make_camera(
+            name=c.name,
+            f_px=c.f_px,
+            width_px=c.width_px,
+            height_px=c.height_px,
+            mount_rpy_deg=c.mount_rpy_deg,
+            mount_offset=c.mount_offset_m,
+            sigma_px=c.sigma_px,
+        )
+
+
+def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], int]:
+    """Delay of each message type, ns. Where not configured: measured on ArduPilot 4.7, whose positions are
+    20-25 ms and whose GPS is 95 ms older than its stamp; for other autopilots 0."""
+    ardupilot = autopilot == ARDUPILOT
+
+    def ns(configured: float | None, for_ardupilot: float) -> int:
+        value = configured if configured is not None else (for_ardupilot if ardupilot else 0.0)
+        return round(value * 1e9)
+
+    return {
+        Attitude: ns(delay.attitude_s, 0.0),
+        Imu: ns(delay.imu_s, 0.0),
+        Barometer: ns(delay.imu_s, 0.0),
+        LocalPosition: ns(delay.local_position_s, 0.0225),
+        GlobalPosition: ns(delay.global_position_s, 0.0225),
+        GpsFix: ns(delay.gps_s, 0.095),
+        TargetPoints: ns(delay.camera_s, 0.0),
+    }

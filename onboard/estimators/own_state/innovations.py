@@ -1,0 +1,109 @@
+"""Evaluation of innovations: how well the filter explains the last second's measurements, and wrong values.
+
+A wrong model's innovations keep their sign, a single wrong value's do not.
+"""
+
+from collections import Counter, deque
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from onboard.arrays import Array
+from onboard.estimators.own_state.measurements import Measurement
+from onboard.filters.belief import Update
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import Fault, FaultKind
+
+WRONG_VALUES: Final = 3  # within a second make a fault
+NEAR: Final = 2.0  # deviations: before and after a wrong value, innovations are this small
+SHAKEN_NS: Final = 400_000_000  # about the onset of another fault, innovations say nothing about sensors
+
+Outside = npt.NDArray[np.bool_]
+
+
+class Counts:
+    """Of the last second's measurements: how many components were outside their layer of `sigmas` standard
+    deviations of the innovation, and the NIS."""
+
+    def __init__(self, sigmas: float) -> None:
+        self._sigmas = sigmas
+        self._recent: deque[tuple[int, int, int, float]] = deque()  # t_ns, outside, components, NIS
+        self._outside = self._components = 0  # sums over those
+
+    def add(self, t_ns: int, update: Update) -> Outside:
+        """Count a measurement; which of its components were outside (m,)."""
+        layer = self._sigmas * np.sqrt(np.diag(update.innovation_covariance))
+        outside: Outside = np.abs(update.innovation) > layer
+        self._recent.append((t_ns, int(outside.sum()), len(outside), float(update.nis)))
+        self._outside += self._recent[-1][1]
+        self._components += len(outside)
+        while self._recent[0][0] < t_ns - NS_PER_S:
+            _, old_outside, old_components, _ = self._recent.popleft()
+            self._outside -= old_outside
+            self._components -= old_components
+        return outside
+
+    @property
+    def switch_fraction(self) -> float | None:
+        """Share of components outside their layer; None before the first."""
+        return self._outside / self._components if self._components else None
+
+    @property
+    def nis_ratio(self) -> float | None:
+        """NIS over the number of components: 1 where the covariance is right."""
+        return sum(nis for _, _, _, nis in self._recent) / self._components if self._components else None
+
+
+class OutlierMonitor:
+    """Counts wrong values and reports a fault while they are many."""
+
+    def __init__(self) -> None:
+        self._fault: Fault | None = None
+        self._signs: dict[str, tuple[int, Array, Array]] = {}  # by sensor: time, signs before it, signs then
+        self._wrong: deque[tuple[int, str]] = deque()
+
+    def faults(self) -> tuple[Fault, ...]:
+        """The present fault, if there is one."""
+        return () if self._fault is None else (self._fault,)
+
+    def add(self, measurement: Measurement, update: Update, outside: Outside, onsets_ns: Sequence[int]) -> None:
+        """A measurement's innovation, and which of its components were outside their layer. A component that is
+        outside, was small before, and is small after or as far to the other side, was a wrong value; otherwise the
+        model is wrong. `onsets_ns` are those of the vehicle's present faults."""
+        # 1 or -1 outside, 0 well inside, a half between
+        near = np.abs(update.innovation) < NEAR * np.sqrt(np.diag(update.innovation_covariance))
+        signs = np.where(outside, 1.0, 0.5) * np.sign(update.innovation) * ~near
+        sensor, t_ns = measurement.sensor, measurement.t_ns
+        last_ns, before, last = self._signs.get(sensor, (0, 0.0 * signs, 0.0 * signs))
+        if len(last) == len(signs):
+            single = (before == 0) & ((signs == 0) | (signs == -last))
+            for i in np.flatnonzero(single & (np.abs(last) == 1)):
+                self._wrong.append((last_ns, f"{sensor}.{measurement.components[i]}"))
+            self._signs[sensor] = (t_ns, last, signs)
+        else:
+            self._signs[sensor] = (t_ns, 0.0 * signs, signs)
+        self._judge(t_ns, onsets_ns)
+
+    def _judge(self, t_ns: int, onsets_ns: Sequence[int]) -> None:
+        """Wrong values make a fault once they are many, and once a fault of the vehicle, whose onset shakes the
+        filter, has had the time to be named instead."""
+        shaken = [t for t in onsets_ns if t_ns - t < 2 * NS_PER_S]
+        kept = [w for w in self._wrong if w[0] >= t_ns - 2 * NS_PER_S]
+        kept = [w for w in kept if not any(-SHAKEN_NS < w[0] - t < 2 * SHAKEN_NS for t in shaken)]
+        self._wrong = deque(kept)
+        recent = [w for w in kept if w[0] >= t_ns - NS_PER_S]
+        if not recent:
+            if not kept:
+                self._fault = None
+            return
+        onset_ns = min(t for t, _ in recent)
+        if len(recent) >= WRONG_VALUES and t_ns - onset_ns > SHAKEN_NS and self._fault is None:
+            self._fault = Fault(
+                kind=FaultKind.OUTLIERS,
+                part=Counter(name for _, name in recent).most_common(1)[0][0],
+                t_onset_ns=onset_ns,
+                magnitude=float(len(recent)),
+                unit="wrong values a second",
+            )

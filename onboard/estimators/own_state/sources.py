@@ -1,0 +1,92 @@
+"""Streams of messages as measurements, with the memory that each stream needs between its messages."""
+
+import math
+from collections import deque
+from typing import Final
+
+from onboard.estimators.own_state.config import Config
+from onboard.estimators.own_state.measurements import Measurement, from_attitude, from_barometer, from_fix
+from onboard.geometry.geodesy import geodetic_from_ned
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import Attitude, Barometer, GlobalPosition, GpsFix, Imu, Vec3, Verdict
+from onboard.ownship import Ownship
+
+ATTITUDES: Final = 200  # kept for the start of a track
+NEAREST_NS: Final = NS_PER_S // 2  # of an attitude to the fix at which a track starts
+ORIGIN_WAIT_NS: Final = 2 * NS_PER_S  # for a GLOBAL_POSITION_INT, which shows where the autopilot's origin is
+FIX_3D: Final = 3
+
+
+class Sources:
+    """Measurements of attitude, GPS and barometer. A message gives a measurement, or the reason why it cannot be
+    used, or None where it is not needed."""
+
+    def __init__(self, config: Config) -> None:
+        self.attitudes: deque[Measurement] = deque(maxlen=ATTITUDES)
+        self.origin: Vec3 | None = None  # of n: latitude and longitude (deg), altitude (m)
+        self.first_fix_ns: int | None = None
+        self._config = config
+        self._last_fix_ns: int | None = None
+        self._datum: float | None = None  # the barometer's first altitude, m
+        self._next_pressure_ns = 0
+
+    @property
+    def newest_ns(self) -> int:
+        """Time of the newest attitude, 0 before the first."""
+        return self.attitudes[-1].t_ns if self.attitudes else 0
+
+    def attitude_near(self, t_ns: int) -> Measurement | None:
+        """The attitude nearest to a time, None where none is near enough."""
+        near = min(self.attitudes, key=lambda a: abs(a.t_ns - t_ns), default=None)
+        return None if near is None or abs(near.t_ns - t_ns) > NEAREST_NS else near
+
+    def attitude(self, message: Attitude) -> Measurement | Verdict | None:
+        """An attitude newer than the last: ATTITUDE and ATTITUDE_QUATERNION of one instant are the same."""
+        measurement = from_attitude(message, self._config)
+        if isinstance(measurement, Verdict):
+            return measurement
+        if self.attitudes and message.t_ns <= self.newest_ns:
+            return None
+        self.attitudes.append(measurement)
+        return measurement
+
+    def pressure(self, message: Imu | Barometer, altitude: float) -> Measurement | Verdict | None:
+        """A barometer's altitude (m), at the configured rate."""
+        rate = self._config.pressure_rate_hz
+        if rate == 0.0 or message.t_ns < self._next_pressure_ns:
+            return None
+        self._next_pressure_ns = next_due_ns(message.t_ns, rate)
+        if self._datum is None and math.isfinite(altitude):
+            self._datum = altitude
+        return from_barometer(message, altitude, self._datum or 0.0, self._config)
+
+    def fix(self, message: GpsFix, ownship: Ownship) -> Measurement | Verdict | None:
+        """A new 3D fix, once the origin is known."""
+        if message.fix_type < FIX_3D or message.t_ns == self._last_fix_ns:
+            return None
+        self._last_fix_ns = message.t_ns
+        if self.first_fix_ns is None:
+            self.first_fix_ns = message.t_ns
+        if self.origin is None:
+            if message.t_ns - self.first_fix_ns < ORIGIN_WAIT_NS:
+                return None
+            self.origin = _origin(message, ownship) or (message.lat_deg, message.lon_deg, message.alt_msl)
+        return from_fix(message, self.origin, self._config)
+
+    def learn_origin(self, message: GlobalPosition, ownship: Ownship) -> None:
+        """Find the autopilot's own origin, so that positions can be compared with its own."""
+        if self.origin is None:
+            self.origin = _origin(message, ownship)
+
+
+def next_due_ns(t_ns: int, rate_hz: float) -> int:
+    """The earliest time at which the next message after `t_ns` is due; a millisecond early for rounded stamps."""
+    return t_ns + round(NS_PER_S / rate_hz) - NS_PER_S // 1000
+
+
+def _origin(message: GlobalPosition | GpsFix, ownship: Ownship) -> Vec3 | None:
+    """The origin of the autopilot's positions; None where its position is unknown at the message's time."""
+    pose = ownship.pose_at(message.t_ns)
+    if pose is None:
+        return None
+    return geodetic_from_ned(-pose.r_OF_n, (message.lat_deg, message.lon_deg, message.alt_msl))

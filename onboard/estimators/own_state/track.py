@@ -1,0 +1,199 @@
+"""The filter of our own state over time: predictions driven by the inputs, updates at the measurements' own times.
+
+The model is `models.own_motion`. Its angles are relative to a reference frame a, which is moved to the vehicle's
+attitude whenever an angle has grown too large.
+"""
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.history import History
+from onboard.estimators.own_state.config import Config
+from onboard.estimators.own_state.filters import Filtered, SensorFilter
+from onboard.estimators.own_state.innovations import Counts, Outside
+from onboard.estimators.own_state.inputs import Inputs
+from onboard.estimators.own_state.measurements import BAROMETER, GPS, Measurement, measurement_model, relative_to
+from onboard.filters.belief import Belief, Update
+from onboard.filters.gating import chi_square_threshold
+from onboard.geometry.units import NS_PER_S, S_PER_NS
+from onboard.models import own_motion
+from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
+
+DATUM_SIGMA: Final = 300.0  # m, of the barometer's datum over O
+PATIENCE: Final = 2  # measurements in a row that a gate may reject
+LONGEST_STEP_NS: Final = 20_000_000
+HOVERING: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # the specific force without an accelerometer
+HOVERING_NOISE: Final = 3.0  # m/s^2 per square root of Hz, of that
+NO_ACCELERATION: Final = np.zeros(3)
+LEAST_VARIANCE: Final = 1e-18  # keeps a process noise positive definite
+VELOCITIES: Final = np.ix_(VELOCITY, VELOCITY)
+
+
+class Cell(NamedTuple):
+    """The filter's state, the attitude R_na of the reference frame of its angles, and by sensor how many
+    measurements in a row the gate has rejected."""
+
+    R_na: Array
+    filtered: Filtered
+    rejected: Mapping[str, int]
+
+
+class Outcome(NamedTuple):
+    """A measurement's update, and whether it was fused."""
+
+    fused: bool
+    update: Update
+
+
+class Posterior(NamedTuple):
+    """A belief at a time, and the attitude R_na of the reference frame of its angles."""
+
+    t_ns: int
+    R_na: Array
+    belief: Belief
+
+
+class Track:
+    """The filter from one fix on, begun with the attitude near it. `counts` is of its innovations."""
+
+    def __init__(
+        self, config: Config, sensor_filter: SensorFilter, inputs: Inputs, fix: Measurement, attitude: Measurement
+    ) -> None:
+        airframe = config.known_airframe()
+        self._last_fix_ns = fix.t_ns  # the newest that was fused
+        self.counts = Counts(config.layer_sigmas)
+        self._gate_probability = config.gate_probability
+        self._has_layer = "svsf" in config.filter
+        self._inertia = np.array(airframe.inertia_kg_m2 if airframe else (1.0, 1.0, 1.0))
+        self._noise, self._fading = process_noise(config)
+        self._filter = sensor_filter
+        self._inputs = inputs
+        mean, variance = self._initial(fix, attitude)
+        self._history: History[Cell, Inputs] = History(
+            fix.t_ns,
+            Cell(attitude.R_nb, sensor_filter.start(mean, np.diag(variance)), {}),
+            horizon_ns=round(config.rewind_horizon_s * NS_PER_S),
+            advance=self._advance,
+            fuse=self._fuse,
+        )
+
+    def reaches(self, t_ns: int) -> bool:
+        """Whether a measurement of that time can still be inserted."""
+        return self._history.reaches(t_ns)
+
+    def insert(self, measurement: Measurement) -> tuple[Outcome, Outside]:
+        """Fuse a measurement at its own time, which it must reach; also which of its components were outside their
+        layer (m,).
+
+        Raises FilterError, NotPositiveDefiniteError; the track is then of no further use."""
+        self._history.settle(self._inputs)
+        outcome: Outcome = self._history.insert(measurement.t_ns, measurement, self._inputs)
+        if outcome.fused and measurement.sensor == GPS:
+            self._last_fix_ns = max(self._last_fix_ns, measurement.t_ns)
+        return outcome, self.counts.add(measurement.t_ns, outcome.update)
+
+    def age(self, t_ns: int) -> float:
+        """Seconds since the newest fix that was fused."""
+        return max(t_ns - self._last_fix_ns, 0) / NS_PER_S
+
+    def posterior_at(self, t_ns: int) -> Posterior:
+        """The newest belief, predicted to t_ns where that is later."""
+        at_ns, cell = self._history.belief_at(t_ns, self._inputs)
+        return Posterior(at_ns, cell.R_na, self._filter.belief(cell.filtered))
+
+    def _initial(self, fix: Measurement, attitude: Measurement) -> tuple[Array, Array]:
+        """Mean and variances (16,). Velocity components that the fix does not have are 0 +- 2 m/s."""
+        mean, variance = np.zeros(own_motion.N), np.zeros(own_motion.N)
+        mean[list(POSITION)], variance[list(POSITION)] = fix.y[:3], np.diag(fix.R)[:3]
+        missing = 6 - len(fix.y)
+        mean[list(VELOCITY)] = np.append(fix.y[3:], np.zeros(missing))
+        variance[list(VELOCITY)] = np.append(np.diag(fix.R)[3:], np.full(missing, 4.0))
+        variance[list(ATTITUDE)], variance[list(RATES)] = np.split(4 * np.diag(attitude.R), 2)
+        mean[list(RATES)] = attitude.y[3:]
+        variance[list(own_motion.DISTURBANCE)] = self._noise[own_motion.DISTURBANCE[0]] / (2 * self._fading)
+        variance[own_motion.OFFSET] = DATUM_SIGMA**2
+        return mean, variance
+
+    def _advance(self, cell: Cell, t0_ns: int, t1_ns: int, inputs: Inputs) -> Cell:
+        steps = -(-(t1_ns - t0_ns) // LONGEST_STEP_NS)
+        for k in range(steps):
+            a_ns, b_ns = t0_ns + (t1_ns - t0_ns) * k // steps, t0_ns + (t1_ns - t0_ns) * (k + 1) // steps
+            cell = self._recentred(self._step(cell, a_ns, b_ns, inputs))
+        return cell
+
+    def _step(self, cell: Cell, t0_ns: int, t1_ns: int, inputs: Inputs) -> Cell:
+        dt = (t1_ns - t0_ns) * S_PER_NS
+        force, acceleration = inputs.force.mean(t0_ns, t1_ns), inputs.angular_acceleration.mean(t0_ns, t1_ns)
+        variance = self._noise * dt
+        if force is None:
+            force = HOVERING
+            variance[list(VELOCITY)] += HOVERING_NOISE**2 * dt
+        omega_dot = NO_ACCELERATION if acceleration is None else acceleration
+        # On a shaking vehicle the accelerometer and the force of hovering are weighted by how well each is known.
+        scatter = inputs.force.density(t1_ns)
+        manoeuvres = inputs.manoeuvres.at(t1_ns)
+        weight = manoeuvres / (manoeuvres + scatter)
+        force = HOVERING + weight * (force - HOVERING)
+        Q = np.diag(variance)
+        R_nb = cell.R_na @ own_motion.rotations(self._filter.belief(cell.filtered).mean[None])[0]
+        Q[VELOCITIES] += (R_nb * (dt * weight * scatter)) @ R_nb.T
+        filtered = self._filter.predict(
+            cell.filtered,
+            lambda rows: own_motion.process(rows, dt, force, omega_dot, cell.R_na, self._inertia, self._fading),
+            Q,
+        )
+        return cell._replace(filtered=filtered)
+
+    def _recentred(self, cell: Cell) -> Cell:
+        """The same state; where an angle has grown too large, relative to the present attitude."""
+        mean = self._filter.belief(cell.filtered).mean
+        if np.abs(mean[list(ATTITUDE)]).max() < own_motion.LARGEST:
+            return cell
+        R_ac = own_motion.rotations(mean[None])[0]
+        no_noise = np.diag(np.full(own_motion.N, LEAST_VARIANCE))
+        filtered = self._filter.predict(
+            cell.filtered, lambda rows: own_motion.change_reference(rows, R_ac.T), no_noise
+        )
+        return cell._replace(R_na=cell.R_na @ R_ac, filtered=filtered)
+
+    def _fuse(self, cell: Cell, measurement: Measurement, _inputs: Inputs) -> tuple[Cell, Outcome]:
+        sensor = measurement.sensor
+        y, angular = relative_to(cell.R_na, measurement)
+        arguments = sensor, y, measurement_model(measurement), measurement.R, angular
+        filtered, update = self._filter.update(cell.filtered, *arguments)
+        if self._has_layer and sensor != BAROMETER:
+            return cell._replace(filtered=filtered), Outcome(True, update)
+        # A filter without layers has a gate before it. A run of rejections means that the model is wrong.
+        gated = update.nis > chi_square_threshold(self._gate_probability, len(y))
+        run = cell.rejected.get(sensor, 0) + 1 if gated else 0
+        if sensor == BAROMETER and run > PATIENCE:
+            # For a barometer it means another datum and no motion of ours: a door, a gust, ground effect.
+            filtered, update = self._filter.update(self._without_datum(cell.filtered), *arguments)
+            run = 0
+        rejected = {**cell.rejected, sensor: run}
+        if gated and run <= PATIENCE:
+            return cell._replace(rejected=rejected), Outcome(False, update)
+        return Cell(cell.R_na, filtered, rejected), Outcome(True, update)
+
+    def _without_datum(self, filtered: Filtered) -> Filtered:
+        variance = np.full(own_motion.N, LEAST_VARIANCE)
+        variance[own_motion.OFFSET] = DATUM_SIGMA**2
+        return self._filter.predict(filtered, lambda rows: rows, np.diag(variance))
+
+
+def process_noise(c: Config) -> tuple[Array, float]:
+    """Process noise per second of each state (16,), and the rate (1/s) at which disturbances fade."""
+    sigma, time = np.full(3, c.bias_sigma_m_s2), c.bias_time_s
+    if c.force == "thrust":
+        sigma, time = np.array([3.0, 3.0, c.bias_sigma_m_s2]), 1.0
+    variance = np.zeros(own_motion.N)
+    variance[list(POSITION)] = 1e-8
+    variance[list(VELOCITY)] = c.force_noise**2
+    variance[list(ATTITUDE)] = 1e-6
+    variance[list(RATES)] = (c.turning_noise or (2.0 if c.airframe == "unknown" else 0.2)) ** 2
+    variance[list(own_motion.DISTURBANCE)] = 2 * sigma**2 / time
+    variance[own_motion.OFFSET] = c.pressure_drift**2
+    return variance, 1.0 / time

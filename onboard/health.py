@@ -1,0 +1,78 @@
+"""What the health reports of the pipeline: streams and their rates, verdicts, rejections, states, faults."""
+
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth
+
+RATE_WINDOW_NS: Final = 2_000_000_000
+AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
+
+
+class Monitor:
+    """Counts what comes in and what is published. It decides nothing; the pipeline works the same without it.
+
+    `own_verdicts` names the estimators that count their verdicts themselves (`estimators.CountsVerdicts`).
+    """
+
+    def __init__(self, own_verdicts: Iterable[str]) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.verdicts: Counter[str] = Counter()
+        self.states: dict[str, Lifecycle] = {}
+        self.faults: tuple[Fault, ...] = ()
+        self._own_verdicts = frozenset(own_verdicts)
+        self._counts: Counter[str] = Counter()
+        self._arrivals: dict[str, deque[int]] = {}
+
+    def reject(self, reason: str) -> None:
+        """Count a message that goes no further."""
+        self.rejected[reason] += 1
+
+    def receive(self, message: Message) -> None:
+        """Count a message of our own vehicle, or of one that an estimator listens to."""
+        name = type(message).__name__
+        self._counts[name] += 1
+        window = self._arrivals.setdefault(name, deque())
+        window.append(message.t_recv_ns)
+        while not 0 <= message.t_recv_ns - window[0] <= RATE_WINDOW_NS:  # < 0: this computer's clock was set back
+            window.popleft()
+
+    def publish(self, estimate: Estimate) -> None:
+        """Note an estimate's state, verdict and faults."""
+        key = estimate.name if estimate.is_primary else f"{estimate.name}.{estimate.target}"
+        self.states[key] = estimate.state
+        if estimate.state is Lifecycle.SEARCHING and not estimate.is_primary:
+            del self.states[key]  # the last estimate of one of many, of which a flight may have any number
+        if estimate.measurement is not None and estimate.name not in self._own_verdicts:
+            self.verdicts[f"{estimate.name}.{estimate.measurement.verdict}"] += 1
+        if isinstance(estimate, NavState):
+            self.faults = estimate.faults
+
+    def streams(self, t_recv_ns: int) -> dict[str, StreamHealth]:
+        """How many messages of each kind have come, how often (Hz) and how long ago (s), as of a time."""
+        return {name: self._stream(name, window, t_recv_ns) for name, window in self._arrivals.items()}
+
+    def _stream(self, name: str, window: deque[int], t_recv_ns: int) -> StreamHealth:
+        recent = sum(1 for t in window if t_recv_ns - t <= RATE_WINDOW_NS)
+        return StreamHealth(
+            count=self._counts[name],
+            rate=recent / (RATE_WINDOW_NS * 1e-9),
+            age=(t_recv_ns - window[-1]) * 1e-9,
+        )
+
+
+def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
+    """The sum of counts by their keys, in the order in which they appear."""
+    summed: Counter[str] = Counter()
+    for each in counts:
+        summed.update(each)
+    return dict(summed)
+
+
+def autopilot_name(autopilot: Heartbeat | None) -> str:
+    """Which autopilot this is, and its MAVLink system; "none" before it is heard."""
+    if autopilot is None:
+        return "none"
+    kind = AUTOPILOT_NAMES.get(autopilot.autopilot, f"MAV_AUTOPILOT {autopilot.autopilot}")
+    return f"{kind}, system {autopilot.system}"

@@ -1,0 +1,40 @@
+"""The two aircraft of a formation flight; the defaults are the reference of Oh & Johnson (`scenario`)."""
+
+from typing import Literal
+
+from onboard.messages import NotNegative, Positive, Record, Vec3
+from simlink.scenarios.profiles import GaussMarkov, Pulse, Wave
+
+
+class Leader(Record, frozen=True, kw_only=True):
+    """The aircraft ahead: a point mass with a size. Bank and heading wobble about coordinated flight.
+
+    `a_lat` is positive to the right, `a_long` positive up and normal to the velocity (m/s^2, Oh & Johnson). `size`
+    is the nominal distance of the two wing points (m); a run draws size (1 + size_sigma_percent / 100 N(0, 1)).
+    `speed` in m/s; `height` above the origin in m."""
+
+    size: Positive = 2.667
+    size_sigma_percent: NotNegative = 2.0
+    speed: Positive = 21.336
+    speed_pulses: tuple[Pulse, ...] = ()
+    a_lat: Wave = Wave(mean=2.4384)
+    a_long: Wave = Wave()
+    course_deg: float = 0.0
+    climb_deg: float = 0.0
+    yaw_pulses_deg: tuple[Pulse, ...] = ()  # heading minus course: a multirotor need not point along its course
+    height: float = 100.0
+    bank_wobble_deg: GaussMarkov = GaussMarkov(sigma=2.0, time=1.0)
+    heading_wobble_deg: GaussMarkov = GaussMarkov(sigma=2.0, time=3.0)
+
+
+class Follower(Record, frozen=True, kw_only=True):
+    """Our vehicle. It keeps a slot in the leader's path axes: forward along the course, right, down (m). The slot
+    wanders sinusoidally about its place with amplitudes `wander` (m), periods `wander_period` (s)."""
+
+    slot: Vec3 = (-27.432, 3.048, 1.524)
+    wander: Vec3 = (0.9144, 0.9144, 0.3048)
+    wander_period: tuple[Positive, Positive, Positive] = (11.0, 7.0, 5.0)
+    slot_pulses: tuple[Pulse, ...] = ()  # added to the forward component
+    attitude: Literal["coordinated", "hover"] = "coordinated"  # "hover": nose along the leader's course
+    position_gain: Positive = 1.0  # 1/s^2
+    velocity_gain: Positive = 2.0  # 1/s

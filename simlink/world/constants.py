@@ -1,0 +1,13 @@
+"""Gravity and the time step of the simulated world."""
+
+from typing import Final
+
+G: Final = 9.80665  # m/s^2
+STEPS_PER_SECOND: Final = 200
+STEP_NS: Final = 1_000_000_000 // STEPS_PER_SECOND
+DT: Final = 1.0 / STEPS_PER_SECOND  # s
+
+
+def steps_of(seconds: float) -> int:
+    """The whole number of world steps nearest to a duration."""
+    return round(seconds * STEPS_PER_SECOND)

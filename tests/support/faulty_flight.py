@@ -1,0 +1,27 @@
+"""A synthetic flight of 12 s as messages and bytes, to which faults are applied."""
+
+from onboard.messages import Datagram, Lifecycle, TargetPoints
+from tests.support.streams import Run, Stream, assert_sane, encode, feed, position_error
+
+T0, T1 = 40.0, 52.0
+ITEMS = Stream(t0=T0, t1=T1, seed=21).items()
+DATAGRAMS = encode(ITEMS)
+IMAGES = sum(isinstance(i.message, TargetPoints) for i in ITEMS)
+
+
+def flown(datagrams: list[Datagram]) -> Run:
+    """The pipeline's run over these datagrams; every estimate is sane."""
+    run = feed(datagrams)
+    assert_sane(run.estimates)
+    return run
+
+
+def assert_on_target(run: Run, within: float = 2.0) -> None:
+    """The run ends tracking, with a position error below `within` (m)."""
+    last = run.estimates[-1]
+    assert last.valid
+    assert last.state is Lifecycle.TRACKING
+    assert position_error(last) < within
+
+
+CLEAN = flown(DATAGRAMS)

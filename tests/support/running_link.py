@@ -1,0 +1,38 @@
+"""A link that runs during a test."""
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from contextlib import suppress
+from typing import Any
+
+from onboard.links import parse_link
+from onboard.messages import Datagram
+
+TIMEOUT_S = 10.0
+
+
+async def until(condition: Callable[[], Any]) -> None:
+    """Wait until `condition` holds; TimeoutError after 10 s."""
+    async with asyncio.timeout(TIMEOUT_S):
+        while not condition():  # noqa: ASYNC110 - the condition is no event
+            await asyncio.sleep(0.005)
+
+
+def with_link(spec: str, test: Callable[[Any, list[Datagram]], Awaitable[None]], **options: Any) -> None:
+    """Open and run a link during `test(link, received)`, then cancel it."""
+
+    async def main() -> None:
+        link = parse_link(spec, "autopilot", **options)
+        await link.open()
+        received: list[Datagram] = []
+        task = asyncio.create_task(link.run(received.append, time.time_ns))
+        await asyncio.sleep(0)
+        try:
+            await test(link, received)
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+
+    asyncio.run(main())

@@ -1,0 +1,45 @@
+"""Examples in the documents, as a reader would use them."""
+
+import math
+from types import ModuleType
+
+import pytest
+
+from onboard.estimators import EstimatorProtocol
+from onboard.geometry.camera import make_camera
+from onboard.messages import TargetPoints
+from onboard.ownship import Ownship
+from onboard.wire.points import decode_points
+from tests.support import documents
+
+
+def example() -> ModuleType:
+    (block,) = documents.blocks(documents.text("extending"), "python")
+    module = ModuleType("example")
+    exec(block, module.__dict__)  # noqa: S102 - what a reader would paste
+    return module
+
+
+def test_the_example_estimates_a_range() -> None:
+    module = example()
+    assert (TargetPoints,) == module.LISTENS
+    estimator: EstimatorProtocol = module.Estimator(
+        module.Config(size_m=3.0), make_camera(f_px=500.0, width_px=640, height_px=480)
+    )
+    image = TargetPoints(
+        t_ns=1, t_recv_ns=1, camera="front", center=(0.0, 0.0), left=(-0.05, 0.0), right=(0.05, 0.0)
+    )
+    ownship = Ownship(max_extrapolation=0.1)
+    (estimate,) = estimator.observe(image, ownship)
+    assert estimate.mean is not None
+    assert math.isclose(estimate.mean[0], 30.0)
+    assert estimator.tick(ownship) == []
+    estimator.reset("the autopilot has rebooted")
+
+
+def test_the_camera_points_of_the_page_decode() -> None:
+    (block,) = documents.blocks(documents.text("fly-it"), "json")
+    points = decode_points(block.encode(), 1)
+    assert points.target == "leader"
+    assert points.center == pytest.approx((11.2 / 600, -15.1 / 600))
+    assert points.sigma == pytest.approx((1 / 600,) * 3)

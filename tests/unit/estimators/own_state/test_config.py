@@ -1,0 +1,41 @@
+"""The section [estimator.own_state]: bad values are refused, and reading it loads no numerics."""
+
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from onboard.config import ConfigError, parse_config
+from onboard.estimators.own_state.config import FILTERS, Config
+from onboard.filters import methods
+
+
+@pytest.mark.parametrize(
+    ("section", "text"),
+    [
+        ({"filter": "kalmann"}, "there is none named 'kalmann'; there are: augmented"),
+        ({"airframe": "custom"}, "custom"),
+        ({"airframe": "boat"}, "estimator.own_state.airframe"),
+        ({"validity_timeout_s": 0.1}, "coast_after_s <= validity_timeout_s"),
+        ({"custom": {"mass_kg": -1.0}}, "estimator.own_state.custom"),
+    ],
+)
+def test_a_bad_configuration_is_refused_in_one_line(section: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConfigError, match=r"^estimator\.own_state") as caught:
+        parse_config({"estimator": {"own_state": section}})
+    assert text in str(caught.value)
+
+
+def test_a_config_checks_itself() -> None:
+    with pytest.raises(ValueError, match="coast_after_s <= validity_timeout_s"):
+        Config(coast_after_s=6.0)
+
+
+def test_the_filters_that_may_be_named_are_those_there_are() -> None:
+    assert tuple(sorted(methods())) == FILTERS
+
+
+def test_reading_a_config_loads_no_numerics() -> None:
+    code = "import onboard.estimators.own_state.config, sys; assert not {'numpy', 'numba'} & set(sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,148 @@
+"""The own-state estimator on messages made by hand."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from numpy.testing import assert_allclose
+
+from onboard.geometry.rotations import quaternion_from_vector, quaternion_product
+from onboard.messages import Imu, Message
+from tests.support.own_vehicle import MS, ORIGIN, G, attitude, fix, heartbeat, hovering, imu, pipeline, states_of
+
+
+def test_a_hovering_vehicle_stands_still() -> None:
+    p = pipeline()
+    states = states_of(p, [heartbeat(), *hovering(1000, 9000)])
+    last = states[-1]
+    assert last.valid
+    assert last.state == "tracking"
+    assert last.components[:6] == ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")
+    assert_allclose(last.mean, np.zeros(12), atol=1e-2)
+    assert last.q_nb == pytest.approx((1, 0, 0, 0), abs=1e-6)
+    assert last.origin == pytest.approx(ORIGIN)
+    assert (last.quality, last.reset_count, last.faults) == (100, 0, ())
+    assert last.switch_fraction == 0.0
+    assert last.layer is not None
+    assert last.measurement is not None
+    assert len(last.layer) == len(last.measurement.components)
+    assert last.nis_ratio is not None
+    assert last.nis_ratio < 0.1  # the messages here have no noise
+    eigenvalues = np.linalg.eigvalsh(np.array(last.covariance))
+    assert eigenvalues.min() > 0
+
+
+@pytest.mark.parametrize("axis", [(0, 1, 0), (1, 0, 0), (0, 0, 1), (0.6, 0.8, 0.0)])
+@pytest.mark.parametrize("name", ["cubature", "csvsf-adaptive", "csvsf-printed"])
+def test_through_pitch_90_degrees_and_the_wrap_of_yaw_there_is_no_jump(name: str, axis: tuple[float, ...]) -> None:
+    """Three full turns at 2.5 rad/s about each axis; the specific force is that of standing still."""
+    p, omega = pipeline(filter=name), 2.5 * np.array(axis)
+    messages: list[Message] = [heartbeat()]
+    truth = {}
+    for t in range(1000, 9500, 10):
+        q = quaternion_from_vector(omega * (t - 1000) * 1e-3)
+        truth[t] = q
+        down_b = quaternion_product(quaternion_product([q[0], *-q[1:]], [0, 0, 0, -G]), q)[1:]
+        messages += [imu(t, down_b, omega), attitude(t, q, omega)]
+        messages += [fix(t)] if t % 100 == 0 else []
+    states = [s for s in states_of(p, messages) if s.mean is not None]
+    assert len(states) > 300
+    assert np.isfinite([s.mean for s in states]).all()
+    errors = [1 - abs(float(np.dot(truth[s.t_ns // MS], s.q_nb))) for s in states]  # type: ignore[arg-type]
+    assert max(errors) < 1e-4  # 1 - cos(half the angle): 0.03 rad
+    velocity = np.array([s.mean[3:6] for s in states])  # type: ignore[index]
+    assert np.abs(velocity).max() < 0.2
+    assert np.abs(np.diff(velocity, axis=0)).max() < 0.05
+    assert states[-1].reset_count == 0
+
+
+def test_a_late_fix_gives_the_same_state_as_one_in_order_seed_1() -> None:
+    rng = np.random.default_rng(1)
+    prompt: list[Message] = []
+    late: list[tuple[int, Message]] = []
+    for t in range(1000, 6000, 10):
+        q = quaternion_from_vector(0.01 * rng.normal(size=3))
+        for m in (imu(t, [*0.3 * rng.normal(size=2), -G]), attitude(t, q, 0.01 * rng.normal(size=3))):
+            prompt.append(m)
+            late.append((t, m))
+        if t % 100 == 50 and t < 5800:
+            m = fix(t, rng.normal(size=3), 0.1 * rng.normal(size=2))
+            prompt.append(m)
+            late.append((t + 143, m))
+    in_order = states_of(pipeline(), [heartbeat(), *prompt])[-1]
+    delayed = states_of(pipeline(), [heartbeat(), *[m for _, m in sorted(late, key=lambda x: x[0])]])[-1]
+    assert in_order.t_ns == delayed.t_ns
+    assert_allclose(delayed.mean, in_order.mean, atol=1e-9)
+    assert_allclose(delayed.covariance, in_order.covariance, atol=1e-9)
+
+
+def test_the_delay_of_a_fix_is_compensated_seed_2() -> None:
+    """10 m/s north: a fix taken as 0.1 s too new would be a metre behind."""
+    messages: list[Message] = [heartbeat()]
+    for t in range(1000, 9000, 10):
+        messages += [imu(t), attitude(t)]
+        messages += [fix(t, (10 * (t - 100) * 1e-3, 0, 0), (10, 0))] if t % 100 == 0 else []
+    last = states_of(pipeline(gps_s=0.1), messages)[-1]
+    ignored = states_of(pipeline(), messages)[-1]
+    assert last.mean is not None
+    assert ignored.mean is not None
+    assert last.mean[0] - ignored.mean[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_irregular_rates_drop_outs_and_partial_fixes_seed_3() -> None:
+    rng = np.random.default_rng(3)
+    messages: list[Message] = [heartbeat()]
+    for t in range(1000, 15000, 5):
+        messages += [imu(t)] if rng.random() < 0.3 else []
+        messages += [attitude(t)] if rng.random() < 0.1 else []
+        if rng.random() < 0.02:
+            whole = fix(t, 0.3 * rng.normal(size=3), 0.1 * rng.normal(size=2))
+            partial = replace(whole, ground_speed=None, course_rad=None, h_acc=None, v_acc=None)
+            messages.append(whole if rng.random() < 0.5 else replace(partial, alt_msl=whole.alt_msl))
+    states = states_of(pipeline(filter="csvsf-robust"), messages)
+    assert states[-1].reset_count == 0
+    assert np.isfinite([s.mean for s in states if s.mean]).all()
+    position, velocity, angles, rates = np.reshape(states[-1].mean, (4, 3))
+    assert_allclose(position, np.zeros(3), atol=0.6)
+    assert_allclose(velocity, np.zeros(3), atol=0.2)
+    assert_allclose(np.concatenate([angles, rates]), np.zeros(6), atol=1e-3)  # the attitude here has no noise
+
+
+def test_without_an_accelerometer_the_covariance_is_larger() -> None:
+    without = [m for m in hovering(1000, 9000) if not isinstance(m, Imu)]
+    without_imu = states_of(pipeline(), [heartbeat(), *without])[-1]
+    with_imu = states_of(pipeline(), [heartbeat(), *hovering(1000, 9000)])[-1]
+    assert without_imu.valid
+    assert np.array(without_imu.covariance)[3, 3] > 4 * np.array(with_imu.covariance)[3, 3]
+
+
+def test_with_the_thrust_only_a_sideways_push_is_estimated() -> None:
+    """3 m/s^2 east from 4 s to 6 s, measured by the lateral accelerometer or not used: both follow."""
+    for force, limit in (("accelerometer", 0.1), ("thrust", 1.0)):
+        messages: list[Message] = [heartbeat()]
+        v = r = 0.0
+        error = []
+        p = pipeline(force=force)
+        for t in range(1000, 9000, 10):
+            a = 3.0 if 4000 <= t < 6000 else 0.0
+            messages = [imu(t, (0, a, -G)), attitude(t)]
+            r, v = r + 0.01 * v + 5e-5 * a, v + 0.01 * a
+            messages += [fix(t, (0, r, 0), (0, v))] if t % 100 == 0 else []
+            messages = [heartbeat(), *messages] if t == 1000 else messages
+            error += [s.mean[4] - v for s in states_of(p, messages) if s.mean is not None]
+        assert np.abs(error).max() < limit, force
+
+
+@pytest.mark.parametrize("name", ["cubature", "csvsf-adaptive"])
+def test_a_step_of_the_barometer_moves_nothing_and_becomes_the_new_datum(name: str) -> None:
+    p, datum = pipeline(filter=name, gps_position_sigma_m=(0.5, 0.5, 1.0)), 620.0
+    messages: list[Message] = [heartbeat()]
+    for message in hovering(1000, 31000):
+        t_ms = message.t_ns // MS
+        if t_ms >= 11000:
+            datum = 623.0  # a door opened, or the ground was left
+        messages.append(replace(message, pressure_altitude=datum) if isinstance(message, Imu) else message)
+    states = [s for s in states_of(p, messages) if s.valid and s.t_ns > 10000 * MS]
+    assert max(abs(s.mean[5]) for s in states) < 0.1  # type: ignore[index]
+    assert abs(states[-1].mean[5]) < 0.05  # type: ignore[index]
+    assert abs(states[-1].mean[2]) < 0.3  # type: ignore[index]
+    assert (states[-1].reset_count, states[-1].faults) == (0, ())

@@ -1,0 +1,50 @@
+"""The means of samples, and how much a flight manoeuvres."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from onboard.estimators.own_state.inputs import Manoeuvres, Samples
+from onboard.geometry.rotations import matrix_from_euler
+from tests.support.own_vehicle import MS, G
+
+
+def test_the_mean_of_samples_is_that_of_the_line_through_them() -> None:
+    s = Samples(1)
+    for k in range(11):
+        s.add(k * 10 * MS, np.array([float(k * k)]))
+    fine = np.linspace(23 * MS, 77 * MS, 5401)
+    assert s.mean(23 * MS, 77 * MS) == pytest.approx(
+        np.interp(fine, np.arange(11) * 1e7, np.arange(11) ** 2).mean(), abs=1e-3
+    )
+    assert s.mean(90 * MS, 110 * MS) == pytest.approx((9.5 * 9.5 + 0.25 - 0.0) * 0.5 + 50.0, abs=0.3)
+    assert s.mean(0, 400 * MS) is None
+    assert not s.add(5 * MS, np.array([1.0]))
+
+
+def manoeuvres(acceleration: float, seconds: int, roll: float = 0.0) -> Manoeuvres:
+    """After fixes five times a second that gather speed to the east, at a steady bank."""
+    flown = Manoeuvres()
+    for k in range(5 * seconds + 1):
+        t_ns = k * 200 * MS
+        flown.add_attitude(t_ns, matrix_from_euler(roll, 0.0, 0.0))
+        flown.add_fix(t_ns, np.array([0.0, acceleration * t_ns * 1e-9]), np.full(2, 0.15))
+    return flown
+
+
+def test_the_density_of_manoeuvres_follows_from_fixes() -> None:
+    nothing = Manoeuvres()
+    assert_allclose(nothing.at(0), 4.0)
+    steady, gathering = manoeuvres(0.0, 10), manoeuvres(2.0, 10)
+    assert_allclose(steady.at(10**10), [0.045, 0.045, 4.0])  # what the fixes' noise hides: 2 x .15^2 over 1 s
+    assert_allclose(gathering.at(10**10), [3.955, 3.955, 4.0])  # 2 m/s in a second, less that
+    assert_allclose(gathering.at(500 * MS), 4.0)
+    banked = manoeuvres(G * math.tan(math.radians(5.0)), 10, math.radians(5.0))
+    assert banked.at(10**10)[0] == pytest.approx(0.045, abs=0.01)  # where attitude explains it
+    late = gathering.at(10**10)[0]
+    for k in range(51, 76):
+        gathering.add_attitude(k * 200 * MS, np.eye(3))
+        gathering.add_fix(k * 200 * MS, np.array([0.0, 20.0]), np.full(2, 0.15))
+    assert gathering.at(15 * 10**9)[0] == pytest.approx(late * math.exp(-5.0 / 5.0), rel=0.01)

@@ -1,0 +1,145 @@
+"""Links that are streams: TCP and serial, lost and found again."""
+
+import asyncio
+import os
+import socket
+import time
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from onboard.links import LinkError, parse_link
+from onboard.messages import Datagram, Encoding
+from tests.support.programs import free_ports
+from tests.support.running_link import TIMEOUT_S, until, with_link
+
+
+def test_a_tcp_client_connects_again_after_the_server_restarted() -> None:
+    port = free_ports(socket.SOCK_STREAM)[0]
+
+    async def serve(data: bytes) -> tuple[asyncio.Server, list[bytes]]:
+        got: list[bytes] = []
+
+        async def talk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            writer.write(data)
+            got.append(await reader.read(100))
+            writer.close()
+
+        return await asyncio.start_server(talk, "127.0.0.1", port), got
+
+    async def check(link: Any, received: list[Datagram]) -> None:
+        link.send(b"too early")
+        assert (link.sent, link.errors) == (0, 1)
+        await asyncio.sleep(0.15)  # its first attempt fails
+        for greeting in (b"first", b"second"):
+            server, got = await serve(greeting)
+            await until(lambda greeting=greeting: b"".join(d.data for d in received).endswith(greeting))
+            link.send(b"reply")
+            await until(lambda got=got: got == [b"reply"])
+            server.close()
+            await server.wait_closed()
+        assert {d.encoding for d in received} == {Encoding.MAVLINK_STREAM}
+
+    with_link(f"tcp:127.0.0.1:{port}", check)
+
+
+def test_a_tcp_client_drops_when_its_peer_does_not_read() -> None:
+    async def main() -> None:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            link = parse_link(f"tcp:127.0.0.1:{server.getsockname()[1]}", "x")
+            task = asyncio.create_task(link.run(lambda _: None, time.time_ns))
+            peer, _ = await asyncio.to_thread(server.accept)
+            async with asyncio.timeout(TIMEOUT_S):
+                while link.errors < 100:
+                    link.send(bytes(4096))
+                    await asyncio.sleep(0)
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+            peer.close()
+
+    asyncio.run(main())
+
+
+def test_tcpin_talks_to_the_newest_peer() -> None:
+    async def check(link: Any, received: list[Datagram]) -> None:
+        reader1, writer1 = await asyncio.open_connection(*link.address)
+        writer1.write(b"one")
+        await until(lambda: received)
+        _, writer2 = await asyncio.open_connection(*link.address)
+        with suppress(ConnectionError):
+            assert await reader1.read() == b""  # the older one was closed
+        writer2.write(b"two")
+        await until(lambda: len(received) == 2)
+        link.send(b"x")
+        assert link.sent == 1
+        assert [d.data for d in received] == [b"one", b"two"]
+        writer1.close()
+        writer2.close()
+
+    with_link("tcpin:127.0.0.1:0", check)
+
+
+def test_serial_reads_writes_and_drops_when_full() -> None:
+    master, slave = os.openpty()
+
+    async def check(link: Any, received: list[Datagram]) -> None:
+        os.write(master, b"\xfd\x00\x0a\x11\x13\x03\x7f")  # a raw port: no line discipline may eat these
+        await until(lambda: sum(len(d.data) for d in received) == 7)
+        assert b"".join(d.data for d in received) == b"\xfd\x00\x0a\x11\x13\x03\x7f"
+        assert received[0].encoding == Encoding.MAVLINK_STREAM
+        link.send(b"\n\xfe\x00")
+        assert await asyncio.to_thread(os.read, master, 100) == b"\n\xfe\x00"
+        while link.errors == 0:  # nobody reads now: the kernel fills, then we do
+            link.send(bytes(1000))
+        accepted, got = (link.sent - 1) * 1000, 0
+        async with asyncio.timeout(TIMEOUT_S):
+            while got < accepted:  # what was accepted arrives whole
+                got += len(await asyncio.to_thread(os.read, master, 65536))
+        assert got == accepted
+
+    try:
+        with_link(f"serial:{os.ttyname(slave)}:115200", check)
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_serial_port_in_use_is_a_link_error() -> None:
+    master, slave = os.openpty()
+    spec = f"serial:{os.ttyname(slave)}:57600"
+
+    async def check(_: Any, __: list[Datagram]) -> None:
+        with pytest.raises(LinkError, match="free"):
+            await parse_link(spec, "other").open()
+
+    try:
+        with_link(spec, check)
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_serial_port_unplugged_and_plugged_in_again_goes_on(tmp_path: Any) -> None:
+    device = tmp_path / "ttyUSB0"
+    first = os.openpty()
+    device.symlink_to(os.ttyname(first[1]))
+
+    async def check(link: Any, received: list[Datagram]) -> None:
+        os.write(first[0], b"one")
+        await until(lambda: received)
+        for fd in first:
+            os.close(fd)
+        device.unlink()
+        await until(lambda: link.errors > 0)
+        second = os.openpty()
+        try:
+            device.symlink_to(os.ttyname(second[1]))
+            os.write(second[0], b"two")
+            await until(lambda: b"two" in received[-1].data or os.write(second[0], b"two") == 0)
+        finally:
+            for fd in second:
+                os.close(fd)
+
+    with_link(f"serial:{device}:57600", check)

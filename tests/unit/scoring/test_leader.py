@@ -1,0 +1,272 @@
+"""Scores of the leader's estimate, against errors made by hand."""
+
+import csv
+import gzip
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.messages import Estimate, Lifecycle, MeasurementReport, Verdict
+from onboard.models import relative_motion
+from onboard.scoring.leader import (
+    COLUMNS,
+    Reference,
+    TruthError,
+    reference_from_csv,
+    reference_from_records,
+    score_leader,
+)
+from onboard.scoring.statistics import percentiles
+from tests.support.vehicle_records import truth
+
+S = 1_000_000_000
+TRUE = (30.0, 40.0, 0.0, 1.0, 2.0, 3.0, 2.0, 0.5, -0.5)  # 50 m away
+SIGMA = (1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.1, 0.2, 0.2)
+COVARIANCE = tuple(tuple(s * s if i == j else 0.0 for j in range(9)) for i, s in enumerate(SIGMA))
+CLOSE = {"rel": 1e-12}
+
+
+def report(t: float, verdict: Verdict = Verdict.FUSED, nis: float | None = 3.0) -> MeasurementReport:
+    t_ns = round(t * S)
+    components = ("azimuth", "elevation", "subtended")
+    return MeasurementReport(
+        source="front", t_ns=t_ns, t_recv_ns=t_ns, verdict=verdict, components=components, nis=nis
+    )
+
+
+def estimate(t: float, error: tuple[float, ...] = (0.0,) * 9, *, valid: bool = True) -> Estimate:
+    return Estimate(
+        name="leader",
+        target="leader",
+        sequence=round(t * 100),
+        t_ns=round(t * S),
+        state=Lifecycle.TRACKING if valid else Lifecycle.LOST,
+        valid=valid,
+        reason="",
+        frame="n",
+        components=relative_motion.COMPONENTS,
+        units=relative_motion.UNITS,
+        mean=tuple(a + b for a, b in zip(TRUE, error, strict=True)),
+        covariance=COVARIANCE,
+        age=0.0,
+        reset_count=0,
+    )
+
+
+def flight(error: tuple[float, ...] = (0.0,) * 9, begin: float = 40.0, end: float = 70.0) -> list[Estimate]:
+    return [estimate(t, error) for t in np.arange(begin, end, 0.1)]
+
+
+def reference(begin: float = 40.0, end: float = 70.0, step: float = 0.04) -> Reference:
+    time = np.arange(begin, end, step)
+    return Reference(time, tuple(COLUMNS.values()), np.tile(TRUE, (len(time), 1)))
+
+
+def test_components_of_the_truth_are_those_of_the_filter() -> None:
+    assert tuple(COLUMNS.values()) == relative_motion.COMPONENTS
+
+
+def test_no_error_scores_nothing() -> None:
+    s = score_leader(flight(), reference())
+    assert (s.position_rmse_m, s.velocity_rmse_m_s, s.range_error_rms_percent, s.size_error_rms_percent) == (
+        0,
+    ) * 4
+    assert (s.nees_mean, s.inside_95_percent, s.diverged) == (0, 100, False)
+
+
+def test_rms_of_constant_errors() -> None:
+    """(0.3, 0.4, 0) m along the line of sight of 50 m is 1 % farther; 0.1 m of 2 m is 5 %."""
+    s = score_leader(flight((0.3, 0.4, 0.0, 0.0, 3.0, 4.0, 0.1, 0.2, 0.0)), reference())
+    assert s.position_rmse_m == pytest.approx(0.5, **CLOSE)
+    assert s.velocity_rmse_m_s == pytest.approx(5.0, **CLOSE)
+    assert s.range_error_rms_percent == pytest.approx(1.0, rel=1e-9)
+    assert s.size_error_rms_percent == pytest.approx(5.0, rel=1e-9)
+    nees = 0.3**2 + 0.4**2 + (3 / 0.5) ** 2 + (4 / 0.5) ** 2 + 1 + 1
+    assert s.nees_mean == pytest.approx(nees, rel=1e-9)
+    assert s.nees_dof == 9
+
+
+def test_rms_is_over_the_settled_and_valid_only() -> None:
+    """Errors of 3 m while settling, of 100 m where not valid; after it 3 m and 4 m half the time each."""
+    estimates = []
+    for i, t in enumerate(np.arange(40.0, 69.95, 0.1)):
+        error = 3.0 if t < 55 - 1e-9 else (3.0, 4.0)[i % 2]
+        estimates.append(estimate(t, (0.0, 0.0, error, *(0.0,) * 6)))
+        estimates.append(estimate(t + 0.05, (100.0,) * 9, valid=False))
+    s = score_leader(estimates, reference())
+    assert s.scored == 150
+    assert s.valid == 300
+    assert s.estimates == 600
+    assert s.position_rmse_m == pytest.approx(math.sqrt((9 + 16) / 2), rel=1e-9)
+
+
+def test_truth_is_interpolated() -> None:
+    moving = reference()
+    values = moving.values.copy()
+    values[:, 0] += 2.0 * (moving.time - 40.0)
+    estimates = [estimate(t, (2.0 * (t - 40.0), *(0.0,) * 8)) for t in np.arange(40.013, 69.9, 0.1)]
+    s = score_leader(estimates, Reference(moving.time, moving.components, values))
+    assert s.position_rmse_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_estimates_in_a_gap_of_the_truth_or_beyond_its_ends_are_not_scored() -> None:
+    whole = reference()
+    kept = (whole.time < 60) | (whole.time > 62)
+    broken = Reference(whole.time[kept], whole.components, whole.values[kept])
+    estimates = flight(end=80.0)
+    for i, e in enumerate(estimates):
+        if 60.01 < e.t_ns / S < 61.99 or e.t_ns / S > 70.01:
+            estimates[i] = estimate(e.t_ns / S, (1000.0, *(0.0,) * 8))
+    s = score_leader(estimates, broken)
+    assert s.position_rmse_m == pytest.approx(0.0, abs=1e-9)
+    assert s.diverged is False
+    assert 120 <= s.scored <= 135
+
+
+def test_nees_bounds_are_those_of_chi_square_with_nine_degrees() -> None:
+    """2.5 % and 97.5 % quantiles, from a printed table."""
+    s = score_leader(flight(), reference())
+    assert s.nees_bounds == pytest.approx((2.700, 19.023), abs=1e-3)
+
+
+def test_truth_inside_the_ellipsoid_is_counted() -> None:
+    """chi-square(3) at 95 % is 7.815: a distance of 2.79 sigma is inside, of 2.80 outside."""
+    estimates = [
+        estimate(t, (0.0, 0.0, (2.79, 2.80, 2.79, 2.79)[i % 4], *(0.0,) * 6))
+        for i, t in enumerate(np.arange(55.0, 69.0, 0.1))
+    ]
+    assert score_leader(estimates, reference()).inside_95_percent == pytest.approx(75.0)
+
+
+def test_nis_is_the_mean_over_fused_images_after_settling() -> None:
+    estimates = flight()
+    for i, e in enumerate(estimates):
+        t = e.t_ns / S
+        fused = (Verdict.FUSED, Verdict.FUSED_LATE)[i % 2]
+        estimates[i] = replace(e, measurement=report(t, fused, 2.0 if t > 54.99 else 50.0))
+    estimates.append(replace(estimate(69.0), measurement=report(69.0, Verdict.GATED, 400.0)))
+    estimates.append(replace(estimate(69.1), measurement=report(69.1, Verdict.TOO_OLD, None)))
+    s = score_leader(estimates, reference())
+    assert s.images_scored == 150
+    assert s.nis_mean == pytest.approx(2.0)
+    assert s.nis_dof == 3
+    assert s.verdicts == {"fused": 150, "fused_late": 150, "gated": 1, "too_old": 1}
+    # chi-square of 450 degrees of freedom is nearly normal: mean 3, standard deviation sqrt(2 * 450) / 150
+    low, high = s.nis_bounds or (0.0, 0.0)
+    assert (low, high) == pytest.approx((3 - 1.96 * 0.2, 3 + 1.96 * 0.2), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("factor", "bearing_deg", "diverged"),
+    [(1.49, 0, False), (1.51, 0, True), (0.51, 0, False), (0.49, 0, True), (1, 4.9, False), (1, 5.1, True)],
+)
+def test_diverged_by_the_last_five_seconds(factor: float, bearing_deg: float, diverged: bool) -> None:
+    angle = math.radians(bearing_deg)
+    x, y = 30.0 * factor, 40.0 * factor
+    there = (x * math.cos(angle) - y * math.sin(angle), x * math.sin(angle) + y * math.cos(angle))
+    error = (there[0] - 30.0, there[1] - 40.0, *(0.0,) * 7)
+    good, bad = flight(end=64.8), flight(error, begin=64.9)
+    assert score_leader([*good, *bad], reference()).diverged is diverged
+    # only those last five seconds count
+    bad_first = flight(error, end=64.8)
+    assert score_leader([*bad_first, *flight(begin=64.9)], reference()).diverged is False
+
+
+def test_nothing_valid_is_diverged_but_only_against_a_truth() -> None:
+    silent = [estimate(t, valid=False) for t in np.arange(40, 70, 0.1)]
+    assert score_leader(silent, reference()).diverged is True
+    assert score_leader([], reference()).diverged is True
+    assert score_leader(silent, None).diverged is False
+    assert score_leader(silent, reference()).range_error_rms_percent is None
+
+
+def test_a_flight_shorter_than_the_time_to_settle_is_judged_but_not_scored() -> None:
+    s = score_leader(flight(end=50.0), reference(end=50.0))
+    assert (s.scored, s.diverged) == (0, False)
+    assert s.position_rmse_m is None
+    far = score_leader(flight((100.0, *(0.0,) * 8), end=50.0), reference(end=50.0))
+    assert far.diverged is True
+
+
+def test_without_a_truth_there_is_a_nis_and_no_error() -> None:
+    estimates = [replace(e, measurement=report(e.t_ns / S)) for e in flight()]
+    s = score_leader(estimates, None)
+    assert s.nis_mean == pytest.approx(3.0)
+    assert s.images_scored == 150
+    assert s.position_rmse_m is None
+    assert s.nees_bounds is None
+    assert s.nees_dof == 0
+
+
+def test_resets_are_those_of_the_last_estimate() -> None:
+    assert score_leader([*flight(), replace(estimate(70.0), reset_count=3)], reference()).resets == 3
+
+
+# ----------------------------------------------------------------------------------------- reading
+
+
+def table(columns: list[str]) -> str:
+    out = io.StringIO()
+    writer = csv.writer(out)
+    writer.writerow(["time_boot_s", *columns, "leader_q_w"])
+    for t in (40.0, 40.04, 40.08):
+        writer.writerow([t, *(10.0 * t + i for i in range(len(columns))), 1.0])
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("compressed", [False, True], ids=["csv", "csv.gz"])
+@pytest.mark.parametrize("count", [7, 9], ids=["without accelerations", "with accelerations"])
+def test_truth_table_is_read(tmp_path: Path, compressed: bool, count: int) -> None:
+    columns = list(COLUMNS)[:count]
+    path = tmp_path / ("t.csv.gz" if compressed else "t.csv")
+    data = table(columns).encode()
+    path.write_bytes(gzip.compress(data) if compressed else data)
+    read = reference_from_csv(path)
+    assert read.components == relative_motion.COMPONENTS[:count]
+    assert read.time.tolist() == [40.0, 40.04, 40.08]
+    assert read.values[1].tolist() == pytest.approx([400.4 + i for i in range(count)])
+
+
+def test_columns_may_stand_in_any_order(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(table(list(COLUMNS)[::-1]))
+    read = reference_from_csv(path)
+    assert read.components == relative_motion.COMPONENTS
+    assert read.values[0].tolist() == pytest.approx([408.0 - i for i in range(9)])
+
+
+def test_seven_columns_score_with_seven_degrees_of_freedom() -> None:
+    whole = reference()
+    part = Reference(whole.time, whole.components[:7], whole.values[:, :7])
+    s = score_leader(flight((0.0,) * 7 + (9.0, 9.0)), part)
+    assert s.nees_dof == 7
+    assert s.nees_mean == pytest.approx(0.0, abs=1e-12)
+
+
+def test_truth_that_stands_still_in_time_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    text = table(list(COLUMNS))
+    path.write_text(text + text.splitlines()[-1] + "\n")
+    with pytest.raises(TruthError, match="rising"):
+        reference_from_csv(path)
+
+
+def test_records_are_put_in_order_and_duplicates_dropped() -> None:
+    accelerations = {"a_lat": 8.0, "a_long": 9.0}
+    rows = [
+        truth(t * S, r_FL_n=(1.0 * t * S, 2.0, 3.0), v_FL_n=(4.0, 5.0, 6.0), size=7.0, **accelerations)
+        for t in (3, 1, 3, 2)
+    ]
+    read = reference_from_records(rows)
+    assert read.time.tolist() == [1.0, 2.0, 3.0]
+    assert read.values[0].tolist() == [1.0 * S, 2, 3, 4, 5, 6, 7, 8, 9]
+    assert len(reference_from_records([]).time) == 0
+
+
+def test_percentiles() -> None:
+    assert percentiles([]) == (None, None)
+    assert percentiles([float(i) for i in range(101)]) == (50.0, 99.0)

@@ -1,0 +1,47 @@
+"""Scores of our own state, against errors made by hand."""
+
+import math
+
+import pytest
+
+from onboard.messages import Fault, FaultKind, NavState, Truth
+from onboard.scoring.own_state import score_own_state
+from tests.support.vehicle_records import nav_state, truth
+
+TURN = math.radians(4.0)
+
+
+def flight(off: float) -> tuple[list[NavState], list[Truth]]:
+    """40 s at 10 Hz, the velocity off by `off` to the north (sigma 2 m/s), the attitude by 4 degrees."""
+    fault = Fault(kind=FaultKind.MOTOR, part="motor 2", t_onset_ns=30_250_000_000, magnitude=0.3, unit="lost")
+    q = (math.cos(TURN / 2), 0.0, math.sin(TURN / 2), 0.0)
+    states, truths = [], []
+    for t in range(1000, 41000, 100):
+        mean = (0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 0.0, TURN, 0.0, 0.0, 0.0, 0.0)
+        states.append(nav_state(t, mean=mean, q_nb=q, faults=(fault,) if t > 30000 else ()))
+        truths.append(truth(t * 1_000_000 + 500_000, v_F_n=(1.0 + off, 2.0, 3.0)))
+    return states, truths
+
+
+def test_errors_are_those_put_in() -> None:
+    score = score_own_state(*flight(0.5))
+    assert score is not None
+    assert score.velocity_rmse_m_s == pytest.approx(0.5)
+    assert score.attitude_rmse_deg == pytest.approx(4.0)
+    assert score.inside_3_sigma_percent == 100.0
+    assert (score.states, score.valid, score.resets) == (400, 400, 258)
+    assert score.faults == ("motor motor 2 at 30.25 s",)
+
+
+def test_three_sigmas_are_three_of_the_states_own() -> None:
+    outside = score_own_state(*flight(6.1))  # the variance of the north velocity is 4
+    assert outside is not None
+    assert outside.inside_3_sigma_percent == pytest.approx(200 / 3)
+
+
+def test_without_truth_or_states_there_is_less_to_say() -> None:
+    states, _ = flight(0.0)
+    score = score_own_state(states, [])
+    assert score is not None
+    assert (score.velocity_rmse_m_s, score.inside_3_sigma_percent, score.nis_ratio) == (None, None, 1.0)
+    assert score_own_state([], []) is None

@@ -1,0 +1,235 @@
+"""The queue and the runner: a sink may be slow, stuck or broken, and nobody else notices."""
+
+import asyncio
+import threading
+import time
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from onboard.sinks import BoundedQueue, SinkError, SinkRunner
+from tests.support.running_link import TIMEOUT_S, until
+
+
+class Collector:
+    """A sink that collects records. A write waits for `gate`; opening and writing fail a given number of times."""
+
+    def __init__(self, *, failing_opens: int = 0, failing_writes: int = 0) -> None:
+        self.gate = threading.Event()
+        self.gate.set()
+        self.written: list[int] = []
+        self.calls: list[str] = []
+        self.failing_opens, self.failing_writes = failing_opens, failing_writes
+
+    def open(self) -> None:
+        self.calls.append("open")
+        if self.failing_opens:
+            self.failing_opens -= 1
+            raise SinkError("cannot open")
+
+    def write(self, records: Sequence[int]) -> None:
+        self.gate.wait()
+        if records and self.failing_writes:
+            self.failing_writes -= 1
+            raise OSError("disk full")
+        self.written += records
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+
+def with_runner(
+    sink: Collector, check: Callable[[SinkRunner[int]], Awaitable[None]], capacity: int = 100, **options: Any
+) -> SinkRunner[int]:
+    async def main() -> SinkRunner[int]:
+        runner = SinkRunner("test", sink, capacity, first_retry_s=0.01, **options)
+        task = asyncio.create_task(runner.run())
+        try:
+            await check(runner)
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+        return runner
+
+    return asyncio.run(main())
+
+
+def test_a_full_queue_drops_its_oldest_and_counts() -> None:
+    queue: BoundedQueue[int] = BoundedQueue(3)
+    for n in range(10):
+        queue.put(n)
+    assert queue.take(100, 0.0) == [7, 8, 9]
+    assert queue.dropped == 7
+    assert queue.take(100, 0.0) == []
+
+
+def test_a_queue_hands_out_no_more_than_asked_for() -> None:
+    queue: BoundedQueue[int] = BoundedQueue(10)
+    for n in range(5):
+        queue.put(n)
+    assert [queue.take(2, 0.0) for _ in range(4)] == [[0, 1], [2, 3], [4], []]
+
+
+def test_a_queue_without_room_is_refused() -> None:
+    with pytest.raises(ValueError, match="room for one"):
+        BoundedQueue(0)
+
+
+def test_every_item_is_either_taken_or_dropped_and_none_twice() -> None:
+    """Two threads, a small queue: the count is exact, not nearly so."""
+    queue: BoundedQueue[int] = BoundedQueue(4)
+    total, taken = 50_000, []
+
+    def consume() -> None:
+        while not taken or taken[-1] != total - 1:
+            taken.extend(queue.take(3, 0.01))
+
+    consumer = threading.Thread(target=consume)
+    consumer.start()
+    for n in range(total):
+        queue.put(n)
+    consumer.join(TIMEOUT_S)
+    assert taken == sorted(set(taken))
+    assert len(taken) + queue.dropped == total
+
+
+def test_what_is_put_is_written_in_order_and_counted() -> None:
+    sink = Collector()
+
+    async def check(runner: SinkRunner[int]) -> None:
+        for n in range(50):
+            runner.put(n)
+        await until(lambda: len(sink.written) == 50)
+
+    health = with_runner(sink, check).health()
+    assert sink.written == list(range(50))
+    assert (health.sent, health.dropped, health.restarts, health.error) == (50, 0, 0, "")
+    assert sink.calls == ["open", "close"]
+
+
+def test_what_is_queued_at_the_end_is_still_written() -> None:
+    sink = Collector()
+
+    async def check(runner: SinkRunner[int]) -> None:
+        await until(lambda: sink.calls)
+        for n in range(5000):  # several batches
+            runner.put(n)
+
+    with_runner(sink, check, capacity=5000)
+    assert sink.written == list(range(5000))
+
+
+def test_a_blocked_sink_delays_nobody_drops_the_oldest_and_lets_the_program_end() -> None:
+    sink = Collector()
+    sink.gate.clear()
+
+    async def check(runner: SinkRunner[int]) -> None:
+        await until(lambda: sink.calls == ["open"])
+        await asyncio.sleep(0.3)  # now it sits in write()
+        for n in range(20_000):  # waited for, they would run into the tests' time limit
+            runner.put(n)
+        assert runner.health().dropped == 20_000 - 100
+
+    with_runner(sink, check, close_timeout_s=0.2)
+    sink.gate.set()
+
+
+def test_a_sink_that_recovers_from_being_blocked_goes_on_with_the_newest() -> None:
+    sink = Collector()
+    sink.gate.clear()
+
+    async def check(runner: SinkRunner[int]) -> None:
+        await until(lambda: sink.calls == ["open"])
+        await asyncio.sleep(0.3)
+        for n in range(1000):
+            runner.put(n)
+        sink.gate.set()
+        await until(lambda: sink.written)
+
+    health = with_runner(sink, check).health()
+    assert sink.written == list(range(900, 1000))
+    assert (health.sent, health.dropped) == (100, 900)
+
+
+def test_a_sink_that_cannot_open_is_retried_and_says_why_meanwhile() -> None:
+    sink = Collector(failing_opens=3)
+    seen: list[str] = []
+
+    async def check(runner: SinkRunner[int]) -> None:
+        runner.put(1)
+
+        def written() -> bool:
+            seen.append(runner.health().error)
+            return bool(sink.written)
+
+        await until(written)
+
+    health = with_runner(sink, check).health()
+    assert sink.written == [1]
+    assert (health.sent, health.restarts, health.error) == (1, 3, "")
+    assert "cannot open" in seen
+    assert sink.calls == ["open", "close"] * 4
+
+
+def test_a_write_that_fails_restarts_the_sink_and_counts_what_was_lost() -> None:
+    sink = Collector(failing_writes=1)
+
+    async def check(runner: SinkRunner[int]) -> None:
+        runner.put(1)
+        await until(lambda: runner.health().restarts == 1)
+        runner.put(2)
+        await until(lambda: sink.written)
+
+    health = with_runner(sink, check).health()
+    assert sink.written == [2]
+    assert (health.sent, health.dropped, health.restarts) == (1, 1, 1)
+
+
+def test_a_panic_that_is_no_exception_restarts_the_sink_too() -> None:
+    class Panic(BaseException):
+        pass
+
+    class Panicking(Collector):
+        def write(self, records: Sequence[int]) -> None:
+            if records == [1]:
+                raise Panic("in Rust")
+            super().write(records)
+
+    sink = Panicking()
+
+    async def check(runner: SinkRunner[int]) -> None:
+        runner.put(1)
+        await until(lambda: runner.health().restarts == 1)
+        runner.put(2)
+        await until(lambda: sink.written == [2])
+
+    with_runner(sink, check)
+
+
+def test_a_sink_that_keeps_failing_is_tried_ever_more_slowly_and_the_program_ends() -> None:
+    sink = Collector(failing_opens=10**9)
+
+    async def check(_: SinkRunner[int]) -> None:
+        await asyncio.sleep(0.5)
+
+    health = with_runner(sink, check).health()
+    assert 3 <= health.restarts <= 7  # 10, 20, 40 .. 320 ms; without back-off fifty
+    assert health.error == "cannot open"
+
+
+def test_the_thread_of_a_sink_has_ended_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Slow(threading.Thread):
+        def run(self) -> None:
+            super().run()
+            time.sleep(0.2)
+
+    monkeypatch.setattr("onboard.sinks.sink.threading.Thread", Slow)
+
+    async def check(_: SinkRunner[int]) -> None:
+        await until(lambda: any(isinstance(thread, Slow) for thread in threading.enumerate()))
+
+    with_runner(Collector(), check)
+    assert not any(isinstance(thread, Slow) for thread in threading.enumerate())

@@ -1,0 +1,114 @@
+"""The recording that the live view writes, and pictures made of one."""
+
+import math
+import subprocess
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from onboard.messages import Estimate, Truth
+from tests.support.view_flight import NEEDS_RERUN, START_S, flight, record_flight, rows_of, truth_of
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_flight(tmp_path_factory.mktemp("view") / "flight.rrd", list(flight(8.0)))
+
+
+def test_a_closed_recording_is_whole(recording: Path) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    command = [str(viewer.viewer_path()), "rrd", "verify", str(recording)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_entity_is_in_the_recording(recording: Path) -> None:
+    rows = rows_of(recording)
+    for entity, least in {
+        "/scene/leader": 150,
+        "/scene/leader_truth": 190,
+        "/scene/uncertainty/ellipsoid": 150,
+        "/scene/follower": 190,
+        "/scene/ground/trail_estimate": 25,
+        "/scene/ground/trail_own": 35,
+        "/scene/follower/camera/measured": 150,
+        "/scene/follower/camera/magnifier/predicted": 150,
+        "/plots/range/estimate": 190,
+        "/plots/range/truth": 190,
+        "/plots/range_error": 150,
+        "/plots/error/down": 150,
+        "/plots/size/estimate": 190,
+        "/plots/acceleration/lateral/truth": 190,
+        "/plots/innovation/value": 150,
+        "/plots/nis/value": 150,
+        "/plots/rate/ATTITUDE_QUATERNION": 8,
+        "/status": 30,
+        "/health": 8,
+        "/track": 3,
+        "/images": 3,
+    }.items():
+        assert rows.get(entity, 0) >= least, entity
+    # space is drawn at no more than 25 Hz, whatever the rate of the records
+    assert rows["/scene/follower"] <= 8 * 26 + 2
+
+
+def test_errors_are_those_of_the_moment_of_the_estimate(recording: Path) -> None:
+    chunk = pytest.importorskip("rerun.chunk", reason=NEEDS_RERUN)
+    drawn = {}
+    for one in chunk.RrdReader(recording).stream().to_chunks():
+        if one.entity_path == "/plots/error/down" and not one.is_static:
+            batch = one.to_record_batch().to_pydict()
+            rows = zip(batch["boot_time"], batch["Scalars:scalars"], strict=True)
+            drawn |= {round(t.total_seconds() * 1e9): values for t, values in rows}
+    estimates = [r for r in flight(8.0) if isinstance(r, Estimate) and r.mean and r.t_ns in drawn]
+    assert len(estimates) > 150
+    for estimate in estimates:
+        assert estimate.mean is not None
+        assert estimate.covariance is not None
+        truth = truth_of(estimate.t_ns * 1e-9 - START_S)
+        edge = 3 * math.sqrt(estimate.covariance[2][2])
+        expected = [estimate.mean[2] - truth.r_FL_n[2], edge, -edge]
+        np.testing.assert_allclose(drawn[estimate.t_ns], expected, atol=2e-5)
+
+
+def test_before_a_track_nothing_is_drawn_of_the_leader(tmp_path: Path) -> None:
+    records = [r for r in flight(0.9) if not isinstance(r, Truth)]
+    rows = rows_of(record_flight(tmp_path / "early.rrd", records))
+    assert "/scene/uncertainty/ellipsoid" not in rows
+    assert "/scene/leader" in rows  # a scale of nothing: it must not sit on us
+
+
+def test_another_boot_begins_anew(tmp_path: Path) -> None:
+    first = list(flight(2.0))
+    again = [msgspec.structs.replace(r, t_ns=r.t_ns - 11_000_000_000) for r in flight(2.0)]
+    rows = rows_of(record_flight(tmp_path / "boots.rrd", first + again))
+    assert rows["/scene/follower"] >= 2 * 49
+
+
+def test_a_picture_of_a_missing_recording(tmp_path: Path) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    with pytest.raises(FileNotFoundError, match="no such recording"):
+        viewer.screenshot(tmp_path / "none.rrd", tmp_path / "none.png")
+
+
+def has_vulkan() -> bool:
+    """Whether a driver is installed: with OpenGL alone the viewer finds an adapter, and then cannot draw."""
+    return any(any(Path(folder).glob("*.json")) for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"))
+
+
+def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    psutil = pytest.importorskip("psutil")
+    png = tmp_path / "view.png"
+    try:
+        viewer.screenshot(recording, png, at=START_S + 6.0, size=(1000, 700), timeout=60.0)
+    except viewer.ViewerError as error:
+        if "graphics adapter" in str(error) or not has_vulkan():
+            pytest.skip("no Vulkan driver here: Debian's mesa-vulkan-drivers has one in software")
+        raise
+    assert png.read_bytes().startswith(b"\x89PNG")
+    assert png.stat().st_size > 30_000  # an empty window has a tenth of it
+    # other tests' worker pools may have left Python's own helper process to this one
+    assert not [c for c in psutil.Process().children(recursive=True) if "rerun" in c.name()]

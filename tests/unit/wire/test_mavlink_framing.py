@@ -1,0 +1,161 @@
+"""Framing of MAVLink bytes: cut streams, damage, unknown and signed frames, random bytes."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink.dialects.v20 import common
+
+from onboard.messages import Message
+from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink_encode import MavlinkEncoder
+from tests.support.mavlink_frames import NED_V2, RECV, decode, frame
+from tests.support.mavlink_records import RECORDS
+
+
+def flight_bytes(n: int = 40) -> tuple[bytes, list[Message]]:
+    encoder = MavlinkEncoder(1, 1)
+    data = b"".join(encoder.encode(RECORDS[i % len(RECORDS)][0]) for i in range(n))
+    return data, decode(data)
+
+
+def test_a_stream_cut_at_every_byte_gives_the_same_messages() -> None:
+    data, whole = flight_bytes()
+    assert len(whole) == 40
+    for cut in range(len(data)):
+        decoder = MavlinkDecoder(stream=True)
+        assert decoder.decode(data[:cut], RECV) + decoder.decode(data[cut:], RECV) == whole
+    decoder = MavlinkDecoder(stream=True)
+    assert [m for i in range(len(data)) for m in decoder.decode(data[i : i + 1], RECV)] == whole
+    assert not decoder.rejected
+
+
+def test_the_buffer_of_a_stream_whose_reads_end_mid_frame_stays_small() -> None:
+    decoder = MavlinkDecoder(stream=True)
+    unit = bytes.fromhex(NED_V2)
+    data = unit * 3
+    largest = found = 0
+    for _ in range(100_000):  # always the tail of one frame and the head of the next
+        found += len(decoder.decode(data[20 : 20 + len(unit)], RECV))
+        largest = max(largest, len(decoder._parser.buf))
+    assert found >= 99_999
+    assert largest < 8192
+
+
+def test_a_truncated_datagram_does_not_eat_the_next() -> None:
+    unit = bytes.fromhex(NED_V2)
+    for length in range(1, len(unit)):
+        decoder = MavlinkDecoder(stream=False)
+        assert decoder.decode(unit[:length], RECV) == []
+        assert len(decoder.decode(unit, RECV)) == 1, f"eaten after {length} bytes"
+        assert decoder.rejected["truncated"] == 1
+
+
+def test_a_false_start_in_a_stream_costs_little() -> None:
+    data = bytes.fromhex(NED_V2)
+    decoder = MavlinkDecoder(stream=True)
+    found = decoder.decode(b"\x00\x11\x22" + data[:9] + data * 20, RECV)
+    assert len(found) >= 18
+    assert decoder.rejected["bad_frame"] >= 1
+
+
+def test_one_wrong_bit_anywhere_rejects_the_frame_and_is_counted() -> None:
+    """Once, but for a length that is too short, which leaves bytes behind the frame. Nothing after it is lost."""
+    data = bytes.fromhex(NED_V2)
+    for bit in range(8 * len(data)):
+        byte = bit // 8
+        if byte in (2, 3):  # flags: of signing and compatibility, tested on their own
+            continue
+        wrong = bytearray(data)
+        wrong[byte] ^= 1 << bit % 8
+        decoder = MavlinkDecoder(stream=False)
+        assert decoder.decode(bytes(wrong), RECV) == []
+        assert not decoder.names
+        (reason, count), *others = decoder.rejected.items()
+        assert others == []
+        assert count == (2 if wrong[1] < data[1] else 1)
+        may_be = {1: {"truncated"}, 7: {"unknown_message"}, 8: {"unknown_message"}, 9: {"unknown_message"}}
+        assert reason in {"bad_frame"} | may_be.get(byte, set())
+        assert decoder.decode(data, RECV) == decode(data)
+
+
+def test_a_bad_checksum_is_counted_and_the_next_frame_of_the_datagram_read() -> None:
+    data = bytes.fromhex(NED_V2)
+    decoder = MavlinkDecoder(stream=False)
+    assert len(decoder.decode(data[:-1] + b"\x00" + data, RECV)) == 1
+    assert decoder.rejected == {"bad_frame": 1}
+
+
+def test_the_environment_cannot_turn_the_checksum_off() -> None:
+    """pymavlink reads the variable when it is imported, and the encoder may be imported first."""
+    code = "from onboard.wire.mavlink_encode import dialect; print(dialect.MAVLINK_IGNORE_CRC)"
+    environment = os.environ | {"MAV_IGNORE_CRC": "1"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)
+    assert done.stdout.strip() == b"0"
+
+
+def test_unknown_messages_are_counted_and_do_no_harm() -> None:
+    decoder = MavlinkDecoder(stream=False)
+    unknown = frame(60_001, 17, b"\x01\x02\x03")
+    assert len(decoder.decode(unknown + bytes.fromhex(NED_V2), RECV)) == 1
+    assert decoder.rejected == {"unknown_message": 1}
+    assert decoder.names == {"LOCAL_POSITION_NED": 1}
+
+
+def test_known_messages_we_do_not_use_are_counted_by_name() -> None:
+    sender = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    decoder = MavlinkDecoder(stream=False)
+    assert decoder.decode(sender.param_value_encode(b"RATE", 1.0, 9, 1, 0).pack(sender), RECV) == []
+    assert decoder.names == {"PARAM_VALUE": 1}
+    assert not decoder.rejected
+
+
+def test_signed_frames_are_read() -> None:
+    sender = common.MAVLink(None, srcSystem=1, srcComponent=1)
+    sender.signing.secret_key = b"k" * 32
+    sender.signing.sign_outgoing = True
+    sender.signing.link_id = 1
+    sender.signing.timestamp = 1
+    data = sender.local_position_ned_encode(123456, 1.5, -2.25, -30.5, 0.125, -0.5, 4.0).pack(sender)
+    assert data[2] == 1
+    decoder = MavlinkDecoder(stream=False)
+    assert len(decoder.decode(data + data, RECV)) == 2
+
+
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.lists(st.binary(max_size=400), max_size=6), st.booleans())
+def test_random_bytes_never_raise(chunks: list[bytes], stream: bool) -> None:
+    decoder = MavlinkDecoder(stream=stream)
+    for chunk in chunks:
+        decoder.decode(chunk, RECV)
+
+
+NUMBERS = sorted(common.mavlink_map)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(st.sampled_from(NUMBERS), st.binary(max_size=255), st.booleans(), st.sampled_from([1, 2]))
+def test_random_payloads_of_real_messages_with_good_checksums_eat_nothing(
+    number: int, payload: bytes, stream: bool, version: int
+) -> None:
+    if version == 1 and number > 255:
+        return
+    extra = common.mavlink_map[number].crc_extra
+    decoder = MavlinkDecoder(stream=stream)
+    good = bytes.fromhex(NED_V2)
+    found = decoder.decode(frame(number, extra, payload, version=version) + good, RECV)
+    assert found[-1:] == decode(good)
+
+
+def test_random_payloads_of_every_message_we_convert_with_seed_8() -> None:
+    rng = np.random.default_rng(8)
+    for number, kind in common.mavlink_map.items():
+        for _ in range(20):
+            size = kind.unpacker.size
+            payload = rng.integers(0, 256, size, dtype=np.uint8).tobytes()
+            decoder = MavlinkDecoder(stream=False)
+            decoder.decode(frame(number, kind.crc_extra, payload), RECV)
+            assert sum(decoder.names.values()) + decoder.rejected["unknown_message"] == 1

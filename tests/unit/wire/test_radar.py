@@ -1,0 +1,66 @@
+"""Radar scans as JSON: good documents and impossible ones."""
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from onboard.messages import Clock, RadarDetection, RadarDetections
+from onboard.wire.document import BadDocumentError
+from onboard.wire.radar import decode_radar, encode_radar
+from tests.support.mavlink_frames import RECV
+
+ECHO = {"range": 1234.5, "azimuth": -0.25, "elevation": 0.125}
+
+
+def document(**changes: Any) -> bytes:
+    whole = {"t_ns": 41_000_000_000, "clock": "boot", "radar": "nose", "detections": [ECHO]} | changes
+    return json.dumps(whole).encode()
+
+
+def test_a_radar_scan_from_json() -> None:
+    scan = decode_radar(document(), RECV)
+    assert (scan.t_ns, scan.t_recv_ns, scan.clock, scan.system) == (41_000_000_000, RECV, Clock.BOOT, 0)
+    assert (scan.radar, scan.frame) == ("nose", "body")
+    assert scan.detections == (RadarDetection(range=1234.5, azimuth=-0.25, elevation=0.125),)
+    assert decode_radar(document(detections=[]), RECV).detections == ()
+    assert decode_radar(document(frame="ned"), RECV).frame == "ned"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"t_ns": 2**63},
+        {"frame": "enu"},
+        {"clock": "wall"},
+        {"extra": 1},
+        {"detections": [ECHO | {"range": 0.0}]},
+        {"detections": [ECHO | {"range": 1e8}]},
+        {"detections": [ECHO | {"azimuth": 7.0}]},
+        {"detections": [ECHO | {"elevation": 1.6}]},
+        {"detections": [ECHO | {"sigma": [1.0, 0.0, 1.0]}]},
+        {"detections": [ECHO | {"sigma": [1.0, 1.0]}]},
+        {"detections": [ECHO | {"range": float("nan")}]},
+        {"detections": [ECHO] * 5000},
+    ],
+    ids=str,
+)
+def test_an_impossible_scan_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(BadDocumentError):
+        decode_radar(document(**changes), RECV)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(st.binary(max_size=200))
+def test_random_bytes_raise_our_own_error(data: bytes) -> None:
+    with pytest.raises(BadDocumentError):
+        decode_radar(data, RECV)
+
+
+def test_a_scan_goes_out_and_comes_back() -> None:
+    echo = RadarDetection(range=100.0, azimuth=0.1, elevation=-0.1, sigma=(5.0, 0.01, 0.02), snr_db=12.0)
+    sent = RadarDetections(t_ns=5, clock=Clock.HOST, radar="nose", frame="ned", detections=(echo,))
+    scan = decode_radar(encode_radar(sent), RECV)
+    assert (scan.t_ns, scan.clock, scan.frame, scan.detections) == (5, Clock.HOST, "ned", (echo,))
