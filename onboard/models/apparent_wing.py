@@ -1,15 +1,15 @@
 """A leader whose nose may point anywhere, in coordinates in which its image is nearly linear.
 
 The apparent length of a wing gives the range only if the nose is known: a far leader seen from behind looks like a
-near one seen along its wing. A Gaussian over Cartesian positions slides along that curve, and becomes sure of a wrong
-range. Here the quantities that an image measures are states, and the range follows from them:
+near one seen along its wing. A Gaussian over Cartesian positions slides along that curve, and becomes sure of a
+wrong range. Here the quantities that an image measures are states, and the range follows from them:
 
     range = size x visible fraction of the wing / apparent length
 
 State rows (N = 19), from the follower F, vectors in n:
 - `right`, `down`: the leader's direction, stereographic about the first of `axes` (rad); `log_length`: the natural
   logarithm of the wing's apparent length (rad);
-- v_L (3): the leader's own velocity (m/s); `log_size`: of the wing's length (m); a_L (3): its acceleration (m/s^2);
+- v_L (3): the leader's own velocity (m/s); `log_size`: of the wing's length (m); a_L (3): acceleration (m/s^2);
 - `nose`: rad from north, not wrapped; `bank_error`: rad beyond the bank of a coordinated turn;
 - `misalignment` (3): rad, the rotation from our true attitude to the believed one; `own_velocity_error` (3): m/s,
   true minus believed; `nose_rate`: rad/s, beside the turn of the course.
@@ -21,6 +21,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import ROWS, VECTOR
 
 G: Final = 9.80665
 N: Final = 19
@@ -39,8 +40,6 @@ SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided b
 TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
 FOLLOWS4: Final = 81.0  # (m/s)^4: a leader faster than its fourth root turns its nose with its course
 
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
 NUMBER: Final = types.float64
 
 
@@ -84,8 +83,8 @@ def process(rows: Array, dt: float, moved: Array, axes: Array, new_axes: Array, 
 
 
 def measure(rows: Array, axes: Array, R_cn: Array, r_FC_n: Array, seen: Array, m: int) -> Array:
-    """The measurement (k, m) of `models.wing_line`, rad, that state rows (k, N) predict for a camera at r_FC_n (3,)
-    with attitude R_cn (3, 3), about the measured directions `seen` (3, 3) in c."""
+    """The measurement (k, m) of `models.wing_line`, rad, that state rows (k, N) predict: for a camera at r_FC_n (3,)
+    with attitude R_cn (3, 3), about the measured axes `seen` (3, 3) in c."""
     found: Array = _measure(rows, axes, R_cn, r_FC_n, seen, m)
     return found
 

@@ -21,14 +21,16 @@ from onboard.estimators.leader.nose_mixture import Mixture
 from onboard.estimators.leader.nose_summary import Summary, as_leader, summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief, FilterError, Update
-from onboard.models.relative_motion import R, V
+from onboard.models.relative_motion import R
 from onboard.ownship import Step
 
 PERIOD_S: Final = 0.09  # between images that the mixture takes
 LONGEST_S: Final = 0.25  # of a prediction of the mixture
 RESOLVED: Final = 0.15  # of the range: a mixture that is less certain leaves it open
-AGREE: Final = 2.0  # standard deviations of the mixture's range, and
-AGREE_AT_LEAST: Final = 0.03  # of the range
+SHARP: Final = 0.08  # of the range: a mixture that is less certain cannot confirm the wing-line filter
+AGREE: Final = 1.0  # standard deviations of the mixture's range, within which it confirms it, and
+AGREE_AT_LEAST: Final = 0.025  # of the range
+ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
 PATIENCE: Final = 10  # images in a row that the wing-line filter may reject before it starts again
 MOTION: Final = slice(0, 6)  # position and velocity
 
@@ -42,8 +44,8 @@ class Pending(NamedTuple):
 
 
 class AnySide(NamedTuple):
-    """Both filters' states; a `summary` of the mixture at its time; images that the wing-line filter has rejected in
-    a row, since when it is not believed."""
+    """Both filters' states, a `summary` of the mixture at its time, and how many images the wing-line filter has
+    rejected in a row: it is not believed meanwhile."""
 
     wing_line: Any
     mixture: Mixture
@@ -70,7 +72,9 @@ class AnySideFilter:
         earlier = None if before is None or not self._agree(before) else before.wing_line
         wing_line = self._wing_line.start(measurement, pose, earlier)
         mixture = nose_mixture.start(self._settings, measurement, pose)
-        return AnySide(wing_line, mixture, summarise(mixture), Pending(0.0, np.zeros(3), pose.v_F_n), 0)
+        return AnySide(
+            wing_line, mixture, summarise(self._settings, mixture), Pending(0.0, np.zeros(3), pose.v_F_n), 0
+        )
 
     def advance(self, state: AnySide, step: Step) -> AnySide:
         """The wing-line filter's prediction; the mixture is predicted when it takes an image, or after a while."""
@@ -102,7 +106,7 @@ class AnySideFilter:
         mixture, nis = nose_mixture.update(self._settings, predicted.mixture, measurement, pose)
         if nis > self._settings.gate:
             return update._replace(belief=predicted)
-        after = predicted._replace(mixture=mixture, summary=summarise(mixture))
+        after = predicted._replace(mixture=mixture, summary=summarise(self._settings, mixture))
         return update._replace(belief=after, nis=min(update.nis, gate))
 
     def belief(self, state: AnySide) -> Belief:
@@ -111,13 +115,11 @@ class AnySideFilter:
         known = state.summary.after(state.pending.dt, state.pending.moved)
         if not self._agree(state):
             return as_leader(known, state.pending.v_F_n, sharp)
-        r = sharp.mean[R]
-        line = r / np.linalg.norm(r)
-        own = float(line @ sharp.covariance[R, R] @ line) / float(r @ r)
-        more = max(known.range_sigma() ** 2 - own, 0.0)
+        whole = as_leader(known, state.pending.v_F_n, sharp)
+        off = sharp.mean[MOTION] - whole.mean[MOTION]
         covariance = sharp.covariance.copy()
-        scaled = sharp.mean[MOTION]  # what is seen fixes the ratio of velocity to range
-        covariance[MOTION, MOTION] += more * scaled[:, None] * scaled
+        covariance[MOTION, MOTION] = whole.covariance[MOTION, MOTION] + off[:, None] * off
+        covariance[MOTION, 6:], covariance[6:, MOTION] = 0.0, 0.0
         return Belief(sharp.mean, covariance)
 
     def predicted_points(
@@ -139,12 +141,12 @@ class AnySideFilter:
 
     def _agree(self, state: AnySide) -> bool:
         """Whether the mixture knows the range, and the wing-line filter has the same one."""
-        sigma = state.summary.range_sigma()
-        if state.rejected or sigma > RESOLVED:
+        known, sigma = state.summary, state.summary.range_sigma()
+        if state.rejected or sigma > SHARP or not known.is_on_course(ON_COURSE):
             return False
-        known = state.summary.after(state.pending.dt, state.pending.moved)
         sharp = self._wing_line.belief(state.wing_line).mean[R]
-        ratio = math.log(float(np.linalg.norm(sharp)) / float(np.linalg.norm(known.mean[R])))
+        now = known.after(state.pending.dt, state.pending.moved).mean[R]
+        ratio = math.log(float(np.linalg.norm(sharp)) / float(np.linalg.norm(now)))
         return abs(ratio) < max(AGREE * sigma, AGREE_AT_LEAST)
 
     def _caught_up(self, state: AnySide) -> AnySide:
@@ -154,5 +156,5 @@ class AnySideFilter:
             return state
         mixture = nose_mixture.predict(self._settings, state.mixture, dt, moved)
         return state._replace(
-            mixture=mixture, summary=summarise(mixture), pending=Pending(0.0, np.zeros(3), v_F_n)
+            mixture=mixture, summary=summarise(self._settings, mixture), pending=Pending(0.0, np.zeros(3), v_F_n)
         )

@@ -52,4 +52,4 @@ class LeaderFilter(Protocol):
         """What the images leave open, for a person; "" if nothing."""
 
     def is_too_wide(self, state: Any, share: float) -> bool:
-        """Whether the position is less certain than this share of the range, so that an image cannot correct it."""
+        """Whether the position is less certain than this share of the range: an image cannot correct it."""

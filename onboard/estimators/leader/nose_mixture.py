@@ -1,19 +1,19 @@
 """Where the leader may be when its nose may point anywhere: a mixture of Gaussians over noses and manoeuvres.
 
-One image leaves the nose open, and with it the range. A new mixture has a Gaussian for each cell of the nose over the
-half circle that a wing can tell apart, in the coordinates of `models.apparent_wing`; within a cell, a Gaussian for
-each manoeuvre, which mix (an interacting multiple model). A cell loses its weight only by evidence. One whose nose
-becomes uncertain is split, and cells that agree are merged.
+One image leaves the nose open, and with it the range. A new mixture has a Gaussian for each cell of the nose over
+half a circle, in the coordinates of `models.apparent_wing`: a wing looks the same from the front and from behind.
+Within a cell there is a Gaussian for each manoeuvre, and these mix (an interacting multiple model). A cell loses
+weight only by evidence. A cell whose nose becomes uncertain is split, and cells that agree are merged.
 
 Smoothness is no evidence. A near leader that flies calmly and a far one that flies twice as boldly look alike, and
-how boldly it flies is not known: so process noise is proportional to the range that a cell implies, and no cell fits
-smooth motion better than another. What is evidence is our own known motion, and a line of sight that turns about a
-nose that does not.
+how boldly a leader flies is not known. So process noise is proportional to the range that a cell implies, and no
+cell fits smooth motion better than another. Evidence is our own known motion, and a line of sight that turns while
+the nose does not.
 """
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -66,7 +66,9 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose) -> Mixture:
     axes = model.axes_about(direction)
     bearing = math.atan2(direction[1], direction[0])
     noses, nose_sigma, prior = _first_noses(settings, bearing, pose.v_F_n)
-    broad = np.maximum(np.abs(np.cos(noses - bearing)), 0.08)  # about the range, as a share of the largest possible
+    broad = np.maximum(
+        np.abs(np.cos(noses - bearing)), 0.08
+    )  # about the range, as a share of the largest possible
     k = len(noses)
     mean, sigma = np.zeros((k, N)), np.zeros((k, N))
     mean[:, LOG_LENGTH], mean[:, LOG_SIZE] = math.log(seen.span), math.log(settings.size)
@@ -97,9 +99,9 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose) -> Mixture:
     )
 
 
-def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Array, Array, Array]:
-    """Noses (k,), their standard deviations and prior probabilities: all noses alike, and more likely one along our
-    own course; for a fixed wing only noses about it."""
+def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any, Any, Any]:
+    """Noses (k,), their standard deviations and prior probabilities: all noses alike, and one along our own course
+    that is more likely; for a fixed wing only noses about our course."""
     course, moving = math.atan2(v_F_n[1], v_F_n[0]), math.hypot(v_F_n[0], v_F_n[1]) > MOVING
     if moving and settings.crab > 0:
         apart = 1.2 * np.arange(-2, 3)  # standard deviations of the crab
@@ -194,9 +196,7 @@ def update(settings: NoseModel, mixture: Mixture, seen: Measurement, pose: Camer
     manoeuvres, log_weights = _weighed(mixture, np.maximum(log_l, log_l.max() - MOST_EVIDENCE))
     kept = log_weights > math.log(LEAST_WEIGHT)
     P = 0.5 * (P + np.swapaxes(P, -1, -2))
-    return _tidy(
-        settings, Mixture(means[kept], P[kept], manoeuvres[kept], log_weights[kept], mixture.axes)
-    ), least
+    return _tidy(settings, Mixture(means[kept], P[kept], manoeuvres[kept], log_weights[kept], mixture.axes)), least
 
 
 def _weighed(mixture: Mixture, log_l: Array) -> tuple[Array, Array]:
@@ -211,19 +211,40 @@ def _weighed(mixture: Mixture, log_l: Array) -> tuple[Array, Array]:
     return p / p.sum(1, keepdims=True), log_weights - math.log(np.exp(log_weights).sum())
 
 
-def weights(mixture: Mixture) -> Array:
-    """The weight (K, M) of each Gaussian."""
-    each = np.exp(mixture.log_weights)[:, None] * mixture.manoeuvres
-    total: Array = each / each.sum()
-    return total
+def with_course(settings: NoseModel, mixture: Mixture) -> tuple[Array, Array, Array]:
+    """Weights (G,), means (G, N) and covariances (G, N, N) of all Gaussians, with what is likely of a nose and its
+    course: most leaders that fly fast point their nose along their course.
+
+    That is prior knowledge about an angle that lasts, so it is applied to what is reported, and not at each image to
+    the mixture itself, where it would count again and again.
+    """
+    w = (np.exp(mixture.log_weights)[:, None] * mixture.manoeuvres).ravel()
+    x, P = mixture.means.reshape(-1, N), mixture.covariances.reshape(-1, N, N)
+    u, v = x[:, 3], x[:, 4]
+    speed2 = u * u + v * v + 1e-6
+    aside = x[:, NOSE] - np.arctan2(v, u)
+    aside -= math.pi * np.round(aside / math.pi)
+    h = np.zeros_like(x)
+    h[:, NOSE], h[:, 3], h[:, 4] = 1.0, v / speed2, -u / speed2
+    Ph = (P @ h[..., None])[..., 0]
+    S = np.sum(h * Ph, 1) + settings.nose_about_course**2
+    gain = Ph / S[:, None]
+    fast = speed2**2 / (speed2**2 + model.FOLLOWS4)
+    share = settings.follows * fast
+    likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
+    w = np.concatenate([w * (1.0 - share) / math.pi, w * share * likely])
+    means = np.concatenate([x, x - gain * aside[:, None]])
+    covariances = np.concatenate([P, P - gain[:, :, None] * Ph[:, None, :]])
+    kept = w > LEAST_WEIGHT * w.sum()
+    return w[kept] / w[kept].sum(), means[kept], covariances[kept]
 
 
-def mapped(mixture: Mixture, function: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Means (K M, m), and D (K M, 2 N, m) with D^T D the covariances, of a function of state rows, for each
-    Gaussian. Raises FilterError."""
-    rows = _points(mixture.means, mixture.covariances)[1]
+def mapped(means: Array, covariances: Array, function: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Means (G, m), and D (G, 2 N, m) with D^T D the covariances, of a function of state rows, for each Gaussian.
+    Raises FilterError."""
+    rows = _points(means, covariances)[1]
     images = function(rows.reshape(-1, N))
-    return _differences(images.reshape(-1, rows.shape[2], images.shape[1]))
+    return _differences(images.reshape(*rows.shape[:2], images.shape[1]))
 
 
 def _points(mean: Array, P: Array) -> tuple[Array, Array]:
@@ -245,7 +266,8 @@ def _differences(images: Array) -> tuple[Array, Array]:
     center, up, down = images[..., :1, :], images[..., 1 : N + 1, :], images[..., N + 1 :, :]
     even = (up + down - 2.0 * center) / (2.0 * SPREAD**2)
     odd = (up - down) / (2.0 * SPREAD)
-    return center[..., 0, :] + even.sum(-2), np.concatenate([odd, even * math.sqrt(SPREAD**2 - 1.0)], -2)
+    mean: Array = center[..., 0, :] + even.sum(-2)
+    return mean, np.concatenate([odd, even * math.sqrt(SPREAD**2 - 1.0)], -2)
 
 
 # ------------------------------------------------------------------------------------ splitting and merging
@@ -298,7 +320,9 @@ def _merged(settings: NoseModel, mixture: Mixture) -> Mixture:
         a, b = divmod(int(np.argmin(apart)), count)
         if apart[a, b] > 1.0 and count <= settings.most_cells:
             break
-        mixture = _merge(mixture, min(a, b), max(a, b), round((mean[max(a, b), NOSE] - mean[min(a, b), NOSE]) / math.pi))
+        mixture = _merge(
+            mixture, min(a, b), max(a, b), round((mean[max(a, b), NOSE] - mean[min(a, b), NOSE]) / math.pi)
+        )
     return mixture
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader import nose_mixture
 from onboard.estimators.leader.nose_mixture import Mixture
+from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing as model
 from onboard.models.leader_flight import A_ALONG, BANK_ERROR, HEADING
@@ -22,6 +23,7 @@ NOSE: Final = 13
 BANK: Final = 14
 N: Final = 15
 SLOW: Final = 1.0  # m/s, of a course
+FLIES: Final = 3.0  # m/s
 
 
 class Summary(NamedTuple):
@@ -48,6 +50,13 @@ class Summary(NamedTuple):
         square = float(r @ r)
         return math.sqrt(max(float(r @ self.covariance[R_FL, R_FL] @ r), 0.0)) / square
 
+    def is_on_course(self, within: float) -> bool:
+        """Whether the leader flies, with its nose within an angle (rad) of its course."""
+        v, nose = self.mean[V_L], self.mean[NOSE]
+        aside = nose - math.atan2(v[1], v[0])
+        aside -= math.pi * round(aside / math.pi)
+        return math.hypot(v[0], v[1]) > FLIES and abs(aside) < within
+
     def direction_sigma(self) -> float:
         """The standard deviation of the direction where it is least certain, rad."""
         r = self.mean[R_FL]
@@ -56,10 +65,10 @@ class Summary(NamedTuple):
         return math.sqrt(max(largest, 0.0)) / float(np.linalg.norm(r))
 
 
-def summarise(mixture: Mixture) -> Summary:
+def summarise(settings: NoseModel, mixture: Mixture) -> Summary:
     """The mixture as one Gaussian, by central differences of each of its Gaussians."""
-    w = nose_mixture.weights(mixture).ravel()
-    mean, D = nose_mixture.mapped(mixture, lambda points: _cartesian(points, mixture.axes))
+    w, means, covariances = nose_mixture.with_course(settings, mixture)
+    mean, D = nose_mixture.mapped(means, covariances, lambda rows: _cartesian(rows, mixture.axes))
     mean[:, NOSE] -= math.pi * np.round((mean[:, NOSE] - mean[int(np.argmax(w)), NOSE]) / math.pi)
     whole = w @ mean
     off = mean - whole
