@@ -83,8 +83,8 @@ def process(rows: Array, dt: float, moved: Array, axes: Array, new_axes: Array, 
 
 
 def measure(rows: Array, axes: Array, R_cn: Array, r_FC_n: Array, seen: Array, m: int) -> Array:
-    """The measurement (k, m) of `models.wing_line`, rad, that state rows (k, N) predict: for a camera at r_FC_n (3,)
-    with attitude R_cn (3, 3), about the measured axes `seen` (3, 3) in c."""
+    """The measurement (k, m) of `models.wing_line`, rad, that state rows (k, N) predict: for a camera at r_FC_n
+    (3,) with attitude R_cn (3, 3), about the measured axes `seen` (3, 3) in c."""
     found: Array = _measure(rows, axes, R_cn, r_FC_n, seen, m)
     return found
 

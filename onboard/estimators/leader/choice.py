@@ -1,8 +1,8 @@
 """The filter that a configuration chooses, for one target.
 
-`any-side` is what we fly by default. `wing-line` is its sharper half alone, which takes the nose to be on the course.
-`paper` and `subtended` are Oh & Johnson's nine states and three angles, with their noise settings as printed and with
-honest ones.
+`any-side` is what we fly by default. `wing-line` is its sharper half alone, which takes the nose to be on the
+course. `paper` and `subtended` are Oh & Johnson's nine states and three angles, with their noise settings as
+printed and with honest ones.
 """
 
 import math
@@ -47,9 +47,9 @@ def make_filter(config: Config) -> LeaderFilter:
             config.center_on_wing,
         )
         sharp = _WingLine(wing_line.Filter(size, size_sigma, settings, extras))
-        return (
-            sharp if config.filter == "wing-line" else AnySideFilter(sharp, _nose_model(config, size, size_sigma))
-        )
+        if config.filter == "wing-line":
+            return sharp
+        return AnySideFilter(sharp, _nose_model(config, size, size_sigma))
     from onboard.estimators.leader import oh_johnson  # noqa: PLC0415 - machine code that few flights need
 
     # the paper takes its own attitude as known, so its settings stay as printed
@@ -57,17 +57,18 @@ def make_filter(config: Config) -> LeaderFilter:
 
 
 def _nose_model(config: Config, size: float, size_sigma: float) -> NoseModel:
-    tilt, yaw = (
-        max(math.radians(s), SMALLEST_SIGMA) for s in (config.own_tilt_sigma_deg, config.own_yaw_sigma_deg)
-    )
-    return NoseModel(
+    known = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
+    tilt, yaw = (max(math.radians(sigma), SMALLEST_SIGMA) for sigma in known)
+    model = NoseModel(
         size=size,
         size_sigma=size_sigma,
         misalignment=(tilt, tilt, yaw),
         misalignment_time=config.own_attitude_time_s,
         own_velocity=max(config.own_velocity_sigma_m_s, SMALLEST_SIGMA),
-        **(crabs if config.leader_class == "fixed_wing" else {}),
     )
+    if config.leader_class == "fixed_wing":
+        return model._replace(crab=CRAB, follows=1.0, nose_about_course=CRAB)
+    return model
 
 
 def is_wide(belief: Belief, share: float) -> bool:

@@ -215,8 +215,8 @@ def with_course(settings: NoseModel, mixture: Mixture) -> tuple[Array, Array, Ar
     """Weights (G,), means (G, N) and covariances (G, N, N) of all Gaussians, with what is likely of a nose and its
     course: most leaders that fly fast point their nose along their course.
 
-    That is prior knowledge about an angle that lasts, so it is applied to what is reported, and not at each image to
-    the mixture itself, where it would count again and again.
+    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the mixture
+    itself, where each image would count it again.
     """
     w = (np.exp(mixture.log_weights)[:, None] * mixture.manoeuvres).ravel()
     x, P = mixture.means.reshape(-1, N), mixture.covariances.reshape(-1, N, N)
