@@ -17,7 +17,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader import nose_mixture
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import LeaderFilter, Measurement
-from onboard.estimators.leader.nose_mixture import Mixture
+from onboard.estimators.leader.nose_cells import Mixture
 from onboard.estimators.leader.nose_summary import Summary, as_leader, summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief, FilterError, Update

@@ -13,13 +13,14 @@ the nose does not.
 
 import math
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import Measurement
+from onboard.estimators.leader.nose_cells import Mixture, tidy
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError
 from onboard.models import apparent_wing as model
@@ -41,23 +42,10 @@ from onboard.models.apparent_wing import (
 SPREAD: Final = math.sqrt(3.0)  # standard deviations, of the points of a central difference: exact for a cubic
 LEAST_WEIGHT: Final = 1e-4  # of a cell: a lighter one is dropped
 LEAST_MANOEUVRE: Final = 1e-4  # of the probability of a manoeuvre within a cell
-SPLIT_WEIGHT: Final = 0.01  # a lighter cell is not split
-NARROW: Final = 0.6  # of the nose's deviation: that of each of the three parts of a cell that is split
 MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one image
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
 DIAGONAL: Final = np.arange(N)
-
-
-class Mixture(NamedTuple):
-    """K cells with M manoeuvres each: means (K, M, N), covariances (K, M, N, N), probabilities of the manoeuvres
-    (K, M), logarithms of the cells' weights (K,); and the `axes` (3, 3) in n of all their directions."""
-
-    means: Array
-    covariances: Array
-    manoeuvres: Array
-    log_weights: Array
-    axes: Array
 
 
 def start(settings: NoseModel, seen: Measurement, pose: CameraPose) -> Mixture:
@@ -196,7 +184,7 @@ def update(settings: NoseModel, mixture: Mixture, seen: Measurement, pose: Camer
     manoeuvres, log_weights = _weighed(mixture, np.maximum(log_l, log_l.max() - MOST_EVIDENCE))
     kept = log_weights > math.log(LEAST_WEIGHT)
     P = 0.5 * (P + np.swapaxes(P, -1, -2))
-    return _tidy(settings, Mixture(means[kept], P[kept], manoeuvres[kept], log_weights[kept], mixture.axes)), least
+    return tidy(settings, Mixture(means[kept], P[kept], manoeuvres[kept], log_weights[kept], mixture.axes)), least
 
 
 def _weighed(mixture: Mixture, log_l: Array) -> tuple[Array, Array]:
@@ -250,7 +238,7 @@ def mapped(means: Array, covariances: Array, function: Callable[[Array], Array])
 def _points(mean: Array, P: Array) -> tuple[Array, Array]:
     """Factors L (..., N, N), and the points (..., 2 N + 1, N) of central differences."""
     try:
-        L = np.linalg.cholesky(P)
+        L: Array = np.linalg.cholesky(P)
     except np.linalg.LinAlgError as error:
         raise FilterError("the nose mixture has lost a covariance") from error
     steps, x = SPREAD * np.swapaxes(L, -1, -2), mean[..., None, :]
@@ -264,83 +252,7 @@ def _differences(images: Array) -> tuple[Array, Array]:
     the number of states, which sigma points with a negative weight do not grant.
     """
     center, up, down = images[..., :1, :], images[..., 1 : N + 1, :], images[..., N + 1 :, :]
-    even = (up + down - 2.0 * center) / (2.0 * SPREAD**2)
-    odd = (up - down) / (2.0 * SPREAD)
-    mean: Array = center[..., 0, :] + even.sum(-2)
+    even: Array = (up + down - 2.0 * center) / (2.0 * SPREAD**2)
+    odd: Array = (up - down) / (2.0 * SPREAD)
+    mean: Array = np.asarray(center[..., 0, :] + even.sum(-2))
     return mean, np.concatenate([odd, even * math.sqrt(SPREAD**2 - 1.0)], -2)
-
-
-# ------------------------------------------------------------------------------------ splitting and merging
-
-
-def _cells(mixture: Mixture) -> tuple[Array, Array]:
-    """Means (K, N) and covariances (K, N, N) of the cells over their manoeuvres."""
-    share = mixture.manoeuvres[:, :, None]
-    mean = np.sum(share * mixture.means, 1)
-    off = mixture.means - mean[:, None]
-    return mean, np.sum(share[..., None] * mixture.covariances, 1) + np.swapaxes(share * off, 1, 2) @ off
-
-
-def _tidy(settings: NoseModel, mixture: Mixture) -> Mixture:
-    return _merged(settings, _split(settings, mixture))
-
-
-def _split(settings: NoseModel, mixture: Mixture) -> Mixture:
-    """Each cell with an uncertain nose in three, along what its nose is correlated with."""
-    variance = _cells(mixture)[1][:, NOSE, NOSE]
-    wide = (variance > settings.split**2) & (mixture.log_weights > math.log(SPLIT_WEIGHT))
-    if not wide.any():
-        return mixture
-    means, P, manoeuvres, log_weights, axes = mixture
-    along = P[wide][..., NOSE] / np.sqrt(P[wide][..., NOSE, NOSE])[..., None]  # (wide, M, N), for one sigma
-    offset = math.sqrt(1.5 * (1.0 - NARROW**2)) * along  # three alike, at -1, 0 and 1 of it: the variance stays
-    narrow = P[wide] - (1.0 - NARROW**2) * along[..., :, None] * along[..., None, :]
-    parts = [means[wide] + side * offset for side in (-1.0, 0.0, 1.0)]
-    third = log_weights[wide] - math.log(3.0)
-    return Mixture(
-        np.concatenate([means[~wide], *parts]),
-        np.concatenate([P[~wide], narrow, narrow, narrow]),
-        np.concatenate([manoeuvres[~wide], *[manoeuvres[wide]] * 3]),
-        np.concatenate([log_weights[~wide], third, third, third]),
-        axes,
-    )
-
-
-def _merged(settings: NoseModel, mixture: Mixture) -> Mixture:
-    """The mixture with cells that agree in nose and range as one, and no more cells than there may be."""
-    while (count := len(mixture.log_weights)) > 1:
-        mean, P = _cells(mixture)
-        log_range = 0.5 * np.log(np.sum(model.positions(mean, mixture.axes) ** 2, -1))
-        sigma = np.sqrt(P[:, NOSE, NOSE])
-        off = mean[:, None, NOSE] - mean[:, NOSE]
-        off -= math.pi * np.round(off / math.pi)
-        apart = (off / np.maximum(np.minimum.outer(sigma, sigma), settings.same_nose)) ** 2
-        apart += ((log_range[:, None] - log_range) / settings.same_range) ** 2
-        apart[np.arange(count), np.arange(count)] = math.inf
-        a, b = divmod(int(np.argmin(apart)), count)
-        if apart[a, b] > 1.0 and count <= settings.most_cells:
-            break
-        mixture = _merge(
-            mixture, min(a, b), max(a, b), round((mean[max(a, b), NOSE] - mean[min(a, b), NOSE]) / math.pi)
-        )
-    return mixture
-
-
-def _merge(mixture: Mixture, a: int, b: int, half_turns: int) -> Mixture:
-    """Cell b merged into cell a; their noses differ by so many half turns."""
-    means, P, manoeuvres, log_weights, axes = mixture
-    other = means[b].copy()
-    other[:, NOSE] -= half_turns * math.pi
-    of_a = math.exp(log_weights[a]) * manoeuvres[a]
-    of_b = math.exp(log_weights[b]) * manoeuvres[b]
-    both = of_a + of_b
-    share_a, share_b = (of_a / both)[:, None], (of_b / both)[:, None]
-    mean = share_a * means[a] + share_b * other
-    off_a, off_b = means[a] - mean, other - mean
-    spread = share_a[..., None] * (P[a] + off_a[:, :, None] * off_a[:, None, :])
-    spread += share_b[..., None] * (P[b] + off_b[:, :, None] * off_b[:, None, :])
-    kept = np.arange(len(log_weights)) != b
-    merged = Mixture(means[kept], P[kept], manoeuvres[kept], log_weights[kept], axes)
-    merged.means[a], merged.covariances[a], merged.manoeuvres[a] = mean, spread, both / both.sum()
-    merged.log_weights[a] = math.log(both.sum())
-    return merged

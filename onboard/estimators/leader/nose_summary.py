@@ -7,7 +7,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader import nose_mixture
-from onboard.estimators.leader.nose_mixture import Mixture
+from onboard.estimators.leader.nose_cells import Mixture
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing as model

@@ -30,8 +30,8 @@ class NoseModel(NamedTuple):
     """What the nose mixture assumes: how a leader of unknown nose flies, and our own errors.
 
     Values are standard deviations, unless they are named otherwise. A `_random_walk` is a process noise density:
-    the state's variance grows by its square each second. A state with a `_time` is a Gauss-Markov process with that
-    correlation time. Tuples have a value for each manoeuvre: calm, accelerating, turning the nose. Speeds and
+    the state's variance grows by its square each second. A state with a `_time` is a Gauss-Markov process with
+    that correlation time. Tuples have a value for each manoeuvre: calm, accelerating, turning the nose. Speeds and
     accelerations are those of a leader at the largest possible range, and proportionally less for nearer ones.
     """
 

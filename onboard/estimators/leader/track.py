@@ -232,7 +232,7 @@ class Track:
             coasting = self._status.is_coasting(t_ns)
             in_view = not coasting or self._should_be_in_view(belief.mean, t_ns, ownship)
             state, reason = self._status.state(t_ns, in_view=in_view)
-            reason = f"{reason}; {question}" if question else reason
+            reason = f"{reason}; {question}" if question and state is not Lifecycle.LOST else reason
             if not coasting:
                 range_ = math.hypot(*mean[R])
                 self.direction_n = tuple(x / range_ for x in mean[R])
