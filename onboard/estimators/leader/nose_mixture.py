@@ -238,7 +238,7 @@ def mapped(means: Array, covariances: Array, function: Callable[[Array], Array])
 def _points(mean: Array, P: Array) -> tuple[Array, Array]:
     """Factors L (..., N, N), and the points (..., 2 N + 1, N) of central differences."""
     try:
-        L: Array = np.linalg.cholesky(P)
+        L = np.asarray(np.linalg.cholesky(P), np.float64)
     except np.linalg.LinAlgError as error:
         raise FilterError("the nose mixture has lost a covariance") from error
     steps, x = SPREAD * np.swapaxes(L, -1, -2), mean[..., None, :]
