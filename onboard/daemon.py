@@ -12,9 +12,11 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from msgspec.structs import replace
+
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.config import Config
-from onboard.links import Link, LinkError, parse_link
+from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Estimate, Lifecycle, SinkHealth
 from onboard.pipeline import Pipeline
@@ -69,14 +71,14 @@ class Daemon:
         if config.zenoh.enabled:
             self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
             sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix, now_ns=self._now_ns)
-            self._sinks["zenoh"] = SinkRunner("zenoh", sink, publishing.CAPACITY)
-            self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix))
-            where = ", ".join(config.zenoh.listen)
+            self._sinks["zenoh"] = publishing.runner(sink)
+            self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix, camera=config.camera.name))
+            where = ", ".join(config.zenoh.listens()) or "no plain listener"
             self._report(f"zenoh: {config.zenoh.mode} at {where}, {config.zenoh.prefix}/**")
         if config.recorder.path is not None:
             recorder = recording.Recorder(Path(config.recorder.path))
             recorder.check()
-            self._sinks["recorder"] = SinkRunner("recorder", recorder, recording.CAPACITY)
+            self._sinks["recorder"] = recording.runner(recorder)
             self._report(f"recording to {config.recorder.path}")
         for link in self._links:
             await link.open()
@@ -132,7 +134,8 @@ class Daemon:
                 sinks = {name: sink.health() for name, sink in self._sinks.items()}
                 self._console.show_sinks(sinks)
                 self._console.show_silence(is_silent=self._heard_ns > 0 and not is_heard)
-                self._publish(self._pipeline.health(now_ns, sinks))
+                links = {link.channel: health_of(link) for link in self._links}
+                self._publish(replace(self._pipeline.health(now_ns, sinks), links=links))
             await asyncio.sleep(TICK_S)
 
     def _publish(self, record: Any) -> None:

@@ -4,6 +4,7 @@
 the decoded messages too; a replay calls `feed`. Both run the same code on the same bytes.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Final
 
@@ -35,7 +36,8 @@ from onboard.ownship import Ownship
 from onboard.wire.datagrams import DatagramDecoder
 
 MAV_AUTOPILOT_INVALID: Final = 8
-MAX_WAITING: Final = 256
+MAX_WAITING: Final = 256  # of each source
+FIRST: Final = ("leader", "")  # targets whose images have room of their own; "" is a target without an id
 # If no own-motion message arrives for this long, estimates are invalid: they can no longer be predicted.
 OWN_MOTION_TIMEOUT_NS: Final = 1_000_000_000
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
@@ -60,6 +62,7 @@ class Pipeline:
         self._config = config
         self._decoder = DatagramDecoder()
         self._waiting: list[Message] = []
+        self._places: Counter[tuple[type[Message], bool]] = Counter()  # taken among them, by source
         self._listeners: dict[type[Message], list[EstimatorProtocol]] = {}
         for name, estimator in self.estimators.items():
             for kind in load(name).LISTENS:
@@ -167,6 +170,7 @@ class Pipeline:
         """The autopilot has rebooted: its clock and its origin are new, so no state still holds."""
         self.ownship = Ownship(max_extrapolation=self._config.ownship.max_extrapolation_s)
         self._waiting.clear()
+        self._places.clear()
         for estimator in self.estimators.values():
             estimator.reset("the autopilot has rebooted")
 
@@ -176,6 +180,7 @@ class Pipeline:
         """Own motion predicts every estimate to now; any other message goes to the estimators that listen."""
         if isinstance(message, SENSED) and self._must_wait(message):
             self._waiting.append(message)
+            self._places[_source(message)] += 1
             return []
         if not self.ownship.receive(message, stamp_ns):
             return self._observe(message)
@@ -185,7 +190,9 @@ class Pipeline:
         if own is not None:
             outputs.append(own)
         ready = [m for m in self._waiting if self._is_ready(m)]
-        self._waiting = [m for m in self._waiting if not self._is_ready(m)]
+        if ready:
+            self._waiting = [m for m in self._waiting if not self._is_ready(m)]
+            self._places = Counter(map(_source, self._waiting))
         for waited in (*ready, message):
             outputs.extend(self._observe(waited))
         for estimator in self.estimators.values():
@@ -224,7 +231,7 @@ class Pipeline:
         return (
             self.ownship.now_ns > 0
             and own.max_lead_s * 1e9 >= lead_ns > 0.5 * own.max_extrapolation_s * 1e9
-            and len(self._waiting) < MAX_WAITING
+            and self._places[_source(image)] < MAX_WAITING
         )
 
     # ------------------------------------------------------------------------------- health
@@ -263,3 +270,8 @@ class Pipeline:
             sinks=sinks or {},
             faults=monitor.faults,
         )
+
+
+def _source(message: Message) -> tuple[type[Message], bool]:
+    """Whose room a message takes while it waits: other targets never cost the leader's images their place."""
+    return type(message), isinstance(message, TargetPoints) and message.target in FIRST

@@ -11,6 +11,7 @@ from onboard.wire.tlog import tlog_record
 from simlink.scenarios.scenario import Scenario
 from simlink.simulation import datagrams
 
+MAVLINK: Final = (Encoding.MAVLINK, Encoding.MAVLINK_STREAM)
 COLUMNS: Final = (
     "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m,"
     "a_lat_m_s2,a_long_m_s2,leader_q_w,leader_q_x,leader_q_y,leader_q_z"
@@ -46,7 +47,7 @@ def write_log(
                 tables.append((stack.enter_context(_open(path, stack)), row))
                 tables[-1][0].write(f"{columns}\n".encode())
         for item in datagrams(scenario, seed, duration, camera="mavlink"):
-            if isinstance(item, TrafficTruth) or (isinstance(item, Datagram) and item.encoding is Encoding.RADAR):
+            if isinstance(item, TrafficTruth) or (isinstance(item, Datagram) and item.encoding not in MAVLINK):
                 continue  # a .tlog contains MAVLink only
             if not isinstance(item, Truth):
                 out.write(tlog_record(item.t_recv_ns, item.data))

@@ -1,4 +1,5 @@
-"""The command line: `onboard run`, `demo`, `replay`, `view`, `study`, `schema`, `compile`.
+"""The command line: `onboard run`, `demo`, `replay`, `recover`, `view`, `study`, `schema`,
+`compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
 runs, so that `--help` is quick and a replay loads no Zenoh.
@@ -74,6 +75,7 @@ def parser() -> argparse.ArgumentParser:
     _add_run(add("run", "run the daemon", examples.RUN))
     _add_demo(add("demo", "simulator, daemon and view together, and a scorecard", examples.DEMO))
     _add_replay(add("replay", "a recorded flight through the same pipeline", examples.REPLAY))
+    _add_recover(add("recover", "a recording of a killed daemon, for other programs' readers", examples.RECOVER))
     _add_view(add("view", "watch a running daemon, or open a recorded view", examples.VIEW))
     _add_study(add("study", "a paper's claims, measured", examples.STUDY))
     _add_schema(add("schema", "what is published: keys, records, types", examples.SCHEMA))
@@ -105,6 +107,11 @@ def _add_replay(replay: argparse.ArgumentParser) -> None:
     replay.add_argument("--json", type=Path, metavar="FILE", help="write the summary's numbers here as well")
     replay.add_argument("--rrd", type=Path, metavar="FILE.rrd", help="write the view as a Rerun recording")
     _add_set(replay)
+
+
+def _add_recover(recover: argparse.ArgumentParser) -> None:
+    recover.add_argument("recording", type=Path, help=".mcap recorded by `onboard run`")
+    recover.add_argument("--out", type=Path, metavar="FILE.mcap", help="(default: the name with -recovered)")
 
 
 def _add_view(view: argparse.ArgumentParser) -> None:

@@ -23,7 +23,7 @@ DEMO: Final = """\
 examples:
   onboard demo
   onboard demo --headless --duration 60 --seed 1 --json score.json
-  onboard demo --scenario formation-out-of-view --set estimator.leader.noise=paper
+  onboard demo --scenario formation-out-of-view --set estimator.leader.filter=paper
 
 DIR gets the view (.rrd), the configuration used (.toml) and what both programs said (.log).
 Exit code 1: the estimate diverged.
@@ -34,6 +34,13 @@ examples:
   onboard replay flight.mcap --config companion.toml --rrd flight.rrd
   simlink log formation --out f.tlog --truth f.csv && simlink config formation > f.toml &&
       onboard replay f.tlog --config f.toml --truth f.csv
+"""
+RECOVER: Final = """\
+example:
+  onboard recover flight.mcap             writes flight-recovered.mcap
+
+A daemon that is killed, or loses its power, leaves a recording without an index. `onboard replay` reads it as it
+is; other programs want the index, which this adds.
 """
 VIEW: Final = """\
 examples:

@@ -40,8 +40,10 @@ def replay(
     *,
     take: Callable[[Output], None] = lambda _: None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
+    keep: bool = True,
 ) -> Replayed:
     """Feed a log through a pipeline. `take` sees each output in order; `progress` is told bytes done and in all.
+    Without `keep`, the result holds no estimates: an hour of them would be gigabytes.
 
     Raises ReplayError.
     """
@@ -58,6 +60,8 @@ def replay(
             outputs = pipeline.feed(item) if isinstance(item, Datagram) else pipeline.advance([item])
             for output in outputs:
                 take(output)
+                if not keep:
+                    continue
                 if isinstance(output, NavState):
                     own_states.append(output)
                 elif isinstance(output, Estimate) and output.is_primary:

@@ -15,8 +15,9 @@ from onboard.commands.log_replay import Replayed, check_log, replay
 from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
 from onboard.errors import UserError
-from onboard.scoring.leader import LeaderScore, reference_from_csv, score_leader
-from onboard.scoring.scorecard import print_health, print_leader_score, print_own_state
+from onboard.messages import Estimate, NavState, Output
+from onboard.scoring.leader import LeaderScore, LeaderScorer, reference_from_csv
+from onboard.scoring.scorecard import OwnStateSummary, print_health, print_leader_score
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -42,7 +43,8 @@ def replay_log(
     check_log(log)
     check_targets(out, json_file, rrd, own, inputs=(log, truth))
     with ExitStack() as stack:
-        takers: list[Callable[[Any], None]] = []
+        scorer, own_summary = LeaderScorer(reference), OwnStateSummary()
+        takers: list[Callable[[Any], None]] = [lambda output: _score(output, scorer, own_summary)]
         if rrd is not None:
             from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
 
@@ -62,9 +64,10 @@ def replay_log(
             config,
             take=lambda record: _each(takers, record),
             progress=lambda done, total: bar.update(task, completed=done, total=total),
+            keep=False,
         )
-    result = score_leader(replayed.estimates, reference)
-    _print_replay(log, replayed, result, out, own, rrd)
+    result = scorer.score()
+    _print_replay(log, replayed, result, own_summary, out, own, rrd)
     if json_file is not None:
         write_json(json_file, replay_numbers(replayed, result))
     return 0
@@ -74,10 +77,21 @@ def replay_numbers(replayed: Replayed, result: LeaderScore) -> dict[str, Any]:
     """The summary of a replay as plain values."""
     numbers: dict[str, Any] = msgspec.to_builtins(result)
     log = {"duration_s": replayed.duration, "records": replayed.records, "damaged": replayed.damaged}
-    return {**numbers, "log": log, "health": msgspec.to_builtins(replayed.health)}
+    health: dict[str, Any] = msgspec.to_builtins(replayed.health)
+    del health["links"]  # a replay has none
+    return {**numbers, "log": log, "health": health}
 
 
-def _print_replay(log: Path, replayed: Replayed, result: LeaderScore, *written: Path | None) -> None:
+def _score(output: Output, scorer: LeaderScorer, own_summary: OwnStateSummary) -> None:
+    if isinstance(output, NavState):
+        own_summary.add(output)
+    elif isinstance(output, Estimate) and output.is_primary:
+        scorer.add(output)
+
+
+def _print_replay(
+    log: Path, replayed: Replayed, result: LeaderScore, own_summary: OwnStateSummary, *written: Path | None
+) -> None:
     console = Console()
     damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
     console.print(
@@ -89,7 +103,7 @@ def _print_replay(log: Path, replayed: Replayed, result: LeaderScore, *written: 
     if not result.verdicts:
         console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
     print_leader_score(console, "leader relative to follower, NED", result)
-    print_own_state(console, replayed.own_states)
+    own_summary.print(console)
     for path in written:
         if path is not None:
             console.print(f"written: {path}", highlight=False, soft_wrap=True)

@@ -2,12 +2,12 @@
 
 from typing import Final
 
-from onboard.links.link import Deliver, Link, LinkError, NowNs
+from onboard.links.link import Deliver, Link, LinkError, NowNs, health_of
 from onboard.links.serial import SerialLink
 from onboard.links.tcp import TcpClientLink, TcpServerLink
 from onboard.links.udp import UdpLink
 
-__all__ = ["Deliver", "Link", "LinkError", "NowNs", "parse_link"]
+__all__ = ["Deliver", "Link", "LinkError", "NowNs", "health_of", "parse_link"]
 
 FORMS: Final = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
 

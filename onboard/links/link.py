@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from typing import Any, Final, Protocol
 
 from onboard.errors import UserError
-from onboard.messages import Datagram
+from onboard.messages import Datagram, LinkHealth
 
 Deliver = Callable[[Datagram], None]
 NowNs = Callable[[], int]
@@ -40,6 +40,14 @@ class Link(Protocol):
 
     def send(self, data: bytes) -> None:
         """Send; without a peer or room in the buffer, drop and count in `errors`. Never blocks."""
+
+
+def health_of(link: Link) -> LinkHealth:
+    """Counts of any link so far; a datagram socket also knows what the kernel dropped."""
+    known: Callable[[], LinkHealth] | None = getattr(link, "health", None)
+    if known is not None:
+        return known()
+    return LinkHealth(received=link.received, sent=link.sent, errors=link.errors)
 
 
 def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:

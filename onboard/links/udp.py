@@ -14,14 +14,17 @@ from contextlib import suppress
 from typing import Any, Final
 
 from onboard.links.link import Deliver, LinkError, NowNs, bind, guarded, resolve
-from onboard.messages import Datagram, Encoding
+from onboard.messages import Datagram, Encoding, LinkHealth
 
 SHORTEST_FRAME: Final = 8  # bytes of an empty MAVLink 1 frame
 MAGIC: Final = (0xFD, 0xFE)
 LARGEST: Final = 65_535
-RECEIVE_BUFFER: Final = 1 << 20  # bytes of kernel buffer: one second of a busy link, if the event loop is late
+RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
 BURST: Final = 64  # datagrams read per wake-up, so that a busy link does not delay the others
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
+SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
+SO_RXQ_OVFL: Final = 40  # of Linux: with each datagram, how many were dropped before it
+ANCILLARY: Final = 128  # bytes: a time and a count, each with its header
 LONGEST_WAIT_NS: Final = 10_000_000_000  # a longer wait means that the clock was stepped
 
 
@@ -33,10 +36,22 @@ class UdpLink:
         self.received = 0
         self.sent = 0
         self.errors = 0
+        self.dropped = 0
         self.address: Any = None
         self._spec, self._host, self._port, self._listening = spec, host, port, listening
         self._socket: socket.socket | None = None
         self._peer: Any = None
+        self._buffer_bytes = 0
+
+    def health(self) -> LinkHealth:
+        """Counts so far."""
+        return LinkHealth(
+            received=self.received,
+            sent=self.sent,
+            errors=self.errors,
+            dropped=self.dropped,
+            buffer_bytes=self._buffer_bytes,
+        )
 
     async def open(self) -> None:
         """Bind (udpin) or connect (udpout). Raises LinkError."""
@@ -44,8 +59,12 @@ class UdpLink:
         sock = socket.socket(family, socket.SOCK_DGRAM)
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
-        with suppress(OSError):  # older kernels and other systems: the time of reading counts as arrival
-            sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        # Not everywhere: SO_RCVBUFFORCE needs a privilege; without SO_TIMESTAMPNS the time of reading counts as
+        # arrival; without SO_RXQ_OVFL drops are not known.
+        for option, value in ((SO_RCVBUFFORCE, RECEIVE_BUFFER), (SO_TIMESTAMPNS, 1), (SO_RXQ_OVFL, 1)):
+            with suppress(OSError):
+                sock.setsockopt(socket.SOL_SOCKET, option, value)
+        self._buffer_bytes = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         if self._listening:
             bind(self._spec, sock, address)
         else:
@@ -92,13 +111,14 @@ class UdpLink:
     def _drain(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> None:
         for _ in range(BURST):
             try:
-                data, ancillary, _, sender = sock.recvmsg(LARGEST, 64)
+                data, ancillary, _, sender = sock.recvmsg(LARGEST, ANCILLARY)
             except BlockingIOError:
                 return
             except OSError:  # udpout: the peer's port was closed at our last send
                 self.errors += 1
                 return
             t_recv_ns = now_ns() - _waited_ns(ancillary)
+            self.dropped = _dropped(ancillary, self.dropped)
             if not data:
                 self.errors += 1
                 continue
@@ -119,3 +139,12 @@ def _waited_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
             waited = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
             return int(waited) if 0 <= waited < LONGEST_WAIT_NS else 0
     return 0
+
+
+def _dropped(ancillary: list[tuple[int, int, bytes]], before: int) -> int:
+    """Datagrams that the kernel has dropped so far, by its 32-bit count; `before`: as of the last datagram. The
+    count comes only once there is one."""
+    for level, kind, value in ancillary:
+        if level == socket.SOL_SOCKET and kind == SO_RXQ_OVFL and len(value) == 4:
+            return before + (int(struct.unpack("I", value)[0]) - before) % (1 << 32)
+    return before

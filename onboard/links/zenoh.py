@@ -1,6 +1,9 @@
 """Sensor data over Zenoh: one JSON `CameraPoints` per image on `<prefix>/camera/<camera>/points`, one
 JSON `RadarDetections` per scan on `<prefix>/radar/<radar>/detections`, one JSON `Pseudoranges` per epoch of
-another vehicle's receiver on `<prefix>/gnss/<peer>/pseudoranges`."""
+another vehicle's receiver on `<prefix>/gnss/<peer>/pseudoranges`.
+
+Keys are unlimited, so samples that wait for the event loop have room by their source: our own camera's, other
+cameras', radars', receivers'. A flood of one never drops a sample of another."""
 
 import asyncio
 import threading
@@ -9,17 +12,17 @@ from functools import partial
 from typing import Any, Final
 
 from onboard.links.link import Deliver, LinkError, NowNs, guarded
-from onboard.messages import Datagram, Encoding
+from onboard.messages import Datagram, Encoding, LinkHealth
 
 LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
-WAITING: Final = 256  # samples waiting for the event loop: in a flood the newest are dropped, memory stays bounded
+WAITING: Final = 256  # samples of one source: in a flood the newest are dropped, memory stays bounded
 
 
 class ZenohLink:
     """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh_session`), which it does
-    not close. The channel of a datagram is its key."""
+    not close. The channel of a datagram is its key. `camera` is the name of our own camera."""
 
-    def __init__(self, session: Any, prefix: str, channel: str = "zenoh") -> None:
+    def __init__(self, session: Any, prefix: str, *, camera: str, channel: str = "zenoh") -> None:
         self.channel = channel
         self.received = 0
         self.sent = 0
@@ -30,6 +33,7 @@ class ZenohLink:
             f"{prefix}/radar/*/detections": Encoding.RADAR,
             f"{prefix}/gnss/*/pseudoranges": Encoding.RANGES,
         }
+        self._camera = f"{prefix}/camera/{camera}/points"
 
     async def open(self) -> None:
         """Raises LinkError if the session is closed. `run` subscribes."""
@@ -42,9 +46,10 @@ class ZenohLink:
         failed: asyncio.Future[None] = loop.create_future()
         safe = guarded(deliver, failed)
 
-        room = threading.Semaphore(WAITING)
+        ours = threading.Semaphore(WAITING)
+        rooms = {encoding: threading.Semaphore(WAITING) for encoding in self._keys.values()}
 
-        def enter(datagram: Datagram | None) -> None:
+        def enter(datagram: Datagram | None, room: threading.Semaphore) -> None:
             room.release()
             if datagram is None:
                 self.errors += 1
@@ -54,11 +59,12 @@ class ZenohLink:
 
         def on_sample(sample: Any, encoding: Encoding) -> None:  # on one of Zenoh's threads
             t_recv_ns = now_ns()
+            room = ours if str(sample.key_expr) == self._camera else rooms[encoding]
             if not room.acquire(blocking=False):
                 self.errors += 1
                 return
             with suppress(RuntimeError):  # the loop has closed: so will this link
-                loop.call_soon_threadsafe(enter, _datagram(sample, t_recv_ns, encoding))
+                loop.call_soon_threadsafe(enter, _datagram(sample, t_recv_ns, encoding), room)
 
         subscribers: list[Any] = []
         try:
@@ -69,6 +75,11 @@ class ZenohLink:
         finally:
             for subscriber in subscribers:
                 subscriber.undeclare()
+
+    def health(self) -> LinkHealth:
+        """Counts so far, and how many routers are connected."""
+        routers = 0 if self._session.is_closed() else len(self._session.info.routers_zid())
+        return LinkHealth(received=self.received, sent=self.sent, errors=self.errors, routers=routers)
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature
         """This link cannot send; counts an error."""

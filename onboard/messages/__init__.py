@@ -33,7 +33,7 @@ from onboard.messages.estimates import (
     ThreatLevel,
     Verdict,
 )
-from onboard.messages.health import Health, SinkHealth, StreamHealth
+from onboard.messages.health import Health, LinkHealth, SinkHealth, StreamHealth
 from onboard.messages.surveillance import (
     AdsbVehicle,
     AltitudeType,
@@ -93,6 +93,7 @@ __all__ = [
     "Intruder",
     "IntruderTruth",
     "Lifecycle",
+    "LinkHealth",
     "LocalPosition",
     "MeasurementReport",
     "Message",

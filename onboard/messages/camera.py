@@ -9,7 +9,7 @@ class TargetPoints(Message, frozen=True, kw_only=True):
     Each point is (Y_c/X_c, Z_c/X_c): the image plane of a pinhole camera with unit focal length, lens distortion
     removed, positive right and positive down. `sigma`: standard deviation of each coordinate of the center, left
     and right point, in the same unit; None: the configured pixel noise. `target` is empty if the vision process
-    does not identify aircraft. `half_view`: half width and half height of the image in that unit; None: as
+    does not identify aircraft. `view`: left, upper, right and lower edge of the image in that unit; None: as
     configured.
     """
 
@@ -19,7 +19,7 @@ class TargetPoints(Message, frozen=True, kw_only=True):
     left: ImagePoint
     right: ImagePoint
     sigma: Vec3 | None = None
-    half_view: ImagePoint | None = None
+    view: tuple[float, float, float, float] | None = None
 
 
 class Pixel(Record, frozen=True, kw_only=True):
@@ -32,12 +32,15 @@ class Pixel(Record, frozen=True, kw_only=True):
 
 
 class Intrinsics(Record, frozen=True, kw_only=True):
-    """Pinhole intrinsics in pixels of the image that contains the points, lens distortion removed."""
+    """Pinhole intrinsics in pixels of the image that contains the points, lens distortion removed. Without its
+    width and height, the principal point (cx, cy) is taken as its middle."""
 
     fx_px: float
     fy_px: float
     cx_px: float
     cy_px: float
+    width_px: float | None = None
+    height_px: float | None = None
 
 
 class CameraPoints(Record, frozen=True, kw_only=True):

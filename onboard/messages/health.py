@@ -1,5 +1,7 @@
 """The condition of the daemon."""
 
+import msgspec
+
 from onboard.messages.base import Record
 from onboard.messages.estimates import Fault, Lifecycle
 
@@ -14,12 +16,27 @@ class StreamHealth(Record, frozen=True, kw_only=True):
 
 class SinkHealth(Record, frozen=True, kw_only=True):
     """One sink: records sent, records dropped because its queue was full, restarts after failures, and the present
-    error."""
+    error. `dropped_important`: of the dropped records, those that give way to no others. In the recorder these are
+    the received bytes, in Zenoh all but further targets and traffic."""
 
     sent: int = 0
     dropped: int = 0
+    dropped_important: int = 0
     restarts: int = 0
     error: str = ""
+
+
+class LinkHealth(Record, frozen=True, kw_only=True):
+    """One link: datagrams (or pieces of a stream) received and sent, failed sends and reads, datagrams that the
+    kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known).
+    `routers`: Zenoh routers that this program is connected to; None for other links."""
+
+    received: int = 0
+    sent: int = 0
+    errors: int = 0
+    dropped: int = 0
+    buffer_bytes: int = 0
+    routers: int | None = None
 
 
 class Health(Record, frozen=True, kw_only=True):
@@ -41,3 +58,4 @@ class Health(Record, frozen=True, kw_only=True):
     rejected: dict[str, int]
     sinks: dict[str, SinkHealth]
     faults: tuple[Fault, ...] = ()
+    links: dict[str, LinkHealth] = msgspec.field(default_factory=dict)

@@ -17,7 +17,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.errors import UserError
 from onboard.filters.gating import chi_square_threshold, mean_bounds, normalised_squared
-from onboard.messages import Estimate, Record, Truth, Verdict
+from onboard.messages import Estimate, MeasurementReport, Record, Truth, Verdict
 from onboard.scoring.statistics import percent, rms
 
 SETTLE: Final = 15.0
@@ -120,43 +120,98 @@ def reference_from_records(truths: Iterable[Truth]) -> Reference:
 
 
 def score_leader(
-    estimates: Sequence[Estimate], reference: Reference | None, settle: float = SETTLE
+    estimates: Iterable[Estimate], reference: Reference | None, settle: float = SETTLE
 ) -> LeaderScore:
     """The score of one flight's estimates of one target; without a reference, only what needs none."""
-    valid = [e for e in estimates if e.valid and e.mean is not None and e.covariance is not None]
-    begin = (reference.time[0] if reference is not None and len(reference.time) else _start(estimates)) + settle
-    all_errors = _errors(valid, reference) if reference is not None else None
-    errors = _since(all_errors, begin)
-    nis = [
-        e.measurement.nis
-        for e in estimates
-        if e.measurement is not None
-        and e.measurement.verdict in {Verdict.FUSED, Verdict.FUSED_LATE}
-        and e.measurement.nis is not None
-        and e.measurement.t_ns * 1e-9 >= begin
-    ]
-    dof = next((len(e.measurement.components) for e in estimates if e.measurement is not None), 0)
-    return LeaderScore(
-        estimates=len(estimates),
-        valid=len(valid),
-        scored=len(errors.time) if errors else 0,
-        settle_s=settle,
-        range_error_rms_percent=rms(errors.range_fraction * 100) if errors else None,
-        position_rmse_m=rms(errors.position) if errors else None,
-        velocity_rmse_m_s=rms(errors.velocity) if errors else None,
-        size_error_rms_percent=rms(errors.size_fraction * 100) if errors else None,
-        nees_mean=float(errors.nees.mean()) if errors else None,
-        nees_dof=errors.dof if errors else 0,
-        nees_bounds=_single_bounds(errors.dof) if errors else None,
-        inside_95_percent=percent(errors.position_nees < chi_square_threshold(0.95, 3)) if errors else None,
-        nis_mean=float(np.mean(nis)) if nis else None,
-        nis_dof=dof,
-        nis_bounds=mean_bounds(dof, len(nis)) if nis else None,
-        images_scored=len(nis),
-        diverged=_diverged(all_errors) if reference is not None else False,
-        resets=estimates[-1].reset_count if estimates else 0,
-        verdicts=dict(Counter(e.measurement.verdict for e in estimates if e.measurement is not None)),
-    )
+    scorer = LeaderScorer(reference, settle)
+    for estimate in estimates:
+        scorer.add(estimate)
+    return scorer.score()
+
+
+class LeaderScorer:
+    """The score of estimates that come one by one, in order. Only their errors are kept: an hour of estimates
+    would be gigabytes. Errors are computed for `piece` estimates at a time."""
+
+    def __init__(self, reference: Reference | None, settle: float = SETTLE, piece: int = 4096) -> None:
+        self._reference, self._settle, self._piece = reference, settle, piece
+        self._begin: float | None = None
+        self._valid: list[Estimate] = []  # whose errors have not been computed yet
+        self._errors: list[_Errors] = []
+        self._nis: list[float] = []
+        self._dof = 0
+        self._resets = 0
+        self._counts = Counter({"estimates": 0, "valid": 0})
+        self._verdicts: Counter[str] = Counter()
+
+    def add(self, estimate: Estimate) -> None:
+        """The next estimate."""
+        if self._begin is None:
+            reference = self._reference
+            known = reference is not None and len(reference.time)
+            start = reference.time[0] if reference is not None and known else estimate.t_ns * 1e-9
+            self._begin = float(start) + self._settle
+        self._counts["estimates"] += 1
+        self._resets = estimate.reset_count
+        self._add_image(estimate.measurement, self._begin)
+        if not estimate.valid or estimate.mean is None or estimate.covariance is None:
+            return
+        self._counts["valid"] += 1
+        if self._reference is not None:
+            self._valid.append(estimate)
+            if len(self._valid) >= self._piece:
+                self._compute()
+
+    def score(self) -> LeaderScore:
+        """The score of all estimates so far."""
+        self._compute()
+        reference, dof, n = self._reference, self._dof, len(self._nis)
+        all_errors = _joined(self._errors)
+        errors = _since(all_errors, self._begin or 0.0)
+        return LeaderScore(
+            estimates=self._counts["estimates"],
+            valid=self._counts["valid"],
+            scored=len(errors.time) if errors else 0,
+            settle_s=self._settle,
+            range_error_rms_percent=rms(errors.range_fraction * 100) if errors else None,
+            position_rmse_m=rms(errors.position) if errors else None,
+            velocity_rmse_m_s=rms(errors.velocity) if errors else None,
+            size_error_rms_percent=rms(errors.size_fraction * 100) if errors else None,
+            nees_mean=float(errors.nees.mean()) if errors else None,
+            nees_dof=errors.dof if errors else 0,
+            nees_bounds=_single_bounds(errors.dof) if errors else None,
+            inside_95_percent=percent(errors.position_nees < chi_square_threshold(0.95, 3)) if errors else None,
+            nis_mean=float(np.mean(self._nis)) if n else None,
+            nis_dof=dof,
+            nis_bounds=mean_bounds(dof, n) if n else None,
+            images_scored=n,
+            diverged=_diverged(all_errors) if reference is not None else False,
+            resets=self._resets,
+            verdicts=dict(self._verdicts),
+        )
+
+    def _add_image(self, image: MeasurementReport | None, begin: float) -> None:
+        if image is None:
+            return
+        self._dof = self._dof or len(image.components)
+        self._verdicts[image.verdict] += 1
+        fused = image.verdict in {Verdict.FUSED, Verdict.FUSED_LATE}
+        if fused and image.nis is not None and image.t_ns * 1e-9 >= begin:
+            self._nis.append(image.nis)
+
+    def _compute(self) -> None:
+        errors = _errors(self._valid, self._reference) if self._reference is not None else None
+        if errors is not None:
+            self._errors.append(errors)
+        self._valid.clear()
+
+
+def _joined(pieces: list[_Errors]) -> _Errors | None:
+    """The errors of all pieces in one; None without any."""
+    if not pieces:
+        return None
+    arrays = [np.concatenate(parts) for parts in zip(*(piece[:-1] for piece in pieces), strict=True)]
+    return _Errors(*arrays, pieces[0].dof)  # type: ignore[call-arg, arg-type]  # the last field is no array
 
 
 def _since(errors: _Errors | None, begin: float) -> _Errors | None:
@@ -208,10 +263,6 @@ def _diverged(errors: _Errors | None) -> bool:
         return True
     last = errors.time > errors.time[-1] - LAST
     return bool(np.mean(np.abs(errors.range_fraction[last])) > 0.5 or np.mean(errors.bearing_deg[last]) > 5.0)
-
-
-def _start(estimates: Sequence[Estimate]) -> float:
-    return estimates[0].t_ns * 1e-9 if estimates else 0.0
 
 
 def _single_bounds(dof: int) -> tuple[float, float]:

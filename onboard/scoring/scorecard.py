@@ -1,11 +1,9 @@
 """Scores printed: for each figure its value with the unit and, where there is one, the bound it should keep."""
 
-from collections.abc import Sequence
-
 from rich.console import Console
 from rich.table import Table
 
-from onboard.messages import Health, NavState
+from onboard.messages import Fault, Health, NavState
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.own_state import OwnStateScore
 from onboard.scoring.statistics import Latency
@@ -63,19 +61,35 @@ def print_health(console: Console, health: Health) -> None:
     console.print(f"rejected:  {rejected or 'none'}", highlight=False)
 
 
-def print_own_state(console: Console, states: Sequence[NavState]) -> None:
-    """Print how often our own state was valid, whether its covariance fits, and the faults it reported."""
-    if not states:
-        return
-    valid = sum(s.valid for s in states)
-    ratios = [s.nis_ratio for s in states if s.nis_ratio is not None]
-    ratio = f"NIS {sum(ratios) / len(ratios):.2f} of its expectation" if ratios else "no NIS"
-    text = f"own state: {len(states)} ({valid} valid), {ratio}, begun anew {states[-1].reset_count} times"
-    console.print(text, highlight=False)
-    faults = {(f.kind, f.part, f.t_onset_ns): f for s in states for f in s.faults}
-    for f in sorted(faults.values(), key=lambda f: f.t_onset_ns):
-        name = f"{f.kind} {f.part}".strip()
-        console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)
+class OwnStateSummary:
+    """How often our own state was valid, whether its covariance fits, and the faults it reported."""
+
+    def __init__(self) -> None:
+        self._states = self._valid = self._ratios = self._resets = 0
+        self._ratio = 0.0
+        self._faults: dict[tuple[str, str, int], Fault] = {}
+
+    def add(self, state: NavState) -> None:
+        """The next state."""
+        self._states += 1
+        self._valid += state.valid
+        self._resets = state.reset_count
+        if state.nis_ratio is not None:
+            self._ratios += 1
+            self._ratio += state.nis_ratio
+        for fault in state.faults:
+            self._faults[fault.kind, fault.part, fault.t_onset_ns] = fault
+
+    def print(self, console: Console) -> None:
+        """Print it, if there was any state."""
+        if not self._states:
+            return
+        ratio = f"NIS {self._ratio / self._ratios:.2f} of its expectation" if self._ratios else "no NIS"
+        text = f"own state: {self._states} ({self._valid} valid), {ratio}, begun anew {self._resets} times"
+        console.print(text, highlight=False)
+        for f in sorted(self._faults.values(), key=lambda f: f.t_onset_ns):
+            name = f"{f.kind} {f.part}".strip()
+            console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)
 
 
 def print_own_state_score(console: Console, score: OwnStateScore) -> None:

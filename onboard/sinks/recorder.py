@@ -15,15 +15,20 @@ from typing import IO, Any, Final
 import msgspec
 from mcap.writer import Writer
 
-from onboard.messages import Datagram, Estimate, Health, OwnPose
+from onboard.messages import Datagram, Estimate, Health, OwnPose, Record
 from onboard.messages.schemas import key_of, schema
-from onboard.sinks.sink import SinkError
+from onboard.sinks.sink import SinkError, SinkRunner
 
 Recorded = Datagram | Estimate | OwnPose | Health
 
 FLUSH_S: Final = 1.0  # a crash loses at most this much
+FILE_MODE: Final = 0o640  # where somebody flew is not everybody's business
+FOLDER_MODE: Final = 0o750
 CHUNK_BYTES: Final = 1 << 20
-CAPACITY: Final = 20_000  # queued records: half a minute of a busy flight, if the card stalls
+CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
+OWN_TOPICS: Final = 10_000  # MCAP numbers channels with 16 bits; datagrams of further sources share OTHERS, ...
+OTHERS: Final = "others"
+TARGETS: Final = 10_000  # ... and estimates of further targets are not recorded: a replay makes them again
 
 
 class Recorder:
@@ -36,7 +41,10 @@ class Recorder:
         self._encoder = msgspec.json.Encoder()
         self._file: IO[bytes] | None = None
         self._writer: Any = None
-        self._channels: dict[tuple[str, str], int] = {}
+        self._channels: dict[tuple[str, str], int] = {}  # by topic and encoding
+        self._keys: dict[str, int] = {}  # channels of computed records
+        self._schemas: dict[str, int] = {}
+        self._is_kept = False  # a record has reached the disk
         self._unflushed = 0
         self._t_flush = 0.0
         self._t_recv_ns = 0
@@ -44,8 +52,11 @@ class Recorder:
     def check(self) -> None:
         """Check before the flight that the folder is writable; create it if necessary. Raises SinkError."""
         folder = self._wanted.parent
+        if self._wanted.is_dir():
+            hint = f"it is a folder; name a file in it, such as {self._wanted / 'flight.mcap'}"
+            raise SinkError(f"cannot record to {self._wanted}: {hint}")
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
         except OSError as error:
             raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
         if not os.access(folder, os.W_OK | os.X_OK):
@@ -55,40 +66,57 @@ class Recorder:
         """Create the file. Raises SinkError."""
         self.check()
         try:
-            self.path, self._file = _create(self._wanted)
+            self.path, self._file = create(self._wanted)
         except OSError as error:
             raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
-        self._channels = {}
+        self._channels, self._keys, self._schemas = {}, {}, {}
         self._writer = Writer(self._file, chunk_size=CHUNK_BYTES)
-        self._writer.start(library="onboard")
-        self._flush()
+        self._is_kept = False
+        try:
+            self._writer.start(library="onboard")
+            self._flush()
+        except OSError as error:
+            self._abandon()
+            raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
 
     def write(self, records: Sequence[Recorded]) -> None:
         """Append records; flush and sync `FLUSH_S` after the last time."""
         for record in records:
             if isinstance(record, Datagram):
                 self._t_recv_ns = record.t_recv_ns
-                channel = self._channel(record.channel, record.encoding.value, None)
-                self._append(channel, record.data)
+                self._append(self._channel(record.channel, record.encoding.value), record.data)
             else:
-                channel = self._channel(key_of(record), "json", type(record))
-                self._append(channel, self._encoder.encode(record))
+                if isinstance(record, Health):
+                    self._t_recv_ns = self._t_recv_ns or record.t_recv_ns  # before the first datagram
+                channel = self._computed(record)
+                if channel is not None:
+                    self._append(channel, self._encoder.encode(record))
         if self._unflushed and self._monotonic() - self._t_flush >= FLUSH_S:
             self._flush()
 
     def close(self) -> None:
-        """Write the index and close the file. If the disk fails, as much as possible is saved."""
-        file, writer = self._file, self._writer
-        self._file = self._writer = None
-        if file is None:
+        """Write the index and close the file. If the disk fails, as much as possible is saved, and a file without
+        a record is removed."""
+        if self._file is None:
             return
         try:
-            writer.finish()
-            file.flush()
-            os.fdatasync(file.fileno())
+            self._writer.finish()
+            self._file.flush()
+            os.fdatasync(self._file.fileno())
+            self._is_kept = True
         finally:
-            with suppress(OSError):  # closing flushes again, which fails again
+            self._abandon()
+
+    def _abandon(self) -> None:
+        """Close the file as it is. If no record has reached the disk, remove it: each retry makes another."""
+        file = self._file
+        self._file = self._writer = None
+        with suppress(OSError):  # closing flushes again, which fails again
+            if file is not None:
                 file.close()
+        if not self._is_kept:
+            with suppress(OSError):
+                self.path.unlink()
 
     def _append(self, channel: int, data: bytes) -> None:
         """Append one message at the time of the latest datagram: a computed record gets the arrival time of the
@@ -96,31 +124,52 @@ class Recorder:
         self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns)
         self._unflushed += 1
 
-    def _channel(self, topic: str, encoding: str, record: Any) -> int:
+    def _channel(self, topic: str, encoding: str) -> int:
+        """The channel of a source of datagrams."""
         channel = self._channels.get((topic, encoding))
         if channel is None:
-            schema_id = 0
-            if record is not None:
-                text = msgspec.json.encode(schema(record))
-                schema_id = self._writer.register_schema(record.__name__, "jsonschema", text)
-            channel = int(self._writer.register_channel(topic, encoding, schema_id))
+            if len(self._channels) >= OWN_TOPICS and topic != OTHERS:
+                return self._channel(OTHERS, encoding)
+            channel = int(self._writer.register_channel(topic, encoding, 0))
             self._channels[topic, encoding] = channel
         return channel
+
+    def _computed(self, record: Estimate | OwnPose | Health) -> int | None:
+        """The channel of a computed record by its key; None if there are too many keys."""
+        key = key_of(record)
+        channel = self._keys.get(key)
+        if channel is None and len(self._keys) < TARGETS:
+            channel = int(self._writer.register_channel(key, "json", self._schema(type(record))))
+            self._keys[key] = channel
+        return channel
+
+    def _schema(self, record: type[Record]) -> int:
+        name = record.__name__
+        if name not in self._schemas:
+            text = msgspec.json.encode(schema(record))
+            self._schemas[name] = int(self._writer.register_schema(name, "jsonschema", text))
+        return self._schemas[name]
 
     def _flush(self) -> None:
         assert self._file is not None  # noqa: S101 - write() follows open()
         self._writer.flush()
         os.fdatasync(self._file.fileno())
+        self._is_kept = self._is_kept or self._unflushed > 0
         self._unflushed = 0
         self._t_flush = self._monotonic()
 
 
-def _create(wanted: Path) -> tuple[Path, IO[bytes]]:
-    """A new file: `flight.mcap`, else `flight-2.mcap` and so on. Raises OSError."""
+def runner(recorder: Recorder) -> SinkRunner[Recorded]:
+    """The recorder behind its queue, in which computed records give way to datagrams."""
+    return SinkRunner("recorder", recorder, CAPACITY, gives_way=lambda record: not isinstance(record, Datagram))
+
+
+def create(wanted: Path) -> tuple[Path, IO[bytes]]:
+    """A new file, not readable by everybody: `flight.mcap`, else `flight-2.mcap` and so on. Raises OSError."""
     path, number = wanted, 1
     while True:
         try:
-            return path, path.open("xb")
+            return path, os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, FILE_MODE), "wb")
         except FileExistsError:
             number += 1
             path = wanted.with_stem(f"{wanted.stem}-{number}")

@@ -8,7 +8,7 @@ thread is a daemon thread: the process can end while it is stuck in a write.
 import asyncio
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Final, Generic, Protocol, TypeVar
 
@@ -20,6 +20,7 @@ In_contra = TypeVar("In_contra", contravariant=True)
 
 IDLE_S: Final = 0.25  # without records, a sink is called with none this often, so that it can flush
 BATCH: Final = 1024
+YIELDING_SHARE: Final = 4  # items that give way are accepted while a queue is filled to less than 1 in this many
 FIRST_RETRY_S: Final = 0.5
 LONGEST_RETRY_S: Final = 30.0
 CLOSE_TIMEOUT_S: Final = 3.0
@@ -45,23 +46,40 @@ class Sink(Protocol[In_contra]):
 class BoundedQueue(Generic[T]):
     """A queue from one producer thread to one consumer thread. When it is full, the oldest item is dropped.
 
-    `put` neither waits nor fails. `dropped` is exact: each item is either taken or dropped.
+    Items that give way (`gives_way`) are accepted only while few wait, and have room of their own: they never cost
+    another item its place. `put` neither waits nor fails. Each item is either taken or dropped; `dropped` counts
+    all of the latter, `dropped_important` those of them that do not give way.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, gives_way: Callable[[T], bool] | None = None) -> None:
         if capacity < 1:
             raise ValueError(f"a queue needs room for one item at least, not {capacity}")
         self.dropped = 0
-        self._capacity = capacity
+        self.dropped_important = 0
+        self._gives_way = gives_way or (lambda _: False)
+        self._yielding = capacity // YIELDING_SHARE if gives_way is not None else 0
+        self._capacity = capacity + self._yielding
         self._items: queue.SimpleQueue[T] = queue.SimpleQueue()
 
     def put(self, item: T) -> None:
         """Append. Call it from the producer's thread only."""
-        with suppress(queue.Empty):  # the consumer has emptied it meanwhile
-            while self._items.qsize() >= self._capacity:
-                self._items.get_nowait()
-                self.dropped += 1
+        waiting = self._items.qsize()
+        if waiting >= self._yielding and self._gives_way(item):
+            self._count(item)
+            return
+        if waiting >= self._capacity:
+            with suppress(queue.Empty):  # the consumer has emptied it meanwhile
+                while self._items.qsize() >= self._capacity:
+                    self._count(self._items.get_nowait())
         self._items.put(item)
+
+    def important(self, items: Iterable[T]) -> int:
+        """How many items do not give way to others."""
+        return sum(not self._gives_way(item) for item in items)
+
+    def _count(self, dropped: T) -> None:
+        self.dropped += 1
+        self.dropped_important += not self._gives_way(dropped)
 
     def take(self, limit: int, timeout: float) -> list[T]:
         """Up to `limit` items; waits at most `timeout` seconds for the first, and returns none if none came."""
@@ -82,16 +100,18 @@ class SinkRunner(Generic[T]):
         sink: Sink[T],
         capacity: int,
         *,
+        gives_way: Callable[[T], bool] | None = None,
         first_retry_s: float = FIRST_RETRY_S,
         close_timeout_s: float = CLOSE_TIMEOUT_S,
     ) -> None:
         self.name = name
         self._sink = sink
-        self._queue: BoundedQueue[T] = BoundedQueue(capacity)
+        self._queue: BoundedQueue[T] = BoundedQueue(capacity, gives_way)
         self._stop = threading.Event()
         self._first_retry_s, self._close_timeout_s = first_retry_s, close_timeout_s
         self._sent = 0
         self._lost = 0  # in a write that failed
+        self._lost_important = 0
         self._restarts = 0
         self._error = ""
 
@@ -102,8 +122,13 @@ class SinkRunner(Generic[T]):
     def health(self) -> SinkHealth:
         """Counts so far. `error`: why the sink is not running now, "" if it is. A batch whose write failed counts
         as dropped."""
-        dropped = self._queue.dropped + self._lost
-        return SinkHealth(sent=self._sent, dropped=dropped, restarts=self._restarts, error=self._error)
+        return SinkHealth(
+            sent=self._sent,
+            dropped=self._queue.dropped + self._lost,
+            dropped_important=self._queue.dropped_important + self._lost_important,
+            restarts=self._restarts,
+            error=self._error,
+        )
 
     async def run(self) -> None:
         """Run until cancelled; a sink that fails is restarted, and its exception is not raised. On cancellation
@@ -146,9 +171,12 @@ class SinkRunner(Generic[T]):
             while True:
                 stopping = self._stop.is_set()  # read before `take`: records put before the stop are written
                 records = self._queue.take(BATCH, 0.0 if stopping else IDLE_S)
+                important = self._queue.important(records)
                 self._lost += len(records)
+                self._lost_important += important
                 sink.write(records)
                 self._lost -= len(records)
+                self._lost_important -= important
                 self._sent += len(records)
                 if stopping and not records:
                     return

@@ -15,7 +15,7 @@ import msgspec
 
 from onboard.messages import Estimate, Health, Lifecycle, OwnPose
 from onboard.messages.schemas import key_of
-from onboard.sinks.sink import SinkError
+from onboard.sinks.sink import SinkError, SinkRunner
 from onboard.sinks.zenoh_session import ZenohSession
 
 Published = Estimate | OwnPose | Health
@@ -90,6 +90,16 @@ class ZenohSink:
                     payload, attachment = aged(record, self._monotonic() - t_published, self._validity_s)
                     json = zenoh.Encoding.APPLICATION_JSON
                     query.reply(key, payload, encoding=json, attachment=attachment)
+
+
+def runner(sink: ZenohSink) -> SinkRunner[Published]:
+    """The sink behind its queue, in which traffic and further targets give way to the leader, our own state and
+    the health. A target's last estimate does not: without it, its key would stay declared."""
+
+    def gives_way(record: Published) -> bool:
+        return isinstance(record, Estimate) and not record.is_primary and record.state is not Lifecycle.SEARCHING
+
+    return SinkRunner("zenoh", sink, CAPACITY, gives_way=gives_way)
 
 
 def aged(record: Published, age_s: float, validity_s: float) -> tuple[bytes, bytes]:

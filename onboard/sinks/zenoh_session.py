@@ -3,7 +3,7 @@
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -13,6 +13,7 @@ import msgspec
 from onboard.messages import Record
 from onboard.sinks.sink import SinkError
 
+SECURE: Final = ("tls/", "quic/")
 FORBIDDEN: Final = "*$?#/"
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
 CLOSE_TIMEOUT_S: Final = 2.0
@@ -28,7 +29,7 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
     enabled: bool = True
     vehicle: str = "1"
     mode: Literal["router", "peer", "client"] = "router"
-    listen: tuple[str, ...] = DEFAULT_LISTEN
+    listen: tuple[str, ...] | None = None  # None: `DEFAULT_LISTEN`, but nothing where TLS is used
     connect: tuple[str, ...] = ()
     max_message_size: int = 262_144  # bytes; Zenoh's own default would let a peer send us 1 GiB
     config_file: str | None = None
@@ -38,6 +39,14 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
         v = self.vehicle
         if not v or not v.isascii() or not v.isprintable() or any(c in FORBIDDEN or c.isspace() for c in v):
             raise ValueError(f"vehicle {v!r} cannot be part of a key: use letters, digits, - and _, such as uav-1")
+
+    def listens(self, endpoints: Iterable[str] = ()) -> tuple[str, ...]:
+        """The endpoints to listen on. With TLS among `connect` or further `endpoints`, none by default: a plain
+        listener would be open to every program on this computer."""
+        if self.listen is not None:
+            return self.listen
+        secure = any(e.lower().startswith(SECURE) for e in (*self.connect, *endpoints))
+        return () if secure or self.mode == "client" else DEFAULT_LISTEN
 
     @property
     def prefix(self) -> str:
@@ -116,7 +125,7 @@ def open_session(config: ZenohConfig) -> ZenohSession:
 def _explanation(config: ZenohConfig, error: str) -> str:
     """Zenoh's error in one line."""
     if "Address already in use" in error:
-        return f"zenoh: {', '.join(config.listen)} is in use: is another router, or another onboard, running?"
+        return f"zenoh: {', '.join(config.listens())} is in use: is another router, or another onboard, running?"
     if config.mode == "client":
         return f"zenoh: no router answers at {', '.join(config.connect) or 'any address: set connect'}"
     reason = error.splitlines()[0].split(" at /")[0]  # the rest are places in Zenoh's sources
@@ -133,9 +142,10 @@ def _zenoh_config(config: ZenohConfig) -> Any:
     except zenoh.ZError as error:
         problem = "cannot be read as Zenoh JSON5" if Path(str(config.config_file)).exists() else "does not exist"
         raise SinkError(f"zenoh: config_file {config.config_file} {problem}") from error
+    in_file = [e for key in ("listen", "connect") for e in _endpoints(result, key)]
     ours = {
         "mode": config.mode,
-        "listen/endpoints": [] if config.mode == "client" else list(config.listen),
+        "listen/endpoints": [] if config.mode == "client" else list(config.listens(in_file)),
         "connect/endpoints": list(config.connect),
         "scouting/delay": 0,  # else opening would wait half a second for replies to scouting, which is off
         "scouting/multicast/enabled": False,
@@ -153,3 +163,10 @@ def _zenoh_config(config: ZenohConfig) -> Any:
         if result.get_json(key) == untouched.get_json(key):
             result.insert_json5(key, msgspec.json.encode(value).decode())
     return result
+
+
+def _endpoints(config: Any, key: str) -> list[str]:
+    """The endpoints of a Zenoh configuration, for any of its modes."""
+    value = msgspec.json.decode(config.get_json(f"{key}/endpoints"))
+    parts = value.values() if isinstance(value, dict) else [value]
+    return [endpoint for part in parts if isinstance(part, list) for endpoint in part if isinstance(endpoint, str)]

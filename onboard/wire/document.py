@@ -1,5 +1,6 @@
 """What camera points, radar detections and pseudoranges have in common as JSON documents."""
 
+import re
 from typing import Final, TypeVar
 
 import msgspec
@@ -7,6 +8,7 @@ import msgspec
 from onboard.messages import CameraPoints, Pseudoranges, RadarDetections
 
 LATEST_NS: Final = 2**63
+NAME: Final = re.compile(r"[A-Za-z0-9_.-]{1,64}")  # of a camera or a radar: one part of a key
 
 D = TypeVar("D", CameraPoints, RadarDetections, Pseudoranges)
 
@@ -18,13 +20,20 @@ class BadDocumentError(ValueError):
 def parse(decoder: msgspec.json.Decoder[D], data: bytes) -> D:
     """The record of one JSON document.
 
-    Raises BadDocumentError when it is not JSON, a field is missing, unknown or of the wrong type, or the time does
-    not fit into 64 bits (it could not be published again).
+    Raises BadDocumentError when it is not JSON in UTF-8, a field is missing, unknown or of the wrong type, or the
+    time does not fit into 64 bits (it could not be published again).
     """
     try:
         document = decoder.decode(data)
-    except msgspec.DecodeError as error:  # ValidationError is one too
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:  # the latter for text that is not UTF-8
         raise BadDocumentError(str(error)) from error
     if not -LATEST_NS < document.t_ns < LATEST_NS:
         raise BadDocumentError("a time must fit into 64 bits - at `$.t_ns`")
     return document
+
+
+def check_name(name: str, field: str) -> None:
+    """Raise BadDocumentError unless this can be the name of a sensor. Names go into keys and estimates, so they
+    must be plain and short; `..` would be a way out of a folder."""
+    if not NAME.fullmatch(name) or name.startswith("."):
+        raise BadDocumentError(f"a name is of letters, digits and -_., 64 at most - at `$.{field}`")

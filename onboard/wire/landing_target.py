@@ -7,7 +7,13 @@ from typing import Any, Final
 from onboard.messages import ImagePoint, TargetPoints
 from onboard.wire.mavlink_records import read_header
 
-PENDING_IMAGES: Final = 8  # images whose three points have not all come yet
+PENDING_IMAGES: Final = 8  # images of one sender whose three points have not all come yet
+SENDERS: Final = 512  # that have completed an image, and as many that have not
+
+Sender = tuple[
+    int, int, bool
+]  # system, component, whether it is the leader: further targets never cost its images
+Pending = dict[tuple[int, int], dict[int, ImagePoint]]  # (time_usec, target) -> label -> point
 
 
 class PointAssembler:
@@ -16,24 +22,34 @@ class PointAssembler:
 
     target_num 0, 1, 2 are the center, left and right point of the leader; 3k, 3k+1, 3k+2 those of a further
     target k. The angles are those of the image axes: angle_x = atan(Y_c/X_c), angle_y = atan(Z_c/X_c).
+
+    Each sender has room of its own, so that a flood costs only the flooder's images. Senders that have completed
+    an image are kept apart from those that have not: any number of the latter never costs the former anything.
     """
 
     def __init__(self, rejected: Counter[str]) -> None:
         self._rejected = rejected
-        self._pending: dict[tuple[int, int, int, int], dict[int, ImagePoint]] = {}
+        self._proven: dict[Sender, Pending] = {}  # have completed an image, the latest last
+        self._new: dict[Sender, Pending] = {}
+
+    def __len__(self) -> int:
+        """How many images wait."""
+        return sum(len(images) for senders in (self._proven, self._new) for images in senders.values())
 
     def add(self, frame: Any, t_recv_ns: int) -> TargetPoints | None:
         """Add one point. The image's points once it has all three, else None."""
         number, label = divmod(frame.target_num, 3)
-        key = (frame.get_srcSystem(), frame.get_srcComponent(), frame.time_usec, number)
-        points = self._pending.setdefault(key, {})
+        sender = (frame.get_srcSystem(), frame.get_srcComponent(), number == 0)
+        images = self._images(sender)
+        points = images.setdefault((frame.time_usec, number), {})
         points[label] = (_tangent(frame.angle_x), _tangent(frame.angle_y))
         if len(points) < 3:
-            while len(self._pending) > PENDING_IMAGES:
-                self._pending.pop(next(iter(self._pending)))
+            while len(images) > PENDING_IMAGES:
+                images.pop(next(iter(images)))
                 self._rejected["incomplete_points"] += 1
             return None
-        del self._pending[key]
+        del images[frame.time_usec, number]
+        self._prove(sender, images)
         return TargetPoints(
             **read_header(frame, t_recv_ns),
             camera="landing_target",
@@ -42,6 +58,25 @@ class PointAssembler:
             left=points[1],
             right=points[2],
         )
+
+    def _images(self, sender: Sender) -> Pending:
+        """The images of a sender that wait for points."""
+        images = self._proven.get(sender)
+        if images is None:
+            images = self._new.setdefault(sender, {})
+            self._bound(self._new)
+        return images
+
+    def _prove(self, sender: Sender, images: Pending) -> None:
+        """A sender has completed an image."""
+        self._new.pop(sender, None)
+        self._proven.pop(sender, None)
+        self._proven[sender] = images
+        self._bound(self._proven)
+
+    def _bound(self, senders: dict[Sender, Pending]) -> None:
+        while len(senders) > SENDERS:
+            self._rejected["incomplete_points"] += len(senders.pop(next(iter(senders))))
 
 
 def _tangent(angle: float) -> float:

@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 
 from onboard.messages import RadarDetection, RadarDetections, RadarScan
-from onboard.wire.document import BadDocumentError, parse
+from onboard.wire.document import BadDocumentError, check_name, parse
 
 MOST: Final = 4096  # detections in one scan; no radar of a small aircraft resolves more
 
@@ -19,6 +19,7 @@ def decode_radar(data: bytes, t_recv_ns: int) -> RadarScan:
     Raises BadDocumentError (see `document.parse`), also when a number is out of its range.
     """
     m = parse(_decoder, data)
+    check_name(m.radar, "radar")
     if len(m.detections) > MOST:
         raise BadDocumentError(f"more than {MOST} detections - at `$.detections`")
     for i, detection in enumerate(m.detections):

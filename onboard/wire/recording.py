@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import msgspec
 from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, Footer, Message
+from mcap.records import Channel, Chunk, Footer, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from onboard.messages import Datagram, Encoding, Estimate
@@ -52,6 +52,17 @@ def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
             yield _datagram(channel.topic, encoding, message), at
 
 
+def read_messages(path: Path) -> Iterator[tuple[Any, Any, Any] | None]:
+    """(schema or None, channel, message) as mcap's records, of everything in the file; None for each part that
+    cannot be read.
+
+    Raises NotALogError, OSError.
+    """
+    schemas: dict[int, Any] = {}
+    for item, _ in _read(path, schemas):
+        yield None if item is None else (schemas.get(item[0].schema_id), *item)
+
+
 def read_estimates(path: Path) -> Iterator[Estimate]:
     """The estimates that were made during the recording, to compare a replay with.
 
@@ -67,8 +78,9 @@ def _datagram(channel: str, encoding: Encoding, message: Any) -> Datagram:
     return Datagram(channel=channel, encoding=encoding, t_recv_ns=message.log_time, data=message.data)
 
 
-def _read(path: Path) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
-    """((channel, message), bytes consumed) in file order; (None, ...) for a part that cannot be read."""
+def _read(path: Path, schemas: dict[int, Any] | None = None) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
+    """((channel, message), bytes consumed) in file order; (None, ...) for a part that cannot be read. Schemas are
+    put into `schemas` by their number."""
     with path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise NotALogError(f"{path.name}: this is not a recording: it does not begin as an MCAP file does")
@@ -78,7 +90,7 @@ def _read(path: Path) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
         try:
             for record in reader.records:
                 ended = isinstance(record, Footer)
-                for item in _messages(record, channels):
+                for item in _messages(record, channels, {} if schemas is None else schemas):
                     yield item, file.tell()
         except DAMAGE:  # cut off, or a length that is damaged
             ended = False
@@ -86,7 +98,7 @@ def _read(path: Path) -> Iterator[tuple[tuple[Any, Any] | None, int]]:
             yield None, path.stat().st_size
 
 
-def _messages(record: Any, channels: dict[int, Any]) -> list[tuple[Any, Any] | None]:
+def _messages(record: Any, channels: dict[int, Any], schemas: dict[int, Any]) -> list[tuple[Any, Any] | None]:
     """The messages of one record with their channels; None for one that cannot be read."""
     try:
         parts = breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
@@ -96,6 +108,8 @@ def _messages(record: Any, channels: dict[int, Any]) -> list[tuple[Any, Any] | N
     for part in parts:
         if isinstance(part, Channel):
             channels[part.id] = part
+        elif isinstance(part, Schema):
+            schemas[part.id] = part
         elif isinstance(part, Message):
             channel = channels.get(part.channel_id)
             found.append(None if channel is None else (channel, part))

@@ -60,6 +60,8 @@ def test_recorded_flight_seed_1_replays_bit_for_bit(setup: Setup, kind: str) -> 
     assert health.clock_source == "timesync"
     assert all(sink.dropped == 0 for sink in health.sinks.values())
     assert not health.rejected, health.rejected
+    assert health.links["autopilot"].received > 500
+    assert all(link.dropped == 0 for link in health.links.values())
     assert_replays_bit_for_bit(setup, recording)
     again = run("onboard", "replay", recording, "--config", setup.config, "--json", setup.folder / "r.json")
     assert again.returncode == 0, again.stderr

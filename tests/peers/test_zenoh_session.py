@@ -74,7 +74,7 @@ def test_no_thread_of_a_session_outlives_it() -> None:
 
 
 def test_the_default_listens_on_loopback_only_and_does_not_scout() -> None:
-    assert ZenohConfig(vehicle="a").listen == ("tcp/127.0.0.1:7447",)
+    assert ZenohConfig(vehicle="a").listens() == ("tcp/127.0.0.1:7447",)
     endpoint = free_endpoint()
     session = open_session(config(endpoint))
     try:

@@ -179,7 +179,7 @@ def test_camera_points_come_in_with_their_key_and_arrival(session: Any, client: 
     received: list[Datagram] = []
 
     async def main() -> None:
-        link = ZenohLink(session, PREFIX)
+        link = ZenohLink(session, PREFIX, camera="front")
         await link.open()
         task = asyncio.create_task(link.run(received.append, time.time_ns))
         async with asyncio.timeout(TIMEOUT_S):
@@ -210,7 +210,7 @@ def test_camera_points_come_in_with_their_key_and_arrival(session: Any, client: 
 
 def test_a_flood_of_points_costs_points_not_memory(session: Any, client: Any) -> None:
     async def main() -> None:
-        link = ZenohLink(session, PREFIX)
+        link = ZenohLink(session, PREFIX, camera="front")
         received: list[Datagram] = []
         task = asyncio.create_task(link.run(received.append, time.time_ns))
         key = f"{PREFIX}/camera/front/points"
@@ -241,3 +241,16 @@ def test_a_client_of_another_router_publishes_through_it(session: Any, client: A
         sink.close()
     finally:
         ours.close()
+
+
+def test_the_health_says_whether_the_router_is_connected(session: Any, endpoint: str) -> None:
+    config = ZenohConfig(vehicle="uav-2", mode="client", connect=(endpoint,))
+    ours = open_session(config)
+    try:
+        link = ZenohLink(ours, config.prefix, camera="front")
+        until(lambda: link.health().routers == 1, "the router")
+        session.close()
+        until(lambda: link.health().routers == 0, "the router's end")
+    finally:
+        ours.close()
+    assert link.health().routers == 0

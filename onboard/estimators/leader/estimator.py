@@ -2,18 +2,24 @@
 
 Every target has a track of its own (`track`), with a filter (`choice`). An image that carries an id goes to the
 track of that id; an image without one goes to the track whose prediction it fits best.
+
+Ids are unlimited, so a flood of them must not cost the leader anything. A target without a track is published only
+when an image of it comes, and forgotten after a second without one. Images of one target too many are all counted,
+and few are reported.
 """
 
 import math
+from collections import Counter
 from typing import Final
 
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.choice import make_filter
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.exposures import Exposures
 from onboard.estimators.leader.image import Image, prepare
 from onboard.estimators.leader.track import Track
 from onboard.geometry.camera import Camera
-from onboard.messages import Estimate, Message, TargetPoints, Verdict
+from onboard.messages import Estimate, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
@@ -22,62 +28,95 @@ NO_ID: Final = ""
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
 BESIDE: Final = 0.04  # rad
+APART: Final = 0.2  # rad; an image this far from every track is of another aircraft, whatever else is in view
+REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
 
 
 class Estimator:
-    """See `onboard.estimators.EstimatorProtocol`. A track for each target, by its id."""
+    """See `onboard.estimators.EstimatorProtocol`. A track for each target, by its id; `verdicts` on all images."""
 
     def __init__(self, config: Config, camera: Camera) -> None:
+        self.verdicts: Counter[str] = Counter()
         self._config, self._poses = config, CameraPoses(camera)
         self._filter = make_filter(config)
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
+        self._next_refusal_ns = 0
+        self._exposures = Exposures()
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse one image of one target at the time it was taken."""
         if not isinstance(message, TargetPoints):
             return []
         if message.target == NO_ID:
-            return [self._nearest(message, ownship).observe(message, ownship)]
-        return [self._named(message.target, ownship).observe(message, ownship)]
+            track = self._nearest(message, ownship)
+        else:
+            track = self._named(message.target, ownship)
+        if track is None:
+            return self._refuse(message, ownship)
+        if track.is_followed and message.target != NO_ID:
+            self._exposures.add(message)
+        estimate = track.observe(message, ownship)
+        if estimate.measurement is not None:
+            self.verdicts[estimate.measurement.verdict] += 1
+        return [estimate]
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
-        """Predict every target to the newest navigation sample. Drop idle tracks, except the first."""
+        """Predict every track to the newest navigation sample. Drop idle targets, except the first."""
+        estimates = []
         for target, track in list(self._tracks.items()):
-            if target != NAME and track.is_idle(ownship.now_ns):
+            if target == NAME or track.is_followed:
+                estimates.append(track.tick(ownship))
+            elif track.is_idle(ownship.now_ns):
                 del self._tracks[target]
-        return [track.tick(ownship) for track in self._tracks.values()]
+                if track.state is not Lifecycle.SEARCHING:  # say the last word on it
+                    track.reset("no image within a second")
+                    estimates.append(track.tick(ownship))
+        return estimates
 
     def reset(self, reason: str) -> None:
         """Forget all tracks and all times."""
         for track in self._tracks.values():
             track.reset(reason)
+        self._next_refusal_ns = 0
 
     def _track(self, target: str, *, full: bool = False) -> Track:
         return Track(NAME, target, self._filter, self._poses, self._config, full=full)
 
-    def _named(self, target: str, ownship: Ownship) -> Track:
-        """The track of that id, a new one if there is none. With too many tracks the new one is not kept, and
-        rejects the image."""
+    def _refuse(self, message: TargetPoints, ownship: Ownship) -> list[Estimate]:
+        """An image that is of one target too many."""
+        self.verdicts[Verdict.FULL] += 1
+        if ownship.now_ns < self._next_refusal_ns:
+            return []
+        self._next_refusal_ns = ownship.now_ns + REFUSAL_PERIOD_NS
+        target = message.target or f"unnamed/{self._numbered}"
+        return [self._track(target, full=True).observe(message, ownship)]
+
+    def _named(self, target: str, ownship: Ownship) -> Track | None:
+        """The track of that id, a new one if there is none; None if there are too many."""
         if target in self._tracks:
             return self._tracks[target]
         followed = len(self._tracks) - self._tracks[NAME].is_idle(ownship.now_ns)
         if followed >= self._config.max_targets:
-            return self._track(target, full=True)
+            return None
         self._tracks[target] = self._track(target)
         return self._tracks[target]
 
-    def _nearest(self, message: TargetPoints, ownship: Ownship) -> Track:
-        """The track whose prediction an image without an id fits best, or a new one."""
+    def _nearest(self, message: TargetPoints, ownship: Ownship) -> Track | None:
+        """The track whose prediction an image without an id fits best, or a new one; None with too many tracks."""
         image = prepare(message, ownship, self._poses, self._filter, self._config.edge_px)
         if isinstance(image, Verdict):
             return self._tracks[NAME]  # which reports the verdict
         distances = {track.target: track.distance(image, ownship) for track in self._candidates(image)}
         nearest = min(distances, key=lambda target: distances[target])
+        self._exposures.add(message)
         if distances[nearest] <= 1.0:
             return self._tracks[nearest]
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]
+        visible = self._offsets(image)
+        if visible and len(visible) >= self._exposures.aircraft(message) and min(visible.values()) < APART:
+            return self._tracks[min(visible, key=lambda target: visible[target])]  # an outlier of this track
         self._numbered += 1
         return self._named(f"unnamed/{self._numbered}", ownship)
 
@@ -85,11 +124,12 @@ class Estimator:
         """The tracks that an image may belong to: all without a recent image, whose target may be anywhere, and
         of the others those hardly farther from the image's direction than the nearest one. With n targets in an
         image, to compare each image with each track would cost n^2 updates."""
-        direction = image.direction_n.tolist()
-        offsets = {
-            t.target: math.dist(t.direction_n, direction)
-            for t in self._tracks.values()
-            if t.direction_n is not None
-        }
+        offsets = self._offsets(image)
         limit = FARTHER * min(offsets.values(), default=0.0) + BESIDE
         return [t for t in self._tracks.values() if offsets.get(t.target, 0.0) <= limit]
+
+    def _offsets(self, image: Image) -> dict[str, float]:
+        """How far, rad, an image's direction is from each track with a recent image, by target."""
+        direction = image.direction_n.tolist()
+        tracks = self._tracks.values()
+        return {t.target: math.dist(t.direction_n, direction) for t in tracks if t.direction_n is not None}

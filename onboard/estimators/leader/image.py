@@ -13,6 +13,8 @@ from onboard.geometry.camera import Camera
 from onboard.messages import ImagePoint, TargetPoints, Verdict
 from onboard.ownship import Ownship
 
+Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
+
 AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
 AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
 SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says nothing of the range
@@ -53,7 +55,7 @@ def prepare(
         return Verdict.TOO_NEW if newer else Verdict.NO_POSE
     if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
-    if not in_view(points, camera, message.half_view, edge_px):
+    if not in_view(points, camera, message.view, edge_px):
         return Verdict.OUT_OF_VIEW
     measurement = filter_.measure(np.array(points), np.array(sigmas))
     if measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
@@ -61,11 +63,14 @@ def prepare(
     return Image(message, measurement, pose, ownship.knows(message.t_ns))
 
 
-def in_view(points: Iterable[ImagePoint], camera: Camera, half_view: ImagePoint | None, edge_px: float) -> bool:
-    """Whether all points are inside the image, of the given half extent or the configured camera's."""
-    half = half_view or (0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px)
+def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, edge_px: float) -> bool:
+    """Whether all points are inside the image, of the given edges or the configured camera's."""
+    if view is None:
+        half = 0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px
+        view = -half[0], -half[1], half[0], half[1]
     edge = edge_px / camera.f_px
-    return all(abs(u) <= half[0] - edge and abs(v) <= half[1] - edge for u, v in points)
+    left, upper, right, lower = view[0] + edge, view[1] + edge, view[2] - edge, view[3] - edge
+    return all(left <= u <= right and upper <= v <= lower for u, v in points)
 
 
 def agree(a: Image, b: Image) -> bool:

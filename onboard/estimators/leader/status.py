@@ -89,6 +89,11 @@ class Status:
             return Lifecycle.COASTING, f"no image fused lately: predicted{where}"
         return Lifecycle.LOST, f"no image fused within the validity timeout{where}"
 
+    @property
+    def latest(self) -> Lifecycle:
+        """The state that was asked for last."""
+        return Lifecycle.SEARCHING if self._state_since is None else self._state_since[0]
+
     def since(self, state: Lifecycle, t_ns: int) -> int:
         """When this state, the one at t_ns, began."""
         if self._state_since is None or self._state_since[0] is not state:

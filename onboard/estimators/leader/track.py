@@ -84,11 +84,20 @@ class Track:
         self._held.clear()
         self._repeats.clear()
 
+    @property
+    def is_followed(self) -> bool:
+        """Whether images agreed, so that there is a track."""
+        return self._history is not None
+
+    @property
+    def state(self) -> Lifecycle:
+        """The state of the last estimate."""
+        return self._status.latest
+
     def is_idle(self, t_ns: int) -> bool:
-        """Whether there is no track, nor any image within the reset timeout."""
+        """Whether there is no track, nor any image within the last second: older images are not held."""
         newest_ns = self._repeats.newest_ns
-        silent = newest_ns is None or t_ns - newest_ns > self._config.reset_timeout_s * NS_PER_S
-        return self._history is None and silent
+        return self._history is None and (newest_ns is None or t_ns - newest_ns > NS_PER_S)
 
     def distance(self, image: Image, ownship: Ownship) -> float:
         """How far an image is from what this track predicts: its NIS over the gate, or infinity. Pure."""

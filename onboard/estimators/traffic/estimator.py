@@ -69,7 +69,7 @@ class Estimator:
         own = self._frame.own_motion(now_ns, ownship)
         if own is None:
             return ended
-        return ended + estimates(*tracker.publish(), own, self._frame, now_ns, self._config)
+        return ended + estimates(*tracker.publish(own), own, self._frame, now_ns, self._config)
 
     def reset(self, reason: str) -> None:
         """Remove all tracks and forget all times and our own position."""

@@ -27,6 +27,7 @@ from onboard.models.intruder.measurement import ECHO, POLAR, POLAR_UNITS
 from onboard.models.intruder.motion import COMPONENTS, FRAME, UNITS, A, R, V
 
 NAME: Final = "traffic"
+MOST_PUBLISHED: Final = 100  # tracks at a time: a thousand estimates a second leave the leader's alone
 LOW_THREAT: Final = 2.0  # sigmas of the distance
 
 
@@ -66,6 +67,19 @@ def estimates(
             tracks, mean.tolist(), covariance[:, :6, :6].tolist(), geodetic, over_ground, approaches, strict=True
         )
     ]
+
+
+def in_turn(rows: list[int], r: Array, turn: int) -> list[int]:
+    """Which of the tracks in `rows`, at r (k, 3) from us, are published this time: all; or, of more than
+    `MOST_PUBLISHED`, the nearest half of that every time and the others in turns, which `turn` counts."""
+    if len(rows) <= MOST_PUBLISHED:
+        return rows
+    nearest = np.argsort(np.linalg.norm(r, axis=1), kind="stable")
+    half = MOST_PUBLISHED // 2
+    always, others = nearest[:half], np.sort(nearest[half:])
+    start = turn * half % len(others)
+    turns = np.roll(others, -start)[:half]
+    return [rows[i] for i in sorted([*always.tolist(), *turns.tolist()])]
 
 
 def curvature(r: Array, P: Array) -> Array:

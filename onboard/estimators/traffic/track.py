@@ -1,11 +1,13 @@
 """One track without its filter: a frozen record, which only the tracker replaces."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import AdsbVehicle, Lifecycle, MeasurementReport
+
+MOST_SOURCES: Final = 16  # of one track, the newest: names of radars are unlimited
 
 
 class Track(NamedTuple):
@@ -66,6 +68,8 @@ class Track(NamedTuple):
     def fused(self, t_ns: int, source: str) -> "Track":
         """After a measurement of that time was fused."""
         sources = self.sources | {source: max(self.sources.get(source, 0), t_ns)}
+        if len(sources) > MOST_SOURCES:
+            del sources[min(sources, key=lambda s: sources[s])]
         return self._replace(fused_ns=max(self.fused_ns, t_ns), sources=sources)
 
     def reported(self, report: Report, measurement: MeasurementReport) -> "Track":

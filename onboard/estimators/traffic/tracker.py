@@ -16,7 +16,7 @@ from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.echoes import Echoes, echoes_of, radar_of
 from onboard.estimators.traffic.frame import Frame, OwnMotion
 from onboard.estimators.traffic.motion import belief_from_echo, belief_from_report, configured_filter
-from onboard.estimators.traffic.publication import last_estimate, measurement_report
+from onboard.estimators.traffic.publication import in_turn, last_estimate, measurement_report
 from onboard.estimators.traffic.radar_association import (
     anchor_echoes,
     associate_echoes,
@@ -33,14 +33,14 @@ from onboard.estimators.traffic.report_association import (
     Restart,
     associate_reports,
 )
-from onboard.estimators.traffic.reports import Key, Report, ReportMessage, make_report
+from onboard.estimators.traffic.reports import Key, Report, ReportMessage
 from onboard.estimators.traffic.track import Track, name_of
+from onboard.estimators.traffic.waiting import WaitingReports
 from onboard.filters.association import Places
 from onboard.filters.belief import Belief
 from onboard.messages import Estimate, PeerRanges, RadarScan, Verdict
 from onboard.models.intruder.attitude_error import ReportErrors
 
-MAX_WAITING: Final = 5000  # reports; more in a tenth of a second is a flood
 NO_REPORTS: Final = (np.inf,) * 3  # m: the standard deviation of a steady error without reports
 
 
@@ -54,7 +54,9 @@ class Tracker:
         self.batch = Batch(configured_filter(config))
         self.registration = Registration(config)
         self._config = config
-        self._waiting: list[Report] = []
+        self._waiting = WaitingReports(config)
+        self._keys: frozenset[Key | None] = frozenset()  # addresses with a track, as of the last publication
+        self._turn = 0
         self._ended: list[Estimate] = []  # the last ones of removed tracks, until they are published
         self._last_number = 0
 
@@ -64,13 +66,9 @@ class Tracker:
         if isinstance(message, PeerRanges):
             rows = (i for i, t in enumerate(self.tracks) if t.key == ("system", message.peer))
             near = next((self.batch.position(i, message.t_ns) for i in rows), None)
-        report = make_report(message, frame, self._config, near)
-        if isinstance(report, Verdict):
-            self.verdicts[report] += 1
-        elif len(self._waiting) >= MAX_WAITING:
-            self.verdicts[Verdict.FULL] += 1
-        else:
-            self._waiting.append(report)
+        refusal = self._waiting.add(message, frame, near, self._keys)
+        if refusal is not None:
+            self.verdicts[refusal] += 1
 
     def advance(self, t_ns: int) -> None:
         """Predict every track to a time. A track whose covariance is lost is removed."""
@@ -83,20 +81,10 @@ class Tracker:
             self._remove(failed.tolist(), "the covariance was lost")
 
     def fuse_reports(self) -> None:
-        """Fuse all reports that wait: one of each address at a time, so that each is judged by a track that has
-        been corrected by those before it."""
-        waiting, self._waiting = self._waiting, []
-        while waiting:
-            now: dict[Key, Report] = {}
-            later = []
-            for report in waiting:
-                if report.key in now:
-                    later.append(report)
-                else:
-                    now[report.key] = report
-            timely = [r for r in now.values() if self._is_timely(r)]
+        """Fuse all reports that wait."""
+        for reports in self._waiting.take():
+            timely = [r for r in reports if self._is_timely(r)]
             self._carry_out(associate_reports(timely, self.tracks, self.batch, self._config))
-            waiting = later
 
     def fuse_scan(self, scan: RadarScan, own: OwnMotion | None) -> None:
         """Fuse a radar scan: echoes go to established tracks first, which also register the radar, then to the
@@ -128,11 +116,14 @@ class Tracker:
         """Remove tracks without a measurement for long, and those that were never confirmed."""
         expired = [i for i, t in enumerate(self.tracks) if t.expired(now_ns, self._config)]
         self._remove(expired, "no report or echo for a long time")
+        self._keys = frozenset(t.key for t in self.tracks)
 
-    def publish(self) -> tuple[list[Track], Belief]:
+    def publish(self, own: OwnMotion) -> tuple[list[Track], Belief]:
         """The tracks to be published now, with their beliefs (k, 15) and (k, 15, 15): each has its next sequence
-        number, and its newest measurement if that was not published yet."""
+        number, and its newest measurement if that was not published yet. Of many tracks, see `in_turn`."""
         rows = [i for i, t in enumerate(self.tracks) if t.established]
+        rows = in_turn(rows, self.batch.belief().mean[rows, :3] - own.r, self._turn)
+        self._turn += 1
         published = [self.tracks[i]._replace(sequence=self.tracks[i].sequence + 1) for i in rows]
         for i, track in zip(rows, published, strict=True):
             self.tracks[i] = track._replace(measurement=None)

@@ -97,9 +97,8 @@ def test_pre_commit_runs_what_lint_runs() -> None:
 def test_the_changelog_names_every_command() -> None:
     text = documents.text(ROOT / "CHANGELOG.md")
     assert re.findall(r"^## (.*)", text, re.MULTILINE) == ["Unreleased", "0.1.0 - 2026-11-22"]
-    first = text.split("## 0.1.0", 1)[1]
     for command in subcommands("onboard"):
-        assert f"onboard {command}" in first
+        assert f"onboard {command}" in text
 
 
 def test_module_and_command_are_one() -> None:

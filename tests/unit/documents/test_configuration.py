@@ -116,7 +116,7 @@ def test_configuration_files_load(path: Path) -> None:
     for name, section in config.estimator.items():
         load(name).Estimator(section, config.camera_model())
     assert all("0.0.0.0" not in link.url for link in config.link)  # noqa: S104 - what must not be there
-    assert all(address.startswith("tcp/127.0.0.1:") for address in config.zenoh.listen)
+    assert all(address.startswith("tcp/127.0.0.1:") for address in config.zenoh.listens())
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda p: p.name)

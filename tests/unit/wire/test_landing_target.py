@@ -62,7 +62,7 @@ def test_a_missing_third_point_costs_that_image_only_and_is_counted() -> None:
             found += len(decoder.decode(f, RECV))
     assert found == 50
     assert decoder.rejected["incomplete_points"] >= 50 - 8
-    assert len(decoder._points._pending) <= 8
+    assert len(decoder._points) <= 8
 
 
 def test_target_numbers_from_three_on_are_another_target() -> None:
@@ -90,3 +90,43 @@ def test_an_image_without_a_stamp_has_no_clock() -> None:
 def test_an_image_stamped_with_unix_time_is_on_the_host_clock() -> None:
     m = one(b"".join(labelled(1_735_689_605_000_000)))
     assert m.clock is Clock.HOST
+
+
+def test_foreign_points_never_cost_a_pending_image() -> None:
+    """Ten incomplete images of other senders between any two of our points, and of further targets of ours."""
+    decoder = MavlinkDecoder(stream=False)
+    found = []
+    for i in range(100):
+        for k, f in enumerate(labelled(5_000_000 + 40_000 * i)):
+            foreign = [
+                landing(0, 0.1, 0.1, t_us=7_000_000 + 100 * i + 10 * k + n, component=99) for n in range(10)
+            ]
+            further = [landing(3 * n, 0.1, 0.1, t_us=5_000_000 + 40_000 * i + k) for n in range(1, 11)]
+            found += [m for g in (*foreign, *further, f) for m in decoder.decode(g, RECV)]
+    assert [(m.target, m.component) for m in found] == [("leader", 191)] * 100
+
+
+def test_any_number_of_senders_neither_costs_an_image_nor_grows_what_waits() -> None:
+    decoder = MavlinkDecoder(stream=False)
+    found = []
+    for i in range(30):
+        for f in labelled(5_000_000 + 40_000 * i):
+            strangers = [landing(0, 0.1, 0.1, t_us=6_000_000 + i, component=c) for c in range(1, 190)]
+            found += [m for g in (*strangers, f) for m in decoder.decode(g, RECV)]
+    assert [m.component for m in found] == [191] * 30
+    assert len(decoder._points) <= 8 * 1024
+
+
+def test_what_waits_is_bounded_whoever_sends_it() -> None:
+    decoder = MavlinkDecoder(stream=False)
+    for system in range(1, 250):
+        for component in range(1, 20):
+            decoder.decode(frame_of(system, component), RECV)
+    assert len(decoder._points) <= 8 * 1024
+    (m,) = [m for f in labelled() for m in decoder.decode(f, RECV)]
+    assert m.component == 191
+
+
+def frame_of(system: int, component: int) -> bytes:
+    head = struct.pack("<Q5fBB", 1_000_000, 0.1, 0.1, 0.0, 0.0, 0.0, 0, 12)
+    return frame(149, 200, head, system=system, component=component)

@@ -1,0 +1,57 @@
+"""`onboard recover`: a recording of a killed program written anew, with the end and the index that it lacks.
+
+`onboard replay` needs neither. Other programs' readers do.
+"""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any, Final
+
+from mcap.writer import Writer
+
+from onboard.errors import UserError
+from onboard.wire.recording import is_recording, read_messages
+
+FILE_MODE: Final = 0o640  # as the recorder's
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Write what can be read of a recording to a new file. Raises UserError."""
+    source: Path = arguments.recording
+    try:
+        if not is_recording(source):
+            raise UserError(f"{source} is no recording of ours (.mcap)")
+        wanted = arguments.out or source.with_stem(f"{source.stem}-recovered")
+        count, damaged = recover(source, wanted)
+    except FileExistsError as error:
+        raise UserError(f"{wanted} exists already; name another file with --out") from error
+    except OSError as error:
+        raise UserError(f"cannot recover {source}: {error.strerror or error}") from error
+    stretches = "1 stretch" if damaged == 1 else f"{damaged} stretches"
+    print(f"{wanted}: {count} records; {stretches} could not be read")
+    return 0
+
+
+def recover(source: Path, target: Path) -> tuple[int, int]:
+    """(records written, stretches that could not be read). Raises NotALogError, OSError, FileExistsError."""
+    count = damaged = 0
+    schemas: dict[int, int] = {}
+    channels: dict[int, int] = {}
+    with os.fdopen(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL, FILE_MODE), "wb") as file:
+        writer: Any = Writer(file)
+        writer.start(library="onboard")
+        for item in read_messages(source):
+            if item is None:
+                damaged += 1
+                continue
+            schema, channel, message = item
+            if schema is not None and schema.id not in schemas:
+                schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
+            if channel.id not in channels:
+                number = schemas.get(channel.schema_id, 0)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+            count += 1
+        writer.finish()
+    return count, damaged

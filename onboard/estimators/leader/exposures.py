@@ -1,0 +1,39 @@
+"""How many aircraft a camera sees at once.
+
+An image without an id that fits no track is either an outlier or of another aircraft. If the camera sees no more
+aircraft at once than there are tracks, it is an outlier. Without this, outliers would begin a second track of the
+same aircraft, which then takes half of its images.
+"""
+
+from typing import Final
+
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import ImagePoint, TargetPoints
+
+REMEMBERED: Final = 128  # exposures: a second of four cameras
+MOST: Final = 1000  # images of one exposure: as many as there may be targets
+
+
+class Exposures:
+    """The images of the last exposures, by camera and time."""
+
+    def __init__(self) -> None:
+        self._images: dict[tuple[str, int], set[ImagePoint]] = {}
+
+    def add(self, message: TargetPoints) -> None:
+        """Remember an image."""
+        images = self._images.setdefault((message.camera, message.t_ns), set())
+        if len(images) < MOST:
+            images.add(message.center)
+        while len(self._images) > REMEMBERED:
+            del self._images[next(iter(self._images))]
+
+    def aircraft(self, message: TargetPoints) -> int:
+        """The largest number of different images that the camera of `message` took at one time within a second of
+        it."""
+        sizes = (
+            len(images)
+            for (camera, t_ns), images in self._images.items()
+            if camera == message.camera and abs(message.t_ns - t_ns) <= NS_PER_S
+        )
+        return max(sizes, default=0)

@@ -1,0 +1,88 @@
+"""Floods of target names: the leader's estimates stay as they are, and what is published stays bounded."""
+
+from collections import Counter
+
+from msgspec.structs import replace
+
+from onboard.estimators.leader import estimator as leader
+from onboard.geometry.camera import make_camera
+from onboard.messages import Estimate, Lifecycle, Message, TargetPoints, Verdict
+from onboard.ownship import Ownship
+from tests.support.streams import Flight, Item, S, Stream, advance, make_config
+
+NEAR = Flight(radius=None, gap=25.0)
+SIDE = 0.25  # rad
+T0, T1 = 5, 13
+NAMES = 40  # new ones in each image, of 25 a second
+
+
+def flooded(items: list[Item]) -> list[Item]:
+    """Beside each image of the leader, images of aircraft that are named nowhere else."""
+    more = []
+    for n, item in enumerate(items):
+        m = item.message
+        if isinstance(m, TargetPoints):
+            center, left, right = ((u + SIDE, v) for u, v in (m.center, m.left, m.right))
+            for k in range(NAMES):
+                name = f"flood/{n}/{k}"
+                more.append(Item(item.t_recv_ns, replace(m, target=name, center=center, left=left, right=right)))
+        more.append(item)
+    return more
+
+
+ITEMS = Stream(flight=NEAR, t1=float(T1)).items()
+IMAGES = sum(isinstance(i.message, TargetPoints) for i in ITEMS)
+
+
+def estimator() -> leader.Estimator:
+    config = make_config().estimator["leader"]
+    return leader.Estimator(config, make_camera(f_px=554.256, width_px=640, height_px=480))
+
+
+def play(one: leader.Estimator, messages: list[Message]) -> list[Estimate]:
+    ownship = Ownship(max_extrapolation=0.1)
+    found = []
+    for m in messages:
+        found += one.tick(ownship) if ownship.receive(m, m.t_ns) else one.observe(m, ownship)
+    return found
+
+
+def test_a_flood_of_names_changes_none_of_the_leader_s_estimates() -> None:
+    calm = advance(i.message for i in ITEMS).estimates
+    run = advance(i.message for i in flooded(ITEMS))
+    assert [e for e in run.estimates if e.is_primary] == calm
+    verdicts = run.pipeline.health(0).verdicts
+    assert sum(verdicts.values()) == IMAGES * (1 + NAMES)
+    assert verdicts["leader.full"] > 0.8 * IMAGES * NAMES
+
+
+def test_a_flood_of_names_publishes_little() -> None:
+    others = [e for e in advance(i.message for i in flooded(ITEMS)).estimates if not e.is_primary]
+    new, refusals = 100, 10  # a second
+    assert len(others) <= (T1 - T0 + 1) * (2 * new + refusals)
+    assert Counter(e.measurement.verdict for e in others if e.measurement)[Verdict.FULL] >= T1 - T0 - 1
+
+
+def test_names_that_came_to_nothing_are_forgotten_and_said_to_be() -> None:
+    one = estimator()
+    messages = [
+        i.message for i in flooded(ITEMS) if not isinstance(i.message, TargetPoints) or i.message.t_ns < 8 * S
+    ]
+    last = {e.target: e.state for e in play(one, messages)}
+    assert len(last) > 100
+    assert {state for target, state in last.items() if target != "leader"} == {Lifecycle.SEARCHING}
+    assert list(one._tracks) == ["leader"]
+
+
+def test_a_second_aircraft_is_followed_after_the_flood() -> None:
+    one = estimator()
+    messages: list[Message] = []
+    for item in flooded(ITEMS):
+        m = item.message
+        if not isinstance(m, TargetPoints) or m.t_ns < 8 * S or m.target == "leader":
+            messages.append(m)
+            if isinstance(m, TargetPoints) and m.t_ns > 10 * S:
+                center, left, right = ((u + SIDE, v) for u, v in (m.center, m.left, m.right))
+                messages.append(replace(m, target="wingman", center=center, left=left, right=right))
+    last = {e.target: e.state for e in play(one, messages)}
+    assert last["wingman"] is Lifecycle.TRACKING

@@ -1,0 +1,64 @@
+"""Images without ids (`"target": ""`): as many tracks as there are aircraft, whatever the noise does."""
+
+from collections import Counter
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.messages import Message, TargetPoints
+from tests.support.streams import CIRCLE, Flight, S, Stream, advance
+
+STRAIGHT, TIGHT = Flight(radius=None, gap=25.0), Flight(radius=60.0, gap=15.0)
+SIDE = 0.15  # rad
+
+
+def unnamed(flight: Flight, seed: int, t1: float = 40.0) -> list[Message]:
+    messages = (i.message for i in Stream(flight=flight, t1=t1, seed=seed).items())
+    return [replace(m, target="") if isinstance(m, TargetPoints) else m for m in messages]
+
+
+def fused(messages: list[Message]) -> Counter[str]:
+    """Images fused by target."""
+    estimates = advance(messages).estimates
+    return Counter(e.target for e in estimates if e.measurement and e.measurement.verdict.startswith("fused"))
+
+
+@pytest.mark.parametrize(
+    ("flight", "seed"),
+    [(CIRCLE, 1), (CIRCLE, 2), (STRAIGHT, 1), (TIGHT, 3)],
+    ids=["1", "2", "straight-1", "tight-3"],
+)
+def test_one_aircraft_without_an_id_is_one_track_seeds_1_to_3(flight: Flight, seed: int) -> None:
+    messages = unnamed(flight, seed)
+    found = fused(messages)
+    assert set(found) == {"leader"}
+    assert found["leader"] > 0.97 * sum(isinstance(m, TargetPoints) for m in messages)
+
+
+@pytest.mark.parametrize("leader_id", ["", "leader"])
+@pytest.mark.parametrize("first", [True, False])
+def test_two_aircraft_are_two_tracks_seed_2(first: bool, leader_id: str) -> None:
+    messages: list[Message] = []
+    for m in unnamed(CIRCLE, 2):
+        messages.append(m)
+        if isinstance(m, TargetPoints) and m.t_ns > 8 * S:
+            center, left, right = ((u + SIDE, v) for u, v in (m.center, m.left, m.right))
+            other = replace(m, center=center, left=left, right=right)
+            messages[-1] = replace(m, target=leader_id)
+            messages.insert(len(messages) - first, other)
+    found = fused(messages)
+    assert set(found) == {"leader", "unnamed/1"}
+    images = sum(isinstance(m, TargetPoints) and m.t_ns > 8 * S for m in messages) / 2
+    assert found["unnamed/1"] > 0.95 * images
+
+
+def test_an_image_far_from_every_track_begins_one_although_it_is_alone_seed_1() -> None:
+    """Two cameras that look different ways take their images at different times."""
+    messages: list[Message] = []
+    for m in unnamed(STRAIGHT, 1, 12.0):
+        messages.append(m)
+        if isinstance(m, TargetPoints):
+            center, left, right = ((u + 0.4, v) for u, v in (m.center, m.left, m.right))
+            other = replace(m, camera="right", t_ns=m.t_ns - 10_000_000, center=center, left=left, right=right)
+            messages.append(other)
+    assert set(fused(messages)) == {"leader", "unnamed/1"}

@@ -1,0 +1,47 @@
+"""The queue in front of Zenoh: further targets give way to the leader."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from onboard.messages import Lifecycle
+from onboard.sinks import zenoh
+from tests.support.records import make_estimate
+
+
+class Nothing:
+    """A sink that is never opened."""
+
+    def open(self) -> None:
+        raise NotImplementedError
+
+    def write(self, records: Sequence[Any]) -> None:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        raise NotImplementedError
+
+
+def waiting(runner: Any) -> list[Any]:
+    return list(runner._queue.take(10**6, 0.0))
+
+
+def test_a_flood_of_further_targets_costs_the_leader_no_estimate() -> None:
+    runner = zenoh.runner(Nothing())  # type: ignore[arg-type]
+    leaders = [make_estimate(n, "leader") for n in range(1000)]
+    for n, leader in enumerate(leaders):
+        for k in range(20):
+            runner.put(make_estimate(n, "leader", target=f"target/{k}"))
+        runner.put(leader)
+    assert [r for r in waiting(runner) if r.is_primary] == leaders
+    health = runner.health()
+    assert health.dropped > 0
+    assert health.dropped_important == 0
+
+
+def test_the_last_estimate_of_a_target_does_not_give_way() -> None:
+    runner = zenoh.runner(Nothing())  # type: ignore[arg-type]
+    for n in range(1000):
+        runner.put(make_estimate(n, "leader", target=f"target/{n}"))
+    last = make_estimate(1000, "leader", target="target/1", state=Lifecycle.SEARCHING, valid=False)
+    runner.put(last)
+    assert waiting(runner)[-1] == last

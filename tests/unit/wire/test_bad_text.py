@@ -1,0 +1,76 @@
+"""Bytes that are no UTF-8 in the JSON of a camera, a radar or a GNSS receiver cost that document, nothing else."""
+
+from pathlib import Path
+
+import pytest
+
+from onboard.commands.log_replay import replay
+from onboard.messages import Datagram, Encoding
+from onboard.sinks.recorder import Recorder
+from onboard.wire.datagrams import DatagramDecoder
+from onboard.wire.document import BadDocumentError
+from onboard.wire.points import decode_points
+from onboard.wire.radar import decode_radar
+from onboard.wire.ranges import decode_ranges
+from tests.support.streams import make_config
+
+LATIN_1 = "\u00fc".encode("latin-1")
+PIXEL = b'{"u_px": 1.0, "v_px": 2.0}'
+POINTS = (
+    b'{"t_ns": 5, "clock": "boot", "camera": "%s", "intrinsics": {"fx_px": 5.0, "fy_px": 5.0, "cx_px": 1, '
+    b'"cy_px": 1}, "center": ' + PIXEL + b', "left": ' + PIXEL + b', "right": ' + PIXEL + b"}"
+)
+SATELLITE = b'{"satellite": "%s", "r_e": [2e7, 0, 0], "v_e": [0, 3e3, 0], "pseudorange": 2e7, "rate": 1.0}'
+DOCUMENTS = {
+    Encoding.POINTS: POINTS,
+    Encoding.RADAR: b'{"t_ns": 5, "clock": "boot", "radar": "%s"}',
+    Encoding.RANGES: b'{"t_ns": 5, "clock": "boot", "peer": 2, "satellites": [' + SATELLITE + b"]}",
+}
+DECODE = {Encoding.POINTS: decode_points, Encoding.RADAR: decode_radar, Encoding.RANGES: decode_ranges}
+
+
+@pytest.mark.parametrize("encoding", DOCUMENTS, ids=str)
+def test_a_latin_1_name_raises_our_own_error(encoding: Encoding) -> None:
+    DECODE[encoding](DOCUMENTS[encoding] % b"front", 1)  # which is fine
+    with pytest.raises(BadDocumentError):
+        DECODE[encoding](DOCUMENTS[encoding] % LATIN_1, 1)
+
+
+@pytest.mark.parametrize("encoding", DOCUMENTS, ids=str)
+def test_a_latin_1_name_is_counted_and_the_next_document_is_read(encoding: Encoding) -> None:
+    decoder = DatagramDecoder()
+
+    def decode(name: bytes) -> int:
+        data = DOCUMENTS[encoding] % name
+        return len(decoder.decode(Datagram(channel="a", encoding=encoding, t_recv_ns=1, data=data)))
+
+    assert [decode(LATIN_1), decode(b"front")] == [0, 1]
+    assert decoder.rejected == {f"bad_{encoding}": 1}
+
+
+def test_a_recording_with_a_latin_1_name_is_replayed_to_its_end(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "flight.mcap")
+    recorder.open()
+    recorder.write(
+        [
+            Datagram(channel="a", encoding=encoding, t_recv_ns=10**18 + n, data=document % LATIN_1)
+            for n, (encoding, document) in enumerate(DOCUMENTS.items())
+        ]
+    )
+    recorder.close()
+    replayed = replay(recorder.path, make_config())
+    assert replayed.records == len(DOCUMENTS)
+    assert replayed.health.rejected == {f"bad_{encoding}": 1 for encoding in DOCUMENTS}
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a\\nb", "x" * 65, "\u00fc", "a/b", "*", "../up"], ids=repr)
+@pytest.mark.parametrize("encoding", [Encoding.POINTS, Encoding.RADAR], ids=str)
+def test_a_camera_s_or_radar_s_name_that_could_be_no_key_is_refused(encoding: Encoding, name: str) -> None:
+    with pytest.raises(BadDocumentError, match="name"):
+        DECODE[encoding](DOCUMENTS[encoding] % name.encode(), 1)
+
+
+@pytest.mark.parametrize("name", ["front", "nose-2", "cam_0.left", "x" * 64])
+@pytest.mark.parametrize("encoding", [Encoding.POINTS, Encoding.RADAR], ids=str)
+def test_a_plain_name_is_taken(encoding: Encoding, name: str) -> None:
+    DECODE[encoding](DOCUMENTS[encoding] % name.encode(), 1)
