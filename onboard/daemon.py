@@ -8,7 +8,7 @@ the sinks before the next datagram is read.
 
 import asyncio
 import signal
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -96,10 +96,16 @@ class Daemon:
             raise group_of_one.exceptions[0] from None
 
     def _deliver(self, datagram: Datagram) -> None:
-        """One datagram's way through the program."""
+        """One datagram's way through the program. An exception costs this datagram, never the link."""
         recorder = self._sinks.get("recorder")
         if recorder is not None:
             recorder.put(datagram)
+        try:
+            self._process(datagram)
+        except Exception as error:  # of any kind
+            self._pipeline.count_error("daemon", error)
+
+    def _process(self, datagram: Datagram) -> None:
         pipeline = self._pipeline
         messages = pipeline.decode(datagram)
         was_heard, reboots = pipeline.autopilot is not None, pipeline.clocks.reboots
@@ -122,18 +128,24 @@ class Daemon:
     async def _keep_time(self) -> None:
         """Send and publish what is due by the clock: the session with the autopilot, and our health."""
         while True:
-            now_ns = self._now_ns()
-            is_heard = now_ns - self._heard_ns < SILENT_NS
-            healthy = is_heard and not self._console.is_any_lost
-            self._send(self._output.tick(now_ns, healthy=healthy, rates=self._rates))
-            if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
-                self._next_health_ns = now_ns + HEALTH_PERIOD_NS
-                self._measure_rates()
-                sinks = {name: sink.health() for name, sink in self._sinks.items()}
-                self._console.show_sinks(sinks)
-                self._console.show_silence(is_silent=self._heard_ns > 0 and not is_heard)
-                self._publish(self._pipeline.health(now_ns, sinks))
+            try:
+                self._tick(self._now_ns())
+            except Exception as error:  # of any kind: the next tick may succeed
+                self._pipeline.count_error("timer", error)
+            self._console.show_errors(self._pipeline.errors)
             await asyncio.sleep(TICK_S)
+
+    def _tick(self, now_ns: int) -> None:
+        is_heard = now_ns - self._heard_ns < SILENT_NS
+        healthy = is_heard and not self._console.is_any_lost
+        self._send(self._output.tick(now_ns, healthy=healthy, rates=self._rates))
+        if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
+            self._next_health_ns = now_ns + HEALTH_PERIOD_NS
+            self._measure_rates()
+            sinks = {name: sink.health() for name, sink in self._sinks.items()}
+            self._console.show_sinks(sinks)
+            self._console.show_silence(is_silent=self._heard_ns > 0 and not is_heard)
+            self._publish(self._pipeline.health(now_ns, sinks))
 
     def _publish(self, record: Any) -> None:
         for sink in self._sinks.values():
@@ -161,6 +173,7 @@ class Console:
         self._report = report
         self._states: dict[str, Lifecycle] = {}
         self._errors: dict[str, str] = {}
+        self._errors_shown = 0
         self._is_silent = False
 
     @property
@@ -179,6 +192,12 @@ class Console:
         if is_silent != self._is_silent:
             self._is_silent = is_silent
             self._report("the autopilot is silent: no estimates" if is_silent else "the autopilot is heard again")
+
+    def show_errors(self, lines: Sequence[str]) -> None:
+        """Exceptions over single messages, the first of each kind. `lines` only grows."""
+        for line in lines[self._errors_shown :]:
+            self._report(line)
+        self._errors_shown = len(lines)
 
     def show_sinks(self, sinks: Mapping[str, SinkHealth]) -> None:
         """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""

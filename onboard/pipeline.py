@@ -5,6 +5,7 @@ the decoded messages too; a replay calls `feed`. Both run the same code on the s
 """
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Final
 
 from msgspec.structs import replace
@@ -58,12 +59,12 @@ class Pipeline:
         }
         self.autopilot: Heartbeat | None = None
         self._config = config
-        self._decoder = DatagramDecoder()
+        self._decoder = DatagramDecoder(self.count_error)
         self._waiting: list[Message] = []
-        self._listeners: dict[type[Message], list[EstimatorProtocol]] = {}
-        for name, estimator in self.estimators.items():
+        self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
+        for name in self.estimators:
             for kind in load(name).LISTENS:
-                self._listeners.setdefault(kind, []).append(estimator)
+                self._listeners.setdefault(kind, []).append(name)
         self._delays_ns: dict[type[Message], int] = {}
         self._first_recv_ns: int | None = None
         self._own_recv_ns = 0
@@ -80,11 +81,19 @@ class Pipeline:
         return self._decoder.decode(datagram)
 
     def advance(self, messages: Sequence[Message]) -> list[Output]:
-        """Let messages act on clocks, ownship and estimators; estimates and own poses that follow, in order."""
+        """Let messages act on clocks, ownship and estimators; estimates and own poses that follow, in order. An
+        exception over one message costs that message: it is counted, and described in `errors`."""
         outputs: list[Output] = []
         for message in messages:
-            outputs.extend(self._advance(message))
+            try:
+                outputs.extend(self._advance(message))
+            except Exception as error:  # of any kind: what arrives must not end a flight
+                self.count_error(type(message).__name__, error)
         return outputs
+
+    def count_error(self, place: str, error: Exception) -> None:
+        """Count an exception over one message in the health, also one of what follows the pipeline."""
+        self._monitor.errors.count(place, error)
 
     # ------------------------------------------------------------------------------- whose message it is
 
@@ -188,21 +197,33 @@ class Pipeline:
         self._waiting = [m for m in self._waiting if not self._is_ready(m)]
         for waited in (*ready, message):
             outputs.extend(self._observe(waited))
-        for estimator in self.estimators.values():
-            outputs.extend(self._noted(estimator.tick(self.ownship)))
+        for name in self.estimators:
+            outputs.extend(self._noted(self._asked(name, None)))
         return outputs
 
     def _observe(self, message: Message) -> list[Output]:
         """A message to the estimators that listen for its kind."""
         estimates: list[Estimate] = []
-        for estimator in self._listeners.get(type(message), ()):
-            estimates.extend(estimator.observe(message, self.ownship))
+        for name in self._listeners.get(type(message), ()):
+            estimates.extend(self._asked(name, message))
         if message.t_recv_ns - self._own_recv_ns > OWN_MOTION_TIMEOUT_NS:
             estimates = [
                 e if isinstance(e, NavState) else replace(e, valid=False, reason="our own motion is not known")
                 for e in estimates
             ]
         return self._noted(estimates)
+
+    def _asked(self, name: str, message: Message | None) -> list[Estimate]:
+        """An estimator's answer to a message, or, without one, to a new navigation sample. One that raises may be
+        left in any state, so it starts again."""
+        estimator = self.estimators[name]
+        try:
+            return estimator.tick(self.ownship) if message is None else estimator.observe(message, self.ownship)
+        except Exception as error:  # of any kind: the other estimators go on
+            self.count_error(name, error)
+            with suppress(Exception):
+                estimator.reset(f"an error in the estimator: {type(error).__name__}")
+            return []
 
     def _noted(self, estimates: Iterable[Estimate]) -> list[Output]:
         outputs: list[Output] = []
@@ -234,6 +255,11 @@ class Pipeline:
         """Well-formed MAVLink frames so far, by name."""
         return self._decoder.frames
 
+    @property
+    def errors(self) -> list[str]:
+        """The first exception of each kind, described in one line each."""
+        return self._monitor.errors.lines
+
     def health(self, t_recv_ns: int, sinks: dict[str, SinkHealth] | None = None) -> Health:
         """How the program is doing, as of a time on this computer's clock."""
         clocks, monitor = self.clocks, self._monitor
@@ -258,7 +284,13 @@ class Pipeline:
             states=dict(monitor.states),
             verdicts=dict(monitor.verdicts) | counted,
             rejected=total(
-                [monitor.rejected, clocks.rejected, self.ownship.rejected, self._decoder.rejected],
+                [
+                    monitor.rejected,
+                    monitor.errors.counts,
+                    clocks.rejected,
+                    self.ownship.rejected,
+                    self._decoder.rejected,
+                ],
             ),
             sinks=sinks or {},
             faults=monitor.faults,

@@ -83,7 +83,7 @@ class Session:
 
     def _acknowledge(self, m: Command, now_ns: int) -> bytes:
         request_for_heartbeat = (
-            m.command == dialect.MAV_CMD_REQUEST_MESSAGE and round(m.params[0]) == dialect.MAVLINK_MSG_ID_HEARTBEAT
+            m.command == dialect.MAV_CMD_REQUEST_MESSAGE and m.params[0] == dialect.MAVLINK_MSG_ID_HEARTBEAT
         )
         result = ACCEPTED if request_for_heartbeat else UNSUPPORTED
         if request_for_heartbeat:
