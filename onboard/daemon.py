@@ -16,7 +16,7 @@ from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.config import Config
 from onboard.links import Link, LinkError, parse_link
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Lifecycle, SinkHealth
+from onboard.messages import Datagram, Estimate, Lifecycle, Output, SinkHealth
 from onboard.pipeline import Pipeline
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
@@ -25,7 +25,7 @@ from onboard.sinks.zenoh_session import ZenohSession, open_session
 
 TICK_S: Final = 0.05
 HEALTH_PERIOD_NS: Final = 1_000_000_000
-SILENT_NS: Final = 3_000_000_000  # without an autopilot's bytes: no longer healthy
+SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: no longer healthy
 
 
 class Daemon:
@@ -44,7 +44,6 @@ class Daemon:
         self._frames: Mapping[str, int] = {}
         self._rates: dict[str, float] = {}
         self._next_health_ns = 0
-        self._heard_ns = 0
 
     async def run(self) -> None:
         """Fly until SIGINT or SIGTERM.
@@ -110,10 +109,7 @@ class Daemon:
         messages = pipeline.decode(datagram)
         was_heard, reboots = pipeline.autopilot is not None, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
-            self._publish(output)
-            self._send(self._output.publish(output))
-            if isinstance(output, Estimate) and output.is_primary:
-                self._console.show_state(output)
+            self._take(output)
         if pipeline.autopilot is not None and not was_heard:
             self._output.connect(pipeline.autopilot)
             self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}")
@@ -122,7 +118,6 @@ class Daemon:
             self._output.reboot()
         if not messages or not self._output.is_autopilot(datagram.channel):
             return
-        self._heard_ns = datagram.t_recv_ns
         self._send([self._output.respond(datagram.channel, messages, self._now_ns())])
 
     async def _keep_time(self) -> None:
@@ -136,7 +131,10 @@ class Daemon:
             await asyncio.sleep(TICK_S)
 
     def _tick(self, now_ns: int) -> None:
-        is_heard = now_ns - self._heard_ns < SILENT_NS
+        heard_ns = self._pipeline.heard_ns
+        is_heard = heard_ns is not None and now_ns - heard_ns < SILENT_NS
+        for output in self._pipeline.tick(now_ns):
+            self._take(output)
         healthy = is_heard and not self._console.is_any_lost
         self._send(self._output.tick(now_ns, healthy=healthy, rates=self._rates))
         if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
@@ -144,8 +142,15 @@ class Daemon:
             self._measure_rates()
             sinks = {name: sink.health() for name, sink in self._sinks.items()}
             self._console.show_sinks(sinks)
-            self._console.show_silence(is_silent=self._heard_ns > 0 and not is_heard)
+            self._console.show_silence(is_silent=heard_ns is not None and not is_heard)
             self._publish(self._pipeline.health(now_ns, sinks))
+
+    def _take(self, output: Output) -> None:
+        """Publish what the pipeline gives, and send the autopilot what it wants of it."""
+        self._publish(output)
+        self._send(self._output.publish(output))
+        if isinstance(output, Estimate) and output.is_primary:
+            self._console.show_state(output)
 
     def _publish(self, record: Any) -> None:
         for sink in self._sinks.values():

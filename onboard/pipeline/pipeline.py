@@ -15,35 +15,24 @@ from onboard.config import Config, source_delays_ns
 from onboard.estimators import CountsVerdicts, EstimatorProtocol, load
 from onboard.health import Monitor, autopilot_name, total
 from onboard.messages import (
-    AdsbVehicle,
+    Attitude,
     Clock,
     Datagram,
     Estimate,
-    GlobalPosition,
     Health,
     Heartbeat,
     Message,
     NavState,
     Output,
-    PeerPosition,
-    PeerRanges,
-    RadarScan,
     SinkHealth,
-    TargetPoints,
     TimeSync,
 )
 from onboard.ownship import Ownship
+from onboard.pipeline.admission import SENSED, UNSTAMPED, Admission
+from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.wire.datagrams import DatagramDecoder
 
-MAV_AUTOPILOT_INVALID: Final = 8
 MAX_WAITING: Final = 256
-# If no own-motion message arrives for this long, estimates are invalid: they can no longer be predicted.
-OWN_MOTION_TIMEOUT_NS: Final = 1_000_000_000
-NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
-# A sensor stamps these, and they can be used once our own pose at that time is known.
-SENSED: Final = (TargetPoints, RadarScan, PeerRanges)
-ANY_COMPONENT: Final = (*SENSED, AdsbVehicle)  # not of our own motion: any component of our vehicle may send them
-UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # carry no time of a clock we know: taken as true at arrival
 
 
 class Pipeline:
@@ -57,7 +46,6 @@ class Pipeline:
             name: load(name).Estimator(section, config.camera_model())
             for name, section in config.estimator.items()
         }
-        self.autopilot: Heartbeat | None = None
         self._config = config
         self._decoder = DatagramDecoder(self.count_error)
         self._waiting: list[Message] = []
@@ -65,9 +53,12 @@ class Pipeline:
         for name in self.estimators:
             for kind in load(name).LISTENS:
                 self._listeners.setdefault(kind, []).append(name)
+        self._admission = Admission(config.autopilot, self._listeners)
         self._delays_ns: dict[type[Message], int] = {}
         self._first_recv_ns: int | None = None
-        self._own_recv_ns = 0
+        self._own_recv_ns = 0  # arrival of the last message of our own position and velocity
+        self._attitude_recv_ns = 0
+        self._last_words = LastWords()
         self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
 
     def feed(self, datagram: Datagram) -> list[Output]:
@@ -91,22 +82,26 @@ class Pipeline:
                 self.count_error(type(message).__name__, error)
         return outputs
 
+    def tick(self, t_recv_ns: int) -> list[Output]:
+        """Estimates that are no longer valid, because the autopilot sends nothing. Live, a timer calls it; a
+        replay has no timer, and these estimates are not repeated in it."""
+
+        def is_silent(estimate: Estimate) -> bool:
+            heard_ns = self._attitude_recv_ns if isinstance(estimate, NavState) else self._own_recv_ns
+            return t_recv_ns - heard_ns > TIMEOUT_NS
+
+        return self._noted(self._last_words.withdraw(is_silent))
+
     def count_error(self, place: str, error: Exception) -> None:
         """Count an exception over one message in the health, also one of what follows the pipeline."""
         self._monitor.errors.count(place, error)
 
-    # ------------------------------------------------------------------------------- whose message it is
-
-    def is_ours(self, message: Message) -> bool:
-        """Whether a message comes from our own vehicle (any component of it) or this computer."""
-        return message.system == NO_SYSTEM or (
-            self.autopilot is not None and message.system == self.autopilot.system
-        )
+    # ------------------------------------------------------------------------------- one message
 
     def _advance(self, message: Message) -> list[Output]:
-        if isinstance(message, Heartbeat):
-            self._latch(message)
-        admitted = self._admit(message)
+        if isinstance(message, Heartbeat) and self._admission.latch(message):
+            self._delays_ns = source_delays_ns(self._config.delay, message.autopilot)
+        admitted = self._admission.admit(message)
         if isinstance(admitted, str):
             self._monitor.reject(admitted)
             return []
@@ -115,46 +110,6 @@ class Pipeline:
             self.clocks.receive_reply(admitted)
             return []
         return self._align(admitted)
-
-    def _admit(self, message: Message) -> Message | str:
-        """The message, as estimators know it, or the reason why it is rejected."""
-        if not self.is_ours(message):
-            peer = self._from_peer(message)
-            return peer or ("other_system" if self.autopilot else "before_heartbeat")
-        if not isinstance(message, ANY_COMPONENT) and not self._is_from_autopilot(message):
-            return "other_component"  # a gimbal's attitude, a peer's clock: not our own motion
-        if isinstance(message, AdsbVehicle) and message.component == self._config.autopilot.component:
-            return "our_own"  # our own report of other traffic, come back by another way
-        return message
-
-    def _is_from_autopilot(self, message: Message) -> bool:
-        return self.autopilot is not None and message.component == self.autopilot.component
-
-    def _from_peer(self, message: Message) -> Message | None:
-        """A message of another system, if an estimator listens to it: its position, or its receiver's ranges."""
-        if isinstance(message, GlobalPosition):
-            message = PeerPosition(
-                t_ns=message.t_recv_ns,
-                t_recv_ns=message.t_recv_ns,
-                clock=Clock.NONE,
-                system=message.system,
-                component=message.component,
-                lat_deg=message.lat_deg,
-                lon_deg=message.lon_deg,
-                alt_msl=message.alt_msl,
-                v_n=message.v_F_n,
-            )
-        is_wanted = self.autopilot is not None and isinstance(message, UNSTAMPED)
-        return message if is_wanted and type(message) in self._listeners else None
-
-    def _latch(self, heartbeat: Heartbeat) -> None:
-        """The first heartbeat of an autopilot decides whose vehicle this is, and which delays its sources have."""
-        wanted = self._config.autopilot.system
-        if self.autopilot is not None or heartbeat.autopilot == MAV_AUTOPILOT_INVALID:
-            return
-        if wanted in {0, heartbeat.system}:
-            self.autopilot = heartbeat
-            self._delays_ns = source_delays_ns(self._config.delay, heartbeat.autopilot)
 
     # ------------------------------------------------------------------------------- one time base
 
@@ -186,6 +141,8 @@ class Pipeline:
         if isinstance(message, SENSED) and self._must_wait(message):
             self._waiting.append(message)
             return []
+        if isinstance(message, Attitude):
+            self._attitude_recv_ns = message.t_recv_ns
         if not self.ownship.receive(message, stamp_ns):
             return self._observe(message)
         self._own_recv_ns = message.t_recv_ns
@@ -206,7 +163,7 @@ class Pipeline:
         estimates: list[Estimate] = []
         for name in self._listeners.get(type(message), ()):
             estimates.extend(self._asked(name, message))
-        if message.t_recv_ns - self._own_recv_ns > OWN_MOTION_TIMEOUT_NS:
+        if message.t_recv_ns - self._own_recv_ns > TIMEOUT_NS:
             estimates = [
                 e if isinstance(e, NavState) else replace(e, valid=False, reason="our own motion is not known")
                 for e in estimates
@@ -229,6 +186,7 @@ class Pipeline:
         outputs: list[Output] = []
         for estimate in estimates:
             self._monitor.publish(estimate)
+            self._last_words.note(estimate)
             outputs.append(estimate)
         return outputs
 
@@ -249,6 +207,16 @@ class Pipeline:
         )
 
     # ------------------------------------------------------------------------------- health
+
+    @property
+    def autopilot(self) -> Heartbeat | None:
+        """The heartbeat that was latched, None before it."""
+        return self._admission.autopilot
+
+    @property
+    def heard_ns(self) -> int | None:
+        """Arrival of the latched autopilot's last message, None before the first."""
+        return self._admission.heard_ns
 
     @property
     def frames(self) -> dict[str, int]:
