@@ -39,6 +39,14 @@ class LocalPosition(Message, frozen=True, kw_only=True):
     v_F_n: Vec3
 
 
+class EstimatorStatus(Message, frozen=True, kw_only=True):
+    """EKF_STATUS_REPORT or ESTIMATOR_STATUS: whether the autopilot's filter knows our horizontal velocity and
+    position. In constant-position mode it knows neither."""
+
+    horizontal_velocity: bool
+    horizontal_position: bool
+
+
 class GlobalPosition(Message, frozen=True, kw_only=True):
     """GLOBAL_POSITION_INT: WGS-84 degrees, metres above mean sea level and above home, m/s NED."""
 

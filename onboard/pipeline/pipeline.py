@@ -19,6 +19,8 @@ from onboard.messages import (
     Clock,
     Datagram,
     Estimate,
+    EstimatorStatus,
+    GlobalPosition,
     Health,
     Heartbeat,
     Message,
@@ -109,6 +111,10 @@ class Pipeline:
         if isinstance(admitted, TimeSync):
             self.clocks.receive_reply(admitted)
             return []
+        if isinstance(admitted, EstimatorStatus):
+            if not self.ownship.receive_status(admitted):  # as if own motion had stopped long ago
+                self._own_recv_ns = min(self._own_recv_ns, admitted.t_recv_ns - TIMEOUT_NS - 1)
+            return []
         return self._align(admitted)
 
     # ------------------------------------------------------------------------------- one time base
@@ -160,6 +166,9 @@ class Pipeline:
 
     def _observe(self, message: Message) -> list[Output]:
         """A message to the estimators that listen for its kind."""
+        if isinstance(message, GlobalPosition) and not self.ownship.has_position(message):
+            self._monitor.reject("filter_has_no_position")
+            return []
         estimates: list[Estimate] = []
         for name in self._listeners.get(type(message), ()):
             estimates.extend(self._asked(name, message))

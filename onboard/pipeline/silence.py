@@ -9,7 +9,7 @@ from onboard.messages import Estimate, Lifecycle, NavState
 
 # If no message of our own motion arrives for this long, estimates are invalid: they can no longer be predicted.
 TIMEOUT_NS: Final = 1_000_000_000
-REASON: Final = "no message from the autopilot for 1 s"
+REASON: Final = "withdrawn: nothing usable of our own motion arrives"
 
 
 class LastWords:

@@ -17,6 +17,7 @@ from onboard.messages import (
     Collision,
     Command,
     CommandAck,
+    EstimatorStatus,
     GlobalPosition,
     GpsFix,
     Heartbeat,
@@ -80,6 +81,17 @@ def _global_position(m: Any, h: dict[str, Any]) -> Message:
         height=m.relative_alt * 1e-3,
         v_F_n=(m.vx * 0.01, m.vy * 0.01, m.vz * 0.01),
         heading_rad=heading,
+    )
+
+
+def _estimator_status(m: Any, h: dict[str, Any]) -> Message:
+    """Both autopilots use the same bits."""
+    fixed = bool(m.flags & dialect.ESTIMATOR_CONST_POS_MODE)
+    position = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
+    return EstimatorStatus(
+        **h,
+        horizontal_velocity=bool(m.flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and not fixed,
+        horizontal_position=bool(m.flags & position) and not fixed,
     )
 
 
@@ -186,6 +198,8 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
     "ATTITUDE": _attitude,
     "LOCAL_POSITION_NED": lambda m, h: LocalPosition(**h, r_OF_n=(m.x, m.y, m.z), v_F_n=(m.vx, m.vy, m.vz)),
     "GLOBAL_POSITION_INT": _global_position,
+    "EKF_STATUS_REPORT": _estimator_status,
+    "ESTIMATOR_STATUS": _estimator_status,
     "GPS_RAW_INT": _gps_fix,
     "HIGHRES_IMU": _highres_imu,
     "SCALED_IMU": _scaled_imu,

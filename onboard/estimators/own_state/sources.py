@@ -87,6 +87,6 @@ def next_due_ns(t_ns: int, rate_hz: float) -> int:
 def _origin(message: GlobalPosition | GpsFix, ownship: Ownship) -> Vec3 | None:
     """The origin of the autopilot's positions; None where its position is unknown at the message's time."""
     pose = ownship.pose_at(message.t_ns)
-    if pose is None:
+    if pose is None or not math.isfinite(pose.r_OF_n.sum()):
         return None
     return geodetic_from_ned(-pose.r_OF_n, (message.lat_deg, message.lon_deg, message.alt_msl))
