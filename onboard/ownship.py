@@ -79,10 +79,10 @@ class Ownship:
         if isinstance(message, LocalPosition):
             if self._status_at(message) is False:
                 return self._reject("filter_has_no_velocity")
-            added = self._add_nav(message, np.array(message.r_OF_n), np.array(message.v_F_n), stamp_ns)
-            if added:
-                self._last_local_ns = stamp_ns
-            return added
+            r, v = np.array(message.r_OF_n), np.array(message.v_F_n)
+            if _within(r, FARTHEST) and _within(v, FASTEST):  # also if a global position of this stamp came first
+                self._last_local_ns = max(self._last_local_ns, stamp_ns)
+            return self._add_nav(message, r, v, stamp_ns)
         if isinstance(message, GlobalPosition) and stamp_ns - self._last_local_ns > FALLBACK_NS:
             # no local origin: velocity and height are known, horizontal position is not needed
             known = self._status_at(message)
