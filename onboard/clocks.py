@@ -40,6 +40,10 @@ class Clocks:
     def __init__(self) -> None:
         self.reboots = 0
         self.rejected: Counter[str] = Counter()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the time base, but not the counts: another autopilot is followed."""
         self.source = "none"
         self.round_trip_ns: int | None = None
         self._newest_stamp: int | None = None

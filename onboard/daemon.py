@@ -107,12 +107,13 @@ class Daemon:
     def _process(self, datagram: Datagram) -> None:
         pipeline = self._pipeline
         messages = pipeline.decode(datagram)
-        was_heard, reboots = pipeline.autopilot is not None, pipeline.clocks.reboots
+        before, reboots = pipeline.autopilot, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
             self._take(output)
-        if pipeline.autopilot is not None and not was_heard:
+        if pipeline.autopilot is not None and pipeline.autopilot is not before:
             self._output.connect(pipeline.autopilot)
-            self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}")
+            why = " (the one before has fallen silent)" if before is not None else ""
+            self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}{why}")
         if pipeline.clocks.reboots > reboots:
             self._report("the autopilot has rebooted")
             self._output.reboot()

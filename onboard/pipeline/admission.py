@@ -17,6 +17,11 @@ from onboard.messages import (
 )
 
 MAV_AUTOPILOT_INVALID: Final = 8
+# MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
+VEHICLES: Final = frozenset({*range(1, 5), *range(7, 18), *range(19, 26), 28, 29, 35, 43, 45, 46, 47})
+GENERIC: Final = 0  # MAV_TYPE of a vehicle only from the component of an autopilot
+AUTOPILOT_COMPONENT: Final = 1
+LATCH_AGAIN_NS: Final = 5_000_000_000  # silence after which another autopilot may be ours
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 # A sensor stamps these, and they can be used once our own pose at that time is known.
 SENSED: Final = (TargetPoints, RadarScan, PeerRanges)
@@ -31,6 +36,7 @@ class Admission:
     def __init__(self, config: AutopilotConfig, listened: Container[type[Message]]) -> None:
         self.autopilot: Heartbeat | None = None
         self.heard_ns: int | None = None
+        self._beside: set[tuple[int, int]] = set()  # other autopilots, heard while ours was heard
         self._config = config
         self._listened = listened
 
@@ -41,11 +47,18 @@ class Admission:
         )
 
     def latch(self, heartbeat: Heartbeat) -> bool:
-        """Let the first heartbeat of an autopilot decide whose vehicle this is; True if this one does."""
-        if self.autopilot is not None or heartbeat.autopilot == MAV_AUTOPILOT_INVALID:
+        """Let the first heartbeat of an autopilot decide whose vehicle this is; True if this one does. After a
+        long silence another one may: ours has rebooted with other ids. One that was heard beside ours is another
+        vehicle's."""
+        if not _is_vehicle(heartbeat) or self._config.system not in {0, heartbeat.system}:
             return False
-        if self._config.system not in {0, heartbeat.system}:
-            return False
+        if self.autopilot is not None:
+            its = heartbeat.system, heartbeat.component
+            is_silent = heartbeat.t_recv_ns - (self.heard_ns or 0) > LATCH_AGAIN_NS
+            if not is_silent and not self._is_from_autopilot(heartbeat):
+                self._beside.add(its)
+            if not is_silent or its in self._beside or self._is_from_autopilot(heartbeat):
+                return False
         self.autopilot = heartbeat
         return True
 
@@ -82,3 +95,9 @@ class Admission:
             )
         is_wanted = self.autopilot is not None and isinstance(message, UNSTAMPED)
         return message if is_wanted and type(message) in self._listened else None
+
+
+def _is_vehicle(heartbeat: Heartbeat) -> bool:
+    """Whether this is the heartbeat of a vehicle's autopilot."""
+    is_generic = heartbeat.vehicle_type == GENERIC and heartbeat.component == AUTOPILOT_COMPONENT
+    return heartbeat.autopilot != MAV_AUTOPILOT_INVALID and (heartbeat.vehicle_type in VEHICLES or is_generic)

@@ -101,8 +101,8 @@ class Pipeline:
     # ------------------------------------------------------------------------------- one message
 
     def _advance(self, message: Message) -> list[Output]:
-        if isinstance(message, Heartbeat) and self._admission.latch(message):
-            self._delays_ns = source_delays_ns(self._config.delay, message.autopilot)
+        if isinstance(message, Heartbeat):
+            self._latch(message)
         admitted = self._admission.admit(message)
         if isinstance(admitted, str):
             self._monitor.reject(admitted)
@@ -117,6 +117,16 @@ class Pipeline:
             return []
         return self._align(admitted)
 
+    def _latch(self, heartbeat: Heartbeat) -> None:
+        """An autopilot's first heartbeat decides which delays sources have; another's begins a new time base."""
+        before = self.autopilot
+        if not self._admission.latch(heartbeat):
+            return
+        self._delays_ns = source_delays_ns(self._config.delay, heartbeat.autopilot)
+        if before is not None:
+            self.clocks.restart()
+            self._start_over("another autopilot is followed")
+
     # ------------------------------------------------------------------------------- one time base
 
     def _align(self, message: Message) -> list[Output]:
@@ -130,15 +140,15 @@ class Pipeline:
         if aligned is None:
             return []
         if self.clocks.reboots > reboots:
-            self._start_over()
+            self._start_over("the autopilot has rebooted")
         return self._estimate(aligned, aligned.t_ns + delay_ns)
 
-    def _start_over(self) -> None:
-        """The autopilot has rebooted: its clock and its origin are new, so no state still holds."""
+    def _start_over(self, reason: str) -> None:
+        """The autopilot's clock and origin are new, so no state still holds."""
         self.ownship = Ownship(max_extrapolation=self._config.ownship.max_extrapolation_s)
         self._waiting.clear()
         for estimator in self.estimators.values():
-            estimator.reset("the autopilot has rebooted")
+            estimator.reset(reason)
 
     # ------------------------------------------------------------------------------- estimates
 
