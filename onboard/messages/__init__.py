@@ -64,6 +64,7 @@ from onboard.messages.vehicle import (
     StatusText,
     SystemTime,
     TimeSync,
+    tagged,
 )
 
 __all__ = [
@@ -126,4 +127,5 @@ __all__ = [
     "Truth",
     "Vec3",
     "Verdict",
+    "tagged",
 ]
