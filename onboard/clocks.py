@@ -22,6 +22,7 @@ SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of mic
 JUMP_NS: Final = 1_000_000_000
 CONTINUES_NS: Final = 5_000_000_000
 CONFIRM: Final = 5
+STEP_SEEN_NS: Final = 2_000_000_000  # so long after a step of the wall clock, stamps from before it may arrive
 CONFIRM_TAGGED: Final = 3
 WINDOW_NS: Final = 10_000_000_000
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
@@ -38,6 +39,9 @@ class Clocks:
 
     def restart(self) -> None:
         """Forget the time base, but not the counts: another autopilot is followed."""
+        self._wall_steps: list[tuple[int, int]] = []  # (since which arrival, wall clock - arrivals' clock)
+        self._is_even = False  # whether the clock of arrivals is never set
+        self._latency_ns: dict[type[Message], int] = {}  # of the last message that this computer stamped
         self.source = "none"
         self.round_trip_ns: int | None = None
         self._newest_stamp: int | None = None
@@ -76,8 +80,31 @@ class Clocks:
             if offset is None:
                 self.rejected["no_time_base"] += 1
                 return None
-            t_ns -= offset
+            t_ns = self._unset(message) - offset
         return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
+
+    def compare(self, t_recv_ns: int, wall_step_ns: int | None) -> None:
+        """Learn how far the wall clock has been set, if arrivals are stamped by a clock that is never set."""
+        if wall_step_ns is None:
+            return
+        self._is_even = True
+        if self._wall_steps and self._wall_steps[-1][1] == wall_step_ns:
+            return
+        if self._wall_steps:
+            self.rejected["host_clock_steps"] += 1
+        self._wall_steps = [*self._wall_steps[-1:], (t_recv_ns, wall_step_ns)]
+
+    def _unset(self, message: Message) -> int:
+        """A stamp of the wall clock on the clock of arrivals. Soon after a step a message may still have been
+        stamped before it: of the two times, that one holds whose latency is most like the last one's."""
+        t_recv_ns, times = message.t_recv_ns, [message.t_ns]
+        if self._wall_steps:
+            is_recent = t_recv_ns - self._wall_steps[-1][0] < STEP_SEEN_NS
+            times = [message.t_ns - step for _, step in self._wall_steps[-2 if is_recent else -1 :]]
+        usual_ns = self._latency_ns.get(type(message))
+        t_ns = times[-1] if usual_ns is None else min(times, key=lambda t: abs(t_recv_ns - t - usual_ns))
+        self._latency_ns[type(message)] = t_recv_ns - t_ns
+        return t_ns
 
     def receive_reply(self, message: TimeSync) -> None:
         """Learn the offset from a TIMESYNC reply. Autopilots also forward replies to the requests of others; ours
@@ -121,7 +148,7 @@ class Clocks:
             self.reboots += 1
             self._restart(stamp, offset, t_recv)
             return True
-        if not fits:
+        if not fits and not self._is_even:
             # the boot clock runs on and the arrival does not: this computer's clock was set
             self._fastest.clear()
             self._synced.clear()

@@ -12,9 +12,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from msgspec.structs import replace
+
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.config import Config
 from onboard.links import Link, LinkError, parse_link
+from onboard.links.host_clock import HostClock
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Estimate, Lifecycle, Output, SinkHealth
 from onboard.pipeline import Pipeline
@@ -29,10 +32,11 @@ SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: 
 
 
 class Daemon:
-    """Everything of one flight. `now_ns` is this computer's clock; `report` receives lines for a person."""
+    """Everything of one flight. `report` receives lines for a person."""
 
-    def __init__(self, config: Config, *, now_ns: Callable[[], int], report: Callable[[str], None]) -> None:
-        self._now_ns = now_ns
+    def __init__(self, config: Config, *, report: Callable[[str], None], clock: HostClock | None = None) -> None:
+        self._clock = clock or HostClock()
+        self._now_ns = self._clock.now_ns
         self._report = report
         self._config = config
         self._pipeline = Pipeline(config)
@@ -67,7 +71,7 @@ class Daemon:
         config = self._config
         if config.zenoh.enabled:
             self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
-            sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix, now_ns=self._now_ns)
+            sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix)
             self._sinks["zenoh"] = SinkRunner("zenoh", sink, publishing.CAPACITY)
             self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix))
             where = ", ".join(config.zenoh.listen)
@@ -96,6 +100,7 @@ class Daemon:
 
     def _deliver(self, datagram: Datagram) -> None:
         """One datagram's way through the program. An exception costs this datagram, never the link."""
+        datagram = replace(datagram, wall_step_ns=self._clock.step_ns())
         recorder = self._sinks.get("recorder")
         if recorder is not None:
             recorder.put(datagram)

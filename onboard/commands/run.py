@@ -3,7 +3,6 @@
 import argparse
 import asyncio
 import sys
-import time
 
 from onboard.commands.loading import loading
 
@@ -15,7 +14,7 @@ def main(arguments: argparse.Namespace) -> int:
         from onboard.daemon import Daemon  # noqa: PLC0415
 
         config = load_config(arguments.config, tuple(arguments.set))
-        daemon = Daemon(config, now_ns=time.time_ns, report=report)
+        daemon = Daemon(config, report=report)
     asyncio.run(daemon.run())
     return 0
 

@@ -71,6 +71,7 @@ class Pipeline:
         """The messages in one datagram, in SI units; bad bytes are counted in `health().rejected`."""
         if self._first_recv_ns is None:
             self._first_recv_ns = datagram.t_recv_ns
+        self.clocks.compare(datagram.t_recv_ns, datagram.wall_step_ns)
         return self._decoder.decode(datagram)
 
     def advance(self, messages: Sequence[Message]) -> list[Output]:

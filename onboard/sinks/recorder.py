@@ -7,7 +7,7 @@ exists, the new file gets a number.
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, Final
@@ -21,6 +21,9 @@ from onboard.sinks.sink import SinkError
 
 Recorded = Datagram | Estimate | OwnPose | Health
 
+# of a channel whose messages' publish time is the wall clock's; their log time is of a clock that is never set
+STEPPED: Final[Mapping[str, str]] = {"publish_time": "wall clock"}
+NONE: Final[Mapping[str, str]] = {}
 FLUSH_S: Final = 1.0  # a crash loses at most this much
 CHUNK_BYTES: Final = 1 << 20
 CAPACITY: Final = 20_000  # queued records: half a minute of a busy flight, if the card stalls
@@ -36,10 +39,11 @@ class Recorder:
         self._encoder = msgspec.json.Encoder()
         self._file: IO[bytes] | None = None
         self._writer: Any = None
-        self._channels: dict[tuple[str, str], int] = {}
+        self._channels: dict[tuple[str, str, bool], int] = {}
         self._unflushed = 0
         self._t_flush = 0.0
         self._t_recv_ns = 0
+        self._step_ns = 0
 
     def check(self) -> None:
         """Check before the flight that the folder is writable; create it if necessary. Raises SinkError."""
@@ -68,7 +72,9 @@ class Recorder:
         for record in records:
             if isinstance(record, Datagram):
                 self._t_recv_ns = record.t_recv_ns
-                channel = self._channel(record.channel, record.encoding.value, None)
+                self._step_ns = record.wall_step_ns or 0
+                metadata = {} if record.wall_step_ns is None else STEPPED
+                channel = self._channel(record.channel, record.encoding.value, None, metadata)
                 self._append(channel, record.data)
             else:
                 channel = self._channel(key_of(record), "json", type(record))
@@ -92,19 +98,20 @@ class Recorder:
 
     def _append(self, channel: int, data: bytes) -> None:
         """Append one message at the time of the latest datagram: a computed record gets the arrival time of the
-        datagram that caused it."""
-        self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns)
+        datagram that caused it. The publish time is the wall clock's."""
+        self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns + self._step_ns)
         self._unflushed += 1
 
-    def _channel(self, topic: str, encoding: str, record: Any) -> int:
-        channel = self._channels.get((topic, encoding))
+    def _channel(self, topic: str, encoding: str, record: Any, metadata: Mapping[str, str] = NONE) -> int:
+        key = topic, encoding, bool(metadata)
+        channel = self._channels.get(key)
         if channel is None:
             schema_id = 0
             if record is not None:
                 text = msgspec.json.encode(schema(record))
                 schema_id = self._writer.register_schema(record.__name__, "jsonschema", text)
-            channel = int(self._writer.register_channel(topic, encoding, schema_id))
-            self._channels[topic, encoding] = channel
+            channel = int(self._writer.register_channel(topic, encoding, schema_id, dict(metadata)))
+            self._channels[key] = channel
         return channel
 
     def _flush(self) -> None:

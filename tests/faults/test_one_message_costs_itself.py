@@ -91,7 +91,7 @@ def test_an_estimator_that_always_fails_leaves_the_others(
 
 def test_an_exception_in_the_daemon_costs_one_datagram(monkeypatch: pytest.MonkeyPatch) -> None:
     lines: list[str] = []
-    daemon = Daemon(make_config("zenoh.enabled=false", "link=[]"), now_ns=lambda: EPOCH, report=lines.append)
+    daemon = Daemon(make_config("zenoh.enabled=false", "link=[]"), report=lines.append)
     show = daemon._console.show_state
     monkeypatch.setattr(daemon._console, "show_state", once(show, 50))
     for datagram in DATAGRAMS:

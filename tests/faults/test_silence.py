@@ -49,7 +49,7 @@ def flying(*overrides: str) -> tuple[Daemon, Wire, list[str]]:
     """A daemon after the flight of 12 s, tracking; its clock is that of the arguments."""
     lines: list[str] = []
     config = make_config("link=[{name='udp', url='udpin:127.0.0.1:0'}]", "zenoh.enabled=false", *overrides)
-    daemon, wire = Daemon(config, now_ns=lambda: END, report=lines.append), Wire()
+    daemon, wire = Daemon(config, report=lines.append), Wire()
     daemon._links, daemon._sinks = [wire], {"wire": wire}  # type: ignore[list-item, dict-item]
     for datagram in DATAGRAMS:
         daemon._deliver(datagram)
