@@ -19,6 +19,7 @@ import msgspec
 from onboard.messages import ActuatorOutputs, Clock, Message, PeerRanges, RadarScan, TargetPoints, TimeSync
 
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
+BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
 JUMP_NS: Final = 1_000_000_000
 CONTINUES_NS: Final = 5_000_000_000
 CONFIRM: Final = 5
@@ -70,9 +71,10 @@ class Clocks:
                 if self._newest_stamp is None:
                     self.rejected["no_time_base"] += 1
                     return None
-                return msgspec.structs.replace(message, t_ns=t_ns - delay_ns)
+                return msgspec.structs.replace(message, t_ns=self._unwrapped(t_ns, message.t_recv_ns) - delay_ns)
             if isinstance(message, ActuatorOutputs) and self._newest_stamp is not None:
                 t_ns += round((self._newest_stamp - t_ns) / SERVO_WRAP_NS) * SERVO_WRAP_NS
+            t_ns = self._unwrapped(t_ns, message.t_recv_ns)
             if not self._continues(t_ns, message.t_recv_ns):
                 return None
         else:
@@ -127,6 +129,8 @@ class Clocks:
             self._synced = [s for s in self._synced if s[1] in self._tagged]
         self._own_replies = asks
         offset = (message.ts1_ns + message.t_recv_ns) // 2 - message.tc1_ns
+        if self._newest_stamp is not None:
+            offset += round((self._base - offset) / BOOT_WRAP_NS) * BOOT_WRAP_NS
         self._synced = [s for s in self._synced if message.t_recv_ns - s[1] < WINDOW_NS]
         self._synced.append((round_trip, message.t_recv_ns, offset))
         self.source = "timesync"
@@ -163,6 +167,17 @@ class Clocks:
         if not self._synced:
             self.source = "arrival"
         return True
+
+    def _unwrapped(self, stamp: int, t_recv: int) -> int:
+        """A boot stamp on the time base, which goes on when stamps of 32 bits begin anew. Where the time base
+        itself began with such stamps, those of 64 bits are larger. What does not fit is returned as it is."""
+        if self._newest_stamp is None:
+            return stamp
+        expected = t_recv - self._base
+        wraps = round((expected - stamp) / BOOT_WRAP_NS)
+        moved = stamp + wraps * BOOT_WRAP_NS
+        runs_on = abs(moved - self._newest_stamp) < CONTINUES_NS
+        return moved if wraps and (runs_on or abs(moved - expected) < CONTINUES_NS) else stamp
 
     def _confirmed(self, offset: int) -> bool:
         """Whether enough other stamps that do not fit either agree with this one."""
