@@ -30,6 +30,7 @@ from onboard.messages import (
     Vec3,
 )
 
+MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
 SEA_LEVEL_HPA: Final = 1013.25
 STANDARD_K: Final = 288.15
@@ -137,6 +138,13 @@ def _rates(m: Any) -> Vec3:
     return m.rollspeed, m.pitchspeed, m.yawspeed
 
 
+def _servo_output(m: Any, h: dict[str, Any]) -> Message | None:
+    """The main outputs, which hold the motors; auxiliary ones are another port's."""
+    if m.port != MAIN_PORT:
+        return None
+    return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
+
+
 def _command(m: Any, h: dict[str, Any], x: float, y: float, z: float) -> Message:
     params = (m.param1, m.param2, m.param3, m.param4, x, y, z)
     return Command(**h, **_addressee(m), command=m.command, params=params)
@@ -190,7 +198,7 @@ def _collision(m: Any, h: dict[str, Any]) -> Message:
     )
 
 
-CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
+CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
     "TIMESYNC": lambda m, h: TimeSync(**h, tc1_ns=m.tc1, ts1_ns=m.ts1),
@@ -205,9 +213,7 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
     "SCALED_IMU": _scaled_imu,
     "RAW_IMU": _scaled_imu,
     "SCALED_PRESSURE": _scaled_pressure,
-    "SERVO_OUTPUT_RAW": lambda m, h: ActuatorOutputs(
-        **h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17))
-    ),
+    "SERVO_OUTPUT_RAW": _servo_output,
     "COMMAND_LONG": lambda m, h: _command(m, h, m.param5, m.param6, m.param7),
     "COMMAND_INT": lambda m, h: _command(m, h, float(m.x), float(m.y), m.z),
     "COMMAND_ACK": lambda m, h: CommandAck(**h, **_addressee(m), command=m.command, result=m.result),
