@@ -95,8 +95,10 @@ class Daemon:
                 await stop.wait()
                 for task in reversed(tasks):  # sinks last: they still write what is queued
                     task.cancel()
-        except* LinkError as group_of_one:
-            raise group_of_one.exceptions[0] from None
+        except* LinkError as group:
+            raise _first(group) from None
+        except* Exception as group:  # a mistake of ours: its own traceback says more than the group's
+            raise _first(group) from _first(group).__cause__
 
     def _deliver(self, datagram: Datagram) -> None:
         """One datagram's way through the program. An exception costs this datagram, never the link."""
@@ -175,6 +177,12 @@ class Daemon:
                 if link.channel == channel:
                     for frame in frames:
                         link.send(frame)
+
+
+def _first(group: BaseExceptionGroup[Any]) -> BaseException:
+    """The first exception of a group."""
+    error = group.exceptions[0]
+    return _first(error) if isinstance(error, BaseExceptionGroup) else error
 
 
 class Console:

@@ -2,13 +2,24 @@
 
 import argparse
 import asyncio
+import signal
 import sys
 
 from onboard.commands.loading import loading
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Fly until SIGINT or SIGTERM. Raises UserError."""
+    """Fly until SIGINT or SIGTERM, which may come while the daemon still loads. Raises UserError."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return fly(arguments)
+    except KeyboardInterrupt:
+        report("stopped")
+        return 0
+
+
+def fly(arguments: argparse.Namespace) -> int:
+    """Load, and run the daemon to its end."""
     with loading():
         from onboard.config import load_config  # noqa: PLC0415 - the block is about loading
         from onboard.daemon import Daemon  # noqa: PLC0415
