@@ -20,6 +20,7 @@ from onboard.messages import (
     Datagram,
     Estimate,
     EstimatorStatus,
+    GlobalOrigin,
     GlobalPosition,
     Health,
     Heartbeat,
@@ -116,6 +117,8 @@ class Pipeline:
             if not self.ownship.receive_status(admitted):  # as if own motion had stopped long ago
                 self._own_recv_ns = min(self._own_recv_ns, admitted.t_recv_ns - TIMEOUT_NS - 1)
             return []
+        if isinstance(admitted, GlobalOrigin):
+            return self._observe(admitted)  # often without a stamp: it holds from its arrival
         return self._align(admitted)
 
     def _latch(self, heartbeat: Heartbeat) -> None:

@@ -18,6 +18,7 @@ from onboard.messages import (
     Command,
     CommandAck,
     EstimatorStatus,
+    GlobalOrigin,
     GlobalPosition,
     GpsFix,
     Heartbeat,
@@ -208,6 +209,9 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "GLOBAL_POSITION_INT": _global_position,
     "EKF_STATUS_REPORT": _estimator_status,
     "ESTIMATOR_STATUS": _estimator_status,
+    "GPS_GLOBAL_ORIGIN": lambda m, h: GlobalOrigin(
+        **h, lat_deg=m.latitude * 1e-7, lon_deg=m.longitude * 1e-7, alt_msl=m.altitude * 1e-3
+    ),
     "GPS_RAW_INT": _gps_fix,
     "HIGHRES_IMU": _highres_imu,
     "SCALED_IMU": _scaled_imu,
