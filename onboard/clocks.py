@@ -19,9 +19,11 @@ import msgspec
 from onboard.messages import ActuatorOutputs, Clock, Message, PeerRanges, RadarScan, TargetPoints, TimeSync
 
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
+BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
 JUMP_NS: Final = 1_000_000_000
 CONTINUES_NS: Final = 5_000_000_000
 CONFIRM: Final = 5
+STEP_SEEN_NS: Final = 2_000_000_000  # so long after a step of the wall clock, stamps from before it may arrive
 CONFIRM_TAGGED: Final = 3
 WINDOW_NS: Final = 10_000_000_000
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
@@ -34,6 +36,13 @@ class Clocks:
     def __init__(self) -> None:
         self.reboots = 0
         self.rejected: Counter[str] = Counter()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the time base, but not the counts: another autopilot is followed."""
+        self._wall_steps: list[tuple[int, int]] = []  # (since which arrival, wall clock - arrivals' clock)
+        self._is_even = False  # whether the clock of arrivals is never set
+        self._latency_ns: dict[type[Message], int] = {}  # of the last message that this computer stamped
         self.source = "none"
         self.round_trip_ns: int | None = None
         self._newest_stamp: int | None = None
@@ -62,9 +71,10 @@ class Clocks:
                 if self._newest_stamp is None:
                     self.rejected["no_time_base"] += 1
                     return None
-                return msgspec.structs.replace(message, t_ns=t_ns - delay_ns)
+                return msgspec.structs.replace(message, t_ns=self._unwrapped(t_ns, message.t_recv_ns) - delay_ns)
             if isinstance(message, ActuatorOutputs) and self._newest_stamp is not None:
                 t_ns += round((self._newest_stamp - t_ns) / SERVO_WRAP_NS) * SERVO_WRAP_NS
+            t_ns = self._unwrapped(t_ns, message.t_recv_ns)
             if not self._continues(t_ns, message.t_recv_ns):
                 return None
         else:
@@ -72,8 +82,31 @@ class Clocks:
             if offset is None:
                 self.rejected["no_time_base"] += 1
                 return None
-            t_ns -= offset
+            t_ns = self._unset(message) - offset
         return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
+
+    def compare(self, t_recv_ns: int, wall_step_ns: int | None) -> None:
+        """Learn how far the wall clock has been set, if arrivals are stamped by a clock that is never set."""
+        if wall_step_ns is None:
+            return
+        self._is_even = True
+        if self._wall_steps and self._wall_steps[-1][1] == wall_step_ns:
+            return
+        if self._wall_steps:
+            self.rejected["host_clock_steps"] += 1
+        self._wall_steps = [*self._wall_steps[-1:], (t_recv_ns, wall_step_ns)]
+
+    def _unset(self, message: Message) -> int:
+        """A stamp of the wall clock on the clock of arrivals. Soon after a step a message may still have been
+        stamped before it: of the two times, that one holds whose latency is most like the last one's."""
+        t_recv_ns, times = message.t_recv_ns, [message.t_ns]
+        if self._wall_steps:
+            is_recent = t_recv_ns - self._wall_steps[-1][0] < STEP_SEEN_NS
+            times = [message.t_ns - step for _, step in self._wall_steps[-2 if is_recent else -1 :]]
+        usual_ns = self._latency_ns.get(type(message))
+        t_ns = times[-1] if usual_ns is None else min(times, key=lambda t: abs(t_recv_ns - t - usual_ns))
+        self._latency_ns[type(message)] = t_recv_ns - t_ns
+        return t_ns
 
     def receive_reply(self, message: TimeSync) -> None:
         """Learn the offset from a TIMESYNC reply. Autopilots also forward replies to the requests of others; ours
@@ -96,6 +129,8 @@ class Clocks:
             self._synced = [s for s in self._synced if s[1] in self._tagged]
         self._own_replies = asks
         offset = (message.ts1_ns + message.t_recv_ns) // 2 - message.tc1_ns
+        if self._newest_stamp is not None:
+            offset += round((self._base - offset) / BOOT_WRAP_NS) * BOOT_WRAP_NS
         self._synced = [s for s in self._synced if message.t_recv_ns - s[1] < WINDOW_NS]
         self._synced.append((round_trip, message.t_recv_ns, offset))
         self.source = "timesync"
@@ -117,7 +152,7 @@ class Clocks:
             self.reboots += 1
             self._restart(stamp, offset, t_recv)
             return True
-        if not fits:
+        if not fits and not self._is_even:
             # the boot clock runs on and the arrival does not: this computer's clock was set
             self._fastest.clear()
             self._synced.clear()
@@ -132,6 +167,17 @@ class Clocks:
         if not self._synced:
             self.source = "arrival"
         return True
+
+    def _unwrapped(self, stamp: int, t_recv: int) -> int:
+        """A boot stamp on the time base, which goes on when stamps of 32 bits begin anew. Where the time base
+        itself began with such stamps, those of 64 bits are larger. What does not fit is returned as it is."""
+        if self._newest_stamp is None:
+            return stamp
+        expected = t_recv - self._base
+        wraps = round((expected - stamp) / BOOT_WRAP_NS)
+        moved = stamp + wraps * BOOT_WRAP_NS
+        runs_on = abs(moved - self._newest_stamp) < CONTINUES_NS
+        return moved if wraps and (runs_on or abs(moved - expected) < CONTINUES_NS) else stamp
 
     def _confirmed(self, offset: int) -> bool:
         """Whether enough other stamps that do not fit either agree with this one."""

@@ -8,7 +8,7 @@ the sinks before the next datagram is read.
 
 import asyncio
 import signal
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,8 +17,9 @@ from msgspec.structs import replace
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.config import Config
 from onboard.links import Link, LinkError, health_of, parse_link
+from onboard.links.host_clock import HostClock
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Lifecycle, SinkHealth
+from onboard.messages import Datagram, Estimate, Lifecycle, Output, SinkHealth
 from onboard.pipeline import Pipeline
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
@@ -27,14 +28,15 @@ from onboard.sinks.zenoh_session import ZenohSession, open_session
 
 TICK_S: Final = 0.05
 HEALTH_PERIOD_NS: Final = 1_000_000_000
-SILENT_NS: Final = 3_000_000_000  # without an autopilot's bytes: no longer healthy
+SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: no longer healthy
 
 
 class Daemon:
-    """Everything of one flight. `now_ns` is this computer's clock; `report` receives lines for a person."""
+    """Everything of one flight. `report` receives lines for a person."""
 
-    def __init__(self, config: Config, *, now_ns: Callable[[], int], report: Callable[[str], None]) -> None:
-        self._now_ns = now_ns
+    def __init__(self, config: Config, *, report: Callable[[str], None], clock: HostClock | None = None) -> None:
+        self._clock = clock or HostClock()
+        self._now_ns = self._clock.now_ns
         self._report = report
         self._config = config
         self._pipeline = Pipeline(config)
@@ -46,7 +48,6 @@ class Daemon:
         self._frames: Mapping[str, int] = {}
         self._rates: dict[str, float] = {}
         self._next_health_ns = 0
-        self._heard_ns = 0
 
     async def run(self) -> None:
         """Fly until SIGINT or SIGTERM.
@@ -70,7 +71,7 @@ class Daemon:
         config = self._config
         if config.zenoh.enabled:
             self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
-            sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix, now_ns=self._now_ns)
+            sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix)
             self._sinks["zenoh"] = publishing.runner(sink)
             self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix, camera=config.camera.name))
             where = ", ".join(config.zenoh.listens()) or "no plain listener"
@@ -94,49 +95,71 @@ class Daemon:
                 await stop.wait()
                 for task in reversed(tasks):  # sinks last: they still write what is queued
                     task.cancel()
-        except* LinkError as group_of_one:
-            raise group_of_one.exceptions[0] from None
+        except* LinkError as group:
+            raise _first(group) from None
+        except* Exception as group:  # a mistake of ours: its own traceback says more than the group's
+            raise _first(group) from _first(group).__cause__
 
     def _deliver(self, datagram: Datagram) -> None:
-        """One datagram's way through the program."""
+        """One datagram's way through the program. An exception costs this datagram, never the link."""
+        datagram = replace(datagram, wall_step_ns=self._clock.step_ns())
         recorder = self._sinks.get("recorder")
         if recorder is not None:
             recorder.put(datagram)
+        try:
+            self._process(datagram)
+        except Exception as error:  # of any kind
+            self._pipeline.count_error("daemon", error)
+
+    def _process(self, datagram: Datagram) -> None:
         pipeline = self._pipeline
         messages = pipeline.decode(datagram)
-        was_heard, reboots = pipeline.autopilot is not None, pipeline.clocks.reboots
+        before, reboots = pipeline.autopilot, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
-            self._publish(output)
-            self._send(self._output.publish(output))
-            if isinstance(output, Estimate) and output.is_primary:
-                self._console.show_state(output)
-        if pipeline.autopilot is not None and not was_heard:
+            self._take(output)
+        if pipeline.autopilot is not None and pipeline.autopilot is not before:
             self._output.connect(pipeline.autopilot)
-            self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}")
+            why = " (the one before has fallen silent)" if before is not None else ""
+            self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}{why}")
         if pipeline.clocks.reboots > reboots:
             self._report("the autopilot has rebooted")
             self._output.reboot()
         if not messages or not self._output.is_autopilot(datagram.channel):
             return
-        self._heard_ns = datagram.t_recv_ns
         self._send([self._output.respond(datagram.channel, messages, self._now_ns())])
 
     async def _keep_time(self) -> None:
         """Send and publish what is due by the clock: the session with the autopilot, and our health."""
         while True:
-            now_ns = self._now_ns()
-            is_heard = now_ns - self._heard_ns < SILENT_NS
-            healthy = is_heard and not self._console.is_any_lost
-            self._send(self._output.tick(now_ns, healthy=healthy, rates=self._rates))
-            if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
-                self._next_health_ns = now_ns + HEALTH_PERIOD_NS
-                self._measure_rates()
-                sinks = {name: sink.health() for name, sink in self._sinks.items()}
-                self._console.show_sinks(sinks)
-                self._console.show_silence(is_silent=self._heard_ns > 0 and not is_heard)
-                links = {link.channel: health_of(link) for link in self._links}
-                self._publish(replace(self._pipeline.health(now_ns, sinks), links=links))
+            try:
+                self._tick(self._now_ns())
+            except Exception as error:  # of any kind: the next tick may succeed
+                self._pipeline.count_error("timer", error)
+            self._console.show_errors(self._pipeline.errors)
             await asyncio.sleep(TICK_S)
+
+    def _tick(self, now_ns: int) -> None:
+        heard_ns = self._pipeline.heard_ns
+        is_heard = heard_ns is not None and now_ns - heard_ns < SILENT_NS
+        for output in self._pipeline.tick(now_ns):
+            self._take(output)
+        healthy = is_heard and not self._console.is_any_lost
+        self._send(self._output.tick(now_ns, healthy=healthy, rates=self._rates))
+        if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
+            self._next_health_ns = now_ns + HEALTH_PERIOD_NS
+            self._measure_rates()
+            sinks = {name: sink.health() for name, sink in self._sinks.items()}
+            self._console.show_sinks(sinks)
+            self._console.show_silence(is_silent=heard_ns is not None and not is_heard)
+            links = {link.channel: health_of(link) for link in self._links}
+            self._publish(replace(self._pipeline.health(now_ns, sinks), links=links))
+
+    def _take(self, output: Output) -> None:
+        """Publish what the pipeline gives, and send the autopilot what it wants of it."""
+        self._publish(output)
+        self._send(self._output.publish(output))
+        if isinstance(output, Estimate) and output.is_primary:
+            self._console.show_state(output)
 
     def _publish(self, record: Any) -> None:
         for sink in self._sinks.values():
@@ -157,6 +180,12 @@ class Daemon:
                         link.send(frame)
 
 
+def _first(group: BaseExceptionGroup[Any]) -> BaseException:
+    """The first exception of a group."""
+    error = group.exceptions[0]
+    return _first(error) if isinstance(error, BaseExceptionGroup) else error
+
+
 class Console:
     """Lines for a person about changes: states of estimators, silence of the autopilot, sinks that fail."""
 
@@ -164,6 +193,7 @@ class Console:
         self._report = report
         self._states: dict[str, Lifecycle] = {}
         self._errors: dict[str, str] = {}
+        self._errors_shown = 0
         self._is_silent = False
 
     @property
@@ -182,6 +212,12 @@ class Console:
         if is_silent != self._is_silent:
             self._is_silent = is_silent
             self._report("the autopilot is silent: no estimates" if is_silent else "the autopilot is heard again")
+
+    def show_errors(self, lines: Sequence[str]) -> None:
+        """Exceptions over single messages, the first of each kind. `lines` only grows."""
+        for line in lines[self._errors_shown :]:
+            self._report(line)
+        self._errors_shown = len(lines)
 
     def show_sinks(self, sinks: Mapping[str, SinkHealth]) -> None:
         """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""

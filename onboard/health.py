@@ -1,5 +1,7 @@
-"""What the health reports of the pipeline: streams and their rates, verdicts, rejections, states, faults."""
+"""What the health reports of the pipeline: streams and their rates, verdicts, rejections, states, faults, and
+exceptions, each of which costs one message."""
 
+import traceback
 from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Final
@@ -7,7 +9,29 @@ from typing import Final
 from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth
 
 RATE_WINDOW_NS: Final = 2_000_000_000
+MOST_ERRORS: Final = 100  # kinds of exceptions that are described; all are counted
 AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
+
+
+class Errors:
+    """Exceptions over single messages. `counts` holds their number by place; `lines` describes the first exception
+    of each kind, for a person."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self.lines: list[str] = []
+        self._kinds: set[tuple[str, str]] = set()
+
+    def count(self, place: str, error: Exception) -> None:
+        """Count an exception that was caught; `place` is the message's name, or the part that failed."""
+        self.counts[f"error.{place}"] += 1
+        kind = place, type(error).__name__
+        if kind in self._kinds or len(self._kinds) >= MOST_ERRORS:
+            return
+        self._kinds.add(kind)
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{frame.filename.rsplit('/', 1)[-1]}:{frame.lineno}"
+        self.lines.append(f"error in {place}, which cost one message: {kind[1]}: {error} ({where})")
 
 
 class Monitor:
@@ -17,6 +41,7 @@ class Monitor:
     """
 
     def __init__(self, own_verdicts: Iterable[str]) -> None:
+        self.errors = Errors()
         self.rejected: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
         self.states: dict[str, Lifecycle] = {}

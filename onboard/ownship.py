@@ -16,25 +16,26 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector, quaternion_product, slerp
-from onboard.messages import Attitude, GlobalPosition, LocalPosition, Message, OwnPose
+from onboard.messages import Attitude, EstimatorStatus, GlobalPosition, LocalPosition, Message, OwnPose
 
 HISTORY_NS: Final = 5_000_000_000
 FASTEST: Final = 1e4  # m/s; what is stated beyond these is no motion of a vehicle
 FARTHEST: Final = 1e7  # m
 QUICKEST: Final = 1e3  # rad/s
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
+STATUS_NS: Final = 5_000_000_000  # the autopilot's word on its filter holds for so long after its arrival
 FALLBACK_NS: Final = 1_000_000_000  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
 
 
 class NavSample(NamedTuple):
-    """Position from O and velocity of F, in n."""
+    """Position from O and velocity of F, in n. A horizontal position that is not known is NaN."""
 
     r: Array
     v: Array
 
 
 class Pose(NamedTuple):
-    """Attitude, position and velocity at one time."""
+    """Attitude, position and velocity at one time. A horizontal position that is not known is NaN."""
 
     R_nb: Array
     q_nb: Array
@@ -65,6 +66,7 @@ class Ownship:
         self._attitude_times: list[int] = []
         self._attitudes: list[tuple[Array, Array]] = []
         self._last_local_ns = -FALLBACK_NS
+        self._status: EstimatorStatus | None = None
         self._ways: dict[tuple[int, int], Sequence[Step]] = {}  # since the last navigation sample
         self.rejected: dict[str, int] = {}
 
@@ -75,15 +77,33 @@ class Ownship:
             self._add_attitude(message, stamp_ns)
             return False
         if isinstance(message, LocalPosition):
-            added = self._add_nav(message, np.array(message.r_OF_n), np.array(message.v_F_n), stamp_ns)
-            if added:
-                self._last_local_ns = stamp_ns
-            return added
+            if self._status_at(message) is False:
+                return self._reject("filter_has_no_velocity")
+            r, v = np.array(message.r_OF_n), np.array(message.v_F_n)
+            if _within(r, FARTHEST) and _within(v, FASTEST):  # also if a global position of this stamp came first
+                self._last_local_ns = max(self._last_local_ns, stamp_ns)
+            return self._add_nav(message, r, v, stamp_ns)
         if isinstance(message, GlobalPosition) and stamp_ns - self._last_local_ns > FALLBACK_NS:
-            # no local origin yet: velocity and height are known, horizontal position is not needed
+            # no local origin: velocity and height are known, horizontal position is not needed
+            known = self._status_at(message)
+            if known is None:
+                known = any(message.v_F_n)  # a filter without velocity sends zeros
+            if not known:
+                return self._reject("filter_has_no_velocity")
             height = np.array([0.0, 0.0, -message.height])
-            return self._add_nav(message, height, np.array(message.v_F_n), stamp_ns)
+            unknown = np.array([math.nan, math.nan, 0.0])
+            return self._add_nav(message, height, np.array(message.v_F_n), stamp_ns, unknown)
         return False
+
+    def receive_status(self, status: EstimatorStatus) -> bool:
+        """Take the autopilot's word on its own filter. True if the filter has a horizontal velocity."""
+        self._status = status
+        return status.horizontal_velocity
+
+    def has_position(self, message: Message) -> bool:
+        """Whether the autopilot's filter may have a horizontal position when a message arrives."""
+        status = self._status
+        return status is None or self._status_at(message) is None or status.horizontal_position
 
     def pose_at(self, t_ns: int) -> Pose | None:
         """The pose at a time, interpolated; extrapolated by the newest rates for a short while after the newest
@@ -128,9 +148,11 @@ class Ownship:
         if pose is None:
             return None
         a = self._acceleration(t_ns - 1, t_ns)
+        north, east = pose.r_OF_n[:2].tolist()
+        horizontal = (north, east) if math.isfinite(north + east) else (None, None)
         return OwnPose(
             t_ns=t_ns,
-            r_OF_n=tuple(pose.r_OF_n.tolist()),
+            r_OF_n=(*horizontal, float(pose.r_OF_n[2])),
             v_F_n=tuple(pose.v_F_n.tolist()),
             a_F_n=tuple(a.tolist()),
             q_nb=tuple(pose.q_nb.tolist()),
@@ -154,7 +176,15 @@ class Ownship:
         _trim(self._attitude_times, self._attitudes)
         return True
 
-    def _add_nav(self, m: Message, r: Array, v: Array, stamp_ns: int) -> bool:
+    def _status_at(self, message: Message) -> bool | None:
+        """Whether the filter has a horizontal velocity when a message arrives; None if nothing recent says so."""
+        status = self._status
+        if status is None or not 0 <= message.t_recv_ns - status.t_recv_ns <= STATUS_NS:
+            return None
+        return status.horizontal_velocity
+
+    def _add_nav(self, m: Message, r: Array, v: Array, stamp_ns: int, unknown: Array | None = None) -> bool:
+        """Take a sample. What is not known of the position is NaN in `unknown`, added after the checks."""
         if not (_within(r, FARTHEST) and _within(v, FASTEST)):
             return self._reject("position_unusable")
         if self.nav_times and m.t_ns <= self.nav_times[-1]:
@@ -163,7 +193,7 @@ class Ownship:
         self.samples += 1
         self._ways.clear()
         self.nav_times.append(m.t_ns)
-        self._nav.append(NavSample(r, v))
+        self._nav.append(NavSample(r if unknown is None else r + unknown, v))
         _trim(self.nav_times, self._nav)
         return True
 

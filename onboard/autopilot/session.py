@@ -17,6 +17,8 @@ from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 
 TIMESYNC_PERIOD_NS: Final = NS_PER_S // 5
 ASK_AGAIN_NS: Final = 5 * NS_PER_S
+STATUS_HZ: Final = 5.0
+ARDUPILOT: Final = 3
 SLOW: Final = 0.7  # a stream below this share of its wanted rate is asked for again
 ONBOARD_CONTROLLER: Final = 18
 INVALID: Final = 8
@@ -36,16 +38,18 @@ class Session:
         self._next_heartbeat = 0
         self._next_timesync = 0
         self._next_request = 0
+        self._has_asked_status = False  # once per boot: not every autopilot has it
 
     def connect(self, autopilot: Heartbeat) -> None:
         """An autopilot was heard: we are a component of its system."""
         self._autopilot = autopilot
         self._encoder = MavlinkEncoder(autopilot.system, self._config.component)
-        self._next_request = 0
+        self.reboot()
 
     def reboot(self) -> None:
         """The autopilot has rebooted and forgotten what we asked for."""
         self._next_request = 0
+        self._has_asked_status = False
 
     def tick(self, now_ns: int, *, healthy: bool, rates: Mapping[str, float]) -> list[bytes]:
         """Frames due at `now_ns` (this computer's clock). `healthy` shows in the heartbeat; `rates` are the rates
@@ -62,6 +66,9 @@ class Session:
         if self._config.request_rates and now_ns >= self._next_request:
             self._next_request = now_ns + ASK_AGAIN_NS
             frames.extend(self._requests(now_ns, rates))
+            if not self._has_asked_status:
+                self._has_asked_status = True
+                frames.append(self._request_status(now_ns))
         return frames
 
     def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
@@ -82,7 +89,7 @@ class Session:
 
     def _acknowledge(self, m: Command, now_ns: int) -> bytes:
         request_for_heartbeat = (
-            m.command == dialect.MAV_CMD_REQUEST_MESSAGE and round(m.params[0]) == dialect.MAVLINK_MSG_ID_HEARTBEAT
+            m.command == dialect.MAV_CMD_REQUEST_MESSAGE and m.params[0] == dialect.MAVLINK_MSG_ID_HEARTBEAT
         )
         result = ACCEPTED if request_for_heartbeat else UNSUPPORTED
         if request_for_heartbeat:
@@ -113,16 +120,23 @@ class Session:
         for name, wanted in self._config.rates_hz.items():
             if rates.get(name, 0.0) >= SLOW * wanted:
                 continue
-            message_id = message_number(name)
-            command = Command(
-                **_now(now_ns),
-                target_system=self._autopilot.system if self._autopilot else 0,
-                target_component=self._autopilot.component if self._autopilot else 0,
-                command=dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
-                params=(float(message_id), 1e6 / wanted, 0.0, 0.0, 0.0, 0.0, 0.0),
-            )
-            frames.append(self._pack(command))
+            frames.append(self._request(name, wanted, now_ns))
         return frames
+
+    def _request_status(self, now_ns: int) -> bytes:
+        """SET_MESSAGE_INTERVAL for the status of the autopilot's filter."""
+        is_ardupilot = self._autopilot is not None and self._autopilot.autopilot == ARDUPILOT
+        return self._request("EKF_STATUS_REPORT" if is_ardupilot else "ESTIMATOR_STATUS", STATUS_HZ, now_ns)
+
+    def _request(self, name: str, rate_hz: float, now_ns: int) -> bytes:
+        command = Command(
+            **_now(now_ns),
+            target_system=self._autopilot.system if self._autopilot else 0,
+            target_component=self._autopilot.component if self._autopilot else 0,
+            command=dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+            params=(float(message_number(name)), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0),
+        )
+        return self._pack(command)
 
     def _pack(self, message: Message) -> bytes:
         assert self._encoder is not None  # noqa: S101 - connect() comes before anything is packed

@@ -2,20 +2,30 @@
 
 import argparse
 import asyncio
+import signal
 import sys
-import time
 
 from onboard.commands.loading import loading
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Fly until SIGINT or SIGTERM. Raises UserError."""
+    """Fly until SIGINT or SIGTERM, which may come while the daemon still loads. Raises UserError."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return fly(arguments)
+    except KeyboardInterrupt:
+        report("stopped")
+        return 0
+
+
+def fly(arguments: argparse.Namespace) -> int:
+    """Load, and run the daemon to its end."""
     with loading():
         from onboard.config import load_config  # noqa: PLC0415 - the block is about loading
         from onboard.daemon import Daemon  # noqa: PLC0415
 
         config = load_config(arguments.config, tuple(arguments.set))
-        daemon = Daemon(config, now_ns=time.time_ns, report=report)
+        daemon = Daemon(config, report=report)
     asyncio.run(daemon.run())
     return 0
 

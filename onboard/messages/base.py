@@ -35,12 +35,14 @@ class Encoding(StrEnum):
 
 
 class Datagram(Record, frozen=True, kw_only=True):
-    """Bytes as they arrived on a link; recordings contain these."""
+    """Bytes as they arrived on a link; recordings contain these. `wall_step_ns`: the wall clock less the clock of
+    `t_recv_ns`, which is never set; None where `t_recv_ns` is the wall clock's, or that is not known."""
 
     channel: str
     encoding: Encoding
     t_recv_ns: int
     data: bytes
+    wall_step_ns: int | None = None
 
 
 class Message(Record, frozen=True, kw_only=True):

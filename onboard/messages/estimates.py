@@ -174,10 +174,11 @@ class NavState(Estimate, frozen=True, kw_only=True):
 
 class OwnPose(Record, frozen=True, kw_only=True):
     """Our own vehicle by the autopilot's estimate: position from the autopilot's origin O, velocity, acceleration
-    (m, m/s, m/s^2, NED) and attitude. `t_ns` is on the boot clock."""
+    (m, m/s, m/s^2, NED) and attitude. While the horizontal position is unknown, north and east are None. `t_ns` is
+    on the boot clock."""
 
     t_ns: int
-    r_OF_n: Vec3
+    r_OF_n: tuple[float | None, float | None, float]
     v_F_n: Vec3
     a_F_n: Vec3
     q_nb: Quaternion

@@ -53,6 +53,22 @@ class LocalPosition(Message, frozen=True, kw_only=True):
     v_F_n: Vec3
 
 
+class EstimatorStatus(Message, frozen=True, kw_only=True):
+    """EKF_STATUS_REPORT or ESTIMATOR_STATUS: whether the autopilot's filter knows our horizontal velocity and
+    position. In constant-position mode it knows neither."""
+
+    horizontal_velocity: bool
+    horizontal_position: bool
+
+
+class GlobalOrigin(Message, frozen=True, kw_only=True):
+    """GPS_GLOBAL_ORIGIN: O of the autopilot's local positions, WGS-84 degrees and metres above mean sea level."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_msl: float
+
+
 class GlobalPosition(Message, frozen=True, kw_only=True):
     """GLOBAL_POSITION_INT: WGS-84 degrees, metres above mean sea level and above home, m/s NED."""
 

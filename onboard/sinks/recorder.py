@@ -7,7 +7,7 @@ exists, the new file gets a number.
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, Final
@@ -21,6 +21,9 @@ from onboard.sinks.sink import SinkError, SinkRunner
 
 Recorded = Datagram | Estimate | OwnPose | Health
 
+# of a channel whose messages' publish time is the wall clock's; their log time is of a clock that is never set
+STEPPED: Final[Mapping[str, str]] = {"publish_time": "wall clock"}
+NONE: Final[Mapping[str, str]] = {}
 FLUSH_S: Final = 1.0  # a crash loses at most this much
 FILE_MODE: Final = 0o640  # where somebody flew is not everybody's business
 FOLDER_MODE: Final = 0o750
@@ -41,13 +44,14 @@ class Recorder:
         self._encoder = msgspec.json.Encoder()
         self._file: IO[bytes] | None = None
         self._writer: Any = None
-        self._channels: dict[tuple[str, str], int] = {}  # by topic and encoding
+        self._channels: dict[tuple[str, str, bool], int] = {}  # by topic, encoding, stepped
         self._keys: dict[str, int] = {}  # channels of computed records
         self._schemas: dict[str, int] = {}
         self._is_kept = False  # a record has reached the disk
         self._unflushed = 0
         self._t_flush = 0.0
         self._t_recv_ns = 0
+        self._step_ns = 0
 
     def check(self) -> None:
         """Check before the flight that the folder is writable; create it if necessary. Raises SinkError."""
@@ -84,13 +88,15 @@ class Recorder:
         for record in records:
             if isinstance(record, Datagram):
                 self._t_recv_ns = record.t_recv_ns
-                self._append(self._channel(record.channel, record.encoding.value), record.data)
+                self._step_ns = record.wall_step_ns or 0
+                channel = self._channel(record.channel, record.encoding.value, record.wall_step_ns is not None)
+                self._append(channel, record.data)
             else:
                 if isinstance(record, Health):
                     self._t_recv_ns = self._t_recv_ns or record.t_recv_ns  # before the first datagram
-                channel = self._computed(record)
-                if channel is not None:
-                    self._append(channel, self._encoder.encode(record))
+                computed = self._computed(record)
+                if computed is not None:
+                    self._append(computed, self._encoder.encode(record))
         if self._unflushed and self._monotonic() - self._t_flush >= FLUSH_S:
             self._flush()
 
@@ -120,18 +126,19 @@ class Recorder:
 
     def _append(self, channel: int, data: bytes) -> None:
         """Append one message at the time of the latest datagram: a computed record gets the arrival time of the
-        datagram that caused it."""
-        self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns)
+        datagram that caused it. The publish time is the wall clock's."""
+        self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns + self._step_ns)
         self._unflushed += 1
 
-    def _channel(self, topic: str, encoding: str) -> int:
-        """The channel of a source of datagrams."""
-        channel = self._channels.get((topic, encoding))
+    def _channel(self, topic: str, encoding: str, is_stepped: bool) -> int:
+        """The channel of a source of datagrams; `is_stepped`: they carry the wall clock's steps."""
+        channel = self._channels.get((topic, encoding, is_stepped))
         if channel is None:
             if len(self._channels) >= OWN_TOPICS and topic != OTHERS:
-                return self._channel(OTHERS, encoding)
-            channel = int(self._writer.register_channel(topic, encoding, 0))
-            self._channels[topic, encoding] = channel
+                return self._channel(OTHERS, encoding, is_stepped)
+            metadata = dict(STEPPED if is_stepped else NONE)
+            channel = int(self._writer.register_channel(topic, encoding, 0, metadata))
+            self._channels[topic, encoding, is_stepped] = channel
         return channel
 
     def _computed(self, record: Estimate | OwnPose | Health) -> int | None:

@@ -98,7 +98,7 @@ def heading_quaternion(q_nb: ArrayLike) -> Array:
 def own_position(pose: OwnPose, t_ns: int) -> Array:
     """Our position r_OF_n (3,) at t_ns, extrapolated at constant velocity from the latest pose."""
     dt = np.clip((t_ns - pose.t_ns) * 1e-9, -0.5, 0.5)
-    return np.asarray(np.asarray(pose.r_OF_n) + dt * np.asarray(pose.v_F_n), dtype=float)
+    return np.asarray(np.asarray(pose.r_OF_n, dtype=float) + dt * np.asarray(pose.v_F_n), dtype=float)
 
 
 def truth_vector(truth: Truth) -> Array:

@@ -6,7 +6,7 @@ from typing import Final
 
 from onboard.messages import Datagram, Encoding, Message
 from onboard.wire.document import BadDocumentError
-from onboard.wire.mavlink_decode import MavlinkDecoder
+from onboard.wire.mavlink_decode import MavlinkDecoder, OnError, raise_error
 from onboard.wire.points import decode_points
 from onboard.wire.radar import decode_radar
 from onboard.wire.ranges import decode_ranges
@@ -19,9 +19,11 @@ DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
 
 
 class DatagramDecoder:
-    """One MAVLink decoder for each channel; JSON documents need no state."""
+    """One MAVLink decoder for each channel; JSON documents need no state. `on_error` is called with the
+    place and the exception over one frame or document."""
 
-    def __init__(self) -> None:
+    def __init__(self, on_error: OnError = raise_error) -> None:
+        self._on_error = on_error
         self._mavlink: dict[str, MavlinkDecoder] = {}
         self._bad: Counter[str] = Counter()
 
@@ -34,9 +36,12 @@ class DatagramDecoder:
             except BadDocumentError:
                 self._bad[f"bad_{datagram.encoding}"] += 1
                 return []
+            except Exception as error:  # of any kind: it costs this document
+                self._on_error(f"bad_{datagram.encoding}", error)
+                return []
         decoder = self._mavlink.get(datagram.channel)
         if decoder is None:
-            decoder = MavlinkDecoder(stream=datagram.encoding is Encoding.MAVLINK_STREAM)
+            decoder = MavlinkDecoder(stream=datagram.encoding is Encoding.MAVLINK_STREAM, on_error=self._on_error)
             self._mavlink[datagram.channel] = decoder
         return decoder.decode(datagram.data, datagram.t_recv_ns)
 

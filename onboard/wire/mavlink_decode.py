@@ -6,6 +6,7 @@ pymavlink never does while reads end mid-frame.
 """
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -15,18 +16,25 @@ from onboard.wire.landing_target import PointAssembler
 from onboard.wire.mavlink_records import CONVERT, read_header
 
 TRIM_BYTES: Final = 4096
+OnError = Callable[[str, Exception], None]
+
+
+def raise_error(_place: str, error: Exception) -> None:
+    """Raise an exception over one frame, where nobody counts it."""
+    raise error
 
 
 class MavlinkDecoder:
     """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
-    counts every well-formed frame by its MAVLink name."""
+    counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
+    that it caused; the other frames are decoded."""
 
-    def __init__(self, *, stream: bool) -> None:
+    def __init__(self, *, stream: bool, on_error: OnError = raise_error) -> None:
         self.rejected: Counter[str] = Counter()
         self.names: Counter[str] = Counter()
         self._stream = stream
-        self._parser = dialect.MAVLink(None)
-        self._parser.robust_parsing = True
+        self._on_error = on_error
+        self._parser = _new_parser()
         self._points = PointAssembler(self.rejected)
 
     def decode(self, data: bytes, t_recv_ns: int) -> list[Message]:
@@ -37,8 +45,18 @@ class MavlinkDecoder:
             parser.buf_index = 0
             parser.expected_length = 8
         messages = []
-        for frame in parser.parse_buffer(data) or ():
-            message = self._message(frame, t_recv_ns)
+        try:
+            frames = parser.parse_buffer(data) or ()
+        except Exception as error:  # of any kind: the parser may be stuck, so it starts again
+            self._parser = _new_parser()
+            self._on_error("mavlink", error)
+            return []
+        for frame in frames:
+            try:
+                message = self._message(frame, t_recv_ns)
+            except Exception as error:  # of any kind: it costs this frame
+                self._on_error(frame.get_type(), error)
+                continue
             if message is not None:
                 messages.append(message)
         if parser.buf_index > TRIM_BYTES:
@@ -61,3 +79,9 @@ class MavlinkDecoder:
             return self._points.add(frame, t_recv_ns)
         convert = CONVERT.get(name)
         return None if convert is None else convert(frame, read_header(frame, t_recv_ns))
+
+
+def _new_parser() -> Any:
+    parser = dialect.MAVLink(None)
+    parser.robust_parsing = True
+    return parser

@@ -17,6 +17,8 @@ from onboard.messages import (
     Collision,
     Command,
     CommandAck,
+    EstimatorStatus,
+    GlobalOrigin,
     GlobalPosition,
     GpsFix,
     Heartbeat,
@@ -29,6 +31,7 @@ from onboard.messages import (
     Vec3,
 )
 
+MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
 SEA_LEVEL_HPA: Final = 1013.25
 STANDARD_K: Final = 288.15
@@ -83,6 +86,17 @@ def _global_position(m: Any, h: dict[str, Any]) -> Message:
     )
 
 
+def _estimator_status(m: Any, h: dict[str, Any]) -> Message:
+    """Both autopilots use the same bits."""
+    fixed = bool(m.flags & dialect.ESTIMATOR_CONST_POS_MODE)
+    position = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
+    return EstimatorStatus(
+        **h,
+        horizontal_velocity=bool(m.flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and not fixed,
+        horizontal_position=bool(m.flags & position) and not fixed,
+    )
+
+
 def _gps_fix(m: Any, h: dict[str, Any]) -> Message:
     satellites = None if m.satellites_visible == 255 else m.satellites_visible
     return GpsFix(
@@ -123,6 +137,13 @@ def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
 
 def _rates(m: Any) -> Vec3:
     return m.rollspeed, m.pitchspeed, m.yawspeed
+
+
+def _servo_output(m: Any, h: dict[str, Any]) -> Message | None:
+    """The main outputs, which hold the motors; auxiliary ones are another port's."""
+    if m.port != MAIN_PORT:
+        return None
+    return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
 
 
 def _command(m: Any, h: dict[str, Any], x: float, y: float, z: float) -> Message:
@@ -178,7 +199,7 @@ def _collision(m: Any, h: dict[str, Any]) -> Message:
     )
 
 
-CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
+CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
     "TIMESYNC": lambda m, h: TimeSync(**h, tc1_ns=m.tc1, ts1_ns=m.ts1),
@@ -186,14 +207,17 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message]]] = {
     "ATTITUDE": _attitude,
     "LOCAL_POSITION_NED": lambda m, h: LocalPosition(**h, r_OF_n=(m.x, m.y, m.z), v_F_n=(m.vx, m.vy, m.vz)),
     "GLOBAL_POSITION_INT": _global_position,
+    "EKF_STATUS_REPORT": _estimator_status,
+    "ESTIMATOR_STATUS": _estimator_status,
+    "GPS_GLOBAL_ORIGIN": lambda m, h: GlobalOrigin(
+        **h, lat_deg=m.latitude * 1e-7, lon_deg=m.longitude * 1e-7, alt_msl=m.altitude * 1e-3
+    ),
     "GPS_RAW_INT": _gps_fix,
     "HIGHRES_IMU": _highres_imu,
     "SCALED_IMU": _scaled_imu,
     "RAW_IMU": _scaled_imu,
     "SCALED_PRESSURE": _scaled_pressure,
-    "SERVO_OUTPUT_RAW": lambda m, h: ActuatorOutputs(
-        **h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17))
-    ),
+    "SERVO_OUTPUT_RAW": _servo_output,
     "COMMAND_LONG": lambda m, h: _command(m, h, m.param5, m.param6, m.param7),
     "COMMAND_INT": lambda m, h: _command(m, h, float(m.x), float(m.y), m.z),
     "COMMAND_ACK": lambda m, h: CommandAck(**h, **_addressee(m), command=m.command, result=m.result),

@@ -2,8 +2,8 @@
 estimates made from them, as JSON.
 
 A channel whose message encoding is one of `Encoding` holds datagrams: its topic is their channel, the log time
-their arrival, ns. A channel of encoding "json" holds published records; its topic is the key they were
-published on.
+their arrival, ns, and the publish time that arrival by the wall clock. A channel of encoding "json" holds
+published records; its topic is the key they were published on.
 """
 
 import struct
@@ -49,7 +49,7 @@ def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
         channel, message = item
         encoding = ENCODINGS.get(channel.message_encoding)
         if encoding is not None:
-            yield _datagram(channel.topic, encoding, message), at
+            yield _datagram(channel, encoding, message), at
 
 
 def read_messages(path: Path) -> Iterator[tuple[Any, Any, Any] | None]:
@@ -74,8 +74,16 @@ def read_estimates(path: Path) -> Iterator[Estimate]:
             yield decoder.decode(item[1].data)
 
 
-def _datagram(channel: str, encoding: Encoding, message: Any) -> Datagram:
-    return Datagram(channel=channel, encoding=encoding, t_recv_ns=message.log_time, data=message.data)
+def _datagram(channel: Channel, encoding: Encoding, message: Any) -> Datagram:
+    """A datagram. Where the channel says so, the publish time is the wall clock's."""
+    step_ns = message.publish_time - message.log_time if "publish_time" in channel.metadata else None
+    return Datagram(
+        channel=channel.topic,
+        encoding=encoding,
+        t_recv_ns=message.log_time,
+        data=message.data,
+        wall_step_ns=step_ns,
+    )
 
 
 def _read(path: Path, schemas: dict[int, Any] | None = None) -> Iterator[tuple[tuple[Any, Any] | None, int]]:

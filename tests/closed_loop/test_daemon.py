@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.commands.log_replay import replay
 from onboard.config import load_config
+from onboard.pipeline.silence import REASON
 from onboard.wire.recording import read_estimates
 from tests.support.daemon import Observer, Relay, Setup, queried
 from tests.support.programs import run, until
@@ -28,8 +29,8 @@ def setup(tmp_path: Path) -> Iterator[Setup]:
 
 
 def assert_replays_bit_for_bit(setup: Setup, recording: Path) -> None:
-    """Each live estimate equals the replayed one, number for number."""
-    live = list(read_estimates(recording))
+    """Each live estimate equals the replayed one, number for number. A timer's withdrawals are not repeated."""
+    live = [e for e in read_estimates(recording) if e.reason != REASON]
     assert len(live) > 200
     again = replay(recording, load_config(setup.config)).estimates
     for a, b in zip(live, again, strict=True):

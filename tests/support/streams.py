@@ -225,12 +225,13 @@ class Run(NamedTuple):
         return self.pipeline.health(0).rejected
 
 
-def feed(datagrams: Iterable[Datagram], config: Config | None = None) -> Run:
-    """Run all datagrams through a new pipeline."""
+def feed(datagrams: Iterable[Datagram], config: Config | None = None, *, errors: bool = False) -> Run:
+    """Run all datagrams through a new pipeline. It must count no exception, unless `errors`."""
     pipeline = Pipeline(config or make_config())
     outputs: list[Output] = []
     for datagram in datagrams:
         outputs.extend(pipeline.feed(datagram))
+    assert errors or not pipeline.errors, pipeline.errors
     return Run(pipeline, outputs)
 
 
@@ -240,6 +241,7 @@ def advance(messages: Iterable[Message], config: Config | None = None) -> Run:
     outputs: list[Output] = []
     for message in messages:
         outputs.extend(pipeline.advance([message]))
+    assert not pipeline.errors, pipeline.errors
     return Run(pipeline, outputs)
 
 

@@ -244,3 +244,18 @@ def test_history_stays_bounded_over_100000_samples() -> None:
     assert longest <= 1002  # ten seconds of them
     assert own.knows(own.now_ns - 5 * S)
     assert own.pose_at(own.now_ns - 5 * S) is not None
+
+
+def test_a_global_position_of_the_same_stamp_does_not_keep_the_local_one_out() -> None:
+    """ArduPilot sends both with one stamp, the global one first, in whole centimetres per second."""
+    own = Ownship(max_extrapolation=0.1)
+    for i in range(5):
+        t_ns = 5 * S + i * 20 * MS
+        own.receive(CIRCLE.attitude(t_ns), t_ns)
+        own.receive(global_position(t_ns), t_ns)
+        own.receive(CIRCLE.position(t_ns), t_ns)
+    pose = own.pose_at(own.now_ns)
+    assert pose is not None
+    np.testing.assert_allclose(pose.v_F_n, CIRCLE.at(5.08).v)
+    np.testing.assert_allclose(pose.r_OF_n, CIRCLE.at(5.08).r)
+    assert own.rejected == {"position_out_of_order": 1}

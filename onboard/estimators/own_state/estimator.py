@@ -28,6 +28,7 @@ from onboard.messages import (
     Attitude,
     Barometer,
     Estimate,
+    GlobalOrigin,
     GlobalPosition,
     GpsFix,
     Imu,
@@ -39,7 +40,7 @@ from onboard.ownship import Ownship
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 
-LISTENS: Final = (Attitude, Imu, Barometer, GpsFix, GlobalPosition, ActuatorOutputs)
+LISTENS: Final = (Attitude, Imu, Barometer, GpsFix, GlobalOrigin, GlobalPosition, ActuatorOutputs)
 
 
 class Estimator:
@@ -74,6 +75,9 @@ class Estimator:
                 return self._receive_pressure(message, message.pressure_altitude)
             case ActuatorOutputs():
                 self._vehicle.receive_outputs(message)
+            case GlobalOrigin():
+                if self._sources.move_origin(message):
+                    self._drop_track("the autopilot has moved its origin")
             case GlobalPosition():
                 self._sources.learn_origin(message, ownship)
             case Attitude():

@@ -6,15 +6,16 @@ from typing import Final
 
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.measurements import Measurement, from_attitude, from_barometer, from_fix
-from onboard.geometry.geodesy import geodetic_from_ned
+from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Attitude, Barometer, GlobalPosition, GpsFix, Imu, Vec3, Verdict
+from onboard.messages import Attitude, Barometer, GlobalOrigin, GlobalPosition, GpsFix, Imu, Vec3, Verdict
 from onboard.ownship import Ownship
 
 ATTITUDES: Final = 200  # kept for the start of a track
 NEAREST_NS: Final = NS_PER_S // 2  # of an attitude to the fix at which a track starts
 ORIGIN_WAIT_NS: Final = 2 * NS_PER_S  # for a GLOBAL_POSITION_INT, which shows where the autopilot's origin is
 FIX_3D: Final = 3
+ORIGIN_MOVED: Final = 1.0  # m; less is rounding
 
 
 class Sources:
@@ -25,6 +26,7 @@ class Sources:
         self.attitudes: deque[Measurement] = deque(maxlen=ATTITUDES)
         self.origin: Vec3 | None = None  # of n: latitude and longitude (deg), altitude (m)
         self.first_fix_ns: int | None = None
+        self._stated_origin: Vec3 | None = None
         self._config = config
         self._last_fix_ns: int | None = None
         self._datum: float | None = None  # the barometer's first altitude, m
@@ -73,10 +75,27 @@ class Sources:
             self.origin = _origin(message, ownship) or (message.lat_deg, message.lon_deg, message.alt_msl)
         return from_fix(message, self.origin, self._config)
 
+    def move_origin(self, message: GlobalOrigin) -> bool:
+        """Take the autopilot's word on its origin. True if it has moved since the last word: positions from it
+        then mean something else."""
+        before, now = self._stated_origin, (message.lat_deg, message.lon_deg, message.alt_msl)
+        if before is not None and distance(now, before) <= ORIGIN_MOVED:
+            return False
+        self._stated_origin = now
+        if before is None:
+            return False
+        self.origin = now
+        return True
+
     def learn_origin(self, message: GlobalPosition, ownship: Ownship) -> None:
         """Find the autopilot's own origin, so that positions can be compared with its own."""
         if self.origin is None:
             self.origin = _origin(message, ownship)
+
+
+def distance(a: Vec3, b: Vec3) -> float:
+    """Metres between two places (degrees, degrees, metres)."""
+    return math.hypot(*ned_from_geodetic(a, b).tolist())
 
 
 def next_due_ns(t_ns: int, rate_hz: float) -> int:
@@ -87,6 +106,6 @@ def next_due_ns(t_ns: int, rate_hz: float) -> int:
 def _origin(message: GlobalPosition | GpsFix, ownship: Ownship) -> Vec3 | None:
     """The origin of the autopilot's positions; None where its position is unknown at the message's time."""
     pose = ownship.pose_at(message.t_ns)
-    if pose is None:
+    if pose is None or not math.isfinite(pose.r_OF_n.sum()):
         return None
     return geodetic_from_ned(-pose.r_OF_n, (message.lat_deg, message.lon_deg, message.alt_msl))

@@ -27,6 +27,7 @@ AUTOPILOT = Heartbeat(
     status=4,
 )
 SLOW: dict[str, float] = {}
+STATUS = {"EKF_STATUS_REPORT", "ESTIMATOR_STATUS"}
 FAST = {name: rate * 0.95 for name, rate in AutopilotConfig().rates_hz.items()}
 
 
@@ -117,19 +118,30 @@ def test_only_slow_streams_are_asked_for() -> None:
 
 
 def requests_of(said: list[tuple[float, Any]]) -> list[tuple[str, float]]:
-    """(name, us) of each SET_MESSAGE_INTERVAL."""
+    """(name, us) of each SET_MESSAGE_INTERVAL, but for the filter's status."""
     found = []
     for _, m in said:
         if m.get_type() == "COMMAND_LONG":
             assert (m.command, m.target_system, m.target_component) == (511, 42, 1)
             found.append((dialect.mavlink_map[int(m.param1)].msgname, m.param2))
-    return found
+    return [(name, interval_us) for name, interval_us in found if name not in STATUS]
+
+
+@pytest.mark.parametrize(("autopilot", "name"), [(3, "EKF_STATUS_REPORT"), (12, "ESTIMATOR_STATUS")])
+def test_the_status_of_the_autopilots_filter_is_asked_for_once_per_boot(autopilot: int, name: str) -> None:
+    session = Session(AutopilotConfig())
+    session.connect(replace(AUTOPILOT, autopilot=autopilot))
+    for start in (0, 20):
+        said = talk(session, start, start + 20, FAST)
+        asked = [(t, m) for t, m in said if m.get_type() == "COMMAND_LONG"]
+        assert [(t, dialect.mavlink_map[int(m.param1)].msgname) for t, m in asked] == [(float(start), name)]
+        session.reboot()
 
 
 def test_slow_streams_are_asked_for_every_five_seconds_until_they_are_fast() -> None:
     session = connected()
     asked = [t for t, m in talk(session, 0, 12, SLOW) if m.get_type() == "COMMAND_LONG"]
-    assert Counter(asked) == {0.0: 5, 5.0: 5, 10.0: 5}
+    assert Counter(asked) == {0.0: 6, 5.0: 5, 10.0: 5}
     assert requests_of(talk(session, 12, 30, FAST)) == []
 
 

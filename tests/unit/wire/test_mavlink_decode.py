@@ -4,6 +4,7 @@ import math
 import struct
 
 import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import (
     ActuatorOutputs,
@@ -20,6 +21,7 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
 )
+from onboard.wire.mavlink_decode import MavlinkDecoder
 from tests.support.mavlink_frames import NED_V1, NED_V2, RECV, frame, one
 
 
@@ -149,3 +151,16 @@ def test_a_pressure_is_an_altitude_of_the_standard_atmosphere(press_abs: float, 
 def test_no_pressure_is_no_altitude(press_abs: float) -> None:
     m = one(frame(29, 115, struct.pack("<Iffh", 5250, press_abs, 0.0, 2500)))
     assert math.isnan(m.pressure_altitude)
+
+
+def test_auxiliary_outputs_are_not_the_motors() -> None:
+    """SERVO_OUTPUT_RAW says by `port` which outputs it holds; only the first hold the motors."""
+    sender = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    decoder = MavlinkDecoder(stream=False)
+    outputs = []
+    for port, pwm in ((0, 1700), (1, 1100), (0, 1701), (2, 900)):
+        frame = dialect.MAVLink_servo_output_raw_message(1000, port, *[pwm] * 16)
+        outputs += decoder.decode(frame.pack(sender), 5)
+    assert [m.pwm_us[0] for m in outputs if isinstance(m, ActuatorOutputs)] == [1700, 1701]
+    assert len(outputs) == 2
+    assert not decoder.rejected

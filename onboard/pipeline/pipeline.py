@@ -6,6 +6,7 @@ the decoded messages too; a replay calls `feed`. Both run the same code on the s
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from typing import Final
 
 from msgspec.structs import replace
@@ -15,36 +16,29 @@ from onboard.config import Config, source_delays_ns
 from onboard.estimators import CountsVerdicts, EstimatorProtocol, load
 from onboard.health import Monitor, autopilot_name, total
 from onboard.messages import (
-    AdsbVehicle,
+    Attitude,
     Clock,
     Datagram,
     Estimate,
+    EstimatorStatus,
+    GlobalOrigin,
     GlobalPosition,
     Health,
     Heartbeat,
     Message,
     NavState,
     Output,
-    PeerPosition,
-    PeerRanges,
-    RadarScan,
     SinkHealth,
     TargetPoints,
     TimeSync,
 )
 from onboard.ownship import Ownship
+from onboard.pipeline.admission import SENSED, UNSTAMPED, Admission
+from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.wire.datagrams import DatagramDecoder
 
-MAV_AUTOPILOT_INVALID: Final = 8
 MAX_WAITING: Final = 256  # of each source
 FIRST: Final = ("leader", "")  # targets whose images have room of their own; "" is a target without an id
-# If no own-motion message arrives for this long, estimates are invalid: they can no longer be predicted.
-OWN_MOTION_TIMEOUT_NS: Final = 1_000_000_000
-NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
-# A sensor stamps these, and they can be used once our own pose at that time is known.
-SENSED: Final = (TargetPoints, RadarScan, PeerRanges)
-ANY_COMPONENT: Final = (*SENSED, AdsbVehicle)  # not of our own motion: any component of our vehicle may send them
-UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # carry no time of a clock we know: taken as true at arrival
 
 
 class Pipeline:
@@ -58,18 +52,20 @@ class Pipeline:
             name: load(name).Estimator(section, config.camera_model())
             for name, section in config.estimator.items()
         }
-        self.autopilot: Heartbeat | None = None
         self._config = config
-        self._decoder = DatagramDecoder()
+        self._decoder = DatagramDecoder(self.count_error)
         self._waiting: list[Message] = []
         self._places: Counter[tuple[type[Message], bool]] = Counter()  # taken among them, by source
-        self._listeners: dict[type[Message], list[EstimatorProtocol]] = {}
-        for name, estimator in self.estimators.items():
+        self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
+        for name in self.estimators:
             for kind in load(name).LISTENS:
-                self._listeners.setdefault(kind, []).append(estimator)
+                self._listeners.setdefault(kind, []).append(name)
+        self._admission = Admission(config.autopilot, self._listeners)
         self._delays_ns: dict[type[Message], int] = {}
         self._first_recv_ns: int | None = None
-        self._own_recv_ns = 0
+        self._own_recv_ns = 0  # arrival of the last message of our own position and velocity
+        self._attitude_recv_ns = 0
+        self._last_words = LastWords()
         self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
 
     def feed(self, datagram: Datagram) -> list[Output]:
@@ -80,27 +76,40 @@ class Pipeline:
         """The messages in one datagram, in SI units; bad bytes are counted in `health().rejected`."""
         if self._first_recv_ns is None:
             self._first_recv_ns = datagram.t_recv_ns
+        self.clocks.compare(datagram.t_recv_ns, datagram.wall_step_ns)
         return self._decoder.decode(datagram)
 
     def advance(self, messages: Sequence[Message]) -> list[Output]:
-        """Let messages act on clocks, ownship and estimators; estimates and own poses that follow, in order."""
+        """Let messages act on clocks, ownship and estimators; estimates and own poses that follow, in order. An
+        exception over one message costs that message: it is counted, and described in `errors`."""
         outputs: list[Output] = []
         for message in messages:
-            outputs.extend(self._advance(message))
+            try:
+                outputs.extend(self._advance(message))
+            except Exception as error:  # of any kind: what arrives must not end a flight
+                self.count_error(type(message).__name__, error)
         return outputs
 
-    # ------------------------------------------------------------------------------- whose message it is
+    def tick(self, t_recv_ns: int) -> list[Output]:
+        """Estimates that are no longer valid, because the autopilot sends nothing. Live, a timer calls it; a
+        replay has no timer, and these estimates are not repeated in it."""
 
-    def is_ours(self, message: Message) -> bool:
-        """Whether a message comes from our own vehicle (any component of it) or this computer."""
-        return message.system == NO_SYSTEM or (
-            self.autopilot is not None and message.system == self.autopilot.system
-        )
+        def is_silent(estimate: Estimate) -> bool:
+            heard_ns = self._attitude_recv_ns if isinstance(estimate, NavState) else self._own_recv_ns
+            return t_recv_ns - heard_ns > TIMEOUT_NS
+
+        return self._noted(self._last_words.withdraw(is_silent))
+
+    def count_error(self, place: str, error: Exception) -> None:
+        """Count an exception over one message in the health, also one of what follows the pipeline."""
+        self._monitor.errors.count(place, error)
+
+    # ------------------------------------------------------------------------------- one message
 
     def _advance(self, message: Message) -> list[Output]:
         if isinstance(message, Heartbeat):
             self._latch(message)
-        admitted = self._admit(message)
+        admitted = self._admission.admit(message)
         if isinstance(admitted, str):
             self._monitor.reject(admitted)
             return []
@@ -108,47 +117,23 @@ class Pipeline:
         if isinstance(admitted, TimeSync):
             self.clocks.receive_reply(admitted)
             return []
+        if isinstance(admitted, EstimatorStatus):
+            if not self.ownship.receive_status(admitted):  # as if own motion had stopped long ago
+                self._own_recv_ns = min(self._own_recv_ns, admitted.t_recv_ns - TIMEOUT_NS - 1)
+            return []
+        if isinstance(admitted, GlobalOrigin):
+            return self._observe(admitted)  # often without a stamp: it holds from its arrival
         return self._align(admitted)
 
-    def _admit(self, message: Message) -> Message | str:
-        """The message, as estimators know it, or the reason why it is rejected."""
-        if not self.is_ours(message):
-            peer = self._from_peer(message)
-            return peer or ("other_system" if self.autopilot else "before_heartbeat")
-        if not isinstance(message, ANY_COMPONENT) and not self._is_from_autopilot(message):
-            return "other_component"  # a gimbal's attitude, a peer's clock: not our own motion
-        if isinstance(message, AdsbVehicle) and message.component == self._config.autopilot.component:
-            return "our_own"  # our own report of other traffic, come back by another way
-        return message
-
-    def _is_from_autopilot(self, message: Message) -> bool:
-        return self.autopilot is not None and message.component == self.autopilot.component
-
-    def _from_peer(self, message: Message) -> Message | None:
-        """A message of another system, if an estimator listens to it: its position, or its receiver's ranges."""
-        if isinstance(message, GlobalPosition):
-            message = PeerPosition(
-                t_ns=message.t_recv_ns,
-                t_recv_ns=message.t_recv_ns,
-                clock=Clock.NONE,
-                system=message.system,
-                component=message.component,
-                lat_deg=message.lat_deg,
-                lon_deg=message.lon_deg,
-                alt_msl=message.alt_msl,
-                v_n=message.v_F_n,
-            )
-        is_wanted = self.autopilot is not None and isinstance(message, UNSTAMPED)
-        return message if is_wanted and type(message) in self._listeners else None
-
     def _latch(self, heartbeat: Heartbeat) -> None:
-        """The first heartbeat of an autopilot decides whose vehicle this is, and which delays its sources have."""
-        wanted = self._config.autopilot.system
-        if self.autopilot is not None or heartbeat.autopilot == MAV_AUTOPILOT_INVALID:
+        """An autopilot's first heartbeat decides which delays sources have; another's begins a new time base."""
+        before = self.autopilot
+        if not self._admission.latch(heartbeat):
             return
-        if wanted in {0, heartbeat.system}:
-            self.autopilot = heartbeat
-            self._delays_ns = source_delays_ns(self._config.delay, heartbeat.autopilot)
+        self._delays_ns = source_delays_ns(self._config.delay, heartbeat.autopilot)
+        if before is not None:
+            self.clocks.restart()
+            self._start_over("another autopilot is followed")
 
     # ------------------------------------------------------------------------------- one time base
 
@@ -163,16 +148,16 @@ class Pipeline:
         if aligned is None:
             return []
         if self.clocks.reboots > reboots:
-            self._start_over()
+            self._start_over("the autopilot has rebooted")
         return self._estimate(aligned, aligned.t_ns + delay_ns)
 
-    def _start_over(self) -> None:
-        """The autopilot has rebooted: its clock and its origin are new, so no state still holds."""
+    def _start_over(self, reason: str) -> None:
+        """The autopilot's clock and origin are new, so no state still holds."""
         self.ownship = Ownship(max_extrapolation=self._config.ownship.max_extrapolation_s)
         self._waiting.clear()
         self._places.clear()
         for estimator in self.estimators.values():
-            estimator.reset("the autopilot has rebooted")
+            estimator.reset(reason)
 
     # ------------------------------------------------------------------------------- estimates
 
@@ -182,6 +167,8 @@ class Pipeline:
             self._waiting.append(message)
             self._places[_source(message)] += 1
             return []
+        if isinstance(message, Attitude):
+            self._attitude_recv_ns = message.t_recv_ns
         if not self.ownship.receive(message, stamp_ns):
             return self._observe(message)
         self._own_recv_ns = message.t_recv_ns
@@ -195,26 +182,42 @@ class Pipeline:
             self._places = Counter(map(_source, self._waiting))
         for waited in (*ready, message):
             outputs.extend(self._observe(waited))
-        for estimator in self.estimators.values():
-            outputs.extend(self._noted(estimator.tick(self.ownship)))
+        for name in self.estimators:
+            outputs.extend(self._noted(self._asked(name, None)))
         return outputs
 
     def _observe(self, message: Message) -> list[Output]:
         """A message to the estimators that listen for its kind."""
+        if isinstance(message, GlobalPosition) and not self.ownship.has_position(message):
+            self._monitor.reject("filter_has_no_position")
+            return []
         estimates: list[Estimate] = []
-        for estimator in self._listeners.get(type(message), ()):
-            estimates.extend(estimator.observe(message, self.ownship))
-        if message.t_recv_ns - self._own_recv_ns > OWN_MOTION_TIMEOUT_NS:
+        for name in self._listeners.get(type(message), ()):
+            estimates.extend(self._asked(name, message))
+        if message.t_recv_ns - self._own_recv_ns > TIMEOUT_NS:
             estimates = [
                 e if isinstance(e, NavState) else replace(e, valid=False, reason="our own motion is not known")
                 for e in estimates
             ]
         return self._noted(estimates)
 
+    def _asked(self, name: str, message: Message | None) -> list[Estimate]:
+        """An estimator's answer to a message, or, without one, to a new navigation sample. One that raises may be
+        left in any state, so it starts again."""
+        estimator = self.estimators[name]
+        try:
+            return estimator.tick(self.ownship) if message is None else estimator.observe(message, self.ownship)
+        except Exception as error:  # of any kind: the other estimators go on
+            self.count_error(name, error)
+            with suppress(Exception):
+                estimator.reset(f"an error in the estimator: {type(error).__name__}")
+            return []
+
     def _noted(self, estimates: Iterable[Estimate]) -> list[Output]:
         outputs: list[Output] = []
         for estimate in estimates:
             self._monitor.publish(estimate)
+            self._last_words.note(estimate)
             outputs.append(estimate)
         return outputs
 
@@ -237,9 +240,24 @@ class Pipeline:
     # ------------------------------------------------------------------------------- health
 
     @property
+    def autopilot(self) -> Heartbeat | None:
+        """The heartbeat that was latched, None before it."""
+        return self._admission.autopilot
+
+    @property
+    def heard_ns(self) -> int | None:
+        """Arrival of the latched autopilot's last message, None before the first."""
+        return self._admission.heard_ns
+
+    @property
     def frames(self) -> dict[str, int]:
         """Well-formed MAVLink frames so far, by name."""
         return self._decoder.frames
+
+    @property
+    def errors(self) -> list[str]:
+        """The first exception of each kind, described in one line each."""
+        return self._monitor.errors.lines
 
     def health(self, t_recv_ns: int, sinks: dict[str, SinkHealth] | None = None) -> Health:
         """How the program is doing, as of a time on this computer's clock."""
@@ -265,7 +283,13 @@ class Pipeline:
             states=dict(monitor.states),
             verdicts=dict(monitor.verdicts) | counted,
             rejected=total(
-                [monitor.rejected, clocks.rejected, self.ownship.rejected, self._decoder.rejected],
+                [
+                    monitor.rejected,
+                    monitor.errors.counts,
+                    clocks.rejected,
+                    self.ownship.rejected,
+                    self._decoder.rejected,
+                ],
             ),
             sinks=sinks or {},
             faults=monitor.faults,

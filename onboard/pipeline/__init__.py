@@ -1,0 +1,5 @@
+"""The heart of the program: `Pipeline` in `pipeline.py`, and what it asks of its own parts."""
+
+from onboard.pipeline.pipeline import Pipeline
+
+__all__ = ["Pipeline"]

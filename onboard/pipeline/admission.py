@@ -1,0 +1,103 @@
+"""Whose message it is: that of our own vehicle, of another that an estimator listens to, or of no interest."""
+
+from collections.abc import Container
+from typing import Final
+
+from onboard.config import AutopilotConfig
+from onboard.messages import (
+    AdsbVehicle,
+    Clock,
+    GlobalPosition,
+    Heartbeat,
+    Message,
+    PeerPosition,
+    PeerRanges,
+    RadarScan,
+    TargetPoints,
+)
+
+MAV_AUTOPILOT_INVALID: Final = 8
+# MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
+VEHICLES: Final = frozenset({*range(1, 5), *range(7, 18), *range(19, 26), 28, 29, 35, 43, 45, 46, 47})
+GENERIC: Final = 0  # MAV_TYPE of a vehicle only from the component of an autopilot
+AUTOPILOT_COMPONENT: Final = 1
+LATCH_AGAIN_NS: Final = 5_000_000_000  # silence after which another autopilot may be ours
+NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
+# A sensor stamps these, and they can be used once our own pose at that time is known.
+SENSED: Final = (TargetPoints, RadarScan, PeerRanges)
+ANY_COMPONENT: Final = (*SENSED, AdsbVehicle)  # not of our own motion: any component of our vehicle may send them
+UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # carry no time of a clock we know: taken as true at arrival
+
+
+class Admission:
+    """Which autopilot is ours, and which messages may go further. `heard_ns`: arrival of the autopilot's last
+    message; messages of others do not count."""
+
+    def __init__(self, config: AutopilotConfig, listened: Container[type[Message]]) -> None:
+        self.autopilot: Heartbeat | None = None
+        self.heard_ns: int | None = None
+        self._beside: set[tuple[int, int]] = set()  # other autopilots, heard while ours was heard
+        self._config = config
+        self._listened = listened
+
+    def is_ours(self, message: Message) -> bool:
+        """Whether a message comes from our own vehicle (any component of it) or this computer."""
+        return message.system == NO_SYSTEM or (
+            self.autopilot is not None and message.system == self.autopilot.system
+        )
+
+    def latch(self, heartbeat: Heartbeat) -> bool:
+        """Let the first heartbeat of an autopilot decide whose vehicle this is; True if this one does. After a
+        long silence another one may: ours has rebooted with other ids. One that was heard beside ours is another
+        vehicle's."""
+        if not _is_vehicle(heartbeat) or self._config.system not in {0, heartbeat.system}:
+            return False
+        if self.autopilot is not None:
+            its = heartbeat.system, heartbeat.component
+            is_silent = heartbeat.t_recv_ns - (self.heard_ns or 0) > LATCH_AGAIN_NS
+            if not is_silent and not self._is_from_autopilot(heartbeat):
+                self._beside.add(its)
+            if not is_silent or its in self._beside or self._is_from_autopilot(heartbeat):
+                return False
+        self.autopilot = heartbeat
+        return True
+
+    def admit(self, message: Message) -> Message | str:
+        """The message, as estimators know it, or the reason why it is rejected."""
+        if not self.is_ours(message):
+            peer = self._from_peer(message)
+            return peer or ("other_system" if self.autopilot else "before_heartbeat")
+        if self._is_from_autopilot(message):
+            self.heard_ns = message.t_recv_ns
+        elif not isinstance(message, ANY_COMPONENT):
+            return "other_component"  # a gimbal's attitude, a peer's clock: not our own motion
+        if isinstance(message, AdsbVehicle) and message.component == self._config.component:
+            return "our_own"  # our own report of other traffic, come back by another way
+        return message
+
+    def _is_from_autopilot(self, message: Message) -> bool:
+        mine = self.autopilot
+        return mine is not None and (message.system, message.component) == (mine.system, mine.component)
+
+    def _from_peer(self, message: Message) -> Message | None:
+        """A message of another system, if an estimator listens to it: its position, or its receiver's ranges."""
+        if isinstance(message, GlobalPosition):
+            message = PeerPosition(
+                t_ns=message.t_recv_ns,
+                t_recv_ns=message.t_recv_ns,
+                clock=Clock.NONE,
+                system=message.system,
+                component=message.component,
+                lat_deg=message.lat_deg,
+                lon_deg=message.lon_deg,
+                alt_msl=message.alt_msl,
+                v_n=message.v_F_n,
+            )
+        is_wanted = self.autopilot is not None and isinstance(message, UNSTAMPED)
+        return message if is_wanted and type(message) in self._listened else None
+
+
+def _is_vehicle(heartbeat: Heartbeat) -> bool:
+    """Whether this is the heartbeat of a vehicle's autopilot."""
+    is_generic = heartbeat.vehicle_type == GENERIC and heartbeat.component == AUTOPILOT_COMPONENT
+    return heartbeat.autopilot != MAV_AUTOPILOT_INVALID and (heartbeat.vehicle_type in VEHICLES or is_generic)

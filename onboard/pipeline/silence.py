@@ -1,0 +1,47 @@
+"""The last word on each target: it must not stay valid when nothing arrives any more."""
+
+from collections.abc import Callable
+from typing import Final
+
+from msgspec.structs import replace
+
+from onboard.messages import Estimate, Lifecycle, NavState
+
+# If no message of our own motion arrives for this long, estimates are invalid: they can no longer be predicted.
+TIMEOUT_NS: Final = 1_000_000_000
+REASON: Final = "withdrawn: nothing usable of our own motion arrives"
+
+
+class LastWords:
+    """The newest valid estimate of each target."""
+
+    def __init__(self) -> None:
+        self._valid: dict[tuple[str, str], Estimate] = {}
+
+    def note(self, estimate: Estimate) -> None:
+        """Remember what has been published."""
+        if estimate.valid:
+            self._valid[estimate.name, estimate.target] = estimate
+        else:
+            self._valid.pop((estimate.name, estimate.target), None)
+
+    def withdraw(self, is_silent: Callable[[Estimate], bool]) -> list[Estimate]:
+        """The same estimates, not valid, where nothing can follow; each once."""
+        silent = [e for e in self._valid.values() if is_silent(e)]
+        for estimate in silent:
+            del self._valid[estimate.name, estimate.target]
+        return [_withdrawn(e) for e in silent]
+
+
+def _withdrawn(estimate: Estimate) -> Estimate:
+    changes = {"quality": -1} if isinstance(estimate, NavState) else {}
+    return replace(
+        estimate,
+        sequence=estimate.sequence + 1,
+        valid=False,
+        state=Lifecycle.LOST,
+        state_since_ns=estimate.t_ns,
+        reason=REASON,
+        measurement=None,
+        **changes,
+    )

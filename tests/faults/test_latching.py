@@ -1,0 +1,109 @@
+"""Which autopilot is ours: vehicles only, and another one when ours has fallen silent for good."""
+
+from typing import Any, NamedTuple
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.messages import Datagram, Heartbeat
+from tests.faults.test_silence import flying
+from tests.support.faulty_flight import DATAGRAMS, T1, assert_on_target, flown
+from tests.support.streams import EPOCH, Item, Run, S, Stream, encode, feed, heartbeat, make_config
+
+GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID = 26, 30, 18, 6, 27, 34
+
+
+def beat(t_s: float, *, system: int = 1, component: int = 154, kind: int, autopilot: int = 0) -> Datagram:
+    t_ns = round(t_s * S)
+    message = replace(heartbeat(t_ns, system=system, autopilot=autopilot), component=component, vehicle_type=kind)
+    return encode([Item(EPOCH + t_ns, message)])[0]
+
+
+@pytest.mark.parametrize("kind", [GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID])
+@pytest.mark.parametrize("system", [1, 7])
+def test_a_heartbeat_of_no_vehicle_is_not_latched(kind: int, system: int) -> None:
+    run = flown([beat(39.9, system=system, kind=kind), *DATAGRAMS])
+    assert_on_target(run, 1.0)
+    assert run.pipeline.autopilot is not None
+    assert (run.pipeline.autopilot.system, run.pipeline.autopilot.component) == (1, 1)
+
+
+def test_a_generic_device_beside_the_autopilot_is_not_latched() -> None:
+    run = flown([beat(39.9, kind=0), *DATAGRAMS])
+    assert_on_target(run, 1.0)
+
+
+@pytest.mark.parametrize("kind", [0, 1, 2, 3, 4, 7, 10, 12, 13, 14, 19, 22, 29, 35, 43])
+def test_vehicles_are_latched(kind: int) -> None:
+    run = feed([beat(39.9, system=3, component=1, kind=kind)])
+    assert isinstance(run.pipeline.autopilot, Heartbeat)
+    assert run.pipeline.autopilot.vehicle_type == kind
+
+
+class Again(NamedTuple):
+    """The start of another flight by an autopilot with other ids, `gap` seconds after the first one ends."""
+
+    gap: float
+    system: int = 2
+    component: int = 1
+
+
+def after(again: Again, config: Any = None) -> Run:
+    return feed([*DATAGRAMS, *flight_of(again)], config)
+
+
+def flight_of(again: Again) -> list[Datagram]:
+    """Its own motion and images, with the new ids."""
+    late = round((T1 - 6.0 + again.gap) * S)
+    items = Stream(t0=6.0, t1=14.0, seed=22).items()
+    moved = [
+        Item(
+            i.t_recv_ns + late,
+            replace(i.message, system=again.system, component=again.component)
+            if i.message.component == 1
+            else replace(i.message, system=again.system),
+        )
+        for i in items
+    ]
+    return encode(moved)
+
+
+@pytest.mark.parametrize(("system", "component"), [(2, 1), (1, 2), (250, 1)])
+def test_an_autopilot_that_returns_with_another_id_is_latched_after_silence(system: int, component: int) -> None:
+    run = after(Again(gap=8.0, system=system, component=component))
+    latched = run.pipeline.autopilot
+    assert latched is not None
+    assert (latched.system, latched.component) == (system, component)
+    assert_on_target(run)
+    assert run.estimates[-1].t_ns < 14 * S
+    assert run.estimates[-1].reset_count == 1
+
+
+def test_another_autopilot_is_not_latched_while_ours_talks() -> None:
+    strangers = [beat(t, system=9, component=1, kind=2, autopilot=12) for t in range(41, 52)]
+    run = flown(sorted([*DATAGRAMS, *strangers], key=lambda d: d.t_recv_ns))
+    assert_on_target(run, 1.0)
+    assert run.pipeline.autopilot is not None
+    assert run.pipeline.autopilot.system == 1
+
+
+def test_a_wingman_heard_beside_ours_is_not_latched_when_ours_falls_silent() -> None:
+    """It is another vehicle: its motion is not ours."""
+    strangers = [beat(t, system=9, component=1, kind=2, autopilot=12) for t in range(41, 100)]
+    run = feed(sorted([*DATAGRAMS, *strangers], key=lambda d: d.t_recv_ns))
+    assert run.pipeline.autopilot is not None
+    assert run.pipeline.autopilot.system == 1
+
+
+def test_a_configured_system_is_never_left() -> None:
+    run = after(Again(gap=8.0, system=2), config=make_config("autopilot.system=1"))
+    assert run.pipeline.autopilot is not None
+    assert run.pipeline.autopilot.system == 1
+
+
+def test_the_daemon_says_which_autopilot_it_follows() -> None:
+    daemon, _, lines = flying()
+    for datagram in flight_of(Again(gap=8.0, system=2)):
+        daemon._deliver(datagram)
+    said = [line for line in lines if line.startswith("autopilot")]
+    assert said == ["autopilot: PX4, system 1", "autopilot: PX4, system 2 (the one before has fallen silent)"]

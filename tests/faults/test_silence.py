@@ -1,0 +1,196 @@
+"""Silence: only the latched autopilot counts as heard, and no subscriber's last word stays valid."""
+
+from typing import Any
+
+import pytest
+
+from onboard.daemon import Daemon
+from onboard.messages import (
+    AdsbVehicle,
+    AltitudeType,
+    Clock,
+    Estimate,
+    GlobalPosition,
+    GpsFix,
+    Health,
+    Imu,
+    Lifecycle,
+    NavState,
+    SinkHealth,
+    TargetPoints,
+)
+from tests.support.faulty_flight import DATAGRAMS, ITEMS, T1
+from tests.support.streams import EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config
+from tests.unit.autopilot.test_session import parsed
+
+END = EPOCH + round(T1 * S)
+
+
+class Wire:
+    """A link that only keeps what is sent, and a sink that only keeps what is published."""
+
+    channel = "udp"
+
+    def __init__(self) -> None:
+        self.frames: list[bytes] = []
+        self.records: list[Any] = []
+
+    def send(self, frame: bytes) -> None:
+        self.frames.append(frame)
+
+    def put(self, record: Any) -> None:
+        self.records.append(record)
+
+    def health(self) -> Any:
+        return SinkHealth()
+
+
+def flying(*overrides: str) -> tuple[Daemon, Wire, list[str]]:
+    """A daemon after the flight of 12 s, tracking; its clock is that of the arguments."""
+    lines: list[str] = []
+    config = make_config("link=[{name='udp', url='udpin:127.0.0.1:0'}]", "zenoh.enabled=false", *overrides)
+    daemon, wire = Daemon(config, report=lines.append), Wire()
+    daemon._links, daemon._sinks = [wire], {"wire": wire}  # type: ignore[list-item, dict-item]
+    for datagram in DATAGRAMS:
+        daemon._deliver(datagram)
+    return daemon, wire, lines
+
+
+def pass_time(daemon: Daemon, seconds: float, start_ns: int = END) -> None:
+    for ms in range(0, round(seconds * 1000), 50):
+        daemon._tick(start_ns + ms * MS)
+
+
+def statuses(wire: Wire) -> list[int]:
+    """system_status of the heartbeats that were sent."""
+    return [m.system_status for m in parsed(wire.frames) if m.get_type() == "HEARTBEAT"]
+
+
+@pytest.mark.parametrize("chatter", [heartbeat(0, system=255, autopilot=8), heartbeat(0, system=9)])
+def test_others_that_talk_do_not_make_a_dead_autopilot_healthy(chatter: Any) -> None:
+    daemon, wire, lines = flying()
+    for tenth in range(80):
+        now_ns = END + tenth * 100 * MS
+        (datagram,) = encode([Item(now_ns, chatter)])
+        daemon._deliver(datagram)
+        daemon._tick(now_ns)
+    assert statuses(wire)[0] == 4
+    assert statuses(wire)[-4:] == [5, 5, 5, 5]
+    assert any("silent" in line for line in lines)
+
+
+def test_an_autopilot_that_talks_is_healthy() -> None:
+    daemon, wire, _ = flying()
+    for datagram in encode(Stream(t0=T1, t1=T1 + 8, seed=21).items()):
+        daemon._deliver(datagram)
+        daemon._tick(datagram.t_recv_ns)
+    assert set(statuses(wire)) == {4}
+
+
+def test_when_everything_falls_silent_the_last_word_is_not_valid() -> None:
+    daemon, wire, _ = flying()
+    last = [r for r in wire.records if isinstance(r, Estimate)][-1]
+    assert last.valid
+    pass_time(daemon, 0.9)
+    assert [r for r in wire.records if isinstance(r, Estimate)][-1] == last
+    pass_time(daemon, 3.0, END + 900 * MS)
+    word = [r for r in wire.records if isinstance(r, Estimate)][-1]
+    assert (word.target, word.valid, word.state) == ("leader", False, Lifecycle.LOST)
+    assert word.reason == "withdrawn: nothing usable of our own motion arrives"
+    assert (word.mean, word.t_ns, word.sequence) == (last.mean, last.t_ns, last.sequence + 1)
+    assert sum(isinstance(r, Estimate) and not r.valid for r in wire.records[-100:]) == 1, "said once"
+    healths = [r for r in wire.records if isinstance(r, Health)]
+    assert healths[-1].states == {"leader": "lost"}
+
+
+def test_estimates_are_valid_again_when_the_autopilot_returns_soon() -> None:
+    daemon, wire, _ = flying()
+    pass_time(daemon, 1.5)
+    assert not [r for r in wire.records if isinstance(r, Estimate)][-1].valid
+    for datagram in encode(Stream(t0=T1 + 1.5, t1=T1 + 4, seed=21).items()):
+        daemon._deliver(datagram)
+    assert [r for r in wire.records if isinstance(r, Estimate)][-1].valid
+
+
+def test_images_that_go_on_do_not_keep_an_estimate_valid() -> None:
+    daemon, wire, _ = flying()
+    images = [i for i in Stream(t0=T1, t1=T1 + 4, seed=21).items() if isinstance(i.message, TargetPoints)]
+    for datagram in encode(images):
+        daemon._deliver(datagram)
+        daemon._tick(datagram.t_recv_ns)
+    assert not [r for r in wire.records if isinstance(r, Estimate)][-1].valid
+
+
+def test_own_state_and_traffic_fall_silent_too() -> None:
+    """Every target that was valid is withdrawn."""
+    config = make_config("estimator.own_state={}", "estimator.traffic={}", "zenoh.enabled=false")
+    run = feed(own_and_traffic(), config)
+    valid = {e.target for e in run.estimates if e.valid}
+    assert {"own_state", "leader"} < valid
+    newest = {e.target: e for e in run.estimates}
+    withdrawn = run.pipeline.tick(END + 2 * S)
+    assert {e.target for e in withdrawn if isinstance(e, Estimate)} == {t for t in valid if newest[t].valid}
+    assert all(isinstance(e, Estimate) and not e.valid for e in withdrawn)
+    assert all(e.quality == -1 for e in withdrawn if isinstance(e, NavState))
+    assert run.pipeline.tick(END + 3 * S) == []
+
+
+def own_and_traffic() -> list[Any]:
+    """The flight with an IMU, fixes, and another aircraft's transponder."""
+    more: list[Item] = []
+    for ms in range(40_000, 52_000, 20):
+        t_ns = ms * MS
+        k = Stream().flight.at(ms / 1000)
+        lat, lon = 47.0 + k.r[0] / 111_320, 8.0 + k.r[1] / 75_900
+        imu = Imu(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, 0.15))
+        more.append(Item(EPOCH + t_ns + 2 * MS, imu))
+        if ms % 200 == 0:
+            fix = GpsFix(
+                t_ns=t_ns,
+                t_recv_ns=EPOCH + t_ns,
+                fix_type=3,
+                satellites=12,
+                lat_deg=lat,
+                lon_deg=lon,
+                alt_msl=500.0 - k.r[2],
+                ground_speed=15.0,
+                course_rad=k.rpy[2] % 6.28,
+                h_acc=1.0,
+                v_acc=1.0,
+            )
+            more.append(Item(EPOCH + t_ns + 3 * MS, fix))
+        if ms % 100 == 0:
+            where = GlobalPosition(
+                t_ns=t_ns,
+                t_recv_ns=EPOCH + t_ns,
+                lat_deg=lat,
+                lon_deg=lon,
+                alt_msl=500.0 - k.r[2],
+                height=-k.r[2],
+                v_F_n=tuple(k.v.tolist()),
+                heading_rad=None,
+            )
+            more.append(Item(EPOCH + t_ns + 3 * MS, where))
+        if ms % 1000 == 0:
+            more.append(Item(EPOCH + t_ns + 4 * MS, adsb(t_ns)))
+    return encode(sorted([*ITEMS, *more], key=lambda item: item.t_recv_ns))
+
+
+def adsb(t_ns: int) -> AdsbVehicle:
+    return AdsbVehicle(
+        t_ns=t_ns,
+        t_recv_ns=EPOCH + t_ns,
+        clock=Clock.NONE,
+        icao=0x4B1A2C,
+        lat_deg=47.02,
+        lon_deg=8.0,
+        altitude=600.0,
+        altitude_type=AltitudeType.GEOMETRIC,
+        course=0.0,
+        ground_speed=0.0,
+        climb=0.0,
+        callsign="HBABC",
+        emitter=1,
+        tslc=0.0,
+        squawk=7000,
+    )
