@@ -18,6 +18,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, Path]:
     return study.run(seeds=6, first_seed=100, jobs=1, out=out), out
 
 
+@pytest.mark.slow
 def test_the_reference_s_numbers_seeds_100_to_105(found: tuple[Findings, Path]) -> None:
     ours = {c.name: c.ours for c in found[0].checks}
     assert ours["position RMS, 10-112 s, q 1"] == pytest.approx(4.9, rel=0.12)
@@ -28,6 +29,7 @@ def test_the_reference_s_numbers_seeds_100_to_105(found: tuple[Findings, Path]) 
     assert ours["UKF diverged"] == 0
 
 
+@pytest.mark.slow
 def test_no_process_noise_brings_the_claimed_accuracy_seeds_100_to_105(found: tuple[Findings, Path]) -> None:
     sweep = found[0].tables[1]
     assert len(sweep.rows) == 6
