@@ -1,5 +1,5 @@
-"""simlink's scenarios through the pipeline, bytes in, with the configuration of `simlink config`; one of them through
-the command line. Seed 1 throughout; the bounds are 1.5 times the measured values."""
+"""simlink's scenarios through the pipeline, bytes in, with the configuration of `simlink config`; one of them
+through the command line. Seed 1 throughout; the bounds are 1.5 times the measured values."""
 
 import io
 import json

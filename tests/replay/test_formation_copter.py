@@ -48,8 +48,8 @@ def replay(log: bytes) -> tuple[Run, Health]:
 
 
 class Copter(NamedTuple):
-    """The formation's flight, or 35 s of it: how many images are judged at least, and the relative position (3,) at
-    a boot time, s."""
+    """The formation's flight, or 35 s of it; at least so many images are judged. `truth` is the relative position
+    (3,) at a boot time, s."""
 
     run: Run
     health: Health

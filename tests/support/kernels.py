@@ -41,8 +41,8 @@ def is_known(stamp: Path, sources: str, code: Iterable[Path]) -> bool:
 
 
 def prepare(*, all_at_once: bool) -> None:
-    """Delete machine code unless it is known; then compile all kernels, if processes shall run tests at once, which
-    must not write the same index. Code that is there keeps its stamp."""
+    """Delete machine code unless it is known. Then compile all kernels if `all_at_once`: several processes shall run
+    tests, and must not write the same index at the same time."""
     before = digest()
     if is_known(STAMP, before, machine_code()):
         return

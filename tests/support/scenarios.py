@@ -13,7 +13,7 @@ from simlink.simulation import boot_ns_of, datagrams
 
 
 class Recorded(NamedTuple):
-    """A simulated flight: what arrives (without the radar's scans, which no .tlog holds), and the leader's truth."""
+    """A simulated flight: what arrives, but for a radar's scans, which no .tlog holds; and the leader's truth."""
 
     datagrams: list[Datagram]
     truths: list[Truth]
