@@ -19,30 +19,33 @@ from tests.support.programs import ROOT
 STAMP = ROOT / "onboard" / "__pycache__" / "kernels-tested"
 
 
+def sources() -> list[Path]:
+    """Every file whose functions or constants may stand in machine code."""
+    return [compiling._source(name) for name in sorted(compiling.needed_by(compiling.kernel_modules()))]
+
+
 def digest() -> str:
-    """SHA-256 of every source whose functions or constants may stand in machine code."""
-    names = sorted(compiling.needed_by(compiling.kernel_modules()))
-    return hashlib.sha256(b"\0".join(compiling._source(name).read_bytes() for name in names)).hexdigest()
+    """SHA-256 of all sources."""
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in sources())).hexdigest()
 
 
 def machine_code() -> list[Path]:
     """The index and code files of all modules with kernels, wherever Numba keeps them."""
-    sources = [compiling._source(name) for name in compiling.kernel_modules()]
-    folders = {compiling.cache_folder(source) for source in sources}
+    folders = {compiling.cache_folder(compiling._source(name)) for name in compiling.kernel_modules()}
     assert None not in folders, "this Numba does not say where its machine code is"
     return [path for folder in folders if folder is not None for path in folder.glob("*.nb[ic]")]
 
 
-def is_known(stamp: Path, sources: str, code: Iterable[Path]) -> bool:
-    """Whether the stamp is of these sources (a digest), and no code is newer than it."""
-    if not stamp.exists() or stamp.read_text(encoding="utf-8") != sources:
+def is_known(stamp: Path, of_sources: str, code: Iterable[Path]) -> bool:
+    """Whether the stamp is `of_sources` (a digest), and no code is newer than it."""
+    if not stamp.exists() or stamp.read_text(encoding="utf-8") != of_sources:
         return False
     return all(path.stat().st_mtime_ns <= stamp.stat().st_mtime_ns for path in code)
 
 
 def prepare(*, all_at_once: bool) -> None:
-    """Delete machine code unless it is known. Then compile all kernels if `all_at_once`: several processes shall run
-    tests, and must not write the same index at the same time."""
+    """Delete machine code unless it is known. Then compile all kernels if `all_at_once`: several processes are to
+    run tests, and must not write the same index at the same time."""
     before = digest()
     if is_known(STAMP, before, machine_code()):
         return
