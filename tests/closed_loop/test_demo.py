@@ -168,6 +168,7 @@ def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> Non
         assert numbers["range_error_rms_percent"] is None
 
 
+@pytest.mark.slow
 def test_demo_uses_the_camera_of_the_scenario_seed_5(tmp_path: Path) -> None:
     """A user's scenario by path: another lens, a rotated mount, another vehicle id."""
     scenario = tmp_path / "mine.v2.toml"

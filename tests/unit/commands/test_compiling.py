@@ -25,6 +25,7 @@ from onboard.commands.compiling import (
     needed_by_flight,
     path_lengths,
 )
+from onboard.config import estimator_modules
 from onboard.filters import numba_internals
 from onboard.models import relative_motion
 
@@ -88,7 +89,7 @@ def test_a_flight_imports_no_kernels_but_those_foreseen(tmp_path: Path, scenario
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
     imported = {name for name in done.stdout.splitlines()[-1].split() if name in kernel_modules()}
     assert any("kernels" in name for name in imported)
-    assert imported <= needed_by_flight([sections.partition("=")[0]])
+    assert imported <= needed_by_flight(estimator_modules([sections.partition("=")[0]]))
 
 
 def test_modules_with_kernels_are_found() -> None:

@@ -102,7 +102,7 @@ def test_faults_are_named_with_their_onset_and_the_velocity_holds_seed_13(
 
 @pytest.mark.parametrize("name", ["quadrotor", "quadrotor-inertia-half", "quadrotor-gps-loss"])
 def test_nothing_is_named_where_nothing_is_wrong_or_only_the_inertia_seed_14(name: str) -> None:
-    _, states, _ = flown(name, 14, 25.0)
+    _, states, _ = flown(name, 14, 20.0)
     assert not [f for s in states for f in s.faults]
 
 
