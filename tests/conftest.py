@@ -1,14 +1,12 @@
 """What every run of the tests does first: kernels that fit their sources, and the longest files in front."""
 
 import os
-from pathlib import Path
 
 import pytest
 
-from tests.support import kernels
+from tests.support import kernels, order
 
-# The longest files first, as measured, so that two workers end together. Of no matter but for the time it takes.
-LONGEST: tuple[str, ...] = ()
+SOURCES = pytest.StashKey[str]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -23,11 +21,7 @@ def pytest_unconfigure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    order = {name: k for k, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: order.get(Path(item.path).name, len(order)))
-
-
-SOURCES = pytest.StashKey[str]()
+    items.sort(key=lambda item: order.place(item.nodeid.partition("::")[0]))
 
 
 def _leads(config: pytest.Config) -> bool:

@@ -1,4 +1,4 @@
-"""No test runs machine code of another source: a kernel is changed in a copy of the tree, its time stamp is not."""
+"""How the tests are run: which files begin first, and that no test runs machine code of another source."""
 
 import os
 import shutil
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support import kernels
+from tests.support import kernels, order
 from tests.support.programs import PATIENCE, ROOT
 
 ANGLE = """
@@ -50,6 +50,12 @@ def test_a_kernel_changed_under_another_file_s_machine_code_is_compiled_anew(tmp
     inner.write_text(text.replace("return np.copysign(", "return 7.0 + np.copysign("), encoding="utf-8")
     os.utime(inner, ns=(stat.st_atime_ns, stat.st_mtime_ns))
     assert azimuth_by_pytest(tmp_path) > 7.0
+
+
+def test_the_files_that_begin_first_are_there() -> None:
+    assert [file for file in order.LONGEST if not (ROOT / file).exists()] == []
+    assert order.place(order.LONGEST[1]) == 1
+    assert order.place("tests/any_other.py") == len(order.LONGEST)
 
 
 @pytest.fixture
