@@ -77,7 +77,7 @@ def test_the_same_bytes_give_the_same_states_seed_12() -> None:
     ("name", "kind", "part"),
     [
         ("quadrotor-motor", FaultKind.MOTOR, "motor 1"),
-        ("quadrotor-heavier", FaultKind.MASS, ""),
+        pytest.param("quadrotor-heavier", FaultKind.MASS, "", marks=pytest.mark.slow),  # the replay below names it
         ("quadrotor-weak-inputs", FaultKind.MASS, ""),
         ("quadrotor-gust", FaultKind.GUST, ""),
         ("quadrotor-outliers", FaultKind.OUTLIERS, None),
