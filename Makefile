@@ -11,7 +11,7 @@ READY_DOCS := $(VENV)/.ready-docs
 KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py \
 	onboard/estimators/*/*.py)
 
-.PHONY: install demo test lint bench docs clean
+.PHONY: install demo test test-all lint bench docs clean
 
 install: $(READY)  ## onboard and simlink, in .venv/bin
 	@echo "ready: $(BIN)/onboard --help"
@@ -19,8 +19,14 @@ install: $(READY)  ## onboard and simlink, in .venv/bin
 demo: $(READY)  ## fly the simulated formation, with a live view where there is a display
 	$(BIN)/onboard demo $(ARGS)
 
-test: $(READY_DEV) $(COMPILED) lint  ## everything CI runs
-	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
+# Three at a time on two cores: flights in real time wait most of their time. tests/conftest.py compiles the kernels.
+TESTS := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+
+test: $(READY_DEV) lint  ## before each commit: four minutes on two cores
+	$(TESTS) -m "not slow" $(ARGS)
+
+test-all: $(READY_DEV) lint  ## before a release: also whole studies, long runs, recorded flights of ../shared
+	$(TESTS) $(ARGS)
 
 lint: $(READY_DEV)  ## what CI runs before the tests
 	$(BIN)/ruff check .

@@ -32,7 +32,7 @@ KERNEL: Final = re.compile(r"^@njit", re.MULTILINE)
 PROGRAMS: Final = (  # that fly, replay or show a flight
     "onboard.daemon",
     "onboard.commands.demo_flight",
-    "onboard.commands.log_replay",
+    "onboard.commands.replay",
     "onboard.view.view",
 )
 FINDS_FILTERS: Final = "onboard.filters.methods"  # this function imports every module of its package

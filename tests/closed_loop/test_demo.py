@@ -10,7 +10,7 @@ import psutil
 import pytest
 
 from tests.support import documents
-from tests.support.programs import Program, all_gone, run, started, until
+from tests.support.programs import PATIENCE, Program, all_gone, run, started, until
 
 SECONDS = 25
 
@@ -111,14 +111,14 @@ def test_demo_writes_the_view_the_configuration_and_the_logs(flown: Flown) -> No
 
 def test_demo_leaves_no_process_behind_and_only_used_loopback(flown: Flown) -> None:
     assert len(flown.family) >= 3  # itself, the simulator and the daemon
-    until(lambda: all_gone(flown.family), "the end of Python's helper", timeout=5)
+    until(lambda: all_gone(flown.family), "the end of Python's helper")
     assert flown.addresses <= {"127.0.0.1", "::1"}
     assert flown.addresses
 
 
 @pytest.mark.parametrize(
     ("number", "group"),
-    [(signal.SIGINT, True), (signal.SIGTERM, False)],
+    [(signal.SIGINT, True), pytest.param(signal.SIGTERM, False, marks=pytest.mark.slow)],
     ids=["ctrl-c in a terminal", "sigterm to the demo alone"],
 )
 def test_interrupted_demo_takes_its_programs_along(tmp_path: Path, number: int, group: bool) -> None:
@@ -132,7 +132,7 @@ def test_interrupted_demo_takes_its_programs_along(tmp_path: Path, number: int, 
         assert demo.end(number, group=group) == 130
         assert all_gone(programs)
         # the helper process of Python's multiprocessing (its resource tracker) ends a moment later
-        until(lambda: all_gone(family), "the end of Python's helper", timeout=5)
+        until(lambda: all_gone(family), "the end of Python's helper")
     for path in (*tmp_path.glob("*.log"), tmp_path / "demo.err"):
         assert "Traceback" not in path.read_text()
 
@@ -141,12 +141,13 @@ def test_demo_of_an_unknown_scenario_is_one_line(tmp_path: Path) -> None:
     with started(
         tmp_path / "demo.err", "onboard", "demo", "--headless", "--scenario", "no-such", cwd=tmp_path
     ) as demo:
-        assert demo.popen.wait(60) == 2
+        assert demo.popen.wait(PATIENCE) == 2
     (line,) = demo.output().splitlines()
     assert "'no-such'" in line
     assert "formation-s-turn" in line  # the known scenarios
 
 
+@pytest.mark.slow
 def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> None:
     """Shorter than the settling time: scored nevertheless, without settled numbers."""
 
@@ -156,7 +157,8 @@ def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> Non
         return *command, "--out", str(tmp_path), "--json", str(json_file)
 
     with started(tmp_path / "3.err", *demo(3)) as third, started(tmp_path / "4.err", *demo(4)) as fourth:
-        assert (third.popen.wait(100), fourth.popen.wait(100)) == (0, 0), third.output() + fourth.output()
+        codes = third.popen.wait(PATIENCE), fourth.popen.wait(PATIENCE)
+        assert codes == (0, 0), third.output() + fourth.output()
     for seed in (3, 4):
         numbers = json.loads((tmp_path / f"{seed}.json").read_bytes())
         assert numbers["drops"]["images_lost"] == 0
@@ -166,6 +168,7 @@ def test_two_demos_at_once_of_seeds_3_and_4_in_one_folder(tmp_path: Path) -> Non
         assert numbers["range_error_rms_percent"] is None
 
 
+@pytest.mark.slow
 def test_demo_uses_the_camera_of_the_scenario_seed_5(tmp_path: Path) -> None:
     """A user's scenario by path: another lens, a rotated mount, another vehicle id."""
     scenario = tmp_path / "mine.v2.toml"

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import common
 
 from onboard.messages import Estimate, Health
 from onboard.view.client import Client
-from tests.support.programs import free_ports, run, started, until
+from tests.support.programs import PATIENCE, free_ports, run, started, until
 
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 
@@ -39,7 +39,7 @@ class Listener:
 
     def __init__(self, client: Client) -> None:
         self._client = client
-        self._deadline = time.monotonic() + 60
+        self._deadline = time.monotonic() + PATIENCE
         self.newest: dict[str, Estimate] = {}
         self.health: list[Health] = []
 
@@ -56,7 +56,7 @@ class Listener:
 def late_joiner(endpoint: str) -> Estimate:
     """One track's estimate, queried by its name."""
     with zenoh.open(_client(endpoint)) as session:
-        (reply,) = session.get("onboard/1/estimate/traffic/icao/4b1a00", timeout=5.0)
+        (reply,) = session.get("onboard/1/estimate/traffic/icao/4b1a00", timeout=PATIENCE)
         return msgspec.json.decode(reply.ok.payload.to_bytes(), type=Estimate)
 
 
@@ -88,7 +88,7 @@ def test_all_the_traffic_is_tracked_published_and_sent_to_a_ground_station(tmp_p
         daemon.wait_for("zenoh:")
         client: Client = until(lambda: connect(endpoint), "the daemon's Zenoh")
         try:
-            with started(tmp_path / "simlink", *fly, "--zenoh", endpoint, "--wait", "20") as simulator:
+            with started(tmp_path / "simlink", *fly, "--zenoh", endpoint, "--wait", "300") as simulator:
                 listener = Listener(client)
                 until(listener.all_tracked, "twenty tracks")
                 late = late_joiner(endpoint)

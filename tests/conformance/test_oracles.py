@@ -151,19 +151,6 @@ def test_extended_is_filterpy_s_seed_12() -> None:
         agrees(belief, peer.x, peer.P)
 
 
-def test_unscented_is_filterpy_s_seed_13() -> None:
-    seen = flight(13, radar, R_RADAR)
-    points = peers.JulierSigmaPoints(N, kappa=3.0 - N)
-    fx, hx = lambda x, _: F @ x, lambda x: radar(x[None])[0]
-    peer = prepared(peers.UnscentedKalmanFilter(N, 3, DT, hx, fx, points, residual_z=difference), Q, R_RADAR)
-    belief = START
-    for y in seen:
-        peer.predict()
-        peer.update(y)
-        belief = unscented_step(belief, y)
-        agrees(belief, peer.x, peer.P, INVERTED)
-
-
 def test_each_half_step_of_the_cubature_filter_is_filterpy_s_seed_14() -> None:
     """Half by half: filterpy updates with the points it has predicted, without Q in them; ours are drawn anew."""
     seen, none = flight(14, radar, R_RADAR), np.zeros((N, N))

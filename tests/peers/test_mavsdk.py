@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.programs import free_ports, started
+from tests.support.programs import PATIENCE, free_ports, started
 
 pytestmark = pytest.mark.skipif(
     importlib.util.find_spec("mavsdk") is None, reason="MAVSDK's Python package (mavsdk) is not installed"
@@ -46,7 +46,7 @@ def is_known(seen):
     return all(x == x for x in numbers) and received
 
 
-deadline = time.monotonic() + 30
+deadline = time.monotonic() + 200
 while not is_known(look()) and time.monotonic() < deadline:
     time.sleep(0.05)
 first = look()
@@ -78,7 +78,7 @@ def test_mavsdk_sees_the_vehicle_of_formation_seed_1(tmp_path: Path) -> None:
             [sys.executable, "-c", CLIENT, f"udpin://127.0.0.1:{port}"],
             capture_output=True,
             text=True,
-            timeout=90,
+            timeout=PATIENCE,
             check=False,
         )
     assert done.returncode == 0, done.stdout + done.stderr

@@ -45,7 +45,7 @@ def config(endpoint: str, **options: Any) -> ZenohConfig:
 
 def test_a_program_that_ends_in_a_callback_ends_well() -> None:
     command = [sys.executable, "-c", ENDS_IN_A_CALLBACK, free_endpoint()]
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment())
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False, env=environment())
     assert (ended.returncode, ended.stderr) == (0, "")
 
 

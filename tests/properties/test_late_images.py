@@ -217,7 +217,7 @@ def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(seed: int, noise:
     rng = np.random.default_rng(seed)
     config = make_config(f"estimator.leader.filter={noise}", f"estimator.leader.initialise_images={initialise}")
     valid = 0
-    for _ in range(250):
+    for _ in range(125):
         start = rng.uniform(5, 50)
         messages: list[Message] = [heartbeat(round(start * S))]
         t_ns = round(start * S)
@@ -235,4 +235,4 @@ def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(seed: int, noise:
         run = advance(messages, config)
         assert_sane(run.estimates)
         valid += sum(e.valid for e in run.estimates)
-    assert valid > 1000, "the fuzz must leave the filter something to fly on"
+    assert valid > 500, "the fuzz must leave the filter something to fly on"

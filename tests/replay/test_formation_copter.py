@@ -1,9 +1,14 @@
-"""Recorded flights: an ArduPilot follower behind a leader, one that looks away, and one with no camera at all."""
+"""Recorded flights: an ArduPilot follower behind a leader, one that looks away, and one with no camera at all.
+
+35 s of the first, a left circle and the reversal, are in `data` beside this file; all else is not part of the
+repository, and slow.
+"""
 
 import csv
 import gzip
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -14,6 +19,8 @@ from onboard.wire.tlog import read_tlog
 from tests.support.streams import Run, assert_sane, make_config
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
+EXCERPT = Path(__file__).parent / "data"
+WHOLE = pytest.param("whole", marks=pytest.mark.slow)
 S = 1_000_000_000
 CAMERA = "camera.mount_rpy_deg=[0,15,0]"
 WARM_UP = 15.0  # s of boot-clock time after the first image
@@ -27,11 +34,11 @@ def recording(name: str) -> Path:
     return path
 
 
-def replay(name: str) -> tuple[Run, Health]:
+def replay(log: bytes) -> tuple[Run, Health]:
     """The pipeline over a whole log."""
     pipeline = Pipeline(make_config(CAMERA))
     outputs, last = [], 0
-    for datagram, _ in read_tlog(recording(name).read_bytes()):
+    for datagram, _ in read_tlog(log):
         if datagram is not None:
             outputs.extend(pipeline.feed(datagram))
             last = datagram.t_recv_ns
@@ -40,20 +47,28 @@ def replay(name: str) -> tuple[Run, Health]:
     return run, pipeline.health(last)
 
 
-@pytest.fixture(scope="module")
-def formation() -> tuple[Run, Health]:
-    return replay("formation-copter/follower.tlog")
+class Copter(NamedTuple):
+    """The formation's flight, or 35 s of it; at least so many images are judged. `truth` is the relative position
+    (3,) at a boot time, s."""
+
+    run: Run
+    health: Health
+    images: int
+    truth: Callable[[float], np.ndarray]
 
 
-@pytest.fixture(scope="module")
-def away() -> tuple[Run, Health]:
-    return replay("target-out-of-view/follower.tlog")
+@pytest.fixture(scope="module", params=["excerpt", WHOLE])
+def copter(request: pytest.FixtureRequest) -> Copter:
+    if request.param == "excerpt":
+        log = gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())
+        return Copter(*replay(log), 450, truth_of(EXCERPT / "copter_truth.csv.gz"))
+    log, truth = (recording(f"formation-copter/{name}") for name in ("follower.tlog", "follower_truth.csv.gz"))
+    return Copter(*replay(log.read_bytes()), 4500, truth_of(truth))
 
 
-@pytest.fixture(scope="module")
-def truth() -> Callable[[float], np.ndarray]:
+def truth_of(path: Path) -> Callable[[float], np.ndarray]:
     """Relative position (3,) at a boot time, s."""
-    with gzip.open(recording("formation-copter/follower_truth.csv.gz"), "rt") as file:
+    with gzip.open(path, "rt") as file:
         rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
     times = np.array([float(r["time_boot_s"]) for r in rows])
     r = np.array([[float(row[k]) for k in list(row) if k.startswith("r_")][:3] for row in rows])
@@ -66,34 +81,33 @@ def judged(run: Run) -> list[Estimate]:
     return [e for e in run.estimates if e.valid and e.measurement is not None and e.t_ns >= start]
 
 
-def test_position_and_range_are_right_while_valid(
-    formation: tuple[Run, Health], truth: Callable[[float], np.ndarray]
-) -> None:
-    estimates = judged(formation[0])
+def test_position_and_range_are_right_while_valid(copter: Copter) -> None:
+    estimates = judged(copter.run)
     estimated = np.array([e.mean[:3] for e in estimates if e.mean])
-    true = np.array([truth(e.t_ns / S) for e in estimates])
+    true = np.array([copter.truth(e.t_ns / S) for e in estimates])
     error = np.linalg.norm(estimated - true, axis=1)
     true_range = np.linalg.norm(true, axis=1)
     relative = (np.linalg.norm(estimated, axis=1) - true_range) / true_range
-    assert len(estimates) > 4500
+    assert len(estimates) > copter.images
     assert np.sqrt(np.mean(error**2)) <= 2.0
     assert np.sqrt(np.mean(relative**2)) <= 0.05
 
 
-def test_it_is_valid_nearly_always_while_the_leader_is_in_view(formation: tuple[Run, Health]) -> None:
-    run, _ = formation
+def test_it_is_valid_nearly_always_while_the_leader_is_in_view(copter: Copter) -> None:
+    run = copter.run
     start = min(r.t_ns for r in run.reports) + WARM_UP * S
     in_view = [e for e in run.estimates if e.measurement is not None and e.t_ns >= start]
     assert sum(e.valid for e in in_view) / len(in_view) > 0.97
     assert run.estimates[-1].reset_count <= 1
 
 
-def test_every_image_has_a_verdict(formation: tuple[Run, Health]) -> None:
-    run, health = formation
+def test_every_image_has_a_verdict(copter: Copter) -> None:
+    run, health = copter.run, copter.health
     verdicts = run.verdicts()
     total = sum(verdicts.values())
     # the camera's clock is half a second ahead: the last images wait in vain for our own motion
-    assert total + len(run.pipeline._waiting) == health.streams["TargetPoints"].count
+    missing = health.streams["TargetPoints"].count - total - len(run.pipeline._waiting)
+    assert 0 <= missing <= 1  # one that comes before anything of our own motion, where a recording is cut
     assert len(run.pipeline._waiting) < 20
     assert verdicts[Verdict.FUSED] > 0.93 * total
     assert 0.003 * total < verdicts[Verdict.GATED] < 0.04 * total  # one in a hundred is a wrong blob
@@ -107,8 +121,8 @@ def test_every_image_has_a_verdict(formation: tuple[Run, Health]) -> None:
     }
 
 
-def test_the_clocks_of_a_real_autopilot_are_followed(formation: tuple[Run, Health]) -> None:
-    _, health = formation
+def test_the_clocks_of_a_real_autopilot_are_followed(copter: Copter) -> None:
+    health = copter.health
     assert health.autopilot == "ArduPilot, system 1"
     assert health.autopilot_reboots == 0
     assert health.clock_source == "timesync"
@@ -116,8 +130,9 @@ def test_the_clocks_of_a_real_autopilot_are_followed(formation: tuple[Run, Healt
     assert "host_clock_steps" not in health.rejected
 
 
-def test_out_of_view_it_is_never_valid_for_longer_than_the_timeout(away: tuple[Run, Health]) -> None:
-    run, health = away
+@pytest.mark.slow
+def test_out_of_view_it_is_never_valid_for_longer_than_the_timeout() -> None:
+    run, health = replay(recording("target-out-of-view/follower.tlog").read_bytes())
     fused = np.array(
         sorted(
             r.t_ns for r in run.reports if r.verdict in (Verdict.FUSED, Verdict.FUSED_LATE, Verdict.INITIALISING)
@@ -135,8 +150,9 @@ def test_out_of_view_it_is_never_valid_for_longer_than_the_timeout(away: tuple[R
     assert health.autopilot_reboots == 0
 
 
+@pytest.mark.slow
 def test_a_flight_without_a_camera_gives_no_estimate_of_a_leader() -> None:
-    run, health = replay("logs/dronekit_flight.tlog")
+    run, health = replay(recording("logs/dronekit_flight.tlog").read_bytes())
     assert not any(e.valid or e.mean is not None for e in run.estimates)
     assert {e.state for e in run.estimates} == {Lifecycle.SEARCHING}
     assert health.streams["Attitude"].count > 1000

@@ -9,9 +9,12 @@ import pytest
 from tests.support.programs import DATA, run
 
 LOGS = DATA / "logs"
-pytestmark = pytest.mark.skipif(
-    not LOGS.is_dir(), reason="the recorded flights are not part of this repository (../shared/data)"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not LOGS.is_dir(), reason="the recorded flights are not part of this repository (../shared/data)"
+    ),
+]
 ULOGS = ("frrs_ekf_failure.ulg", "frrs_motor_failure.ulg", "pyulog_events.ulg", "pyulog_tagged.ulg")
 
 

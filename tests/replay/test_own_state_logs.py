@@ -17,7 +17,8 @@ from onboard.wire.ulog import read_ulog
 from tests.support.programs import DATA
 
 S = 1_000_000_000
-pytestmark = pytest.mark.skipif(
+EXCERPT = Path(__file__).parent / "data"
+shared = pytest.mark.skipif(
     not DATA.is_dir(), reason="the recorded flights are not part of this repository (../shared/data)"
 )
 
@@ -47,6 +48,8 @@ def within(states: list[NavState], t: np.ndarray, velocity: np.ndarray, settle: 
     return float((difference < 3 * spread).mean(axis=0).min()), float(np.sqrt((difference**2).sum(axis=1).mean()))
 
 
+@shared
+@pytest.mark.slow
 def test_a_real_px4_that_loses_a_motor_agrees_with_its_own_filter() -> None:
     """The IMU is logged at 9 Hz and shaken by 4 to 12 m/s^2: the attitude shows the force better than it does, and
     our covariance must follow."""
@@ -60,12 +63,17 @@ def test_a_real_px4_that_loses_a_motor_agrees_with_its_own_filter() -> None:
     assert states[-1].reset_count == 0
 
 
-def test_ardupilots_stream_agrees_with_the_truth_and_with_its_own_filter() -> None:
-    log = DATA / "formation-copter" / "follower.tlog"
-    datagrams = (d for d, _ in read_tlog(log.read_bytes()) if d is not None)
+@pytest.mark.parametrize("part", ["excerpt", pytest.param("take-off", marks=[shared, pytest.mark.slow])])
+def test_ardupilots_stream_agrees_with_the_truth_and_with_its_own_filter(part: str) -> None:
+    if part == "excerpt":
+        log = gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())
+        truth = _truth(EXCERPT / "copter_state_truth.csv.gz")
+    else:
+        log = (DATA / "formation-copter" / "follower.tlog").read_bytes()
+        truth = _truth(DATA / "formation-copter" / "follower_state_truth.csv.gz")
+    datagrams = (d for d, _ in read_tlog(log) if d is not None)
     first = next(datagrams)
     states, theirs = fly(takewhile(lambda d: d.t_recv_ns - first.t_recv_ns < 45 * S, datagrams))
-    truth = _truth(log.parent / "follower_state_truth.csv.gz")
     share, error = within(states, truth[:, 0], truth[:, 4:7], 15.0)
     assert share >= 0.99
     assert error < 0.05

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import Estimate, Health
 from onboard.view.client import Client
-from tests.support.programs import Program, free_ports, run, started, until
+from tests.support.programs import PATIENCE, Program, free_ports, run, started, until
 
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 
@@ -160,6 +160,6 @@ def queried(endpoint: str, key: str) -> tuple[dict[str, Any], dict[str, Any]]:
     ):
         config.insert_json5(name, value)
     with zenoh.open(config) as session:
-        (reply,) = list(session.get(key, timeout=10.0))
+        (reply,) = list(session.get(key, timeout=PATIENCE))
         ok = reply.ok
         return json.loads(ok.payload.to_bytes()), json.loads(ok.attachment.to_bytes())

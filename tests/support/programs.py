@@ -15,13 +15,13 @@ import psutil
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
-PATIENCE = 60.0  # s; generous, since nothing here is about speed
+PATIENCE = 300.0  # s; what takes longer hangs: nothing here is about speed
 
 
-def run(*command: str | Path, cwd: Path | None = None, timeout: float = 110) -> "subprocess.CompletedProcess[str]":
+def run(*command: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Run `onboard ...` or `simlink ...` to its end."""
     return subprocess.run(
-        argv(*command), cwd=cwd, capture_output=True, text=True, timeout=timeout, check=False, env=environment()
+        argv(*command), cwd=cwd, capture_output=True, text=True, timeout=PATIENCE, check=False, env=environment()
     )
 
 

@@ -9,11 +9,11 @@ from typing import Any
 from onboard.links import parse_link
 from onboard.messages import Datagram
 
-TIMEOUT_S = 10.0
+TIMEOUT_S = 300.0  # what takes longer hangs
 
 
 async def until(condition: Callable[[], Any]) -> None:
-    """Wait until `condition` holds; TimeoutError after 10 s."""
+    """Wait until `condition` holds; TimeoutError after TIMEOUT_S."""
     async with asyncio.timeout(TIMEOUT_S):
         while not condition():  # noqa: ASYNC110 - the condition is no event
             await asyncio.sleep(0.005)

@@ -22,4 +22,4 @@ def make(lines: list[str] | None = None, **changed: Any) -> Server:
 
 
 def run(main: Callable[[], Any]) -> Any:
-    return asyncio.run(asyncio.wait_for(main(), 30))
+    return asyncio.run(asyncio.wait_for(main(), 300))

@@ -2,14 +2,17 @@
 
 import io
 import json
+from pathlib import Path
 
+import pytest
 from rich.console import Console
 
+from benchmarks import __main__ as command
+from benchmarks import radar, vision
 from benchmarks.__main__ import table
 from benchmarks.measuring import figures
 from benchmarks.timing import Side, compare
 from benchmarks.traffic import COUNTS
-from tests.support.programs import ROOT
 
 KEYS = {
     "radar_ukf": {
@@ -46,6 +49,7 @@ KEYS = {
 }
 
 
+@pytest.mark.slow
 def test_every_figure_has_its_key_and_its_row() -> None:
     measured = figures(pairs=1, scale=1e-9, starts=1)
     assert {name: set(row) for name, row in measured.items()} == KEYS
@@ -70,5 +74,14 @@ def test_pairs_are_timed_in_turn_and_per_filter() -> None:
     assert made.low <= made.times <= made.high
 
 
-def test_make_bench_writes_the_file() -> None:
-    assert "-m benchmarks --json bench.json" in (ROOT / "Makefile").read_text(encoding="utf-8")
+def test_the_benchmarks_agree_with_their_peers_before_anything_is_timed() -> None:
+    assert radar.agree()
+    assert vision.agree()
+
+
+def test_the_command_writes_what_it_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of made-up figures: to measure them takes a minute."""
+    made = {name: dict.fromkeys(sorted(keys), 2.0) for name, keys in KEYS.items()}
+    monkeypatch.setattr(command, "figures", lambda: made)
+    assert command.main(["--json", str(tmp_path / "bench.json")]) == 0
+    assert json.loads((tmp_path / "bench.json").read_bytes()) == made

@@ -256,7 +256,7 @@ def test_help_and_version_need_neither_numpy_nor_rerun_nor_zenoh() -> None:
         "sys.exit(','.join(heavy & set(sys.modules)) or 0)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=False, timeout=60
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=False, timeout=300
     )
     assert done.returncode == 0, done.stderr
 
@@ -268,7 +268,7 @@ def test_a_replay_loads_neither_zenoh_nor_rerun(flight: Path) -> None:
         "sys.exit(','.join({'zenoh', 'rerun', 'matplotlib'} & set(sys.modules)) or 0)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=False, timeout=110
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=False, timeout=300
     )
     assert done.returncode == 0, done.stderr
 
@@ -293,7 +293,7 @@ def test_output_into_a_pipe_that_closes_is_no_error() -> None:
             stderr=subprocess.PIPE,
             env=environment(),
             check=False,
-            timeout=60,
+            timeout=300,
         )
     assert done.stderr == b""
     assert done.returncode == 0

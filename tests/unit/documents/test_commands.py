@@ -15,7 +15,7 @@ from tests.support import documents
 from tests.support.programs import ROOT
 
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
-TARGETS = set(re.findall(r"^([a-z]+):", MAKEFILE, re.MULTILINE))
+TARGETS = set(re.findall(r"^([a-z-]+):", MAKEFILE, re.MULTILINE))
 PARSERS = {"onboard": cli.parser, "simlink": simlink_cli._parser}
 
 

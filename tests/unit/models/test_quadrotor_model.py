@@ -1,6 +1,7 @@
 """The quadrotor against mechanics by hand, its reference flight, and how the filters fare on it."""
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -142,6 +143,15 @@ def test_outliers_come_at_their_rate_seeds_0_to_3() -> None:
 # ------------------------------------------------------------------------------------- the filters on it
 
 
+@cache
+def flown(actuation: Callable[[float, Array], Array], outliers: float) -> tuple[quadrotor_flight.Flight, Array]:
+    """8 flights, simulated once for all filters, and where these begin."""
+    makers = generators(8)
+    flight = fly(makers, actuation=actuation, outliers=outliers)
+    sigma = 2 * np.sqrt(np.diag(quadrotor.MEASUREMENT_NOISE))
+    return flight, flight.states[0] + np.stack([sigma * g.standard_normal(12) for g in makers])
+
+
 def velocity_rmse(
     name: str,
     actuation: Callable[[float, Array], Array],
@@ -150,12 +160,11 @@ def velocity_rmse(
     columns: tuple[int, ...] = quadrotor.VELOCITY,
 ) -> float:
     """The reference table's figure, on 8 of its 60 flights: metres a second over 10-20 s."""
-    method, makers = methods()[name], generators(8)
-    flight = fly(makers, actuation=actuation, outliers=outliers)
+    method = methods()[name]
+    flight, x0 = flown(actuation, outliers)
     R, Q = np.array(quadrotor.MEASUREMENT_NOISE), quadrotor_flight.process_noise()
     inflated = [*quadrotor.VELOCITY, *quadrotor.RATES]
     Q[inflated, inflated] *= factor
-    x0 = flight.states[0] + np.stack([2 * np.sqrt(np.diag(R)) * g.standard_normal(12) for g in makers])
     state, errors = method.start(x0, np.tile(4 * R, (8, 1, 1))), []
     for k, inputs in enumerate(flight.inputs):
         state = method.predict(state, lambda rows, u=inputs: quadrotor.process(rows, u, DT), Q)  # type: ignore[misc]

@@ -45,6 +45,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, Path]:
     return study.run(seeds=2, first_seed=200, jobs=1, out=out), out
 
 
+@pytest.mark.slow
 def test_the_reference_s_numbers_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
     """20 runs of the validation, 2 of radar and GNSS: wider than the full study's tolerance where it scatters."""
     ours = {c.name: c for c in found[0].checks}
@@ -63,6 +64,7 @@ def test_the_reference_s_numbers_seeds_200_and_201(found: tuple[Findings, Path])
     assert [n for n, c in ours.items() if not c.agrees and n not in wide | scattered] == []
 
 
+@pytest.mark.slow
 def test_claims_are_judged_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
     verdicts = [c.verdict for c in found[0].claims]
     assert len(verdicts) == 14
@@ -74,6 +76,7 @@ def test_claims_are_judged_seeds_200_and_201(found: tuple[Findings, Path]) -> No
     assert all(m.proven for m in found[0].misprints)
 
 
+@pytest.mark.slow
 def test_written_files_can_be_read_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
     written = json.loads((found[1] / "result.json").read_bytes())
     assert len(written["misprints"]) == 19

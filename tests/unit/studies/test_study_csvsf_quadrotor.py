@@ -219,7 +219,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     return found, out, calls
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.slow
 def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None:
     found, out, calls = result
     assert calls == [(k, 13) for k in range(1, 14)]
@@ -238,6 +238,7 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None
     assert all({len(cells) for cells in table.rows} == {len(table.header)} for table in tables)
 
 
+@pytest.mark.slow
 def test_figures_agree_with_the_reference_seeds_3_and_4(result: Ran) -> None:
     """All but one figure, Q x 300: see the report."""
     found = result[0]
@@ -251,6 +252,7 @@ def test_figures_agree_with_the_reference_seeds_3_and_4(result: Ran) -> None:
     assert verdicts == ["holds", *["holds only if"] * 5, "holds"]
 
 
+@pytest.mark.slow
 def test_the_adaptive_form_meets_what_no_other_meets_seeds_3_and_4(result: Ran) -> None:
     limits = [x for x in result[0].limits if not x.variant.startswith("multirate")]
     met = {x.method for x in limits} - {x.method for x in limits if not x.met}

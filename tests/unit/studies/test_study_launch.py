@@ -8,7 +8,10 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.studies.report.findings import Findings
+from onboard.studies.tracking.outcomes import Outcome, WindowErrors
 from onboard.studies.ukf_radar_launch_vehicle import runs, study
+from onboard.studies.ukf_radar_launch_vehicle.claims import claims_of
+from onboard.studies.ukf_radar_launch_vehicle.runs import Results
 from simlink.sensors.tracking_radar import TrackingRadar, track
 
 
@@ -18,6 +21,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, Path]:
     return study.run(seeds=6, first_seed=100, jobs=1, out=out), out
 
 
+@pytest.mark.slow
 def test_the_reference_s_numbers_seeds_100_to_105(found: tuple[Findings, Path]) -> None:
     ours = {c.name: c.ours for c in found[0].checks}
     assert ours["position RMS, 10-112 s, q 1"] == pytest.approx(4.9, rel=0.12)
@@ -28,6 +32,7 @@ def test_the_reference_s_numbers_seeds_100_to_105(found: tuple[Findings, Path]) 
     assert ours["UKF diverged"] == 0
 
 
+@pytest.mark.slow
 def test_no_process_noise_brings_the_claimed_accuracy_seeds_100_to_105(found: tuple[Findings, Path]) -> None:
     sweep = found[0].tables[1]
     assert len(sweep.rows) == 6
@@ -38,6 +43,36 @@ def test_no_process_noise_brings_the_claimed_accuracy_seeds_100_to_105(found: tu
     written = json.loads((found[1] / "result.json").read_bytes())
     assert len(written["figures"]) == 3
     assert all((found[1] / name).stat().st_size > 10_000 for name in written["figures"])
+
+
+def made(position: float, velocity: float = 1.0, failed: int = 0) -> Outcome:
+    """A tracker of ten runs with these errors in every window."""
+    errors = WindowErrors(position, velocity, 1.0, 9.0, 3.0, 0.95)
+    none = np.empty((0, 9))
+    return Outcome("made", 10, failed, 1.0, failed, dict.fromkeys(runs.NAMES, errors), none, none, none[:, 0])
+
+
+def results(**outcomes: Outcome) -> Results:
+    trackers = {name.replace("_", "-"): outcome for name, outcome in outcomes.items()}
+    within = dict.fromkeys(trackers, 0.68)
+    return Results(trackers, 0.0, within, np.empty((0, 3)), {})
+
+
+@pytest.mark.parametrize(
+    ("ukf", "ekf", "plain", "expected"),
+    [
+        (made(4.9), made(9.9), made(9.9), ["holds", "holds", "holds", "holds"]),
+        (made(5.1), made(10.1), made(10.1), ["does not hold", "does not hold", "holds", "holds"]),
+        (made(10.1), made(10.1), made(10.1), ["does not hold"] * 4),
+        (made(4.0, 5.1), made(4.0, 10.1), made(4.0, 9.0, 1), ["does not hold"] * 3 + ["holds only if"]),
+    ],
+)
+def test_claims_are_judged_on_errors_made_by_hand(
+    ukf: Outcome, ekf: Outcome, plain: Outcome, expected: list[str]
+) -> None:
+    flown = results(ukf=ukf, ekf=ekf, ukf_scaled=ukf, ekf_plain=plain)
+    claims = claims_of(flown, flown, [flown], dict.fromkeys(runs.NAMES, 50.0))
+    assert [claim.verdict for claim in claims[:4]] == expected
 
 
 def test_windows_leave_events_out() -> None:

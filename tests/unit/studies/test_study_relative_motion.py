@@ -33,6 +33,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Ran:
     return found, out, calls
 
 
+@pytest.mark.slow
 def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None:
     found, out, calls = result
     assert calls == [(i + 1, len(FLOWN)) for i in range(len(FLOWN))]
@@ -52,6 +53,7 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None
     assert compared == expected
 
 
+@pytest.mark.slow
 def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(result: Ran) -> None:
     """Bands wide enough for two flights; those of the full study are compared by `compare`."""
     rows = {(row.variant, row.method): row for row in result[0].rows}
@@ -70,6 +72,7 @@ def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(result: Ran) ->
     assert verdicts["eq 54"] == "does not hold"
 
 
+@pytest.mark.slow
 def test_targets_are_met_or_not_by_the_numbers(result: Ran) -> None:
     rows, limits = result[0].rows, result[0].bounds
     paper = {(t.variant, t.what): t for t in judge(rows, {row.variant: "paper" for row in rows}, limits)}

@@ -46,6 +46,7 @@ def test_a_flight_is_scored_seed_101() -> None:
     assert {c.unit for c in found.checks} == {"", "s", "%"}
 
 
+@pytest.mark.slow
 def test_attitude_errors_of_radar_only_aircraft_are_known_by_the_reports_of_others_seed_102() -> None:
     """Half a degree of our own attitude is 15 m at their distance."""
     score = traffic.fly(102, "imm", 30.0)

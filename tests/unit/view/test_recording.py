@@ -20,7 +20,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_closed_recording_is_whole(recording: Path) -> None:
     viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
     command = [str(viewer.viewer_path()), "rrd", "verify", str(recording)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
 
 
@@ -103,7 +103,7 @@ def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
     psutil = pytest.importorskip("psutil")
     png = tmp_path / "view.png"
     try:
-        viewer.screenshot(recording, png, at=START_S + 6.0, size=(1000, 700), timeout=60.0)
+        viewer.screenshot(recording, png, at=START_S + 6.0, size=(1000, 700), timeout=300)
     except viewer.ViewerError as error:
         if "graphics adapter" in str(error) or not has_vulkan():
             pytest.skip("no Vulkan driver here: Debian's mesa-vulkan-drivers has one in software")

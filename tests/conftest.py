@@ -1,0 +1,29 @@
+"""What every run of the tests does first: kernels that fit their sources, and the longest files in front."""
+
+import os
+
+import pytest
+
+from tests.support import kernels, order
+
+SOURCES = pytest.StashKey[str]()
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if _leads(config):
+        kernels.prepare(all_at_once=bool(config.getoption("numprocesses", None)))
+        config.stash[SOURCES] = kernels.digest()
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if SOURCES in config.stash:
+        kernels.keep(config.stash[SOURCES])
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: order.place(item.nodeid.partition("::")[0]))
+
+
+def _leads(config: pytest.Config) -> bool:
+    """Whether this process starts the tests (xdist's workers do not), and they use the compiler."""
+    return not hasattr(config, "workerinput") and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"

@@ -1,0 +1,68 @@
+"""simlink's scenarios flown in this process: each is simulated once, however many settings it is replayed with."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+from onboard.config import load_config
+from onboard.messages import Datagram, Encoding, Estimate, Truth
+from onboard.pipeline import Pipeline
+from onboard.scoring.leader import LeaderScore, reference_from_records, score_leader
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import load_scenario
+from simlink.simulation import boot_ns_of, datagrams
+
+
+class Recorded(NamedTuple):
+    """A simulated flight: what arrives, but for a radar's scans, which no .tlog holds; and the leader's truth."""
+
+    datagrams: list[Datagram]
+    truths: list[Truth]
+
+
+class Replayed(NamedTuple):
+    """The estimates of a flight's leader, their score, and the boot time at which the flight begins."""
+
+    estimates: list[Estimate]
+    score: LeaderScore
+    boot_ns: int
+
+    def at(self, begin: float, end: float) -> list[Estimate]:
+        """Estimates between two times of flight, s."""
+        return [e for e in self.estimates if begin <= (e.t_ns - self.boot_ns) * 1e-9 < end]
+
+
+class Flights:
+    """Replays of one seed. Each flight is simulated once, and each replay made once. `folder` is for their
+    configurations."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.seed = seed
+        self._folder = folder
+        self._recorded: dict[str, Recorded] = {}
+        self._replayed: dict[tuple[str, ...], Replayed] = {}
+
+    def __call__(self, scenario: str, *settings: str) -> Replayed:
+        """The scenario with its own configuration, and with these settings."""
+        key = (scenario, *settings)
+        if key not in self._replayed:
+            self._replayed[key] = self._replay(scenario, settings)
+        return self._replayed[key]
+
+    def _replay(self, scenario: str, settings: tuple[str, ...]) -> Replayed:
+        loaded = load_scenario(scenario)
+        path = self._folder / f"{scenario}.toml"
+        path.write_text(daemon_config(loaded), encoding="utf-8")
+        pipeline = Pipeline(load_config(path, settings))
+        flight = self._flight(scenario)
+        outputs = (o for datagram in flight.datagrams for o in pipeline.feed(datagram))
+        estimates = [o for o in outputs if isinstance(o, Estimate) and o.is_primary]
+        score = score_leader(estimates, reference_from_records(flight.truths))
+        return Replayed(estimates, score, boot_ns_of(loaded))
+
+    def _flight(self, scenario: str) -> Recorded:
+        if scenario not in self._recorded:
+            loaded = load_scenario(scenario)
+            items = [*datagrams(loaded, self.seed, loaded.duration, camera="mavlink")]
+            arriving = [i for i in items if isinstance(i, Datagram) and i.encoding is not Encoding.RADAR]
+            self._recorded[scenario] = Recorded(arriving, [i for i in items if isinstance(i, Truth)])
+        return self._recorded[scenario]

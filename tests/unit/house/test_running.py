@@ -1,0 +1,90 @@
+"""How the tests are run: which files begin first, and that no test runs machine code of another source."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support import kernels, order
+from tests.support.programs import PATIENCE, ROOT
+
+ANGLE = """
+import numpy as np
+from onboard.models import camera_angles
+
+def test_azimuth():
+    state = np.array([[30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0]])
+    print("azimuth", camera_angles.measure(state, np.eye(3), np.zeros(3))[0, 0])
+"""
+
+
+def azimuth_by_pytest(copy: Path) -> float:
+    """What the tests in a copy of the tree compute, in a process of their own."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("NUMBA", "PYTEST"))}
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-s", "-p", "no:cacheprovider", "tests/test_angle.py"],
+        capture_output=True,
+        text=True,
+        cwd=copy,
+        env=environment | {"PYTHONPATH": str(copy)},
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return float(done.stdout.split("azimuth")[1].split()[0])
+
+
+def test_a_kernel_changed_under_another_file_s_machine_code_is_compiled_anew(tmp_path: Path) -> None:
+    for part in ("onboard", "tests/support"):
+        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("*.pyc"))
+    for file in ("pyproject.toml", "tests/conftest.py"):
+        shutil.copy2(ROOT / file, tmp_path / file)
+    (tmp_path / "tests/test_angle.py").write_text(ANGLE, encoding="utf-8")
+    assert azimuth_by_pytest(tmp_path) == pytest.approx(0.25 * 3.141592653589793)
+    inner = tmp_path / "onboard/geometry/arctangent.py"
+    text, stat = inner.read_text(encoding="utf-8"), inner.stat()
+    assert text.count("return np.copysign(") == 1
+    inner.write_text(text.replace("return np.copysign(", "return 7.0 + np.copysign("), encoding="utf-8")
+    os.utime(inner, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+    assert azimuth_by_pytest(tmp_path) > 7.0
+
+
+def test_the_files_that_begin_first_are_there() -> None:
+    assert [file for file in order.LONGEST if not (ROOT / file).exists()] == []
+    assert order.place(order.LONGEST[1]) == 1
+    assert order.place("tests/any_other.py") == len(order.LONGEST)
+
+
+@pytest.fixture
+def stamp(tmp_path: Path) -> Path:
+    path = tmp_path / "stamp"
+    path.write_text("these", encoding="utf-8")
+    os.utime(path, (10.0, 10.0))
+    return path
+
+
+def code(stamp: Path, time_s: float) -> list[Path]:
+    path = stamp.with_name("a.nbc")
+    path.touch()
+    os.utime(path, (time_s, time_s))
+    return [path]
+
+
+def test_machine_code_of_these_sources_made_by_tests_is_known(stamp: Path) -> None:
+    assert kernels.is_known(stamp, "these", code(stamp, 9.0))
+
+
+def test_machine_code_of_other_sources_of_another_program_or_without_a_stamp_is_not(stamp: Path) -> None:
+    assert not kernels.is_known(stamp, "those", code(stamp, 9.0))
+    assert not kernels.is_known(stamp, "these", code(stamp, 11.0))
+    assert not kernels.is_known(stamp.with_name("none"), "these", [])
+
+
+def test_the_digest_is_of_every_source_that_machine_code_may_hold() -> None:
+    """A constant's module too, which has no kernels of its own."""
+    sources = {path.relative_to(ROOT).as_posix() for path in kernels.sources()}
+    assert {"onboard/geometry/arctangent.py", "onboard/filters/compiled.py", "onboard/models/radar.py"} <= sources
+    assert not any(name.startswith(("onboard/wire", "onboard/commands")) for name in sources)
