@@ -31,7 +31,7 @@ class Mutant(NamedTuple):
     survives: str = ""
 
     def applied_to(self, text: str) -> str:
-        """The file's text with the mutant in it. Raises MutantError unless the old text stands there exactly once."""
+        """The text with the mutant in it. Raises MutantError unless the old text stands there exactly once."""
         count = text.count(self.old)
         if count != 1:
             raise MutantError(f"{self.name}: the old text stands {count} times in {self.file}, not once")

@@ -44,7 +44,7 @@ def test_what_a_parser_reads_is_the_state_in_local_ned_and_in_the_body() -> None
 
 
 def test_the_bodys_velocity_and_the_attitude_err_together_as_the_covariance_says_seed_3() -> None:
-    """Of a full covariance, by drawing states from it: the attitude's error turns the velocity into another body."""
+    """Of a full covariance, by drawing states from it: an error of the attitude turns the velocity, too."""
     rng = np.random.default_rng(3)
     root = rng.normal(size=(12, 12)) * np.repeat([1.0, 0.5, 0.02, 0.1], 3)[:, None]
     P, q, v_n = root @ root.T, quaternion_from_euler(0.3, -0.2, 1.1), np.array([4.0, 5.0, 6.0])

@@ -1,4 +1,4 @@
-"""Scores of traffic, against tracks made by hand: each of its findings is there when it should be, and not else."""
+"""Scores of traffic, against tracks made by hand: each finding is there when it should be, and not else."""
 
 from collections.abc import Callable, Iterable
 from typing import Final
@@ -19,6 +19,7 @@ TARGETS: Final = ("icao/000001", "icao/000002")
 START: Final = np.array([[-900.0, 100.0, 0.0], [-900.0, 400.0, 0.0]])
 VELOCITY: Final = np.array([30.0, 0.0, 0.0])
 P: Final = tuple(map(tuple, (25.0 * np.eye(6)).tolist()))
+NORTH, EAST, DOWN = np.eye(3)
 TIMES: Final = np.arange(0, 10 * SECONDS + 1) / 10
 
 Place = Callable[[float], Array]
@@ -99,14 +100,14 @@ def test_a_track_on_another_aircraft_for_more_than_a_second_is_swapped(
 
 
 def test_a_track_that_is_off_and_on_no_other_is_lost_and_not_swapped() -> None:
-    found = score(told(TARGETS[0], lambda t: place(0)(t) + (0.0, -200.0, 0.0)), both()[1])
+    found = score(told(TARGETS[0], lambda t: place(0)(t) - 200.0 * EAST), both()[1])
     assert found.swaps == ()
     assert of(found, "one").inside == 0
     assert of(found, "one").rmse == pytest.approx(200.0)
 
 
 def test_a_track_of_no_aircraft_is_false_and_counted_with_its_samples() -> None:
-    nobody = told("radar/7", lambda t: place(0)(t) + (0.0, 0.0, 900.0), TIMES[100:140])
+    nobody = told("radar/7", lambda t: place(0)(t) + 900.0 * DOWN, TIMES[100:140])
     assert score(*both(), nobody).false_tracks == {"radar/7": 40}
 
 
@@ -135,7 +136,7 @@ def test_what_is_neither_heard_nor_seen_is_not_missing() -> None:
 
 @pytest.mark.parametrize(("off_m", "share"), [(13.0, 1.0), (15.0, 0.0)])
 def test_an_ellipsoid_of_95_per_cent_holds_2_8_sigmas_and_no_more(off_m: float, share: float) -> None:
-    found = of(score(told(TARGETS[0], lambda t: place(0)(t) + (off_m, 0.0, 0.0)), both()[1]), "one")
+    found = of(score(told(TARGETS[0], lambda t: place(0)(t) + off_m * NORTH), both()[1]), "one")
     assert found.samples > 300
     assert found.inside / found.samples == share
 
