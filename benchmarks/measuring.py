@@ -1,6 +1,7 @@
 """All figures, under the keys of bench.json. Every ratio is peer / ours, or as its key says; both in this run."""
 
 import platform
+from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
@@ -9,6 +10,7 @@ from benchmarks.timing import Side, compare
 
 BATCH = 500
 Figures = dict[str, dict[str, Any]]
+Times = Callable[[Side, Side], tuple[float, float]]
 
 
 class DisagreementError(Exception):
@@ -23,55 +25,17 @@ def figures(pairs: int = 21, scale: float = 1.0, starts: int = 5) -> Figures:
     if not (radar.agree() and vision.agree()):
         raise DisagreementError("ours and the peers' results differ: no ratio would mean anything")
 
-    def side(run: Any, steps: int, filters: int = 1) -> Side:
-        return Side(run, max(1, round(steps * scale)), filters)
-
     def times(ours: Side, peer: Side) -> tuple[float, float]:
-        made = compare(ours, peer, pairs)
+        """Our microseconds, and how many times as long the peer takes."""
+        made = compare(_scaled(ours, scale), _scaled(peer, scale), pairs)
         return made.ours_us, made.times
 
-    us, filterpy = times(side(radar.ours, 2000), side(radar.filterpy, 60))
-    two_calls, _ = times(side(radar.ours_in_two_calls, 2000), side(radar.ours, 2000))
-    _, our_model = times(side(radar.ours, 2000), side(radar.filterpy_compiled, 60))
-    _, stonesoup = times(side(radar.ours, 2000), side(radar.stonesoup, 20))
-    radar_ukf = {
-        "us": us,
-        "us_in_two_calls": two_calls,
-        "times_faster_than_filterpy": filterpy,
-        "times_faster_than_filterpy_our_model": our_model,
-        "times_faster_than_stonesoup": stonesoup,
-    }
-    us, filterpy = times(side(radar.ours_own_model, 2000), side(radar.filterpy, 60))
-    radar_own = {"us": us, "times_faster_than_filterpy": filterpy}
-    us, filterpy = times(side(radar.ours_numpy, 1000), side(radar.filterpy, 60))
-    radar_numpy = {"us": us, "times_faster_than_filterpy": filterpy}
-    us, filterpy = times(side(vision.ours, 2000), side(vision.filterpy, 20))
-    two_calls, _ = times(side(vision.ours_in_two_calls, 2000), side(vision.ours, 2000))
-    _, our_model = times(side(vision.ours, 2000), side(vision.filterpy_compiled, 60))
-    vision_ukf = {
-        "us": us,
-        "us_in_two_calls": two_calls,
-        "times_faster_than_filterpy": filterpy,
-        "times_faster_than_filterpy_our_model": our_model,
-    }
-    root = times(side(square_root.ours, 1000), side(square_root.unscented_ours, 1000))
-    root_two_calls = times(side(square_root.run(), 1000), side(square_root.unscented_run(), 1000))
-    many = times(side(square_root.run(BATCH), 4, BATCH), side(square_root.unscented_run(BATCH), 4, BATCH))
     return {
-        "radar_ukf": radar_ukf,
-        "radar_ukf_own_model": radar_own,
-        "radar_ukf_numpy_model": radar_numpy,
-        "vision_ukf": vision_ukf,
-        "batch_ukf": _batch(side(vision.batch(BATCH), 10, BATCH), side(vision.filterpy, 20), pairs),
-        "batch_radar": _batch(side(radar.batch(BATCH), 10, BATCH), side(radar.filterpy, 60), pairs),
-        "square_root": {
-            "us": root[0],
-            "times_ukf": 1 / root[1],
-            "us_in_two_calls": root_two_calls[0],
-            "times_ukf_in_two_calls": 1 / root_two_calls[1],
-            "batch_us": many[0],
-            "batch_times_ukf": 1 / many[1],
-        },
+        **_radar(times),
+        "vision_ukf": _vision(times),
+        "batch_ukf": _batch(times, Side(vision.batch(BATCH), 10, BATCH), Side(vision.filterpy, 20)),
+        "batch_radar": _batch(times, Side(radar.batch(BATCH), 10, BATCH), Side(radar.filterpy, 60)),
+        "square_root": _square_root(times),
         "leader_targets": targets.measure(scale),
         "traffic_tracks": traffic.measure(scale),
         "startup": start_up.measure(starts)._asdict(),
@@ -81,11 +45,56 @@ def figures(pairs: int = 21, scale: float = 1.0, starts: int = 5) -> Figures:
     }
 
 
-def _batch(ours: Side, peer: Side, pairs: int) -> dict[str, float]:
-    """Per filter and step, on one core."""
-    made = compare(ours, peer, pairs)
+def _scaled(side: Side, scale: float) -> Side:
+    return side._replace(steps=max(1, round(side.steps * scale)))
+
+
+def _radar(times: Times) -> Figures:
+    ours, filterpy = Side(radar.ours, 2000), Side(radar.filterpy, 60)
+    us, to_filterpy = times(ours, filterpy)
+    own_us, own_to_filterpy = times(Side(radar.ours_own_model, 2000), filterpy)
+    numpy_us, numpy_to_filterpy = times(Side(radar.ours_numpy, 1000), filterpy)
     return {
-        "us_per_step": made.ours_us,
-        "steps_per_s": 1e6 / made.ours_us,
-        "times_faster_than_filterpy": made.times,
+        "radar_ukf": {
+            "us": us,
+            "us_in_two_calls": times(Side(radar.ours_in_two_calls, 2000), ours)[0],
+            "times_faster_than_filterpy": to_filterpy,
+            "times_faster_than_filterpy_our_model": times(ours, Side(radar.filterpy_compiled, 60))[1],
+            "times_faster_than_stonesoup": times(ours, Side(radar.stonesoup, 20))[1],
+        },
+        "radar_ukf_own_model": {"us": own_us, "times_faster_than_filterpy": own_to_filterpy},
+        "radar_ukf_numpy_model": {"us": numpy_us, "times_faster_than_filterpy": numpy_to_filterpy},
     }
+
+
+def _vision(times: Times) -> dict[str, Any]:
+    ours = Side(vision.ours, 2000)
+    us, to_filterpy = times(ours, Side(vision.filterpy, 20))
+    return {
+        "us": us,
+        "us_in_two_calls": times(Side(vision.ours_in_two_calls, 2000), ours)[0],
+        "times_faster_than_filterpy": to_filterpy,
+        "times_faster_than_filterpy_our_model": times(ours, Side(vision.filterpy_compiled, 60))[1],
+    }
+
+
+def _square_root(times: Times) -> dict[str, Any]:
+    """Microseconds of the square-root filter, and how many times as long it takes as the unscented filter."""
+    us, ratio = times(Side(square_root.ours, 1000), Side(square_root.unscented_ours, 1000))
+    two_us, two_ratio = times(Side(square_root.run(), 1000), Side(square_root.unscented_run(), 1000))
+    many = square_root.run(BATCH), square_root.unscented_run(BATCH)
+    many_us, many_ratio = times(Side(many[0], 4, BATCH), Side(many[1], 4, BATCH))
+    return {
+        "us": us,
+        "times_ukf": 1 / ratio,
+        "us_in_two_calls": two_us,
+        "times_ukf_in_two_calls": 1 / two_ratio,
+        "batch_us": many_us,
+        "batch_times_ukf": 1 / many_ratio,
+    }
+
+
+def _batch(times: Times, ours: Side, peer: Side) -> dict[str, float]:
+    """Per filter and step, on one core."""
+    us, ratio = times(ours, peer)
+    return {"us_per_step": us, "steps_per_s": 1e6 / us, "times_faster_than_filterpy": ratio}

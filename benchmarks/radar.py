@@ -31,12 +31,12 @@ WEIGHTS: Final = unscented.julier_weights(N)  # n + kappa = 3, as the peers use
 RULE: Final = unscented.rule(WEIGHTS, N, 3, ANGULAR)
 
 
-def seen(seed: int = 1, steps: int = STEPS) -> Array:
+def measurements(seed: int = 1, steps: int = STEPS) -> Array:
     """Measurements (steps, 3) of a flight on the model."""
     rng, x, rows = np.random.default_rng(seed), START.mean, []
     for _ in range(steps):
         x = F @ x
-        rows.append(sees(x[None])[0] + rng.normal(0, np.sqrt(np.diag(R))))
+        rows.append(radar(x[None])[0] + rng.normal(0, np.sqrt(np.diag(R))))
     return np.array(rows)
 
 
@@ -64,14 +64,14 @@ def own_process(rows):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def own_measure(rows):  # type: ignore[no-untyped-def]
     """Range, azimuth and elevation (k, 3) of rows (k, 9), as a user would write it."""
-    seen = np.empty((rows.shape[0], 3))
+    images = np.empty((rows.shape[0], 3))
     for s in range(rows.shape[0]):
         x, y, z = rows[s, 0], rows[s, 3], rows[s, 6]
         across2 = x * x + y * y
-        seen[s, 0] = np.sqrt(across2 + z * z)
-        seen[s, 1] = np.arctan2(x, y)
-        seen[s, 2] = np.arctan2(z, np.sqrt(across2))
-    return seen
+        images[s, 0] = np.sqrt(across2 + z * z)
+        images[s, 1] = np.arctan2(x, y)
+        images[s, 2] = np.arctan2(z, np.sqrt(across2))
+    return images
 
 
 def moves(rows: Array) -> Array:
@@ -79,30 +79,30 @@ def moves(rows: Array) -> Array:
     return np.asarray(rows @ F.T)
 
 
-def sees(rows: Array) -> Array:
+def radar(rows: Array) -> Array:
     """`measure` in NumPy."""
     x, y, z = rows[:, 0], rows[:, 3], rows[:, 6]
     across = np.hypot(x, y)
     return np.column_stack([np.hypot(across, z), np.arctan2(x, y), np.arctan2(z, across)])
 
 
-SEEN: Final = seen()
+MEASURED: Final = measurements()
 
 
 def ours(steps: int, process: Any = process, measure: Any = measure) -> Belief:
     """The unscented filter, a step at a time, with the library's models."""
     belief: Any = START
     for k in range(steps):
-        belief = unscented.step(belief, process, Q, SEEN[k % STEPS], measure, R, RULE)
+        belief = unscented.step(belief, process, Q, MEASURED[k % STEPS], measure, R, RULE)
     return Belief(belief.mean, belief.covariance)
 
 
 def ours_in_two_calls(steps: int) -> Belief:
-    """The same by a prediction and an update, which also tells the innovation and its covariance."""
+    """The same by a prediction and an update, which also returns the innovation and its covariance."""
     belief = START
     for k in range(steps):
         belief = unscented.predict(belief, process, Q, WEIGHTS)
-        belief = unscented.update(belief, SEEN[k % STEPS], measure, R, WEIGHTS, ANGULAR).belief
+        belief = unscented.update(belief, MEASURED[k % STEPS], measure, R, WEIGHTS, ANGULAR).belief
     return belief
 
 
@@ -113,13 +113,13 @@ def ours_own_model(steps: int) -> Belief:
 
 def ours_numpy(steps: int) -> Belief:
     """The same with models in plain NumPy."""
-    return ours(steps, moves, sees)
+    return ours(steps, moves, radar)
 
 
 def batch(count: int) -> Any:
     """A run that advances `count` filters in one call."""
     start = Belief(np.tile(START.mean, (count, 1)), np.tile(START.covariance, (count, 1, 1)))
-    rows = np.ascontiguousarray(np.tile(SEEN[:, None], (1, count, 1)))
+    rows = np.ascontiguousarray(np.tile(MEASURED[:, None], (1, count, 1)))
 
     def run(steps: int) -> Belief:
         belief = start
@@ -155,7 +155,7 @@ def filterpy(steps: int) -> Belief:
 
 
 def filterpy_compiled(steps: int) -> Belief:
-    """filterpy's, given our compiled models."""
+    """filterpy's, with our compiled models."""
     return _filterpy(steps, lambda x, _: process(x[None])[0], lambda x: measure(x[None])[0])
 
 
@@ -165,7 +165,7 @@ def _filterpy(steps: int, fx: Any, hx: Any) -> Belief:
     peer.x, peer.P, peer.Q, peer.R = START.mean.copy(), START.covariance.copy(), Q, R
     for k in range(steps):
         peer.predict()
-        peer.update(SEEN[k % STEPS])
+        peer.update(MEASURED[k % STEPS])
     return Belief(peer.x, peer.P)
 
 
@@ -192,7 +192,7 @@ def stonesoup(steps: int) -> Belief:
     state = GaussianState(START.mean[:, None], START.covariance, timestamp=time)
     for k in range(steps):
         time += timedelta(seconds=DT)
-        detection = Detection(SEEN[k % STEPS][::-1, None], timestamp=time, measurement_model=sees)
+        detection = Detection(MEASURED[k % STEPS][::-1, None], timestamp=time, measurement_model=sees)
         prediction = predictor.predict(state, timestamp=time)
         state = updater.update(SingleHypothesis(prediction, detection))
     return Belief(np.asarray(state.state_vector, dtype=float)[:, 0], np.asarray(state.covar, dtype=float))

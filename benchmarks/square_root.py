@@ -15,14 +15,14 @@ UNSCENTED_RULE: Final = unscented.rule(WEIGHTS, radar.N, 3, radar.ANGULAR)
 
 def run(count: int | None = None) -> Callable[[int], object]:
     """A run of one square-root filter, or of a batch."""
-    belief, seen = _inputs(count)
+    belief, measured = _inputs(count)
     start = square_root.start(*belief)
 
     def steps_of(steps: int) -> object:
         state = start
         for k in range(steps):
             state = square_root.predict(state, radar.process, radar.Q, WEIGHTS)
-            y = seen[k % radar.STEPS]
+            y = measured[k % radar.STEPS]
             state = square_root.update(state, y, radar.measure, radar.R, WEIGHTS, radar.ANGULAR).belief
         return square_root.belief(state)
 
@@ -33,7 +33,7 @@ def ours(steps: int) -> Belief:
     """The square-root filter, a step at a time."""
     belief: Any = square_root.start(*radar.START)
     for k in range(steps):
-        y = radar.SEEN[k % radar.STEPS]
+        y = radar.MEASURED[k % radar.STEPS]
         belief = square_root.step(belief, radar.process, radar.Q, y, radar.measure, radar.R, RULE)
     return Belief(belief.mean, belief.covariance)
 
@@ -42,20 +42,20 @@ def unscented_ours(steps: int) -> Belief:
     """The same of the unscented filter, with the same points."""
     belief: Any = radar.START
     for k in range(steps):
-        y = radar.SEEN[k % radar.STEPS]
+        y = radar.MEASURED[k % radar.STEPS]
         belief = unscented.step(belief, radar.process, radar.Q, y, radar.measure, radar.R, UNSCENTED_RULE)
     return Belief(belief.mean, belief.covariance)
 
 
 def unscented_run(count: int | None = None) -> Callable[[int], object]:
     """The same of the unscented filter, with the same points."""
-    start, seen = _inputs(count)
+    start, measured = _inputs(count)
 
     def steps_of(steps: int) -> object:
         belief = start
         for k in range(steps):
             belief = unscented.predict(belief, radar.process, radar.Q, WEIGHTS)
-            y = seen[k % radar.STEPS]
+            y = measured[k % radar.STEPS]
             belief = unscented.update(belief, y, radar.measure, radar.R, WEIGHTS, radar.ANGULAR).belief
         return belief
 
@@ -64,8 +64,8 @@ def unscented_run(count: int | None = None) -> Callable[[int], object]:
 
 def _inputs(count: int | None) -> tuple[Belief, radar.Array]:
     if count is None:
-        return radar.START, radar.SEEN
+        return radar.START, radar.MEASURED
     mean, P = radar.START
     return Belief(np.tile(mean, (count, 1)), np.tile(P, (count, 1, 1))), np.tile(
-        radar.SEEN[:, None], (1, count, 1)
+        radar.MEASURED[:, None], (1, count, 1)
     )

@@ -15,15 +15,15 @@ with loading():  # as `onboard run` does
     import onboard.pipeline
     from onboard.estimators.leader import wing_line as leader_filter
     from onboard.models import wing_line
-    from onboard.models.leader_flight import Sight
+    from onboard.models.leader_flight import ImageGeometry
 points = np.array([[[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]])
 still = np.zeros((1, 3))
 y, R, axes = wing_line.from_points(points, np.full((1, 3), 1e-3))
-sight = Sight(np.eye(3)[None], still, still, still, axes)
+geometry = ImageGeometry(np.eye(3)[None], still, still, still, axes)
 leader = leader_filter.Filter(2.0, 0.04)
-state = leader_filter.start(leader, y, R, sight)
+state = leader_filter.start(leader, y, R, geometry)
 state = leader_filter.advance(leader, state, 0.02, still, still)
-leader_filter.fuse(leader, state, y, R, sight)
+leader_filter.fuse(leader, state, y, R, geometry)
 """
 PIPELINE = """
 from time import perf_counter

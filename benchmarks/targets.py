@@ -38,7 +38,8 @@ SWAY: Final = 0.05  # rad, of our nose
 
 
 def flight(count: int, seconds: int, seed: int = 1) -> list[Datagram]:
-    """What arrives while `count` leaders fly straight on with us, in order; our nose sways a little."""
+    """The datagrams, in order of arrival, while `count` leaders fly straight on with us; our nose sways a
+    little."""
     rng = np.random.default_rng(seed)
     bearing, range_ = rng.uniform(-0.35, 0.35, count), rng.uniform(15.0, 60.0, count)
     r = np.column_stack(
@@ -51,7 +52,7 @@ def flight(count: int, seconds: int, seed: int = 1) -> list[Datagram]:
         t_ns = 5_000 * MS + k * NAV_MS * MS
         yaw = SWAY * math.sin(t_ns * 1e-9)
         stamp = {"t_ns": t_ns, "t_recv_ns": EPOCH + t_ns}
-        said: list[Message] = [
+        messages: list[Message] = [
             Attitude(
                 **stamp,
                 q_nb=(math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)),
@@ -60,13 +61,13 @@ def flight(count: int, seconds: int, seed: int = 1) -> list[Datagram]:
             LocalPosition(**stamp, r_OF_n=(SPEED * t_ns * 1e-9, 0.0, -50.0), v_F_n=(SPEED, 0.0, 0.0)),
         ]
         if k % 50 == 0:
-            said.insert(0, Heartbeat(**stamp, vehicle_type=2, autopilot=12, armed=True, status=4))
-        arrivals += [(EPOCH + t_ns + MS, Encoding.MAVLINK, encoder.encode(message)) for message in said]
+            messages.insert(0, Heartbeat(**stamp, vehicle_type=2, autopilot=12, armed=True, status=4))
+        arrivals += [(EPOCH + t_ns + MS, Encoding.MAVLINK, encoder.encode(message)) for message in messages]
     for k in range(round(seconds * 1000 / IMAGE_MS)):
         t_ns = 5_000 * MS + round(k * IMAGE_MS * MS)
         c, s = math.cos(SWAY * math.sin(t_ns * 1e-9)), math.sin(SWAY * math.sin(t_ns * 1e-9))
-        seen = np.stack([r, r - wing, r + wing], axis=1) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        pixels = F_PX * seen[..., 1:] / seen[..., :1] + [CX_PX, CY_PX] + rng.standard_normal((count, 3, 2))
+        r_c = np.stack([r, r - wing, r + wing], axis=1) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        pixels = F_PX * r_c[..., 1:] / r_c[..., :1] + [CX_PX, CY_PX] + rng.standard_normal((count, 3, 2))
         for i, (center, left, right) in enumerate(pixels.tolist()):
             image = CameraPoints(
                 t_ns=t_ns,

@@ -1,5 +1,5 @@
-"""How many aircraft one core can follow: the daemon's tracker with ten radar scans and ten publications a second
-and an ADS-B report of each aircraft every second, in seconds of computing for a second of flight."""
+"""How many aircraft one core can track: ten radar scans and ten publications a second, an ADS-B report of each
+aircraft every second; in seconds of computing for a second of flight."""
 
 import math
 import time
@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.traffic.config import Config
+from onboard.estimators.traffic.config import Config, FilterName
 from onboard.estimators.traffic.estimator import Estimator
-from onboard.estimators.traffic.filter import FilterName
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -31,7 +31,6 @@ OTHERS: Final[tuple[FilterName, ...]] = ("kf", "ekf", "ukf", "srukf")
 SPAN: Final = 10_000.0  # m: aircraft are spread over a square of twice this
 SETTLE_S: Final = 2
 NAV_HZ, SCAN_HZ = 50, 10
-S: Final = 1_000_000_000
 
 
 class Sky:
@@ -46,19 +45,19 @@ class Sky:
         self.steps = [self._messages(k) for k in range((SETTLE_S + seconds) * NAV_HZ)]
 
     def _messages(self, k: int) -> list[Message]:
-        """What comes in the k-th fiftieth of a second; our own position first."""
+        """Messages of the k-th fiftieth of a second; our own position first."""
         t = (k + 1) / NAV_HZ
-        t_ns = round(t * S)
+        t_ns = round(t * NS_PER_S)
         stamp = {"t_ns": t_ns, "t_recv_ns": t_ns}
-        nothing = (0.0, 0.0, 0.0)
+        zero = (0.0, 0.0, 0.0)
         messages: list[Message] = [
-            Attitude(**stamp, q_nb=(1.0, 0.0, 0.0, 0.0), omega_b=nothing),
-            LocalPosition(**stamp, r_OF_n=nothing, v_F_n=nothing),
+            Attitude(**stamp, q_nb=(1.0, 0.0, 0.0, 0.0), omega_b=zero),
+            LocalPosition(**stamp, r_OF_n=zero, v_F_n=zero),
         ]
         if k % (NAV_HZ // SCAN_HZ) == 0:
             lat, lon, height = HOME
             place = {"lat_deg": lat, "lon_deg": lon, "alt_msl": height, "height": 0.0}
-            messages.append(GlobalPosition(**stamp, **place, v_F_n=nothing, heading_rad=None))
+            messages.append(GlobalPosition(**stamp, **place, v_F_n=zero, heading_rad=None))
             messages.append(self._scan(t, t_ns))
         messages += [self._report(i, t, t_ns) for i in range(k % NAV_HZ, len(self._r), NAV_HZ)]
         return messages
@@ -99,16 +98,16 @@ def load(count: int, seconds: int, name: FilterName) -> tuple[float, int]:
     estimator = Estimator(Config(filter=name), make_camera(f_px=1.0, width_px=1.0, height_px=1.0))
     ownship = Ownship(max_extrapolation=0.1)
     tracked: set[str] = set()
-    began = 0.0
+    start = 0.0
     for k, messages in enumerate(Sky(count, seconds).steps):
         if k == SETTLE_S * NAV_HZ:
-            began = time.process_time()
+            start = time.process_time()
             tracked.clear()
         for message in messages:
             if not ownship.receive(message, message.t_ns):
                 estimator.observe(message, ownship)
         tracked.update(e.target for e in estimator.tick(ownship) if e.valid)
-    return (time.process_time() - began) / seconds, len(tracked)
+    return (time.process_time() - start) / seconds, len(tracked)
 
 
 def measure(scale: float = 1.0) -> dict[str, float]:

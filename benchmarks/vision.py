@@ -6,7 +6,8 @@ import numpy as np
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import HONEST, initial_belief, process_noise
+from onboard.estimators.leader.oh_johnson_noise import initial_belief, process_noise
+from onboard.estimators.leader.settings import HONEST
 from onboard.filters import Belief, unscented
 from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
@@ -64,7 +65,7 @@ def filterpy(steps: int) -> Belief:
 
 
 def filterpy_compiled(steps: int) -> Belief:
-    """filterpy's, given our compiled models."""
+    """filterpy's, with our compiled models."""
     return _filterpy(steps, lambda x, _: process(x[None])[0], lambda x: measure(x[None])[0])
 
 

@@ -1,4 +1,4 @@
-"""The array type that everything here computes with."""
+"""The type of every array of numbers. Types of arrays in compiled signatures are in `onboard.filters.compiled`."""
 
 import numpy as np
 from numpy.typing import NDArray

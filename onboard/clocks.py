@@ -25,12 +25,6 @@ CONFIRM: Final = 5
 CONFIRM_TAGGED: Final = 3
 WINDOW_NS: Final = 10_000_000_000
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
-OUR_TAG: Final = 191  # the last three digits of the ts1 in our own TIMESYNC requests
-
-
-def tagged(now_ns: int) -> int:
-    """The ts1 of a request: the time, within a microsecond, marked as ours."""
-    return now_ns - now_ns % 1000 + OUR_TAG
 
 
 class Clocks:
@@ -88,7 +82,7 @@ class Clocks:
         if message.tc1_ns == 0:
             return  # a request
         round_trip = message.t_recv_ns - message.ts1_ns
-        ours = message.ts1_ns % 1000 == OUR_TAG
+        ours = message.is_tagged
         if not 0 <= round_trip <= LONGEST_ROUND_TRIP_NS:
             self.rejected["timesync_not_ours"] += 1
             return

@@ -1,10 +1,10 @@
-"""Measurement sequences of all kinds through the leader's estimator: right, wrong and impossible images, doubled,
-out of order, late, early and missing, of one target and of several, while our own motion is as bad.
+"""Sequences of images of all kinds through the leader's estimator: right, wrong and impossible ones, doubled, out
+of order, late, early and missing, of one target and of several, with own motion as bad.
 
     nice python -m tests.fuzz --sequences 1000000 --seed 7       # most of an hour on one core
     python -m tests.fuzz --seed 7 --only 123456                  # one of them again
 
-Each sequence is drawn from its own number, so one that fails is found again by it.
+Each sequence is drawn from its own number, by which a failing one can be repeated.
 """
 
 import argparse
@@ -51,8 +51,8 @@ class UnsoundError(AssertionError):
 
 
 class Drawn(NamedTuple):
-    """A sequence: which settings, which flight, and how wild it is: the shares of wrong images and of own motion
-    that is wrong, missing or doubled."""
+    """A sequence: the name of its settings, its flight, the share of wrong images, the share of own motion that is
+    wrong, missing or doubled, and the number of images."""
 
     name: str
     flight: Flight
@@ -62,7 +62,7 @@ class Drawn(NamedTuple):
 
 
 def run(seed: int, number: int, name: str | None = None, longest: int = 8) -> Counter[str]:
-    """One sequence, of the settings of that name or of any: what became of its images, and the states passed.
+    """Run one sequence, with the settings of that name or of any. Counts of its images' verdicts and of states.
 
     Raises UnsoundError, and whatever the estimator raises, which it must not.
     """
@@ -79,20 +79,18 @@ def run(seed: int, number: int, name: str | None = None, longest: int = 8) -> Co
             one.reset("the autopilot has rebooted")
             ownship = Ownship(max_extrapolation=0.1)
             continue
-        told = one.observe(message, ownship)
-        check(told, count)
-        count.update(str(e.measurement.verdict) for e in told if e.measurement is not None)
+        estimates = one.observe(message, ownship)
+        check(estimates, count)
+        count.update(str(e.measurement.verdict) for e in estimates if e.measurement is not None)
     return count
 
 
 def _fly(flight: Flight, t_ns: int, ownship: Ownship, spoil: tuple[np.random.Generator, float] | None) -> None:
-    for said in _own(flight, t_ns):
-        ownship.receive(said if spoil is None else _spoilt(spoil[0], said, spoil[1]), t_ns)
+    for message in _own(flight, t_ns):
+        ownship.receive(message if spoil is None else _spoilt(spoil[0], message, spoil[1]), t_ns)
 
 
-@lru_cache(
-    maxsize=20_000
-)  # sequences have times and flights in common, and what is not the filter should not cost
+@lru_cache(maxsize=20_000)  # sequences share times and flights, and the time should go to the filter
 def _own(flight: Flight, t_ns: int) -> tuple[Message, ...]:
     return flight.attitude(t_ns), flight.position(t_ns)
 
@@ -174,22 +172,22 @@ def _image(rng: np.random.Generator, t_ns: int, drawn: Drawn) -> TargetPoints:
     )
 
 
-def _spoilt(rng: np.random.Generator, said, share: float):  # type: ignore[no-untyped-def]
-    """A message of our own motion: as it is, doubled in time, or with a number that cannot be."""
+def _spoilt(rng: np.random.Generator, message, share: float):  # type: ignore[no-untyped-def]
+    """A message of our own motion: unchanged, with an old stamp, or with an impossible number."""
     u = rng.random(3)
     if u[0] >= share:
-        return said
+        return message
     if u[1] < 0.3:
-        return replace(said, t_ns=said.t_ns - 20 * MS)
-    field = "v_F_n" if hasattr(said, "v_F_n") else ("omega_b" if u[1] < 0.6 else "q_nb")
-    values = list(getattr(said, field))
+        return replace(message, t_ns=message.t_ns - 20 * MS)
+    field = "v_F_n" if hasattr(message, "v_F_n") else ("omega_b" if u[1] < 0.6 else "q_nb")
+    values = list(getattr(message, field))
     values[int(len(values) * u[2])] = EXTREMES[int(rng.integers(0, len(EXTREMES)))]
-    return replace(said, **{field: tuple(values)})
+    return replace(message, **{field: tuple(values)})
 
 
-def check(told: list[Estimate], count: Counter[str]) -> None:
+def check(estimates: list[Estimate], count: Counter[str]) -> None:
     """Count the states of estimates. Raises UnsoundError."""
-    for e in told:
+    for e in estimates:
         count[str(e.state)] += 1
         if e.mean is None or e.covariance is None:
             if e.valid or e.mean is not None or e.covariance is not None:

@@ -10,10 +10,9 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.clocks import tagged
 from onboard.config import AutopilotConfig
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Clock, Command, CommandAck, Heartbeat, Message, TimeSync
+from onboard.messages import Clock, Command, CommandAck, Heartbeat, Message, TimeSync, tagged
 from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 
 TIMESYNC_PERIOD_NS: Final = NS_PER_S // 5

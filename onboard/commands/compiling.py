@@ -1,48 +1,41 @@
 """Compile kernels ahead, on all cores, so that the first flight does not wait for it. Machine code stays on disk.
 
-Importing a module compiles what it declares and is not on disk. Each is imported by one process once all that it
-imports itself is ready, so nothing is compiled twice.
+A module with kernels is any module of `onboard` with a function under `@njit`. To import it compiles the
+signatures it declares that are not on disk yet. One process imports it, once all modules with kernels that it
+imports are ready, so nothing is compiled twice.
 
 Numba compiles a function again when its own file changes, but not when a function that it calls stands in another
-file and changes there. So machine code older than any source with kernels is dropped here, and made anew.
+file and changes there. So machine code older than any source with kernels is deleted here, and made anew.
 """
 
 import ast
 import importlib
 import multiprocessing
 import os
+import re
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
-from types import FunctionType
 from typing import Any, Final, NamedTuple
 
 from onboard.errors import UserError
+from onboard.filters import numba_internals
 
 ROOT: Final = Path(__file__).parents[2]
-# that have kernels
-PACKAGES: Final = ("onboard.estimators", "onboard.filters", "onboard.geometry", "onboard.models")
-KERNELS: Final = "onboard.filters.kernels"
-# What takes longest, or is waited for by what does, goes first; measured. Of no matter but for the time it takes.
-FIRST: Final = (
-    *("onboard.filters.belief", f"{KERNELS}.sigma_points", f"{KERNELS}.gains", f"{KERNELS}.linear"),
-    *(f"{KERNELS}.factors", f"{KERNELS}.linearisation", f"{KERNELS}.square_root"),
-    *(f"{KERNELS}.variable_structure", f"{KERNELS}.unscented", f"{KERNELS}.mixture"),
-    *("onboard.estimators.leader.modes", f"{KERNELS}.augmented"),
+KERNEL: Final = re.compile(r"^@njit", re.MULTILINE)
+PROGRAMS: Final = (  # that fly, replay or show a flight
+    "onboard.daemon",
+    "onboard.commands.demo_flight",
+    "onboard.commands.log_replay",
+    "onboard.view.view",
 )
-PROGRAMS: Final = (
-    *("onboard.daemon", "onboard.commands.demo_flight"),
-    *("onboard.commands.log_replay", "onboard.view.view"),
-)
-LOADS_ITS_PACKAGE: Final = "onboard.filters.methods"  # the function that imports every module beside it
-
-Told = Callable[[int, int, "Module | None"], None]
+FINDS_FILTERS: Final = "onboard.filters.methods"  # this function imports every module of its package
 
 
 class CompileError(UserError):
@@ -50,8 +43,8 @@ class CompileError(UserError):
 
 
 class Module(NamedTuple):
-    """What a module's kernels were: how many variants (of argument types) were loaded and compiled, in how many
-    seconds, and where the machine code is kept."""
+    """A module whose kernels are ready: how many variants (of argument types) were loaded and how many
+    compiled, in how many seconds, and the folder of the machine code."""
 
     name: str
     loaded: int
@@ -60,41 +53,62 @@ class Module(NamedTuple):
     folder: str
 
 
-def compile_all(names: Iterable[str] | None = None, *, workers: int | None = None, told: Told) -> list[Module]:
-    """Make the kernels of these modules ready, by default of all there are, in so many processes, by default one
-    for each core. `told(done, total, module)` is called after each module that has kernels; `module` is None if
-    they are only compiled where others call them.
+def compile_all(
+    names: Iterable[str] | None = None,
+    *,
+    workers: int | None = None,
+    on_progress: Callable[[int, int, Module | None], None],
+) -> list[Module]:
+    """Make the kernels of these modules ready, by default of all there are, in `workers` processes, by default
+    one for each core. `on_progress(done, total, module)` is called after each module that has kernels; `module`
+    is None if they are only compiled where others call them.
 
     Raises CompileError.
     """
-    wanted = {name for name in (all_modules() if names is None else names) if name.startswith(PACKAGES)}
-    order = TopologicalSorter({name: imported_by(name, at_once=True) & wanted for name in wanted})
+    wanted = kernel_modules() if names is None else kernel_modules().intersection(names)
+    needs = {name: needed_by([name], at_once=True) & wanted - {name} for name in wanted}
+    rank = path_lengths(needs)
+    order = TopologicalSorter(needs)
     order.prepare()
     drop_all_stale()
-    count = workers or _cores()
+    count = (workers or _cores()) if numba_internals.can_lock_cache_files() else 1
     waiting: list[str] = []
     running: dict[Future[Module | None], str] = {}
     made: list[Module] = []
-    done, total = 0, sum(map(_has_kernels, wanted))
+    done = 0
     with _processes(count) as pool:
         while order.is_active():
-            waiting = sorted({*waiting, *order.get_ready()}, key=_rank)
+            waiting = sorted([*waiting, *order.get_ready()], key=lambda name: (-rank[name], name))
             while waiting and len(running) < count:
                 name = waiting.pop(0)
                 running[pool.submit(_make_ready, name)] = name
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                name, module = running.pop(future), future.result()
-                order.done(name)
+                module = future.result()
+                order.done(running.pop(future))
                 made += [module] if module is not None else []
-                if _has_kernels(name):
-                    done += 1
-                    told(done, total, module)
+                done += 1
+                on_progress(done, len(wanted), module)
     return sorted(made)
 
 
-def all_modules() -> set[str]:
-    """Every module of the packages in which there are kernels."""
-    return {name for package in PACKAGES for name in _modules(package)}
+def path_lengths(needs: Mapping[str, Iterable[str]]) -> dict[str, int]:
+    """For each module the lines of source on the longest path from it through modules that need it. Modules are
+    compiled in this order, the longest first, so that the last ones are short."""
+    lengths = {name: _source(name).read_text(encoding="utf-8").count("\n") for name in needs}
+    longest: dict[str, int] = {}
+    for name in reversed([*TopologicalSorter(needs).static_order()]):
+        users = [longest[other] for other in longest if name in needs[other]]
+        longest[name] = lengths[name] + max(users, default=0)
+    return longest
+
+
+# ------------------------------------------------------------------------------------------ which modules
+
+
+@cache
+def kernel_modules() -> frozenset[str]:
+    """Every module of `onboard` with kernels."""
+    return frozenset(n for n in _modules("onboard") if KERNEL.search(_source(n).read_text(encoding="utf-8")))
 
 
 def needed_by_flight(estimators: Iterable[str]) -> set[str]:
@@ -103,15 +117,16 @@ def needed_by_flight(estimators: Iterable[str]) -> set[str]:
     return needed_by([*PROGRAMS, *estimators])
 
 
-def needed_by(names: Iterable[str]) -> set[str]:
-    """These modules of `onboard` and every one that they may import."""
+def needed_by(names: Iterable[str], *, at_once: bool = False) -> set[str]:
+    """These modules of `onboard` and every one that they may import; `at_once`, only by imports at the top
+    level."""
     found: set[str] = set()
     waiting = [*names]
     while waiting:
         name = waiting.pop()
         if name not in found:
             found.add(name)
-            waiting += imported_by(name, at_once=False)
+            waiting += imported_by(name, at_once=at_once)
     return found
 
 
@@ -125,17 +140,25 @@ def imported_by(name: str, *, at_once: bool) -> frozenset[str]:
             named |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             named |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
-    if LOADS_ITS_PACKAGE in named:
-        named |= _modules(LOADS_ITS_PACKAGE.rpartition(".")[0])
+    if FINDS_FILTERS in named:
+        named |= _modules(FINDS_FILTERS.rpartition(".")[0])
     return frozenset(n for n in named - {name} if n.startswith("onboard.") and _source(n).exists())
 
 
+# ------------------------------------------------------------------------------------- stale machine code
+
+
 def drop_all_stale() -> None:
-    """Delete machine code that is older than any source with kernels. Raises CompileError if none can be kept."""
-    newest = max(_source(name).stat().st_mtime for name in all_modules() if _has_kernels(name))
-    for name in all_modules():
-        if _has_kernels(name):
-            drop_stale(kept_in(name), newest)
+    """Delete machine code that is older than any source with kernels. Nothing is deleted if this Numba does not
+    say where it is (`knows_folders`).
+
+    Raises CompileError if there is no folder to write machine code to.
+    """
+    sources = [_source(name) for name in kernel_modules()]
+    newest = max(source.stat().st_mtime for source in sources)
+    for folder in {cache_folder(source) for source in sources}:
+        if folder is not None:
+            drop_stale(folder, newest)
 
 
 def drop_stale(folder: Path, newest: float) -> bool:
@@ -147,19 +170,20 @@ def drop_stale(folder: Path, newest: float) -> bool:
     return bool(stale)
 
 
-def kept_in(package: str) -> Path:
-    """The folder in which Numba keeps the machine code of a package's modules.
+def knows_folders() -> bool:
+    """Whether this Numba says where it keeps machine code. Raises CompileError if it can keep none."""
+    return cache_folder(_source(numba_internals.__name__)) is not None
+
+
+def cache_folder(source: Path) -> Path | None:
+    """The folder in which Numba keeps the machine code of a source; None if this Numba does not say.
 
     Raises CompileError if there is none that can be written to.
     """
-    from numba.core.caching import FunctionCache  # noqa: PLC0415 - half a second
-
-    keeper: Any = FunctionCache
-    some = FunctionType((lambda: None).__code__.replace(co_filename=str(_source(package))), {}, package)
     try:
-        return Path(keeper(some).cache_path)
+        return numba_internals.cache_folder(source)
     except RuntimeError as error:
-        places = f"{_folder(package) / '__pycache__'} nor the user's cache folder"
+        places = f"{source.parent / '__pycache__'} nor the user's cache folder"
         raise CompileError(
             f"compile: neither {places} can be written to; set NUMBA_CACHE_DIR to one that can"
         ) from error
@@ -170,7 +194,7 @@ def kept_in(package: str) -> Path:
 
 @contextmanager
 def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of them. All have ended after the block: at once if it does not end well."""
+    """A pool of processes. All have ended after the block; they are stopped at once if the block raises."""
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(count, context, initializer=_begin, initargs=(context.Lock(),)) as pool:
@@ -187,60 +211,30 @@ def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _begin(lock: Any) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started us ends us
-    one_at_a_time(lock)
-
-
-def one_at_a_time(lock: Any) -> None:
-    """Let this process read and write Numba's files only while it has the `lock`.
-
-    A function inlined in several modules is compiled for each one's types. To save one, Numba reads the function's
-    index, adds the next free number, and writes index and code: two processes at once would take the same number,
-    and one would find the other's code under its own types.
-    """
-    from numba.core.caching import IndexDataCacheFile  # noqa: PLC0415 - half a second
-
-    for name in ("load", "save"):
-        setattr(IndexDataCacheFile, name, _locked(getattr(IndexDataCacheFile, name), lock))
-
-
-def _locked(method: Callable[..., Any], lock: Any) -> Callable[..., Any]:
-    def locked(*arguments: Any) -> Any:
-        with lock:
-            return method(*arguments)
-
-    return locked
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one stops it
+    numba_internals.lock_cache_files(lock)
 
 
 def _make_ready(name: str) -> Module | None:
-    """Import a module; None if it declares no kernels."""
+    """Import a module; None if it declares no signatures, so that its kernels are in others' machine code."""
     start = time.perf_counter()
     module = importlib.import_module(name)
-    functions = [f for f in vars(module).values() if _compiled(f) and f.py_func.__module__ == name]
-    declared = [f for f in functions if f.nopython_signatures]  # else they stand in others' machine code
+    functions = [f for f in vars(module).values() if _is_compiled(f) and f.py_func.__module__ == name]
+    declared = [f for f in functions if f.nopython_signatures]
     if not declared:
         return None
     loaded = sum(sum(f.stats.cache_hits.values()) for f in declared)
-    made = sum(sum(f.stats.cache_misses.values()) for f in declared)
-    return Module(name, loaded, made, time.perf_counter() - start, declared[0].stats.cache_path)
+    compiled = sum(sum(f.stats.cache_misses.values()) for f in declared)
+    return Module(name, loaded, compiled, time.perf_counter() - start, declared[0].stats.cache_path)
 
 
-def _compiled(value: Any) -> bool:
+def _is_compiled(value: Any) -> bool:
     return hasattr(value, "py_func") and hasattr(value, "nopython_signatures")
 
 
 def _cores() -> int:
-    """How many this process may use, where the system tells."""
+    """How many cores this process may use, where the system says so."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _rank(name: str) -> tuple[int, str]:
-    return (FIRST.index(name) if name in FIRST else len(FIRST), name)
-
-
-@cache
-def _has_kernels(name: str) -> bool:
-    return "njit" in _source(name).read_text(encoding="utf-8")
 
 
 def _modules(package: str) -> set[str]:

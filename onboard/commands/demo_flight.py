@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
-from onboard.config import Config, named_estimators, parse_config, read_table
+from onboard.config import Config, load_config
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
 from onboard.scoring.leader import LeaderScore, reference_from_records, score_leader
 from onboard.scoring.own_state import OwnStateScore, score_own_state
@@ -83,9 +83,8 @@ def run_demo(
     autopilot_port, camera_port, zenoh_port = free_ports()
     endpoint = f"tcp/127.0.0.1:{zenoh_port}"
     settings = (*overrides, f"zenoh.listen=['{endpoint}']")
-    table = read_table(described, settings)
-    prepare(named_estimators(table))
-    config = parse_config(table)
+    config = load_config(described, settings)
+    prepare(config.estimator)
     links = (
         f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot_port}'}}, "
         f"{{name='camera', url='udpin:127.0.0.1:{camera_port}', autopilot=false}}]"

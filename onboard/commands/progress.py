@@ -1,17 +1,23 @@
-"""What is shown while something takes long."""
+"""Progress on the terminal: a bar, and the compilation of kernels shown on one."""
 
 import os
 import sys
 from collections.abc import Callable, Iterable
+from typing import Final
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from onboard.commands.compiling import Module, compile_all
+from onboard.commands.compiling import Module, compile_all, knows_folders
+
+STALE: Final = (
+    "this version of Numba does not say where it keeps machine code: after an edit of kernels, delete it yourself "
+    "(*.nbi and *.nbc in the folders __pycache__)"
+)
 
 
 def progress_bar(console: Console) -> Progress:
-    """A bar where somebody watches, silence where not."""
+    """A bar on a terminal, nothing elsewhere."""
     return Progress(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -23,20 +29,25 @@ def progress_bar(console: Console) -> Progress:
     )
 
 
-def compile_shown(modules: Iterable[str] | None, console: Console, tell: Callable[[Module], None]) -> list[Module]:
-    """Compile the modules of these names, or every one (None), and `tell` of each that has been made ready.
+def compile_shown(
+    modules: Iterable[str] | None, console: Console, on_module: Callable[[Module], None]
+) -> list[Module]:
+    """Compile the modules of these names, or every one (None). `on_module` is called for each that has been made
+    ready.
 
     Raises CompileError.
     """
+    if not knows_folders():
+        console.print(STALE, highlight=False)
     with progress_bar(console) as bar:
         task = bar.add_task("compiling what is not ready yet", total=None)
 
-        def told(done: int, total: int, module: Module | None) -> None:
+        def on_progress(done: int, total: int, module: Module | None) -> None:
             bar.update(task, completed=done, total=total)
             if module is not None:
-                tell(module)
+                on_module(module)
 
-        return compile_all(modules, told=told)
+        return compile_all(modules, on_progress=on_progress)
 
 
 def announce_once(console: Console, what: str, how_long: str) -> Callable[[Module], None]:

@@ -14,7 +14,7 @@ import msgspec
 
 from onboard.config.sections import Config, LinkConfig
 from onboard.errors import UserError
-from onboard.estimators import known, load, module_name
+from onboard.estimators import config_type, known, module_name
 from onboard.messages import Record
 from onboard.wire.mavlink_encode import message_number
 
@@ -78,12 +78,7 @@ def parse_config(table: dict[str, Any]) -> Config:
         raise ConfigError(f"odometry.link: no link is called {config.odometry.link!r}{_among('', named)}")
     sections = {}
     for name, section in named_estimators(table).items():
-        module = load(name)
-        sections[name] = _convert(section, module.Config, f"estimator.{name}")
-        try:
-            module.Estimator(sections[name], config.camera_model())
-        except ValueError as error:
-            raise ConfigError(f"estimator.{name}: {error}") from error
+        sections[name] = _convert(section, config_type(name), f"estimator.{name}")
     return msgspec.structs.replace(config, estimator=sections)
 
 
@@ -123,7 +118,8 @@ def _convert(table: Any, kind: type[Any], at: str) -> Any:
     except msgspec.ValidationError as error:
         text, _, path = str(error).partition(" - at `$")
         where = f"{at}{path.rstrip('`')}".lstrip(".") or at
-        raise ConfigError(f"{where}: {text[0].lower()}{text[1:]}") from error
+        reason = f"{text[0].lower()}{text[1:]}"
+        raise ConfigError(reason if reason.startswith(where) else f"{where}: {reason}") from error
 
 
 def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:

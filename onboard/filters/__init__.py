@@ -1,9 +1,11 @@
 """Filters: arithmetic on arrays, generic over models. No time, no input or output, no configuration.
 
     from onboard.filters import Belief, unscented      # a module holds one family: start, predict, update
-    from onboard.filters import methods                # all of them, found in this folder, by name
+    from onboard.filters import methods                # every filter by name; they are found in this folder
 
-Importing this package compiles and loads nothing; a module loads (0.1 s, once compiled) when it is asked for.
+To import this package compiles and loads nothing. A module loads at its first use (0.1 s, once compiled).
+`kernels` holds the compiled loops and is private to this package; `inline` exports those that other kernels may
+call.
 """
 
 from collections.abc import Iterator

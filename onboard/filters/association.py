@@ -1,8 +1,9 @@
-"""Which measurement is of which track: gates, and the best assignment where they overlap (global nearest
-neighbour). Measurements are range, azimuth and elevation.
+"""Data association by global nearest neighbour: gates, and the best assignment where gates overlap.
+Measurements are range, azimuth and elevation.
 
-Only echoes whose range is within a track's gate are looked at more closely, and the assignment is solved for each
-knot of tracks and echoes that compete, so that the work grows with the number of tracks, not with its square.
+Echoes are sorted by range, so that a track is compared with the echoes near its range only. The assignment is
+solved for each cluster of tracks and echoes that compete. So the work grows with the number of tracks, not with
+its square.
 """
 
 from typing import Final
@@ -13,38 +14,36 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from onboard.arrays import Array
+from onboard.filters.compiled import CUBE, INDICES, MAKING, ROWS, out
 
 Places = NDArray[np.int64]
 
-FORBIDDEN: Final = 1e9
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-CUBES: Final = types.Array(types.float64, 3, "A", readonly=True)
-INDICES: Final = types.Array(types.int64, 1, "A", readonly=True)
+FORBIDDEN: Final = 1e9  # the cost of a pair outside the gate
 
 
 def candidates(
     polar: Array, spread: Array, measured: Array, variance: Array, gate: float
 ) -> tuple[Places, Places, Array]:
-    """(track, echo, cost) of every pair within the gate: tracks expected at (k, 3) with covariance (k, 3, 3),
-    echoes at (m, 3) with variances (m, 3) of range, azimuth and elevation. The cost is minus twice the
-    log-likelihood, but for a constant."""
+    """(track, echo, cost) of every pair within the gate, from predicted measurements `polar` (k, 3) of the
+    tracks with covariances `spread` (k, 3, 3), and echoes `measured` (m, 3) with variances (m, 3) of range (m),
+    azimuth and elevation (rad). The cost is minus twice the log-likelihood, but for a constant."""
     order = np.argsort(measured[:, 0], kind="stable")
     tracks, echoes, costs = _candidates(polar, spread, measured[order], variance[order], gate)
     return tracks, order[echoes], costs
 
 
 def assign(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places]:
-    """The pairs, each track and each echo in one at most, that leave the fewest of them single and, of those
-    choices, cost least."""
+    """The assignment with the most pairs and, among those, the least cost. Each track and each echo is in one
+    pair at most."""
     if not len(tracks):
         return tracks, echoes
     alone = (np.bincount(tracks)[tracks] == 1) & (np.bincount(echoes)[echoes] == 1)
     pairs = [(tracks[alone], echoes[alone])]
     contested = np.flatnonzero(~alone)
     if len(contested):
-        label = _knots(tracks[contested], echoes[contested])
-        for knot in np.unique(label):
-            at = contested[label == knot]
+        label = _clusters(tracks[contested], echoes[contested])
+        for cluster in np.unique(label):
+            at = contested[label == cluster]
             pairs.append(_solve(tracks[at], echoes[at], costs[at]))
     return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
 
@@ -59,17 +58,17 @@ def _solve(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places
     return t[row[allowed]], e[column[allowed]]
 
 
-LONGER: Final = [(types.Array(kind, 1, "C"),) for kind in (types.int64, types.float64)]
+GROWING: Final = [(out(kind, 1),) for kind in (types.int64, types.float64)]
 
 
-@njit(LONGER, cache=True, error_model="numpy")
+@njit(GROWING, **MAKING)
 def _longer(a):  # type: ignore[no-untyped-def]
     b = np.empty(2 * a.shape[0], a.dtype)
     b[: a.shape[0]] = a
     return b
 
 
-@njit((ROWS, CUBES, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
+@njit((ROWS, CUBE, ROWS, ROWS, types.float64), **MAKING)
 def _candidates(polar, spread, measured, variance, gate):  # type: ignore[no-untyped-def]
     count, echoes = polar.shape[0], measured.shape[0]
     size = 4 * count + 16
@@ -103,7 +102,7 @@ def _candidates(polar, spread, measured, variance, gate):  # type: ignore[no-unt
             u1 = (e[1] - l10 * u0) / l11
             u2 = (e[2] - l20 * u0 - l21 * u1) / l22
             d2 = u0 * u0 + u1 * u1 + u2 * u2
-            if not d2 <= gate:  # NaN of a covariance that is none passes no gate
+            if not d2 <= gate:  # NaN, from a covariance that is not positive definite, passes no gate
                 continue
             if found == size:
                 size *= 2
@@ -114,9 +113,9 @@ def _candidates(polar, spread, measured, variance, gate):  # type: ignore[no-unt
     return track[:found], echo[:found], cost[:found]
 
 
-@njit((INDICES, INDICES), cache=True, error_model="numpy")
-def _knots(tracks, echoes):  # type: ignore[no-untyped-def]
-    """A label for each pair, the same for pairs that compete, however indirectly: union-find over tracks and
+@njit((INDICES, INDICES), **MAKING)
+def _clusters(tracks, echoes):  # type: ignore[no-untyped-def]
+    """A label for each pair, the same for pairs that compete directly or indirectly: union-find over tracks and
     echoes."""
     tops = tracks.max() + 1
     parent = np.arange(tops + echoes.max() + 1)

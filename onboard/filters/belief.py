@@ -1,4 +1,4 @@
-"""What all filters share: what they believe, what an update tells, what they refuse, how a method is described.
+"""What all filters share: beliefs, updates, models over rows, errors, and how a method is described.
 
 A model is a function over rows of states, (k, n) -> (k, n) or (k, m), and a filter never sees a loop over them.
 A leading batch axis on a belief's arrays advances many filters in one call; the model still gets plain rows,
@@ -18,7 +18,7 @@ Rows = Callable[[Array], Array]
 
 
 class Belief(NamedTuple):
-    """What a filter believes: mean (..., n) and covariance (..., n, n)."""
+    """A filter's estimate: mean (..., n) and covariance (..., n, n)."""
 
     mean: Array
     covariance: Array
@@ -50,11 +50,12 @@ class Method(NamedTuple):
 
     `start(mean, covariance) -> state`; `predict(state, process, Q) -> state`; `update(state, y, measure, R,
     angular) -> Update` whose `belief` is a state; `belief(state) -> Belief`. `process` and `measure` are functions
-    over rows, `angular` are the components of y that are angles and wrap.
+    over rows; `angular` are the components of y that are angles and wrap.
 
-    `exempt` says which of PROPERTIES do not hold by the method's nature, and in a sentence why. The conformance
-    suite (tests/conformance/test_methods.py) then demands that the property does fail, so that no exemption
-    outlives its reason. `factor(state) -> S` (..., n, n), S S^T the covariance, of methods that carry a factor.
+    `exempt` names those of PROPERTIES that the method does not have by its nature, each with its reason in a
+    sentence. The conformance suite (tests/conformance/test_methods.py) then demands that the property does
+    fail, so that no exemption outlives its reason. `factor(state) -> S` (..., n, n), S S^T the covariance, of
+    methods that carry a factor.
     """
 
     name: str
@@ -87,7 +88,7 @@ class NotPositiveDefiniteError(FilterError):
     """A covariance has no Cholesky factor (or is not finite), so the step cannot be made."""
 
 
-# What the compiled kernels answer: 0, or what they found wrong.
+# The status that a compiled kernel returns: OK, or what is wrong.
 OK: Final = 0
 MEAN: Final = 1
 COVARIANCE: Final = 2
@@ -123,15 +124,16 @@ REASONS: Final = {
 }
 
 
-def refuse(status: int) -> None:
-    """Raise what a kernel's status means. Raises FilterError, NotPositiveDefiniteError; never returns."""
+def raise_status(status: int) -> None:
+    """Raise FilterError or NotPositiveDefiniteError for a kernel's status that is not OK."""
     square_roots = {COVARIANCE, INNOVATION, INDEFINITE, FACTOR, DOWNDATE, PREDICTED, POSTERIOR}
     kind = NotPositiveDefiniteError if status in square_roots else FilterError
     raise kind(REASONS[status])
 
 
-def wrong_arrays(**arrays: Any) -> FilterError:
-    """The error for arrays that no kernel takes: no arrays, no floating point, of different precision or rank."""
+def array_error(**arrays: Any) -> FilterError:
+    """The error for arguments that no kernel takes: not arrays, not of floating point, or of different precision
+    or rank."""
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):
             return FilterError(f"{name}: must be a NumPy array, not {type(array).__name__}")
@@ -142,16 +144,41 @@ def wrong_arrays(**arrays: Any) -> FilterError:
 
 
 @lru_cache(maxsize=256)
-def flags(chosen: tuple[int, ...], size: int) -> Any:
+def mask(chosen: tuple[int, ...], size: int) -> Any:
     """A mask (size,) with the chosen components set."""
-    mask = np.zeros(size, bool)
-    mask[list(chosen)] = True
-    mask.flags.writeable = False  # cached, so shared
-    return mask
+    made = np.zeros(size, bool)
+    made[list(chosen)] = True
+    made.flags.writeable = False  # cached, so shared
+    return made
+
+
+def over_rows(model: Rows, points: Array) -> Array:
+    """A model over points (k, n), or over the rows of a batch (B, k, n). Raises FilterError."""
+    if points.ndim == 2:
+        return model(points)
+    rows = points.reshape(-1, points.shape[-1])
+    images = model(rows)
+    if images.ndim != 2 or len(images) != len(rows):
+        raise FilterError(f"process or measure: gave {images.shape} for rows {rows.shape}")
+    return images.reshape(*points.shape[:-1], images.shape[-1])
+
+
+def images_of(model: Rows, points: Array, y: Array | None) -> Array:
+    """A model over points (..., k, n): without y it is a process and gives states (..., k, n); with y (..., m)
+    it is a measurement and gives (..., k, m).
+
+    Raises FilterError.
+    """
+    images = over_rows(model, points)
+    columns = np.shape(points if y is None else y)[-1:]
+    if np.shape(images) != points.shape[:-1] + columns:
+        name, beside = ("process", "") if y is None else ("measure", f" and y {np.shape(y)}")
+        raise FilterError(f"{name}: gave {np.shape(images)} for points {points.shape}{beside}")
+    return images
 
 
 def start(mean: Array, covariance: Array) -> Belief:
-    """A belief to begin with, its arrays checked once: type, shape and finiteness.
+    """The belief that a filter starts from. Type, shape and finiteness of the arrays are checked here, and once.
 
     Raises FilterError.
     """

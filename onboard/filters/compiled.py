@@ -1,17 +1,60 @@
-"""How kernels are compiled, and what those that only fill arrays are spared.
+"""How kernels are compiled: the array types of their signatures, and their options.
 
-A kernel that makes arrays counts references to every array it sees: a handful of locked instructions for each
-slice, and for each argument a block of memory to count in. One that only fills what it is given needs none of
-that, and Numba has a switch for it, of its own use and not documented (`_nrt`). With it a kernel that does make an
-array is refused by the compiler, so nothing on this path can start to. A Numba without that switch compiles all
-alike; the numbers are the same.
+Signatures are given, so that nothing is ever compiled in flight: it happens when a module is first imported on a
+computer (`onboard compile` does it ahead), and the machine code is kept on disk. Arguments are declared read-only
+and of any stride, which spares callers copies and Numba one compilation for each combination.
+`NUMBA_DISABLE_JIT=1` runs the same code in Python.
 """
 
 from typing import Any, Final
 
-from numba.core.options import DefaultOptions
+from numba import types
 
-MAKING: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy"}
-FILLING: Final[dict[str, Any]] = MAKING | ({"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {})
+from onboard.filters import numba_internals
+
+
+def array(dtype: Any, ndim: int, *, readonly: bool = True) -> Any:
+    """An array of any stride."""
+    return types.Array(dtype, ndim, "A", readonly=readonly)
+
+
+def packed(dtype: Any, ndim: int) -> Any:
+    """An array to be read, without gaps in memory."""
+    return types.Array(dtype, ndim, "C", readonly=True)
+
+
+def out(dtype: Any, ndim: int = 2) -> Any:
+    """An array to be written into, without gaps in memory."""
+    return types.Array(dtype, ndim, "C")
+
+
+VECTOR: Final = array(types.float64, 1)
+ROWS: Final = array(types.float64, 2)  # a matrix, or states one a row
+CUBE: Final = array(types.float64, 3)
+FOUR: Final = array(types.float64, 4)
+OUT: Final = out(types.float64)
+FLAGS: Final = array(types.boolean, 1)
+INDICES: Final = array(types.int64, 1)
+
+
+def signatures(*arguments: Any) -> list[Any]:
+    """The signatures of a kernel in both precisions. An int stands for an array of that many dimensions,
+    "packed 2" for one without gaps, "out" for a matrix to write into, "f" for a number; a type stands for
+    itself."""
+    made = []
+    for dtype in (types.float64, types.float32):
+        kinds = {"f": dtype, "out": out(dtype), "packed 2": packed(dtype, 2), "packed 3": packed(dtype, 3)}
+        made.append(tuple(array(dtype, a) if isinstance(a, int) else kinds.get(a, a) for a in arguments))
+    return made
+
+
+MAKING: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy"}  # kernels that create arrays
+
+# Kernels that only fill the arrays they are given. One that creates arrays counts references to every array it
+# sees: a handful of locked instructions for each slice, and a block of memory to count in for each argument.
+# These do not, and the compiler refuses one that starts to create arrays. Without that switch the numbers are
+# the same.
+FILLING: Final[dict[str, Any]] = MAKING | numba_internals.without_reference_counts()
+
 # A product and a sum may be rounded once, as the processor can; they are never reordered.
 CONTRACTED: Final[dict[str, Any]] = {"fastmath": {"contract"}}

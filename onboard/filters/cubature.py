@@ -1,8 +1,7 @@
 """The cubature Kalman filter (Arasaratnam & Haykin 2009): 2n points at sqrt(n) deviations, of weight 1/(2n) each.
 
-That is the unscented filter with kappa = 0, `julier_weights(n, n)`, exactly, whose centre then has weight zero.
-Here the model is never called for the centre, so not even a value that is not finite there has an effect: 2n rows
-a filter.
+That is exactly the unscented filter with kappa = 0, `julier_weights(n, n)`, whose centre has weight zero. Here the
+model is called for 2n rows a filter, never for the centre: a value that is not finite there has no effect.
 """
 
 from functools import lru_cache
@@ -10,9 +9,9 @@ from typing import Final
 
 from onboard.arrays import Array
 from onboard.filters import unscented
-from onboard.filters._calls import call, images_of
-from onboard.filters.belief import Belief, Method, Rows, Update, Weights, flags, start
+from onboard.filters.belief import Belief, Method, Rows, Update, Weights, images_of, mask, start
 from onboard.filters.kernels import linearisation
+from onboard.filters.kernels.calls import call
 
 
 @lru_cache(maxsize=64)
@@ -53,7 +52,7 @@ def update(
 def _images(model: Rows, points: Array, angular: tuple[int, ...], y: Array | None) -> Array:
     """Images (..., 2n+1, m) of points but the centre, in whose place stands the mean of the others'."""
     images = images_of(model, points[..., 1:, :], y)
-    (completed,) = call(linearisation.with_centre, flags(angular, images.shape[-1]), model=images)
+    (completed,) = call(linearisation.with_centre, mask(angular, images.shape[-1]), model=images)
     return completed  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 
@@ -64,6 +63,6 @@ METHODS: Final = (
         predict,
         update,
         lambda belief: belief,
-        exempt={"long_run_float32": unscented.SINGLE},
+        exempt=unscented.EXEMPT,
     ),
 )

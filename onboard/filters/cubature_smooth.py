@@ -1,16 +1,16 @@
-"""The cubature smooth variable structure filter: as Al-Shabi, Gadsden & Wilkerson print it (section 3), recursive
-(Gadsden, Al-Shabi, Arasaratnam & Habibi 2014), a robust form that first rejects what it later follows, and an
-adaptive one that tells outliers from a wrong model.
+"""The cubature smooth variable structure filter (CSVSF) in four forms: as Al-Shabi, Gadsden & Wilkerson print it
+(section 3); recursive (Gadsden, Al-Shabi, Arasaratnam & Habibi 2014); robust; and adaptive.
 
 The recursive forms are the cubature Kalman filter until |e| + gamma |e_last| of a measured quantity exceeds kappa
-standard deviations of its innovation. The model is then taken to be wrong: that quantity is moved as by a layer of
-zero, and moves no other measured quantity. The robust form rejects it at first, since an outlier looks the same,
-and believes it once it has lasted.
+standard deviations of its innovation. The model is then taken to be wrong: that quantity is moved as with a layer
+of zero, and moves no other measured quantity. The robust form rejects the measurement at first, since an outlier
+looks the same, and follows it once the exceedance has lasted.
 
-Yet most of what a wrong model does stays within five deviations: it shows in innovations that keep to one side.
-The adaptive form is the robust one, of a prior that is widened in those quantities by as much as explains it.
+Yet most effects of a wrong model stay within five deviations: innovations that keep to one side. The adaptive
+form is the robust one with a prior that is widened in those quantities by as much as explains the mean
+innovation. So it separates outliers from a wrong model.
 
-Arrays are float64 or float32, all alike, with or without a leading batch axis. Errata:
+Arrays are all float64 or all float32, with or without a leading batch axis. Errata:
 `smooth_variable_structure`.
 """
 
@@ -19,26 +19,25 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters import _smooth
-from onboard.filters._smooth import (
+from onboard.filters.belief import Belief, FilterError, Method, Rows
+from onboard.filters.kernels.variable_structure import ADAPTIVE, FIXED, SWITCHED
+from onboard.filters.smooth_variable_structure import NOT_OPTIMAL
+from onboard.filters.variable_structure import (
     GAMMA,
+    LayerUpdate,
     Settings,
-    SmoothState,
-    SmoothUpdate,
-    believed,
+    State,
+    belief,
     correct,
     method,
     predict,
     start,
 )
-from onboard.filters.belief import Belief, FilterError, Method, Rows
-from onboard.filters.kernels.variable_structure import ADAPTIVE, FIXED, SWITCHED
-from onboard.filters.smooth_variable_structure import SWITCHING
 
 __all__ = [
     "METHODS",
     "PrintedState",
-    "believed",
+    "belief",
     "predict",
     "predict_printed",
     "start",
@@ -51,11 +50,11 @@ __all__ = [
 
 KAPPA: Final = 5.0
 PATIENCE: Final = 3  # samples that an exceedance must last before it is followed
-FADING: Final = 0.1  # share of the newest in the mean of sat(e/layer), which so remembers some ten updates
+FADING: Final = 0.1  # the newest update's share in the mean of sat(e/layer), which remembers some ten updates
 
 
 def update(
-    state: SmoothState,
+    state: State,
     y: Array,
     measure: Rows,
     R: Array,
@@ -64,7 +63,7 @@ def update(
     kappa: float = KAPPA,
     gamma: float = GAMMA,
     weighted: bool = True,
-) -> SmoothUpdate:
+) -> LayerUpdate:
     """Recursive CSVSF: the cubature Kalman filter's gain within `kappa` deviations, the SVSF's outside.
 
     Raises FilterError, NotPositiveDefiniteError.
@@ -74,7 +73,7 @@ def update(
 
 
 def update_robust(
-    state: SmoothState,
+    state: State,
     y: Array,
     measure: Rows,
     R: Array,
@@ -84,8 +83,8 @@ def update_robust(
     patience: int = PATIENCE,
     gamma: float = GAMMA,
     weighted: bool = True,
-) -> SmoothUpdate:
-    """Robust CSVSF: as `update`, but what exceeds `kappa` deviations is rejected until it has done so for
+) -> LayerUpdate:
+    """Robust CSVSF: as `update`, but a component beyond `kappa` deviations is rejected until it has been there for
     `patience` updates in a row.
 
     Raises FilterError, NotPositiveDefiniteError.
@@ -97,7 +96,7 @@ def update_robust(
 
 
 def update_adaptive(
-    state: SmoothState,
+    state: State,
     y: Array,
     measure: Rows,
     R: Array,
@@ -107,19 +106,20 @@ def update_adaptive(
     patience: int = PATIENCE,
     fading: float = FADING,
     gamma: float = GAMMA,
-) -> SmoothUpdate:
-    """Adaptive CSVSF: as `update_robust`, of a prior that is widened where the model is wrong.
+) -> LayerUpdate:
+    """Adaptive CSVSF: as `update_robust`, with a prior that is widened where the model is wrong.
 
-    Of each measured quantity w is the mean of sat(e / psi) over the updates, the newest having the share `fading`,
-    and psi `kappa` standard deviations of its innovation. In sliding mode the mean of the switching term, Utkin's
-    equivalent control, is what the model lacks: where |w| exceeds `kappa` of the deviations that white innovations
-    give it, the prior's variance of that quantity grows by (w psi)^2, the square of the persistent innovation, and
-    of states that are not measured by their correlation with it. One outlier moves w by no more than `fading`.
+    For each measured quantity w is the mean of sat(e / psi) over the updates, the newest having the share
+    `fading`, and psi `kappa` standard deviations of its innovation. In sliding mode the mean of the switching
+    term (Utkin's equivalent control) is the model's error. Where |w| exceeds `kappa` of the deviations that
+    white innovations give it, the prior's variance of that quantity grows by (w psi)^2, the square of the
+    persistent innovation, and the variances of states that are not measured grow by their correlation with it.
+    One outlier moves w by no more than `fading`.
 
-    What this leaves below its limit, a mean five times slower finds: beyond two deviations it is added to the
-    covariance that is `believed`, and not followed.
+    A mean five times slower finds smaller errors: beyond two deviations their variance is added to the covariance
+    of `belief`, and not followed.
 
-    w is the state's `switching`, a meter of the model's error: within sqrt(fading / (2 - fading)) if there is
+    w is the state's `switching`, a measure of the model's error: within sqrt(fading / (2 - fading)) if there is
     none. `innovation_covariance` and NIS are those of the prior before it was widened, `layer` is that after.
 
     Raises FilterError, NotPositiveDefiniteError.
@@ -136,14 +136,14 @@ def update_adaptive(
 
 
 class PrintedState(NamedTuple):
-    """The paper's two filters, each a SmoothState: the first has a layer of zero, the second is the estimate."""
+    """The paper's two filters, each a State: the first has a layer of zero, the second is the estimate."""
 
-    first: SmoothState
-    second: SmoothState
+    first: State
+    second: State
 
 
 def start_printed(mean: Array, covariance: Array) -> PrintedState:
-    """A state that has seen no measurement: mean (..., n), covariance (..., n, n).
+    """The state before any measurement: mean (..., n), covariance (..., n, n).
 
     Raises FilterError.
     """
@@ -168,11 +168,12 @@ def update_printed(
     *,
     gamma: float = GAMMA,
     weighted: bool = True,
-) -> SmoothUpdate:
+) -> LayerUpdate:
     """Section 3: the first filter's innovation and Pzz give the second filter's layer (eq 3.1).
 
-    Pzz comes of one cubature prediction from the first filter's posterior, which a zero layer makes anew of R at
-    every update: it is not recursive. `belief` of the answer is a PrintedState, all else is the second filter's.
+    Pzz is that of one cubature prediction from the first filter's posterior. A zero layer makes that posterior
+    anew from R at every update, so Pzz is not recursive. `belief` of the result is a PrintedState; all other
+    fields are the second filter's.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
@@ -183,18 +184,18 @@ def update_printed(
     return second._replace(belief=PrintedState(first.belief, second.belief))
 
 
-def believed_printed(state: PrintedState) -> Belief:
-    """What the second filter believes."""
-    return _smooth.believed(state.second)
+def belief_printed(state: PrintedState) -> Belief:
+    """The belief of the second filter."""
+    return belief(state.second)
 
 
-FAR: Final = {
-    "kalman": "a measurement five deviations off, which the problem has, is not weighed but followed or rejected"
+OUTLIERS: Final = {
+    "kalman": "a measurement five deviations off, which the problem has, is followed or rejected, not weighed"
 }
 
 METHODS: Final[tuple[Method, ...]] = (
-    method("csvsf-printed", update_printed, (start_printed, predict_printed, believed_printed), SWITCHING),
-    method("csvsf", update, exempt=FAR),
-    method("csvsf-robust", update_robust, exempt=FAR),
-    method("csvsf-adaptive", update_adaptive, exempt=FAR),
+    method("csvsf-printed", update_printed, (start_printed, predict_printed, belief_printed), NOT_OPTIMAL),
+    method("csvsf", update, exempt=OUTLIERS),
+    method("csvsf-robust", update_robust, exempt=OUTLIERS),
+    method("csvsf-adaptive", update_adaptive, exempt=OUTLIERS),
 )

@@ -1,4 +1,4 @@
-"""From continuous to discrete time: the transition and process noise of a linear model over a step, and RK4.
+"""From continuous to discrete time: transition and process noise of a linear model over a step, and RK4.
 
     F, Q = van_loan(A, W, dt)                     # any linear model
     F, Q = wiener_acceleration(dt, q)             # the closed forms of kinematic ones
@@ -25,18 +25,19 @@ class Discrete(NamedTuple):
 
 
 def van_loan(A: Array, W: Array, dt: Any) -> Discrete:
-    """What x_dot = A x + white noise of spectral density W does in `dt` seconds: F = exp(A dt) and Q, the integral
-    of exp(A s) W exp(A s)^T over the step, for A and W (..., n, n). With noise through L, W = L Qc L^T.
+    """The discrete model of x_dot = A x + white noise of spectral density W over `dt` seconds: F = exp(A dt),
+    and Q, the integral of exp(A s) W exp(A s)^T over the step, for A and W (..., n, n). For noise through L, W
+    = L Qc L^T.
 
-    Van Loan (1978) has both from one exponential of [[-A, W], [0, A^T]], as has the matrix fraction of Lazarov et
-    al. (eqs 4-7). That takes exp(-A dt), which overflows or cancels where A decays fast; here Q is made of terms
-    that only add: a series for a short step, doubled by Q(2h) = Q(h) + F(h) Q(h) F(h)^T.
+    Van Loan (1978) and the matrix fraction of Lazarov et al. (eqs 4-7) take both from one exponential of
+    [[-A, W], [0, A^T]]. That needs exp(-A dt), which overflows or cancels where A decays fast. Here Q is a sum of
+    terms that do not cancel: a series for a short step, doubled by Q(2h) = Q(h) + F(h) Q(h) F(h)^T.
 
     Raises FilterError.
     """
     step = _positive(dt)
     if A.ndim < 2 or A.shape[-1] != A.shape[-2] or W.shape[-2:] != A.shape[-2:]:
-        raise FilterError(f"A, W: must be square and alike, not {A.shape} and {W.shape}")
+        raise FilterError(f"A, W: must be square and of one size, not {A.shape} and {W.shape}")
     if not (np.isfinite(A).all() and np.isfinite(W).all()):
         raise FilterError("A, W: not finite")
     norm = float(np.max(np.sum(np.abs(A), axis=-1) * step[..., None], initial=0.0))
@@ -64,8 +65,8 @@ def _series(Ah: Array, Wh: Array) -> tuple[Array, Array]:
 
 
 def wiener_acceleration(dt: Any, q: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
-    """A continuous Wiener process acceleration: constant but for white jerk of density `q`, one number or one for
-    each axis. States are ordered [positions, velocities, accelerations], or `by_axis` [x, vx, ax, y, ...].
+    """The continuous Wiener process acceleration model: white jerk of density `q`, one number or one for each
+    axis. States are ordered [positions, velocities, accelerations], or `by_axis` [x, vx, ax, y, ...].
 
     Erratum: eq 14 of Lazarov et al. is indefinite. An axis has q [[t^5/20, t^4/8, t^3/6], [., t^3/3, t^2/2],
     [., ., t]].
@@ -76,8 +77,8 @@ def wiener_acceleration(dt: Any, q: Any = 1.0, axes: int = 3, by_axis: bool = Fa
 
 
 def white_acceleration(dt: Any, q: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
-    """A velocity constant but for white acceleration of density `q`: an axis has q [[t^3/3, t^2/2], [., t]]. Else
-    as `wiener_acceleration`.
+    """The continuous white noise acceleration model: constant velocity but for white acceleration of density
+    `q`. An axis has q [[t^3/3, t^2/2], [., t]]. Otherwise as `wiener_acceleration`.
 
     Raises FilterError.
     """
@@ -85,8 +86,8 @@ def white_acceleration(dt: Any, q: Any = 1.0, axes: int = 3, by_axis: bool = Fal
 
 
 def _kinematic(order: int, dt: Any, q: Any, axes: int, by_axis: bool) -> Discrete:
-    """`order` integrations of white noise on each axis: F_ij = t^(j-i) / (j-i)!, and with a, b integrations that
-    lie between a state and the noise, Q = q t^(a+b+1) / (a! b! (a+b+1))."""
+    """`order` integrations of white noise on each axis: F_ij = t^(j-i) / (j-i)!, and Q = q t^(a+b+1) / (a! b!
+    (a+b+1)) where a and b integrations lie between the two states and the noise."""
     t = _positive(dt)[..., None, None]
     density = np.asarray(q, float)
     if density.shape not in {(), (axes,)} or not (np.isfinite(density) & (density >= 0)).all():

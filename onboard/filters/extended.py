@@ -1,5 +1,5 @@
-"""The extended Kalman filter: the Kalman filter on the tangent at the mean, its covariance symmetric to the last
-bit.
+"""The extended Kalman filter: the Kalman filter on the tangent at the mean; covariances are symmetric to the
+last bit.
 
 Jacobians are functions over rows, (k, n) -> (k, n or m, n), or come from central differences: one call of the
 model with the mean and 2n points about it. Batches and precisions as in `kalman`.
@@ -12,9 +12,20 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import kalman
-from onboard.filters._calls import call, images_of
-from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, flags, start
+from onboard.filters.belief import (
+    IMAGES,
+    POINTS,
+    Belief,
+    FilterError,
+    Method,
+    Rows,
+    Update,
+    images_of,
+    mask,
+    start,
+)
 from onboard.filters.kernels import linear, linearisation
+from onboard.filters.kernels.calls import call
 
 Jacobian = Callable[[Array], Array]
 
@@ -57,8 +68,8 @@ def tangent(
     angular: tuple[int, ...] = (),
 ) -> tuple[Array, Array]:
     """A model's value (..., m) and Jacobian (..., m, n) at the mean. Without a function for it the Jacobian is by
-    central differences, their steps a fraction eps^(1/4) of the belief's standard deviations. With y the
-    model is a measurement, without a process, which matters to what an error says.
+    central differences, with steps of eps^(1/4) of the belief's standard deviations. With y the model is a
+    measurement, without y a process: errors name it so.
 
     Raises FilterError, NotPositiveDefiniteError for a covariance with a negative diagonal.
     """
@@ -69,7 +80,7 @@ def tangent(
     (points,) = call(linearisation.stencil, mean=belief.mean, covariance=belief.covariance)
     fault = POINTS if y is None else IMAGES
     images = images_of(model, points, y)
-    (slope,) = call(linearisation.slopes, flags(angular, images.shape[-1]), fault, points=points, model=images)
+    (slope,) = call(linearisation.slopes, mask(angular, images.shape[-1]), fault, points=points, model=images)
     return images[..., 0, :], slope
 
 

@@ -10,14 +10,14 @@ from onboard.arrays import Array
 
 @lru_cache(maxsize=64)
 def chi_square_threshold(probability: float, degrees: int) -> float:
-    """The value that a chi-square variable of `degrees` stays below with `probability`."""
-    from scipy.special import gammaincinv  # noqa: PLC0415 - a third of a second that replay --help need not pay
+    """The quantile of the chi-square distribution with `degrees` of freedom at `probability`."""
+    from scipy.special import gammaincinv  # noqa: PLC0415 - a third of a second, which replay --help does not need
 
     return float(2.0 * gammaincinv(degrees / 2.0, probability))
 
 
 def mean_bounds(degrees: int, samples: int, probability: float = 0.95) -> tuple[float, float]:
-    """Bounds that the mean of `samples` independent chi-square variables of `degrees` keeps with
+    """The interval that holds the mean of `samples` independent chi-square variables of `degrees` with
     `probability`. Correlated samples (NEES of one run) scatter more: use the number of runs."""
     if samples < 1:
         return (float("nan"), float("nan"))
@@ -28,11 +28,11 @@ def mean_bounds(degrees: int, samples: int, probability: float = 0.95) -> tuple[
 
 def normalised_squared(error: ArrayLike, covariance: ArrayLike) -> Array:
     """NEES (or NIS): error^T covariance^-1 error, for error (..., n) and covariance (..., n, n). Infinite where a
-    covariance is singular: it says that something is known exactly."""
+    covariance is singular, which claims to know something exactly."""
     e, P = np.asarray(error, dtype=float), np.asarray(covariance, dtype=float)
     try:
         solved = np.linalg.solve(P, e[..., None])[..., 0]
-    except np.linalg.LinAlgError:  # NumPy then gives none of them
+    except np.linalg.LinAlgError:  # of one covariance: NumPy then solves none
         if P.ndim == 2 and e.ndim == 1:
             return np.asarray(np.inf)
         e, P = np.broadcast_arrays(e[..., None], P)

@@ -1,10 +1,9 @@
-"""The linear Kalman filter (Kalman 1960; De Vivo et al. table 1), with the covariance update in Joseph's form (eq
-15).
+"""The linear Kalman filter (Kalman 1960; De Vivo et al. table 1), with the covariance in Joseph's form (eq 15).
 
     belief = predict(belief, F, Q)                # an outage is this alone, as often as it lasts
     belief = update(belief, y, H, R).belief
 
-Arrays are float64 or float32, all alike; leading axes broadcast, so one call advances a batch of filters. A
+Arrays are all float64 or all float32; leading axes broadcast, so one call advances a batch of filters. A
 covariance may be singular (a state known exactly), not indefinite.
 """
 
@@ -13,9 +12,9 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters._calls import call, images_of, marks
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, start
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, images_of, start
 from onboard.filters.kernels import linear as kernels
+from onboard.filters.kernels.calls import call, masks
 
 
 def predict(belief: Belief, F: Array, Q: Array) -> Belief:
@@ -58,7 +57,7 @@ def correct(
     """
     mean, covariance, innovation, S, nis = call(
         kernels.correct,
-        *marks(y, angular, belief.mean, considered),
+        *masks(y, angular, belief.mean, considered),
         mean=belief.mean,
         covariance=belief.covariance,
         H=H,

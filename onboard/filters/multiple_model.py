@@ -1,5 +1,5 @@
 """The interacting multiple model estimator (Blom & Bar-Shalom 1988): several filters, each with a model of its
-own, that mix what they believe before every prediction, by the probabilities of passing from one to another.
+own, whose beliefs are mixed before every prediction, by the probabilities of a transition from one to another.
 
     imm = (method, method, method)                                   # any of `filters.methods()`, a mode each
     state = start(imm, mean, covariance, probabilities)
@@ -18,7 +18,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, flags, refuse
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, mask, raise_status
 from onboard.filters.kernels import multiple_model as kernels
 
 
@@ -59,10 +59,10 @@ def predict(
     noises: Sequence[Array],
     transition: Array,
 ) -> ModesState:
-    """Mix, then predict each mode with its process and Q. `transition` (r, r) has in row i the probabilities that
-    mode i becomes each.
+    """Mix, then predict each mode with its process and Q. Row i of `transition` (r, r) has the probabilities of
+    the transitions from mode i to each mode.
 
-    A mode that nothing leads to has probability zero and nothing to mix; it keeps its own belief.
+    A mode to which no transition leads has probability zero and nothing to mix; it keeps its own belief.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
@@ -109,16 +109,16 @@ def update(
     arrays = (innovations, S, nis, state.probabilities)
     single = innovations.ndim == 2
     innovations, S, nis, prior = [array[None] for array in arrays] if single else arrays
-    *outputs, status = kernels.weigh(innovations, S, nis, prior, flags(angular, y.shape[-1]))
+    *outputs, status = kernels.weigh(innovations, S, nis, prior, mask(angular, y.shape[-1]))
     if status:
-        refuse(status)
+        raise_status(status)
     log_likelihood, posterior, e, S, mixed_nis = [output[0] for output in outputs] if single else outputs
     after = ModesState(tuple(u.belief for u in updates), posterior)
     predicted = updates[0].predicted + (updates[0].innovation - e)
     return ModesUpdate(after, e, S, predicted, float(mixed_nis) if single else mixed_nis, log_likelihood)
 
 
-def believed(methods: Sequence[Method], state: ModesState) -> Belief:
+def belief(methods: Sequence[Method], state: ModesState) -> Belief:
     """Mean and covariance of the mixture of all modes."""
     return _mix(_beliefs(methods, state), state.probabilities[..., None])[0]
 
@@ -149,7 +149,7 @@ def _mix(beliefs: Belief, weights: Array) -> list[Belief]:
 
 
 def _with_belief(method: Method, state: Any, belief: Belief) -> Any:
-    """The state with another belief, and with all else it carries where it says where its belief is."""
+    """The state with another belief: its other fields are kept if the state has fields for mean and covariance."""
     if {"mean", "covariance"} <= set(getattr(state, "_fields", ())):
         return state._replace(mean=belief.mean, covariance=belief.covariance)
     return method.start(*belief)
@@ -161,8 +161,8 @@ def _with_belief(method: Method, state: Any, belief: Belief) -> Any:
 def as_method(
     name: str, modes: Sequence[Method], factors: Sequence[float], stay: float = 0.95, **more: Any
 ) -> Method:
-    """Modes that differ in their method and by a factor on Q, equally likely at first; each is kept with
-    probability `stay`, or else passes to any other.
+    """Modes that differ in their method and by a factor on Q, equally likely at first. A mode stays with
+    probability `stay`, or else passes to any other with equal probability.
 
     Raises FilterError.
     """
@@ -182,10 +182,10 @@ def as_method(
     def update_(state: ModesState, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
         return Update(*update(modes, state, y, [measure] * r, R, angular)[:5])
 
-    return Method(name, start_, predict_, update_, lambda state: believed(modes, state), **more)
+    return Method(name, start_, predict_, update_, lambda state: belief(modes, state), **more)
 
 
-# Of one model twice, which must be the single filter; factors on Q are for whoever knows the manoeuvres.
+# One model twice, which must equal the single filter: factors on Q depend on the manoeuvres of an application.
 METHODS: Final[tuple[Method, ...]] = (
     as_method("imm", unscented.METHODS[:1] * 2, (1.0, 1.0), exempt=unscented.METHODS[0].exempt),
 )

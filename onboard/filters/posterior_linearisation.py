@@ -1,18 +1,31 @@
 """Iterated posterior linearisation (Garcia-Fernandez, Svensson, Morelande & Sarkka 2015).
 
-The measurement is replaced by its best line over a belief, with the line's error as more noise (statistical linear
-regression). Over the prior this is the unscented update. But where the prior is wide and the measurement sharp,
-the line should be best where the state is: so it is drawn again over the posterior, and the same prior is updated
-again. The measurement counts once: on a linear model every number of iterations is the Kalman filter.
+The measurement is replaced by its best line over a belief, with the line's error as additional noise
+(statistical linear regression). Over the prior this is the unscented update. But where the prior is wide and
+the measurement sharp, the line should be best near the state: so the line is fitted again over the posterior,
+and the same prior is updated again. The measurement counts once: on a linear model any number of iterations is
+the Kalman filter.
 """
 
 from typing import Final
 
 from onboard.arrays import Array
 from onboard.filters import cubature, kalman, unscented
-from onboard.filters._calls import alike, call, images_of
-from onboard.filters.belief import IMAGES, POINTS, Belief, FilterError, Method, Rows, Update, Weights, flags, start
-from onboard.filters.kernels import linearisation as kernels_slopes
+from onboard.filters.belief import (
+    IMAGES,
+    POINTS,
+    Belief,
+    FilterError,
+    Method,
+    Rows,
+    Update,
+    Weights,
+    images_of,
+    mask,
+    start,
+)
+from onboard.filters.kernels import linearisation
+from onboard.filters.kernels.calls import call, check_like
 
 
 def predict(belief: Belief, process: Rows, Q: Array, weights: Weights | None = None) -> Belief:
@@ -37,7 +50,7 @@ def update(
 ) -> Update:
     """Measurement update with `iterations` linearisations, the first over the prior; arguments as in
     `unscented.update`, the weights by default those of the cubature filter. Innovation, its covariance and NIS are
-    of the first linearisation: what the prior predicts, and what a gate should see.
+    of the first linearisation: they are the prior's prediction, which a gate should test.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
@@ -61,11 +74,11 @@ def _relinearised(
     angular: tuple[int, ...],
     considered: tuple[int, ...],
 ) -> Update:
-    """The prior's update with the line drawn over another belief."""
+    """The prior's update with the line fitted over another belief."""
     slope, value, rest = regression(about, measure, weights, y, angular)
-    # exactly `value` when drawn over the prior itself
+    # exactly `value` if `about` is the prior
     predicted = value + (slope @ (prior.mean - about.mean)[..., None])[..., 0]
-    alike(rest, R=R)
+    check_like(rest, R=R)
     return kalman.correct(prior, y, predicted, slope, R + rest, considered, angular)
 
 
@@ -73,15 +86,15 @@ def regression(
     belief: Belief, model: Rows, weights: Weights, y: Array | None = None, angular: tuple[int, ...] = ()
 ) -> tuple[Array, Array, Array]:
     """Statistical linear regression of a model over a belief: slope (..., m, n), value at the mean (..., m), and
-    the covariance (..., m, m) of what the line leaves out. With y it is a measurement,
-    without a process, which matters to what an error says.
+    the covariance (..., m, m) of the residual. With y the model is a measurement, without y a process: errors name
+    it so.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     points = unscented.sigma_points(belief, weights)
     images = images_of(model, points, y)
-    options = weights.covariance, weights.other, flags(angular, images.shape[-1]), POINTS if y is None else IMAGES
-    slope, value, rest = call(kernels_slopes.regress, *options, covariance=belief.covariance, model=images)
+    options = weights.covariance, weights.other, mask(angular, images.shape[-1]), POINTS if y is None else IMAGES
+    slope, value, rest = call(linearisation.regress, *options, covariance=belief.covariance, model=images)
     return slope, value, rest
 
 

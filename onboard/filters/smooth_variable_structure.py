@@ -4,46 +4,46 @@
     state = predict(state, process, Q)
     state = update(state, y, measure, R).belief
 
-Each measured quantity is moved by s = (|e| + gamma |e_last|) sat(e / layer), with e the innovation and e_last the
-residual after the update before: outside the layer by all of e and more, whatever the model said; inside less.
-Of a state that is fully measured, a layer of zero repeats the measurement.
+Each measured quantity is moved by s = (|e| + gamma |e_last|) sat(e / layer), with e the innovation and e_last
+the residual of the update before. Outside the layer the step is all of e and more, whatever the model
+predicted; inside it is less. If all states are measured, a layer of zero gives the measurement back.
 
-States that are not measured follow by a right inverse of H, of which there are many where m < n. By default it is
-P H^T (H P H^T)^-1, which moves them by their correlation with what is measured. `weighted=False` is the paper's
-C^+, which is blind to the covariance: a velocity that is not measured is then not estimated at all.
+States that are not measured follow by a right inverse of H; there are many where m < n. The default is
+P H^T (H P H^T)^-1, which moves them by their correlation with the measured quantities. `weighted=False` is the
+paper's C^+, which ignores the covariance: a velocity that is not measured is then not estimated at all.
 
-Arrays are float64 or float32, all alike, with or without a leading batch axis.
+Arrays are all float64 or all float32, with or without a leading batch axis.
 
 Errata of Al-Shabi, Gadsden & Wilkerson, whose equation numbers stand here: (2.3.3) divides by e, see
-`_kernels_smooth.decide_into`; (2.2.4) and (2.2.8) cancel, deviations are taken from the mean; (2.2.12) adds what
-must be subtracted, here it is Joseph's form.
+`kernels.variable_structure.decide_into`; (2.2.4) and (2.2.8) cancel, deviations are taken from the mean;
+(2.2.12) adds what must be subtracted, here it is Joseph's form.
 """
 
 from functools import partial
 from typing import Final
 
 from onboard.arrays import Array
-from onboard.filters._smooth import (
+from onboard.filters.belief import Method, Rows
+from onboard.filters.kernels.variable_structure import FIXED, VARIABLE
+from onboard.filters.variable_structure import (
     GAMMA,
+    LayerUpdate,
     Settings,
-    SmoothState,
-    SmoothUpdate,
-    believed,
+    State,
+    belief,
     correct,
     method,
     predict,
     start,
 )
-from onboard.filters.belief import Method, Rows
-from onboard.filters.kernels.variable_structure import FIXED, VARIABLE
 
-__all__ = ["METHODS", "SmoothState", "SmoothUpdate", "believed", "predict", "start", "update", "update_variable"]
+__all__ = ["METHODS", "LayerUpdate", "State", "belief", "predict", "start", "update", "update_variable"]
 
 SIGMAS: Final = 5.0  # a layer's width in standard deviations of the measurement
 
 
 def update(
-    state: SmoothState,
+    state: State,
     y: Array,
     measure: Rows,
     R: Array,
@@ -53,7 +53,7 @@ def update(
     sigmas: float = SIGMAS,
     gamma: float = GAMMA,
     weighted: bool = True,
-) -> SmoothUpdate:
+) -> LayerUpdate:
     """SVSF with a fixed boundary layer (eqs 2.3.1-2.3.6): `layer` (m,) in the measurement's units, or `sigmas`
     standard deviations of R. `measure` maps rows (k, n) -> (k, m); `angular` are the components of y that wrap.
 
@@ -64,7 +64,7 @@ def update(
 
 
 def update_variable(
-    state: SmoothState,
+    state: State,
     y: Array,
     measure: Rows,
     R: Array,
@@ -74,10 +74,10 @@ def update_variable(
     sigmas: float = SIGMAS,
     gamma: float = GAMMA,
     weighted: bool = True,
-) -> SmoothUpdate:
+) -> LayerUpdate:
     """VBL-SVSF: Kalman's gain where the optimal layer S_ii / (H P H^T)_ii (|e| + gamma |e_last|) is within `limit`
     (m,), or `sigmas` standard deviations of R; elsewhere the SVSF's gain with the limit as its layer. The optimal
-    layer is wide where the prior is good, so a narrow limit gives away what the model knows.
+    layer is wide where the prior is good, so a narrow limit throws information of the model away.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
@@ -85,17 +85,17 @@ def update_variable(
     return correct(state, y, measure, R, angular, settings, limit)[0]
 
 
-SWITCHING: Final = {
-    "kalman": "its gain is chosen for robustness against a wrong model, and is not the optimal one"
+NOT_OPTIMAL: Final = {
+    "kalman": "its gain is made for robustness against a wrong model, and is not the optimal one"
 }
 
 METHODS: Final[tuple[Method, ...]] = (
-    method("svsf", update, exempt=SWITCHING),
-    method("svsf-zero-layer", partial(update, sigmas=0.0), exempt=SWITCHING),
+    method("svsf", update, exempt=NOT_OPTIMAL),
+    method("svsf-zero-layer", partial(update, sigmas=0.0), exempt=NOT_OPTIMAL),
     method(
         "vbl-svsf",
         update_variable,
-        exempt=SWITCHING
-        | {"consistent": "its gain depends on the innovation's size, of which its covariance takes no account"},
+        exempt=NOT_OPTIMAL
+        | {"consistent": "its gain depends on the innovation's size, and its covariance does not allow for that"},
     ),
 )

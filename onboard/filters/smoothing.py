@@ -1,4 +1,4 @@
-"""Fixed-interval smoothing (Rauch, Tung & Striebel 1965): what the whole record says of each time in it.
+"""Fixed-interval smoothing (Rauch, Tung & Striebel 1965): estimates of each time from the whole record.
 
 The filter's beliefs come stacked over time, mean (T, n) and covariance (T, n, n), or (T, B, n) and (T, B, n, n)
 for a batch; so does the answer. A measurement update, if there was one, is in the belief of its time. Covariances
@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters._calls import straight
 from onboard.filters.belief import Belief, FilterError, Method, Rows, Weights
 from onboard.filters.kernels import linearisation
+from onboard.filters.kernels.calls import call_as_is
 from onboard.filters.posterior_linearisation import regression
 
 
@@ -87,9 +87,9 @@ def _smoothed(filtered: Belief, F: Array, Q: Array, predicted: Array) -> Belief:
     if mean.ndim == 2:
         mean, covariance, F, Q, predicted = (a[:, None] for a in (mean, covariance, F, Q, predicted))
     arrays = {"mean": mean, "covariance": covariance, "F": F, "Q": Q, "predicted": predicted}
-    mean, covariance = straight(linearisation.smooth_back, **arrays)
+    mean, covariance = call_as_is(linearisation.smooth_back, **arrays)
     shape = filtered.mean.shape
     return Belief(mean.reshape(shape), covariance.reshape(filtered.covariance.shape))
 
 
-METHODS: Final[tuple[Method, ...]] = ()  # a smoother is no filter: it needs the whole record
+METHODS: Final[tuple[Method, ...]] = ()  # a smoother needs the whole record, so it is not a filter

@@ -3,12 +3,12 @@ others.
 
 Three updates share one prediction:
 - `update`: S+ = tria[sqrt(w) (dX - K dZ), K S_R]. No Jacobian, no inverse, no downdate; the unscented filter's
-  numbers with the same weights, as long as the centre's is not negative. The one to use.
+  numbers with the same weights, as long as the centre's weight is not negative. Use this one.
 - `update_joseph`: the paper's, with the Jacobian at the posterior mean (eqs 17, 32).
 - `update_classical`: van der Merwe & Wan (2001), S+ by rank-one downdates, which fail when rounding beats them.
 
-A negative centre weight fails `update_classical` as it fails the unscented filter, in double precision too, when
-the prior is wide and the measurement sharp: what the centre takes away is more than there is.
+With a negative centre weight `update_classical` fails, as the unscented filter does and in double precision too,
+when the prior is wide and the measurement sharp: the centre subtracts more than the other points add up to.
 
 kappa(S) = sqrt(kappa(P)): this buys half the digits lost in an ill-conditioned covariance, and no other accuracy.
 Q and R may be singular. Precisions and batches as in `unscented`; a batched Q or R is allowed.
@@ -22,12 +22,21 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters import belief as beliefs
 from onboard.filters import extended, stepping
-from onboard.filters._calls import call, images_of, marks
-from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, Weights
+from onboard.filters.belief import (
+    Belief,
+    FilterError,
+    Method,
+    NotPositiveDefiniteError,
+    Rows,
+    Update,
+    Weights,
+    images_of,
+)
 from onboard.filters.cubature import weights as cubature_weights
 from onboard.filters.kernels import factors
 from onboard.filters.kernels import square_root as kernels
-from onboard.filters.stepping import Drawn, Rule
+from onboard.filters.kernels.calls import call, masks
+from onboard.filters.stepping import Rule, Step
 from onboard.filters.unscented_transform import julier_weights
 
 
@@ -80,11 +89,11 @@ def update(
     give S - K H S, with H S the slope of the measurement over the points, their sums and R the factor of the
     noise.
 
-    Raises FilterError for a negative centre weight, and what else cannot be used; NotPositiveDefiniteError.
+    Raises FilterError, also for a negative centre weight; NotPositiveDefiniteError.
     """
     _require_centre(weights)
     mean, factor, _, _, *rest = _correct(state, y, measure, R, weights, angular, considered)
-    return _told(SquareRoot(mean, factor), *rest)
+    return _update(SquareRoot(mean, factor), *rest)
 
 
 def rule(
@@ -105,12 +114,12 @@ def rule(
     return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS)
 
 
-def sigma_points(state: SquareRoot | Drawn, weights: Weights) -> Array:
+def sigma_points(state: SquareRoot | Step, weights: Weights) -> Array:
     """Sigma points (..., 2n+1, n), the mean first (eqs 19, 23).
 
     Raises FilterError.
     """
-    if isinstance(state, Drawn):
+    if isinstance(state, Step):
         state = start(state.mean, state.covariance)
     (points,) = call(kernels.spread, weights.spread, mean=state.mean, factor=state.factor)
     return np.asarray(points)
@@ -135,16 +144,16 @@ def update_joseph(
     Errata: eq 27 (and table 2) takes the deviations of the redrawn X_n|n-1, not f(X_n-1|n-1); eq 32's left side is
     transposed. For a negative centre weight eq 26 is a downdate.
 
-    Overconfident where the measurement is strongly curved over the prior: what h bends away from H_J is in the
-    gain but not in S+. (Acquisition at 20 km, 1 m and .2 mrad: NEES 44 for 9 states.)
+    Overconfident where the measurement is strongly curved over the prior: the gain takes account of how far h
+    bends away from H_J, S+ does not. (Acquisition at 20 km, 1 m and .2 mrad: NEES 44 for 9 states.)
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     mean, _, gain, _, *rest = _correct(state, y, measure, R, weights, angular, ())
-    # differences need a scale, for which the prior's deviations do
+    # the step of the differences is scaled by the prior's deviations
     _, H = extended.tangent(Belief(mean, belief(state).covariance), measure, jacobian, y, angular)
     (factor,) = call(kernels.joseph, factor=state.factor, H=H, K=gain, R=R)
-    return _told(SquareRoot(mean, factor), *rest)
+    return _update(SquareRoot(mean, factor), *rest)
 
 
 def update_classical(
@@ -156,7 +165,7 @@ def update_classical(
     """
     mean, _, _, U, *rest = _correct(state, y, measure, R, weights, angular, ())
     (factor,) = call(factors.downdate, factor=state.factor, U=U)
-    return _told(SquareRoot(mean, factor), *rest)
+    return _update(SquareRoot(mean, factor), *rest)
 
 
 def _images(state: SquareRoot, model: Rows, weights: Weights, y: Array | None) -> tuple[Array, Array]:
@@ -185,18 +194,18 @@ def _correct(
     considered: tuple[int, ...],
 ) -> list[Any]:
     points, images = _images(state, measure, weights, y)
-    options = weights.covariance, weights.other, *marks(y, angular, state.mean, considered)
+    options = weights.covariance, weights.other, *masks(y, angular, state.mean, considered)
     return call(kernels.correct, *options, points=points, factor=state.factor, measure=images, y=y, R=R)
 
 
-def _told(state: SquareRoot, innovation: Array, S: Array, predicted: Array, nis: Any) -> Update:
+def _update(state: SquareRoot, innovation: Array, S: Array, predicted: Array, nis: Any) -> Update:
     if not np.isfinite(state.factor).all():
         raise NotPositiveDefiniteError("covariance: the update left it not finite")
     return Update(state, innovation, S, predicted, nis if nis.ndim else float(nis))
 
 
 def _unscented(n: int) -> Weights:
-    """Julier's weights as far as they leave the centre's not negative, which is for up to three states."""
+    """Julier's weights, with n + lambda = n beyond three states, where the centre's would be negative."""
     return julier_weights(n, max(float(n), 3.0))
 
 
@@ -214,7 +223,7 @@ def _method(
     )
 
 
-DIFFERENCES: Final = "a millimetre after a kilometre is a difference that float32 has no digits for"
+DIFFERENCES: Final = "a millimetre after a kilometre is a difference below the digits of float32"
 
 METHODS: Final = (
     _method("square-root", update, _unscented, {}),

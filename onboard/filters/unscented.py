@@ -4,7 +4,7 @@
     points = process(points)           # (2n+1, n) -> (2n+1, n): the model, any function over rows
     belief = gather(points) + Q
 
-Arrays are float64 or float32, all alike. With a leading batch axis B on mean and covariance (and on y), B filters
+Arrays are all float64 or all float32. With a leading batch axis B on mean and covariance (and on y), B filters
 advance in one call; the model then gets the rows of all of them, (B (2n+1), n), each filter's together.
 """
 
@@ -21,10 +21,11 @@ from onboard.filters.belief import (
     Rows,
     Update,
     Weights,
-    flags,
-    refuse,
+    array_error,
+    mask,
+    over_rows,
+    raise_status,
     start,
-    wrong_arrays,
 )
 from onboard.filters.kernels import unscented as kernels
 from onboard.filters.stepping import Rule
@@ -32,7 +33,6 @@ from onboard.filters.unscented_transform import (
     batched,
     factor,
     julier_weights,
-    over_rows,
     packed,
     recombine,
     scaled_weights,
@@ -45,7 +45,6 @@ __all__ = [
     "factor",
     "julier_weights",
     "method",
-    "over_rows",
     "predict",
     "recombine",
     "rule",
@@ -57,9 +56,10 @@ __all__ = [
 
 
 def _keep_pages() -> None:
-    """Let a large batch keep its memory from step to step. The C library (glibc) gives free memory at the top of
-    the heap back when it is more than twice the largest piece it has seen come and go, and a batch of 500 would
-    take it again in each step, page by page, for a tenth of its time. A piece of 8 MB, never touched, will do."""
+    """Let a large batch keep its memory from step to step. The C library (glibc) returns free memory at the top
+    of the heap when it is more than twice the largest block ever freed. A batch of 500 would take it again in
+    each step, page by page, for a tenth of its time. Freeing one block of 8 MB, never touched, prevents
+    that."""
     np.empty(8 << 20, np.uint8)
 
 
@@ -105,8 +105,8 @@ def update(
     considered: tuple[int, ...] = (),
 ) -> Update:
     """Measurement update (eqs 34-42). `measure` maps rows (k, n) -> (k, m); `angular` are the components of y that
-    are angles, whose differences wrap. States in `considered` keep their mean and variance: their uncertainty is
-    carried in the others' covariance, but no measurement moves them (Schmidt 1966).
+    are angles, whose differences wrap. States in `considered` keep their mean and variance: no measurement moves
+    them, but their uncertainty is carried in the others' covariance (Schmidt 1966).
 
     Raises FilterError, NotPositiveDefiniteError for the prior and for an innovation covariance without factor.
     """
@@ -129,13 +129,13 @@ def correct(
     if points.ndim == 2:
         return _correct(points, images, belief.covariance, y, R, weights, angular, considered)
     try:
-        marks = flags(angular, y.shape[-1]), flags(considered, points.shape[-1])
-        given = packed(points), images, packed(belief.covariance), packed(y), batched(R)
-        *posterior, innovation, S, predicted, nis, status = kernels.correct_batch(*given, *weights[2:], *marks)
+        masks = mask(angular, y.shape[-1]), mask(considered, points.shape[-1])
+        arrays = packed(points), images, packed(belief.covariance), packed(y), batched(R)
+        *posterior, innovation, S, predicted, nis, status = kernels.correct_batch(*arrays, *weights[2:], *masks)
     except (TypeError, AttributeError, IndexError) as error:
-        raise wrong_arrays(mean=belief.mean, measure=images, y=y, R=R) from error
+        raise array_error(mean=belief.mean, measure=images, y=y, R=R) from error
     if status:
-        refuse(status)
+        raise_status(status)
     return Update(Belief(*posterior), innovation, S, predicted, nis)
 
 
@@ -153,14 +153,14 @@ def _correct(
     _, _, w_cov, w = weights
     try:
         n, m, dtype = points.shape[1], len(y), points.dtype
-        marks = flags(angular, m), flags(considered, n)
-        out, told = np.empty((n + 1, n), dtype), np.empty((m + 2, m), dtype)
-        status, nis = kernels.correct(points, images, P, y, R, w_cov, w, *marks, out, told)
+        masks = mask(angular, m), mask(considered, n)
+        posterior, found = np.empty((n + 1, n), dtype), np.empty((m + 2, m), dtype)
+        status, nis = kernels.correct(points, images, P, y, R, w_cov, w, *masks, posterior, found)
     except (TypeError, AttributeError, IndexError) as error:
-        raise wrong_arrays(mean=points, measure=images, y=y, R=R) from error
+        raise array_error(mean=points, measure=images, y=y, R=R) from error
     if status:
-        refuse(status)
-    return Update(Belief(out[0], out[1:]), told[0], told[2:], told[1], nis)
+        raise_status(status)
+    return Update(Belief(posterior[0], posterior[1:]), found[0], found[2:], found[1], nis)
 
 
 # ------------------------------------------------------------------------------------- as methods
@@ -178,12 +178,14 @@ def method(name: str, weights: Callable[[int], Weights], considered: tuple[int, 
     return Method(name, start, predict_, update_, lambda state: state, **more)
 
 
-SINGLE: Final = "a millimetre after a kilometre needs more digits than float32 has; a square root halves the need"
+EXEMPT: Final = {
+    "long_run_float32": "a millimetre after a kilometre needs more digits than float32 has, a square root half"
+}
 
 METHODS: Final = (
     method("unscented", julier_weights),
-    method("unscented-scaled-1", lambda n: scaled_weights(n, 1.0, 2.0), exempt={"long_run_float32": SINGLE}),
-    method("unscented-scaled-0.1", lambda n: scaled_weights(n, 0.1, 2.0), exempt={"long_run_float32": SINGLE}),
+    method("unscented-scaled-1", lambda n: scaled_weights(n, 1.0, 2.0), exempt=EXEMPT),
+    method("unscented-scaled-0.1", lambda n: scaled_weights(n, 0.1, 2.0), exempt=EXEMPT),
     method(
         "unscented-considered",
         julier_weights,

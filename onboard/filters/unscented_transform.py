@@ -1,10 +1,10 @@
-"""The unscented transform: a belief as points, moved by any model, and a belief again (Julier; Oh & Johnson eqs
+"""The unscented transform: from a belief to points, which any model moves, and back (Julier; Oh & Johnson eqs
 23-33).
 
     points = sigma_points(belief, weights)       # (2n+1, n)
     belief = recombine(model(points), weights, noise)
 
-Arrays are float64 or float32, all alike. With a leading batch axis on mean and covariance, all in one call.
+Arrays are all float64 or all float32. With a leading batch axis on mean and covariance, all in one call.
 """
 
 import numpy as np
@@ -14,13 +14,12 @@ from onboard.filters.belief import (
     Belief,
     FilterError,
     NotPositiveDefiniteError,
-    Rows,
     Weights,
-    refuse,
-    wrong_arrays,
+    array_error,
+    raise_status,
 )
 from onboard.filters.kernels import unscented_transform as kernels
-from onboard.filters.stepping import Drawn
+from onboard.filters.stepping import Step
 
 
 def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
@@ -44,18 +43,18 @@ def scaled_weights(n: int, alpha: float = 1e-3, beta: float = 2.0, kappa: float 
 def factor(covariance: Array) -> Array:
     """Lower Cholesky factor (n, n) of a covariance.
 
-    Raises NotPositiveDefiniteError, for NaN and infinity too (LAPACK lets those pass).
+    Raises NotPositiveDefiniteError, also for NaN and infinity, which LAPACK accepts.
     """
     try:
         upper, exists = kernels.factor(covariance)
     except TypeError as error:
-        raise wrong_arrays(covariance=covariance) from error
+        raise array_error(covariance=covariance) from error
     if not exists:
         raise NotPositiveDefiniteError("covariance: not positive definite")
     return upper.T  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 
-def sigma_points(belief: Belief | Drawn, weights: Weights) -> Array:
+def sigma_points(belief: Belief | Step, weights: Weights) -> Array:
     """Sigma points (..., 2n+1, n), the mean first (eqs 29-30).
 
     Raises FilterError, NotPositiveDefiniteError.
@@ -69,9 +68,9 @@ def sigma_points(belief: Belief | Drawn, weights: Weights) -> Array:
         else:
             points, status = kernels.spread_batch(packed(mean), packed(covariance), weights.spread)
     except (TypeError, AttributeError) as error:
-        raise wrong_arrays(mean=mean, covariance=covariance) from error
+        raise array_error(mean=mean, covariance=covariance) from error
     if status:
-        refuse(status)
+        raise_status(status)
     return points
 
 
@@ -90,28 +89,17 @@ def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
         else:
             mean, covariance, status = kernels.gather_batch(packed(points), w_mean, w_cov, w, batched(noise))
     except (TypeError, AttributeError) as error:
-        raise wrong_arrays(process=points, Q=noise) from error
+        raise array_error(process=points, Q=noise) from error
     if status:
-        refuse(status)
+        raise_status(status)
     return Belief(mean, covariance)
 
 
-def over_rows(model: Rows, points: Array) -> Array:
-    """A model over points (k, n), or over the rows of a batch (B, k, n)."""
-    if points.ndim == 2:
-        return model(points)
-    given = points.reshape(-1, points.shape[-1])
-    rows = model(given)
-    if rows.ndim != 2 or len(rows) != len(given):
-        raise FilterError(f"process or measure: gave {rows.shape} for rows {given.shape}")
-    return rows.reshape(*points.shape[:-1], rows.shape[-1])
-
-
 def batched(noise: Array) -> Array:
-    """Noise (n, n) or (B, n, n) as the kernels of batches take it: (1 or B, n, n)."""
+    """Noise (n, n) or (B, n, n) as kernels of batches take it: (1 or B, n, n)."""
     return packed(noise if noise.ndim == 3 else noise[None])
 
 
 def packed(array: Array) -> Array:
-    """As the kernels of batches take it: without gaps."""
+    """The array without gaps in memory, as kernels of batches take it."""
     return array if array.flags.c_contiguous else array.copy()

@@ -1,8 +1,8 @@
 """The arctangent for compiled loops: without branches, so that one instruction does it for several rows.
 
-The C library's takes as long as all else that a model of angles does. Where it is called in a loop over rows that
-lie side by side in memory, this one takes a fifth of that; its error is less than two and a half units in the last
-place (tests/unit/test_arctangent.py).
+The C library's function takes as long as the rest of a model of angles. In a loop over rows that lie side by
+side in memory, this one takes a fifth of that time. Its error is below two and a half units in the last place
+(tests/unit/geometry/test_arctangent.py).
 """
 
 from typing import Final
@@ -13,7 +13,7 @@ from numba import njit
 QUARTER: Final = 0.25 * np.pi
 EIGHTH_TANGENT: Final = np.sqrt(2.0) - 1.0
 # (arctan(t) - t) / t^3 as a polynomial in t^2, by interpolation at Chebyshev nodes of 0 <= t <= tan(pi / 8), in
-# fifty digits; off by 5e-18 of the whole.
+# fifty digits; its relative error is 5e-18.
 C0, C1, C2, C3, C4, C5, C6, C7, C8, C9, C10 = (
     -0.3333333333333333,
     0.1999999999999552,
@@ -36,7 +36,7 @@ def arctan2(y, x):  # type: ignore[no-untyped-def]
     across, along = abs(y), abs(x)
     steep = across > along
     long, short = (across, along) if steep else (along, across)
-    far = short > EIGHTH_TANGENT * long  # beyond an eighth of a turn's half: measured from the diagonal
+    far = short > EIGHTH_TANGENT * long  # beyond pi/8: the angle is measured from the diagonal
     t = (short - long if far else short) / ((short + long if far else long) + (1.0 if long == 0.0 else 0.0))
     z = t * t
     rest = C10
@@ -51,7 +51,7 @@ def arctan2(y, x):  # type: ignore[no-untyped-def]
     rest = rest * z + C1
     rest = rest * z + C0
     angle = t * z * rest + t
-    quarters = 1.0 if far else 0.0  # the angle is so many quarters of pi, and `angle` more
+    quarters = 1.0 if far else 0.0  # the result is this many quarters of pi, plus `angle`
     quarters, angle = (2.0 - quarters, -angle) if steep else (quarters, angle)
     backward = np.copysign(1.0, x) < 0.0
     quarters, angle = (4.0 - quarters, -angle) if backward else (quarters, angle)

@@ -1,7 +1,7 @@
-"""The pinhole camera: where it sits on the vehicle, and what it sees.
+"""The pinhole camera: its pose on the vehicle, and its projection.
 
 Camera frame as in Oh & Johnson: X forward along the optical axis, Y right, Z down. An image point is
-(Y_c/X_c, Z_c/X_c); times the focal length and from the principal point it is in pixels.
+(Y_c/X_c, Z_c/X_c). Multiplied by the focal length and added to the principal point it is in pixels.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,8 @@ from onboard.geometry.rotations import matrix_from_euler
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
-    """A camera on a vehicle. `R_bc` (3, 3) camera to body; `r_FC_b` (3,) m; intrinsics in pixels."""
+    """A camera on a vehicle. `R_bc` (3, 3) camera to body; `r_FC_b` (3,) m; intrinsics in pixels; `sigma_px` the
+    standard deviation of one image coordinate."""
 
     name: str
     f_px: float
@@ -56,7 +57,7 @@ def make_camera(
 
 
 def project(r_c: ArrayLike) -> Array:
-    """Image points (..., 2) of positions (..., 3) in the camera frame; NaN for what lies behind the lens."""
+    """Image points (..., 2) of positions (..., 3) in the camera frame; NaN for positions behind the lens."""
     r = np.asarray(r_c, dtype=float)
     x = r[..., 0:1]
     return np.asarray(np.where(x > 1e-9, r[..., 1:3] / np.where(x > 1e-9, x, 1.0), np.nan))

@@ -34,13 +34,13 @@ def geodetic_from_ecef(r_e: ArrayLike) -> tuple[float, float, float]:
         lat = np.arctan2(z + E2 / (1 - F) ** 2 * b * np.sin(theta) ** 3, p - E2 * A * np.cos(theta) ** 3)
         theta = np.arctan2((1 - F) * np.sin(lat), np.cos(lat))
     n = A / np.sqrt(1 - E2 * np.sin(lat) ** 2)
-    # of the two height formulas, the one that does not divide by a vanishing cosine or sine
+    # of two formulas for the height, the one whose divisor does not vanish here
     height = p / np.cos(lat) - n if abs(lat) < np.pi / 4 else z / np.sin(lat) - n * (1 - E2)
     return float(np.degrees(lat)), float(np.degrees(np.arctan2(y, x))), float(height)
 
 
 def geodetic_rows(r_e: Array) -> Array:
-    """(lat_deg, lon_deg, height m), (k, 3), of many r_e (k, 3): as `geodetic_from_ecef`, all at once."""
+    """(lat_deg, lon_deg, height m), (k, 3), of r_e (k, 3): `geodetic_from_ecef` over rows."""
     x, y, z = r_e.T
     p = np.hypot(x, y)
     b = A * (1 - F)

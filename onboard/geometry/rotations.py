@@ -14,7 +14,7 @@ def wrap_angle(angle: ArrayLike) -> Array:
 def matrix_from_quaternion(q_nb: ArrayLike) -> Array:
     """R_nb (..., 3, 3) from q_nb (..., 4); q need not be exactly of unit length, only not zero."""
     q = np.asarray(q_nb, dtype=float)
-    # of a single one the components are plain numbers, which are many times faster to work with
+    # the components of a single quaternion are plain numbers, which are many times faster
     w, x, y, z = q.tolist() if q.ndim == 1 else np.moveaxis(q, -1, 0)
     s = 2.0 / (w * w + x * x + y * y + z * z)
     rows = [
@@ -96,7 +96,7 @@ def quaternion_from_vector(phi: ArrayLike) -> Array:
 
 
 def slerp(q0: ArrayLike, q1: ArrayLike, fraction: float) -> Array:
-    """The quaternion a `fraction` of the shorter way from q0 to q1; shapes (4,)."""
+    """The quaternion at a `fraction` of the shorter great circle from q0 to q1; shapes (4,)."""
     a, b = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
     cosine = float(a @ b)
     if cosine < 0:

@@ -63,6 +63,7 @@ from onboard.messages.vehicle import (
     StatusText,
     SystemTime,
     TimeSync,
+    tagged,
 )
 
 __all__ = [
@@ -124,4 +125,5 @@ __all__ = [
     "Truth",
     "Vec3",
     "Verdict",
+    "tagged",
 ]

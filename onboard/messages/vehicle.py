@@ -1,6 +1,10 @@
 """Messages from an autopilot and to it."""
 
+from typing import Final
+
 from onboard.messages.base import Message, Quaternion, Vec3
+
+OUR_TAG: Final = 191  # the last three digits of the ts1_ns in our own TIMESYNC requests
 
 
 class Heartbeat(Message, frozen=True, kw_only=True):
@@ -23,6 +27,16 @@ class TimeSync(Message, frozen=True, kw_only=True):
 
     tc1_ns: int
     ts1_ns: int
+
+    @property
+    def is_tagged(self) -> bool:
+        """Whether the request's time has our tag, see `tagged`."""
+        return self.ts1_ns % 1000 == OUR_TAG
+
+
+def tagged(now_ns: int) -> int:
+    """The `ts1_ns` of our own request: the time to the microsecond, with our tag for nanoseconds."""
+    return now_ns - now_ns % 1000 + OUR_TAG
 
 
 class Attitude(Message, frozen=True, kw_only=True):

@@ -1,21 +1,17 @@
-"""Where an aircraft that keeps its turn is, seen from one that flies straight on: when and how near they come."""
-
-from typing import Final
+"""Closest approach of an aircraft that keeps its turn to one that flies straight."""
 
 import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
+from onboard.filters.compiled import ROWS, VECTOR
 
 
 def first_approach(rows: Array, v_F: Array, horizon: float) -> Array:
-    """Time (s), distance (m) and vector (3) of the first closest approach, (k, 5), within `horizon` s or there.
+    """Time (s), distance (m) and vector (3) of the first closest approach, (k, 5), at most `horizon` s ahead.
 
     Rows (k, 7) are the other's position and velocity relative to us and its turn rate (rad/s, to the right); v_F
-    (3,) is our velocity, n. Half the slope of the squared distance is followed until it is no longer negative.
+    (3,) is our velocity, n. Searched: the first zero of the squared distance's slope, by steps, then by bisection.
     """
     found: Array = _first_approach(rows, v_F, horizon)
     return found

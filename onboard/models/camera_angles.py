@@ -1,4 +1,4 @@
-"""What a camera sees of a leader: three angles from three image points. Oh & Johnson, II.B-C, eqs 11-18, 43-50.
+"""A camera measures three angles of a leader, from three image points. Oh & Johnson, II.B-C, eqs 11-18, 43-50.
 
 Measurement: [gamma_y azimuth (positive right), gamma_z elevation (positive BELOW the axis), alpha subtended].
 Erratum: eq 14 prints x_3 in its third row where the size x_7 must stand. Eq 17 assumes a wing parallel to the
@@ -11,9 +11,10 @@ import numpy as np
 from numba import njit
 
 from onboard.arrays import Array
+from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
 from onboard.geometry.arctangent import arctan2
 from onboard.models import relative_motion
-from onboard.models.relative_motion import BATCH, BLOCK, INTO, ROWS, VECTOR
+from onboard.models.relative_motion import BLOCK
 
 M: Final = 3
 COMPONENTS: Final = ("azimuth", "elevation", "subtended")
@@ -22,28 +23,28 @@ ANGULAR: Final = (0, 1, 2)  # all wrap
 
 
 def measure(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
-    """Angles (k, 3) of state rows (k, 9), from a camera with attitude R_cn (3, 3) at r_FC_n (3,): eq 14,
+    """Angles (k, 3), rad, of state rows (k, 9), from a camera with attitude R_cn (3, 3) at r_FC_n (3,) m: eq 14,
     with atan2 in the place of atan, which folds over behind the camera."""
-    angles = np.empty((len(points), M))  # here: to hand it over from machine code takes longer
+    angles = np.empty((len(points), M))  # allocated here: an array returned from machine code costs more
     _measure(points, R_cn, r_FC_n, angles)
     return angles
 
 
 @njit(cache=True, error_model="numpy")
-def _look(places, seen, count):  # type: ignore[no-untyped-def]
-    """The angles of `count` places in the camera's frame and sizes, x, y, z and size each by itself: (4 BLOCK,),
-    into (3 BLOCK,)."""
+def _angles(places, angles, count):  # type: ignore[no-untyped-def]
+    """The three angles, into `angles` (3 BLOCK,), of `count` positions in c and sizes: `places` (4 BLOCK,) holds
+    x, y, z and size, each in a block of its own."""
     for s in range(count):
         x, y, z = places[s], places[BLOCK + s], places[2 * BLOCK + s]
-        seen[s] = arctan2(y, x)
-        seen[BLOCK + s] = arctan2(z, x)
-        seen[2 * BLOCK + s] = 2.0 * arctan2(places[3 * BLOCK + s], 2.0 * np.sqrt(x * x + y * y + z * z))
+        angles[s] = arctan2(y, x)
+        angles[BLOCK + s] = arctan2(z, x)
+        angles[2 * BLOCK + s] = 2.0 * arctan2(places[3 * BLOCK + s], 2.0 * np.sqrt(x * x + y * y + z * z))
 
 
-@njit((ROWS, ROWS, VECTOR, INTO), cache=True, error_model="numpy")
+@njit((ROWS, ROWS, VECTOR, OUT), cache=True, error_model="numpy")
 def _measure(points, R_cn, r_FC_n, angles):  # type: ignore[no-untyped-def]
     """In blocks, so that the compiler makes one instruction of several rows' roots and arctangents."""
-    places, seen = np.empty(4 * BLOCK), np.empty(3 * BLOCK)
+    places, block = np.empty(4 * BLOCK), np.empty(3 * BLOCK)
     for first in range(0, points.shape[0], BLOCK):
         count = min(BLOCK, points.shape[0] - first)
         for s in range(count):
@@ -52,19 +53,19 @@ def _measure(points, R_cn, r_FC_n, angles):  # type: ignore[no-untyped-def]
             for i in range(3):
                 places[i * BLOCK + s] = R_cn[i, 0] * north + R_cn[i, 1] * east + R_cn[i, 2] * down
             places[3 * BLOCK + s] = row[relative_motion.SIZE]
-        _look(places, seen, count)
+        _angles(places, block, count)
         for s in range(count):
             for i in range(3):
-                angles[first + s, i] = seen[i * BLOCK + s]
+                angles[first + s, i] = block[i * BLOCK + s]
 
 
 def measure_batch(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
-    """`measure` of many filters at once: points (B, k, 9), each with a camera of its own, (B, 3, 3) and (B, 3)."""
+    """`measure` of B filters at once: points (B, k, 9), and a camera for each, (B, 3, 3) and (B, 3)."""
     angles: Array = _measure_batch(points, R_cn, r_FC_n)
     return angles
 
 
-@njit((BATCH, BATCH, ROWS), cache=True, error_model="numpy")
+@njit((CUBE, CUBE, ROWS), cache=True, error_model="numpy")
 def _measure_batch(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
     angles = np.empty((points.shape[0], points.shape[1], 3))
     for b in range(points.shape[0]):
@@ -73,7 +74,7 @@ def _measure_batch(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
 
 
 def angles_from_points(points: Array) -> Array:
-    """Measured angles (..., 3) of image points (..., 3, 2), the center, left and right one: eq 18."""
+    """Angles (..., 3), rad, of image points (..., 3, 2) in focal lengths, center, left and right: eq 18."""
     center, wing = points[..., 0, :], points[..., 1, :] - points[..., 2, :]
     span = np.hypot(wing[..., 0], wing[..., 1])
     D = np.sqrt(1.0 + center[..., 0] ** 2 + center[..., 1] ** 2)
@@ -84,8 +85,8 @@ def angles_from_points(points: Array) -> Array:
 
 
 def noise_from_points(points: Array, sigmas: Array) -> Array:
-    """R (..., 3, 3) of the angles when each coordinate of the center, left and right point (..., 3, 2) has
-    standard deviation `sigmas` (3,): the Jacobian of eq 18, neglecting the center's weak influence on alpha."""
+    """R (..., 3, 3), rad^2, of the angles when each coordinate of the center, left and right point (..., 3, 2) has
+    standard deviation `sigmas` (3,): by the Jacobian of eq 18, neglecting the center's weak influence on alpha."""
     center, wing = points[..., 0, :], points[..., 1, :] - points[..., 2, :]
     span = np.hypot(wing[..., 0], wing[..., 1])
     D = np.sqrt(1.0 + center[..., 0] ** 2 + center[..., 1] ** 2)
@@ -98,7 +99,7 @@ def noise_from_points(points: Array, sigmas: Array) -> Array:
 
 
 def position_from_angles(angles: Array, size: Array, R_cn: Array, r_FC_n: Array) -> Array:
-    """r_FL_n (k, 3) of angle rows (k, 3) and sizes (k,): eqs 43 and 48-50."""
+    """r_FL_n (k, 3), m, of angle rows (k, 3), rad, and sizes (k,), m: eqs 43 and 48-50."""
     tan_y, tan_z = np.tan(angles[:, 0]), np.tan(angles[:, 1])
     x = size / (2.0 * np.tan(0.5 * angles[:, 2]) * np.sqrt(1.0 + tan_y**2 + tan_z**2))
     return np.column_stack([x, x * tan_y, x * tan_z]) @ R_cn + r_FC_n

@@ -8,13 +8,13 @@ Errata: eq 34 prints t^3/6 for entry (2, 2), and eq 14 t^5/20 for all variances 
 It is t^3/3, and t^5/20, t^3/3, t.
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING
+from onboard.filters.compiled import FILLING, signatures
 
 N: Final = 9
 POSITION: Final = (0, 3, 6)
@@ -26,16 +26,12 @@ UNITS: Final = ("m", "m/s", "m/s^2") * 3
 
 def process(rows: Array, dt: float) -> Array:
     """State rows (k, 9) after `dt` seconds, in the precision of the rows."""
-    after = np.empty(rows.shape, rows.dtype)  # here: to hand it over from machine code takes longer
+    after = np.empty(rows.shape, rows.dtype)  # made here: returning it from machine code takes longer
     _process(rows, dt, after)
     return after
 
 
-def _signature(dtype: Any) -> tuple[Any, Any, Any]:
-    return types.Array(dtype, 2, "A", readonly=True), types.float64, types.Array(dtype, 2, "C")
-
-
-@njit([_signature(types.float64), _signature(types.float32)], **FILLING)
+@njit(signatures(2, types.float64, "out"), **FILLING)
 def _process(rows, seconds, after):  # type: ignore[no-untyped-def]
     dt = rows.dtype.type(seconds)
     half = rows.dtype.type(0.5) * dt * dt

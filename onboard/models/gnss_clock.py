@@ -30,7 +30,7 @@ def process(rows: Array, dt: float) -> Array:
 
 def noise(mean: Array, dt: float, q: Any = 1.0, clock: float = 0.0, drift: float = 0.0) -> Array:
     """Process noise (..., 11, 11) of a step about states (..., 11). `q` as in `variable_turn.noise`; densities of
-    the clock's own walk, m^2/s, and of its drift's, (m/s)^2/s (the paper has the second only).
+    the random walks of the clock's error, m^2/s, and of its drift, (m/s)^2/s (the paper has the second only).
 
     Raises FilterError.
     """

@@ -19,7 +19,8 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, ROWS, VELOCITY
+from onboard.filters.compiled import ROWS, VECTOR
+from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 
 N: Final = 16
 DISTURBANCE: Final = (12, 13, 14)
@@ -34,11 +35,8 @@ UNITS: Final[tuple[str, ...]] = (*("m",) * 3, *("m/s",) * 3, *("rad",) * 3, *("r
 # The states that are published, in the order of COMPONENTS.
 NAVIGATION: Final[tuple[int, ...]] = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)
 
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
-MATRIX: Final = types.Array(types.float64, 2, "A", readonly=True)
 
-
-@njit((ROWS, types.float64, VECTOR, VECTOR, MATRIX, VECTOR, types.float64), cache=True, error_model="numpy")
+@njit((ROWS, types.float64, VECTOR, VECTOR, ROWS, VECTOR, types.float64), cache=True, error_model="numpy")
 def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):  # type: ignore[no-untyped-def]
     """State rows (k, 16) after `dt` seconds of specific force f_b (3,) and angular acceleration by the motors
     `omega_dot` (3,), with a's attitude R_na (3, 3) and the moments of inertia (3,). Disturbances fade at the rate

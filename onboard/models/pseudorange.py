@@ -1,28 +1,28 @@
-"""What a GNSS receiver measures: pseudoranges and pseudorange rates. De Vivo et al. eqs 50-51, appendix B.
+"""Measurements of a GNSS receiver: pseudoranges and pseudorange rates. De Vivo et al. eqs 50-51, appendix B.
 
 State rows as in `gnss_clock`, in e. Satellites are given as the receiver computes them from the broadcast orbits:
 their positions and velocities in e at the time of reception, Sagnac effect and satellite clocks removed.
 
-Errata: with d = xi_s - xi, appendix B's derivative of the rate by the position is -d_dot / R + R_dot d / R^2,
-where -d / R + R_dot d / R^2 is printed (for R_dot as in eq 51); its columns for velocities and accelerations are
-those of a measurement taken dt after the state, and the sign inside the last is minus.
+Errata: with d = xi_s - xi, appendix B's derivative of the rate by the position is -d_dot / R + R_dot d / R^2; it
+prints -d / R + R_dot d / R^2 (for R_dot as in eq 51). Its columns for velocities and accelerations are those of a
+measurement dt after the state, and the sign inside the last one must be minus.
 """
 
 from typing import Final
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from onboard.arrays import Array
+from onboard.filters.compiled import ROWS
 
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
 SIGNATURE: Final = (ROWS, ROWS, ROWS)
 
 
 def measure(rows: Array, position: Array, velocity: Array) -> Array:
     """Pseudoranges, m, then rates, m/s: (k, 2 s) of state rows (k, 11), for satellites (s, 3) in e."""
-    seen: Array = _measure(rows, position, velocity)
-    return seen
+    ranges: Array = _measure(rows, position, velocity)
+    return ranges
 
 
 def jacobian(rows: Array, position: Array, velocity: Array) -> Array:
@@ -34,7 +34,7 @@ def jacobian(rows: Array, position: Array, velocity: Array) -> Array:
 @njit(SIGNATURE, cache=True, error_model="numpy")
 def _measure(rows, position, velocity):  # type: ignore[no-untyped-def]
     count = position.shape[0]
-    seen = np.empty((rows.shape[0], 2 * count))
+    ranges = np.empty((rows.shape[0], 2 * count))
     for s in range(rows.shape[0]):
         for k in range(count):
             r2 = closing = 0.0
@@ -43,9 +43,9 @@ def _measure(rows, position, velocity):  # type: ignore[no-untyped-def]
                 r2 += d * d
                 closing += d * (velocity[k, i] - rows[s, 3 * i + 1])
             r = np.sqrt(r2)
-            seen[s, k] = r + rows[s, 9]
-            seen[s, count + k] = closing / r + rows[s, 10]
-    return seen
+            ranges[s, k] = r + rows[s, 9]
+            ranges[s, count + k] = closing / r + rows[s, 10]
+    return ranges
 
 
 @njit(SIGNATURE, cache=True, error_model="numpy")

@@ -16,6 +16,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.filters.belief import FilterError
+from onboard.filters.compiled import ROWS
 
 N: Final = 12
 POSITION: Final = (0, 2, 4)
@@ -43,7 +44,6 @@ class Airframe(NamedTuple):
     rotor_speed: float = 0.0
 
 
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
 PARAMETERS: Final = types.UniTuple(types.float64, len(Airframe._fields))  # type: ignore[no-untyped-call]
 
 

@@ -1,16 +1,16 @@
-"""What a radar at the origin of a local frame sees: range, azimuth and elevation. De Vivo et al. eqs 35-37.
+"""Echoes at a radar at the origin of a local frame: range, azimuth and elevation. De Vivo et al. eqs 35-37.
 
 The frame is east, north, up at the radar; rows begin like those of `constant_acceleration`. Azimuth is clockwise
 from north (y), elevation positive up. Erratum: eq 36 prints arctan(x / y), which folds; it is atan2(x, y).
 """
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from onboard.arrays import Array
-from onboard.filters.compiled import FILLING
+from onboard.filters.compiled import FILLING, signatures
 from onboard.geometry.arctangent import arctan2
 
 M: Final = 3
@@ -21,9 +21,9 @@ ANGULAR: Final = (1, 2)
 
 def measure(rows: Array) -> Array:
     """Range (m), azimuth and elevation (rad), (k, 3), of state rows (k, 9 or more), in the rows' precision."""
-    seen = np.empty((M, len(rows)), rows.dtype)  # here: to hand it over from machine code takes longer
-    _measure(rows, seen)
-    return seen.T
+    polar = np.empty((M, len(rows)), rows.dtype)  # made here: returning it from machine code takes longer
+    _measure(rows, polar)
+    return polar.T
 
 
 def jacobian(rows: Array) -> Array:
@@ -32,23 +32,15 @@ def jacobian(rows: Array) -> Array:
     return slope
 
 
-def cartesian(seen: Array) -> Array:
+def cartesian(polar: Array) -> Array:
     """Positions (..., 3), east, north, up, of measurements (..., 3)."""
-    r, azimuth, elevation = seen[..., 0], seen[..., 1], seen[..., 2]
+    r, azimuth, elevation = polar[..., 0], polar[..., 1], polar[..., 2]
     level = r * np.cos(elevation)
     return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), r * np.sin(elevation)], axis=-1)
 
 
-def _rows(dtype: Any) -> tuple[Any]:
-    return (types.Array(dtype, 2, "A", readonly=True),)
-
-
-BOTH: Final = [_rows(types.float64), _rows(types.float32)]
-BOTH_INTO: Final = [(*rows, types.Array(rows[0].dtype, 2, "C")) for rows in BOTH]
-
-
 @njit(**FILLING)
-def _look(first, second, third):  # type: ignore[no-untyped-def]
+def _to_polar(first, second, third):  # type: ignore[no-untyped-def]
     """Range, azimuth and elevation in place of x, y and z."""
     for s in range(first.shape[0]):
         x, y, z = first[s], second[s], third[s]
@@ -58,16 +50,16 @@ def _look(first, second, third):  # type: ignore[no-untyped-def]
         third[s] = arctan2(z, np.sqrt(level2))
 
 
-@njit(BOTH_INTO, **FILLING)
-def _measure(rows, seen):  # type: ignore[no-untyped-def]
+@njit(signatures(2, "out"), **FILLING)
+def _measure(rows, polar):  # type: ignore[no-untyped-def]
     """Each component by itself: the compiler makes one instruction of several rows' roots and arctangents."""
     for i in range(3):
         for s in range(rows.shape[0]):
-            seen[i, s] = rows[s, 3 * i]
-    _look(seen[0], seen[1], seen[2])
+            polar[i, s] = rows[s, 3 * i]
+    _to_polar(polar[0], polar[1], polar[2])
 
 
-@njit(BOTH, cache=True, error_model="numpy")
+@njit(signatures(2), cache=True, error_model="numpy")
 def _jacobian(rows):  # type: ignore[no-untyped-def]
     slope = np.zeros((rows.shape[0], 3, rows.shape[1]), rows.dtype)
     for s in range(rows.shape[0]):

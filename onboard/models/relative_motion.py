@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
+from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
 
 N: Final = 9
 R: Final = slice(0, 3)
@@ -24,16 +25,13 @@ FRAME: Final = "n (local NED), leader relative to follower"
 
 
 # Given, so that nothing compiles in flight: rows (k, 9), dt, the follower's four vectors (3,), eps.
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-BATCH: Final = types.Array(types.float64, 3, "A", readonly=True)
-INTO: Final = types.Array(types.float64, 2, "C")
-PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, INTO)
+PROCESS_SIGNATURE: Final = (ROWS, types.float64, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, OUT)
 ACCELERATION_SIGNATURE: Final = (ROWS, VECTOR, VECTOR, types.float64)
 
 
 class FollowerMotion(NamedTuple):
-    """The follower's velocity and acceleration (3,) in n at the start and the end of a step; linear between."""
+    """The follower's velocity (m/s) and acceleration (m/s^2), (3,) in n, at the start and the end of a step;
+    linear between."""
 
     v0: Array
     v1: Array
@@ -43,7 +41,7 @@ class FollowerMotion(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _acceleration(U, V_, W, a_lat, a_long, eps):  # type: ignore[no-untyped-def]
-    """Eq 2 of one velocity."""
+    """`leader_acceleration` of one velocity."""
     along2 = U * U + V_ * V_
     horizontal2 = along2 + eps * eps
     horizontal = np.sqrt(horizontal2)
@@ -71,28 +69,28 @@ def _accelerations(v_L, a_lat, a_long, eps):  # type: ignore[no-untyped-def]
 
 
 def rotation_covariance(mean: Array, sigma_n: Array) -> Array:
-    """Covariance (9, 9) of a relative motion (9,) seen from an attitude that is off by a constant small rotation
-    with standard deviations `sigma_n` (3,) rad about north, east and down: both vectors turn with it."""
-    turned = np.zeros((N, 3))
+    """Covariance (9, 9) of a relative motion (9,) from a constant small error of our attitude, with standard
+    deviations `sigma_n` (3,) rad about north, east and down, which rotates both vectors."""
+    J = np.zeros((N, 3))
     for at in (R, V):
         x, y, z = mean[at]
-        turned[at] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # d(rotation x vector) / d rotation
-    scaled = turned * sigma_n
+        J[at] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # d(rotation x vector) / d rotation
+    scaled = J * sigma_n
     return np.asarray(scaled @ scaled.T)
 
 
 def process(points: Array, dt: float, follower: FollowerMotion, eps: float) -> Array:
     """State rows (k, 9) after `dt` seconds: eqs 5-10 without noise, one step of RK4 with the follower's
     velocity and acceleration interpolated over it."""
-    after = np.empty(points.shape)  # here: to hand it over from machine code takes longer
+    after = np.empty(points.shape)  # allocated here: an array returned from machine code costs more
     _process(points, dt, *follower, eps, after)
     return after
 
 
 @njit(cache=True, error_model="numpy")
-def _changes(now, then, count, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
-    """What RK4 adds over dt to relative position and velocity, `then` (6 BLOCK,): of relative velocity and the
-    two accelerations, `now` (5 BLOCK,), of `count` rows."""
+def _changes(now, change, count, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
+    """Changes by RK4 over dt of the relative position and velocity of `count` rows, into `change` (6 BLOCK,), from
+    their relative velocity and two accelerations, `now` (5 BLOCK,); each component in a block of its own."""
     h, sixth = 0.5 * dt, dt / 6.0
     u0, u1, u2 = v0[0], v0[1], v0[2]
     w0, w1, w2 = v1[0], v1[1], v1[2]
@@ -112,41 +110,41 @@ def _changes(now, then, count, dt, v0, v1, a0, a1, eps):  # type: ignore[no-unty
         x4, y4, z4 = _acceleration(u + dt * x3 + w0, v + dt * y3 + w1, w + dt * z3 + w2, lat, up, eps)
         x4, y4, z4 = x4 - d0, y4 - d1, z4 - d2
         # the position's own RK4 stages are v, v + h k1, v + h k2, v + dt k3; written out they collapse to this
-        then[s] = dt * (u + sixth * (x1 + x2 + x3))
-        then[BLOCK + s] = dt * (v + sixth * (y1 + y2 + y3))
-        then[2 * BLOCK + s] = dt * (w + sixth * (z1 + z2 + z3))
-        then[3 * BLOCK + s] = sixth * (x1 + 2.0 * x2 + 2.0 * x3 + x4)
-        then[4 * BLOCK + s] = sixth * (y1 + 2.0 * y2 + 2.0 * y3 + y4)
-        then[5 * BLOCK + s] = sixth * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
+        change[s] = dt * (u + sixth * (x1 + x2 + x3))
+        change[BLOCK + s] = dt * (v + sixth * (y1 + y2 + y3))
+        change[2 * BLOCK + s] = dt * (w + sixth * (z1 + z2 + z3))
+        change[3 * BLOCK + s] = sixth * (x1 + 2.0 * x2 + 2.0 * x3 + x4)
+        change[4 * BLOCK + s] = sixth * (y1 + 2.0 * y2 + 2.0 * y3 + y4)
+        change[5 * BLOCK + s] = sixth * (z1 + 2.0 * z2 + 2.0 * z3 + z4)
 
 
 @njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
 def _process(points, dt, v0, v1, a0, a1, eps, after):  # type: ignore[no-untyped-def]
-    """The rows in blocks, each component of a block by itself: so the compiler makes one instruction of several
-    rows' roots and divisions, which are most of the work."""
-    now, then = np.empty(5 * BLOCK), np.empty(6 * BLOCK)
+    """In blocks of rows, each component by itself, so that the compiler makes one instruction of several rows'
+    roots and divisions, which are most of the work."""
+    now, change = np.empty(5 * BLOCK), np.empty(6 * BLOCK)
     for first in range(0, points.shape[0], BLOCK):
         count = min(BLOCK, points.shape[0] - first)
         for s in range(count):
             row = points[first + s]
             now[s], now[BLOCK + s], now[2 * BLOCK + s] = row[3], row[4], row[5]
             now[3 * BLOCK + s], now[4 * BLOCK + s] = row[A_LAT], row[A_LONG]
-        _changes(now, then, count, dt, v0, v1, a0, a1, eps)
+        _changes(now, change, count, dt, v0, v1, a0, a1, eps)
         for s in range(count):
             row, to = points[first + s], after[first + s]
             for i in range(6):
-                to[i] = row[i] + then[i * BLOCK + s]
+                to[i] = row[i] + change[i * BLOCK + s]
             for i in range(SIZE, N):
                 to[i] = row[i]
 
 
 def process_batch(points: Array, dt: float, followers: FollowerMotion, eps: float) -> Array:
-    """`process` of many filters at once: points (B, k, 9), each with a follower of its own, (B, 3)."""
+    """`process` of B filters at once: points (B, k, 9), and a follower for each, (B, 3)."""
     after: Array = _process_batch(points, dt, *followers, eps)
     return after
 
 
-@njit((BATCH, types.float64, ROWS, ROWS, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
+@njit((CUBE, types.float64, ROWS, ROWS, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
 def _process_batch(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
     after = np.empty(points.shape)
     for b in range(points.shape[0]):

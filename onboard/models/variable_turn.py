@@ -8,11 +8,10 @@ slowly enough (ECEF over minutes). The equation is
 
 It is exact for a steady turn (alpha = 0) and for a steady change of speed along a line (omega = 0).
 
-Errata: alpha is printed with |a|^2 below, which is no rate (1/s) and grows without bound in straight flight; the
-matrix of eq 43 agrees with eq 42 only for omega_c^2 = alpha^2 + omega^2, where omega_c = alpha^2 + omega^2 is
-printed; the noise holds Omega_dot x v; and appendix A's closed forms of Q_1 have q22, q23, q32 of the wrong sign
-and q33 without + omega_c^2 e^(2 alpha dt). `noise` uses Van Loan's integral: the closed forms cancel as
-alpha -> 0.
+Errata: alpha is printed with the denominator |a|^2, which gives no rate (1/s) and grows without bound in straight
+flight. The matrix of eq 43 agrees with eq 42 only for omega_c^2 = alpha^2 + omega^2; printed is omega_c = alpha^2
++ omega^2. The noise includes Omega_dot x v. Appendix A's closed forms of Q_1 have the wrong sign in q22, q23, q32,
+and q33 lacks + omega_c^2 e^(2 alpha dt). `noise` uses Van Loan's integral: the closed forms cancel as alpha -> 0.
 """
 
 from typing import Any, Final
@@ -22,6 +21,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.filters.belief import FilterError
+from onboard.filters.compiled import ROWS, VECTOR
 from onboard.filters.discretisation import van_loan
 from onboard.models.constant_acceleration import ACCELERATION, COMPONENTS, POSITION, UNITS, VELOCITY, N
 
@@ -78,10 +78,6 @@ def _noise_of_any_step(mean: Array, dt: float, density: Array) -> Array:
         at = slice(3 * axis, 3 * axis + 3)
         Q[..., at, at] = density[axis] * one
     return Q
-
-
-ROWS: Final = types.Array(types.float64, 2, "A", readonly=True)
-VECTOR: Final = types.Array(types.float64, 1, "A", readonly=True)
 
 
 @njit((ROWS, types.float64, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")

@@ -1,15 +1,15 @@
-"""What a camera sees of a leader's wing, without assuming that the wing lies in the image plane.
+"""Measurement of a leader's wing by a camera, without the assumption that the wing lies in the image plane.
 
 Measurement (4): the center's direction and the line from the left wingtip to the right one, as coordinates
-(right, down) on the plane that touches the sphere of directions where the center was seen, rad. The projection is
-stereographic: smooth everywhere but exactly opposite, so a leader thought to be behind the camera is not folded
-over to the front of it, and for what is near it is the angle itself. Against Oh & Johnson's subtended angle
-(eq 17) this adds the wing's slope, which shows the bank, and leaves its length to the leader's heading.
+(right, down), rad, on the plane tangent to the sphere of directions at the measured center. The projection is
+stereographic: smooth everywhere but exactly opposite the center, so a leader predicted behind the camera is not
+folded to the front, and for a small wing the coordinates are the angles. Compared with Oh & Johnson's subtended
+angle (eq 17) it adds the wing's slope, which shows the bank; the wing's length depends on the leader's heading.
 
-Where the center is the middle between the wingtips, as Oh & Johnson have it, the middle of the wing as seen can be
-measured too (6): a second look at the direction, and, as the nearer half of a wing looks longer, a look at which
-way and how far the wing is turned out of the image plane. The latter is half the wing over the distance of
-half the wing: a few percent of it, less than what a swept wing moves the middle by.
+If the center is the middle between the wingtips, as in Oh & Johnson's paper, the middle of the wing's image can
+be measured too (6). It measures the direction a second time. And since the nearer half of a wing looks longer,
+it shows to which side and how far the wing is turned out of the image plane: the middle moves by a fraction of
+half the wing, half the wing over the distance. That is a few percent: a swept wing moves its middle by more.
 """
 
 from typing import Final
@@ -18,8 +18,8 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.models.leader_flight import CUBE, project_about
-from onboard.models.relative_motion import ROWS
+from onboard.filters.compiled import CUBE, ROWS
+from onboard.models.leader_flight import project_about
 
 M: Final = 4
 M_MIDDLE: Final = 6  # with the wing's middle
@@ -28,8 +28,9 @@ UNITS: Final = ("rad",) * M_MIDDLE
 
 
 def from_points(points: Array, sigmas: Array, m: int = M) -> tuple[Array, Array, Array]:
-    """Measurements y (B, m) and their noise R (B, m, m) from image points (B, 3, 2), the center, left and right
-    one, whose coordinates have standard deviations `sigmas` (B, 3); and the axes (B, 3, 3) they are made in."""
+    """Measurements y (B, m), their noise R (B, m, m), and their axes (B, 3, 3) (see `ImageGeometry`) from image
+    points (B, 3, 2), center, left and right wingtip, whose coordinates have standard deviations `sigmas` (B, 3).
+    Points and sigmas are in focal lengths."""
     y, R, axes = _from_points(points, sigmas, m)
     return y, R, axes
 
@@ -76,9 +77,9 @@ def _from_points(points, sigmas, m):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def order_tips_into(y, R, expected, ordered, ordered_R):  # type: ignore[no-untyped-def]
-    """The measurement (m,) and its noise (m, m), with the wingtips exchanged where that is nearer to what is
-    expected (m,): a detector may take the left one for the right one, and an aircraft does not turn round between
-    two images."""
+    """The measurement (m,) and its noise (m, m), with the wingtips exchanged where that is nearer to the
+    prediction `expected` (m,): a detector may confuse left and right, but no aircraft turns round between two
+    images."""
     ordered[:], ordered_R[:] = y, R
     if y[2] * expected[2] + y[3] * expected[3] < 0:
         ordered[2:4] *= -1.0

@@ -31,8 +31,7 @@ def fly(scenario: Scenario, seed: int, duration: float) -> tuple[TrafficScore, P
             elif not isinstance(item, Truth):
                 yield from (e for e in pipeline.feed(item) if isinstance(e, Estimate))
 
-    told = list(estimates())
-    return score_traffic(told, truth), pipeline
+    return score_traffic(list(estimates()), truth), pipeline
 
 
 @pytest.fixture(scope="module")
@@ -40,18 +39,18 @@ def flown() -> tuple[TrafficScore, Pipeline]:
     return fly(load_scenario("traffic"), SEED, DURATION)
 
 
-def test_no_track_goes_from_one_aircraft_to_another_and_none_is_of_nothing_seed_21(
+def test_no_track_changes_its_aircraft_and_none_is_false_seed_21(
     flown: tuple[TrafficScore, Pipeline],
 ) -> None:
     assert flown[0].swaps == ()
     assert flown[0].false_tracks == {}
 
 
-def test_every_aircraft_that_can_be_seen_or_heard_has_a_track_all_the_time_seed_21(
+def test_every_aircraft_with_echoes_or_reports_has_a_track_all_the_time_seed_21(
     flown: tuple[TrafficScore, Pipeline],
 ) -> None:
     assert {a.name: a.missing_s for a in flown[0].aircraft if a.missing_s > 0.2} == {}
-    # one name each, but for the first seconds of those a radar saw before they spoke
+    # one name each, but for the first seconds of those with echoes before their first report
     for aircraft in flown[0].aircraft:
         assert len([name for name in aircraft.tracks if not name.startswith("radar/")]) <= 1
         assert len(aircraft.tracks) <= 2
@@ -64,16 +63,16 @@ def test_the_ellipsoids_hold_the_truth_seed_21(flown: tuple[TrafficScore, Pipeli
         assert aircraft.inside / aircraft.samples > 0.8, aircraft.name
 
 
-def test_the_closest_approach_of_those_that_fly_straight_is_foretold_seed_21(
+def test_the_closest_approach_of_straight_flight_is_predicted_seed_21(
     flown: tuple[TrafficScore, Pipeline],
 ) -> None:
     turning = {a.name for a in load_scenario("traffic").traffic.aircraft if a.a_lat.mean or a.a_lat.amplitude}
-    foretold = [e.predicted_well for a in flown[0].aircraft if a.name not in turning for e in a.encounters]
-    assert len(foretold) > 12
-    assert sum(foretold) >= 0.85 * len(foretold)  # two of sixteen are as gusts will have it: the study has more
+    predicted = [e.predicted_well for a in flown[0].aircraft if a.name not in turning for e in a.encounters]
+    assert len(predicted) > 12
+    assert sum(predicted) >= 0.85 * len(predicted)  # gusts change two of sixteen: the study has more
 
 
-def test_health_says_what_became_of_every_report_and_echo_seed_21(flown: tuple[TrafficScore, Pipeline]) -> None:
+def test_health_counts_the_verdicts_of_reports_and_echoes_seed_21(flown: tuple[TrafficScore, Pipeline]) -> None:
     health = flown[1].health(0)
     assert health.verdicts["traffic.fused"] > 15_000
     assert health.verdicts["traffic.duplicate"] > 10

@@ -1,5 +1,5 @@
 """`onboard run` beside `simlink run traffic`, each a process: reports over UDP, echoes over Zenoh, tracks out over
-Zenoh, and what a ground station on a link of its own is told."""
+Zenoh, and as MAVLink to a ground station on a link of its own."""
 
 import socket
 import time
@@ -34,67 +34,81 @@ def frames(listener: socket.socket) -> list[Any]:
         found += parser.parse_buffer(data) or []
 
 
-def test_all_the_traffic_is_tracked_published_and_told_a_ground_station(tmp_path: Path) -> None:
-    (autopilot,) = free_ports(UDP)
-    (router,) = free_ports(TCP)
+class Listener:
+    """The newest estimate of each track, and all health records, as a client of the daemon receives them."""
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._deadline = time.monotonic() + 60
+        self.newest: dict[str, Estimate] = {}
+        self.health: list[Health] = []
+
+    def all_tracked(self) -> bool:
+        while (received := self._client.take(0.02)) is not None and time.monotonic() < self._deadline:
+            match received.record:
+                case Estimate() as e if e.name == "traffic":
+                    self.newest[e.target] = e
+                case Health() as h:
+                    self.health.append(h)
+        return sum(e.valid for e in self.newest.values()) == 20
+
+
+def late_joiner(endpoint: str) -> Estimate:
+    """One track's estimate, queried by its name."""
+    with zenoh.open(_client(endpoint)) as session:
+        (reply,) = session.get("onboard/1/estimate/traffic/icao/4b1a00", timeout=5.0)
+        return msgspec.json.decode(reply.ok.payload.to_bytes(), type=Estimate)
+
+
+def settings(autopilot: int, station: int, endpoint: str) -> list[str]:
+    links = [
+        f"{{name='autopilot', url='udpin:127.0.0.1:{autopilot}'}}",
+        f"{{name='station', url='udpout:127.0.0.1:{station}', autopilot=false}}",
+    ]
+    values = [
+        f"link=[{', '.join(links)}]",
+        f"zenoh.listen=['{endpoint}']",
+        "traffic_out.link='station'",
+        "traffic_out.adsb_vehicle='all'",
+    ]
+    return [argument for value in values for argument in ("--set", value)]
+
+
+def test_all_the_traffic_is_tracked_published_and_sent_to_a_ground_station(tmp_path: Path) -> None:
+    (autopilot,), (router,) = free_ports(UDP), free_ports(TCP)
     station = socket.socket(socket.AF_INET, UDP)
     station.bind(("127.0.0.1", 0))
     station.setblocking(False)
     endpoint = f"tcp/127.0.0.1:{router}"
     config = tmp_path / "traffic.toml"
     config.write_text(run("simlink", "config", "traffic").stdout)
-    links = (
-        f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot}'}}, "
-        f"{{name='station', url='udpout:127.0.0.1:{station.getsockname()[1]}', autopilot=false}}]"
-    )
-    settings = [
-        links,
-        f"zenoh.listen=['{endpoint}']",
-        "traffic_out.link='station'",
-        "traffic_out.adsb_vehicle='all'",
-    ]
-    overrides = [argument for setting in settings for argument in ("--set", setting)]
+    overrides = settings(autopilot, station.getsockname()[1], endpoint)
     fly = ("simlink", "run", "traffic", "--mavlink", f"udpout:127.0.0.1:{autopilot}", "--tcp", "none")
     with started(tmp_path / "daemon", "onboard", "run", config, *overrides) as daemon:
         daemon.wait_for("zenoh:")
         client: Client = until(lambda: connect(endpoint), "the daemon's Zenoh")
-        newest: dict[str, Estimate] = {}
-        health: list[Health] = []
-
-        def all_tracked() -> bool:
-            while (received := client.take(0.02)) is not None and time.monotonic() < deadline:
-                match received.record:
-                    case Estimate() as e if e.name == "traffic":
-                        newest[e.target] = e
-                    case Health() as h:
-                        health.append(h)
-            return sum(e.valid for e in newest.values()) == 20
-
         try:
             with started(tmp_path / "simlink", *fly, "--zenoh", endpoint, "--wait", "20") as simulator:
-                deadline = time.monotonic() + 60
-                until(all_tracked, "twenty tracks")
-                # a late joiner asks for one track by its name
-                with zenoh.open(_client(endpoint)) as session:
-                    (reply,) = session.get("onboard/1/estimate/traffic/icao/4b1a00", timeout=5.0)
-                    late = msgspec.json.decode(reply.ok.payload.to_bytes(), type=Estimate)
+                listener = Listener(client)
+                until(listener.all_tracked, "twenty tracks")
+                late = late_joiner(endpoint)
                 simulator.end()
         finally:
             client.close()
         assert late.target == "icao/4b1a00"
         assert late.intruder is not None
         assert late.intruder.callsign == "HEAD-ON"
-        told = frames(station)
+        received = frames(station)
         daemon.end()
     station.close()
-    vehicles = {m.ICAO_address for m in told if m.get_type() == "ADSB_VEHICLE"}
+    vehicles = {m.ICAO_address for m in received if m.get_type() == "ADSB_VEHICLE"}
     assert 0x4B1A00 in vehicles
     assert any(address >= 0xF10000 for address in vehicles)
-    assert {m.get_srcComponent() for m in told} == {191}
+    assert {m.get_srcComponent() for m in received} == {191}
     assert "traffic: " not in daemon.output()
-    assert sum(name.startswith("icao/") for name in newest) == 13
-    assert health[-1].verdicts["traffic.fused"] > 100
-    assert health[-1].rejected.get("bad_radar", 0) == 0
+    assert sum(name.startswith("icao/") for name in listener.newest) == 13
+    assert listener.health[-1].verdicts["traffic.fused"] > 100
+    assert listener.health[-1].rejected.get("bad_radar", 0) == 0
 
 
 def _client(endpoint: str) -> zenoh.Config:

@@ -97,6 +97,16 @@ def kalman(problem: Linear, seen: Array) -> Belief:
     return Belief(x, P)
 
 
+def in_sigmas(a: Belief, mean: Array, covariance: Array) -> tuple[float, float]:
+    """Largest difference of means and of covariances, in standard deviations of each state, since the states
+    differ by orders of magnitude."""
+    sigma = np.sqrt(np.diag(a.covariance))
+    return (
+        float(np.max(np.abs(a.mean - mean) / sigma)),
+        float(np.max(np.abs(a.covariance - covariance) / np.outer(sigma, sigma))),
+    )
+
+
 def cases(methods: dict[str, Method], prop: str | None = None) -> list[Any]:
     """Parameters of a test over all methods; those exempt from `prop` must fail it, for the reason they give."""
 

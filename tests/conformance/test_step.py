@@ -41,11 +41,11 @@ def steps(problem: Bent, rule: unscented.Rule, considered: tuple[int, ...] = ())
     for y in problem.seen:
         one = unscented.step(one, problem.process, problem.Q, y, problem.measure, problem.R, rule)
         prior = unscented.predict(two, problem.process, problem.Q, rule.weights)
-        told = unscented.update(prior, y, problem.measure, problem.R, rule.weights, (0,), considered)
-        two = told.belief
+        found = unscented.update(prior, y, problem.measure, problem.R, rule.weights, (0,), considered)
+        two = found.belief
         np.testing.assert_allclose(one.mean, two.mean, rtol=tolerance, atol=tolerance)
         np.testing.assert_allclose(one.covariance, two.covariance, rtol=tolerance, atol=tolerance)
-        assert one.nis == pytest.approx(told.nis, rel=100 * tolerance)
+        assert one.nis == pytest.approx(found.nis, rel=100 * tolerance)
     return one, two
 
 
@@ -89,7 +89,7 @@ def test_what_a_step_gives_cannot_be_written_into_seed_402() -> None:
     first = unscented.step(
         problem.start, problem.process, problem.Q, problem.seen[0], problem.measure, problem.R, rule
     )
-    before = first.room.copy()
+    before = first.storage.copy()
     for array in (first.mean, first.covariance):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
@@ -100,7 +100,7 @@ def test_what_a_step_gives_cannot_be_written_into_seed_402() -> None:
 
     with pytest.raises(ValueError, match="read-only"):
         unscented.step(first, in_place, problem.Q, problem.seen[1], problem.measure, problem.R, rule)
-    np.testing.assert_array_equal(first.room, before)
+    np.testing.assert_array_equal(first.storage, before)
 
 
 def test_a_step_refuses_what_the_two_calls_refuse_seed_402() -> None:
@@ -159,12 +159,12 @@ def test_a_step_of_the_square_root_is_a_prediction_and_an_update_seeds_101_to_90
     for y in problem.seen:
         one = square_root.step(one, problem.process, problem.Q, y, problem.measure, problem.R, rule)
         prior = square_root.predict(two, problem.process, problem.Q, weights)
-        told = square_root.update(prior, y, problem.measure, problem.R, weights, (0,), considered)
-        two = told.belief
+        found = square_root.update(prior, y, problem.measure, problem.R, weights, (0,), considered)
+        two = found.belief
         np.testing.assert_allclose(one.mean, two.mean, rtol=tolerance, atol=tolerance)
         covariance = square_root.belief(two).covariance
         np.testing.assert_allclose(one.covariance, covariance, rtol=tolerance, atol=tolerance)
-        assert one.nis == pytest.approx(told.nis, rel=100 * tolerance)
+        assert one.nis == pytest.approx(found.nis, rel=100 * tolerance)
     assert one.mean.dtype == one.covariance.dtype == dtype
 
 

@@ -1,7 +1,6 @@
 """Our unscented filter against filterpy's, on the nine-state vision problem, over one minute's first seconds.
 
-Both draw the same points (n + kappa = 3), and both draw them anew after the prediction. Differences are measured
-in each state's own standard deviation, for the states differ in scale by four powers of ten.
+Both draw the same points (n + kappa = 3), and both draw them anew after the prediction.
 """
 
 from collections.abc import Callable
@@ -12,7 +11,8 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import PAPER, Noise, initial_belief, process_noise
+from onboard.estimators.leader.oh_johnson_noise import initial_belief, process_noise
+from onboard.estimators.leader.settings import PAPER, Noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.geometry.rotations import matrix_from_quaternion, wrap_angle
@@ -21,6 +21,7 @@ from onboard.studies.relative_motion.formation import B0, SIZE_SIGMA
 from onboard.studies.relative_motion.methods import TUNED_NOISE
 from simlink.flight import Flight, fly
 from simlink.scenarios.scenario import load_scenario
+from tests.conformance.problems import in_sigmas
 
 SCENARIO = load_scenario("formation")
 WEIGHTS = unscented.julier_weights(relative_motion.N)
@@ -46,15 +47,6 @@ def theirs(belief: Belief, Q: Array) -> Any:
     )
     filter_.x, filter_.P, filter_.Q = belief.mean.copy(), belief.covariance.copy(), Q
     return filter_
-
-
-def in_sigmas(a: Belief, mean: Array, covariance: Array) -> tuple[float, float]:
-    """Largest difference of means and of covariances, the latter as correlations."""
-    sigma = np.sqrt(np.diag(a.covariance))
-    return (
-        float(np.max(np.abs(a.mean - mean) / sigma)),
-        float(np.max(np.abs(a.covariance - covariance) / np.outer(sigma, sigma))),
-    )
 
 
 @pytest.mark.parametrize("noise", [PAPER, TUNED_NOISE], ids=["paper", "tuned"])

@@ -1,4 +1,4 @@
-"""Any sequence of images, whatever their times and points: no exception, nothing out that is not finite.
+"""Any sequence of images, whatever their times and points: no exception, and only sound estimates.
 
 A few sequences of each kind; `python -m tests.fuzz` runs as many as you like.
 """
@@ -38,11 +38,11 @@ def test_no_sequence_of_images_breaks_a_track_seed_7(name: str) -> None:
     assert met <= set(count), "the fuzz must be of all kinds"
 
 
-def test_the_fuzz_would_see_what_is_unsound() -> None:
-    pipeline, told = Pipeline(make_config()), []
+def test_the_fuzz_would_find_unsound_estimates() -> None:
+    pipeline, outputs = Pipeline(make_config()), []
     for item in Stream(t1=6.0).items():
-        told += pipeline.advance([item.message])
-    good = next(e for e in reversed(told) if isinstance(e, Estimate) and e.mean is not None)
+        outputs += pipeline.advance([item.message])
+    good = next(e for e in reversed(outputs) if isinstance(e, Estimate) and e.mean is not None)
     fuzz.check([good], Counter())
     P = np.array(good.covariance)
     skewed = P.copy()
@@ -59,14 +59,14 @@ def test_the_fuzz_would_see_what_is_unsound() -> None:
 
 
 def test_a_filter_that_fails_ends_its_track_and_not_the_program() -> None:
-    """The paper's model of a estimator that hovers is 0/0: met by the fuzz, and by anybody on a bench."""
+    """The paper's model of a hovering leader is 0/0: the fuzz met it, and so does anybody on a bench."""
     at_rest = Flight(radius=None, speed=0.0)
     one, ownship = estimator.Estimator(fuzz.CONFIGS["paper"], fuzz.CAMERA), Ownship(max_extrapolation=0.1)
     for i in range(3):
         t_ns = 5 * S + i * 20 * MS
-        for said in (at_rest.attitude(t_ns), replace(at_rest.position(t_ns), v_F_n=(0.0, 0.0, 0.0))):
-            ownship.receive(said, t_ns)
-        (told,) = one.observe(at_rest.image(t_ns), ownship) if i == 1 else one.tick(ownship)
-    assert told.mean is None
-    assert not told.valid
-    assert told.reason == "the filter failed: process: gave states that are not finite"
+        for message in (at_rest.attitude(t_ns), replace(at_rest.position(t_ns), v_F_n=(0.0, 0.0, 0.0))):
+            ownship.receive(message, t_ns)
+        (estimate,) = one.observe(at_rest.image(t_ns), ownship) if i == 1 else one.tick(ownship)
+    assert estimate.mean is None
+    assert not estimate.valid
+    assert estimate.reason == "the filter failed: process: gave states that are not finite"

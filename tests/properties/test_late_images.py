@@ -1,4 +1,4 @@
-"""Images late, shuffled, doubled, wrong or absurd: what must not matter does not, nothing breaks the filter."""
+"""Late, shuffled and doubled images give the same belief; wrong and absurd ones do not break the filter."""
 
 import math
 from collections.abc import Iterable
@@ -102,8 +102,8 @@ def test_images_between_the_samples_of_a_turning_camera_give_the_same_belief_onc
     assert_same_belief(early, reference)
 
 
-def test_a_jerking_camera_leaves_no_trace_of_its_extrapolated_attitude() -> None:
-    """The attitude turns otherwise than the rates of the sample before said."""
+def test_a_jerking_cameras_extrapolated_attitude_leaves_no_trace() -> None:
+    """The attitude turns otherwise than the rates of the sample before predict."""
 
     def run(delay: int) -> Run:
         items = []

@@ -1,7 +1,8 @@
 """Messages with stamps of two clocks."""
 
-from onboard.clocks import OUR_TAG, Clocks
+from onboard.clocks import Clocks
 from onboard.messages import Clock, LocalPosition, TargetPoints, TimeSync
+from onboard.messages.vehicle import OUR_TAG
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -1,4 +1,4 @@
-"""A tracker alone, flown by hand: our own vehicle on a straight line, and what others say and a radar sees."""
+"""A tracker alone: our own vehicle on a straight line, others' reports, and a radar's echoes."""
 
 import math
 from collections.abc import Iterable
@@ -12,6 +12,7 @@ from onboard.estimators.traffic.estimator import Estimator
 from onboard.geometry.camera import make_camera
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
 from onboard.geometry.rotations import quaternion_from_euler
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -25,7 +26,6 @@ from onboard.messages import (
 )
 from onboard.ownship import Ownship
 
-S: Final = 1_000_000_000
 HOME: Final = (47.397742, 8.545594, 500.0)
 ICAO: Final = 0x4B1A2C
 NAME: Final = f"icao/{ICAO:06x}"
@@ -56,13 +56,13 @@ class Sky:
         )
         self.ownship = Ownship(max_extrapolation=0.1)
         self.t = 0.0
-        self.told: dict[str, Estimate] = {}
-        self.all: list[Estimate] = []
+        self.newest: dict[str, Estimate] = {}
+        self.published: list[Estimate] = []
         self.fly(0.2)
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """What became of everything, without what did not happen."""
+        """Verdicts that occurred, counted."""
         return {str(k): v for k, v in self.estimator.verdicts.items() if v}
 
     def fly(self, seconds: float) -> None:
@@ -72,7 +72,7 @@ class Sky:
             self._own()
 
     def _own(self) -> None:
-        t_ns = round(self.t * S)
+        t_ns = round(self.t * NS_PER_S)
         common = {"t_ns": t_ns, "t_recv_ns": t_ns}
         q: Any = tuple(quaternion_from_euler(0.0, 0.0, self.course).tolist())
         v = (self.speed * math.cos(self.course), self.speed * math.sin(self.course), 0.0)
@@ -87,8 +87,8 @@ class Sky:
             self.ownship.receive(here, t_ns)
             self.estimator.observe(here, self.ownship)
         for e in self.estimator.tick(self.ownship):
-            self.told[e.target] = e
-            self.all.append(e)
+            self.newest[e.target] = e
+            self.published.append(e)
 
     def own(self) -> Array:
         """Where we are from home, NED."""
@@ -112,16 +112,16 @@ class Sky:
             "ground_speed": math.hypot(local[0], local[1]),
             "climb": -local[2],
         }
-        t_ns = round(self.t * S)
+        t_ns = round(self.t * NS_PER_S)
         return AdsbVehicle(t_ns=t_ns, t_recv_ns=t_ns, **fields | changes)
 
-    def hear(self, message: AdsbVehicle | PeerPosition) -> None:
+    def receive(self, message: AdsbVehicle | PeerPosition) -> None:
         """A message now."""
         self.estimator.observe(message, self.ownship)
 
-    def see(self, places: Iterable[Iterable[float]]) -> None:
+    def scan(self, places: Iterable[Iterable[float]]) -> None:
         """A radar scan now, with an echo of each aircraft at r from home; in body axes."""
-        t_ns = round(self.t * S)
+        t_ns = round(self.t * NS_PER_S)
         c, s = math.cos(self.course), math.sin(self.course)
         echoes = []
         for place in places:
@@ -144,15 +144,15 @@ def mean(e: Estimate) -> Array:
     return np.array(e.mean)
 
 
-def follow(sky: Sky, seconds: int, r0: Array = R0, v: Array = V0, **changes: Any) -> None:
+def fly_with_reports(sky: Sky, seconds: int, r0: Array = R0, v: Array = V0, **changes: Any) -> None:
     """Reports at 1 Hz of an aircraft on a straight line."""
     for _ in range(seconds):
-        sky.hear(sky.adsb(r0 + v * sky.t, v, **changes))
+        sky.receive(sky.adsb(r0 + v * sky.t, v, **changes))
         sky.fly(1.0)
 
 
-def scan(sky: Sky, scans: int, *lines: tuple[Array, Array]) -> None:
+def fly_with_scans(sky: Sky, scans: int, *lines: tuple[Array, Array]) -> None:
     """Scans at 10 Hz of aircraft on straight lines."""
     for _ in range(scans):
-        sky.see([r + v * sky.t for r, v in lines])
+        sky.scan([r + v * sky.t for r, v in lines])
         sky.fly(0.1)

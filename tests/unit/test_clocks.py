@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.clocks import OUR_TAG, Clocks, tagged
-from onboard.messages import Clock
+from onboard.clocks import Clocks
+from onboard.messages import Clock, tagged
+from onboard.messages.vehicle import OUR_TAG
 from tests.support.clock_messages import EPOCH, MS, S, image, reply, run, sample
 
 

@@ -41,12 +41,12 @@ def test_values_of_a_file_are_taken(tmp_path: Path) -> None:
         [estimator.leader]
         size_prior_m = 2.67
         filter = "paper"
-        process_noise = { velocity_walk = 0.5 }
+        process_noise = { velocity_random_walk = 0.5 }
         """,
     )
     assert config.link[0].name == "serial"
     assert config.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
-    assert config.estimator["leader"].process_noise == {"velocity_walk": 0.5}
+    assert config.estimator["leader"].process_noise == {"velocity_random_walk": 0.5}
     assert config.camera_model().R_bc[2, 0] == pytest.approx(-0.2588, abs=1e-4), "15 degrees up"
 
 
@@ -58,7 +58,7 @@ def test_values_of_a_file_are_taken(tmp_path: Path) -> None:
         ("[zenoh]\nlistne = []", "zenoh.listne", ["listen", "connect"]),
         ('[[link]]\nname = "a"\nurl = "b"\nbaud = 5', "link[0].baud", ["name", "url"]),
         ("[estimator.leader]\nsize = 2", "estimator.leader.size", ["size_prior_m", "noise"]),
-        ("[estimator.leader.process_noise]\nwalk = 2.0", "process_noise.walk", ["velocity_walk"]),
+        ("[estimator.leader.process_noise]\nwalk = 2.0", "process_noise.walk", ["velocity_random_walk"]),
         ("[estimator.follower]\n", "estimator.follower", ["leader"]),
         ("[autopilot.rates_hz]\nATITUDE = 5.0", "autopilot.rates_hz.ATITUDE", []),
     ],
@@ -118,7 +118,7 @@ def test_a_value_of_the_wrong_type_is_named_by_its_path(tmp_path: Path, text: st
         ("estimator.leader.validity_timeout_s", ("-1", "0.1", "11.0", "nan")),
         ("estimator.leader.reset_timeout_s", ("1.0", "inf")),
         ("estimator.leader.relock_after_s", ("-1", "nan")),
-        ("estimator.leader.process_noise.velocity_walk", ("0", "-1", "nan", "inf")),
+        ("estimator.leader.process_noise.velocity_random_walk", ("0", "-1", "nan", "inf")),
         ("estimator.leader.process_noise.gate_probability", ("1.0", "1.5", "0", "nan")),
     ],
 )
@@ -138,7 +138,7 @@ def test_set_reads_values_as_toml() -> None:
             "camera.name=nose",
             'zenoh.vehicle="7"',
             "zenoh.enabled=false",
-            "estimator.leader.process_noise.velocity_walk=0.5",
+            "estimator.leader.process_noise.velocity_random_walk=0.5",
             "recorder.path=flights/a=b.mcap",
             " autopilot.system = 3 ",
         ),
@@ -148,7 +148,7 @@ def test_set_reads_values_as_toml() -> None:
     assert config.camera.name == "nose"
     assert config.zenoh.vehicle == "7"
     assert config.zenoh.enabled is False
-    assert config.estimator["leader"].process_noise == {"velocity_walk": 0.5}
+    assert config.estimator["leader"].process_noise == {"velocity_random_walk": 0.5}
     assert config.recorder.path == "flights/a=b.mcap"
     assert config.autopilot.system == 3
 

@@ -1,8 +1,8 @@
-"""Interacting unscented filters over `leader_flight`, a step of all modes in one compiled call.
+"""Interacting unscented filters over `leader_flight`: a step of all modes in one compiled call.
 
-It is `filters.multiple_model` over `filters.unscented` over this model, written out: one call takes what some
-fifteen take there, most of which, for a single target, is the way from Python to machine code and back. A test
-holds the two to the same numbers. B filters with r modes each advance in one call.
+The algorithm is `filters.multiple_model` over `filters.unscented`, which need some fifteen calls. For a single
+target most of their time is spent on the way from Python to machine code and back. A test holds both to the same
+numbers. B filters with r modes each advance in one call.
 """
 
 from typing import Final, NamedTuple
@@ -11,29 +11,28 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.belief import OK, SHAPE, Belief, Update, Weights, flags, refuse
+from onboard.filters.belief import OK, SHAPE, Belief, Update, Weights, mask, raise_status
+from onboard.filters.compiled import CUBE, FLAGS, FOUR, ROWS
 from onboard.filters.inline import (
-    FLAGS,
     correct_into,
-    correct_room,
+    correct_scratch_shape,
     gather_into,
-    gather_room,
+    gather_scratch_shape,
     mix_into,
     pass_into,
     spread_into,
     weigh_into,
 )
 from onboard.models import wing_line
-from onboard.models.leader_flight import CUBE, Sight, measure_rows, process_rows, wing_axis
-from onboard.models.relative_motion import ROWS, SIZE
+from onboard.models.leader_flight import ImageGeometry, measure_rows, process_rows, wing_axis
+from onboard.models.relative_motion import SIZE
 
-FOUR: Final = types.Array(types.float64, 4, "A", readonly=True)
 NUMBER: Final = types.float64
-CLOSEST: Final = 1e-6  # m ahead of the camera: what is nearer is in no image
+CLOSEST: Final = 1e-6  # m ahead of the camera: a nearer point is in no image
 
 
 class Modes(NamedTuple):
-    """What the modes believe, means (B, r, n) and covariances (B, r, n, n), and their probabilities (B, r)."""
+    """The modes' means (B, r, n), covariances (B, r, n, n) and probabilities (B, r)."""
 
     means: Array
     covariances: Array
@@ -41,12 +40,12 @@ class Modes(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a prediction needs for each of r modes: `leader_flight.Habits` as rows (r, 7), Q (r, n, n), and the
-    probabilities (r, r) of passing from one (row) to another."""
+    """What a prediction needs for each of r modes: `leader_flight.ModeParameters` as rows (r, 7), Q (r, n, n), and
+    the probabilities (r, r) of changing from one mode (row) to another."""
 
-    habits: Array
+    parameters: Array
     noises: Array
-    passing: Array
+    transition: Array
 
 
 def start(mean: Array, covariance: Array, probabilities: Array) -> Modes:
@@ -59,45 +58,53 @@ def start(mean: Array, covariance: Array, probabilities: Array) -> Modes:
     )
 
 
-def believed(modes: Modes) -> Belief:
+def mixture(modes: Modes) -> Belief:
     """Mean (B, n) and covariance (B, n, n) of the mixture."""
-    return Belief(*_believed(*modes))
+    return Belief(*_mixture(*modes))
 
 
-def expected_points(modes: Modes, sight: Sight, eps: float) -> Array:
-    """Where in the image (B, 3, 2) the centers, left and right wingtips are expected; NaN for what is behind."""
-    points: Array = _expected_points(modes.means, modes.probabilities, *sight[:3], eps)
+def predicted_points(modes: Modes, geometry: ImageGeometry, eps: float) -> Array:
+    """Image points (B, 3, 2) of the mixture's mean, in focal lengths: center, left and right wingtip. NaN for a
+    point behind the camera. `eps` as in `ModeParameters`."""
+    points: Array = _predicted_points(modes.means, modes.probabilities, *geometry[:3], eps)
     return points
 
 
 def predict(modes: Modes, step: Step, dt: float, v_F_n: Array, a_F_n: Array, weights: Weights) -> Modes:
-    """After `dt` seconds in which the followers, at first at v_F_n (B, 3), accelerate by a_F_n (B, 3).
+    """The modes after `dt` seconds in which the followers, at first at v_F_n (B, 3), accelerate by a_F_n (B, 3).
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     *after, status = _predict(*modes, *step, dt, v_F_n, a_F_n, *weights)
     if status:
-        refuse(status)
+        raise_status(status)
     return Modes(*after)
 
 
 def update(
-    modes: Modes, y: Array, R_y: Array, sight: Sight, eps: float, weights: Weights, considered: tuple[int, ...]
+    modes: Modes,
+    y: Array,
+    R_y: Array,
+    geometry: ImageGeometry,
+    eps: float,
+    weights: Weights,
+    considered: tuple[int, ...],
 ) -> Update:
-    """After measurements y (B, m) with noise R_y (B, m, m) (`wing_line`), their wingtips exchanged where that is
-    nearer to what is expected. The belief is of Modes; `innovation` and the rest are the mixture's.
+    """The update by measurements y (B, m) with noise R_y (B, m, m) (`models.wing_line`), whose wingtips are
+    exchanged where that is nearer to the prediction. States `considered` stay as they are, with their uncertainty.
+    The belief is of Modes; `innovation` and the rest are the mixture's.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    marks = flags((), y.shape[-1]), flags(considered, modes.means.shape[-1])
-    *after, e, S, predicted, nis, status = _update(*modes, y, R_y, *sight, eps, *weights, *marks)
+    marks = mask((), y.shape[-1]), mask(considered, modes.means.shape[-1])
+    *after, e, S, predicted, nis, status = _update(*modes, y, R_y, *geometry, eps, *weights, *marks)
     if status:
-        refuse(status)
+        raise_status(status)
     return Update(Modes(*after), e, S, predicted, nis)
 
 
 @njit((CUBE, FOUR, ROWS), cache=True, error_model="numpy")
-def _believed(means, P, probabilities):  # type: ignore[no-untyped-def]
+def _mixture(means, P, probabilities):  # type: ignore[no-untyped-def]
     count, _, n = means.shape
     mean_out, P_out = np.empty((count, n)), np.empty((count, n, n))
     for b in range(count):
@@ -110,14 +117,14 @@ PREDICT_SIGNATURE: Final = (CUBE, FOUR, ROWS, ROWS, CUBE, ROWS, NUMBER, ROWS, RO
 
 @njit(PREDICT_SIGNATURE, cache=True, error_model="numpy")
 def _predict(  # type: ignore[no-untyped-def]
-    means, P, prior, habits, Q, transition, dt, v_F, a_F, gamma, w_mean, w_cov, w
+    means, P, prior, parameters, Q, transition, dt, v_F, a_F, gamma, w_mean, w_cov, w
 ):
     count, r, n = means.shape
     k = 2 * n + 1
     means_out, P_out, ahead = np.empty((count, r, n)), np.empty((count, r, n, n)), np.empty((count, r))
     mixing, mean, covariance = np.empty((r, r)), np.empty(n), np.empty((n, n))
-    points, scratch = np.empty((r, count * k, n)), np.empty(gather_room(n))
-    if v_F.shape[0] != count or a_F.shape[0] != count or habits.shape[0] != r or Q.shape[0] != r:
+    points, scratch = np.empty((r, count * k, n)), np.empty(gather_scratch_shape(n))
+    if v_F.shape[0] != count or a_F.shape[0] != count or parameters.shape[0] != r or Q.shape[0] != r:
         return means_out, P_out, ahead, SHAPE
     for b in range(count):
         pass_into(prior[b], transition, ahead[b], mixing)
@@ -127,10 +134,8 @@ def _predict(  # type: ignore[no-untyped-def]
             if status != OK:
                 return means_out, P_out, ahead, status
     for j in range(r):
-        kept = np.exp(-dt / habits[j, 1:6])
-        rows = process_rows(
-            points[j], dt, v_F, a_F, habits[j, 0], kept[0], kept[1], kept[2], kept[3], kept[4], habits[j, 6]
-        )
+        decay = np.exp(-dt / parameters[j, 1:6])
+        rows = process_rows(points[j], dt, v_F, a_F, parameters[j, 0], decay, parameters[j, 6])
         for b in range(count):
             moved, mean_out = rows[b * k : (b + 1) * k], means_out[b, j]
             status = gather_into(moved, w_mean, w_cov, w, Q[j], scratch, mean_out, P_out[b, j])
@@ -140,7 +145,7 @@ def _predict(  # type: ignore[no-untyped-def]
 
 
 @njit((CUBE, ROWS, CUBE, ROWS, ROWS, NUMBER), cache=True, error_model="numpy")
-def _expected_points(means, weights, R_cn, r_FC, v_F, eps):  # type: ignore[no-untyped-def]
+def _predicted_points(means, weights, R_cn, r_FC, v_F, eps):  # type: ignore[no-untyped-def]
     count, r, n = means.shape
     points, x = np.full((count, 3, 2), np.nan), np.empty(n)
     for b in range(count):
@@ -163,8 +168,43 @@ def _expected_points(means, weights, R_cn, r_FC, v_F, eps):  # type: ignore[no-u
     return points
 
 
-SIGHT: Final = (CUBE, ROWS, ROWS, ROWS, CUBE)
-UPDATE_SIGNATURE: Final = (CUBE, FOUR, ROWS, ROWS, CUBE, *SIGHT, *[NUMBER] * 5, FLAGS, FLAGS)
+@njit(cache=True, error_model="numpy")
+def _spread_into(means, P, gamma, points):  # type: ignore[no-untyped-def]
+    """Sigma points of all modes of all filters into `points` (B, r, 2n+1, n); a status."""
+    count, r, _ = means.shape
+    for b in range(count):
+        for j in range(r):
+            status = spread_into(means[b, j], P[b, j], gamma, points[b, j])
+            if status != OK:
+                return status
+    return OK
+
+
+@njit(cache=True, error_model="numpy")
+def _correct_into(  # type: ignore[no-untyped-def]
+    points, images, P, prior, y, R_y, w_cov, w, angular, considered, mean, P_out, after, innovation, S, predicted
+):
+    """The update of one filter by its modes' points (r, 2n+1, n) and their images (r, 2n+1, m); (status, NIS)."""
+    r, _, n = points.shape
+    m = len(y)
+    scratch, log_l, each_nis = np.empty(correct_scratch_shape(n, m)), np.empty(r), np.empty(r)
+    z, R_z, of_mode = np.empty(m), np.empty((m, m)), np.empty(m)
+    e, covariances = np.empty((r, m)), np.empty((r, m, m))
+    wing_line.order_tips_into(y, R_y, images[0, 0], z, R_z)
+    for j in range(r):
+        out = mean[j], P_out[j], e[j], covariances[j], of_mode
+        status, each_nis[j] = correct_into(
+            points[j], images[j], P[j], z, R_z, w_cov, w, angular, considered, scratch, *out
+        )
+        if status != OK:
+            return status, 0.0
+    status, nis = weigh_into(e, covariances, each_nis, prior, angular, log_l, after, innovation, S)
+    predicted[:] = z - innovation
+    return status, nis
+
+
+GEOMETRY: Final = (CUBE, ROWS, ROWS, ROWS, CUBE)
+UPDATE_SIGNATURE: Final = (CUBE, FOUR, ROWS, ROWS, CUBE, *GEOMETRY, *[NUMBER] * 5, FLAGS, FLAGS)
 
 
 @njit(UPDATE_SIGNATURE, cache=True, error_model="numpy")
@@ -174,58 +214,19 @@ def _update(  # type: ignore[no-untyped-def]
     count, r, n = means.shape
     m, k = y.shape[1], 2 * n + 1
     means_out, P_out, posterior = np.empty((count, r, n)), np.empty((count, r, n, n)), np.empty((count, r))
-    innovation, S, predicted, nis = (
-        np.empty((count, m)),
-        np.empty((count, m, m)),
-        np.empty((count, m)),
-        np.empty(count),
-    )
-    points, scratch = np.empty((count, r, k, n)), np.empty(correct_room(n, m))
-    z, R_z, e, covariances, expected = (
-        np.empty(m),
-        np.empty((m, m)),
-        np.empty((r, m)),
-        np.empty((r, m, m)),
-        np.empty((r, m)),
-    )
-    each_nis, log_l = np.empty(r), np.empty(r)
-    status = OK
-    if y.shape[0] != count or R_y.shape[0] != count or R_cn.shape[0] != count:
-        return means_out, P_out, posterior, innovation, S, predicted, nis, SHAPE
-    for b in range(count):
-        for j in range(r):
-            status = spread_into(means[b, j], P[b, j], gamma, points[b, j])
-            if status != OK:
-                return means_out, P_out, posterior, innovation, S, predicted, nis, status
-    rows = measure_rows(points.reshape(count * r * k, n), R_cn, r_FC, v_F, omega_c, axes, eps, m)
-    images = rows.reshape(count, r, k, m)
-    for b in range(count):
-        wing_line.order_tips_into(y[b], R_y[b], images[b, 0, 0], z, R_z)
-        for j in range(r):
-            status, each_nis[j] = correct_into(
-                points[b, j],
-                images[b, j],
-                P[b, j],
-                z,
-                R_z,
-                w_cov,
-                w,
-                angular,
-                considered,
-                scratch,
-                means_out[b, j],
-                P_out[b, j],
-                e[j],
-                covariances[j],
-                expected[j],
+    innovation, S = np.empty((count, m)), np.empty((count, m, m))
+    predicted, nis = np.empty((count, m)), np.empty(count)
+    points, status = np.empty((count, r, k, n)), SHAPE
+    if y.shape[0] == R_y.shape[0] == R_cn.shape[0] == count:
+        status = _spread_into(means, P, gamma, points)
+    if status == OK:
+        rows = measure_rows(points.reshape(count * r * k, n), R_cn, r_FC, v_F, omega_c, axes, eps, m)
+        images = rows.reshape(count, r, k, m)
+        for b in range(count):
+            out = means_out[b], P_out[b], posterior[b], innovation[b], S[b], predicted[b]
+            status, nis[b] = _correct_into(
+                points[b], images[b], P[b], prior[b], y[b], R_y[b], w_cov, w, angular, considered, *out
             )
             if status != OK:
-                return means_out, P_out, posterior, innovation, S, predicted, nis, status
-        status, nis[b] = weigh_into(
-            e, covariances, each_nis, prior[b], angular, log_l, posterior[b], innovation[b], S[b]
-        )
-        if status != OK:
-            return means_out, P_out, posterior, innovation, S, predicted, nis, status
-        for a in range(m):
-            predicted[b, a] = z[a] - innovation[b, a]
+                break
     return means_out, P_out, posterior, innovation, S, predicted, nis, status

@@ -12,7 +12,7 @@ from onboard.arrays import Array
 from onboard.filters import methods
 from onboard.filters.belief import Belief, Method, Rows, Update
 
-BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "doubt"}
+BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "model_error"}
 
 
 class Filtered(NamedTuple):
@@ -49,10 +49,10 @@ class SensorFilter:
         state = _with_memory(filtered.state, memory)
         update = self._method.update(state, y, measure, R, angular)
         memories, after = {**filtered.memories, sensor: _memory(update.belief)}, update.belief
-        if not hasattr(after, "doubt"):
+        if not hasattr(after, "model_error"):
             return Filtered(after, memories, {}), update
-        errors = {**filtered.model_errors, sensor: after.doubt}
-        return Filtered(after._replace(doubt=sum(errors.values())), memories, errors), update
+        errors = {**filtered.model_errors, sensor: after.model_error}
+        return Filtered(after._replace(model_error=sum(errors.values())), memories, errors), update
 
     def belief(self, filtered: Filtered) -> Belief:
         """The filter's mean and covariance."""

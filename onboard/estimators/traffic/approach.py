@@ -1,5 +1,5 @@
-"""How near another aircraft comes, when, and how sure that is: if neither changes its velocity, or if it goes on
-with the turn it is in and we fly straight on."""
+"""Closest approach of another aircraft, its time and distance with their uncertainties: if neither aircraft
+changes its velocity, or if the other one keeps its turn and we fly straight on."""
 
 from typing import Final, NamedTuple
 
@@ -9,16 +9,17 @@ from onboard.arrays import Array
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.cubature import weights
 from onboard.filters.unscented import sigma_points
-from onboard.models import arc, intruder
+from onboard.models import arc
+from onboard.models.intruder import motion
 
 SLOWEST: Final = 1e-3  # m/s; two aircraft that move together are as near as they will be
-TURNS: Final = 3.0  # sigmas of its turn rate: less, and it may as well fly straight
-HORIZON: Final = 60.0  # s; nobody keeps a turn for longer
+CERTAIN_TURN: Final = 3.0  # sigmas of its turn rate; with less, the aircraft may fly straight
+HORIZON: Final = 60.0  # s; no turn is kept for longer
 
 
 class Approaches(NamedTuple):
     """For each of k tracks: time (s) to the closest approach and its sigma, distance there (m) and its sigma, the
-    vector (k, 3) to the other aircraft there, and the turn rate (rad/s, to the right) it is foretold with."""
+    vector (k, 3) to the other aircraft there, and the turn rate (rad/s, to the right) of the prediction."""
 
     time: Array
     time_sigma: Array
@@ -32,8 +33,8 @@ def closest(r: Array, v: Array, covariance: Array) -> Approaches:
     """Closest approach of relative positions and velocities (k, 3) with covariance (k, 6, 6), on straight lines.
 
     t = -r.v / v.v, at least 0, and the miss vector m = r + v t; their covariances to first order. The distance is
-    |m|; its sigma is that along m, and where m is shorter than its own uncertainty, so that it has no direction to
-    speak of, that of the whole vector.
+    |m|; its sigma is that along m. Where m is shorter than its own uncertainty, its direction is not defined well,
+    and the sigma is that of the whole vector.
     """
     speed2 = np.maximum(np.einsum("ki,ki->k", v, v), SLOWEST**2)
     closing = np.einsum("ki,ki->k", r, v)
@@ -60,23 +61,23 @@ def closest(r: Array, v: Array, covariance: Array) -> Approaches:
 
 def closest_in_turns(r: Array, v: Array, a: Array, covariance: Array, v_F: Array) -> Approaches:
     """`closest`, of relative positions and velocities and of the others' accelerations (k, 3) with covariance
-    (k, 9, 9), but of those that turn, beyond doubt, along their turns; v_F (3,) is our own velocity.
+    (k, 9, 9), but along the turns of those that certainly turn; v_F (3,) is our own velocity.
 
-    There the sigmas are those of sigma points in position, velocity and turn rate: each has a closest approach of
-    its own, the first within a minute.
+    The sigmas of those are of sigma points in position, velocity and turn rate: each point has a closest approach
+    of its own, the first within `HORIZON`.
     """
     straight = closest(r, v, covariance[:, :6, :6])
-    rate = intruder.turn_rate(v + v_F, a)
-    slope = _slopes(v + v_F, a, rate)
+    rate = motion.turn_rate(v + v_F, a)
+    slope = _turn_rate_gradient(v + v_F, a, rate)
     both = np.concatenate([np.broadcast_to(np.eye(6, 9), (len(r), 6, 9)), slope[:, None, :]], axis=1)
     spread = both @ covariance @ np.swapaxes(both, 1, 2)
-    turns = np.flatnonzero(np.abs(rate) > TURNS * np.sqrt(spread[:, 6, 6]))
+    turns = np.flatnonzero(np.abs(rate) > CERTAIN_TURN * np.sqrt(spread[:, 6, 6]))
     if not len(turns):
         return straight
     center = np.concatenate([r, v, rate[:, None]], axis=1)[turns]
     try:
         points = sigma_points(Belief(center, spread[turns]), weights(7))
-    except FilterError:  # a covariance that has been lost; its track is about to be
+    except FilterError:  # a covariance has been lost; the tracker will remove its track
         return straight
     found = arc.first_approach(points.reshape(-1, 7), v_F, HORIZON).reshape(len(turns), -1, 5)
     off = found[:, 1:, :2] - found[:, :1, :2]
@@ -87,10 +88,10 @@ def closest_in_turns(r: Array, v: Array, a: Array, covariance: Array, v_F: Array
     return straight
 
 
-def _slopes(v: Array, a: Array, rate: Array) -> Array:
-    """Gradient (k, 9) of `intruder.turn_rate` with respect to position, velocity and acceleration."""
-    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, intruder.SLOWEST**2)
-    nothing = np.zeros(len(v))
-    by_v = (a[:, 1] - 2.0 * rate * v[:, 0], -a[:, 0] - 2.0 * rate * v[:, 1], nothing)
-    by_a = (-v[:, 1], v[:, 0], nothing)
-    return np.stack([nothing, nothing, nothing, *by_v, *by_a], axis=1) / speed2[:, None]
+def _turn_rate_gradient(v: Array, a: Array, rate: Array) -> Array:
+    """Gradient (k, 9) of `motion.turn_rate` with respect to position, velocity and acceleration."""
+    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, motion.SLOWEST**2)
+    zero = np.zeros(len(v))
+    by_v = (a[:, 1] - 2.0 * rate * v[:, 0], -a[:, 0] - 2.0 * rate * v[:, 1], zero)
+    by_a = (-v[:, 1], v[:, 0], zero)
+    return np.stack([zero, zero, zero, *by_v, *by_a], axis=1) / speed2[:, None]

@@ -1,7 +1,7 @@
-"""All tracks' filters in one batch, at one time: prediction, judgement and correction of any of them.
+"""The filters of all tracks in one batch, at one time: prediction, evaluation of measurements, correction.
 
-A filter whose covariance is lost (it should not happen) does not take the others with it: the batch is then done
-filter by filter, and whichever fails is told.
+Should one covariance be lost, the batch is computed filter by filter: only the one that fails is reported, and the
+others go on.
 """
 
 from collections.abc import Callable
@@ -10,25 +10,29 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.traffic.filter import Choice, join, put, take
+from onboard.estimators.traffic.filter import TrackFilter, join, put, take
 from onboard.filters.association import Places
 from onboard.filters.belief import Belief, FilterError
-from onboard.models import intruder
+from onboard.geometry.units import NS_PER_S, S_PER_NS
+from onboard.models.intruder import measurement
+from onboard.models.intruder.attitude_error import AttitudeErrorModel, ReportErrors, correct_attitude_error
+from onboard.models.intruder.motion import N, earlier_position
 
-NONE: Final = np.zeros(0, np.int64)
-Model = Callable[[Array, Places], Array]  # of rows of states, and of which measurement each row is
+NO_ROWS: Final = np.zeros(0, np.int64)
+Measure = Callable[[Array, Places], Array]  # of rows of states, and of each row's measurement, by its place
 
 
 class Radar(NamedTuple):
-    """Where a radar is, (3,), and its attitude R_rn (3, 3)."""
+    """A radar's position r_OR_n (3,) and attitude R_rn (3, 3)."""
 
     r: Array
     R_rn: Array
 
 
-class Judged(NamedTuple):
-    """What measurements say of tracks, not yet taken in: the states (tracks, ...) they would lead to, innovations
-    (k, m) with covariance (k, m, m), predictions (k, m), and NIS (k,), which is NaN where a filter failed."""
+class Updates(NamedTuple):
+    """The updates that k measurements would make, each of one track, before they are applied: posterior states,
+    innovations (k, m) with covariance (k, m, m), predicted measurements (k, m), and NIS (k,), which is NaN where a
+    filter failed."""
 
     state: Any
     innovation: Array
@@ -40,128 +44,137 @@ class Judged(NamedTuple):
 class Batch:
     """The filters of `size` tracks, all at `t_ns`."""
 
-    def __init__(self, choice: Choice) -> None:
+    def __init__(self, tracks: TrackFilter) -> None:
         self.t_ns = 0
         self.size = 0
-        self.polar = choice.polar
-        self._choice = choice
+        self.polar = tracks.polar
+        self._filter = tracks
         self._state: Any = None
         self._belief: Belief | None = None
 
-    def add(self, mean: Array, covariance: Array) -> None:
+    def add(self, belief: Belief) -> None:
         """One more track, with mean (15,) and covariance (15, 15). Raises FilterError."""
-        state = self._choice.start(mean[None], covariance[None])
+        state = self._filter.start(belief.mean[None], belief.covariance[None])
         self._set(state if self.size == 0 else join(self._state, state))
         self.size += 1
 
     def keep(self, rows: Places) -> None:
-        """Forget all tracks but these."""
+        """Remove all tracks but these."""
         if len(rows) < self.size:
             self._set(take(self._state, rows))
             self.size = len(rows)
 
     def clear(self) -> None:
-        """Forget all, and the time."""
+        """Remove all tracks, and the time."""
         self.t_ns = self.size = 0
         self._set(None)
+
+    def lag(self, t_ns: int) -> float:
+        """How much older than the filters a time is, s; negative if it is newer."""
+        return (self.t_ns - t_ns) / NS_PER_S
 
     def belief(self) -> Belief:
         """Mean (size, 15) and covariance (size, 15, 15)."""
         if self.size == 0:
-            return Belief(np.zeros((0, intruder.N)), np.zeros((0, intruder.N, intruder.N)))
+            return Belief(np.zeros((0, N)), np.zeros((0, N, N)))
         if self._belief is None:
-            self._belief = self._choice.belief(self._state)
+            self._belief = self._filter.belief(self._state)
         return self._belief
 
-    def advance(self, t_ns: int, turning: intruder.Turning, reports: intruder.Reports) -> Places:
-        """Predict all to a time, never back; the rows of tracks whose filter failed, which stay as they were. What
-        turns, and the reports that all have heard, are `Choice.predict`'s."""
-        dt = (t_ns - self.t_ns) * 1e-9
+    def position(self, row: int, t_ns: int) -> Array:
+        """Position (3,) of a track at a time that may be before the filters'."""
+        return np.asarray(earlier_position(self.belief().mean[[row]], np.array([self.lag(t_ns)]))[0])
+
+    def advance(self, t_ns: int, attitude_error: AttitudeErrorModel, report_errors: ReportErrors) -> Places:
+        """Predict all tracks to a time, never back, with the errors that they share. Rows of the tracks whose
+        filter failed; those stay as they were."""
+        dt = (t_ns - self.t_ns) * S_PER_NS
         if dt <= 0:
-            return np.zeros(0, np.int64)
+            return NO_ROWS
         self.t_ns = t_ns
         if self.size == 0:
-            return np.zeros(0, np.int64)
+            return NO_ROWS
         try:
-            self._set(self._choice.predict(self._state, dt, turning, reports))
+            self._set(self._filter.predict(self._state, dt, attitude_error, report_errors))
         except FilterError:
-            return self._predict_singly(dt, turning, reports)
-        return np.zeros(0, np.int64)
+            return self._predict_singly(dt, attitude_error, report_errors)
+        return NO_ROWS
 
-    def judge_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias: Array) -> Judged:
-        """Reports y (k, 6) with noise R (k, 6, 6), `lag` (k,) seconds old and steadily off by about `bias` (k, 3),
-        of the tracks in these rows (k,)."""
-        said = lambda points, which: intruder.reported(points, lag[which], bias[which])  # noqa: E731 - a model
-        return self._judge(rows, y, R, said, ())
+    def evaluate_reports(self, rows: Places, lag: Array, y: Array, R: Array, bias_sigma: Array) -> Updates:
+        """Reports y (k, 6) with noise R (k, 6, 6), `lag` (k,) seconds old, whose steady errors have standard
+        deviations `bias_sigma` (k, 3), of the tracks in these rows (k,)."""
+        report = lambda points, at: measurement.report(points, lag[at], bias_sigma[at])  # noqa: E731 - a model
+        return self._evaluate(rows, y, R, report, ())
 
-    def judge_echoes(self, rows: Places, lag: float, y: Array, sigma: Array, radar: Radar) -> Judged:
-        """Echoes y (k, 3): range, azimuth, elevation, with standard deviations (k, 3)."""
-        if self._choice.polar:
+    def evaluate_echoes(self, rows: Places, lag: float, y: Array, sigma: Array, radar: Radar) -> Updates:
+        """Echoes y (k, 3): range, azimuth, elevation, with standard deviations (k, 3), `lag` seconds old."""
+        if self.polar:
             R = sigma[:, :, None] ** 2 * np.eye(3)
-            see = lambda points, which: intruder.seen(points, np.full(len(which), lag), *radar)  # noqa: E731 - as above
-            return self._judge(rows, y, R, see, intruder.POLAR_ANGULAR)
-        R = intruder.position_noise(y, sigma, radar.R_rn)
-        there = lambda points, which: intruder.located(points, np.full(len(which), lag))  # noqa: E731 - as above
-        return self._judge(rows, intruder.position(y, *radar), R, there, ())
+            echo = lambda points, at: measurement.echo(points, np.full(len(at), lag), *radar)  # noqa: E731 - a model
+            return self._evaluate(rows, y, R, echo, measurement.POLAR_ANGULAR)
+        R = measurement.position_noise(y, sigma, radar.R_rn)
+        position = lambda points, at: earlier_position(points, np.full(len(at), lag))  # noqa: E731 - a model
+        return self._evaluate(rows, measurement.position(y, *radar), R, position, ())
 
-    def correct(self, rows: Places, judged: Judged, chosen: Places) -> None:
-        """Take in the judged measurements at the places `chosen`, which are of tracks `rows[chosen]`."""
+    def apply(self, rows: Places, updates: Updates, chosen: Places) -> None:
+        """Make the updates `chosen`, which are of tracks `rows[chosen]`."""
         if len(chosen):
-            self._put(rows[chosen], take(judged.state, chosen))
+            self._put(rows[chosen], take(updates.state, chosen))
 
-    def restart(self, row: int, mean: Array, covariance: Array) -> None:
-        """Begin a track anew."""
-        self._put(np.array([row]), self._choice.start(mean[None], covariance[None]))
+    def restart(self, row: int, belief: Belief) -> None:
+        """Begin a track anew, with mean (15,) and covariance (15, 15)."""
+        self._put(np.array([row]), self._filter.start(belief.mean[None], belief.covariance[None]))
 
-    def registered(self, rotation: Belief) -> None:
-        """The rotation of all that a radar sees has become known, (3,) and (3, 3)."""
+    def correct_attitude_error(self, rotation: Belief) -> None:
+        """All tracks after registration has found the attitude error: mean (3,) and covariance (3, 3). Filters of
+        Cartesian positions do not estimate it."""
         if self.size and self.polar:
-            self._set(self._choice.change(self._state, lambda b: intruder.told_turned(b, rotation)))
+            self._set(self._filter.change(self._state, lambda b: correct_attitude_error(b, rotation)))
 
     def _put(self, rows: Places, part: Any) -> None:
-        """The state of some tracks; what is believed of the others is as it was."""
+        """Replace the state of some tracks, and in the belief, where it is known, only theirs."""
         known = self._belief
         self._set(put(self._state, rows, part))
         if known is not None:
-            self._belief = put(known, rows, self._choice.belief(part))
+            self._belief = put(known, rows, self._filter.belief(part))
 
     def _set(self, state: Any) -> None:
         self._state = state
         self._belief = None
 
-    def _judge(self, rows: Places, y: Array, R: Array, model: Model, angular: tuple[int, ...]) -> Judged:
+    def _evaluate(self, rows: Places, y: Array, R: Array, measure: Measure, angular: tuple[int, ...]) -> Updates:
         """All at once; should that fail, one by one."""
         state, every = take(self._state, rows), np.arange(len(y))
         try:
-            return self._judge_these(state, every, y, R, model, angular)
+            return self._evaluate_at(state, every, y, R, measure, angular)
         except FilterError:
-            nothing = np.full((1, y.shape[1]), np.nan)
-            no_answer = (nothing, np.full((1, y.shape[1], y.shape[1]), np.nan), nothing, np.full(1, np.nan))
+            nan = np.full((1, y.shape[1]), np.nan)
+            failed = (nan, np.full((1, y.shape[1], y.shape[1]), np.nan), nan, np.full(1, np.nan))
 
-        def judge(one: Any, i: int) -> Judged:
+        def evaluate(one: Any, i: int) -> Updates:
             at = every[i : i + 1]
             try:
-                return self._judge_these(one, at, y[at], R[at], model, angular)
+                return self._evaluate_at(one, at, y[at], R[at], measure, angular)
             except FilterError:
-                return Judged(one, *no_answer)
+                return Updates(one, *failed)
 
-        judged: Judged = _singly(judge, state, len(y))
-        return judged
+        updates: Updates = _singly(evaluate, state, len(y))
+        return updates
 
-    def _judge_these(
-        self, state: Any, which: Places, y: Array, R: Array, model: Model, angular: tuple[int, ...]
-    ) -> Judged:
-        measure = lambda points: model(points, np.repeat(which, len(points) // len(which)))  # noqa: E731 - over rows
-        update = self._choice.update(state, y, measure, R, angular)
+    def _evaluate_at(
+        self, state: Any, at: Places, y: Array, R: Array, measure: Measure, angular: tuple[int, ...]
+    ) -> Updates:
+        over_rows = lambda points: measure(points, np.repeat(at, len(points) // len(at)))  # noqa: E731 - a model
+        update = self._filter.update(state, y, over_rows, R, angular)
         nis = np.asarray(update.nis)
-        return Judged(update.belief, update.innovation, update.innovation_covariance, update.predicted, nis)
+        return Updates(update.belief, update.innovation, update.innovation_covariance, update.predicted, nis)
 
-    def _predict_singly(self, dt: float, turning: intruder.Turning, reports: intruder.Reports) -> Places:
+    def _predict_singly(self, dt: float, attitude_error: AttitudeErrorModel, errors: ReportErrors) -> Places:
         failed: list[int] = []
 
         def predict(one: Any, i: int) -> Any:
             try:
-                return self._choice.predict(one, dt, turning, take(reports, np.array([i])))
+                return self._filter.predict(one, dt, attitude_error, take(errors, np.array([i])))
             except FilterError:
                 failed.append(i)
                 return one
@@ -171,7 +184,7 @@ class Batch:
 
 
 def _singly(step: Callable[[Any, int], Any], state: Any, count: int) -> Any:
-    """What `step` makes of each track's state, and its number, alone: as one again."""
+    """What `step` returns for each track's state and number, joined."""
     whole = step(take(state, np.array([0])), 0)
     for i in range(1, count):
         whole = join(whole, step(take(state, np.array([i])), i))

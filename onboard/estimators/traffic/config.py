@@ -1,12 +1,12 @@
 """`[estimator.traffic]`: the keys of its section, with their units."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
-from onboard.estimators.traffic.filter import FilterName
 from onboard.messages import NotNegative, Positive, Record, Vec3
 
+FilterName = Literal["kf", "ekf", "ukf", "srukf", "imm"]
 Probability = Annotated[float, msgspec.Meta(gt=0, lt=1)]
 Share = Annotated[float, msgspec.Meta(gt=0, le=1)]
 Rate = Annotated[float, msgspec.Meta(gt=0, le=50)]
@@ -15,31 +15,31 @@ IcaoAddress = Annotated[str, msgspec.Meta(pattern="^([0-9a-fA-F]{6})?$")]
 
 
 class Config(Record, frozen=True, kw_only=True):
-    """`[estimator.traffic]`."""
+    """`[estimator.traffic]`. Raises ValueError for values that contradict each other."""
 
     filter: FilterName = "imm"
     publish_hz: Rate = 10.0  # estimates of each track
     max_tracks: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 1000
-    own_icao: IcaoAddress = ""  # of our own transponder, six hexadecimal digits: it is no traffic
+    own_icao: IcaoAddress = ""  # address of our own transponder, six hexadecimal digits: its reports are ignored
 
-    # ADS-B and other vehicles' GLOBAL_POSITION_INT: how old when received, how noisy, how steadily off
+    # ADS-B and other vehicles' GLOBAL_POSITION_INT: age on reception, noise, and steady error
     adsb_latency_s: NotNegative = 0.4
     adsb_latency_sigma_s: NotNegative = 0.15
     adsb_position_sigma_m: Positive = 3.0
     adsb_altitude_sigma_m: Positive = 4.0
     adsb_velocity_sigma_m_s: Positive = 0.5
-    max_tslc_s: NotNegative = 5.0  # reports of aircraft not heard for longer are stale
+    max_tslc_s: NotNegative = 5.0  # a report whose last communication (`tslc`) is older is stale
     peer_latency_s: NotNegative = 0.05
     peer_latency_sigma_s: NotNegative = 0.03
     peer_position_sigma_m: Positive = 2.0
     peer_velocity_sigma_m_s: Positive = 0.3
-    gnss_range_sigma_m: Positive = 5.0  # of others' pseudoranges that do not say it, and of their rates
+    gnss_range_sigma_m: Positive = 5.0  # pseudoranges that bring no standard deviation, and their rates
     gnss_rate_sigma_m_s: Positive = 0.1
-    gnss_bias_m: Positive = 2.0  # how far fixes of pseudoranges are steadily off, ours with them
-    report_bias_m: Positive = 4.0  # horizontally: how far reported positions are steadily off, ours with them
+    gnss_bias_m: Positive = 2.0  # steady error of fixes by pseudoranges, relative to our own position
+    report_bias_m: Positive = 4.0  # steady error of reported positions relative to ours, horizontal
     report_bias_altitude_m: Positive = 10.0
-    peer_bias_m: Positive = 3.0  # the same of other vehicles, on each axis
-    report_bias_time_s: Positive = 60.0  # for how long
+    peer_bias_m: Positive = 3.0  # the same for other vehicles, on each axis
+    report_bias_time_s: Positive = 60.0  # time constant of these errors
     geoid_undulation_m: float = 0.0  # of the ellipsoid here: mean sea level = GNSS height - this
     pressure_altitude_offset_m: float = 0.0  # mean sea level = reported pressure altitude + this
 
@@ -49,9 +49,9 @@ class Config(Record, frozen=True, kw_only=True):
     radar_range_sigma_m: Positive = 10.0
     radar_azimuth_sigma_deg: Positive = 0.5
     radar_elevation_sigma_deg: Positive = 0.5
-    radar_glint_m: NotNegative = 1.0  # how far from an aircraft's centre its echo comes
+    radar_glint_m: NotNegative = 1.0  # distance of an echo's origin from the aircraft's center
 
-    # how well our own autopilot knows its attitude and position, for how long each errs the same way; its velocity
+    # errors of our own autopilot's attitude and position, with their time constants, and of its velocity
     own_yaw_sigma_deg: NotNegative = 1.0
     own_tilt_sigma_deg: NotNegative = 0.5
     own_attitude_time_s: Positive = 10.0
@@ -59,14 +59,14 @@ class Config(Record, frozen=True, kw_only=True):
     own_position_time_s: Positive = 60.0
     own_velocity_sigma_m_s: NotNegative = 0.1
 
-    # how aircraft move: gusts; accelerations and their time constants. The mixture (imm) has a quiet mode and one
-    # in which the turn changes, both of which keep the turn they are in, and one that manoeuvres; other filters
-    # have the last only. An aircraft stays in each for so long on average, before it passes to one of the others
+    # how aircraft move: gusts; accelerations and their time constants. The mixture (imm) has three modes: a quiet
+    # one and one with a changing turn, both of which keep the current turn, and one that manoeuvres. The other
+    # filters have the last one only. `*_lasts_s`: mean time in a mode before it changes to one of the others
     gust_m_s: NotNegative = 0.5
     gust_vertical_m_s: NotNegative = 0.25
     gust_time_s: Positive = 5.0
     quiet_acceleration_m_s2: Positive = 0.5
-    quiet_time_s: Positive = 170.0  # a turn that is kept does not fade
+    quiet_time_s: Positive = 170.0  # long: a turn that is kept does not decay
     quiet_lasts_s: Positive = 50.0
     changing_acceleration_m_s2: Positive = 1.5
     changing_time_s: Positive = 20.0
@@ -74,20 +74,26 @@ class Config(Record, frozen=True, kw_only=True):
     manoeuvre_acceleration_m_s2: Positive = 2.5
     manoeuvre_time_s: Positive = 8.0
     manoeuvre_lasts_s: Positive = 5.0
-    vertical_share: Share = 0.5  # vertical accelerations, of these, which are horizontal
-    max_speed_m_s: Positive = 350.0  # nothing is faster: of jumps, and of what is said
-    initial_speed_sigma_m_s: Positive = 40.0  # of a track begun by radar alone
+    vertical_share: Share = 0.5  # vertical accelerations as a share of these, which are horizontal
+    max_speed_m_s: Positive = 350.0  # reports and jumps that are faster are implausible
+    initial_speed_sigma_m_s: Positive = 40.0  # of a track that begins with an echo
 
     # tracks
-    gate_probability: Probability = 0.999  # that a measurement passes which is of the track
-    confirm_hits: Count = 6  # echoes that make a track ...
-    confirm_window: Annotated[int, msgspec.Meta(ge=1, le=60)] = 10  # ... among so many scans
-    relock_after_s: NotNegative = 2.0  # coasting for longer, a track is seen again only by as many echoes
+    gate_probability: Probability = 0.999  # that a track's own measurement passes the gate
+    confirm_hits: Count = 6  # echoes that confirm a track ...
+    confirm_window: Annotated[int, msgspec.Meta(ge=1, le=60)] = 10  # ... within so many scans
+    relock_after_s: NotNegative = 2.0  # after coasting for longer, a track needs as many echoes again
     coast_after_s: NotNegative = 3.0  # without a measurement: coasting
     validity_timeout_s: NotNegative = 10.0  # lost, not valid
-    forget_after_s: NotNegative = 30.0  # forgotten
+    forget_after_s: NotNegative = 30.0  # removed
     late_horizon_s: NotNegative = 8.0  # older measurements are rejected
 
-    # what is too near
+    # threats
     threat_distance_m: Positive = 150.0
     threat_time_s: Positive = 60.0
+
+    def __post_init__(self) -> None:
+        if not self.coast_after_s <= self.validity_timeout_s <= self.forget_after_s:
+            raise ValueError("coast_after_s <= validity_timeout_s <= forget_after_s must hold")
+        if self.confirm_hits > self.confirm_window:
+            raise ValueError("confirm_hits <= confirm_window must hold")

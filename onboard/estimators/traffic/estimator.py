@@ -1,10 +1,8 @@
 """Traffic: every other aircraft around us, from ADS-B, other vehicles' positions or pseudoranges, and our radar.
 
-Tracks live in one Cartesian frame (`_traffic_frame`), all filters in one batch at one time (`_traffic_batch`).
-Reports wait for the next publication, when all that came are fused together; a radar scan is fused when it comes.
-Both may be older than the filters: the model looks back. An address is an identity: what it says goes to its own
-track and to no other; echoes go to the tracks they fit best. Those that are both heard and seen tell by how much
-our own attitude is off (`_traffic_registration`).
+Tracks are kept in one Cartesian frame (`frame`). An address is an identity: its reports go to its own track and to
+no other (`report_association`). Echoes go to the tracks that they fit best (`radar_association`). Aircraft with
+both show the error of our own attitude (`registration`).
 """
 
 from collections import Counter
@@ -12,13 +10,10 @@ from typing import Final
 
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.frame import Frame
-from onboard.estimators.traffic.publication import tell
-from onboard.estimators.traffic.radar_association import Seeing
-from onboard.estimators.traffic.report_association import Hearing
-from onboard.estimators.traffic.table import Table
-from onboard.estimators.traffic.track import NS
-from onboard.filters.belief import Belief
+from onboard.estimators.traffic.publication import estimates
+from onboard.estimators.traffic.tracker import Tracker
 from onboard.geometry.camera import Camera
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     Estimate,
@@ -40,53 +35,44 @@ class Estimator:
     """See `onboard.estimators.EstimatorProtocol`."""
 
     def __init__(self, config: Config, camera: Camera) -> None:  # noqa: ARG002 - the protocol's signature
-        if not config.coast_after_s <= config.validity_timeout_s <= config.forget_after_s:
-            raise ValueError("coast_after_s <= validity_timeout_s <= forget_after_s must hold")
-        if config.confirm_hits > config.confirm_window:
-            raise ValueError("confirm_hits <= confirm_window must hold")
         self._config = config
-        self._table = Table(config)
-        self._hearing, self._seeing = Hearing(self._table), Seeing(self._table)
+        self._tracker = Tracker(config)
         self._frame = Frame(OWN_POSITION_TIMEOUT_S)
         self._next_ns = 0
 
     @property
     def verdicts(self) -> Counter[str]:
         """What became of every report and every echo, counted."""
-        return self._table.verdicts
+        return self._tracker.verdicts
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Take a report or a scan. Nothing is told before the next publication is due."""
+        """Receive a report or a scan. Estimates are published by `tick` only."""
         if isinstance(message, GlobalPosition):
             self._frame.receive(message)
         elif isinstance(message, RadarScan):
-            self._seeing.scan(message, self._frame, ownship)
+            self._tracker.fuse_scan(message, self._frame.own_motion(message.t_ns, ownship))
         elif isinstance(message, AdsbVehicle | PeerPosition | PeerRanges):
-            self._hearing.hear(message, self._frame)
+            self._tracker.receive(message, self._frame)
         return []
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Every track's estimate, `publish_hz` times a second."""
-        now_ns, table = ownship.now_ns, self._table
+        now_ns, tracker = ownship.now_ns, self._tracker
         if now_ns < self._next_ns:
             return []
-        period_ns = round(NS / self._config.publish_hz)
+        period_ns = round(NS_PER_S / self._config.publish_hz)
         self._next_ns = max(self._next_ns + period_ns, now_ns + period_ns // 2)
-        table.advance(now_ns)
-        self._hearing.fuse()
-        table.forget(now_ns)
-        told, table.farewells = table.farewells, []
-        own = self._frame.own(now_ns, ownship)
+        tracker.advance(now_ns)
+        tracker.fuse_reports()
+        tracker.remove_expired(now_ns)
+        ended = tracker.publish_ended()
+        own = self._frame.own_motion(now_ns, ownship)
         if own is None:
-            return told
-        rows = [i for i, t in enumerate(table.tracks) if t.settled]
-        mean, covariance = table.batch.belief()
-        known = Belief(mean[rows], covariance[rows])
-        return told + tell([table.tracks[i] for i in rows], known, own, self._frame, now_ns, self._config)
+            return ended
+        return ended + estimates(*tracker.publish(), own, self._frame, now_ns, self._config)
 
     def reset(self, reason: str) -> None:
-        """Forget all tracks, all times and our own position."""
-        self._table.clear(reason)
-        self._hearing.clear()
+        """Remove all tracks and forget all times and our own position."""
+        self._tracker.clear(reason)
         self._frame = Frame(OWN_POSITION_TIMEOUT_S)
         self._next_ns = 0

@@ -1,8 +1,8 @@
-"""Where we and others are in one Cartesian frame: NED at an anchor, our first known position.
+"""The tracker's Cartesian frame n, NED at an anchor, our first known position; and our own motion in it.
 
 Everything goes through ECEF, so neither a pole nor the antimeridian is special, and the frame stays exact however
-far we fly from its anchor. Heights above mean sea level are taken as if above the ellipsoid, all of them alike:
-the geoid's slope over a few kilometres is centimetres.
+far we fly from its anchor. Heights above mean sea level are treated as heights above the ellipsoid, for all
+aircraft alike: the geoid's slope over a few kilometres is centimetres.
 """
 
 from typing import NamedTuple
@@ -11,13 +11,14 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_rows, rotation_ne
+from onboard.geometry.units import NS_PER_S, S_PER_NS
 from onboard.messages import GlobalPosition
 from onboard.ownship import Ownship
 
 
-class Own(NamedTuple):
-    """Our position and velocity (3,) in the frame, attitude R_nb (3, 3) from body, and R_nl (3, 3) from NED where
-    we are."""
+class OwnMotion(NamedTuple):
+    """Our position and velocity (3,) in n, attitude R_nb (3, 3) from body, and R_nl (3, 3) from l, NED where we
+    are."""
 
     r: Array
     v: Array
@@ -26,10 +27,10 @@ class Own(NamedTuple):
 
 
 class Frame:
-    """The frame n, and our own position in it over the last seconds. Not known before the first own position."""
+    """The frame n and our newest position in it. Neither is known before our first position."""
 
     def __init__(self, timeout_s: float) -> None:
-        self._timeout_ns = round(timeout_s * 1e9)
+        self._timeout_ns = round(timeout_s * NS_PER_S)
         self._anchor_e = np.zeros(3)
         self._R_ne: Array | None = None
         self._newest: tuple[int, Array, Array] | None = None  # time, r, R_nl
@@ -40,41 +41,42 @@ class Frame:
         return self._R_ne is not None
 
     def receive(self, m: GlobalPosition) -> None:
-        """Our own position. (0, 0) is what an autopilot says that does not know it."""
+        """Our own position. An autopilot without a position reports (0, 0)."""
         if (m.lat_deg, m.lon_deg) == (0.0, 0.0) or not on_earth(m.lat_deg, m.lon_deg):
             return
         if self._R_ne is None:
             self._anchor_e = ecef_from_geodetic(m.lat_deg, m.lon_deg, m.alt_msl)
             self._R_ne = rotation_ne(m.lat_deg, m.lon_deg)
         if self._newest is None or m.t_ns > self._newest[0]:
-            self._newest = m.t_ns, self.position(m.lat_deg, m.lon_deg, m.alt_msl), self.turn(m.lat_deg, m.lon_deg)
+            r = self.position(m.lat_deg, m.lon_deg, m.alt_msl)
+            self._newest = m.t_ns, r, self.rotation_nl(m.lat_deg, m.lon_deg)
 
     def position(self, lat_deg: float, lon_deg: float, height: float) -> Array:
-        """r_On (3,) of a place; the frame must be known."""
-        return np.asarray(self._turn() @ (ecef_from_geodetic(lat_deg, lon_deg, height) - self._anchor_e))
+        """r_On (3,) of geodetic coordinates; the frame must be known."""
+        return np.asarray(self._known_R_ne() @ (ecef_from_geodetic(lat_deg, lon_deg, height) - self._anchor_e))
 
-    def place_in_e(self, r: Array | None) -> Array | None:
-        """Where r (3,) of the frame is in e; of None, where we were last."""
+    def ecef(self, r: Array | None) -> Array | None:
+        """ECEF position of r (3,) in n; for None, of our newest position. None if we have none."""
         if self._newest is None:
             return None
-        return np.asarray(self._anchor_e + (self._newest[1] if r is None else r) @ self._turn())
+        return np.asarray(self._anchor_e + (self._newest[1] if r is None else r) @ self._known_R_ne())
 
-    def from_e(self, y: Array, R: Array) -> tuple[Array, Array]:
-        """Position and velocity (6,) in e, and their covariance (6, 6), in the frame."""
-        both = np.kron(np.eye(2), self._turn())
+    def from_ecef(self, y: Array, R: Array) -> tuple[Array, Array]:
+        """Position and velocity (6,) in n, and their covariance (6, 6), of those in e."""
+        both = np.kron(np.eye(2), self._known_R_ne())
         return both @ np.concatenate([y[:3] - self._anchor_e, y[3:]]), both @ R @ both.T
 
-    def turn(self, lat_deg: float, lon_deg: float) -> Array:
-        """R_nl (3, 3): from NED at a place to the frame; it must be known."""
-        return np.asarray(self._turn() @ rotation_ne(lat_deg, lon_deg).T)
+    def rotation_nl(self, lat_deg: float, lon_deg: float) -> Array:
+        """R_nl (3, 3): from NED at a place to n; the frame must be known."""
+        return np.asarray(self._known_R_ne() @ rotation_ne(lat_deg, lon_deg).T)
 
     def geodetic(self, r: Array) -> Array:
-        """(lat_deg, lon_deg, height), (k, 3), of places r (k, 3); the frame must be known."""
-        return geodetic_rows(self._anchor_e + r @ self._turn())
+        """(lat_deg, lon_deg, height), (k, 3), of positions r (k, 3); the frame must be known."""
+        return geodetic_rows(self._anchor_e + r @ self._known_R_ne())
 
-    def own(self, t_ns: int, ownship: Ownship) -> Own | None:
-        """Us at a time: the newest own position, moved by our velocity between. None where either is not known or
-        too old."""
+    def own_motion(self, t_ns: int, ownship: Ownship) -> OwnMotion | None:
+        """Our motion at a time: the newest position, moved by our mean velocity since. None where the position is
+        unknown or too old, or the pose is unknown."""
         if self._newest is None or abs(t_ns - self._newest[0]) > self._timeout_ns:
             return None
         t0_ns, r, R_nl = self._newest
@@ -83,13 +85,13 @@ class Frame:
             return None
         v = pose.v_F_n
         mean = v if then is None else 0.5 * (v + then.v_F_n)
-        return Own(r + R_nl @ (mean * ((t_ns - t0_ns) * 1e-9)), R_nl @ v, R_nl @ pose.R_nb, R_nl)
+        return OwnMotion(r + R_nl @ (mean * ((t_ns - t0_ns) * S_PER_NS)), R_nl @ v, R_nl @ pose.R_nb, R_nl)
 
-    def _turn(self) -> Array:
-        assert self._R_ne is not None  # noqa: S101 - whoever asks has seen that it is known
+    def _known_R_ne(self) -> Array:
+        assert self._R_ne is not None  # noqa: S101 - callers have checked that it is known
         return self._R_ne
 
 
 def on_earth(lat_deg: float, lon_deg: float) -> bool:
-    """Whether these are a latitude and a longitude; a wire's last digit beyond the pole is forgiven."""
+    """Whether these are a latitude and a longitude; rounding of the last digit on the wire may go beyond."""
     return abs(lat_deg) <= 90.0 + 1e-7 and abs(lon_deg) <= 180.0 + 1e-7

@@ -1,4 +1,4 @@
-"""Tracks as estimates: relative to us, in NED where we are, with who they are and how near they come."""
+"""Tracks as estimates: relative to us, in NED where we are, with their identity and their closest approach."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -7,33 +7,45 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.traffic.approach import closest_in_turns
+from onboard.estimators.traffic.batch import Updates
 from onboard.estimators.traffic.config import Config
-from onboard.estimators.traffic.frame import Frame, Own
+from onboard.estimators.traffic.frame import Frame, OwnMotion
 from onboard.estimators.traffic.track import Track
 from onboard.filters.belief import Belief
-from onboard.messages import ClosestApproach, Estimate, Intruder, Lifecycle, ThreatLevel
-from onboard.models import intruder
+from onboard.filters.gating import chi_square_threshold
+from onboard.messages import (
+    ClosestApproach,
+    Estimate,
+    Intruder,
+    Lifecycle,
+    MeasurementReport,
+    Message,
+    ThreatLevel,
+    Verdict,
+)
+from onboard.models.intruder.measurement import ECHO, POLAR, POLAR_UNITS
+from onboard.models.intruder.motion import COMPONENTS, FRAME, UNITS, A, R, V
 
 NAME: Final = "traffic"
-SURE: Final = 2.0  # sigmas
+LOW_THREAT: Final = 2.0  # sigmas of the distance
 
 
-def tell(
-    tracks: Sequence[Track], belief: Belief, own: Own, frame: Frame, t_ns: int, config: Config
+def estimates(
+    tracks: Sequence[Track], belief: Belief, own: OwnMotion, frame: Frame, t_ns: int, config: Config
 ) -> list[Estimate]:
-    """An estimate of each track, beliefs (k, 15) and (k, 15, 15) at `t_ns`; ourselves at the same time."""
+    """An estimate of each track, from beliefs (k, 15) and (k, 15, 15) and our own motion at `t_ns`."""
     if not tracks:
         return []
-    turn = own.R_nl.T  # the frame -> NED where we are
-    r, v, a = belief.mean[:, intruder.R], belief.mean[:, intruder.V], belief.mean[:, intruder.A]
-    mean = np.concatenate([(r - own.r) @ turn.T, (v - own.v) @ turn.T], axis=1)
-    each = np.kron(np.eye(3), turn)
+    R_ln = own.R_nl.T
+    r, v, a = belief.mean[:, R], belief.mean[:, V], belief.mean[:, A]
+    mean = np.concatenate([(r - own.r) @ R_ln.T, (v - own.v) @ R_ln.T], axis=1)
+    each = np.kron(np.eye(3), R_ln)
     covariance = each @ belief.covariance[:, :9, :9] @ each.T
-    covariance[:, intruder.V, intruder.V] += config.own_velocity_sigma_m_s**2 * np.eye(3)
+    covariance[:, V, V] += config.own_velocity_sigma_m_s**2 * np.eye(3)
     covariance[:, :3, :3] += curvature(mean[:, :3], covariance[:, :3, :3])
-    approach = closest_in_turns(mean[:, :3], mean[:, 3:], a @ turn.T, covariance, turn @ own.v)
-    places, over_ground = frame.geodetic(r).tolist(), (v @ turn.T).tolist()
-    near = [
+    approach = closest_in_turns(mean[:, :3], mean[:, 3:], a @ R_ln.T, covariance, R_ln @ own.v)
+    geodetic, over_ground = frame.geodetic(r).tolist(), (v @ R_ln.T).tolist()
+    approaches = [
         ClosestApproach(
             time=time,
             time_sigma=time_sigma,
@@ -49,30 +61,30 @@ def tell(
         )
     ]
     return [
-        _estimate(track, m, c, _who(track, place, ground, closest_), t_ns, config)
-        for track, m, c, place, ground, closest_ in zip(
-            tracks, mean.tolist(), covariance[:, :6, :6].tolist(), places, over_ground, near, strict=True
+        _estimate(track, m, c, _intruder(track, place, ground, closest), t_ns, config)
+        for track, m, c, place, ground, closest in zip(
+            tracks, mean.tolist(), covariance[:, :6, :6].tolist(), geodetic, over_ground, approaches, strict=True
         )
     ]
 
 
 def curvature(r: Array, P: Array) -> Array:
-    """What the covariances P (k, 3, 3) of places r (k, 3) lack, where a radar has measured the distance well and
-    the direction badly: the truth is on a sphere, not on its tangent plane. E[(x^2 + y^2)^2] / 4 r^2, along r."""
+    """What the covariances P (k, 3, 3) of positions r (k, 3) lack where a radar has measured the distance well and
+    the direction badly: the true positions are on a sphere, not on its tangent plane. E[(x^2 + y^2)^2] / 4 r^2,
+    along r."""
     distance = np.maximum(np.linalg.norm(r, axis=1), 1.0)
     u = r / distance[:, None]
     Pu = np.einsum("kij,kj->ki", P, u)
     along = np.einsum("ki,ki->k", u, Pu)
     across = np.trace(P, axis1=1, axis2=2) - along
     squared = np.einsum("kij,kij->k", P, P) - 2.0 * np.einsum("ki,ki->k", Pu, Pu) + along**2
-    sag2 = np.minimum(
-        (across**2 + 2.0 * squared) / (4.0 * distance**2), across
-    )  # nearer than it is unsure: no more
+    # where the distance is less than its uncertainty, no more than that
+    sag2 = np.minimum((across**2 + 2.0 * squared) / (4.0 * distance**2), across)
     return np.asarray(sag2[:, None, None] * u[:, :, None] * u[:, None, :])
 
 
-def farewell(track: Track, t_ns: int, reason: str) -> Estimate:
-    """The last word on a track: it is there no more."""
+def last_estimate(track: Track, t_ns: int, reason: str) -> Estimate:
+    """The last estimate of a track that is removed, or renamed."""
     return Estimate(
         name=NAME,
         target=track.target,
@@ -81,9 +93,9 @@ def farewell(track: Track, t_ns: int, reason: str) -> Estimate:
         state=Lifecycle.SEARCHING,
         valid=False,
         reason=reason,
-        frame=intruder.FRAME,
-        components=intruder.COMPONENTS,
-        units=intruder.UNITS,
+        frame=FRAME,
+        components=COMPONENTS,
+        units=UNITS,
         mean=None,
         covariance=None,
         age=track.age(t_ns),
@@ -91,12 +103,46 @@ def farewell(track: Track, t_ns: int, reason: str) -> Estimate:
     )
 
 
+def measurement_report(
+    message: Message,
+    source: str,
+    t_ns: int,
+    verdict: Verdict,
+    updates: Updates,
+    place: int,
+    config: Config,
+    *,
+    polar: bool,
+) -> MeasurementReport:
+    """The measurement `place` of those evaluated, and what became of it; `polar`: as echoes are evaluated."""
+    predicted, innovation = updates.predicted[place], updates.innovation[place]
+    count = len(predicted)
+    is_polar = polar and count == ECHO
+    return MeasurementReport(
+        source=source,
+        t_ns=t_ns,
+        t_recv_ns=message.t_recv_ns,
+        verdict=verdict,
+        components=POLAR if is_polar else COMPONENTS[:count],
+        units=POLAR_UNITS if is_polar else UNITS[:count],
+        measured=tuple((predicted + innovation).tolist()),
+        predicted=tuple(predicted.tolist()),
+        innovation=tuple(innovation.tolist()),
+        innovation_sigma=tuple(np.sqrt(np.diagonal(updates.covariance[place])).tolist()),
+        nis=float(updates.nis[place]),
+        gate=chi_square_threshold(config.gate_probability, count),
+    )
+
+
 def _estimate(
-    track: Track, mean: list[float], covariance: list[list[float]], who: Intruder, t_ns: int, config: Config
+    track: Track,
+    mean: list[float],
+    covariance: list[list[float]],
+    intruder: Intruder,
+    t_ns: int,
+    config: Config,
 ) -> Estimate:
     state, reason = track.life(t_ns, config)
-    track.sequence += 1
-    said, track.said = track.said, None
     return Estimate(
         name=NAME,
         target=track.target,
@@ -105,29 +151,29 @@ def _estimate(
         state=state,
         valid=state in (Lifecycle.TRACKING, Lifecycle.COASTING),
         reason=reason,
-        frame=intruder.FRAME,
-        components=intruder.COMPONENTS,
-        units=intruder.UNITS,
+        frame=FRAME,
+        components=COMPONENTS,
+        units=UNITS,
         mean=tuple(mean),
         covariance=tuple(map(tuple, covariance)),
         age=track.age(t_ns),
         reset_count=track.resets,
-        measurement=said,
-        intruder=who,
+        measurement=track.measurement,
+        intruder=intruder,
     )
 
 
-def _who(track: Track, place: list[float], v_n: list[float], approach: ClosestApproach) -> Intruder:
+def _intruder(track: Track, place: list[float], v_n: list[float], approach: ClosestApproach) -> Intruder:
     kind, value = track.key or ("", 0)
-    heard = track.heard
+    adsb = track.adsb
     lat_deg, lon_deg, height = place
     north, east, down = v_n
     return Intruder(
         icao=value if kind == "icao" else None,
         system=value if kind == "system" else None,
-        callsign=heard.callsign if heard else "",
-        squawk=heard.squawk if heard else None,
-        emitter=heard.emitter if heard else 0,
+        callsign=adsb.callsign if adsb else "",
+        squawk=adsb.squawk if adsb else None,
+        emitter=adsb.emitter if adsb else 0,
         sources=tuple(track.sources),
         lat_deg=lat_deg,
         lon_deg=lon_deg,
@@ -142,4 +188,4 @@ def _threat(time: float, distance: float, sigma: float, config: Config) -> Threa
         return ThreatLevel.NONE
     if distance < config.threat_distance_m:
         return ThreatLevel.HIGH
-    return ThreatLevel.LOW if distance - SURE * sigma < config.threat_distance_m else ThreatLevel.NONE
+    return ThreatLevel.LOW if distance - LOW_THREAT * sigma < config.threat_distance_m else ThreatLevel.NONE

@@ -1,5 +1,5 @@
-"""Where another vehicle is by its own pseudoranges: position and velocity of one epoch, its clock's error and
-drift found with them and dropped, for they are nobody's motion."""
+"""Position and velocity of another vehicle from its own pseudoranges, epoch by epoch. Error and drift of its clock
+are solved for too and dropped: no motion depends on them."""
 
 from typing import Final, NamedTuple
 
@@ -10,13 +10,14 @@ from onboard.filters.gating import chi_square_threshold
 from onboard.messages import SatelliteRange
 from onboard.models import gnss_clock, pseudorange
 
-STEPS: Final = 6  # of Gauss and Newton; from 10 km away three are enough
-WIDE: Final = np.array([1e4, 1e3, 1e3, 1e7, 1e5])  # m, m/s, m/s^2, clock m and m/s: what is known beforehand
-UNLIKELY: Final = 0.9999  # of what satellites that agree differ by
+STEPS: Final = 6  # of Gauss-Newton; from 10 km away three are enough
+PRIOR_SIGMA: Final = np.array([1e4, 1e3, 1e3, 1e7, 1e5])  # m, m/s, m/s^2; clock error m, drift m/s
+CONSISTENT: Final = 0.9999  # probability that satellites without a fault pass the test of their residuals
 
 
 class Fix(NamedTuple):
-    """Position and velocity in e, (6,), and their covariance (6, 6); `agree`: whether the satellites do."""
+    """Position and velocity in e, (6,), and their covariance (6, 6). `agree`: whether the satellites' residuals
+    are consistent with their noise."""
 
     y: Array
     R: Array
@@ -24,10 +25,11 @@ class Fix(NamedTuple):
 
 
 def solve(satellites: tuple[SatelliteRange, ...], near: Array, sigma: float, rate_sigma: float) -> Fix:
-    """The fix of pseudoranges and their rates, by least squares about `near` (3,), a place in e within some 10 km.
+    """The fix of pseudoranges and their rates, by least squares about `near` (3,), a position in e within some
+    10 km.
 
-    Standard deviations are those of satellites that bring none. Of fewer than four satellites the covariance says
-    which directions they leave open: there it has the 10 km that were granted beforehand.
+    `sigma` and `rate_sigma` are for satellites that bring no standard deviation. With fewer than four satellites
+    the directions they leave open keep the prior's 10 km, as the covariance shows.
     """
     position = np.array([s.r_e for s in satellites])
     velocity = np.array([s.v_e for s in satellites])
@@ -38,7 +40,7 @@ def solve(satellites: tuple[SatelliteRange, ...], near: Array, sigma: float, rat
     prior[list(gnss_clock.POSITION)] = near
     wide = np.empty(gnss_clock.N)
     parts = (gnss_clock.POSITION, gnss_clock.VELOCITY, gnss_clock.ACCELERATION, (9,), (10,))
-    for part, size in zip(parts, WIDE, strict=True):
+    for part, size in zip(parts, PRIOR_SIGMA, strict=True):
         wide[list(part)] = size
     x = prior.copy()
     for _ in range(STEPS):
@@ -49,6 +51,6 @@ def solve(satellites: tuple[SatelliteRange, ...], near: Array, sigma: float, rat
     covariance = np.linalg.inv(H.T @ H + np.eye(gnss_clock.N)) * np.outer(wide, wide)
     e = (y - pseudorange.measure(x[None], position, velocity)[0]) * H_scale
     spare = len(y) - 8
-    agree = spare <= 0 or float(e @ e) <= chi_square_threshold(UNLIKELY, spare)
-    places = [*gnss_clock.POSITION, *gnss_clock.VELOCITY]
-    return Fix(x[places], covariance[np.ix_(places, places)], agree)
+    agree = spare <= 0 or float(e @ e) <= chi_square_threshold(CONSISTENT, spare)
+    kept = [*gnss_clock.POSITION, *gnss_clock.VELOCITY]
+    return Fix(x[kept], covariance[np.ix_(kept, kept)], agree)

@@ -1,13 +1,14 @@
-"""Registration: the rotation by which our own attitude is off, and with it all that our radar sees, from aircraft
-that it sees and that also say where they are (anchors).
+"""Registration: the error of our own attitude, which rotates all that our radar measures, from aircraft with both
+an echo and a report (anchors).
 
-One Kalman filter has the rotation, the error of our own position, and for each anchor by how much its reports are
-steadily off and its newest one beside: states [rotation (3), own (3), then bias (3) and noise (3) of each], where
-an anchor is seen less where it says to be = rotation x r_RT_n + own - bias - noise + the radar's noise.
+One Kalman filter estimates the rotation, the error of our own position, and for each anchor the steady error
+(bias) of its reports and the noise of its newest one: states [rotation (3), own (3), then bias (3) and noise (3)
+of each]. An anchor's position by radar minus its reported one = rotation x r_RT_n + own - bias - noise + the
+radar's noise.
 
-It stands apart from the tracks. The radar is turned back by the rotation, and each track's filter is left with
-what remains (`residual`), as if that were its own. Tracks that shared one belief in the rotation would learn from
-each other what they had in common from the start, and drift away together, surer with every scan.
+It is separate from the tracks. The radar's attitude is corrected by the rotation, and each track's filter has only
+what remains (`residual`), as if that were its own error. If tracks shared one belief in the rotation, each would
+treat their common initial error as news from the others, and all would drift together, surer with every scan.
 """
 
 from collections.abc import Sequence
@@ -18,150 +19,156 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Report
-from onboard.estimators.traffic.track import NS
 from onboard.filters import kalman
 from onboard.filters.association import Places
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector
-from onboard.models import intruder
+from onboard.geometry.units import NS_PER_S
+from onboard.models.intruder.attitude_error import AttitudeErrorModel
+from onboard.models.intruder.measurement import cross_matrix, position
 
-MOST: Final = 12  # anchors at a time: twice as many would tell a third more, and take eight times as long
+MAX_ANCHORS: Final = 12  # twice as many would improve it by a third, and take eight times as long
 ROTATION, OWN = slice(0, 3), slice(3, 6)
-FIRST: Final = 6  # states before the anchors'
-EACH: Final = 6
-BETTER: Final = 2.0  # times smaller a variance, in any direction: worth telling the tracks at once
-EXACT: Final = 1e-8  # rad: what is known better has no inverse
-MEMORY_S: Final = 2.0  # for about as long do tracks average
-STEEP: Final = 0.01  # cosine of an elevation, above which azimuth means nothing
+COMMON: Final = 6  # states before the anchors' ...
+EACH: Final = 6  # ... and of each anchor
+IMPROVEMENT: Final = 2.0  # ratio of variances, in any direction, from which the tracks are corrected at once
+MIN_SIGMA: Final = 1e-8  # rad: a smaller one has no inverse
+AVERAGING_S: Final = 2.0  # about the time over which tracks average echoes
+MIN_COSINE: Final = 0.01  # of an elevation; nearer the vertical azimuth is not defined
 
 
-class Sight(NamedTuple):
-    """An anchor in a scan: its track's `number`; where it was seen, r_OT_n (3,); where it should be, by its last
-    `report` and its track's motion since, (3,); and the noise (3, 3) of their difference, less the report's."""
+class AnchorEcho(NamedTuple):
+    """An anchor in a scan: its track's `number`; r_OT_n (3,) by the radar and by its last `report`, moved on by
+    its track since; and the noise (3, 3) of their difference, without the report's."""
 
     number: int
-    seen: Array
-    said: Array
+    by_radar: Array
+    by_report: Array
     noise: Array
     report: Report
 
 
 class Anchor(NamedTuple):
-    """Its newest report, when it was last seen, and when where it should be."""
+    """Its newest report, the time of its newest echo, and that of the newest echo that was fused."""
 
     report: Report
-    seen_ns: int
-    fitted_ns: int | None
+    echo_ns: int
+    fused_ns: int | None
 
 
 class Registration:
-    """The `rotation`, and what remains of it: `residual`, which lasts, and `jitter`, another in each scan.
+    """The `rotation` and the model of its error: `residual`, which lasts, and a jitter that is another in each
+    scan.
 
-    What the noise of reports does to the rotation lasts for a second or two: for as long as they are the newest,
-    and after that by what was learnt from them. Tracks do not know of it and average scans, so as jitter it counts
-    for as much as is left of it on average. Its covariance is kept beside (`_noise`, part of the belief's), and
-    that with the rotation's errors in the last scans, summed (`_past`).
+    The noise of a report affects the rotation for a second or two: while the report is the newest, and after that
+    through the states corrected by it. Tracks average scans and do not model this, so it counts as jitter, as much
+    as remains of it on average. Its covariance is computed separately (`_noise`, a part of the belief's), and so
+    is its covariance with the sum of the rotation's errors in the last scans (`_past`).
     """
 
     def __init__(self, config: Config) -> None:
         c = config
         known = np.radians([c.own_tilt_sigma_deg, c.own_tilt_sigma_deg, c.own_yaw_sigma_deg])
-        attitude = np.maximum(known, EXACT)
-        self._unknown = intruder.Turning(np.diag(attitude), np.ones(3), np.full(3, c.own_attitude_time_s))
+        attitude = np.maximum(known, MIN_SIGMA)
+        self._prior = AttitudeErrorModel(np.diag(attitude), np.ones(3), np.full(3, c.own_attitude_time_s))
         self._sigma = np.concatenate([attitude, np.full(3, c.own_position_sigma_m)])
         self._time = np.repeat([c.own_attitude_time_s, c.own_position_time_s], 3)
-        self._bias_time, self._forget_ns = c.report_bias_time_s, round(c.coast_after_s * NS)
+        self._bias_time, self._forget_ns = c.report_bias_time_s, round(c.coast_after_s * NS_PER_S)
         self._gate = chi_square_threshold(c.gate_probability, 3)
         self.clear()
 
     def clear(self) -> None:
-        """Nothing has been seen."""
+        """Back to the configured errors of our attitude and position, without anchors."""
         self._t_ns: int | None = None
         self._anchors: dict[int, Anchor] = {}  # by track numbers, in the order of their states
-        self._belief = Belief(np.zeros(FIRST), np.diag(self._sigma**2))
-        self._noise, self._past = np.zeros((FIRST, FIRST)), np.zeros((FIRST, 3))
-        self._bias = np.zeros(0)
-        self.residual = self._unknown
+        self._belief = Belief(np.zeros(COMMON), np.diag(self._sigma**2))
+        self._noise, self._past = np.zeros((COMMON, COMMON)), np.zeros((COMMON, 3))
+        self._anchor_sigma = np.zeros(0)  # of the anchors' states before any measurement
+        self.residual = self._prior
         self._jitter = np.zeros((3, 3))
-        self._told = self._before = self._moved = self.residual.covariance
+        # covariances of the rotation: of the tracks' belief, before the last prediction, and of its noise
+        self._in_tracks = self._before = self._moved = self.residual.covariance
 
     @property
     def rotation(self) -> Array:
-        """By how much all is seen turned (3,), rad about n's axes."""
+        """The rotation (3,) of all that the radar measures, rad about n's axes."""
         mean: Array = self._belief.mean
         return mean[ROTATION]
 
-    def jitter(self, polar: Array, R_rn: Array) -> Array:
-        """By how much a radar with attitude R_rn (3, 3) sees aircraft in these directions (k, 3) off in a scan:
-        standard deviations of range (none), azimuth and elevation, (k, 3)."""
-        toward = intruder.position(polar * [0.0, 1.0, 1.0] + [1.0, 0.0, 0.0], np.zeros(3), R_rn)
-        level = np.maximum(np.cos(polar[:, 2]), STEEP)[:, None]
-        # a rotation w moves the direction by w x toward: along `aside` what is azimuth, across it elevation
+    def echo_jitter(self, polar: Array, R_rn: Array) -> Array:
+        """What the jitter adds to echoes (k, 3) of a radar with attitude R_rn (3, 3): standard deviations (k, 3)
+        of range (0), azimuth and elevation."""
+        toward = position(polar * [0.0, 1.0, 1.0] + [1.0, 0.0, 0.0], np.zeros(3), R_rn)
+        level = np.maximum(np.cos(polar[:, 2]), MIN_COSINE)[:, None]
+        # a rotation w moves the direction by w x toward: along `aside` that is azimuth, across it elevation
         aside = np.cross(R_rn[2], toward) / level
         sigma = np.zeros_like(polar)
         for at, axes in ((1, np.cross(toward, aside) / level), (2, aside)):
             sigma[:, at] = np.sqrt(np.maximum(np.sum((axes @ self._jitter) * axes, axis=1), 0.0))
         return sigma
 
-    def shared(self, numbers: Sequence[int], bias: Array) -> Array:
-        """`intruder.Reports.shared` of tracks with these numbers, whose reports are off by about `bias` (k, 3)."""
+    def covariance_with_bias(self, numbers: Sequence[int], bias_sigma: Array) -> Array:
+        """`ReportErrors.attitude_covariance` (k, 3, 3) of tracks with these numbers and standard deviations (k, 3)
+        of their reports' steady errors."""
         shared = np.zeros((len(numbers), 3, 3))
-        if self.residual is not self._unknown:
+        if self.residual is not self._prior:
             P, rows = self._belief.covariance, {number: row for row, number in enumerate(numbers)}
             for at, number in enumerate(self._anchors):
                 if number in rows:
-                    first = FIRST + EACH * at
-                    off = P[ROTATION, first : first + 3] - P[ROTATION, OWN]  # against our own position
-                    shared[rows[number]] = off / bias[rows[number]]
+                    first = COMMON + EACH * at
+                    off = P[ROTATION, first : first + 3] - P[ROTATION, OWN]  # relative to our own position
+                    shared[rows[number]] = off / bias_sigma[rows[number]]
         return shared
 
-    def turned_back(self, R_rn: Array) -> Array:
-        """The attitude R_rn (3, 3) of a radar, without the rotation."""
+    def corrected(self, R_rn: Array) -> Array:
+        """The attitude R_rn (3, 3) of a radar, corrected by the rotation."""
         return np.ascontiguousarray(R_rn @ matrix_from_quaternion(quaternion_from_vector(self.rotation)))
 
-    def scan(self, t_ns: int, sights: Sequence[Sight], r_OR_n: Array) -> Belief | None:
-        """Take in the anchors of a scan, at the time of `advance`, by a radar at r_OR_n (3,). If the rotation is
-        now so much better known that the tracks should be told: what they have called so, (3,) and (3, 3)."""
+    def update(self, t_ns: int, echoes: Sequence[AnchorEcho], r_OR_n: Array) -> Belief | None:
+        """Fuse the anchors of a scan, at the time of `advance`, with a radar at r_OR_n (3,). Where that has
+        improved the rotation so much that the tracks should be corrected: what their attitude error is, (3,) and
+        (3, 3)."""
         before, predicted = self.rotation, self._belief.covariance[ROTATION, ROTATION]
-        self._meet(t_ns, sights)
-        self._fuse(t_ns, [s for s in sights if s.number in self._anchors], r_OR_n)
+        self._update_anchors(t_ns, echoes)
+        self._fuse(t_ns, [e for e in echoes if e.number in self._anchors], r_OR_n)
         self._past += self._noise[:, ROTATION]
         since_ns = t_ns - self._forget_ns
-        if not any(a.fitted_ns is not None and a.fitted_ns >= since_ns for a in self._anchors.values()):
-            self.residual, self._jitter = self._unknown, np.zeros((3, 3))
-            self._told = self._belief.covariance[ROTATION, ROTATION]
+        if not any(a.fused_ns is not None and a.fused_ns >= since_ns for a in self._anchors.values()):
+            self.residual, self._jitter = self._prior, np.zeros((3, 3))
+            self._in_tracks = self._belief.covariance[ROTATION, ROTATION]
             return None
-        lasting, self._jitter = self._parts()
-        self.residual = self._remaining(lasting)
-        if np.linalg.eigvals(np.linalg.solve(lasting, self._told)).real.max() < BETTER:
+        lasting, self._jitter = self._lasting_and_jitter()
+        self.residual = self._residual_of(lasting)
+        if np.linalg.eigvals(np.linalg.solve(lasting, self._in_tracks)).real.max() < IMPROVEMENT:
             return None
-        self._told = lasting
-        # of what is new, the share that was so before: the rest is how it has moved since the last scan
+        self._in_tracks = lasting
+        # only the share that was there before: the rest of the change is motion since the last scan
         share = self._before @ np.linalg.inv(predicted)
         return Belief(share @ (self.rotation - before), lasting)
 
     def advance(self, t_ns: int) -> None:
         """Predict to a time, never back."""
-        dt = 0.0 if self._t_ns is None else max((t_ns - self._t_ns) / NS, 0.0)
+        dt = 0.0 if self._t_ns is None else max((t_ns - self._t_ns) / NS_PER_S, 0.0)
         self._t_ns = t_ns if self._t_ns is None else max(t_ns, self._t_ns)
         times = np.tile(np.repeat([self._bias_time, np.inf], 3), len(self._anchors))
-        fade = np.exp(-dt / np.concatenate([self._time, times]))
-        sigma = np.concatenate([self._sigma, self._bias])
+        decay = np.exp(-dt / np.concatenate([self._time, times]))
+        sigma = np.concatenate([self._sigma, self._anchor_sigma])
         mean, P = self._belief
         self._before = P[ROTATION, ROTATION]
-        more = np.diag(sigma**2 * (1.0 - fade**2))
+        more = np.diag(sigma**2 * (1.0 - decay**2))
         self._moved = more[ROTATION, ROTATION]
-        self._belief = Belief(fade * mean, P * np.outer(fade, fade) + more)
-        self._noise = self._noise * np.outer(fade, fade)
-        self._past = np.exp(-dt / MEMORY_S) * fade[:, None] * self._past
+        self._belief = Belief(decay * mean, P * np.outer(decay, decay) + more)
+        self._noise = self._noise * np.outer(decay, decay)
+        self._past = np.exp(-dt / AVERAGING_S) * decay[:, None] * self._past
 
-    def _meet(self, t_ns: int, sights: Sequence[Sight]) -> None:
-        """Forget anchors not seen for long, begin with new ones as long as there is room, and take new reports."""
-        last = {s.number: s.report for s in sights}
+    def _update_anchors(self, t_ns: int, echoes: Sequence[AnchorEcho]) -> None:
+        """Remove anchors without an echo for long, replace the noise states of those with a new report, and append
+        new anchors while there is room."""
+        last = {e.number: e.report for e in echoes}
         since_ns = t_ns - self._forget_ns
-        for number in [k for k, a in self._anchors.items() if a.seen_ns < since_ns and k not in last]:
-            self._drop(list(self._anchors).index(number))
+        for number in [k for k, a in self._anchors.items() if a.echo_ns < since_ns and k not in last]:
+            self._remove(list(self._anchors).index(number))
             del self._anchors[number]
         mean, P = (array.copy() for array in self._belief)
         for at, (number, anchor) in enumerate(self._anchors.items()):
@@ -169,51 +176,52 @@ class Registration:
             if report is None:
                 continue
             if report is not anchor.report:
-                noise = slice(FIRST + EACH * at + 3, FIRST + EACH * (at + 1))
+                noise = slice(COMMON + EACH * at + 3, COMMON + EACH * (at + 1))
                 mean[noise], P[noise, :], P[:, noise] = 0.0, 0.0, 0.0
                 P[noise, noise] = report.R[:3, :3]
                 self._noise[noise, :], self._noise[:, noise], self._past[noise] = 0.0, 0.0, 0.0
                 self._noise[noise, noise] = report.R[:3, :3]
-            self._anchors[number] = Anchor(report, t_ns, anchor.fitted_ns)
+            self._anchors[number] = Anchor(report, t_ns, anchor.fused_ns)
         self._belief = Belief(mean, P)
-        for sight in sorted(sights, key=lambda s: float(np.linalg.norm(s.report.bias))):
-            if sight.number not in self._anchors and len(self._anchors) < MOST:
-                self._anchors[sight.number] = Anchor(sight.report, t_ns, None)
-                self._append(sight.report)
+        for echo in sorted(echoes, key=lambda e: float(np.linalg.norm(e.report.bias_sigma))):
+            if echo.number not in self._anchors and len(self._anchors) < MAX_ANCHORS:
+                self._anchors[echo.number] = Anchor(echo.report, t_ns, None)
+                self._append(echo.report)
 
     def _append(self, report: Report) -> None:
         mean, P = self._belief
         n = len(mean)
         wider, noise = np.pad(P, (0, EACH)), np.pad(self._noise, (0, EACH))
-        # how far reports are off is said against our own position: of that, its own error is a state already
-        bias = np.sqrt(np.maximum(report.bias**2 - self._sigma[OWN] ** 2, (0.5 * report.bias) ** 2))
+        # steady errors are relative to our own position, whose error has a state already
+        bias = np.sqrt(np.maximum(report.bias_sigma**2 - self._sigma[OWN] ** 2, (0.5 * report.bias_sigma) ** 2))
         wider[n : n + 3, n : n + 3] = np.diag(bias**2)
         wider[n + 3 :, n + 3 :] = noise[n + 3 :, n + 3 :] = report.R[:3, :3]
         self._belief, self._noise = Belief(np.pad(mean, (0, EACH)), wider), noise
         self._past = np.pad(self._past, ((0, EACH), (0, 0)))
-        self._bias = np.concatenate([self._bias, bias, np.zeros(3)])
+        self._anchor_sigma = np.concatenate([self._anchor_sigma, bias, np.zeros(3)])
 
-    def _drop(self, at: int) -> None:
-        kept = np.delete(np.arange(len(self._belief.mean)), np.arange(FIRST + EACH * at, FIRST + EACH * (at + 1)))
+    def _remove(self, at: int) -> None:
+        first = COMMON + EACH * at
+        kept = np.delete(np.arange(len(self._belief.mean)), np.arange(first, first + EACH))
         square = np.ix_(kept, kept)
         self._belief = Belief(self._belief.mean[kept], self._belief.covariance[square])
         self._noise, self._past = self._noise[square], self._past[kept]
-        self._bias = self._bias[kept[FIRST:] - FIRST]
+        self._anchor_sigma = self._anchor_sigma[kept[COMMON:] - COMMON]
 
-    def _fuse(self, t_ns: int, sights: Sequence[Sight], r_OR_n: Array) -> None:
-        """Take in where known anchors are seen."""
-        if not sights:
+    def _fuse(self, t_ns: int, echoes: Sequence[AnchorEcho], r_OR_n: Array) -> None:
+        """Correct by the echoes of anchors, those that are consistent."""
+        if not echoes:
             return
         places = {number: at for at, number in enumerate(self._anchors)}
-        size, count = len(self._belief.mean), len(sights)
+        size, count = len(self._belief.mean), len(echoes)
         H, y, R = np.zeros((count, 3, size)), np.zeros((count, 3)), np.zeros((count, 3, 3))
-        for k, sight in enumerate(sights):
-            at = FIRST + EACH * places[sight.number]
-            y[k] = sight.seen - sight.said
-            H[k, :, ROTATION] = -intruder.crossing(sight.said - r_OR_n)
+        for k, echo in enumerate(echoes):
+            at = COMMON + EACH * places[echo.number]
+            y[k] = echo.by_radar - echo.by_report
+            H[k, :, ROTATION] = -cross_matrix(echo.by_report - r_OR_n)
             H[k, :, OWN] = np.eye(3)
             H[k, :, at : at + 3] = H[k, :, at + 3 : at + 6] = -np.eye(3)
-            R[k] = sight.noise
+            R[k] = echo.noise
         fits = self._consistent(y, H, R)
         if not len(fits):
             return
@@ -227,12 +235,13 @@ class Registration:
         left = np.eye(size) - gain @ wide
         self._noise, self._past = left @ self._noise @ left.T, left @ self._past
         self._belief = update.belief
-        for number in (sights[k].number for k in fits.tolist()):
-            self._anchors[number] = self._anchors[number]._replace(fitted_ns=t_ns)
+        for number in (echoes[k].number for k in fits.tolist()):
+            self._anchors[number] = self._anchors[number]._replace(fused_ns=t_ns)
 
     def _consistent(self, y: Array, H: Array, R: Array) -> Places:
-        """Which of k sights agree with all that is known and with each other. By itself an anchor that lies seems
-        possible as long as the rotation is unknown; next to others it does not. The worst is left out first."""
+        """Which of k anchors are consistent with the belief and with each other. While the rotation is unknown, an
+        anchor with a false position seems possible by itself; beside others it does not. The worst is left out
+        first."""
         fits = np.arange(len(y))
         while len(fits):
             wide = H[fits].reshape(-1, H.shape[2])
@@ -246,31 +255,32 @@ class Registration:
             fits = np.delete(fits, int(np.argmax(beside)))
         return fits
 
-    def _remaining(self, lasting: Array) -> intruder.Turning:
-        """How a residual of that covariance (3, 3) goes on: as slowly as what the anchors err by, but as fast as
-        our own attitude in directions of which they tell nothing; between, by the ratio of standard deviations."""
-        scale = np.diag(self._unknown.axes)
-        share, turns = np.linalg.eigh(lasting / np.outer(scale, scale))
+    def _residual_of(self, lasting: Array) -> AttitudeErrorModel:
+        """The model of a residual with that covariance (3, 3): it changes as slowly as the anchors' steady errors,
+        but as fast as our own attitude's error in directions that the anchors do not determine; between them,
+        by the ratio of standard deviations."""
+        scale = np.diag(self._prior.axes)
+        share, axes = np.linalg.eigh(lasting / np.outer(scale, scale))
         share = np.clip(share, 0.0, 1.0)
         left = np.sqrt(share)
-        rate = (1.0 - left) / self._bias_time + left / self._unknown.times
-        return intruder.Turning(scale[:, None] * turns, share, 1.0 / rate)
+        rate = (1.0 - left) / self._bias_time + left / self._prior.times
+        return AttitudeErrorModel(scale[:, None] * axes, share, 1.0 / rate)
 
-    def _parts(self) -> tuple[Array, Array]:
-        """The covariances (3, 3) of what lasts of the rotation's error, and of the rest, as if it were another in
-        each scan."""
+    def _lasting_and_jitter(self) -> tuple[Array, Array]:
+        """The covariances (3, 3) of the part of the rotation's error that lasts, and of the rest, as if that were
+        independent in each scan."""
         P, noise = self._belief.covariance, self._noise[ROTATION, ROTATION]
-        sizes = np.concatenate([self._sigma[OWN], self._bias])
-        slow = np.flatnonzero(sizes)  # our own position, and what reports are steadily off
+        sizes = np.concatenate([self._sigma[OWN], self._anchor_sigma])
+        slow = np.flatnonzero(sizes)  # our own position, and the reports' steady errors
         by_slow = P[ROTATION, 3 + slow] / sizes[slow]
         by_them = by_slow @ by_slow.T
-        # neither is what the radar's noise does and how the rotation moves; a scan that takes away as much as has
-        # come since the last leaves little of that in directions of which it tells, and all in others
+        # the rest is due to the radar's noise and to the rotation's motion. A scan that removes as much as has
+        # been added since the last one leaves little of it in directions that it determines, and all in others
         other = P[ROTATION, ROTATION] - by_them - noise
         kept = P[ROTATION, ROTATION] @ np.linalg.inv(P[ROTATION, ROTATION] + self._moved)
         old = kept @ other @ kept.T
         jitter = other - old + self._past[ROTATION] + self._past[ROTATION].T - noise
-        return by_them + old + EXACT**2 * np.eye(3), jitter
+        return by_them + old + MIN_SIGMA**2 * np.eye(3), jitter
 
 
 def _blocks(matrices: Array) -> Array:

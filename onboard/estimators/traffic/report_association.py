@@ -1,233 +1,210 @@
-"""Reports to tracks. An address is an identity: what it says goes to its own track, or to a second one of the same
-address, and to no other."""
+"""Reports to tracks: what each report means for the tracks there are, as decisions that the tracker carries out.
 
-from typing import Final
+An address is an identity: its reports go to the track of that address, or to a second one of the same address, and
+to no other. Decisions for different addresses do not depend on each other.
+"""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.arrays import Array
-from onboard.estimators.traffic.batch import Judged
-from onboard.estimators.traffic.frame import Frame
-from onboard.estimators.traffic.publication import farewell
-from onboard.estimators.traffic.reports import Heard, Key, Report, report_of, same_again
-from onboard.estimators.traffic.table import REPORT, Table
-from onboard.estimators.traffic.track import NS, name_of
+from onboard.estimators.traffic.batch import NO_ROWS, Batch, Updates
+from onboard.estimators.traffic.config import Config
+from onboard.estimators.traffic.publication import measurement_report
+from onboard.estimators.traffic.reports import Key, Report, is_repetition
+from onboard.estimators.traffic.track import Track
 from onboard.filters.association import Places
-from onboard.messages import AdsbVehicle, PeerRanges, Verdict
-from onboard.models import intruder
+from onboard.filters.gating import chi_square_threshold
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import MeasurementReport, Verdict
+from onboard.models.intruder.measurement import REPORT
 
-STRAYS: Final = 3  # reports that fit each other and not their track, before they are believed ...
-STRAYS_WITHIN_S: Final = 5.0  # ... when no two are farther apart: one in a thousand strays by chance
-SAME_PLACE_M: Final = 100.0  # from its track a report is of the same aircraft, and the filter has lagged
+OUTLIERS: Final = 3  # reports that fit each other and not their track, before they are believed ...
+OUTLIERS_WITHIN_S: Final = 5.0  # ... if consecutive ones are no farther apart: one in a thousand is due to chance
+SAME_PLACE_M: Final = 100.0  # a report this near is of the same aircraft, and the filter has lagged
 COPIES: Final = 4  # tracks of one address
-ADOPTED_WITHIN: Final = 1000.0  # m: how far a report may be from the radar track whose name it gives
+ADOPTED_WITHIN_M: Final = 1000.0  # distance of a report from the radar's track to which it gives its name
 LOOK_BACK: Final = 0.02  # share of a manoeuvre's variance that comes and goes within a second
-WAITING: Final = 5000  # reports; more in a tenth of a second is a flood
 
 
-class Hearing:
-    """Reports wait here until they are fused together."""
+class Fuse(NamedTuple):
+    """Fuse a report into the track of its address."""
 
-    def __init__(self, table: Table) -> None:
-        self._table = table
-        self._waiting: list[Report] = []
+    report: Report
+    row: int
+    measurement: MeasurementReport
 
-    def hear(self, message: Heard, frame: Frame) -> None:
-        """Take a message in, or count why not."""
-        near = self._near(message) if isinstance(message, PeerRanges) else None
-        report = report_of(message, frame, self._table.config, near)
-        if isinstance(report, Verdict):
-            self._table.verdicts[report] += 1
-        elif len(self._waiting) >= WAITING:
-            self._table.verdicts[Verdict.FULL] += 1
-        else:
-            self._waiting.append(report)
 
-    def _near(self, message: PeerRanges) -> Array | None:
-        """Where the track of this peer was then, if there is one."""
-        for i, track in enumerate(self._table.tracks):
-            if track.key == ("system", message.peer):
-                mean = self._table.batch.belief().mean[[i]]
-                return np.asarray(intruder.located(mean, np.array([self._table.lag(message.t_ns)]))[0])
-        return None
+class Reject(NamedTuple):
+    """A report does not fit the track of its address, or repeats an older one. `outliers`: the track's, from now
+    on."""
 
-    def clear(self) -> None:
-        """Forget what waits."""
-        self._waiting.clear()
+    row: int
+    measurement: MeasurementReport
+    outliers: tuple[Report, ...]
 
-    def fuse(self) -> None:
-        """All reports that wait: one of each address at a time, so that each is judged by a track that knows of
-        those before it."""
-        waiting, self._waiting = self._waiting, []
-        while waiting:
-            now: dict[Key, Report] = {}
-            later = []
-            for report in waiting:
-                if report.key in now:
-                    later.append(report)
-                else:
-                    now[report.key] = report
-            self._fuse([r for r in now.values() if self._is_timely(r)])
-            waiting = later
 
-    def _is_timely(self, report: Report) -> bool:
-        lag = self._table.lag(report.t_ns)
-        if -1.0 <= lag <= self._table.config.late_horizon_s:
-            return True
-        self._table.verdicts[Verdict.TOO_OLD if lag > 0 else Verdict.TOO_NEW] += 1
-        return False
+class Restart(NamedTuple):
+    """Begin the track anew where the report is. `split`: the echoes in its old place are of another aircraft,
+    whose track continues without the name."""
 
-    def _fuse(self, reports: list[Report]) -> None:
-        """Reports of different addresses, each to the track of its own that it fits best."""
-        owners: dict[Key, list[int]] = {}
-        for i, track in enumerate(self._table.tracks):
-            if track.key is not None:
-                owners.setdefault(track.key, []).append(i)
-        pairs = [(k, i) for k, r in enumerate(reports) for i in owners.get(r.key, ())]
-        unknown = [r for r in reports if r.key not in owners]
-        if pairs:
-            judged, rows = self._judge([reports[k] for k, _ in pairs], [i for _, i in pairs])
-            best: dict[int, int] = {}  # report -> the pair that fits best
-            for p, (k, _) in enumerate(pairs):
-                if k not in best or judged.nis[p] < judged.nis[best[k]]:
-                    best[k] = p
-            chosen = [p for k, p in best.items() if self._accept(reports[k], pairs[p][1], judged, p)]
-            self._table.batch.correct(rows, judged, np.array(chosen, np.int64))
-            for k, p in best.items():
-                if p not in chosen and reports[k].key in owners:
-                    self._stray(reports[k], pairs[p][1], len(owners[reports[k].key]))
-        for report in unknown:
-            if not self._adopt(report):
-                self._begin_with(report, 1)
+    report: Report
+    row: int
+    split: bool
 
-    def _judge(self, reports: list[Report], rows: list[int]) -> tuple[Judged, Places]:
-        lag = np.array([self._table.lag(r.t_ns) for r in reports])
-        R = np.stack([r.R for r in reports])
-        # what the aircraft may have done since, which the look back leaves out
-        push = self._table.config.manoeuvre_acceleration_m_s2**2
-        for i in range(3):
-            R[:, i, i] += push * LOOK_BACK * lag**4
-            R[:, 3 + i, 3 + i] += push * LOOK_BACK * lag**2
-        at = np.array(rows, np.int64)
-        y, bias = np.stack([r.y for r in reports]), np.stack([r.bias for r in reports])
-        return self._table.batch.judge_reports(at, lag, y, R, bias), at
 
-    def _accept(self, report: Report, row: int, judged: Judged, p: int) -> bool:
-        """Whether a report fits its track; what it is told of, either way."""
-        track, nis = self._table.tracks[row], float(judged.nis[p])
-        repeated = same_again(report.message, track.heard)
-        verdict = Verdict.FUSED if nis <= self._table.gates[REPORT] else Verdict.GATED
-        if repeated:
-            verdict = Verdict.DUPLICATE
-        elif verdict is Verdict.GATED and self._is_far(report, row):
-            verdict = Verdict.IMPLAUSIBLE
-        self._table.verdicts[verdict] += 1
-        source = report.source
-        track.said = self._table.said(report.message, source, report.t_ns, verdict, judged, p)
+class Adopt(NamedTuple):
+    """Give a radar's track the report's name, and fuse the report: the update `place` of those evaluated."""
+
+    report: Report
+    row: int
+    rows: Places
+    updates: Updates
+    place: int
+
+
+class Begin(NamedTuple):
+    """Begin a track with the report; `copy`: its number among those of the same address."""
+
+    report: Report
+    copy: int = 1
+
+
+class ReportAssociation(NamedTuple):
+    """Make the updates `chosen`, of the tracks in `rows[chosen]`, if there are any; then carry out the decisions
+    in order."""
+
+    rows: Places
+    updates: Updates | None
+    chosen: Places
+    decisions: list[Fuse | Reject | Restart | Adopt | Begin]
+
+
+def associate_reports(
+    reports: Sequence[Report], tracks: Sequence[Track], batch: Batch, config: Config
+) -> ReportAssociation:
+    """What to do with reports of different addresses, each by the track of its address that it fits best."""
+    owners: dict[Key, list[int]] = {}
+    for row, track in enumerate(tracks):
+        if track.key is not None:
+            owners.setdefault(track.key, []).append(row)
+    pairs = [(report, row) for report in reports for row in owners.get(report.key, ())]
+    unknown = _without_track([r for r in reports if r.key not in owners], tracks, batch, config)
+    if not pairs:
+        return ReportAssociation(NO_ROWS, None, NO_ROWS, [*unknown])
+    updates, rows = _evaluate([r for r, _ in pairs], [row for _, row in pairs], batch, config)
+    best: dict[Key, int] = {}  # the pair that fits best
+    for p, (report, _) in enumerate(pairs):
+        if report.key not in best or updates.nis[p] < updates.nis[best[report.key]]:
+            best[report.key] = p
+    chosen: list[int] = []
+    first: list[Fuse | Reject] = []
+    then: list[Restart | Begin] = []
+    for key, p in best.items():
+        report, row = pairs[p]
+        verdict = _verdict(report, row, tracks, float(updates.nis[p]), batch, config)
+        measurement = measurement_report(
+            report.message, report.source, report.t_ns, verdict, updates, p, config, polar=batch.polar
+        )
         if verdict is Verdict.FUSED:
-            track.fuse(report.t_ns, source)
-            track.reports += 1
-            track.report = report
-            track.confirmed = track.confirmed or track.reports >= 2
-            track.heard = report.message if isinstance(report.message, AdsbVehicle) else track.heard
-        return verdict is Verdict.FUSED
-
-    def _is_far(self, report: Report, row: int) -> bool:
-        """Whether nothing flies from its track to where a report says it is in the time between."""
-        elapsed = max(abs(report.t_ns - self._table.tracks[row].fused_ns) / NS, 1.0)
-        return self._off(report, row) > self._table.config.max_speed_m_s * elapsed + SAME_PLACE_M
-
-    def _off(self, report: Report, row: int) -> float:
-        """How far a report is from where its track was then, m."""
-        mean = self._table.batch.belief().mean[row]
-        then = intruder.located(mean[None], np.array([self._table.lag(report.t_ns)]))[0]
-        return float(np.linalg.norm(report.y[:3] - then))
-
-    def _stray(self, report: Report, row: int, copies: int) -> None:
-        """A report that its track does not fit. A few that fit each other are believed. If the track has heard
-        its own in the meantime, they are of another aircraft with the same address; else the track is where they
-        say, and what a radar has seen in its place is somebody else."""
-        track = self._table.tracks[row]
-        if track.said is not None and track.said.verdict is Verdict.DUPLICATE:
-            return
-        if track.strays and not _follows(track.strays[-1], report):
-            track.strays.clear()
-        track.strays.append(report)
-        if len(track.strays) < STRAYS:
-            return
-        first_ns = track.strays[0].t_ns
-        heard = track.sources.get(report.source, 0) >= first_ns
-        seen = track.fused_ns >= first_ns
-        near = self._off(report, row) < SAME_PLACE_M
-        track.strays.clear()
-        if near or (not heard and (seen or not self._is_far(report, row))):
-            if seen and not near:
-                self._split(row)
-            self._table.batch.restart(row, *self._first_belief(report))
-            track.resets += 1
-            track.fuse(report.t_ns, report.source)
-        elif copies < COPIES:
-            self._begin_with(report, copies + 1)
-            for other in self._table.tracks:
-                other.shared = other.shared or other.key == report.key
-
-    def _split(self, row: int) -> None:
-        """What a radar sees in this track's place is not who it says it is: that goes on without a name, to be
-        confirmed by its own echoes, or forgotten."""
-        track, (mean, covariance) = self._table.tracks[row], self._table.batch.belief()
-        for source, seen_ns in track.sources.items():
-            if source.startswith("radar/") and seen_ns == track.fused_ns:
-                self._table.begin(mean[row], covariance[row], None, seen_ns, source)
-
-    def _adopt(self, report: Report) -> bool:
-        """Give a radar's track the name of the report that fits it, if one and only one does."""
-        mean = self._table.batch.belief().mean
-        rows = [
-            i
-            for i, t in enumerate(self._table.tracks)
-            if t.key is None and t.confirmed and np.linalg.norm(mean[i, :3] - report.y[:3]) < ADOPTED_WITHIN
-        ]
-        if not rows:
-            return False
-        judged, at = self._judge([report] * len(rows), rows)
-        fits = np.flatnonzero(judged.nis <= self._table.gates[REPORT])
-        if len(fits) != 1:
-            return False
-        track = self._table.tracks[rows[fits[0]]]
-        self._table.batch.correct(at, judged, fits)
-        name = name_of(report.key, track.number, 1)
-        if track.sequence:
-            self._table.farewells.append(farewell(track, self._table.batch.t_ns, f"it is {name}"))
-        track.target, track.key, track.reports = name, report.key, 1
-        track.heard = report.message if isinstance(report.message, AdsbVehicle) else None
-        track.fuse(report.t_ns, report.source)
-        self._table.verdicts[Verdict.FUSED] += 1
-        return True
-
-    def _begin_with(self, report: Report, copy: int) -> None:
-        if not self._table.begin(*self._first_belief(report), report.key, report.t_ns, report.source, copy):
-            return
-        track = self._table.tracks[-1]
-        track.reports, track.shared = 1, copy > 1
-        track.heard = report.message if isinstance(report.message, AdsbVehicle) else None
-
-    def _first_belief(self, report: Report) -> tuple[Array, Array]:
-        """What one report says: y = r + bias + noise, so that r and the bias err against each other."""
-        covariance = self._table.first_covariance()
-        covariance[:6, :6] = report.R
-        covariance[intruder.R, intruder.R] += np.diag(report.bias**2)
-        covariance[intruder.R, intruder.BIAS] = covariance[intruder.BIAS, intruder.R] = -np.diag(report.bias)
-        mean = np.concatenate([report.y, np.zeros(intruder.N - 6)])
-        F = np.eye(intruder.N)
-        F[:9, :9] = intruder.back(-self._table.lag(report.t_ns))
-        return F @ mean, F @ covariance @ F.T
+            chosen.append(p)
+            first.append(Fuse(report, row, measurement))
+            continue
+        outliers = tracks[row].outliers
+        if verdict is not Verdict.DUPLICATE:
+            outliers, remedy = _after_outlier(report, row, tracks, len(owners[key]), batch, config)
+            then += [remedy] if remedy else []
+        first.append(Reject(row, measurement, outliers))
+    return ReportAssociation(rows, updates, np.array(chosen, np.int64), [*first, *then, *unknown])
 
 
-def _follows(earlier: Report, later: Report) -> bool:
-    """Whether two reports could be of one aircraft that flies as it says."""
-    dt = (later.t_ns - earlier.t_ns) / NS
-    if abs(dt) > STRAYS_WITHIN_S:
+def _evaluate(
+    reports: Sequence[Report], rows: Sequence[int], batch: Batch, config: Config
+) -> tuple[Updates, Places]:
+    lag = np.array([batch.lag(r.t_ns) for r in reports])
+    R = np.stack([r.R for r in reports])
+    # manoeuvres since the report, which the model's look back neglects
+    manoeuvre = config.manoeuvre_acceleration_m_s2**2
+    for i in range(3):
+        R[:, i, i] += manoeuvre * LOOK_BACK * lag**4
+        R[:, 3 + i, 3 + i] += manoeuvre * LOOK_BACK * lag**2
+    at = np.array(rows, np.int64)
+    y, bias_sigma = np.stack([r.y for r in reports]), np.stack([r.bias_sigma for r in reports])
+    return batch.evaluate_reports(at, lag, y, R, bias_sigma), at
+
+
+def _verdict(
+    report: Report, row: int, tracks: Sequence[Track], nis: float, batch: Batch, config: Config
+) -> Verdict:
+    if is_repetition(report.message, tracks[row].adsb):
+        return Verdict.DUPLICATE
+    if nis <= chi_square_threshold(config.gate_probability, REPORT):
+        return Verdict.FUSED
+    return Verdict.IMPLAUSIBLE if _is_far(report, row, tracks, batch, config) else Verdict.GATED
+
+
+def _is_far(report: Report, row: int, tracks: Sequence[Track], batch: Batch, config: Config) -> bool:
+    """Whether no aircraft flies from the track to the reported position in the time between."""
+    elapsed = max(abs(report.t_ns - tracks[row].fused_ns) / NS_PER_S, 1.0)
+    return _distance(report, row, batch) > config.max_speed_m_s * elapsed + SAME_PLACE_M
+
+
+def _distance(report: Report, row: int, batch: Batch) -> float:
+    """Distance of a report from its track's position at the time, m."""
+    return float(np.linalg.norm(report.y[:3] - batch.position(row, report.t_ns)))
+
+
+def _after_outlier(
+    report: Report, row: int, tracks: Sequence[Track], copies: int, batch: Batch, config: Config
+) -> tuple[tuple[Report, ...], Restart | Begin | None]:
+    """The outliers of a track with one more, and what to do about them. A few that fit each other are believed. If
+    the track was fused with reports of the same source meanwhile, the outliers are of another aircraft with its
+    address. Else the track is at their position, and echoes in its old place are of another aircraft."""
+    track = tracks[row]
+    earlier = track.outliers if track.outliers and _fit_each_other(track.outliers[-1], report) else ()
+    outliers = (*earlier, report)
+    if len(outliers) < OUTLIERS:
+        return outliers, None
+    first_ns = outliers[0].t_ns
+    reports_fused = track.sources.get(report.source, 0) >= first_ns
+    any_fused = track.fused_ns >= first_ns
+    near = _distance(report, row, batch) < SAME_PLACE_M
+    if near or (not reports_fused and (any_fused or not _is_far(report, row, tracks, batch, config))):
+        return (), Restart(report, row, split=any_fused and not near)
+    return (), Begin(report, copies + 1) if copies < COPIES else None
+
+
+def _fit_each_other(earlier: Report, later: Report) -> bool:
+    """Whether two reports could be of one aircraft with the reported velocities."""
+    dt = (later.t_ns - earlier.t_ns) / NS_PER_S
+    if abs(dt) > OUTLIERS_WITHIN_S:
         return False
     off = later.y[:3] - earlier.y[:3] - dt * 0.5 * (earlier.y[3:] + later.y[3:])
     room = np.sqrt(np.trace(earlier.R[:3, :3] + later.R[:3, :3])) + 5.0 * abs(dt)
     return bool(np.linalg.norm(off) < 3.0 * room)
+
+
+def _without_track(
+    reports: Sequence[Report], tracks: Sequence[Track], batch: Batch, config: Config
+) -> list[Adopt | Begin]:
+    """Reports of addresses without a track, each with the radar's track that it names, or with a new one."""
+    decisions: list[Adopt | Begin] = []
+    unnamed = {i for i, t in enumerate(tracks) if t.key is None and t.confirmed}
+    for report in reports:
+        adopted = _adoption(report, sorted(unnamed), batch, config)
+        decisions.append(adopted or Begin(report))
+        if adopted:
+            unnamed.remove(adopted.row)
+    return decisions
+
+
+def _adoption(report: Report, unnamed: Sequence[int], batch: Batch, config: Config) -> Adopt | None:
+    """The one of the unnamed tracks that the report fits, if there is exactly one."""
+    mean = batch.belief().mean
+    rows = [i for i in unnamed if np.linalg.norm(mean[i, :3] - report.y[:3]) < ADOPTED_WITHIN_M]
+    if not rows:
+        return None
+    updates, at = _evaluate([report] * len(rows), rows, batch, config)
+    fits = np.flatnonzero(updates.nis <= chi_square_threshold(config.gate_probability, REPORT))
+    return Adopt(report, rows[fits[0]], at, updates, int(fits[0])) if len(fits) == 1 else None

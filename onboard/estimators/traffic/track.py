@@ -1,87 +1,103 @@
-"""What is kept of one track beside its filter, and what is told of it."""
+"""One track without its filter: a frozen record, which only the tracker replaces."""
 
-from dataclasses import dataclass, field
-from typing import Final
+from typing import NamedTuple
 
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.reports import Key, Report
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import AdsbVehicle, Lifecycle, MeasurementReport
 
-NS: Final = 1_000_000_000
 
-
-@dataclass(slots=True, eq=False)
-class Track:
-    """`key` is who it says it is, None for what only a radar has seen. `hits` holds a bit for each scan of late,
-    the newest lowest."""
+class Track(NamedTuple):
+    """`target`: its name, with `key` the address that it reports, None where only a radar has detected it.
+    `number` is unique. `sources`: time of the newest measurement of each source. `scan_hits` has a bit for each of
+    the last `scans`, the newest lowest. `outliers`: its newest reports, where they fit each other and not the
+    track. `measurement` and `sequence`: of the next estimate."""
 
     target: str
     key: Key | None
-    fused_ns: int
     number: int
-    heard: AdsbVehicle | None = None
-    sources: dict[str, int] = field(default_factory=dict)
-    reports: int = 0
-    hits: int = 0
+    fused_ns: int
+    sources: dict[str, int]
+    adsb: AdsbVehicle | None = None
+    last_report: Report | None = None  # of those that were fused
+    report_count: int = 0
+    outliers: tuple[Report, ...] = ()
+    scan_hits: int = 0
     scans: int = 0
     confirmed: bool = False
-    shared: bool = False  # its address is another track's, too
+    address_shared: bool = False  # with another track
     resets: int = 0
     sequence: int = 0
-    report: Report | None = None  # the last that was fused
-    strays: list[Report] = field(default_factory=list)
-    said: MeasurementReport | None = None
+    measurement: MeasurementReport | None = None
 
     @property
-    def settled(self) -> bool:
-        """Whether it is told of: what has said who it is, and what a radar has seen often enough."""
+    def established(self) -> bool:
+        """Whether it is published: if it reports an address, or a radar has detected it often enough."""
         return self.confirmed or self.key is not None
 
     def age(self, now_ns: int) -> float:
-        """Seconds since the last measurement that was fused."""
-        return (now_ns - self.fused_ns) / NS
+        """Seconds since the newest measurement that was fused."""
+        return (now_ns - self.fused_ns) / NS_PER_S
 
     def life(self, now_ns: int, config: Config) -> tuple[Lifecycle, str]:
         """State and reason."""
         age = self.age(now_ns)
         if age > config.validity_timeout_s:
-            return Lifecycle.LOST, "nothing heard or seen of it within the validity timeout"
+            return Lifecycle.LOST, "no report or echo within the validity timeout"
         if not self.confirmed:
-            return Lifecycle.INITIALISING, "heard once"
-        shared = "; its address is used by another track too" if self.shared else ""
+            return Lifecycle.INITIALISING, "one report so far"
+        shared = "; its address is used by another track too" if self.address_shared else ""
         if age > config.coast_after_s:
-            return Lifecycle.COASTING, f"nothing heard or seen of it lately: predicted{shared}"
-        by = ", ".join(s for s, t_ns in self.sources.items() if (now_ns - t_ns) / NS <= config.coast_after_s)
+            return Lifecycle.COASTING, f"no report or echo lately: predicted{shared}"
+        by = ", ".join(s for s, t_ns in self.sources.items() if (now_ns - t_ns) / NS_PER_S <= config.coast_after_s)
         return Lifecycle.TRACKING, f"by {by or 'reports'}{shared}"
 
-    def fuse(self, t_ns: int, source: str) -> None:
-        """A measurement has been fused."""
-        self.fused_ns = max(self.fused_ns, t_ns)
-        self.sources[source] = max(self.sources.get(source, 0), t_ns)
-
-    def scan(self, *, hit: bool, config: Config) -> bool:
-        """A radar scan has passed, in which it was seen or not. Whether that has made it a track."""
-        self.hits = (self.hits << 1 | hit) & ((1 << config.confirm_window) - 1)
-        self.scans += 1
-        if self.settled or self.hits.bit_count() < config.confirm_hits:
-            self.confirmed = self.confirmed or self.hits.bit_count() >= config.confirm_hits
-            return False
-        self.confirmed = True
-        return True
-
-    def hopeless(self, now_ns: int, config: Config) -> bool:
-        """Whether it is to be forgotten: unheard of for long, or a begin that came to nothing."""
+    def expired(self, now_ns: int, config: Config) -> bool:
+        """Whether it is to be removed: it has had no measurement for long, or its echoes were too few to confirm
+        it."""
         if self.age(now_ns) > config.forget_after_s:
             return True
-        if self.settled:
+        if self.established:
             return False
-        # seen in less than a third of its scans, or three times in a row not
-        missed = self.scans >= 3 and self.hits & 0b111 == 0
+        missed = self.scans >= 3 and self.scan_hits & 0b111 == 0  # three times in a row
         return missed or self.scans >= config.confirm_window or self.age(now_ns) > config.coast_after_s
 
+    def fused(self, t_ns: int, source: str) -> "Track":
+        """After a measurement of that time was fused."""
+        sources = self.sources | {source: max(self.sources.get(source, 0), t_ns)}
+        return self._replace(fused_ns=max(self.fused_ns, t_ns), sources=sources)
 
-def name_of(key: Key | None, number: int, copy: int) -> str:
-    """The target's name, such as icao/4b1a2c, system/7 or radar/12; a second of one address gets -2."""
+    def reported(self, report: Report, measurement: MeasurementReport) -> "Track":
+        """After a report of its address was fused."""
+        return self.fused(report.t_ns, report.source)._replace(
+            report_count=self.report_count + 1,
+            last_report=report,
+            confirmed=self.confirmed or self.report_count >= 1,
+            adsb=report.adsb or self.adsb,
+            measurement=measurement,
+        )
+
+    def begun_with(self, report: Report) -> "Track":
+        """With its first report, which may have given it its name."""
+        return self._replace(report_count=1, adsb=report.adsb)
+
+    def scanned(self, *, hit: bool, config: Config) -> "Track":
+        """After a radar scan with an echo of it, or without."""
+        hits = (self.scan_hits << 1 | hit) & ((1 << config.confirm_window) - 1)
+        confirmed = self.confirmed or hits.bit_count() >= config.confirm_hits
+        return self._replace(scan_hits=hits, scans=self.scans + 1, confirmed=confirmed)
+
+    def merged(self, other: "Track") -> "Track":
+        """After the echoes of another track turned out to be its own."""
+        whole = self._replace(scan_hits=other.scan_hits, scans=other.scans)
+        for source, t_ns in other.sources.items():
+            whole = whole.fused(t_ns, source)
+        return whole
+
+
+def name_of(key: Key | None, number: int, copy: int = 1) -> str:
+    """The target's name, such as icao/4b1a2c, system/7 or radar/12; a second track of one address gets -2."""
     if key is None:
         return f"radar/{number}"
     kind, value = key

@@ -1,14 +1,15 @@
-"""Compiled arithmetic of the noise-augmented unscented filter, with more than 2n + 1 points; see `_kernels`."""
+"""Compiled arithmetic of the noise-augmented unscented filter, over a batch, with more than 2n + 1 points."""
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.belief import COVARIANCE, IMAGES, INDEFINITE, INNOVATION, MEASUREMENT, OK, POINTS, SHAPE
-from onboard.filters.kernels.linear import semifactor_into
-from onboard.filters.kernels.sigma_points import FLAGS, factor_into, signatures, wrapped
+from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.filters.kernels.cholesky import factor_into, semifactor_into
+from onboard.filters.kernels.sigma_points import wrapped
 
 
-@njit(signatures(2, 3, 3, 3, "f"), cache=True, error_model="numpy")
+@njit(signatures(2, 3, 3, 3, "f"), **MAKING)
 def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
     """(points (B, 2L+1, L), status) of means (B, n), covariances (B, n, n) and those of two noises, each (B or 1,
     k, k) and perhaps singular or empty: the mean first, and opposite points L apart (eqs 8, 9)."""
@@ -47,11 +48,12 @@ def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def] # noq
     return points, OK
 
 
-@njit(cache=True, error_model="numpy")
-def centre_into(points, w, angular, mean, d):  # type: ignore[no-untyped-def]
-    """Mean (m,) of points (k, m) and deviations from it (k, m), by way of the first; False if not finite."""
+@njit(**MAKING)
+def centred_into(points, w, angular, mean, d):  # type: ignore[no-untyped-def]
+    """Mean (m,) of points (k, m) and deviations from it (k, m);
+    False if not finite. Sums are relative to the first point."""
     k, m = points.shape
-    fine = True
+    is_finite = True
     for a in range(m):
         total = 0.0
         for s in range(k):
@@ -62,11 +64,11 @@ def centre_into(points, w, angular, mean, d):  # type: ignore[no-untyped-def]
         mean[a] = points[0, a] + w * total
         for s in range(k):
             d[s, a] -= w * total
-        fine = fine and np.isfinite(mean[a])
-    return fine
+        is_finite = is_finite and np.isfinite(mean[a])
+    return is_finite
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def covariance_into(d, w_cov, w, P):  # type: ignore[no-untyped-def]
     """Weighted covariance of deviations (k, m)."""
     k, m = d.shape
@@ -78,20 +80,20 @@ def covariance_into(d, w_cov, w, P):  # type: ignore[no-untyped-def]
             P[a, b] = P[b, a] = w * total + w_cov * d[0, a] * d[0, b]
 
 
-@njit(signatures(3, "f", "f"), cache=True, error_model="numpy")
+@njit(signatures(3, "f", "f"), **MAKING)
 def gather(points, w_cov, w):  # type: ignore[no-untyped-def]
     """(mean (B, n), covariance (B, n, n), status) of points (B, k, n)."""
     count, k, n = points.shape
     mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
-    d, straight = np.empty((k, n), points.dtype), np.zeros(n, np.bool_)
+    d, no_angles = np.empty((k, n), points.dtype), np.zeros(n, np.bool_)
     for b in range(count):
-        if not centre_into(points[b], w, straight, mean[b], d):
+        if not centred_into(points[b], w, no_angles, mean[b], d):
             return mean, P, POINTS
         covariance_into(d, w_cov, w, P[b])
     return mean, P, OK
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):  # type: ignore[no-untyped-def]
     """chol(S)^-1 [cross-covariance^T, e] (m, n+1), from points (k, n) and their images' deviations d (k, m)."""
     (k, n), m = points.shape, e.shape[0]
@@ -109,10 +111,10 @@ def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):  # type: ignore[n
             white[a, i] /= lower_t[a, a]
 
 
-@njit(signatures(2, 3, 3, 3, 2, "f", "f", FLAGS), cache=True, error_model="numpy")
+@njit(signatures(2, 3, 3, 3, 2, "f", "f", FLAGS), **MAKING)
 def correct(mean, P, points, images, y, w_cov, w, angular):  # type: ignore[no-untyped-def]
     """(mean (B, n), covariance, innovation (B, m), S, predicted, NIS, status) after y (B, m), from points
-    (B, k, n), which need not be symmetric, and their images (B, k, m), which have the noise in them (eq 12)."""
+    (B, k, n), which need not be symmetric, and their images (B, k, m), which include the noise (eq 12)."""
     count, n = mean.shape
     k, m = points.shape[1], y.shape[1]
     dtype = mean.dtype
@@ -121,7 +123,7 @@ def correct(mean, P, points, images, y, w_cov, w, angular):  # type: ignore[no-u
     d, lower_t, white = np.empty((k, m), dtype), np.empty((m, m), dtype), np.empty((m, n + 1), dtype)
     status = OK if y.shape[0] == count and images.shape[1] == k and images.shape[2] == m else SHAPE
     for b in range(count):
-        if status == OK and not centre_into(images[b], w, angular, predicted[b], d):
+        if status == OK and not centred_into(images[b], w, angular, predicted[b], d):
             status = IMAGES
         if status != OK:
             break

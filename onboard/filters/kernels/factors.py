@@ -1,15 +1,14 @@
 """Compiled arithmetic of triangular factors: triangularisation, rank-one downdates, squares.
 
-Everything is in the precision of the arguments, single included: no accumulator is wider. Batches and cache as in
-`_kernels_linear`.
+Everything is in the precision of the arguments, single included: no accumulator is wider. Batches as in `linear`.
 """
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.belief import COVARIANCE, DOWNDATE, OK, SHAPE
-from onboard.filters.compiled import FILLING
-from onboard.filters.kernels.sigma_points import factor_into, signatures
+from onboard.filters.compiled import FILLING, MAKING, signatures
+from onboard.filters.kernels.cholesky import factor_into
 
 
 @njit(**FILLING)
@@ -62,7 +61,7 @@ def downdate_into(lower, x):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def sound(lower):  # type: ignore[no-untyped-def]
+def is_factor(lower):  # type: ignore[no-untyped-def]
     """Whether a factor is finite, with a positive diagonal."""
     good = True
     for i in range(lower.shape[0]):
@@ -72,7 +71,7 @@ def sound(lower):  # type: ignore[no-untyped-def]
     return good
 
 
-@njit(signatures(3), cache=True, error_model="numpy")
+@njit(signatures(3), **MAKING)
 def square(L):  # type: ignore[no-untyped-def]
     """(L L^T (B, n, n), symmetric to the last bit, OK)."""
     count, n = L.shape[0], L.shape[1]
@@ -86,7 +85,7 @@ def square(L):  # type: ignore[no-untyped-def]
     return out, OK
 
 
-@njit(signatures(3), cache=True, error_model="numpy")
+@njit(signatures(3), **MAKING)
 def factor(P):  # type: ignore[no-untyped-def]
     """(lower Cholesky factors (B, n, n), status)."""
     count, n = P.shape[0], P.shape[1]
@@ -100,7 +99,7 @@ def factor(P):  # type: ignore[no-untyped-def]
     return out, OK
 
 
-@njit(signatures(3, 3), cache=True, error_model="numpy")
+@njit(signatures(3, 3), **MAKING)
 def downdate(L, U):  # type: ignore[no-untyped-def]
     """(the factor of L L^T - U U^T (B, n, n), status): one rank-one downdate for each column of U (B, n, m)."""
     count, n, m = U.shape

@@ -1,15 +1,15 @@
-"""Compiled arithmetic of the smooth variable structure filters: gains, and what they make of a covariance.
+"""Compiled arithmetic of the smooth variable structure filters: gains, and covariances after them.
 
-L_t (n, n) is the prior's factor, transposed, and B (n, m) the whitened cross-covariance, as in `_kernels_smooth`:
-H = B^T L^-1. Gains and inverses are kept transposed too, one row for each measured quantity: so every product here
-is a sum of rows, which lie along memory.
+L_t (n, n) is the prior's factor, transposed, and B (n, m) the whitened cross-covariance, as in
+`variable_structure`: H = B^T L^-1. Gains and inverses are kept transposed too, one row for each measured
+quantity. Every product here is then a sum of rows, which lie along memory.
 """
 
 import numpy as np
 from numba import njit
 
-from onboard.filters.compiled import CONTRACTED, FILLING
-from onboard.filters.kernels.sigma_points import factor_into
+from onboard.filters.compiled import CONTRACTED, FILLING, MAKING
+from onboard.filters.kernels.cholesky import factor_into
 
 
 @njit(**FILLING, **CONTRACTED)
@@ -22,7 +22,7 @@ def add_transposed_product_into(A, C, out):  # type: ignore[no-untyped-def]
                 out[i, j] += entry * C[c, j]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def solve_into(lower_t, x):  # type: ignore[no-untyped-def]
     """A^-1 x in place, for A's factor (m, m) from `factor_into` and columns x (m, k)."""
     m, k = x.shape
@@ -40,7 +40,7 @@ def solve_into(lower_t, x):  # type: ignore[no-untyped-def]
             x[a, i] /= lower_t[a, a]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def whitened_inverse(B):  # type: ignore[no-untyped-def]
     """B^+ (m, n), with columns of length one in between, so that units do not decide what counts as zero."""
     n, m = B.shape
@@ -54,14 +54,14 @@ def whitened_inverse(B):  # type: ignore[no-untyped-def]
             scaled[a, j] = B[j, a] / size[a]
     U_t = independent_inverse(scaled)
     if U_t.shape[0] == 0:
-        U_t = np.linalg.pinv(scaled.T.copy(), tiny_of(B))
+        U_t = np.linalg.pinv(scaled.T.copy(), tolerance(B))
     for a in range(m):
         for j in range(n):
             U_t[a, j] /= size[a]
     return U_t
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def independent_inverse(A):  # type: ignore[no-untyped-def]
     """(A A^T)^-1 A (m, n) of rows A (m, n) of length one, in a tenth of the pseudo-inverse's time; (0, 0) if
     some row comes near a combination of the others, where the product would lose digits."""
@@ -77,13 +77,13 @@ def independent_inverse(A):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(cache=True, error_model="numpy")
-def tiny_of(B):  # type: ignore[no-untyped-def]
+@njit(**MAKING)
+def tolerance(B):  # type: ignore[no-untyped-def]
     """Relative to the largest, the singular value that counts as zero."""
     return 10 * max(B.shape) * np.finfo(B.dtype).eps
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def widen_into(L_t, B, N, extra, wider):  # type: ignore[no-untyped-def]
     """Make the prior wider in measured quantities, by variances `extra` (m,): L_t and B in place, S into `wider`;
     False without a factor.
@@ -107,7 +107,7 @@ def widen_into(L_t, B, N, extra, wider):  # type: ignore[no-untyped-def]
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def right_inverse(L_t, B, weighted):  # type: ignore[no-untyped-def]
     """G^T (m, n) with H G = I (for m > n a left inverse). `weighted`: P H^T (H P H^T)^-1, which moves states that
     are not measured by their correlation; else the paper's H^+, which leaves what is orthogonal to H's rows."""
@@ -123,10 +123,10 @@ def right_inverse(L_t, B, weighted):  # type: ignore[no-untyped-def]
                 H_t[j, a] -= L_t[j, i] * H_t[i, a]
         for a in range(m):
             H_t[j, a] /= L_t[j, j]
-    return np.linalg.pinv(H_t, tiny_of(B))
+    return np.linalg.pinv(H_t, tolerance(B))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def kalman_gain(L_t, B, S, ignored):  # type: ignore[no-untyped-def]
     """K^T (m, n) and (H K)^T (m, m) as if the `ignored` components were not measured; False without S's factor."""
     n, m = B.shape
@@ -147,10 +147,10 @@ def kalman_gain(L_t, B, S, ignored):  # type: ignore[no-untyped-def]
     return K_t, HK_t, True
 
 
-@njit(cache=True, error_model="numpy")
-def mixed(L_t, B, S, e, s, ratio, switched, ignored, weighted):  # type: ignore[no-untyped-def]
+@njit(**MAKING)
+def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):  # type: ignore[no-untyped-def]
     """The gain, transposed (m, n), and the mean's step (n,): Kalman's, but with steps s of those quantities that
-    are `switched`.
+    are `switched`; False if S has no factor.
 
     A measured quantity's own step is a row of H K e, or of s: x + K e + G (s - H K e) on the switched rows, and
     the same with gains for the covariance.
@@ -158,13 +158,13 @@ def mixed(L_t, B, S, e, s, ratio, switched, ignored, weighted):  # type: ignore[
     n, m = B.shape
     step = np.zeros(n, B.dtype)
     if switched.all():
-        K_t, HK_t, fine = np.zeros((m, n), B.dtype), np.zeros((m, m), B.dtype), True
+        K_t, HK_t, exists = np.zeros((m, n), B.dtype), np.zeros((m, m), B.dtype), True
     else:
-        K_t, HK_t, fine = kalman_gain(L_t, B, S, ignored)
+        K_t, HK_t, exists = kalman_gain(L_t, B, S, ignored)
     for a in range(m):
         for i in range(n):
             step[i] += K_t[a, i] * e[a]
-    if switched.any() and fine:
+    if switched.any() and exists:
         G_t = right_inverse(L_t, B, weighted)
         for a in range(m):
             if switched[a]:
@@ -176,10 +176,10 @@ def mixed(L_t, B, S, e, s, ratio, switched, ignored, weighted):  # type: ignore[
                 for i in range(n):
                     step[i] += G_t[a, i] * ahead
                     K_t[a, i] += G_t[a, i] * ratio[a]
-    return K_t, step, fine
+    return K_t, step, exists
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def joseph_into(L_t, B, N, K_t, P):  # type: ignore[no-untyped-def]
     """Covariance after an update with any gain: (L - K B^T)(L - K B^T)^T + K N K^T, symmetric and positive."""
     n, m = B.shape

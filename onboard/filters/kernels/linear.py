@@ -1,67 +1,20 @@
 """Compiled arithmetic of the filters that work with matrices F and H: Kalman, extended, and statistically linear.
 
-Every kernel is over a batch: its arguments have a leading axis of B or of 1 (used for all of them), and one
-filter is a batch of one. Signatures and cache as in `_kernels`; Numba keeps a function's machine code until its
-own file changes, so after an edit of `_kernels` touch this file too.
+Every kernel is over a batch: its arguments have a leading axis of B, or of 1 (used for all of them), and one
+filter is a batch of one.
 """
 
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import (
-    COVARIANCE,
-    IMAGES,
-    INNOVATION,
-    MATRIX,
-    MEAN,
-    MEASUREMENT,
-    NOISE,
-    OK,
-    SHAPE,
-)
-from onboard.filters.compiled import FILLING
-from onboard.filters.kernels.sigma_points import FLAGS, factor_into, signatures, wrapped
+from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MATRIX, MEAN, MEASUREMENT, NOISE, OK, SHAPE
+from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
+from onboard.filters.kernels.cholesky import factor_into, is_semidefinite
+from onboard.filters.kernels.sigma_points import wrapped
 
 
 @njit(**FILLING)
-def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
-    """Cholesky factor (n, n) of the symmetric part of A, which may be singular; False if it is indefinite or not
-    finite. A pivot lost in rounding gives a column of zeros: process noise often has rank one."""
-    n = A.shape[0]
-    tolerance = A.dtype.type(4 * n) * np.finfo(A.dtype).eps
-    half = A.dtype.type(0.5)
-    upper = lower  # at first its transpose, row by row along memory
-    for j in range(n):
-        for i in range(j, n):
-            upper[j, i] = half * (A[i, j] + A[j, i])
-        for k in range(j):
-            entry = upper[k, j]
-            for i in range(j, n):
-                upper[j, i] -= entry * upper[k, i]
-        pivot, allowed = upper[j, j], tolerance * abs(A[j, j])
-        if not (pivot >= -allowed and pivot < np.inf):
-            return False
-        if pivot <= allowed:
-            # what is left of a semi-definite matrix beside a zero pivot is zero; more than rounding is indefinite
-            for i in range(j + 1, n):
-                if not upper[j, i] * upper[j, i] <= (allowed + tolerance * A[j, j]) * abs(A[i, i]):
-                    return False
-                upper[j, i] = 0.0
-            upper[j, j] = 0.0
-            continue
-        root = np.sqrt(pivot)
-        upper[j, j] = root
-        for i in range(j + 1, n):
-            upper[j, i] /= root
-    for i in range(n):
-        for j in range(i):
-            lower[i, j] = upper[j, i]
-            upper[j, i] = 0.0
-    return True
-
-
-@njit(**FILLING)
-def finite(A):  # type: ignore[no-untyped-def]
+def is_finite(A):  # type: ignore[no-untyped-def]
     """Whether a matrix is finite."""
     good = True
     for i in range(A.shape[0]):
@@ -70,8 +23,8 @@ def finite(A):  # type: ignore[no-untyped-def]
     return good
 
 
-@njit(cache=True, error_model="numpy")
-def common(sizes):  # type: ignore[no-untyped-def]
+@njit(**MAKING)
+def common_batch(sizes):  # type: ignore[no-untyped-def]
     """The batch size that a tuple of leading axes agrees on, or -1."""
     count = 1
     for size in sizes:
@@ -92,13 +45,6 @@ def symmetric_into(A, out):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def sound(prior, room):  # type: ignore[no-untyped-def]
-    """Whether a symmetric `prior` (n, n) is finite and not indefinite, in `room` for a factor (n, n). Most are
-    positive definite, which is sooner found."""
-    return factor_into(prior, room) or semifactor_into(prior, room)
-
-
-@njit(**FILLING)
 def add_product_into(A, C, out):  # type: ignore[no-untyped-def]
     """out (m, k) += A C, of A (m, n) and C (n, k), as a sum of rows of C; what is zero in A costs nothing."""
     for i in range(A.shape[0]):
@@ -109,7 +55,7 @@ def add_product_into(A, C, out):  # type: ignore[no-untyped-def]
                     out[i, c] += entry * C[j, c]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def sandwich_into(F, P, Q, out):  # type: ignore[no-untyped-def]
     """F P F^T + Q (m, m), symmetric to the last bit; F P (m, n) is returned. F (m, n), P (n, n)."""
     half = P.dtype.type(0.5)
@@ -124,10 +70,10 @@ def sandwich_into(F, P, Q, out):  # type: ignore[no-untyped-def]
     return FP
 
 
-@njit(signatures(3, 3, 3), cache=True, error_model="numpy")
+@njit(signatures(3, 3, 3), **MAKING)
 def propagate(P, F, Q):  # type: ignore[no-untyped-def]
     """(F P F^T + Q (B, n, n), status)."""
-    count, n = common((P.shape[0], F.shape[0], Q.shape[0])), P.shape[1]
+    count, n = common_batch((P.shape[0], F.shape[0], Q.shape[0])), P.shape[1]
     out = np.empty((max(count, 0), n, n), P.dtype)
     if count < 0 or P.shape[1:] != (n, n) or F.shape[1:] != (n, n) or Q.shape[1:] != (n, n):
         return out, SHAPE
@@ -135,17 +81,17 @@ def propagate(P, F, Q):  # type: ignore[no-untyped-def]
     for b in range(count):
         matrix, noise = F[b % F.shape[0]], Q[b % Q.shape[0]]
         symmetric_into(P[b % P.shape[0]], prior)
-        if not sound(prior, out[b]):
+        if not is_semidefinite(prior, out[b]):
             return out, COVARIANCE
-        if not finite(matrix):
+        if not is_finite(matrix):
             return out, MATRIX
-        if not finite(noise):
+        if not is_finite(noise):
             return out, NOISE
         sandwich_into(matrix, prior, noise, out[b])
     return out, OK
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def joseph_into(P, H, K, R, out):  # type: ignore[no-untyped-def]
     """(I - K H) P (I - K H)^T + K R K^T (n, n), right for every gain K (n, m)."""
     n = K.shape[0]
@@ -186,7 +132,7 @@ def innovate_into(y, predicted, angular, innovation):  # type: ignore[no-untyped
     return OK
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def correct_into(  # type: ignore[no-untyped-def]
     mean, P, H, predicted, y, R, angular, considered, mean_out, P_out, innovation, S
 ):
@@ -200,11 +146,11 @@ def correct_into(  # type: ignore[no-untyped-def]
         return status, P.dtype.type(0)
     prior = np.empty((n, n), P.dtype)
     symmetric_into(P, prior)
-    if not sound(prior, P_out):
+    if not is_semidefinite(prior, P_out):
         return COVARIANCE, P.dtype.type(0)
-    if not finite(H):
+    if not is_finite(H):
         return MATRIX, P.dtype.type(0)
-    if not finite(R):
+    if not is_finite(R):
         return NOISE, P.dtype.type(0)
     HP = sandwich_into(H, prior, R, S)
     lower_t = np.empty((m, m), P.dtype)
@@ -229,11 +175,11 @@ def correct_into(  # type: ignore[no-untyped-def]
     return OK, nis
 
 
-@njit(signatures(2, 3, 3, 2, 2, 3, FLAGS, FLAGS), cache=True, error_model="numpy")
+@njit(signatures(2, 3, 3, 2, 2, 3, FLAGS, FLAGS), **MAKING)
 def correct(mean, P, H, predicted, y, R, angular, considered):  # type: ignore[no-untyped-def]
     """(mean, covariance, innovation, its covariance, NIS, status), each over the batch."""
     n, m = mean.shape[1], y.shape[1]
-    count = common((mean.shape[0], P.shape[0], H.shape[0], predicted.shape[0], y.shape[0], R.shape[0]))
+    count = common_batch((mean.shape[0], P.shape[0], H.shape[0], predicted.shape[0], y.shape[0], R.shape[0]))
     size = max(count, 0)
     mean_out, P_out = np.empty((size, n), P.dtype), np.empty((size, n, n), P.dtype)
     innovation, S = np.empty((size, m), P.dtype), np.empty((size, m, m), P.dtype)

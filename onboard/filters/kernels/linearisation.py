@@ -1,26 +1,27 @@
 """Compiled linearisation: Jacobians by central differences, regression about a belief, and the smoother's pass.
 
-Batches and cache as in `_kernels_linear`.
+Batches as in `linear`.
 """
 
 import numpy as np
 from numba import njit, types
 
 from onboard.filters.belief import COVARIANCE, MATRIX, MEAN, NOISE, OK, PREDICTED, SHAPE
-from onboard.filters.compiled import FILLING
-from onboard.filters.kernels.linear import common, finite, joseph_into, sandwich_into, solve_into
-from onboard.filters.kernels.sigma_points import FLAGS, factor_into, signatures, wrapped
+from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
+from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.kernels.linear import common_batch, is_finite, joseph_into, sandwich_into, solve_into
+from onboard.filters.kernels.sigma_points import wrapped
 
 
-@njit(signatures(2, 3), cache=True, error_model="numpy")
+@njit(signatures(2, 3), **MAKING)
 def stencil(mean, P):  # type: ignore[no-untyped-def]
     """(points (B, 2n+1, n), status): the mean, then a step forth and a step back along each axis.
 
-    A step is eps^(1/4) of a standard deviation. What the difference then misses is sqrt(eps)/6 of the cubic term
-    over that deviation, nothing beside what the tangent itself misses, and rounding adds eps^(3/4) of the value.
-    It is at least sqrt(eps) of the state, which large coordinates need.
+    A step is eps^(1/4) of a standard deviation. What the difference then misses is sqrt(eps)/6 of the cubic
+    term over that deviation, far less than the tangent itself misses, and rounding adds eps^(3/4) of the value.
+    A step is at least sqrt(eps) of the state, which large coordinates need.
     """
-    count, n = common((mean.shape[0], P.shape[0])), mean.shape[1]
+    count, n = common_batch((mean.shape[0], P.shape[0])), mean.shape[1]
     points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
     if count < 0 or P.shape[1:] != (n, n):
         return points, SHAPE
@@ -43,9 +44,10 @@ def stencil(mean, P):  # type: ignore[no-untyped-def]
     return points, OK
 
 
-@njit(signatures(3, 3, FLAGS, types.int64), cache=True, error_model="numpy")
+@njit(signatures(3, 3, FLAGS, types.int64), **MAKING)
 def slopes(points, images, angular, fault):  # type: ignore[no-untyped-def]
-    """(Jacobian (B, m, n), status) from a stencil and its images (B, 2n+1, m); `fault` if they are not finite."""
+    """(Jacobian (B, m, n), status) from a stencil and its images (B, 2n+1, m); status `fault` if the images are
+    not finite."""
     count, size, n = points.shape
     m = images.shape[2]
     jacobian = np.empty((count, m, n), points.dtype)
@@ -57,7 +59,7 @@ def slopes(points, images, angular, fault):  # type: ignore[no-untyped-def]
             for a in range(m):
                 rise = images[b, 1 + i, a] - images[b, 1 + n + i, a]
                 jacobian[b, a, i] = (wrapped(rise) if angular[a] else rise) / width
-        if not finite(jacobian[b]):
+        if not is_finite(jacobian[b]):
             return jacobian, fault
     return jacobian, OK
 
@@ -90,17 +92,17 @@ def centred_into(images, w, first, angular, mean, deviations):  # type: ignore[n
 
 
 @njit(**FILLING)
-def without(images, w_cov):  # type: ignore[no-untyped-def]
-    """1 if the centre's image has no weight and is not finite, and so is to be left out; else 0."""
+def skips_centre(images, w_cov):  # type: ignore[no-untyped-def]
+    """1 if the centre's image has no weight and is not finite, so that it must be left out; else 0."""
     off = images.dtype.type(0)  # stays zero as long as all is finite
     for a in range(images.shape[1]):
         off += images[0, a] - images[0, a]
     return 1 if w_cov == 0 and off != 0 else 0
 
 
-@njit(signatures(3, FLAGS), cache=True, error_model="numpy")
+@njit(signatures(3, FLAGS), **MAKING)
 def with_centre(images, angular):  # type: ignore[no-untyped-def]
-    """(images (B, k+1, m), status): those given (B, k, m), and before them their mean."""
+    """(images (B, k+1, m), status): the mean of the images (B, k, m), and after it the images."""
     count, k, m = images.shape
     out = np.empty((count, k + 1, m), images.dtype)
     if angular.shape[0] != m:
@@ -108,16 +110,16 @@ def with_centre(images, angular):  # type: ignore[no-untyped-def]
     mean, deviations = np.empty(m, images.dtype), np.empty((m, k + 1), images.dtype)
     for b in range(count):
         out[b, 1:] = images[b]
-        centred_into(out[b], images.dtype.type(1) / k, 1, angular, mean, deviations)  # NaN is found later
+        centred_into(out[b], images.dtype.type(1) / k, 1, angular, mean, deviations)  # callers find NaN
         out[b, 0] = mean
     return out, OK
 
 
-@njit(signatures(3, 3, "f", "f", FLAGS, types.int64), cache=True, error_model="numpy")
+@njit(signatures(3, 3, "f", "f", FLAGS, types.int64), **MAKING)
 def regress(P, images, w_cov, w, angular, fault):  # type: ignore[no-untyped-def]
-    """Statistical linear regression of images (B, 2n+1, m) of sigma points of covariance P (B, n, n):
-    (slope A (B, m, n), value at the mean (B, m), covariance of what A leaves out (B, m, m), status), the last
-    `fault` if the images are not finite."""
+    """Statistical linear regression of images (B, 2n+1, m) of sigma points of covariance P (B, n, n): (slope A
+    (B, m, n), value at the mean (B, m), covariance of the residual (B, m, m), status); status `fault` if the
+    images are not finite."""
     count, size, m = images.shape
     n = P.shape[1]
     A, value = np.empty((count, m, n), P.dtype), np.empty((count, m), P.dtype)
@@ -129,7 +131,7 @@ def regress(P, images, w_cov, w, angular, fault):  # type: ignore[no-untyped-def
     for b in range(count):
         if not factor_into(P[b], lower_t):
             return A, value, rest, COVARIANCE
-        if not centred_into(images[b], w, without(images[b], w_cov), angular, value[b], d):
+        if not centred_into(images[b], w, skips_centre(images[b], w_cov), angular, value[b], d):
             return A, value, rest, fault
         for a in range(m):
             for i in range(n - 1, -1, -1):  # A L = the odd part of the deviations; L lower, so from the right
@@ -147,15 +149,15 @@ def regress(P, images, w_cov, w, angular, fault):  # type: ignore[no-untyped-def
     return A, value, rest, OK
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):  # type: ignore[no-untyped-def]
     """One step back of Rauch, Tung and Striebel, the covariance in Joseph's form (no difference of covariances):
     (I - G F) P (I - G F)^T + G (P_next + Q) G^T; a status."""
     n = mean.shape[0]
     forecast, lower_t = np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
-    if not finite(F):
+    if not is_finite(F):
         return MATRIX
-    if not finite(Q):
+    if not is_finite(Q):
         return NOISE
     sandwich_into(F, P, Q, forecast)
     if not factor_into(forecast, lower_t):
@@ -177,7 +179,7 @@ def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):  
     return OK
 
 
-@njit(signatures(3, 4, 4, 4, 3), cache=True, error_model="numpy")
+@njit(signatures(3, 4, 4, 4, 3), **MAKING)
 def smooth_back(mean, P, F, Q, predicted):  # type: ignore[no-untyped-def]
     """Smooth filtered means (T, B, n) and covariances (T, B, n, n) from the end; F, Q (T-1, B, n, n), and
     predicted (T-1, B, n), belong to the steps; (mean, covariance, status)."""

@@ -1,17 +1,19 @@
-"""Compiled arithmetic of mixtures of beliefs, a batch B of r modes each; see `_kernels`."""
+"""Compiled arithmetic of mixtures of beliefs, of r modes of one filter; `multiple_model` calls it."""
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.belief import INNOVATION, OK
-from onboard.filters.compiled import FILLING
-from onboard.filters.kernels.sigma_points import TWO_PI, factor_into
+from onboard.filters.compiled import FILLING, MAKING
+from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.kernels.sigma_points import TWO_PI
 
 
 @njit(**FILLING)
 def mix_into(means, P, weights, mean_out, P_out):  # type: ignore[no-untyped-def]
-    """Mean and covariance of the mixture of means (r, n) and covariances (r, n, n) with weights (r,). Taken about
-    the first mode: a mixture of equals is then that mode to the last digit, however far from zero."""
+    """Mean and covariance of the mixture of means (r, n) and covariances (r, n, n) with weights (r,). Sums are
+    relative to the first mode: a mixture of equal modes is then that mode to the last digit, however far from
+    zero."""
     r, n = means.shape
     for a in range(n):
         total = 0.0
@@ -30,8 +32,8 @@ def mix_into(means, P, weights, mean_out, P_out):  # type: ignore[no-untyped-def
 
 @njit(**FILLING)
 def pass_into(prior, transition, ahead, mixing):  # type: ignore[no-untyped-def]
-    """The modes' probabilities (r,) `ahead` after passing from one to another by `transition` (r, r), and in
-    column j of `mixing` (r, r) how much of each mode is in mode j then; one that nothing leads to keeps itself."""
+    """The modes' probabilities (r,) `ahead` after a transition by `transition` (r, r), and in column j of `mixing`
+    (r, r) the share of each mode in mode j then. A mode that none passes to keeps its own belief."""
     r, total = prior.shape[0], 0.0
     for j in range(r):
         ahead[j] = 0.0
@@ -48,7 +50,7 @@ def pass_into(prior, transition, ahead, mixing):  # type: ignore[no-untyped-def]
         ahead[j] /= total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):  # type: ignore[no-untyped-def]
     """As `weigh`, of one filter; (status, NIS)."""
     r, m = innovations.shape

@@ -1,14 +1,14 @@
-"""What `multiple_model` calls: the arithmetic of `_kernels_mixture` for a batch of filters."""
+"""What `filters.multiple_model` calls: the arithmetic of `mixture` for a batch of filters."""
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.belief import OK
+from onboard.filters.compiled import FLAGS, MAKING, signatures
 from onboard.filters.kernels.mixture import mix_into, weigh_into
-from onboard.filters.kernels.sigma_points import FLAGS, signatures
 
 
-@njit(signatures(3, 4, 3), cache=True, error_model="numpy")
+@njit(signatures(3, 4, 3), **MAKING)
 def mix(means, P, weights):  # type: ignore[no-untyped-def]
     """(means (B, j, n), covariances (B, j, n, n)): a mixture for each column of weights (B, r, j)."""
     count, _, n = means.shape
@@ -20,11 +20,11 @@ def mix(means, P, weights):  # type: ignore[no-untyped-def]
     return mean_out, P_out
 
 
-@njit(signatures(3, 4, 2, 2, FLAGS), cache=True, error_model="numpy")
+@njit(signatures(3, 4, 2, 2, FLAGS), **MAKING)
 def weigh(innovations, S, nis, prior, angular):  # type: ignore[no-untyped-def]
     """(log-likelihoods (B, r), posterior (B, r), innovation (B, m), covariance (B, m, m), NIS (B,), status) of
     modes with innovations (B, r, m), S (B, r, m, m), nis and prior probabilities (B, r). Angles are averaged as
-    innovations, which are small, not as angles, which break."""
+    innovations, which are small: a mean of the angles themselves would break at +-pi."""
     count, r, m = innovations.shape
     dtype = innovations.dtype
     log_l, posterior = np.empty((count, r), dtype), np.empty((count, r), dtype)

@@ -1,15 +1,16 @@
-"""What the unscented transform calls: the arithmetic of `_kernels` for one belief, and for a batch of them.
+"""What `filters.unscented_transform` calls: the arithmetic of `sigma_points` for one belief, and for a batch of
+them.
 
-For one belief microseconds count. To hand an array from machine code to Python takes four times as long as to make
-it in Python, so the callers bring the arrays for the results.
+As in `unscented`, the callers bring the arrays for the results of one belief.
 """
 
 import numpy as np
 from numba import njit
 
 from onboard.filters.belief import OK, SHAPE
-from onboard.filters.compiled import CONTRACTED, MAKING
-from onboard.filters.kernels.sigma_points import factor_into, gather_into, gather_room, signatures, spread_into
+from onboard.filters.compiled import CONTRACTED, MAKING, signatures
+from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.kernels.sigma_points import gather_into, gather_scratch_shape, spread_into
 
 
 @njit(signatures(2), **MAKING, **CONTRACTED)
@@ -28,7 +29,7 @@ def spread(mean, P, gamma, points):  # type: ignore[no-untyped-def]
 @njit(signatures(2, "f", "f", "f", 2, "out"), **MAKING, **CONTRACTED)
 def gather(points, w_mean, w_cov, w, Q, out):  # type: ignore[no-untyped-def]
     """Mean and covariance into the rows of `out` (1 + n, n); a status."""
-    scratch = np.empty(gather_room(out.shape[1]), points.dtype)
+    scratch = np.empty(gather_scratch_shape(out.shape[1]), points.dtype)
     return gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
 
 
@@ -56,7 +57,7 @@ def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
     mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
     if Q.shape[0] != 1 and Q.shape[0] != count:
         return mean, P, SHAPE
-    scratch = np.empty(gather_room(n), points.dtype)
+    scratch = np.empty(gather_scratch_shape(n), points.dtype)
     for b in range(count):
         status = gather_into(points[b], w_mean, w_cov, w, Q[b % Q.shape[0]], scratch, mean[b], P[b])
         if status != OK:

@@ -1,5 +1,5 @@
 """Compiled arithmetic of the smooth variable structure filters: a measurement linearised over cubature points, and
-an update that moves measured quantities by given steps. Plain loops, a batch of filters a call; see `_kernels`.
+an update that moves measured quantities by given steps. A batch of filters a call.
 
 With prior covariance P = L L^T, the images' odd parts, B = [h(x + sqrt(n) L_j) - h(x - sqrt(n) L_j)] / 2 sqrt(n)
 in (n, m), give the cross-covariance L B, H = B^T L^-1 (exact for a linear measurement) and H P H^T = B^T B. Their
@@ -13,28 +13,32 @@ import numpy as np
 from numba import njit, types
 
 from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MEASUREMENT, NOISE, OK, SHAPE
+from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.filters.kernels.cholesky import factor_into
 from onboard.filters.kernels.gains import (
     add_transposed_product_into,
     joseph_into,
-    mixed,
+    mixed_gain,
     right_inverse,
     solve_into,
     widen_into,
 )
-from onboard.filters.kernels.sigma_points import FLAGS, factor_into, signatures, wrapped
+from onboard.filters.kernels.sigma_points import wrapped
 
 LARGE: Final = 1e30  # for an infinite ratio, whose product with zero is still zero
 
 FIXED: Final = 0  # every component by the switching gain
 VARIABLE: Final = 1  # by the Kalman gain where the optimal layer is within the limit
 SWITCHED: Final = 2  # by the Kalman gain where |e| + gamma |residual| is within scale deviations of the innovation
-ADAPTIVE: Final = 3  # as SWITCHED, of a prior that is first made wider where the innovation keeps to one side
+ADAPTIVE: Final = 3  # as SWITCHED, with a prior that is first widened where the innovation keeps to one side
 
-SLOWER: Final = 5  # a mean that remembers so many times longer finds smaller errors, too late to be followed ...
-DOUBTED: Final = 2.0  # ... beyond so many of its deviations: they are told
+# A mean that remembers SLOWER times longer finds smaller errors, too late to follow them. Errors beyond
+# SLOW_DEVIATIONS of that mean's standard deviations are added to the covariance.
+SLOWER: Final = 5
+SLOW_DEVIATIONS: Final = 2.0
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**MAKING)
 def linearise_into(images, y, R, angular, predicted, e, B, N, S):  # type: ignore[no-untyped-def]
     """Predicted measurement, innovation e, B (n, m), N and S = B^T B + N, of images (2n+1, m); a status."""
     k, m = images.shape
@@ -74,9 +78,10 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):  # type: ignor
     return OK
 
 
-@njit(cache=True, error_model="numpy")
-def decide_into(kind, e, residual, B, S, R, given, gamma, scale, lasted, layer, outside, s, ratio):  # type: ignore[no-untyped-def]
-    """For each component its layer, whether it is outside of it and for how long, and the switching step s.
+@njit(**MAKING)
+def decide_into(kind, e, residual, B, S, R, limit, gamma, scale, updates_outside, layer, outside, s, ratio):  # type: ignore[no-untyped-def]
+    """For each component its layer, whether it is outside of it and for how many updates, and the switching
+    step s. `limit` (m,) is the layer's width, or (0,) for `scale` standard deviations of R.
 
     Eq 2.3.3 multiplies by e what it has divided by e, 0/0 where e = 0: here s = (|e| + gamma |residual|)
     sat(e/psi) directly. The covariance takes it for a gain, A / max(|e|, psi), held below 1 + gamma: where e is
@@ -90,7 +95,7 @@ def decide_into(kind, e, residual, B, S, R, given, gamma, scale, lasted, layer, 
             layer[a] = scale * np.sqrt(S[a, a])
             outside[a] = layer[a] < A
         else:
-            psi = given[a] if given.shape[0] > 0 else scale * np.sqrt(R[a, a])
+            psi = limit[a] if limit.shape[0] > 0 else scale * np.sqrt(R[a, a])
             layer[a] = psi
             outside[a] = size > psi
         if kind == VARIABLE:
@@ -100,19 +105,20 @@ def decide_into(kind, e, residual, B, S, R, given, gamma, scale, lasted, layer, 
             optimal = S[a, a] / known * A
             outside[a] = not optimal <= psi
             layer[a] = min(psi, optimal) if known > 0 else psi
-        lasted[a] = lasted[a] + 1 if outside[a] else 0
+        updates_outside[a] = updates_outside[a] + 1 if outside[a] else 0
         width = max(size, psi)
         s[a] = A * e[a] / width if width > 0 else 0
         ratio[a] = min(A / width, 1 + gamma) if width > 0 else 1
 
 
-@njit(cache=True, error_model="numpy")
-def lean_into(e, S, scale, fading, deviations, switching, extra):  # type: ignore[no-untyped-def]
-    """The fading mean of sat(e/psi), psi = scale sqrt(S_aa), into `switching`; the variance that explains it into
-    `extra`, zero where it is within what white innovations make of it. True if any is not.
+@njit(**MAKING)
+def find_bias_into(e, S, scale, fading, deviations, switching, extra):  # type: ignore[no-untyped-def]
+    """The fading mean of sat(e/psi), psi = scale sqrt(S_aa), into `switching`; into `extra` the variance that
+    explains it, zero where white innovations would explain it. True if any variance is not zero.
 
-    In sliding mode the mean of the switching term is what the model lacks (Utkin's equivalent control). For white
-    e that of sat(e/psi) has the variance fading / (2 - fading) / scale^2; so many `deviations` of it are allowed.
+    In sliding mode the mean of the switching term is the model's error (Utkin's equivalent control). For white
+    e the mean of sat(e/psi) has the variance fading / (2 - fading) / scale^2; `deviations` of its square root
+    are allowed.
     """
     limit = deviations / scale * np.sqrt(fading / (2 - fading))
     found = False
@@ -125,32 +131,44 @@ def lean_into(e, S, scale, fading, deviations, switching, extra):  # type: ignor
     return found
 
 
-@njit(cache=True, error_model="numpy")
-def doubt_into(L_t, B, followed, rest, doubt):  # type: ignore[no-untyped-def]
-    """G D G^T (n, n) with D the variances `rest` (m,) of those quantities that have none in `followed`, and G the
-    weighted right inverse."""
+@njit(**MAKING)
+def model_error_into(L_t, B, extra, extra_slow, model_error):  # type: ignore[no-untyped-def]
+    """G D G^T (n, n) with G the weighted right inverse and D the variances `extra_slow` (m,) of those
+    quantities whose variance in `extra` is zero."""
     G_t = right_inverse(L_t, B, True)
-    told = np.zeros_like(G_t)
+    DG_t = np.zeros_like(G_t)
     for a in range(G_t.shape[0]):
-        if followed[a] == 0:
+        if extra[a] == 0:
             for i in range(G_t.shape[1]):
-                told[a, i] = rest[a] * G_t[a, i]
-    add_transposed_product_into(told, G_t, doubt)
+                DG_t[a, i] = extra_slow[a] * G_t[a, i]
+    add_transposed_product_into(DG_t, G_t, model_error)
 
 
-@njit(cache=True, error_model="numpy")
-def update_into(  # type: ignore[no-untyped-def]  # noqa: PLR0912 - one filter's update, step by step
-    mean, P, images, y, R, residual, given, angular, kind, gamma, scale, patience, weighted, fading, lasted,
-    switching, leaning, out,
+@njit(**MAKING)
+def fits(n, images, y, R, memory, limit):  # type: ignore[no-untyped-def]
+    """Whether the arrays of one filter's update fit each other."""
+    m = y.shape[0]
+    for size in memory:
+        if size != m:
+            return False
+    return (
+        m > 0
+        and images.shape == (2 * n + 1, m)
+        and R.shape == (m, m)
+        and (limit.shape[0] == m or limit.shape[0] == 0)
+    )
+
+
+@njit(**MAKING)
+def update_into(  # type: ignore[no-untyped-def]
+    mean, P, images, y, R, residual, limit, angular, kind, gamma, scale, patience, weighted, fading,
+    updates_outside, switching, slow_switching, out,
 ):  # fmt: skip
     """One filter's update into `out`; (status, NIS)."""
-    mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected, doubt = out
+    mean_out, P_out, e, S, predicted, layer, smoothing, outside, rejected, model_error = out
     n, m = mean.shape[0], y.shape[0]
-    if images.shape[0] != 2 * n + 1 or images.shape[1] != m or R.shape[0] != m or R.shape[1] != m or m == 0:
-        return SHAPE, 0.0
-    if residual.shape[0] != m or lasted.shape[0] != m or (given.shape[0] != m and given.shape[0] != 0):
-        return SHAPE, 0.0
-    if switching.shape[0] != m or leaning.shape[0] != m:
+    memory = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
+    if not fits(n, images, y, R, memory, limit):
         return SHAPE, 0.0
     dtype = mean.dtype
     L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
@@ -167,23 +185,25 @@ def update_into(  # type: ignore[no-untyped-def]  # noqa: PLR0912 - one filter's
     s, ratio, switched = np.empty(m, dtype), np.empty(m, dtype), np.empty(m, np.bool_)
     wider = S
     if kind == ADAPTIVE:
-        extra, rest = np.empty(m, dtype), np.empty(m, dtype)
-        found = lean_into(e, S, scale, fading, scale, switching, extra)
-        if lean_into(e, S, scale, fading / SLOWER, DOUBTED, leaning, rest):
-            doubt_into(L_t, B, extra, rest, doubt)
+        extra, extra_slow = np.empty(m, dtype), np.empty(m, dtype)
+        found = find_bias_into(e, S, scale, fading, scale, switching, extra)
+        if find_bias_into(e, S, scale, fading / SLOWER, SLOW_DEVIATIONS, slow_switching, extra_slow):
+            model_error_into(L_t, B, extra, extra_slow, model_error)
         if found:
-            wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen by what it is judged
+            wider = np.empty((m, m), dtype)  # S and NIS stay the prior's: e must not widen its own yardstick
             if not widen_into(L_t, B, N, extra, wider):
                 return COVARIANCE, 0.0
-    decide_into(kind, e, residual, B, wider, R, given, gamma, scale, lasted, layer, outside, s, ratio)
+    decide_into(
+        kind, e, residual, B, wider, R, limit, gamma, scale, updates_outside, layer, outside, s, ratio
+    )  # fmt: skip
     nis = 0.0
     for a in range(m):
         nis += e[a] * white[a, 0]
-        rejected[a] = kind >= SWITCHED and outside[a] and lasted[a] < patience
+        rejected[a] = kind >= SWITCHED and outside[a] and updates_outside[a] < patience
         switched[a] = kind == FIXED or (outside[a] and not rejected[a])
         smoothing[a] = min(LARGE, S[a, a] / (S[a, a] - N[a, a])) if S[a, a] > N[a, a] else LARGE
-    K_t, step, fine = mixed(L_t, B, wider, e, s, ratio, switched, outside, weighted)
-    if not fine:
+    K_t, step, exists = mixed_gain(L_t, B, wider, e, s, ratio, switched, outside, weighted)
+    if not exists:
         return INNOVATION, 0.0
     for i in range(n):
         mean_out[i] = mean[i] + step[i]
@@ -191,20 +211,20 @@ def update_into(  # type: ignore[no-untyped-def]  # noqa: PLR0912 - one filter's
     return OK, nis
 
 
-@njit(
-    signatures(2, 3, 3, 2, 3, 2, 2, 2, 2, 2, FLAGS, types.int64, "f", "f", types.int64, types.boolean, "f"),
-    cache=True,
-    error_model="numpy",
-)
+ARRAYS: Final = (2, 3, 3, 2, 3, 2, 2, 2, 2, 2, FLAGS)
+
+
+@njit(signatures(*ARRAYS, types.int64, "f", "f", types.int64, types.boolean, "f"), **MAKING)
 def update_batch(  # type: ignore[no-untyped-def]
-    mean, P, images, y, R, residual, lasted, switching, leaning, given, angular, kind, gamma, scale, patience,
-    weighted, fading,
+    mean, P, images, y, R, residual, updates_outside, switching, slow_switching, limit, angular, kind, gamma,
+    scale, patience, weighted, fading,
 ):  # fmt: skip
     """Updates of a batch: mean (B, n), P (B, n, n), images (B, 2n+1, m), y (B, m), R (B or 1, m, m), residual,
-    lasted, switching and leaning (B, m), layers given (B or 1, m), or (1, 0) for `scale` standard deviations of R.
+    updates_outside, switching and slow_switching (B, m), limits (B or 1, m), or (1, 0) for `scale` standard
+    deviations of R.
 
-    (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii, outside, rejected, doubt, lasted,
-    switching, leaning, NIS, status).
+    (mean, covariance, innovation, S, predicted, layer, S_ii / (H P H^T)_ii, outside, rejected, model_error,
+    updates_outside, switching, slow_switching, NIS, status).
     """
     count, n = mean.shape
     m = y.shape[1]
@@ -221,27 +241,24 @@ def update_batch(  # type: ignore[no-untyped-def]
         np.empty((count, m), np.bool_),
         np.zeros((count, n, n), dtype),
     )
-    lasted, switching, leaning = lasted.copy(), switching.copy(), leaning.copy()
+    updates_outside, switching, slow_switching = updates_outside.copy(), switching.copy(), slow_switching.copy()
     nis, status = np.empty(count, dtype), OK
-    for size in (P.shape[0], images.shape[0], y.shape[0], residual.shape[0], lasted.shape[0]):
+    memory = (residual.shape[0], updates_outside.shape[0], switching.shape[0], slow_switching.shape[0])
+    for size in (P.shape[0], images.shape[0], y.shape[0], *memory):
         if size != count:
             status = SHAPE
-    for size in (switching.shape[0], leaning.shape[0]):
-        if size != count:
-            status = SHAPE
-    for size in (R.shape[0], given.shape[0]):
+    for size in (R.shape[0], limit.shape[0]):
         if size not in (1, count):
             status = SHAPE
     for b in range(count):
         if status == OK:
-            given_b = given[b % given.shape[0]]
-            R_b = R[b % R.shape[0]]
             rows = (
                 out[0][b], out[1][b], out[2][b], out[3][b], out[4][b], out[5][b], out[6][b], out[7][b], out[8][b],
                 out[9][b],
             )  # fmt: skip
             status, nis[b] = update_into(
-                mean[b], P[b], images[b], y[b], R_b, residual[b], given_b, angular, kind, gamma, scale, patience,
-                weighted, fading, lasted[b], switching[b], leaning[b], rows,
+                mean[b], P[b], images[b], y[b], R[b % R.shape[0]], residual[b], limit[b % limit.shape[0]], angular,
+                kind, gamma, scale, patience, weighted, fading, updates_outside[b], switching[b],
+                slow_switching[b], rows,
             )  # fmt: skip
-    return (*out, lasted, switching, leaning, nis, status)
+    return (*out, updates_outside, switching, slow_switching, nis, status)

@@ -15,7 +15,8 @@ from onboard.studies.csvsf_quadrotor.cases import FAULT, NOMINAL, Case, Sensor, 
 
 CONSISTENCY_EVERY: Final = 10  # steps
 HALFWAY: Final = round(FAULT / DT)  # steps
-MEMORY: Final = ("residual", "lasted", "switching", "leaning")  # what a smooth filter keeps of each sensor
+# what a smooth filter keeps of each sensor
+MEMORY: Final = ("residual", "updates_outside", "switching", "slow_switching")
 
 
 class Method(NamedTuple):

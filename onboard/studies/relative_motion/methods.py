@@ -7,7 +7,8 @@ from typing import Final, Literal
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import PAPER, Noise, initial_belief, noise_for, process_noise
+from onboard.estimators.leader.oh_johnson_noise import initial_belief, process_noise
+from onboard.estimators.leader.settings import PAPER, Noise, noise_for
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold

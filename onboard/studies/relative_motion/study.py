@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 import msgspec
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import noise_for
+from onboard.estimators.leader.settings import noise_for
 from onboard.studies.relative_motion.bound import FlightBound, bounds, over_flights
 from onboard.studies.relative_motion.claims import claims_of
 from onboard.studies.relative_motion.formation import Setting, track

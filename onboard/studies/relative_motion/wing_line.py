@@ -12,15 +12,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader import modes as _modes
 from onboard.estimators.leader import wing_line as _wing_line
-from onboard.estimators.leader import wing_line_noise
 from onboard.estimators.leader.image import AGREE_RAD, AGREE_RATIO
 from onboard.estimators.leader.modes import Modes
+from onboard.estimators.leader.settings import MANOEUVRE_MODELS
 from onboard.estimators.leader.track import TOO_WIDE
 from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.filters.belief import Belief
 from onboard.models import leader_flight, wing_line
-from onboard.models.leader_flight import Sight
+from onboard.models.leader_flight import ImageGeometry
 from onboard.models.relative_motion import N, R
 from onboard.studies.relative_motion.formation import Filter, Images, ImageUpdate, Mask, Method, Setting, Step
 from onboard.studies.relative_motion.stacked_states import put, taken
@@ -46,9 +47,7 @@ class Life(NamedTuple):
 
 def _filter(setting: Setting, delay: float) -> Filter:
     extras = Extras(delay, *_bias(setting.nav), setting.nav.velocity.sigma, middle=True)
-    own = _wing_line.Filter(
-        setting.size, setting.size_sigma, wing_line_noise.MANNERS[setting.leader_class], extras
-    )
+    own = _wing_line.Filter(setting.size, setting.size_sigma, MANOEUVRE_MODELS[setting.leader_class], extras)
     return Filter(
         partial(_start, own),
         partial(_predict, own),
@@ -94,7 +93,7 @@ def _update(own: _wing_line.Filter, state: Life, images: Images) -> ImageUpdate:
     anew = wide | given_up | (~begun & ~alike)
     modes = _chosen(fused, update.belief, state.modes)
     if anew.any():
-        before = _wing_line.believed(taken(state.modes, anew))
+        before = _modes.mixture(taken(state.modes, anew))
         for i, b in enumerate(np.flatnonzero(anew)):
             rows = np.array([b])
             known = Belief(before.mean[[i]], before.covariance[[i]]) if wide[b] else None
@@ -112,7 +111,7 @@ def _update(own: _wing_line.Filter, state: Life, images: Images) -> ImageUpdate:
 
 
 def _nine_states(state: Life) -> Belief:
-    mean, covariance = _wing_line.believed(state.modes)
+    mean, covariance = _modes.mixture(state.modes)
     unknown = state.agreeing < IMAGES
     mean, covariance = mean[:, :N].copy(), covariance[:, :N, :N].copy()
     mean[unknown], covariance[unknown] = np.nan, np.nan
@@ -121,7 +120,7 @@ def _nine_states(state: Life) -> Belief:
 
 def _delay(state: Life) -> tuple[Array, Array]:
     at = leader_flight.BASE
-    mean, covariance = _wing_line.believed(state.modes)
+    mean, covariance = _modes.mixture(state.modes)
     return mean[:, at], np.sqrt(covariance[:, at, at])
 
 
@@ -131,20 +130,20 @@ def _bias(nav: Nav) -> tuple[tuple[float, float, float], float]:
     return (sigma, sigma, sigma), nav.attitude_deg.time
 
 
-def _measured(images: Images) -> tuple[Array, Array, Sight]:
+def _measured(images: Images) -> tuple[Array, Array, ImageGeometry]:
     y, R_y, axes = wing_line.from_points(
         images.points, np.full(images.points.shape[:2], images.sigma), wing_line.M_MIDDLE
     )
-    return y, R_y, Sight(images.R_cn, images.r_FC_n, images.v_F_n, images.omega_b @ images.R_bc, axes)
+    return y, R_y, ImageGeometry(images.R_cn, images.r_FC_n, images.v_F_n, images.omega_b @ images.R_bc, axes)
 
 
-def _direction(sight: Sight) -> Array:
+def _direction(sight: ImageGeometry) -> Array:
     """Directions (B, 3) in n of the center points."""
     return np.asarray(np.einsum("bi,bij->bj", sight.axes[:, 0], sight.R_cn))
 
 
 def _is_wide(modes: Modes) -> Mask:
-    mean, covariance = _wing_line.believed(modes)
+    mean, covariance = _modes.mixture(modes)
     widest = np.linalg.eigvalsh(covariance[:, R, R])[:, -1]
     return np.asarray(widest > (TOO_WIDE * np.linalg.norm(mean[:, R], axis=1)) ** 2)
 

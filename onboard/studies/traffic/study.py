@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.config import parse_config
-from onboard.estimators.traffic.filter import FilterName
+from onboard.estimators.traffic.config import FilterName
 from onboard.messages import Estimate, TrafficTruth, Truth
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import LEAD_S, AircraftScore, Encounter, TrafficScore, score_traffic

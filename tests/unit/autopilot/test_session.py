@@ -8,9 +8,9 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.session import Session
-from onboard.clocks import OUR_TAG
 from onboard.config import AutopilotConfig
 from onboard.messages import Clock, Command, Heartbeat, TimeSync
+from onboard.messages.vehicle import OUR_TAG
 
 MS = 1_000_000
 S = 1_000_000_000

@@ -5,20 +5,27 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import psutil
 import pytest
-from numba.core.caching import CacheImpl, IndexDataCacheFile
+from numba.core.caching import CacheImpl
 
 from onboard.commands import compiling
 from onboard.commands.cli import main
-from onboard.commands.compiling import FIRST, CompileError, Module, all_modules, compile_all, needed_by_flight
+from onboard.commands.compiling import (
+    CompileError,
+    Module,
+    compile_all,
+    kernel_modules,
+    needed_by_flight,
+    path_lengths,
+)
+from onboard.filters import numba_internals
 from onboard.models import relative_motion
 
 ROOT = Path(__file__).parents[3]
@@ -29,20 +36,20 @@ LEADER_ONLY = {
 }
 
 
-def test_every_kernel_is_made_ready_and_told() -> None:
-    heard: list[tuple[int, int]] = []
+def test_every_kernel_is_made_ready_and_reported() -> None:
+    reports: list[tuple[int, int]] = []
     modules: list[Module] = []
 
-    def told(done: int, total: int, module: Module | None) -> None:
-        heard.append((done, total))
+    def on_progress(done: int, total: int, module: Module | None) -> None:
+        reports.append((done, total))
         modules.extend([module] if module is not None else [])
 
-    assert compile_all(told=told) == sorted(modules)
+    assert compile_all(on_progress=on_progress) == sorted(modules)
     assert {*LEADER_ONLY, "onboard.filters.kernels.variable_structure"} <= {module.name for module in modules}
     assert all(module.loaded + module.compiled > 0 and module.seconds > 0 for module in modules)
     assert all(Path(module.folder).is_dir() for module in modules)
-    total = len(heard)
-    assert heard == [(done, total) for done in range(1, total + 1)]
+    total = len(reports)
+    assert reports == [(done, total) for done in range(1, total + 1)]
     assert total > len(modules)  # some are only compiled where others call them
 
 
@@ -85,13 +92,27 @@ def test_a_flight_imports_no_kernels_but_those_foreseen(tmp_path: Path, scenario
         "print('imported', *sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
-    imported = {name for name in done.stdout.splitlines()[-1].split() if name in all_modules()}
+    imported = {name for name in done.stdout.splitlines()[-1].split() if name in kernel_modules()}
     assert any("kernels" in name for name in imported)
     assert imported <= needed_by_flight([sections.partition("=")[0]])
 
 
-def test_what_is_to_go_first_exists() -> None:
-    assert set(FIRST) <= all_modules()
+def test_modules_with_kernels_are_found() -> None:
+    found = kernel_modules()
+    assert {*LEADER_ONLY, "onboard.geometry.arctangent", "onboard.estimators.leader.modes"} <= found
+    assert found & {"onboard.filters.kernels.calls", "onboard.filters.compiled", compiling.__name__} == set()
+
+
+def test_the_longest_path_goes_first() -> None:
+    needs: dict[str, set[str]] = {
+        "onboard.filters.kernels.cholesky": set(),
+        "onboard.models.arc": set(),
+        "onboard.filters.kernels.gains": {"onboard.filters.kernels.cholesky"},
+    }
+    lengths = path_lengths(needs)
+    lines = {name: len(compiling._source(name).read_text(encoding="utf-8").splitlines()) for name in needs}
+    root, alone, user = needs
+    assert lengths == {root: lines[root] + lines[user], alone: lines[alone], user: lines[user]}
 
 
 def test_machine_code_older_than_a_source_is_dropped_and_nothing_else(tmp_path: Path) -> None:
@@ -106,42 +127,48 @@ def test_machine_code_older_than_a_source_is_dropped_and_nothing_else(tmp_path: 
 
 def test_the_folder_of_the_machine_code_is_known() -> None:
     """If it were not, nothing would ever be stale."""
-    assert str(compiling.kept_in("onboard.models")) == relative_motion._process.stats.cache_path
-    assert list(compiling.kept_in("onboard.models").glob("relative_motion.*.nbi"))
+    folder = compiling.cache_folder(Path(relative_motion.__file__))
+    assert folder is not None
+    assert str(folder) == relative_motion._process.stats.cache_path
+    assert list(folder.glob("relative_motion.*.nbi"))
 
 
-def test_nowhere_to_keep_it_is_told(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nowhere_to_keep_it_is_an_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
     assert main(["compile"]) == 2
     assert "NUMBA_CACHE_DIR" in capsys.readouterr().err
 
 
-def test_two_that_save_code_of_one_function_do_not_mix_it_up(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_numba_that_does_not_say_where_its_code_is_still_compiles(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("load", "save"):  # so that they are put back
-        monkeypatch.setattr(IndexDataCacheFile, name, getattr(IndexDataCacheFile, name))
-    load_index = IndexDataCacheFile._load_index
-    both_have_read = threading.Barrier(2)
-
-    def slowly(file: IndexDataCacheFile) -> dict[str, str]:
-        found: dict[str, str] = load_index(file)
-        with suppress(threading.BrokenBarrierError):
-            both_have_read.wait(0.2)
-        return found
-
-    monkeypatch.setattr(IndexDataCacheFile, "_load_index", slowly)
-    compiling.one_at_a_time(threading.Lock())
-    file = IndexDataCacheFile(str(tmp_path), "f", "stamp")
-    savers = [threading.Thread(target=file.save, args=(types, f"code for {types}")) for types in "ab"]
-    for saver in savers:
-        saver.start()
-    for saver in savers:
-        saver.join()
-    assert [file.load(types) for types in "ab"] == ["code for a", "code for b"]
+    monkeypatch.setattr(numba_internals, "cache_folder", lambda _: None)
+    assert main(["compile", str(ROOT / "configs/demo.toml")]) == 0
+    output = capsys.readouterr()
+    assert output.out.splitlines()[-1].startswith("ready in ")
+    assert "delete it yourself" in output.err
 
 
-def test_a_process_that_is_killed_is_told() -> None:
+def test_a_numba_whose_cache_cannot_be_locked_compiles_in_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+    processes = compiling._processes
+
+    def counted(count: int) -> AbstractContextManager[ProcessPoolExecutor]:
+        counts.append(count)
+        return processes(count)
+
+    monkeypatch.setattr(compiling, "_processes", counted)
+    monkeypatch.setattr(numba_internals, "can_lock_cache_files", lambda: False)
+    made = compile_all(
+        ["onboard.models.arc", "onboard.geometry.arctangent"], workers=4, on_progress=lambda *_: None
+    )
+    assert [module.name for module in made] == ["onboard.models.arc"]
+    assert counts == [1]
+
+
+def test_a_process_that_is_killed_is_an_error() -> None:
     with pytest.raises(CompileError, match="killed"), compiling._processes(1) as pool:
         pool.submit(os._exit, 9).result()
 

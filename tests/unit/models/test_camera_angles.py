@@ -1,10 +1,11 @@
-"""What the camera sees, against numbers computed by hand."""
+"""The camera's three angles, compared with numbers computed by hand."""
 
 import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import HONEST, PAPER, initial_belief
+from onboard.estimators.leader.oh_johnson_noise import initial_belief
+from onboard.estimators.leader.settings import HONEST, PAPER
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.models import camera_angles
 
@@ -39,8 +40,8 @@ def test_the_camera_may_sit_off_centre_and_turned() -> None:
     R_cn = matrix_from_euler(0.0, 0.0, np.pi / 2).T
     row = np.zeros((1, 9))
     row[0, :3], row[0, 6] = (1.0, 10.0, 0.0), 2.0
-    seen = camera_angles.measure(row, R_cn, np.array([1.0, 0.0, 0.0]))[0]
-    assert seen == pytest.approx([0.0, 0.0, 2 * np.arctan(0.1)], abs=1e-15)
+    measured = camera_angles.measure(row, R_cn, np.array([1.0, 0.0, 0.0]))[0]
+    assert measured == pytest.approx([0.0, 0.0, 2 * np.arctan(0.1)], abs=1e-15)
 
 
 def test_angles_from_points_is_eq_18() -> None:
@@ -73,8 +74,8 @@ def test_position_from_angles_inverts_measure_seed(seed: int) -> None:
     r_c = np.column_stack([rng.uniform(5, 100, 20), rng.normal(0, 20, 20), rng.normal(0, 20, 20)])
     rows = np.zeros((20, 9))
     rows[:, :3], rows[:, 6] = r_c @ R_cn + r_FC_n, rng.uniform(0.5, 5, 20)
-    seen = camera_angles.measure(rows, R_cn, r_FC_n)
-    again = camera_angles.position_from_angles(seen, rows[:, 6], R_cn, r_FC_n)
+    measured = camera_angles.measure(rows, R_cn, r_FC_n)
+    again = camera_angles.position_from_angles(measured, rows[:, 6], R_cn, r_FC_n)
     assert again == pytest.approx(rows[:, :3], rel=1e-10, abs=1e-10)
 
 

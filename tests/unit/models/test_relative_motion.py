@@ -1,4 +1,4 @@
-"""Motion of the leader relative to the follower, against circles drawn by hand and an accurate integrator."""
+"""Motion of the leader relative to the follower, compared with circles by hand and an accurate integrator."""
 
 import numpy as np
 import pytest

@@ -184,8 +184,8 @@ def scene(seed: int) -> tuple[Array, Array, Array]:
 def test_pseudoranges_by_hand() -> None:
     rows = np.zeros((1, 11))
     rows[0, [1, 9, 10]] = [10.0, 7.0, 0.5]
-    seen = pseudorange.measure(rows, np.array([[3e7, 0, 4e7]]), np.array([[0.0, 50.0, 100.0]]))
-    np.testing.assert_allclose(seen, [[5e7 + 7, -6 + 80 + 0.5]])
+    ranges = pseudorange.measure(rows, np.array([[3e7, 0, 4e7]]), np.array([[0.0, 50.0, 100.0]]))
+    np.testing.assert_allclose(ranges, [[5e7 + 7, -6 + 80 + 0.5]])
 
 
 def test_pseudorange_derivatives_and_appendix_b_as_printed_seed_6() -> None:

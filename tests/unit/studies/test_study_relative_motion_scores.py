@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import noise_for
+from onboard.estimators.leader.settings import noise_for
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.studies.relative_motion.bound import bounds
 from onboard.studies.relative_motion.formation import FT, Track

@@ -1,4 +1,4 @@
-"""Pseudoranges of other aircraft: the almanac, what is on the wire, the fix, and the tracks of them."""
+"""Pseudoranges of other aircraft: the almanac, the wire format, the fix, and their tracks."""
 
 import math
 import tomllib
@@ -75,7 +75,7 @@ def test_enough_are_up_everywhere() -> None:
 
 
 @pytest.mark.parametrize("line", ["Mean Anom(rad)", "ID", "Health"])
-def test_a_damaged_almanac_is_none(line: str) -> None:
+def test_a_damaged_almanac_is_refused(line: str) -> None:
     text = almanac.FILE.read_text()
     with pytest.raises(ValueError, match="almanac"):
         almanac.read(text.replace(line, "Nonsense", 1))
@@ -87,7 +87,7 @@ def test_a_damaged_almanac_is_none(line: str) -> None:
 
 
 def seen_from(r_e: np.ndarray, v_e: np.ndarray, seed: int, clock: float = 1e5) -> tuple[SatelliteRange, ...]:
-    """What a receiver measures there, its clock's error and a tenth of a per mille of it as drift in all."""
+    """A receiver's measurements there; its clock's drift is a ten-thousandth of its error."""
     rng, sky = np.random.default_rng(seed), almanac.satellites(GPS, 62_000.0)
     found = []
     for k in np.flatnonzero(gnss.elevations(sky.position, r_e) > math.radians(10)):
@@ -110,14 +110,14 @@ def seen_from(r_e: np.ndarray, v_e: np.ndarray, seed: int, clock: float = 1e5) -
 EPOCH = Pseudoranges(t_ns=5, clock=Clock.BOOT, peer=7, satellites=seen_from(PLACE, np.zeros(3), 1))
 
 
-def test_what_is_published_comes_back() -> None:
+def test_an_epoch_survives_encoding() -> None:
     m = decode_ranges(encode_ranges(EPOCH), 9)
     assert (m.t_ns, m.t_recv_ns, m.clock, m.peer, m.system) == (5, 9, Clock.BOOT, 7, 0)
     assert m.satellites == EPOCH.satellites
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("change", "reason"),
     [
         ({"peer": 0}, r"\$\.peer"),
         ({"t_ns": 2**70}, "t_ns"),
@@ -127,15 +127,15 @@ def test_what_is_published_comes_back() -> None:
         ({"satellites": (msgspec.structs.replace(EPOCH.satellites[0], rate=1e6),)}, r"satellites\[0\]"),
     ],
 )
-def test_what_cannot_be_names_the_field(change: dict[str, object], says: str) -> None:
-    with pytest.raises(BadDocumentError, match=says):
-        decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)  # type: ignore[arg-type]  # as said
+def test_an_impossible_epoch_is_refused_with_the_field_s_name(change: dict[str, object], reason: str) -> None:
+    with pytest.raises(BadDocumentError, match=reason):
+        decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)  # type: ignore[arg-type]  # of its type
 
 
 # ------------------------------------------------------------------------------------------------ fix
 
 
-def test_a_fix_is_within_what_it_says_seeds_0_to_199() -> None:
+def test_a_fix_is_consistent_with_its_covariance_seeds_0_to_199() -> None:
     v_e, near = np.array([10.0, -20.0, 5.0]), PLACE + np.array([3e3, -5e3, 2e3])
     off = []
     for seed in range(200):
@@ -146,7 +146,7 @@ def test_a_fix_is_within_what_it_says_seeds_0_to_199() -> None:
     assert np.mean(off) == pytest.approx(6.0, abs=0.75)  # three sigmas of the mean of 200
 
 
-def test_three_satellites_leave_one_direction_open_and_say_so() -> None:
+def test_three_satellites_leave_one_direction_open() -> None:
     fix = solve(seen_from(PLACE, np.zeros(3), 3)[:3], PLACE + np.array([30.0, -20.0, 10.0]), 5.0, 0.1)
     widths = np.sqrt(np.linalg.eigvalsh(fix.R[:3, :3]))
     assert widths[0] < 30.0
@@ -155,10 +155,10 @@ def test_three_satellites_leave_one_direction_open_and_say_so() -> None:
     assert float(e @ np.linalg.solve(fix.R[:3, :3], e)) < 16.0
 
 
-def test_a_satellite_that_lies_is_noticed() -> None:
+def test_a_satellite_with_a_false_range_is_noticed() -> None:
     satellites = seen_from(PLACE, np.zeros(3), 4)
-    liar = msgspec.structs.replace(satellites[2], pseudorange=satellites[2].pseudorange + 200.0)
-    assert not solve((*satellites[:2], liar, *satellites[3:]), PLACE, 5.0, 0.1).agree
+    faulty = msgspec.structs.replace(satellites[2], pseudorange=satellites[2].pseudorange + 200.0)
+    assert not solve((*satellites[:2], faulty, *satellites[3:]), PLACE, 5.0, 0.1).agree
 
 
 # ---------------------------------------------------------------------------------------------- tracks
@@ -170,7 +170,7 @@ def share(sky: Sky, r: np.ndarray, v: np.ndarray, seed: int, **changes: object) 
     satellites = seen_from(ecef_from_geodetic(*sky.geodetic(r)), e_from_n @ v, seed)
     t_ns = round(sky.t * 1e9)
     epoch = Pseudoranges(t_ns=t_ns, clock=Clock.BOOT, peer=7, satellites=satellites)
-    m = decode_ranges(encode_ranges(msgspec.structs.replace(epoch, **changes)), t_ns)  # type: ignore[arg-type]  # as said
+    m = decode_ranges(encode_ranges(msgspec.structs.replace(epoch, **changes)), t_ns)  # type: ignore[arg-type]  # of its type
     sky.estimator.observe(m, sky.ownship)
 
 
@@ -179,7 +179,7 @@ def test_a_peer_is_tracked_by_its_pseudoranges_under_its_number() -> None:
     for k in range(10):
         share(sky, r + v * k, v, k)
         sky.fly(1.0)
-    e = sky.told["system/7"]
+    e = sky.newest["system/7"]
     assert e.mean is not None
     assert e.covariance is not None
     off = np.array(e.mean[:3]) - (r + 10 * v - sky.own())
@@ -188,27 +188,27 @@ def test_a_peer_is_tracked_by_its_pseudoranges_under_its_number() -> None:
     assert e.intruder.sources == ("gnss",)
 
 
-def test_too_few_or_liars_begin_no_track_and_say_why() -> None:
+def test_too_few_or_faulty_satellites_begin_no_track() -> None:
     sky, r, v = Sky(), np.array([800.0, -300.0, -60.0]), np.zeros(3)
     full = seen_from(ecef_from_geodetic(*sky.geodetic(r)), v, 1)
     share(sky, r, v, 1, satellites=full[:3])
     share(sky, r, v, 1, satellites=())
-    lie = msgspec.structs.replace(full[0], pseudorange=full[0].pseudorange + 500.0)
-    share(sky, r, v, 1, satellites=(lie, *full[1:]))
+    faulty = msgspec.structs.replace(full[0], pseudorange=full[0].pseudorange + 500.0)
+    share(sky, r, v, 1, satellites=(faulty, *full[1:]))
     sky.fly(0.5)
     assert sky.verdicts == {str(Verdict.NO_POSITION): 2, str(Verdict.IMPLAUSIBLE): 1}
-    assert not sky.told
+    assert not sky.newest
 
 
-def test_its_height_is_the_ellipsoids_less_the_geoid() -> None:
+def test_its_height_is_above_the_geoid() -> None:
     sky = Sky(geoid_undulation_m=48.0)
     for k in range(8):
         share(sky, np.array([500.0, 0.0, 0.0]), np.zeros(3), k)
         sky.fly(1.0)
-    who = sky.told["system/7"].intruder
-    assert who is not None
+    intruder = sky.newest["system/7"].intruder
+    assert intruder is not None
     height = geodetic_from_ecef(ecef_from_geodetic(*sky.geodetic(np.array([500.0, 0.0, 0.0]))))[2]
-    assert who.alt_msl == pytest.approx(height - 48.0, abs=8.0)
+    assert intruder.alt_msl == pytest.approx(height - 48.0, abs=8.0)
 
 
 def fly(seed: int) -> tuple[TrafficScore, Pipeline]:
@@ -217,16 +217,16 @@ def fly(seed: int) -> tuple[TrafficScore, Pipeline]:
     del config["estimator"]["leader"]
     pipeline = Pipeline(parse_config(config))
     truth: list[TrafficTruth] = []
-    told: list[Estimate] = []
+    estimates: list[Estimate] = []
     for item in datagrams(scenario, seed, None, "none"):
         if isinstance(item, TrafficTruth):
             truth.append(item)
         elif not isinstance(item, Truth):
-            told += [e for e in pipeline.feed(item) if isinstance(e, Estimate)]
-    return score_traffic(told, truth), pipeline
+            estimates += [e for e in pipeline.feed(item) if isinstance(e, Estimate)]
+    return score_traffic(estimates, truth), pipeline
 
 
-def test_bytes_in_two_aircraft_are_known_by_pseudoranges_alone_seed_5() -> None:
+def test_two_aircraft_are_tracked_by_pseudoranges_alone_bytes_in_seed_5() -> None:
     found, pipeline = fly(5)
     assert [a.tracks for a in found.aircraft] == [("system/101",), ("system/102",)]
     assert found.swaps == ()

@@ -1,0 +1,54 @@
+"""Where the camera is, how it moves and where it points, at the time of an image."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.geometry.camera import Camera
+from onboard.geometry.units import S_PER_NS
+from onboard.ownship import Ownship
+
+RATE_NS: Final = 40_000_000  # interval over which the camera's rates are computed
+MOST_POSES: Final = 64  # kept while no own motion arrives but images do
+
+
+class CameraPose(NamedTuple):
+    """The camera at one time: its attitude R_cn (3, 3), its place r_FC_n (3,) m, F's velocity v_F_n (3,) m/s, and
+    the camera's rates omega_c (3,) rad/s."""
+
+    R_cn: Array
+    r_FC_n: Array
+    v_F_n: Array
+    omega_c: Array
+
+
+class CameraPoses:
+    """Poses of the camera on our vehicle, from our own motion. All targets in an image share one pose, so each is
+    computed once."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self._poses: dict[int, CameraPose | None] = {}
+        self._as_of: tuple[Ownship, int] | None = None
+
+    def at(self, t_ns: int, ownship: Ownship) -> CameraPose | None:
+        """The pose at a time, None where our own pose is not known."""
+        as_of = ownship, ownship.samples
+        if self._as_of != as_of or len(self._poses) >= MOST_POSES:
+            self._poses.clear()
+            self._as_of = as_of
+        if t_ns not in self._poses:
+            self._poses[t_ns] = self._compute(t_ns, ownship)
+        return self._poses[t_ns]
+
+    def _compute(self, t_ns: int, ownship: Ownship) -> CameraPose | None:
+        pose, before = ownship.pose_at(t_ns), ownship.pose_at(t_ns - RATE_NS)
+        if pose is None:
+            return None
+        camera = self.camera
+        R_cn = camera.R_bc.T @ pose.R_nb.T
+        # with the camera's axes c before and c' now, R_c'c = exp(-[rotation])
+        M = np.eye(3) if before is None else R_cn @ (before.R_nb @ camera.R_bc)
+        rotation = np.array([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
+        return CameraPose(R_cn, pose.R_nb @ camera.r_FC_b, pose.v_F_n, 0.5 * rotation / (RATE_NS * S_PER_NS))

@@ -1,0 +1,179 @@
+"""What the leader's filters assume of how a leader flies and of noise, and how `process_noise` overrides it.
+
+Plain numbers: reading a configuration imports neither NumPy nor Numba. The functions that make matrices of these
+settings stand in `wing_line_noise` and `oh_johnson_noise`.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Final, NamedTuple, TypeVar
+
+FT: Final = 0.3048
+SECTION: Final = "estimator.leader.process_noise"
+RENAMED: Final = {
+    "position_walk": "position_random_walk",
+    "velocity_walk": "velocity_random_walk",
+    "size_walk": "size_random_walk",
+    "a_lat_walk": "a_lat_random_walk",
+    "a_long_walk": "a_long_random_walk",
+    "nose_walk": "nose_random_walk",
+    "keep": "steady",
+    "keep_time": "steady_time",
+    "keeps_for": "steady_for",
+    "push": "accelerating",
+    "push_time": "accelerating_time",
+    "pushes_for": "accelerating_for",
+}
+
+
+class ManoeuvreModel(NamedTuple):
+    """How the wing-line filter assumes that a leader flies.
+
+    Values are standard deviations, unless they are named otherwise. A `_random_walk` is a process noise density:
+    the state's variance grows by its square each second. A state with a `_time` is a Gauss-Markov process with
+    that correlation time. A `_for` is the mean duration of a mode.
+
+    The leader is in one of several modes (an interacting multiple model): its speed is steady, or it is
+    accelerating along its track. A multirotor may also hover, and turn its nose to either side meanwhile. A
+    turning nose and a leader that flies away both shorten the wing in the image; only the wing's middle
+    (`Extras.middle`) distinguishes them. Without the middle there are no hovering modes.
+    """
+
+    position_random_walk: float = 0.001  # m / sqrt(s)
+    velocity_random_walk: float = 0.003  # m/s / sqrt(s)
+    size_random_walk: float = 1e-5  # fraction of the size / sqrt(s)
+    a_lat_random_walk: float = 0.28  # m/s^2 / sqrt(s)
+    a_long_random_walk: float = 0.03  # m/s^2 / sqrt(s)
+    steady: float = 0.005  # m/s^2, of a_along while the speed is steady
+    steady_time: float = 0.5  # s
+    accelerating: float = 1.0  # m/s^2, of a_along while the leader accelerates
+    accelerating_time: float = 2.0  # s
+    steady_for: float = 120.0  # s
+    accelerating_for: float = 3.0  # s
+    flies_for: float = 20.0  # s, until it hovers
+    hovers_for: float = 10.0  # s; 0: it cannot hover
+    hover: float = 0.02  # m/s, of the velocity while it hovers; the error of our own velocity adds to it
+    hover_time: float = 1.0  # s
+    straight_for: float = 20.0  # s, until a hovering leader turns its nose
+    turns_for: float = 3.0  # s
+    nose_rate: float = 0.3  # rad/s, the rate itself, to either side
+    nose_random_walk: float = 0.3  # rad / sqrt(s), of the heading while the nose turns
+    heading: float = math.radians(2.0)  # rad, of the nose about the course
+    heading_time: float = 3.0  # s
+    bank: float = math.radians(1.0)  # rad, of the bank about that of a coordinated turn
+    bank_time: float = 1.0  # s
+    hover_speed: float = 1.0  # m/s, the speed itself: below it a course means little
+    initial_velocity: float = 3.7  # m/s
+    initial_acceleration: float = 3.0  # m/s^2
+    initial_heading: float = math.radians(20.0)  # rad, about our own course
+    gate_probability: float = 0.999
+
+
+FIXED_WING: Final = ManoeuvreModel(hovers_for=0.0)
+
+# Changes its speed as freely as its course, stops, and may point its nose anywhere while it hovers.
+MULTIROTOR: Final = ManoeuvreModel(
+    velocity_random_walk=0.3,
+    a_long_random_walk=0.3,
+    steady=0.1,
+    accelerating=1.5,
+    steady_for=10.0,
+    heading=math.radians(1.0),
+    bank=math.radians(5.0),
+    initial_heading=math.radians(10.0),
+)
+
+MANOEUVRE_MODELS: Final = {"fixed_wing": FIXED_WING, "multirotor": MULTIROTOR}
+
+
+class Noise(NamedTuple):
+    """What Oh & Johnson's filter assumes of noise: standard deviations, and process noise densities
+    (`_random_walk`), of which Q = dt diag(density^2), eqs 52-53."""
+
+    position_random_walk: float  # m / sqrt(s)
+    velocity_random_walk: float  # m/s / sqrt(s)
+    size_random_walk: float  # fraction of the prior size / sqrt(s)
+    a_lat_random_walk: float  # m/s^2 / sqrt(s)
+    a_long_random_walk: float  # m/s^2 / sqrt(s)
+    initial_position: float | None  # m; None: from the first image, with the range-size correlation kept
+    initial_velocity: float  # m/s
+    initial_acceleration: float  # m/s^2
+    angles_deg: tuple[float, float, float] | None  # of the measurement; None: from the pixels' own
+    gate_probability: float | None  # None: no gate
+    hover_speed: float  # m/s, `eps` of `relative_motion.leader_acceleration`
+    initialise_images: int | None  # None: as configured
+    consider_size: bool  # carry the size's uncertainty, but let no image correct it
+
+
+PAPER: Final = Noise(
+    position_random_walk=5 * FT,
+    velocity_random_walk=10 * FT,
+    size_random_walk=0.01,
+    a_lat_random_walk=2 * FT,
+    a_long_random_walk=2 * FT,
+    initial_position=1 * FT,
+    initial_velocity=1 * FT,
+    initial_acceleration=10 * FT,
+    angles_deg=(5.0, 4.0, 3.0),
+    gate_probability=None,
+    hover_speed=0.0,
+    initialise_images=1,
+    consider_size=False,
+)
+
+# A fixed-wing leader, as the paper's: only the model's two accelerations change its velocity much.
+HONEST: Final = Noise(
+    position_random_walk=0.02 * FT,
+    velocity_random_walk=0.1 * FT,
+    size_random_walk=1e-5,
+    a_lat_random_walk=1 * FT,
+    a_long_random_walk=0.3 * FT,
+    initial_position=None,
+    initial_velocity=12 * FT,
+    initial_acceleration=10 * FT,
+    angles_deg=None,
+    gate_probability=0.999,
+    hover_speed=1.0,
+    initialise_images=None,
+    consider_size=True,
+)
+
+MULTIROTOR_VELOCITY: Final = 0.3  # m/s / sqrt(s): it accelerates and stops along its track, unknown to the model
+NOT_OVERRIDABLE: Final = {"initial_position", "angles_deg", "initialise_images", "consider_size"}
+
+
+def noise_for(noise: str, leader_class: str) -> Noise:
+    """The settings named "paper" or "honest", for a leader of class "fixed_wing" or "multirotor"."""
+    if noise == "paper":
+        return PAPER
+    if leader_class == "multirotor":
+        return HONEST._replace(velocity_random_walk=MULTIROTOR_VELOCITY)
+    return HONEST
+
+
+def settings_for(filter_: str, leader_class: str, overrides: Mapping[str, float]) -> ManoeuvreModel | Noise:
+    """The settings of a filter, "wing-line", "subtended" or "paper", with single ones overridden.
+
+    Raises ValueError, which names the key: a name that is no setting of this filter, or a value out of range.
+    """
+    if filter_ == "wing-line":
+        return _overridden(MANOEUVRE_MODELS[leader_class], overrides)
+    return _overridden(noise_for("paper" if filter_ == "paper" else "honest", leader_class), overrides)
+
+
+T = TypeVar("T", ManoeuvreModel, Noise)
+
+
+def _overridden(settings: T, overrides: Mapping[str, float]) -> T:
+    known = [name for name in settings._fields if name not in NOT_OVERRIDABLE]
+    for name, value in overrides.items():
+        key = f"{SECTION}.{name}"
+        if RENAMED.get(name) in known:
+            raise ValueError(f"{key} is now called {SECTION}.{RENAMED[name]}")
+        if name not in known:
+            raise ValueError(f"unknown key {key}; known: {', '.join(known)}")
+        if not 0 < value < math.inf:
+            raise ValueError(f"{key} must be positive and finite, not {value}")
+        if name == "gate_probability" and not value < 1:
+            raise ValueError(f"{key} must be below 1, not {value}")
+    return settings._replace(**overrides)  # type: ignore[arg-type]  # every name above is of a float

@@ -1,0 +1,100 @@
+"""How the filters call their compiled kernels: one filter is a batch of one, and a status becomes an exception."""
+
+from typing import Any, Final
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters.belief import SHAPE, FilterError, array_error, mask, raise_status
+
+# The axes that an argument has for one filter; axes before these are the batch.
+AXES: Final = {"mean": 1, "y": 1, "predicted": 1} | dict.fromkeys(
+    ("covariance", "factor", "F", "H", "Q", "R", "K", "U", "points", "process", "measure", "model"), 2
+)
+
+
+def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
+    """The outputs of a kernel without its status; leading axes of the arrays are broadcast together.
+
+    Raises FilterError, NotPositiveDefiniteError: by the status, or for arrays that no kernel takes.
+    """
+    try:
+        depths = [array.ndim - AXES[name] for name, array in arrays.items()]
+    except AttributeError as error:
+        raise array_error(**arrays) from error
+    if not any(depths):  # one filter: the usual case, and the one where microseconds count
+        return [output[0] for output in _run(kernel, options, arrays, lift=True)]
+    if min(depths) < 0:
+        raise _shape_error(arrays)
+    if max(depths) > 1:
+        lead = _batch_shape(arrays)
+        flat = {name: _flattened(array, AXES[name], lead) for name, array in arrays.items()}
+        return [output.reshape(*lead, *output.shape[1:]) for output in _run(kernel, options, flat)]
+    batch = {n: a if d else a[None] for (n, a), d in zip(arrays.items(), depths, strict=True)}
+    return _run(kernel, options, batch)
+
+
+def masks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int, ...]) -> tuple[Any, Any]:
+    """The masks of angular components of y (..., m) and of considered states of mean (..., n).
+
+    Raises FilterError.
+    """
+    try:
+        return mask(angular, y.shape[-1]), mask(considered, mean.shape[-1])
+    except (AttributeError, IndexError) as error:
+        raise array_error(y=y, mean=mean) from error
+
+
+def check_like(reference: Array, **arrays: Array) -> None:
+    """Check that arrays have the reference's precision and last two axes, and its leading axes if they have any.
+
+    Raises FilterError.
+    """
+    for name, array in arrays.items():
+        if not isinstance(array, np.ndarray) or array.dtype != reference.dtype:
+            raise array_error(mean=reference, **{name: array})
+        if array.shape[-2:] != reference.shape[-2:]:
+            raise FilterError(f"shapes do not fit: {name} {array.shape}, must be {reference.shape[-2:]}")
+        if array.ndim > 2 and array.shape != reference.shape:
+            raise FilterError(f"shapes do not fit: {name} {array.shape}, must be {reference.shape}")
+
+
+def call_as_is(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
+    """The outputs of a kernel without its status; the arrays are passed as they are.
+
+    Raises FilterError, NotPositiveDefiniteError: by the status, or for arrays that no kernel takes.
+    """
+    return _run(kernel, options, arrays)
+
+
+def _run(kernel: Any, options: tuple[Any, ...], arrays: dict[str, Array], lift: bool = False) -> list[Any]:
+    try:
+        outputs: list[Any]
+        passed = [array[None] for array in arrays.values()] if lift else arrays.values()
+        *outputs, status = kernel(*passed, *options)
+    except TypeError as error:
+        raise array_error(**arrays) from error
+    if status == SHAPE:
+        raise _shape_error(arrays)
+    if status:
+        raise_status(status)
+    return outputs
+
+
+def _batch_shape(arrays: dict[str, Array]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*[array.shape[: array.ndim - AXES[name]] for name, array in arrays.items()])
+    except ValueError as error:
+        raise _shape_error(arrays) from error
+
+
+def _flattened(array: Array, axes: int, lead: tuple[int, ...]) -> Array:
+    if array.ndim == axes:
+        return array[None]
+    core = array.shape[array.ndim - axes :]
+    return np.broadcast_to(array, lead + core).reshape(-1, *core)
+
+
+def _shape_error(arrays: dict[str, Array]) -> FilterError:
+    described = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+    return FilterError(f"shapes do not fit: {described}")

@@ -1,0 +1,172 @@
+"""Compiled arithmetic of the square-root filters, over one filter; `square_root` calls it.
+
+Everything is in the precision of the arguments, single included: no accumulator is wider.
+"""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.belief import DOWNDATE, FACTOR, IMAGES, INDEFINITE, INNOVATION, MEAN, OK, POINTS, SHAPE
+from onboard.filters.compiled import FILLING, MAKING
+from onboard.filters.kernels.cholesky import semifactor_into
+from onboard.filters.kernels.factors import downdate_into, is_factor, tria_into
+from onboard.filters.kernels.linear import innovate_into
+from onboard.filters.kernels.linearisation import centred_into, skips_centre
+
+
+@njit(**FILLING)
+def spread_into(mean, lower, gamma, points):  # type: ignore[no-untyped-def]
+    """Sigma points of one filter into `points` (2n+1, n); a status."""
+    n = mean.shape[0]
+    if not is_factor(lower):
+        return FACTOR
+    for i in range(n):
+        if not np.isfinite(mean[i]):
+            return MEAN
+        points[0, i] = mean[i]
+        for j in range(n):
+            offset = gamma * lower[i, j] if j <= i else mean.dtype.type(0)
+            points[1 + j, i] = points[0, i] + offset
+            points[1 + n + j, i] = points[0, i] - offset
+    return OK
+
+
+@njit(**FILLING)
+def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):  # type: ignore[no-untyped-def]
+    """Mean (n,) and factor (n, n) of one filter's points (2n+1, n) plus noise (eqs 20-22), with scratch `extra`
+    (n, 2n+1) and `centre` (n,), and the mask `no_angles` (n,), all False; a status."""
+    size, n = points.shape
+    if Q.shape != (n, n) or size != 2 * n + 1:
+        return SHAPE
+    root, root_centre = np.sqrt(w), np.sqrt(abs(w_cov))
+    if not centred_into(points, w, skips_centre(points, w_cov), no_angles, mean, extra):
+        return POINTS
+    if not semifactor_into(Q, L):
+        return INDEFINITE
+    for i in range(n):
+        centre[i] = root_centre * extra[i, 0]
+        extra[i, 0] = centre[i] if w_cov > 0 else points.dtype.type(0)
+        for s in range(1, size):
+            extra[i, s] *= root
+    tria_into(L, extra)
+    return OK if w_cov >= 0 or downdate_into(L, centre) else DOWNDATE
+
+
+@njit(**MAKING)
+def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):  # type: ignore[no-untyped-def]
+    """Deviations of the images in two parts, each pair of opposite points rotated by 45 degrees: the odd part
+    (m, n), which is the slope times the prior's factor, and the factor V (m, m) of R plus the even part, which
+    no straight line explains. Their sum odd odd^T + V V^T is the innovation's covariance, and `root` its factor
+    (eqs 25, 26). A negative centre weight is in `root`, by a downdate, but not in V; a status."""
+    m, n = odd.shape
+    d, even = np.empty((m, 2 * n + 1), odd.dtype), np.empty((m, n + 1), odd.dtype)
+    if not centred_into(images, w, skips_centre(images, w_cov), angular, predicted, d):
+        return IMAGES
+    if not semifactor_into(R, V):
+        return INDEFINITE
+    share, centre = np.sqrt(odd.dtype.type(0.5) * w), np.sqrt(abs(w_cov))
+    column = np.empty(m, odd.dtype)
+    for a in range(m):
+        column[a] = centre * d[a, 0]
+        even[a, n] = column[a] if w_cov > 0 else odd.dtype.type(0)
+        for i in range(n):
+            odd[a, i] = share * (d[a, 1 + i] - d[a, 1 + n + i])
+            even[a, i] = share * (d[a, 1 + i] + d[a, 1 + n + i])
+    tria_into(V, even)
+    root[:] = V
+    tria_into(root, odd.copy())
+    if w_cov < 0 and not downdate_into(root, column):
+        return DOWNDATE
+    return OK if is_factor(root) else INNOVATION
+
+
+@njit(**MAKING)
+def gain_into(L, odd, root, innovation, considered, K, U, S):  # type: ignore[no-untyped-def]
+    """Gain K (n, m), U = K root (n, m) and S = root root^T (m, m), with the factor L of the prior (eqs 27, 28);
+    the NIS."""
+    n, m = K.shape
+    nis = L.dtype.type(0)
+    for a in range(m):
+        for b in range(m):
+            S[a, b] = 0.0
+            for c in range(min(a, b) + 1):
+                S[a, b] += root[a, c] * root[b, c]
+    white = np.empty(m, L.dtype)
+    for a in range(m):
+        white[a] = innovation[a]
+        for b in range(a):
+            white[a] -= root[a, b] * white[b]
+        white[a] /= root[a, a]
+        nis += white[a] * white[a]
+    for i in range(n):
+        for a in range(m):  # U = P_xz root^-T, with P_xz = L odd^T
+            U[i, a] = 0.0
+            if considered[i]:
+                continue
+            for j in range(i + 1):
+                U[i, a] += L[i, j] * odd[a, j]
+            for b in range(a):
+                U[i, a] -= root[a, b] * U[i, b]
+            U[i, a] /= root[a, a]
+        for a in range(m - 1, -1, -1):
+            K[i, a] = U[i, a]
+            for b in range(a + 1, m):
+                K[i, a] -= root[b, a] * K[i, b]
+            K[i, a] /= root[a, a]
+    return nis
+
+
+@njit(**MAKING)
+def joseph_into(L, slope, K, V, out):  # type: ignore[no-untyped-def]
+    """out := tria[L - K slope, K V]: eq 32, transposed as it must be. The slope (m, n) is H L; K V V^T K^T is
+    the noise that the gain admits. `out` may be L."""
+    n, m = K.shape
+    extra = np.empty((n, n + m), L.dtype)
+    for i in range(n):
+        for j in range(n):
+            extra[i, j] = L[i, j] if j <= i else L.dtype.type(0)
+            out[i, j] = 0.0
+            for a in range(m):
+                extra[i, j] -= K[i, a] * slope[a, j]
+        for c in range(m):
+            extra[i, n + c] = 0.0
+            for a in range(c, m):
+                extra[i, n + c] += K[i, a] * V[a, c]
+    tria_into(out, extra)
+
+
+@njit(**MAKING)
+def correct_into(  # type: ignore[no-untyped-def]
+    points,
+    L,
+    images,
+    y,
+    R,
+    w_cov,
+    w,
+    angular,
+    considered,
+    odd,
+    V,
+    root,
+    mean_out,
+    L_out,
+    K,
+    U,
+    innovation,
+    S,
+    predicted,
+):
+    """Update of one filter by triangularisation; (status, NIS). `odd`, `V` and `root` as in `linearise_into`."""
+    status = linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root)
+    if status == OK:
+        status = innovate_into(y, predicted, angular, innovation)
+    if status != OK:
+        return status, points.dtype.type(0)
+    nis = gain_into(L, odd, root, innovation, considered, K, U, S)
+    for i in range(K.shape[0]):
+        mean_out[i] = points[0, i]
+        for a in range(K.shape[1]):
+            mean_out[i] += K[i, a] * innovation[a]
+    joseph_into(L, odd, K, V, L_out)
+    return OK, nis

@@ -1,0 +1,79 @@
+"""Everything that is used of Numba's internals, which it neither documents nor promises to keep.
+
+Each function says what its caller gets from a Numba that lacks the internal: slower code or less comfort, but
+the same numbers. pyproject.toml bounds Numba's version, and tests/unit/filters/test_numba_internals.py tries
+each internal with the version installed, and each fallback without it. Nothing of Numba is imported before a
+function is called.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+
+def without_reference_counts() -> dict[str, Any]:
+    """The option of `njit` that switches the counting of references to arrays off; {} if Numba has none.
+
+    With it the compiler refuses a function that creates an array.
+    """
+    try:
+        from numba.core.options import DefaultOptions  # noqa: PLC0415 - an internal, which may be gone
+    except ImportError:
+        return {}
+    return {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
+
+
+def lock_cache_files(lock: Any) -> bool:
+    """Let this process read and write Numba's cache files only while it holds `lock` (a context manager), from now
+    on. False, with nothing changed, if Numba's cache cannot be locked: then only one process may compile.
+
+    A function inlined in several modules is compiled for each one's types. To save one, Numba reads the function's
+    index, adds the next free number, and writes index and code. Two processes at once would take the same number,
+    and one would find the other's code under its own types.
+    """
+    files = _cache_files()
+    if files is None:
+        return False
+    for name in ("load", "save"):
+        setattr(files, name, _locked(getattr(files, name), lock))
+    return True
+
+
+def can_lock_cache_files() -> bool:
+    """Whether `lock_cache_files` works with this Numba."""
+    return _cache_files() is not None
+
+
+def cache_folder(source: Path) -> Path | None:
+    """The folder in which Numba caches the machine code of functions in the file `source`; None if this Numba does
+    not say.
+
+    Raises RuntimeError if there is no folder that can be written to.
+    """
+    try:
+        from numba.core.caching import FunctionCache  # noqa: PLC0415 - half a second, and an internal
+    except ImportError:
+        return None
+    cache: Any = FunctionCache
+    function = FunctionType((lambda: None).__code__.replace(co_filename=str(source)), {}, "function")
+    folder = getattr(cache(function), "cache_path", None)
+    return None if folder is None else Path(folder)
+
+
+def _cache_files() -> Any:
+    """Numba's class that reads and writes the cache files of a function, or None."""
+    try:
+        from numba.core.caching import IndexDataCacheFile  # noqa: PLC0415 - half a second, and an internal
+    except ImportError:
+        return None
+    files: Any = IndexDataCacheFile
+    return files if hasattr(files, "load") and hasattr(files, "save") else None
+
+
+def _locked(method: Callable[..., Any], lock: Any) -> Callable[..., Any]:
+    def locked(*arguments: Any) -> Any:
+        with lock:
+            return method(*arguments)
+
+    return locked

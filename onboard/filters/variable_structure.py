@@ -1,0 +1,174 @@
+"""What the smooth variable structure filters share: their state, their update's record, and the call of their
+kernel.
+
+`smooth_variable_structure` and `cubature_smooth` are the filters.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters import belief as beliefs
+from onboard.filters import cubature
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, mask, over_rows
+from onboard.filters.kernels import variable_structure as kernels
+from onboard.filters.kernels.calls import call_as_is
+from onboard.filters.unscented_transform import sigma_points
+
+GAMMA: Final = 0.1  # the convergence rate
+
+
+class State(NamedTuple):
+    """A belief, mean (..., n) and covariance (..., n, n); the residual (..., m) after the last update; and for how
+    many updates each component has been outside of its layer (..., m). Before the first update m is 0.
+
+    The adaptive form has more: the fading mean of sat(e/layer) (..., m); one that fades more slowly; and the
+    covariance (..., n, n) of the model's error that the slow mean finds, which widens the belief but not the gain.
+    """
+
+    mean: Array
+    covariance: Array
+    residual: Array
+    updates_outside: Array
+    switching: Array
+    slow_switching: Array
+    model_error: Array
+
+
+class LayerUpdate(NamedTuple):
+    """`belief.Update`'s five fields, the boundary layer (..., m) in units of the measurement, and masks (...,
+    m) of the components that were outside of it and of those that were rejected."""
+
+    belief: Any
+    innovation: Array
+    innovation_covariance: Array
+    predicted: Array
+    nis: Any
+    layer: Array
+    outside: Any
+    rejected: Any
+
+
+class Settings(NamedTuple):
+    """What makes the filters differ: the kind of layer (FIXED to ADAPTIVE of the kernels); its width, `scale`
+    standard deviations of R, or for SWITCHED and ADAPTIVE of the innovation; for how many updates an exceedance
+    must last (`patience`); the convergence rate gamma; whether the right inverse is weighted by the covariance;
+    and the newest update's share in the mean of sat(e/layer) (`fading`)."""
+
+    kind: int
+    scale: float
+    patience: int = 1
+    gamma: float = GAMMA
+    weighted: bool = True
+    fading: float = 0.0
+
+
+def start(mean: Array, covariance: Array) -> State:
+    """The state before any measurement: mean (..., n), covariance (..., n, n).
+
+    Raises FilterError.
+    """
+    empty = np.zeros((*beliefs.start(mean, covariance).mean.shape[:-1], 0), mean.dtype)
+    return State(mean, covariance, empty, empty, empty, empty, np.zeros_like(covariance))
+
+
+def belief(state: State) -> Belief:
+    """Mean, and covariance with that of the model's error in it."""
+    return Belief(state.mean, state.covariance + state.model_error)
+
+
+def predict(state: State, process: Rows, Q: Array) -> State:
+    """Time update over cubature points (eqs 2.2.1-2.2.4). `process` maps rows (k, n) -> (k, n), Q is (..., n, n).
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    mean, covariance = cubature.predict(Belief(state.mean, state.covariance), process, Q)
+    return state._replace(mean=mean, covariance=covariance)
+
+
+def correct(
+    state: State,
+    y: Array,
+    measure: Rows,
+    R: Array,
+    angular: tuple[int, ...],
+    settings: Settings,
+    layer: Array | None = None,
+) -> tuple[LayerUpdate, Array]:
+    """Measurement update, and the ratio S_ii / (H P H^T)_ii (..., m) of eq 3.1. `layer` (..., m) is in place of
+    `scale` standard deviations.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    _check(settings, layer)
+    mean, P, residual, updates_outside, switching, slow_switching, _ = state
+    points = sigma_points(Belief(mean, P), cubature.weights(mean.shape[-1]))
+    images = over_rows(measure, points)
+    if not isinstance(y, np.ndarray) or y.ndim != mean.ndim:
+        raise FilterError(f"y: must be an array, with the axes of the mean {mean.shape}: has {np.shape(y)}")
+    # of the first measurement, or of one of another sensor, nothing is known yet
+    if residual.shape != y.shape or updates_outside.shape != y.shape:
+        residual = updates_outside = switching = slow_switching = np.zeros_like(y, mean.dtype)
+    angles = mask(angular, y.shape[-1])
+    outputs = call_as_is(
+        kernels.update_batch,
+        *(angles, settings.kind, settings.gamma, settings.scale, settings.patience, settings.weighted),
+        settings.fading,
+        mean=_batch(mean, 1),
+        covariance=_batch(P, 2),
+        measure=_batch(images, 2),
+        y=_batch(y, 1),
+        R=_batch(R, 2),
+        residual=_batch(residual, 1),
+        updates_outside=_batch(updates_outside, 1),
+        switching=_batch(switching, 1),
+        slow_switching=_batch(slow_switching, 1),
+        layer=_batch(np.empty(0, mean.dtype) if layer is None else layer, 1),
+    )
+    if mean.ndim == 1:
+        outputs = [output[0] for output in outputs]
+    mean, P, e, S, predicted, width, ratio, outside, rejected, model_error = outputs[:10]
+    updates_outside, switching, slow_switching, nis = outputs[10:]
+    residual = wrapped(y - over_rows(measure, mean[..., None, :])[..., 0, :], angles)
+    after = State(mean, P, residual, updates_outside, switching, slow_switching, model_error)
+    nis = nis if nis.ndim else float(nis)
+    return LayerUpdate(after, e, S, predicted, nis, width, outside, rejected), ratio
+
+
+def _check(settings: Settings, layer: Array | None) -> None:
+    if not 0 <= settings.gamma < 1:
+        raise FilterError(f"gamma: must be in [0, 1), not {settings.gamma}")
+    if not settings.scale >= 0:
+        raise FilterError(f"sigmas, kappa: must not be negative, not {settings.scale}")
+    if layer is not None and not (np.asarray(layer) >= 0).all():
+        raise FilterError("layer: must be (m,) and not negative")
+
+
+def method(
+    name: str,
+    update: Callable[..., LayerUpdate],
+    functions: tuple[Any, Any, Any] = (start, predict, belief),
+    exempt: dict[str, str] | None = None,
+) -> Method:
+    """A filter as every method is called, with the five fields of `Update` alone. `functions` are start,
+    predict and belief."""
+
+    def update_(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
+        return Update(*update(state, y, measure, R, angular)[:5])
+
+    return Method(name, functions[0], functions[1], update_, functions[2], None, exempt or {})
+
+
+def wrapped(difference: Array, angular: Any) -> Array:
+    """Differences (..., m) with those of angles (a mask (m,)) in [-pi, pi]."""
+    if not angular.any():
+        return difference
+    turns = np.where(angular, np.rint(difference / (2 * np.pi)), 0).astype(difference.dtype)
+    return np.asarray(difference - 2 * np.pi * turns)
+
+
+def _batch(array: Any, axes: int) -> Any:
+    """An array of one filter as a batch of one. What is no array stays as it is: the kernel's caller names it."""
+    return array[None] if isinstance(array, np.ndarray) and array.ndim == axes else array

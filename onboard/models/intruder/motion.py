@@ -1,0 +1,129 @@
+"""Another aircraft's motion in a Cartesian frame n.
+
+State rows: [r_OT_n (3), v_T_n (3), a_T_n (3), bias (3), attitude_error (3)], SI. The acceleration is Singer's
+(1970): it decays with a time constant and is driven by white noise; gusts add to the velocity. Where the aircraft
+keeps its turn, the acceleration rotates with the velocity (`propagate`).
+
+`bias` is the steady error of the positions that the aircraft reports (its GNSS, its altimeter, the age of its
+reports), in units of the standard deviation expected of that kind of report. `attitude_error` is the rotation
+(rad, about n's axes) of everything that our radar measures, because our own attitude is wrong, or what remains of
+that rotation after registration. Both are first-order Gauss-Markov processes. They can be distinguished only where
+reports and echoes of one aircraft are available. Without them, an error that lasts for seconds or minutes would be
+averaged as if every measurement had an independent one.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters.discretisation import van_loan
+
+N: Final = 15
+R: Final = slice(0, 3)
+V: Final = slice(3, 6)
+A: Final = slice(6, 9)
+BIAS: Final = slice(9, 12)
+ATTITUDE_ERROR: Final = slice(12, 15)
+SLOWEST: Final = 5.0  # m/s: below it a turn rate is not defined well ...
+FASTEST_TURN: Final = 0.5  # rad/s: ... and none is larger
+COMPONENTS: Final = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down")
+UNITS: Final = ("m", "m", "m", "m/s", "m/s", "m/s")
+FRAME: Final = "n (local NED at our vehicle), the other aircraft relative to us"
+
+
+class MotionModel(NamedTuple):
+    """`acceleration`: standard deviation on each axis (3,), m/s^2, with time constant `acceleration_time`, s;
+    `keeps_turn`: whether it rotates with the velocity. `gust`: random walk of the velocity on each axis (3,), m/s
+    per square root of a second. `drift`: random walk of the error of our own position, and so of all positions
+    measured from it, m per square root of a second. `bias_time`: time constant of the bias, s."""
+
+    acceleration: Array
+    acceleration_time: float
+    keeps_turn: bool
+    gust: Array
+    drift: float
+    bias_time: float
+
+
+class Step(NamedTuple):
+    """The transition over `dt` seconds: x' = F x + noise of covariance Q, both (15, 15), or Q (k, 15, 15) for
+    tracks that differ; `keeps_turn` as in `MotionModel`. `drift`: the variance (m^2) that it adds to the error of
+    our own position."""
+
+    F: Array
+    Q: Array
+    dt: float
+    keeps_turn: bool
+    drift: float
+
+
+def step(dt: float, model: MotionModel) -> Step:
+    """The transition over `dt` > 0 seconds and its noise. The attitude error and the correlations of report errors
+    are added by `onboard.models.intruder.attitude_error`.
+
+    Raises FilterError.
+    """
+    decay = 1.0 / model.acceleration_time
+    axis = van_loan(
+        np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -decay]]),
+        np.diag([0.0, 0.0, 2.0 * decay]),
+        dt,
+    )
+    F, Q = np.zeros((N, N)), np.zeros((N, N))
+    F[:9, :9], Q[:9, :9] = np.kron(axis.F, np.eye(3)), np.kron(axis.Q, np.diag(model.acceleration**2))
+    random_walk = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
+    Q[:6, :6] += np.kron(random_walk, np.diag(model.gust**2))
+    drift = model.drift**2 * dt
+    Q[R, R] += drift * np.eye(3)
+    F[BIAS, BIAS] = np.exp(-dt / model.bias_time) * np.eye(3)
+    Q[BIAS, BIAS] = (1.0 - np.exp(-2.0 * dt / model.bias_time)) * np.eye(3)
+    return Step(F, Q, dt, model.keeps_turn, drift)
+
+
+def propagate(rows: Array, step: Step) -> Array:
+    """State rows (k, 15) a step later, without noise. Where the aircraft keeps its turn, its horizontal
+    acceleration is that at the middle of the step and rotates with the velocity: steps much shorter than a turn
+    give an arc."""
+    if not step.keeps_turn:
+        return np.asarray(rows @ step.F.T)
+    angle = 0.5 * step.dt * turn_rate(rows[:, V], rows[:, A])
+    c, s = np.cos(angle), np.sin(angle)
+    later = _rotate_acceleration(rows.copy(), c, s) @ step.F.T
+    return _rotate_acceleration(later, c, s)
+
+
+def _rotate_acceleration(rows: Array, c: Array, s: Array) -> Array:
+    """The same rows, their horizontal accelerations rotated to the right by angles of these cosines and sines
+    (k,)."""
+    north, east = rows[:, 6].copy(), rows[:, 7].copy()
+    rows[:, 6], rows[:, 7] = c * north - s * east, s * north + c * east
+    return rows
+
+
+def turn_rate(v: Array, a: Array) -> Array:
+    """Rate (k,) at which the course of velocities (k, 3) turns to the right under accelerations (k, 3), rad/s."""
+    speed2 = np.maximum(v[:, 0] ** 2 + v[:, 1] ** 2, SLOWEST**2)
+    rate = (v[:, 0] * a[:, 1] - v[:, 1] * a[:, 0]) / speed2
+    return np.asarray(np.clip(rate, -FASTEST_TURN, FASTEST_TURN))
+
+
+def backward_transition(lag: float) -> Array:
+    """Matrix (9, 9) from position, velocity and acceleration to those `lag` seconds before, at constant
+    acceleration."""
+    return np.kron(np.array([[1.0, -lag, 0.5 * lag * lag], [0.0, 1.0, -lag], [0.0, 0.0, 1.0]]), np.eye(3))
+
+
+def earlier_position(rows: Array, lag: Array) -> Array:
+    """Position (k, 3) `lag` (k,) seconds before, at constant acceleration."""
+    back = lag[:, None]
+    return np.asarray(rows[:, R] - back * rows[:, V] + 0.5 * back * back * rows[:, A])
+
+
+def displacement(means: Array, covariances: Array, lag: Array) -> tuple[Array, Array]:
+    """The way (k, 3) of the last `lag` (k,) seconds, by beliefs (k, 15) and (k, 15, 15), and its covariance
+    (k, 3, 3)."""
+    t, half = lag[:, None], 0.5 * lag[:, None] ** 2
+    of_velocity = t[..., None] * covariances[:, V, :] - half[..., None] * covariances[:, A, :]
+    spread = t[..., None] * of_velocity[:, :, V] - half[..., None] * of_velocity[:, :, A]
+    return t * means[:, V] - half * means[:, A], spread

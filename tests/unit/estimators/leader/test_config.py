@@ -1,0 +1,107 @@
+"""`[estimator.leader]` finds every mistake by itself, and imports no numerics for that."""
+
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.config import ConfigError, load_config
+from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.settings import (
+    FIXED_WING,
+    HONEST,
+    MULTIROTOR,
+    NOT_OVERRIDABLE,
+    PAPER,
+    RENAMED,
+    ManoeuvreModel,
+    Noise,
+    settings_for,
+)
+
+ROOT = Path(__file__).parents[4]
+KEY = "estimator.leader.process_noise"
+
+
+def test_the_configuration_is_read_without_numerics() -> None:
+    code = "import onboard.estimators.leader.config, sys; print({'numpy', 'numba'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize(
+    "timeouts",
+    [
+        {"coast_after_s": 3.0},
+        {"validity_timeout_s": 0.1},
+        {"validity_timeout_s": 11.0},
+        {"reset_timeout_s": 1.0},
+    ],
+)
+def test_timeouts_out_of_order_are_refused(timeouts: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="coast_after_s <= validity_timeout_s <= reset_timeout_s must hold"):
+        Config(**timeouts)
+    assert Config(coast_after_s=2.0, validity_timeout_s=2.0, reset_timeout_s=2.0)
+
+
+@pytest.mark.parametrize("chosen", ["wing-line", "subtended", "paper"])
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("walk", 2.0, f"unknown key {KEY}.walk; known: position_random_walk, velocity_random_walk, "),
+        ("angles_deg", 2.0, f"unknown key {KEY}.angles_deg; known: "),
+        ("velocity_random_walk", 0.0, f"{KEY}.velocity_random_walk must be positive and finite, not 0.0"),
+        ("velocity_random_walk", -1.0, f"{KEY}.velocity_random_walk must be positive and finite, not -1.0"),
+        ("velocity_random_walk", math.nan, f"{KEY}.velocity_random_walk must be positive and finite, not nan"),
+        ("velocity_random_walk", math.inf, f"{KEY}.velocity_random_walk must be positive and finite, not inf"),
+        ("gate_probability", 1.0, f"{KEY}.gate_probability must be below 1, not 1.0"),
+        ("velocity_walk", 1.0, f"{KEY}.velocity_walk is now called {KEY}.velocity_random_walk"),
+    ],
+)
+def test_an_unusable_override_is_refused_by_its_key(chosen: Any, name: str, value: float, reason: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(reason)}"):
+        Config(filter=chosen, process_noise={"hover_speed": 1.0, name: value})
+
+
+def test_a_setting_of_the_other_filter_is_unknown() -> None:
+    assert Config(process_noise={"accelerating": 2.5}).process_noise == {"accelerating": 2.5}
+    for name in ("accelerating", "push"):
+        with pytest.raises(ValueError, match=rf"^unknown key {KEY}\.{name}; known: "):
+            Config(filter="paper", process_noise={name: 2.5})
+
+
+def test_every_old_name_is_answered_with_a_setting_there_is() -> None:
+    assert set(RENAMED.values()) <= {*ManoeuvreModel._fields, *Noise._fields}
+    assert not set(RENAMED) & {*ManoeuvreModel._fields, *Noise._fields}
+    for old, new in RENAMED.items():
+        with pytest.raises(ConfigError, match=rf"{KEY}\.{old} is now called {KEY}\.{new}$"):
+            load_config(None, (f"{KEY}.{old}=1.0",))
+
+
+def test_overrides_replace_single_settings() -> None:
+    for chosen, leader_class, default in (
+        ("wing-line", "multirotor", MULTIROTOR),
+        ("wing-line", "fixed_wing", FIXED_WING),
+        ("subtended", "fixed_wing", HONEST),
+        ("paper", "multirotor", PAPER),
+    ):
+        assert settings_for(chosen, leader_class, {}) == default
+        changed = settings_for(chosen, leader_class, {"velocity_random_walk": 0.5, "gate_probability": 0.9})
+        assert changed == default._replace(velocity_random_walk=0.5, gate_probability=0.9)
+
+
+def test_only_numbers_can_be_overridden() -> None:
+    for settings in (MULTIROTOR, HONEST):
+        for name, value in settings._asdict().items():
+            assert isinstance(value, float) == (name not in NOT_OVERRIDABLE), name
+
+
+@pytest.mark.parametrize("degrees", [1.0, 2.0, 5.0, 10.0, 20.0])
+def test_angles_are_numpys_to_the_last_bit(degrees: float) -> None:
+    """The settings were NumPy's once; recorded flights depend on them."""
+    assert math.radians(degrees) == np.radians(degrees)

@@ -1,0 +1,177 @@
+"""Several aircraft in one camera, with and without ids; and images that show nothing new."""
+
+import math
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.estimators.leader import estimator as leader
+from onboard.estimators.leader.image import Image, prepare
+from onboard.geometry.camera import make_camera
+from onboard.messages import Attitude, Lifecycle, Message, TargetPoints, Verdict
+from onboard.ownship import Ownship
+from tests.support.streams import MS, Flight, Item, S, Stream, encode, feed, make_config
+
+NEAR, FAR = Flight(radius=None, gap=25.0), Flight(radius=None, gap=40.0, size=3.0)
+SIDE = 0.25  # rad: the second aircraft is so far to the right in the image
+
+
+def second(message: TargetPoints, target: str, flight: Flight = FAR) -> TargetPoints:
+    """The same image's points of another aircraft, to the right."""
+    center, left, right = ((u + SIDE, v) for u, v in flight.points(message.t_ns / S).tolist())
+    return replace(message, target=target, center=center, left=left, right=right)
+
+
+def two_aircraft(first_id: str, second_id: str, t1: float = 8.0) -> list[Item]:
+    items = []
+    for item in Stream(flight=NEAR, t1=t1).items():
+        m = item.message
+        if isinstance(m, TargetPoints):
+            items += [
+                Item(item.t_recv_ns, replace(m, target=first_id)),
+                Item(item.t_recv_ns, second(m, second_id)),
+            ]
+        else:
+            items.append(item)
+    return items
+
+
+def test_each_target_is_followed_by_its_id() -> None:
+    run = feed(encode(two_aircraft("leader", "target/1")))
+    last = {e.target: e for e in run.estimates}
+    assert set(last) == {"leader", "target/1"}
+    for name, gap in (("leader", 25.0), ("target/1", 40.0 * 2.0 / 3.0)):  # configured: 2 m; the second is 3 m wide
+        assert last[name].state is Lifecycle.TRACKING
+        assert np.linalg.norm(last[name].mean[:3] if last[name].mean else []) == pytest.approx(gap, rel=0.08)
+
+
+def estimator(*settings: str) -> leader.Estimator:
+    config = make_config(*settings).estimator["leader"]
+    return leader.Estimator(config, make_camera(f_px=554.256, width_px=640, height_px=480))
+
+
+def play(one: leader.Estimator, items: list[Item]) -> Ownship:
+    ownship = Ownship(max_extrapolation=0.1)
+    for _, m in items:
+        if not ownship.receive(m, m.t_ns):
+            one.observe(m, ownship)
+        else:
+            one.tick(ownship)
+    return ownship
+
+
+def test_images_without_an_id_go_to_the_track_whose_prediction_they_fit() -> None:
+    one = estimator()
+    items = sorted(two_aircraft("", ""), key=lambda i: i.message.t_ns)
+    ownship = play(one, items)
+    estimates = {e.target: e for e in one.tick(ownship)}
+    assert sorted(estimates) == ["leader", "unnamed/1"]
+    bearings = sorted(round(float(np.arctan2(e.mean[1], e.mean[0])), 2) for e in estimates.values() if e.mean)
+    assert bearings == pytest.approx([0.0, np.arctan(SIDE)], abs=0.02)
+
+
+def test_another_aircraft_without_an_id_that_comes_later_begins_a_track_of_its_own() -> None:
+    def there(item: Item) -> bool:
+        m = item.message
+        return not isinstance(m, TargetPoints) or abs(m.center[0]) < 0.1 or m.t_ns > 7 * S
+
+    one = estimator()
+    items = sorted(filter(there, two_aircraft("", "")), key=lambda i: i.message.t_ns)
+    estimates = {e.target: e for e in one.tick(play(one, items))}
+    assert [estimates[name].state for name in ("leader", "unnamed/1")] == [Lifecycle.TRACKING] * 2
+
+
+def test_there_are_no_more_targets_than_allowed() -> None:
+    one = estimator("estimator.leader.max_targets=2")
+    ownship = Ownship(max_extrapolation=0.1)
+    verdicts: dict[str, set[Verdict]] = {}
+    for item in Stream(flight=NEAR, t1=6.0).items():
+        m = item.message
+        if isinstance(m, TargetPoints):
+            for k in range(4):
+                (e,) = one.observe(replace(m, target=f"target/{k}"), ownship)
+                assert e.measurement is not None
+                verdicts.setdefault(e.target, set()).add(e.measurement.verdict)
+        else:
+            ownship.receive(m, m.t_ns)
+    assert {e.target for e in one.tick(ownship) if e.valid} == {"target/0", "target/1"}
+    assert [Verdict.FULL in verdicts[f"target/{k}"] for k in range(4)] == [False, False, True, True]
+
+
+def test_a_target_long_gone_is_forgotten() -> None:
+    one = estimator()
+
+    def stays(m: Message) -> bool:
+        return not (isinstance(m, TargetPoints) and m.target == "target/1" and m.t_ns > 7 * S)
+
+    items = [i for i in two_aircraft("leader", "target/1", 22.0) if stays(i.message)]
+    ownship = play(one, sorted(items, key=lambda i: i.message.t_ns))
+    assert [e.target for e in one.tick(ownship)] == ["leader"]
+
+
+def test_a_camera_that_hangs_is_not_taken_for_an_aircraft() -> None:
+    """From 7 s on every image repeats the same points under new stamps, while we turn."""
+    swaying = Flight(radius=150.0, gap=25.0)
+    frozen = swaying.image(7 * S)
+
+    def hang(item: Item) -> Item:
+        m = item.message
+        if isinstance(m, TargetPoints) and m.t_ns > 7 * S:
+            m = replace(m, center=frozen.center, left=frozen.left, right=frozen.right)
+        return Item(item.t_recv_ns, m)
+
+    run = feed(encode(hang(i) for i in Stream(flight=swaying, t1=12.0).items()))
+    stale = [r for r in run.reports if r.verdict is Verdict.STALE]
+    assert stale
+    assert min(r.t_ns for r in stale) == pytest.approx(7.5 * S, abs=100 * MS)
+    assert not any(e.valid for e in run.estimates if e.t_ns > 10 * S)
+
+
+def test_points_at_the_edge_of_the_image_are_rejected() -> None:
+    run = feed(
+        encode(Stream(flight=NEAR, t1=6.0).items()), make_config("camera.width_px=40", "camera.height_px=400")
+    )
+    assert set(run.verdicts()) == {Verdict.OUT_OF_VIEW}
+
+
+def test_a_lost_leader_out_of_view_gives_that_as_the_reason() -> None:
+    """From 7 s on we look 70 degrees to the right, and see nothing."""
+
+    def away(item: Item) -> Item:
+        m = item.message
+        if isinstance(m, Attitude) and m.t_ns > 7 * S:
+            m = replace(m, q_nb=(math.cos(0.6), 0.0, 0.0, math.sin(0.6)))
+        return Item(item.t_recv_ns, m)
+
+    run = feed(encode(away(i) for i in Stream(flight=NEAR, t1=10.0, images=lambda t: t < 7.0).items()))
+    lost = [e for e in run.estimates if e.state is Lifecycle.LOST]
+    assert {e.reason for e in lost} == {
+        "no image fused within the validity timeout, and it should be outside the view"
+    }
+    assert {e.state_since_ns for e in lost} == {lost[0].t_ns}
+    assert not any(e.valid for e in lost)
+
+
+def test_an_unusable_image_without_an_id_starts_no_track() -> None:
+    one = estimator()
+    ownship = play(one, sorted(two_aircraft("", ""), key=lambda i: i.message.t_ns))
+    bad = replace(NEAR.image(ownship.now_ns), target="", center=(math.nan, 0.0))
+    (estimate,) = one.observe(bad, ownship)
+    assert estimate.measurement is not None
+    assert estimate.measurement.verdict is Verdict.NOT_FINITE
+    assert estimate.target == "leader"
+    assert len(one.tick(ownship)) == 2
+
+
+def test_an_image_is_compared_with_tracks_near_its_direction_and_with_all_without_a_recent_image() -> None:
+    one = estimator()
+    ownship = play(one, sorted(two_aircraft("leader", "target/1"), key=lambda i: i.message.t_ns))
+    image = prepare(NEAR.image(ownship.now_ns), ownship, one._poses, one._filter, 1.0)
+    assert isinstance(image, Image)
+    assert [t.target for t in one._candidates(image)] == ["leader"]
+    for later in (ownship.now_ns + 200 * MS, ownship.now_ns + 400 * MS):
+        for m in (NEAR.attitude(later), NEAR.position(later)):
+            ownship.receive(m, later)
+        one.tick(ownship)
+    assert [t.target for t in one._candidates(image)] == ["leader", "target/1"]

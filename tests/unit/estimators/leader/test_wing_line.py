@@ -1,0 +1,104 @@
+"""The wing-line filter's modes, its noise of a delay and a velocity both unknown, and a leader that hovers."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from onboard.estimators.leader import modes as leader_modes
+from onboard.estimators.leader import wing_line
+from onboard.estimators.leader import wing_line_noise as noise
+from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR, ManoeuvreModel
+from onboard.estimators.leader.wing_line import Filter
+from onboard.estimators.leader.wing_line_noise import Extras
+from onboard.models import leader_flight as flight
+from onboard.models.leader_flight import ImageGeometry
+from onboard.models.relative_motion import R, V
+from onboard.studies.relative_motion.formation import FT, Setting, track
+from onboard.studies.relative_motion.scores import truth_of
+from onboard.studies.relative_motion.variants import BY_NAME, scenario_of, setting_of
+from onboard.studies.relative_motion.wing_line import WING_LINE
+from simlink.flights import fly_many
+
+
+@pytest.mark.parametrize("largest", [0.0, 1e-6, 0.02, 0.3, 12.0])
+def test_the_exponential_of_rates_is_scipys_seed_5(largest: float) -> None:
+    rates = np.random.default_rng(5).uniform(0.0, 1.0, (5, 5))
+    x = largest * (rates - np.diag(rates.sum(axis=1)))
+    np.testing.assert_allclose(noise._exponential(x), expm(x), rtol=1e-11, atol=1e-15)
+
+
+@pytest.mark.parametrize("extras", [Extras(), Extras(middle=True)])
+@pytest.mark.parametrize("model", [FIXED_WING, MULTIROTOR])
+def test_transition_probabilities_are_those_of_a_markov_chain(model: ManoeuvreModel, extras: Extras) -> None:
+    step, double = (noise.transition_probabilities(model, extras, dt) for dt in (0.02, 0.04))
+    np.testing.assert_allclose(step.sum(axis=1), 1.0, rtol=1e-12)
+    assert step.min() >= 0.0
+    np.testing.assert_allclose(step @ step, double, rtol=1e-12)
+    modes = len(noise.mode_parameters(model, extras))
+    assert modes == len(step) == len(noise.process_noise(model, extras, 2.0, 0.02))
+    assert modes == (5 if model is MULTIROTOR and extras.middle else 2)
+
+
+def test_a_hovering_leader_keeps_its_heading_or_turns_right_or_left() -> None:
+    parameters = noise.mode_parameters(MULTIROTOR, Extras(middle=True))
+    rate = MULTIROTOR.nose_rate
+    assert [p.nose_rate for p in parameters] == [0.0, 0.0, 0.0, rate, -rate]
+    assert [p.hover_time < np.inf for p in parameters] == [False, False, True, True, True]
+
+
+def test_without_the_wings_middle_there_are_no_hovering_modes() -> None:
+    """A nose that turns could not be distinguished from a leader that flies away."""
+    assert not noise.can_hover(MULTIROTOR, Extras())
+    assert noise.can_hover(MULTIROTOR, Extras(middle=True))
+    assert not noise.can_hover(FIXED_WING, Extras(middle=True))
+
+
+def test_a_hovering_leader_drifts_by_the_error_of_our_own_velocity() -> None:
+    exact, wrong = (
+        noise.process_noise(MULTIROTOR, Extras(middle=True, own_velocity=sigma), 2.0, 100.0)[2][V, V]
+        for sigma in (0.0, 0.1)
+    )
+    np.testing.assert_allclose(np.sqrt(np.diag(exact)), MULTIROTOR.hover, rtol=1e-9)  # in the long run
+    np.testing.assert_allclose(np.sqrt(np.diag(wrong)), np.hypot(MULTIROTOR.hover, 0.1), rtol=1e-9)
+
+
+def test_a_delay_and_a_velocity_both_unknown_blur_the_direction_by_their_product() -> None:
+    """By drawing both: the variance of delay times velocity over the distance, beyond what each does alone."""
+    n, rng = flight.N_DELAY, np.random.default_rng(4)
+    mean, P = np.zeros((1, n)), np.zeros((1, n, n))
+    mean[0, R], mean[0, V], mean[0, flight.BASE] = (25.0, 0.0, 0.0), (1.0, 2.0, -1.0), 0.05
+    at = [*range(V.start, V.stop), flight.BASE]
+    root = rng.normal(size=(4, 4)) * np.array([1.0, 2.0, 1.5, 0.1])[:, None]
+    P[np.ix_([0], at, at)] = root @ root.T
+    geometry = ImageGeometry(
+        np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 3)), np.eye(3)[None]
+    )
+    ours = wing_line._delay_noise(leader_modes.start(mean, P, np.ones(1)), geometry, 6)[0]
+    drawn = rng.multivariate_normal(np.zeros(4), root @ root.T, 400_000)
+    products = drawn[:, 3:] * drawn[:, 1:3] / 25.0
+    np.testing.assert_allclose(ours[:2, :2], np.cov(products.T), rtol=0.03, atol=1e-6)
+    for i in (0, 4):
+        for j in (0, 4):
+            np.testing.assert_array_equal(ours[i : i + 2, j : j + 2], ours[:2, :2])
+    assert not ours[2:4].any()
+
+
+def test_a_leader_that_hovers_and_turns_its_nose_stays_where_it_is_seeds_1_to_3() -> None:
+    variant = BY_NAME["hover"]
+    scenario = scenario_of(variant)
+    flights = fly_many(scenario, [1, 2, 3], duration=40.0)
+    found = track(flights, setting_of(variant, scenario), WING_LINE)
+    for b in range(3):
+        error = found.mean[b, :, R] - truth_of(flights.one(b))[:, R]
+        late = flights.nav_t > 26.0  # yawed by 30 degrees and more; taken for distance, 4 m and then 25 m
+        assert np.sqrt(np.mean(np.sum(error[late] ** 2, axis=1))) < 1.0
+
+
+def test_settings_of_the_study_include_the_error_of_our_own_velocity() -> None:
+    variant = BY_NAME["h"]
+    setting: Setting = setting_of(variant, scenario_of(variant))
+    assert setting.nav.velocity.sigma == pytest.approx(0.33 * FT)
+
+
+def test_a_filter_measures_the_middle_only_if_the_center_is_there() -> None:
+    assert (Filter(2.0, 0.04).m, Filter(2.0, 0.04, extras=Extras(middle=True)).m) == (4, 6)

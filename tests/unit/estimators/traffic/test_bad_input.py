@@ -1,0 +1,125 @@
+"""What the tracker rejects, and the reasons: reports, floods, settings."""
+
+import math
+import subprocess
+import sys
+import tracemalloc
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.estimators.traffic.config import Config
+from onboard.estimators.traffic.estimator import Estimator
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import RadarScan
+from tests.support.traffic import CAMERA, NAME, NORTH, R0, V0, Sky, fly_with_reports, mean
+
+
+@pytest.mark.parametrize(
+    ("changes", "verdict"),
+    [
+        ({"tslc": 6.0}, "stale"),
+        ({"lat_deg": None}, "no_position"),
+        ({"lon_deg": None}, "no_position"),
+        ({"altitude": None}, "no_position"),
+        ({"lat_deg": 91.0}, "implausible"),
+        ({"lon_deg": 181.0}, "implausible"),
+        ({"lat_deg": math.nan}, "implausible"),
+        ({"altitude": 40_000.0}, "implausible"),
+        ({"altitude": math.inf}, "implausible"),
+        ({"ground_speed": 400.0}, "implausible"),
+        ({"climb": math.nan}, "implausible"),
+        ({"icao": 0}, "implausible"),
+        ({"icao": 0x1000000}, "implausible"),
+        ({"icao": 0xABCDEF}, "ourselves"),
+    ],
+    ids=str,
+)
+def test_a_report_that_cannot_be_used_is_counted_by_its_reason(changes: dict[str, object], verdict: str) -> None:
+    sky = Sky(own_icao="abCDef")
+    fly_with_reports(sky, 3, **changes)
+    assert sky.newest == {}
+    assert sky.verdicts == {verdict: 3}
+
+
+def test_without_our_own_position_nothing_is_tracked() -> None:
+    sky = Sky()
+    fresh = Estimator(Config(), CAMERA)
+    fresh.observe(sky.adsb(R0, V0), sky.ownship)
+    t_ns = round(sky.t * NS_PER_S)
+    fresh.observe(RadarScan(t_ns=t_ns, t_recv_ns=0, radar="x", frame="ned", detections=()), sky.ownship)
+    assert dict(fresh.verdicts) == {"no_pose": 1}
+    assert fresh.tick(sky.ownship) == []
+
+
+def test_a_repeated_report_is_not_fused() -> None:
+    sky = Sky()
+    fly_with_reports(sky, 5)
+    last = sky.adsb(R0 + V0 * sky.t, V0)
+    sky.receive(last)
+    sky.fly(1.0)
+    before = sky.newest[NAME].age
+    for k in (1, 2):
+        sky.receive(replace(last, t_ns=round(sky.t * NS_PER_S), tslc=float(k)))
+        sky.fly(1.0)
+    assert sky.verdicts["duplicate"] == 2
+    age = sky.newest[NAME].age
+    assert before is not None
+    assert age is not None
+    assert age > before + 1.9
+
+
+def test_a_spoofed_jump_does_not_move_the_track() -> None:
+    sky = Sky()
+    fly_with_reports(sky, 8)
+    for jump in (5000.0, -8000.0):
+        sky.receive(sky.adsb(R0 + V0 * sky.t + [jump, 0, 0], V0))
+        sky.fly(1.0)
+        np.testing.assert_allclose(mean(sky.newest[NAME])[:3], R0 + V0 * sky.t, atol=3.0)
+    assert sky.verdicts["implausible"] == 2
+    fly_with_reports(sky, 3)
+    assert set(sky.newest) == {NAME}
+    assert sky.newest[NAME].reset_count == 0
+
+
+def test_the_number_of_tracks_is_limited() -> None:
+    sky = Sky(max_tracks=2)
+    for k in range(5):
+        sky.receive(sky.adsb(R0 + 1000.0 * k * NORTH, V0, icao=k + 1))
+    sky.fly(0.2)
+    assert len(sky.newest) == 2
+    assert sky.verdicts == {"initialising": 2, "full": 3}
+
+
+def test_a_flood_of_reports_loses_its_newest_and_takes_no_memory() -> None:
+    sky = Sky()
+    report = sky.adsb(R0, V0)
+    for _ in range(5000):
+        sky.receive(report)
+    tracemalloc.start()
+    try:
+        for _ in range(10_000):
+            sky.receive(report)
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert sky.verdicts == {"full": 10_000}
+    assert kept < 100_000  # bytes: kept, the reports would be millions
+    sky.fly(0.2)
+    assert sky.verdicts["full"] == 10_000
+    assert sum(sky.verdicts.values()) == 15_000
+    assert len(sky.newest) == 1
+
+
+def test_a_configuration_that_contradicts_itself_is_refused() -> None:
+    with pytest.raises(ValueError, match="coast_after_s"):
+        Config(coast_after_s=20.0)
+    with pytest.raises(ValueError, match="confirm_hits"):
+        Config(confirm_hits=11)
+
+
+def test_reading_a_configuration_loads_no_numerics() -> None:
+    code = "import onboard.estimators.traffic.config, sys; print({'numpy', 'numba', 'scipy'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

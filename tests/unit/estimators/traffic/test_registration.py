@@ -1,0 +1,135 @@
+"""The error of our own attitude, estimated from aircraft with echoes and reports: against truth drawn from the
+model, and against reports that must not be believed."""
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from onboard.estimators.traffic.registration import MAX_ANCHORS, AnchorEcho, Registration
+from onboard.estimators.traffic.reports import Report
+from onboard.geometry.units import NS_PER_S
+from tests.support.registration import (
+    AHEAD,
+    CONFIG,
+    MESSAGE,
+    PRIOR_SIGMA,
+    RADAR,
+    World,
+    after_scans,
+    covariance_of,
+)
+
+
+def test_the_rotation_is_estimated_with_a_consistent_covariance_seeds_1_to_120() -> None:
+    nees, errors = [], []
+    for seed in range(1, 121):
+        world = World(8, seed)
+        registration = after_scans(world, 31)
+        off = world.rotation - registration.rotation
+        nees.append(off @ np.linalg.solve(covariance_of(registration), off))
+        errors.append(off)
+    assert np.sqrt(np.mean(np.square(errors))) < 0.25 * np.mean(PRIOR_SIGMA)
+    assert 2.25 < np.mean(nees) < 3.75  # 120 times three degrees of freedom, 99.9 %
+
+
+def test_an_error_of_our_own_position_is_not_taken_for_a_rotation_seeds_1_to_120() -> None:
+    config = structs.replace(CONFIG, own_position_sigma_m=8.0)
+    nees = []
+    for seed in range(1, 121):
+        world = World(6, seed, own_sigma=8.0, north=2000.0)
+        registration = after_scans(world, 4, config)
+        off = world.rotation - registration.rotation
+        nees.append(off @ np.linalg.solve(registration._belief.covariance[:3, :3], off))
+    assert 2.25 < np.mean(nees) < 3.75
+
+
+def test_each_report_has_noise_of_its_own_seeds_1_to_120() -> None:
+    """One anchor's reports: were their noise taken for a single error, they would not be averaged."""
+    nees = []
+    for seed in range(1, 121):
+        world = World(1, seed, north=1500.0, white=8.0)
+        registration = after_scans(world, 41)
+        off = (world.rotation - registration.rotation)[1:]
+        nees.append(off @ np.linalg.solve(registration._belief.covariance[1:3, 1:3], off))
+    assert 1.4 < np.mean(nees) < 2.6  # 120 times two, 99.9 %
+
+
+def test_the_residual_is_due_to_biases_and_our_own_position_by_hand() -> None:
+    """Four anchors 1000 m north, without noise of radar and reports: the yaw that they leave open."""
+    world = World(4, 1)
+    world.places = np.tile([1000.0, 0.0, 0.0], (4, 1)) + RADAR
+    registration = Registration(CONFIG)
+    place, exact = world.places[0], 1e-4 * np.eye(3)
+    reports = [
+        Report(r.key, 0, np.r_[place, np.zeros(3)], 1e-4 * np.eye(6), r.bias_sigma, MESSAGE) for r in world.reports
+    ]
+    echoes = [AnchorEcho(k, place, place, exact, report) for k, report in enumerate(reports)]
+    registration.advance(0)
+    registration.advance(NS_PER_S)
+    registration.update(NS_PER_S, echoes, RADAR)
+    theirs = 3.0**2 - 1.0**2  # 3 m relative to us, of which 1 m is ours
+    yaw = 1.0 / (1.0 / PRIOR_SIGMA[2] ** 2 + 1000.0**2 / (theirs / 4 + 1.0**2))
+    by_them = yaw * (1.0 - yaw / PRIOR_SIGMA[2] ** 2)  # not by the rotation's own motion
+    assert registration.residual.covariance[2, 2] == pytest.approx(by_them, rel=1e-3)
+    moved = 1.0 - np.exp(-2.0 / CONFIG.own_attitude_time_s)  # within a second, about their direction
+    along = PRIOR_SIGMA[0] ** 2 / (1.0 + moved) ** 2
+    assert registration.residual.covariance[0, 0] == pytest.approx(along, rel=1e-3)
+    # about their direction it changes as fast as our attitude, elsewhere nearly as slowly as their biases
+    assert np.sort(registration.residual.times)[0] < 1.2 * CONFIG.own_attitude_time_s
+    assert np.sort(registration.residual.times)[1] > 0.7 * CONFIG.report_bias_time_s / 2
+
+
+def test_the_covariance_of_rotation_and_bias_is_that_of_their_errors_seeds_1_to_400() -> None:
+    """The first anchor's, with a bias of 3 m and our own of 3 m, against errors drawn from the model."""
+    off, covariances, bias = [], [], np.full((2, 3), np.hypot(3.0, 3.0))
+    config = structs.replace(CONFIG, own_position_sigma_m=3.0)
+    for seed in range(1, 401):
+        world = World(3, seed, own_sigma=3.0)
+        world.bias = bias[0, 0]
+        world.places = np.array([[2000.0, 0.0, 0.0], [2000.0, 100.0, 0.0], [0.0, 2500.0, 0.0]])
+        world.reports = [world.report(k, 0) for k in range(3)]
+        registration = after_scans(world, 8, config)
+        relative = (world.biases[0] - world.own) / bias[0]
+        off.append(np.outer(world.rotation - registration.rotation, relative))
+        shared = registration.covariance_with_bias([7, 0], bias)  # the other is no anchor
+        covariances.append(shared[1])
+        np.testing.assert_array_equal(shared[0], 0.0)
+    expected = np.mean(covariances, axis=0)
+    assert expected[2, 1] > 3e-4  # two of them, 3 m in 2000
+    assert expected[1, 2] < -3e-4
+    error = np.std(off, axis=0) / np.sqrt(len(off))
+    np.testing.assert_array_less(np.abs(np.mean(off, axis=0) - expected), 3.3 * error)
+
+
+def test_the_residual_shrinks_with_more_anchors() -> None:
+    sizes = [np.trace(after_scans(World(count, 7), 6).residual.covariance) for count in (0, 1, 3, MAX_ANCHORS)]
+    assert sizes[0] == pytest.approx(np.sum(PRIOR_SIGMA**2))
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[-1] < 0.02 * sizes[0]
+    more = after_scans(World(3 * MAX_ANCHORS, 7), 6)
+    assert np.all(np.isfinite(more.rotation))
+    assert len(more._anchors) == MAX_ANCHORS
+
+
+def test_an_anchor_with_a_false_position_is_left_out_seed_5() -> None:
+    honest, spoofed = World(6, 5), World(6, 5)
+    spoofed.places = np.vstack([spoofed.places, [4000.0, 3000.0, -50.0]])
+    spoofed.biases = np.vstack([spoofed.biases, [-90.0, 120.0, 0.0]])
+    spoofed.reports.append(spoofed.report(6, 0))
+    registration = after_scans(spoofed, 60)
+    assert registration.residual.covariance == pytest.approx(
+        after_scans(honest, 60).residual.covariance, rel=0.02, abs=1e-9
+    )
+    off = spoofed.rotation - registration.rotation
+    assert off @ np.linalg.solve(covariance_of(registration), off) < 11.3  # 99 % of three
+
+
+def test_without_anchors_the_rotation_decays_to_its_prior_seed_6() -> None:
+    registration = after_scans(World(6, 6), 31)
+    known = registration.rotation.copy()
+    for number in range(31, 200):
+        registration.advance(number * NS_PER_S // 10)
+        assert registration.update(number * NS_PER_S // 10, [], RADAR) is None
+    np.testing.assert_allclose(registration.residual.covariance, np.diag(PRIOR_SIGMA**2))
+    np.testing.assert_allclose(registration.rotation, known * np.exp(-16.9 / 10.0), rtol=1e-6)
+    np.testing.assert_array_equal(registration.echo_jitter(AHEAD, np.eye(3)), 0.0)

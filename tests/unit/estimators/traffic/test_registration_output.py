@@ -1,0 +1,95 @@
+"""What registration gives to the radar and to the tracks: the corrected attitude, jitter, and corrections."""
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from onboard.estimators.traffic.registration import Registration
+from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector
+from onboard.geometry.units import NS_PER_S
+from onboard.models.intruder import measurement
+from tests.support.registration import (
+    CONFIG,
+    PRIOR_SIGMA,
+    RADAR,
+    World,
+    after_scans,
+)
+
+
+def test_the_mean_of_scans_is_no_better_than_the_reports_that_they_share_seeds_1_to_60() -> None:
+    """The rotation's error is mostly that of reports, each in ten scans. Its mean over two seconds, the tracks'
+    averaging time, must agree with residual and jitter."""
+    config = structs.replace(CONFIG, report_bias_m=0.3, own_position_sigma_m=0.05)
+    ratios = []
+    for seed in range(1, 61):
+        world, registration = World(8, seed, own_sigma=0.05, white=8.0, bias=0.3), Registration(config)
+        off, expected = [], []
+        for number in range(40):
+            registration.advance(number * NS_PER_S // 10)
+            registration.update(number * NS_PER_S // 10, world.scan(number), RADAR)
+            if number >= 20:
+                off.append(world.rotation - registration.rotation)
+                expected.append(registration._jitter)
+        spread = registration.residual.covariance + np.mean(expected, axis=0) / len(off)
+        mean = np.mean(off, axis=0)
+        ratios.append(mean @ np.linalg.solve(spread, mean) / 3.0)
+    assert 0.6 < np.mean(ratios) < 1.33  # the upper one at 99.9 % of 60 times three
+
+
+def test_jitter_is_the_effect_of_random_rotations_on_echoes_seed_12() -> None:
+    registration, rng = after_scans(World(6, 12), 31), np.random.default_rng(12)
+    R_rn = matrix_from_quaternion(quaternion_from_vector([0.3, -0.2, 1.0]))
+    polar = np.array([[1000.0, 0.3, 0.1], [3000.0, -2.0, -0.8], [500.0, 3.0, 0.5]])
+    sigma = registration.echo_jitter(polar, R_rn)
+    positions, echoes = measurement.position(polar, np.zeros(3), R_rn), []
+    for w in rng.multivariate_normal(np.zeros(3), registration._jitter, 4000):
+        rows = np.pad(positions + np.cross(w, positions), ((0, 0), (0, 12)))
+        echoes.append(measurement.echo(rows, np.zeros(3), np.zeros(3), R_rn))
+    np.testing.assert_allclose(np.std(echoes, axis=0)[:, 1:], sigma[:, 1:], rtol=0.05)
+    np.testing.assert_array_equal(sigma[:, 0], 0.0)
+    assert np.all(np.isfinite(registration.echo_jitter(np.array([[100.0, 0.0, np.pi / 2]]), R_rn)))
+
+
+def test_a_time_before_the_last_one_changes_nothing_seed_6() -> None:
+    registration = after_scans(World(6, 6), 11)
+    before = registration.rotation.copy()
+    registration.advance(0)
+    np.testing.assert_array_equal(registration.rotation, before)
+
+
+def test_the_radar_s_attitude_is_corrected_by_the_rotation_seed_8() -> None:
+    registration = after_scans(World(8, 8), 11)
+    w = registration.rotation
+    R_rn = matrix_from_quaternion(quaternion_from_vector([0.3, -0.2, 1.0]))
+    d = np.array([1000.0, -500.0, 100.0])
+    np.testing.assert_allclose(registration.corrected(R_rn) @ d, R_rn @ (d + np.cross(w, d)), atol=1.0)
+
+
+def test_tracks_are_corrected_at_once_and_then_seldom_seed_9() -> None:
+    world, registration = World(8, 9), Registration(CONFIG)
+    corrections = []
+    for number in range(50):
+        registration.advance(number * NS_PER_S // 10)
+        corrections.append(registration.update(number * NS_PER_S // 10, world.scan(number), RADAR))
+    assert corrections[0] is not None
+    np.testing.assert_array_less(np.abs(corrections[0].mean), 3.0 * PRIOR_SIGMA)
+    assert sum(x is not None for x in corrections[1:]) <= 2
+
+
+def test_tracks_are_not_corrected_by_the_rotation_s_last_step_seed_11() -> None:
+    """A correction is of the rotation in the tracks' positions; its step since the last scan is in none of
+    them."""
+    world, registration = World(8, 11), Registration(CONFIG)
+    world.places[0] = [3000.0, 0.0, 0.0]
+    world.reports[0] = world.report(0, 0)
+    for number in range(20):
+        registration.advance(number * NS_PER_S // 10)
+        registration.update(number * NS_PER_S // 10, world.scan(number)[:1], RADAR)
+    registration.advance(2 * NS_PER_S)
+    before = registration.rotation.copy()
+    correction = registration.update(2 * NS_PER_S, world.scan(20), RADAR)
+    assert correction is not None  # the rotation about the first anchor's direction is new
+    moved = registration.rotation - before
+    assert correction.mean[0] == pytest.approx(moved[0], rel=0.2)
+    assert abs(correction.mean[2]) < 0.9 * abs(moved[2])

@@ -1,0 +1,146 @@
+"""The tracker's estimates from reports and from echoes, anywhere on Earth."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import AltitudeType, Lifecycle, PeerPosition, ThreatLevel
+from tests.support.traffic import HOME, ICAO, NAME, R0, V0, Sky, fly_with_reports, fly_with_scans, mean
+
+
+@pytest.mark.parametrize("filter_", ["kf", "ekf", "ukf", "srukf", "imm"])
+def test_reports_alone_give_position_and_velocity_relative_to_us(filter_: str) -> None:
+    sky = Sky(speed=20.0, course_deg=30.0, filter=filter_)
+    fly_with_reports(sky, 12)
+    e = sky.newest[NAME]
+    assert (e.state, e.valid, e.name) == (Lifecycle.TRACKING, True, "traffic")
+    own_v = sky.own() / sky.t
+    np.testing.assert_allclose(mean(e)[:3], R0 + V0 * sky.t - sky.own(), atol=1.5)
+    np.testing.assert_allclose(mean(e)[3:], V0 - own_v, atol=0.3)
+    assert e.intruder is not None
+    assert (e.intruder.icao, e.intruder.system, e.intruder.sources) == (ICAO, None, ("adsb",))
+    np.testing.assert_allclose(e.intruder.v_n, V0, atol=0.3)
+    lat, lon, height = sky.geodetic(R0 + V0 * sky.t)
+    assert (e.intruder.lat_deg, e.intruder.lon_deg) == (pytest.approx(lat, abs=2e-5), pytest.approx(lon, abs=3e-5))
+    assert e.intruder.alt_msl == pytest.approx(height, abs=2.0)
+
+
+@pytest.mark.parametrize("filter_", ["kf", "ekf", "ukf", "srukf", "imm"])
+def test_a_radar_alone_makes_a_track_and_finds_its_velocity(filter_: str) -> None:
+    sky = Sky(speed=20.0, course_deg=60.0, filter=filter_)
+    fly_with_scans(sky, 100, (R0, V0))
+    (e,) = [e for e in sky.newest.values() if e.valid]
+    assert e.target.startswith("radar/")
+    np.testing.assert_allclose(mean(e)[:3], R0 + V0 * sky.t - sky.own(), atol=3.0)
+    np.testing.assert_allclose(mean(e)[3:] + sky.own() / sky.t, V0, atol=1.5)
+    assert sky.verdicts["fused"] == 99
+
+
+def test_the_age_of_a_report_is_taken_into_account() -> None:
+    """4 s old, a report of 60 m/s is of a place 240 m behind."""
+    sky, fast = Sky(adsb_latency_s=0.0, max_tslc_s=10.0), np.array([60.0, 0.0, 0.0])
+    for _ in range(8):
+        sky.receive(sky.adsb(R0 + fast * (sky.t - 4.5), fast, tslc=4.0))
+        sky.fly(1.0)
+    np.testing.assert_allclose(mean(sky.newest[NAME])[:3], R0 + fast * sky.t, atol=4.0)
+
+
+def test_a_late_report_is_as_good_as_one_in_time() -> None:
+    prompt, late = Sky(), Sky(adsb_latency_s=0.4)
+    for _ in range(10):
+        prompt.receive(prompt.adsb(R0 + V0 * prompt.t, V0))
+        late.receive(late.adsb(R0 + V0 * (late.t - 0.4), V0))
+        prompt.fly(1.0)
+        late.fly(1.0)
+    np.testing.assert_allclose(mean(late.newest[NAME]), mean(prompt.newest[NAME]), atol=0.2)
+
+
+def test_another_vehicle_on_mavlink_is_traffic_by_its_system_number() -> None:
+    sky = Sky()
+    for _ in range(20):
+        lat, lon, height = sky.geodetic(R0 + V0 * sky.t)
+        t_ns = round(sky.t * NS_PER_S)
+        v = (float(V0[0]), float(V0[1]), float(V0[2]))
+        sky.receive(
+            PeerPosition(t_ns=t_ns, t_recv_ns=t_ns, system=7, lat_deg=lat, lon_deg=lon, alt_msl=height, v_n=v)
+        )
+        sky.fly(0.2)
+    e = sky.newest["system/7"]
+    assert e.valid
+    assert e.intruder is not None
+    assert (e.intruder.system, e.intruder.icao) == (7, None)
+    # configured to be 0.05 s old
+    np.testing.assert_allclose(mean(e)[:3], R0 + V0 * (sky.t + 0.05), atol=0.5)
+
+
+def test_closest_approach_and_threat() -> None:
+    """Head on at 50 + 20 m/s with 60 m between the lines: in 1400 / 70 s."""
+    sky = Sky(speed=20.0)
+    r0, v = np.array([1400.0 + 70 * 6.2 - 50 * 0.0, 60.0, 0.0]), np.array([-50.0, 0.0, 0.0])
+    fly_with_reports(sky, 6, r0, v)
+    e = sky.newest[NAME]
+    assert e.intruder is not None
+    a = e.intruder.approach
+    assert a.time == pytest.approx(20.0, abs=0.2)
+    assert a.distance == pytest.approx(60.0, abs=4 * a.distance_sigma)
+    assert a.horizontal == pytest.approx(60.0, abs=15.0)
+    assert a.vertical == pytest.approx(0.0, abs=15.0)
+    assert a.threat is ThreatLevel.HIGH
+    assert 1.0 < a.distance_sigma < 30.0
+
+
+def test_each_track_is_published_ten_times_a_second_with_sequence_numbers() -> None:
+    sky = Sky()
+    fly_with_reports(sky, 10)
+    numbers = [e.sequence for e in sky.published]
+    assert numbers == list(range(1, len(numbers) + 1))
+    assert len(numbers) == pytest.approx(100, abs=2)
+
+
+@pytest.mark.parametrize(
+    "home",
+    [
+        (0.0, 180.0, 100.0),
+        (-17.0, 179.999, 100.0),
+        (89.99, 30.0, 100.0),
+        (-89.995, -120.0, 3000.0),
+        (90.0, 0.0, 100.0),
+        (-90.0, 0.0, 100.0),
+        (0.0, 0.001, 100.0),
+    ],
+)
+def test_poles_and_antimeridian_are_places_like_others(home: tuple[float, float, float]) -> None:
+    """The aircraft flies over the pole, or the antimeridian, or the equator, as it passes us."""
+    sky = Sky(home)
+    r0, v = np.array([-300.0, 900.0, -50.0]), np.array([10.0, -60.0, 0.0])
+    fly_with_reports(sky, 20, r0, v)
+    e = sky.newest[NAME]
+    np.testing.assert_allclose(mean(e)[:3], r0 + v * sky.t, atol=2.0)
+    np.testing.assert_allclose(mean(e)[3:], v, atol=0.4)
+    assert set(sky.verdicts) == {"initialising", "fused"}
+
+
+def test_an_aircraft_at_ninety_north_itself() -> None:
+    sky = Sky((89.99, 0.0, 100.0))
+    for _ in range(5):
+        sky.receive(replace(sky.adsb((0, 0, 0), (0.001, 0, 0)), lat_deg=90.0, lon_deg=-123.0, altitude=600.0))
+        sky.fly(1.0)
+    e = sky.newest[NAME]
+    assert mean(e)[0] == pytest.approx(1116.9, abs=3.0)  # 0.01 degree of a meridian near the pole
+    assert mean(e)[1] == pytest.approx(0.0, abs=1.0)
+    assert e.intruder is not None
+    assert e.intruder.lat_deg == pytest.approx(90.0, abs=2e-5)
+
+
+def test_both_kinds_of_altitude_end_above_mean_sea_level() -> None:
+    """48 m of geoid, and a QNH that makes the altimeters read 30 m too little."""
+    heights = {}
+    for kind in AltitudeType:
+        sky = Sky(geoid_undulation_m=48.0, pressure_altitude_offset_m=30.0)
+        altitude = HOME[2] + 300.0 + (48.0 if kind is AltitudeType.GEOMETRIC else -30.0)
+        fly_with_reports(
+            sky, 6, np.array([1000.0, 0.0, 0.0]), np.array([5.0, 0.0, 0.0]), altitude=altitude, altitude_type=kind
+        )
+        heights[kind] = -mean(sky.newest[NAME])[2]
+    assert heights == {kind: pytest.approx(300.0, abs=1.0) for kind in AltitudeType}

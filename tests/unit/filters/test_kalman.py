@@ -1,0 +1,270 @@
+"""Kalman, extended and cubature filters and posterior linearisation against textbook formulas in plain NumPy."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.filters import cubature, extended, kalman, posterior_linearisation, unscented
+from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Update
+from tests.support.filter_problems import bend, bend_slope, radar, spd
+
+N, M = 5, 2
+
+
+def problem(seed: int, lead: tuple[int, ...] = ()) -> dict[str, Any]:
+    """F, H, Q, R, y and a belief; read-only, so that a filter that writes into them is caught."""
+    rng = np.random.default_rng(seed)
+    made = {
+        "F": np.eye(N) + 0.2 * rng.normal(0, 1, (N, N)),
+        "H": rng.normal(0, 1, (M, N)),
+        "Q": spd(rng, N),
+        "R": spd(rng, M),
+        "mean": rng.normal(0, 3, (*lead, N)),
+        "P": spd(rng, N, lead),
+        "y": rng.normal(0, 3, (*lead, M)),
+    }
+    for array in made.values():
+        array.flags.writeable = False
+    return made
+
+
+def textbook(p: dict[str, Any]) -> tuple[Any, Any, Any, Any, float]:
+    x, P = p["F"] @ p["mean"], p["F"] @ p["P"] @ p["F"].T + p["Q"]
+    e = p["y"] - p["H"] @ x
+    S = p["H"] @ P @ p["H"].T + p["R"]
+    K = P @ p["H"].T @ np.linalg.inv(S)
+    return x + K @ e, P - K @ S @ K.T, e, S, float(e @ np.linalg.inv(S) @ e)
+
+
+def same(got: Update, want: tuple[Any, Any, Any, Any, float], rtol: float = 1e-10) -> None:
+    for a, b in zip([*got.belief, got.innovation, got.innovation_covariance, got.nis], want, strict=True):
+        np.testing.assert_allclose(a, b, rtol=rtol, atol=rtol)
+
+
+def test_kalman_is_the_textbook_seed_1() -> None:
+    p = problem(1)
+    prior = kalman.predict(Belief(p["mean"], p["P"]), p["F"], p["Q"])
+    update = kalman.update(prior, p["y"], p["H"], p["R"])
+    same(update, textbook(p))
+    assert np.array_equal(update.belief.covariance, update.belief.covariance.T)
+
+
+def test_kalman_broadcasts_over_two_leading_axes_seed_2() -> None:
+    p = problem(2, (3, 4))
+    prior = kalman.predict(Belief(p["mean"], p["P"]), p["F"], p["Q"])
+    update = kalman.update(prior, p["y"], p["H"], p["R"])
+    assert update.belief.covariance.shape == (3, 4, N, N)
+    assert update.nis.shape == (3, 4)
+    for index in np.ndindex(3, 4):
+        one = p | {name: p[name][index] for name in ("mean", "P", "y")}
+        got = Update(Belief(*(a[index] for a in update.belief)), *(np.asarray(a)[index] for a in update[1:]))
+        same(got, textbook(one))
+
+
+def test_a_model_of_each_filter_in_the_batch_seed_3() -> None:
+    p = problem(3, (4,))
+    F = np.random.default_rng(3).normal(0, 1, (4, N, N))
+    batched = kalman.predict(Belief(p["mean"], p["P"]), F, p["Q"])
+    for b in range(4):
+        alone = kalman.predict(Belief(p["mean"][b], p["P"][b]), F[b], p["Q"])
+        np.testing.assert_allclose(batched.mean[b], alone.mean, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(batched.covariance[b], alone.covariance, rtol=1e-12, atol=1e-12)
+
+
+def test_a_considered_state_keeps_mean_and_variance_and_costs_the_rest_seed_4() -> None:
+    p = problem(4)
+    prior = Belief(p["mean"], p["P"])
+    free, held = (kalman.update(prior, p["y"], p["H"], p["R"], considered).belief for considered in ((), (1,)))
+    assert held.mean[1] == prior.mean[1]
+    assert held.covariance[1, 1] == pytest.approx(prior.covariance[1, 1], rel=1e-14)
+    # its covariance with the others: (I - K H) P with a gain without its row
+    S = p["H"] @ p["P"] @ p["H"].T + p["R"]
+    K = p["P"] @ p["H"].T @ np.linalg.inv(S)
+    K[1] = 0
+    G = np.eye(N) - K @ p["H"]
+    np.testing.assert_allclose(held.covariance, G @ p["P"] @ G.T + K @ p["R"] @ K.T, rtol=1e-10, atol=1e-10)
+    assert np.linalg.eigvalsh(held.covariance - free.covariance).min() > -1e-12  # the free gain is the best one
+    both = unscented.update(
+        prior, p["y"], lambda rows: rows @ p["H"].T, p["R"], cubature.weights(N), considered=(1,)
+    ).belief
+    np.testing.assert_allclose(held.covariance, both.covariance, rtol=1e-10, atol=1e-10)
+
+
+def test_a_state_known_exactly_stays_known_seed_5() -> None:
+    p = problem(5)
+    P = np.array(p["P"])
+    P[2] = P[:, 2] = 0
+    update = kalman.update(Belief(p["mean"], P), p["y"], p["H"], p["R"])
+    assert update.belief.mean[2] == p["mean"][2]
+    assert not update.belief.covariance[2].any()
+
+
+def test_an_outage_grows_the_covariance_seed_6() -> None:
+    p = problem(6)
+    belief = Belief(p["mean"], p["P"])
+    F = np.eye(N) + 0.1 * np.eye(N, k=1)
+    for _ in range(50):
+        longer = kalman.predict(belief, F, p["Q"])
+        assert np.all(np.linalg.eigvalsh(longer.covariance - F @ belief.covariance @ F.T) > 0)
+        assert np.linalg.det(longer.covariance) > np.linalg.det(belief.covariance)
+        belief = longer
+
+
+def test_extended_is_the_textbook_with_jacobians_and_with_differences_seed_7() -> None:
+    p = problem(7)
+    belief = Belief(p["mean"], p["P"])
+    F = bend_slope(p["mean"][None])[0]
+    given = extended.predict(belief, bend, p["Q"], bend_slope)
+    np.testing.assert_allclose(given.mean, bend(p["mean"][None])[0], rtol=1e-14)
+    np.testing.assert_allclose(given.covariance, F @ p["P"] @ F.T + p["Q"], rtol=1e-12, atol=1e-12)
+    differences = extended.predict(belief, bend, p["Q"])
+    np.testing.assert_allclose(differences.covariance, given.covariance, rtol=1e-7, atol=1e-7)
+    assert np.array_equal(differences.covariance, differences.covariance.T)
+
+
+def test_differences_step_over_large_coordinates_and_over_the_cut_of_an_angle() -> None:
+    mean = np.array([-4e6, -5e6])  # earth-centred, known to a centimetre
+    value, slope = extended.tangent(Belief(mean, np.diag([1e-4, 1e-4])), radar, None, np.zeros(2), (1,))
+    r = np.hypot(*mean)
+    np.testing.assert_allclose(slope[0], mean / r, rtol=1e-6)
+    np.testing.assert_allclose(value, [r, np.arctan2(*mean[::-1])], rtol=1e-15)
+    behind = Belief(np.array([-10.0, 0.0]), np.eye(2))
+    np.testing.assert_allclose(
+        extended.tangent(behind, radar, None, np.zeros(2), (1,))[1], [[-1, 0], [0, -0.1]], rtol=1e-7, atol=1e-7
+    )
+
+
+def test_the_model_is_called_once_with_2n_plus_1_rows() -> None:
+    p, seen = problem(8), []
+
+    def counted(rows: Any) -> Any:
+        seen.append(rows.shape)
+        return bend(rows)
+
+    extended.predict(Belief(p["mean"], p["P"]), counted, p["Q"])
+    cubature.predict(Belief(p["mean"], p["P"]), counted, p["Q"])
+    assert seen == [(2 * N + 1, N), (2 * N, N)]
+
+
+@pytest.mark.parametrize("lead", [(), (3,)], ids=["one", "batch"])
+def test_cubature_is_the_unscented_filter_without_its_centre_seed_9(lead: tuple[int, ...]) -> None:
+    p = problem(9, lead)
+    belief, rule = Belief(p["mean"], p["P"]), unscented.julier_weights(N, float(N))
+    assert rule == pytest.approx(cubature.weights(N))
+    prior, other = cubature.predict(belief, bend, p["Q"]), unscented.predict(belief, bend, p["Q"], rule)
+    after = cubature.update(prior, p["y"], radar, p["R"], (1,))
+    also = unscented.update(other, p["y"], radar, p["R"], rule, (1,))
+    for a, b in zip([*prior, *after.belief, after.nis], [*other, *also.belief, also.nis], strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-11, atol=1e-11)
+
+
+def test_cubature_never_sees_the_mean() -> None:
+    P = np.eye(2)
+
+    def singular(rows: Any) -> Any:  # not a number at the mean
+        return rows + 0 / np.hypot(rows[:, :1], rows[:, 1:])
+
+    with np.errstate(invalid="raise"):
+        belief = cubature.predict(Belief(np.zeros(2), P), singular, P)
+        cubature.update(belief, np.zeros(2), singular, P)
+
+
+def test_a_bearing_behind_wraps_seed_10() -> None:
+    p = problem(10)
+    belief = Belief(np.array([-10.0, 0.02, 0, 0, 0]), 0.01 * np.eye(N))
+    y, R = np.array([10.0, -np.pi + 0.001]), np.diag([1e-2, 1e-4])
+    for update in (extended.update, cubature.update, posterior_linearisation.update):
+        found = update(belief, y, radar, R, (1,))
+        assert found.innovation[1] == pytest.approx(0.003, abs=2e-4)
+        assert -0.05 < found.belief.mean[1] < 0.02
+    assert p  # the seed only names the problem
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 4, 9])
+def test_posterior_linearisation_of_a_line_is_kalman_seed_11(iterations: int) -> None:
+    p = problem(11)
+    prior = Belief(p["F"] @ p["mean"], p["F"] @ p["P"] @ p["F"].T + p["Q"])
+    found = posterior_linearisation.update(
+        prior, p["y"], lambda rows: rows @ p["H"].T, p["R"], iterations=iterations
+    )
+    same(found, textbook(p), 1e-9)
+
+
+def test_one_posterior_linearisation_is_the_unscented_update_seed_12() -> None:
+    p = problem(12)
+    rule = unscented.Weights(3.0, 1 - N / 9, 1 - N / 9, 1 / 18)
+    belief = Belief(p["mean"], p["P"])
+    found = posterior_linearisation.update(belief, p["y"], radar, p["R"], (1,), iterations=1, weights=rule)
+    also = unscented.update(belief, p["y"], radar, p["R"], rule, (1,))
+    for a, b in zip([*found.belief, found.nis], [*also.belief, also.nis], strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-10, atol=1e-10)
+
+
+def test_posterior_linearisation_acquires_from_far_seed_13() -> None:
+    """A target 20 km away known to 1 km, seen to 1 m and .2 mrad."""
+    rng = np.random.default_rng(13)
+    R, P = np.diag([1.0, 4e-8]), np.diag([1e6, 1e6])
+    errors: dict[str, list[float]] = {"unscented": [], "iterated": []}
+    nees = []
+    for _ in range(40):
+        truth = np.array([20e3, 5e3])
+        prior = Belief(truth + 1e3 * rng.normal(0, 1, 2), P)
+        y = radar(truth[None])[0] + np.sqrt(np.diag(R)) * rng.normal(0, 1, 2)
+        once = unscented.update(prior, y, radar, R, cubature.weights(2), (1,)).belief
+        often = posterior_linearisation.update(prior, y, radar, R, (1,)).belief
+        errors["unscented"].append(float(np.linalg.norm(once.mean - truth)))
+        errors["iterated"].append(float(np.linalg.norm(often.mean - truth)))
+        nees.append((often.mean - truth) @ np.linalg.solve(often.covariance, often.mean - truth))
+    assert np.median(errors["iterated"]) < 6  # 1 m and 20 km x .2 mrad = 4 m
+    assert np.median(errors["unscented"]) > 3 * np.median(errors["iterated"])
+    assert 1.1 < np.mean(nees) < 3.2  # 2, +- 3 sigma of 40
+
+
+def step(update: Callable[..., Any], **changed: Any) -> None:
+    given: dict[str, Any] = {"mean": np.ones(2), "P": np.eye(2), "y": np.ones(2), "R": np.eye(2)} | changed
+    update(Belief(given["mean"], given["P"]), given["y"], given["R"])
+
+
+UPDATES: dict[str, Callable[..., Any]] = {
+    "kalman": lambda belief, y, R: kalman.update(belief, y, np.eye(2), R),
+    "extended": lambda belief, y, R: extended.update(belief, y, lambda rows: rows, R),
+    "jacobian": lambda belief, y, R: extended.update(
+        belief, y, lambda rows: rows, R, jacobian=lambda rows: np.tile(np.eye(2), (len(rows), 1, 1))
+    ),
+    "cubature": lambda belief, y, R: cubature.update(belief, y, lambda rows: rows, R),
+    "posterior": lambda belief, y, R: posterior_linearisation.update(belief, y, lambda rows: rows, R),
+}
+
+
+@pytest.mark.parametrize("update", UPDATES.values(), ids=UPDATES)
+def test_what_cannot_be_used_is_refused_by_name(update: Callable[..., Any]) -> None:
+    step(update)
+    nan, indefinite = np.array([1.0, np.nan]), np.array([[1.0, 2.0], [2.0, 1.0]])
+    for name, bad in (("mean", nan), ("y", nan), ("y", np.ones(3)), ("R", np.diag(nan)), ("R", np.eye(3))):
+        with pytest.raises(FilterError, match=rf"\b{name}\b"):
+            step(update, **{name: bad})
+    with pytest.raises(NotPositiveDefiniteError, match="covariance"):
+        step(update, P=indefinite)
+    with pytest.raises(NotPositiveDefiniteError, match=r"\bR\b"):
+        step(update, R=-9 * np.eye(2))
+
+
+def test_matrices_that_cannot_be_used_are_refused_by_name() -> None:
+    belief = Belief(np.ones(2), np.eye(2))
+    for F, Q, name in (
+        (np.full((2, 2), np.inf), np.eye(2), "F"),
+        (np.eye(3), np.eye(2), "F"),
+        (np.eye(2), np.eye(3), "Q"),
+        (np.eye(2), np.full((2, 2), np.nan), "Q"),
+    ):
+        with pytest.raises(FilterError, match=rf"\b{name}\b"):
+            kalman.predict(belief, F, Q)
+    with pytest.raises(FilterError, match=r"\bQ \(3, 2, 2\)"):  # four beliefs, three Qs
+        kalman.predict(Belief(np.ones((4, 2)), np.tile(np.eye(2), (4, 1, 1))), np.eye(2), np.ones((3, 2, 2)))
+    with pytest.raises(FilterError, match=r"\bH\b"):
+        kalman.update(belief, np.ones(1), np.array([[np.nan, 1.0]]), np.eye(1))
+    with pytest.raises(FilterError, match="iterations"):
+        posterior_linearisation.update(belief, np.ones(2), lambda rows: rows, np.eye(2), iterations=0)
+    assert np.array_equal(kalman.predict(belief, np.eye(2), np.zeros((2, 2))).covariance, np.eye(2))

@@ -1,0 +1,106 @@
+"""What is relied on of Numba's internals: each is there and does what is said of it, and each can be missed."""
+
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit, types
+from numba.core import caching, options
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.errors import NumbaError
+from numba.core.options import DefaultOptions
+
+from onboard.filters import numba_internals
+from onboard.filters.compiled import FILLING, MAKING
+
+VECTOR = types.Array(types.float64, 1, "C")
+ONCE = FILLING | {"cache": False}
+
+
+def making(a):  # type: ignore[no-untyped-def]
+    b = np.empty(3)
+    b[0] = a[0]
+    a[1] = b[0]
+
+
+def filling(a):  # type: ignore[no-untyped-def]
+    tail = a[1:].reshape(-1, 2)
+    for row in range(tail.shape[0]):
+        tail[row, 0] = row
+        tail[row, 1] = -row
+
+
+def test_this_numba_has_them_all() -> None:
+    assert numba_internals.without_reference_counts() == {"_nrt": False}
+    assert numba_internals.can_lock_cache_files()
+    assert numba_internals.cache_folder(Path(__file__)) is not None
+
+
+def test_a_kernel_that_makes_an_array_is_refused() -> None:
+    with pytest.raises(NumbaError, match="empty"):
+        njit((VECTOR,), **ONCE)(making)
+
+
+@pytest.mark.parametrize("options", [ONCE, MAKING | {"cache": False}], ids=["filling", "plain"])
+def test_slices_of_what_is_filled_live_as_long_as_they_are_used(options: dict[str, bool]) -> None:
+    kernel = njit((VECTOR,), **options)(filling)
+    for _ in range(1000):
+        a = np.empty(7)
+        kernel(a)
+        np.testing.assert_array_equal(a[1:], [0, 0, 1, -1, 2, -2])
+
+
+def test_without_the_switch_kernels_are_compiled_plainly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(DefaultOptions, "_nrt")
+    assert numba_internals.without_reference_counts() == {}
+    monkeypatch.delattr(options, "DefaultOptions")
+    assert numba_internals.without_reference_counts() == {}
+
+
+def test_two_that_save_code_of_one_function_do_not_mix_it_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("load", "save"):  # so that they are restored
+        monkeypatch.setattr(IndexDataCacheFile, name, getattr(IndexDataCacheFile, name))
+    load_index = IndexDataCacheFile._load_index
+    both_have_read = threading.Barrier(2)
+
+    def slowly(file: IndexDataCacheFile) -> dict[str, str]:
+        found: dict[str, str] = load_index(file)
+        with suppress(threading.BrokenBarrierError):
+            both_have_read.wait(0.2)
+        return found
+
+    monkeypatch.setattr(IndexDataCacheFile, "_load_index", slowly)
+    assert numba_internals.lock_cache_files(threading.Lock())
+    file = IndexDataCacheFile(str(tmp_path), "f", "stamp")
+    savers = [threading.Thread(target=file.save, args=(types, f"code for {types}")) for types in "ab"]
+    for saver in savers:
+        saver.start()
+    for saver in savers:
+        saver.join()
+    assert [file.load(types) for types in "ab"] == ["code for a", "code for b"]
+
+
+@pytest.mark.parametrize("name", ["load", "save"])
+def test_a_cache_without_these_functions_is_not_locked(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    before = {other: getattr(IndexDataCacheFile, other) for other in {"load", "save"} - {name}}
+    monkeypatch.delattr(IndexDataCacheFile, name)
+    assert not numba_internals.can_lock_cache_files()
+    assert not numba_internals.lock_cache_files(threading.Lock())
+    assert before == {other: getattr(IndexDataCacheFile, other) for other in before}
+
+
+def test_a_cache_without_files_is_not_locked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr(caching, "IndexDataCacheFile")
+    assert not numba_internals.can_lock_cache_files()
+    assert not numba_internals.lock_cache_files(threading.Lock())
+
+
+def test_a_cache_that_does_not_say_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(FunctionCache, "cache_path", None)
+    assert numba_internals.cache_folder(Path(__file__)) is None
+    monkeypatch.delattr(caching, "FunctionCache")
+    assert numba_internals.cache_folder(Path(__file__)) is None

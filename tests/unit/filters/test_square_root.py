@@ -1,0 +1,286 @@
+"""Square-root filters against the unscented filter and dense formulas, and in single precision."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from onboard.filters import extended, square_root, unscented
+from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Weights
+from onboard.filters.cubature import weights as cubature_weights
+from onboard.filters.square_root import SquareRoot
+from tests.support.filter_problems import bend, radar, radar_slope, spd
+
+N = 5
+CENTRED = Weights(np.sqrt(8.0), 1 - N / 8, 1 - N / 8, 1 / 16)  # centre 3/8
+RULES = {"cubature": cubature_weights(N), "centred": CENTRED, "beta": unscented.scaled_weights(N, 1.0, 2.0)}
+every_rule = pytest.mark.parametrize("rule", RULES.values(), ids=RULES)
+
+
+def problem(seed: int, lead: tuple[int, ...] = ()) -> tuple[Belief, Any, Any, Any]:
+    """A belief, Q, R and y, read-only."""
+    rng = np.random.default_rng(seed)
+    mean = rng.normal(0, 3, (*lead, N))
+    made = (
+        mean,
+        spd(rng, N, lead),
+        spd(rng, N),
+        0.1 * spd(rng, 2),
+        radar(mean.reshape(-1, N)).reshape(*lead, 2) + 0.3,
+    )
+    for array in made:
+        array.flags.writeable = False
+    return Belief(*made[:2]), *made[2:]
+
+
+def close(a: Any, b: Any, tolerance: float = 1e-9) -> None:
+    np.testing.assert_allclose(a, b, rtol=tolerance, atol=tolerance)
+
+
+@every_rule
+@pytest.mark.parametrize("considered", [(), (1, 3)])
+@pytest.mark.parametrize("lead", [(), (4,)], ids=["one", "batch"])
+def test_production_is_the_unscented_filter_seed_1(rule: Weights, considered: Any, lead: tuple[int, ...]) -> None:
+    belief, Q, R, y = problem(1, lead)
+    dense, state = belief, square_root.start(*belief)
+    for _ in range(5):
+        dense, state = unscented.predict(dense, bend, Q, rule), square_root.predict(state, bend, Q, rule)
+        close(state.mean, dense.mean)
+        close(square_root.belief(state).covariance, dense.covariance)
+        assert not np.triu(state.factor, 1).any()
+        assert np.all(np.diagonal(state.factor, axis1=-2, axis2=-1) > 0)
+        want = unscented.update(dense, y, radar, R, rule, (1,), considered)
+        found = square_root.update(state, y, radar, R, rule, (1,), considered)
+        for a, b in zip(found[1:], want[1:], strict=True):
+            close(a, b)
+        dense, state = want.belief, found.belief
+        close(state.mean, dense.mean)
+        close(square_root.belief(state).covariance, dense.covariance)
+        assert not np.triu(state.factor, 1).any()
+
+
+@every_rule
+def test_classical_is_the_unscented_filter_too_seed_2(rule: Weights) -> None:
+    belief, Q, R, y = problem(2)
+    want = unscented.update(unscented.predict(belief, bend, Q, rule), y, radar, R, rule, (1,))
+    state = square_root.predict(square_root.start(*belief), bend, Q, rule)
+    found = square_root.update_classical(state, y, radar, R, rule, (1,))
+    close(found.belief.mean, want.belief.mean)
+    close(square_root.belief(found.belief).covariance, want.belief.covariance)
+
+
+def test_a_negative_centre_is_a_downdate_seed_3() -> None:
+    belief, Q, R, y = problem(3)
+    rule = unscented.julier_weights(N)
+    assert rule.covariance < 0
+    dense = unscented.predict(belief, bend, Q, rule)
+    state = square_root.predict(square_root.start(*belief), bend, Q, rule)
+    close(square_root.belief(state).covariance, dense.covariance)
+    want = unscented.update(dense, y, radar, R, rule, (1,))
+    found = square_root.update_classical(state, y, radar, R, rule, (1,))
+    close(found.innovation_covariance, want.innovation_covariance)
+    close(square_root.belief(found.belief).covariance, want.belief.covariance)
+    with pytest.raises(FilterError, match="weights"):
+        square_root.update(state, y, radar, R, rule, (1,))
+
+
+@pytest.mark.parametrize("jacobian", [radar_slope, None], ids=["given", "differences"])
+def test_joseph_is_equation_18_at_the_posterior_mean_seed_4(jacobian: Any) -> None:
+    belief, _, R, y = problem(4)
+    found = square_root.update_joseph(square_root.start(*belief), y, radar, R, CENTRED, (1,), jacobian)
+    want = unscented.update(belief, y, radar, R, CENTRED, (1,))
+    close(found.belief.mean, want.belief.mean)  # the gain is the unscented one
+    points = unscented.sigma_points(belief, CENTRED)
+    d = radar(points) - want.predicted
+    d[:, 1] -= 2 * np.pi * np.rint(d[:, 1] / (2 * np.pi))
+    K = CENTRED.other * (points[1:] - belief.mean).T @ d[1:] @ np.linalg.inv(want.innovation_covariance)
+    G = np.eye(N) - K @ radar_slope(found.belief.mean[None])[0]
+    close(square_root.belief(found.belief).covariance, G @ belief.covariance @ G.T + K @ R @ K.T, 1e-7)
+
+
+def test_joseph_is_overconfident_where_the_measurement_is_curved_seed_5() -> None:
+    """20 km away known to 1 km, seen to 1 m and 10 mrad: one update of each form, NEES of two states."""
+    rng = np.random.default_rng(5)
+    R, P, rule = np.diag([1.0, 1e-4]), np.diag([1e6, 1e6]), unscented.julier_weights(2)
+    nees: dict[str, list[float]] = {"joseph": [], "production": []}
+    for _ in range(300):
+        truth = np.array([20e3, 5e3])
+        state = square_root.start(truth + 1e3 * rng.normal(0, 1, 2), P)
+        y = radar(truth[None])[0] + np.sqrt(np.diag(R)) * rng.normal(0, 1, 2)
+        for name, update in (("joseph", square_root.update_joseph), ("production", square_root.update)):
+            after = square_root.belief(update(state, y, radar, R, rule, (1,)).belief)
+            error = after.mean - truth
+            nees[name].append(error @ np.linalg.solve(after.covariance, error))
+    assert np.mean(nees["joseph"]) > 8
+    assert 1.7 < np.mean(nees["production"]) < 2.4  # 2, with 99.9 % of chi-square
+
+
+def test_linear_problems_are_the_kalman_filter_in_all_forms_seed_6() -> None:
+    belief, Q, R, y = problem(6)
+    rng = np.random.default_rng(6)
+    F, H = np.eye(N) + 0.2 * rng.normal(0, 1, (N, N)), rng.normal(0, 1, (2, N))
+    P = F @ belief.covariance @ F.T + Q
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    state = square_root.predict(square_root.start(*belief), lambda rows: rows @ F.T, Q, CENTRED)
+    for update in (square_root.update, square_root.update_joseph, square_root.update_classical):
+        found = update(state, y, lambda rows: rows @ H.T, R, CENTRED)
+        close(found.belief.mean, F @ belief.mean + K @ (y - H @ F @ belief.mean), 1e-10)
+        close(square_root.belief(found.belief).covariance, P - K @ S @ K.T, 1e-8)
+        close(found.innovation_covariance, S, 1e-10)
+
+
+@pytest.mark.parametrize("update", [square_root.update, square_root.update_joseph, square_root.update_classical])
+def test_a_batch_equals_the_loop_seed_7(update: Callable[..., Any]) -> None:
+    belief, Q, R, y = problem(7, (6,))
+    state = square_root.predict(square_root.start(*belief), bend, Q, CENTRED)
+    found = update(state, y, radar, R, CENTRED, (1,))
+    for b in range(6):
+        alone = square_root.start(belief.mean[b], belief.covariance[b])
+        one = update(square_root.predict(alone, bend, Q, CENTRED), y[b], radar, R, CENTRED, (1,))
+        close(found.belief.mean[b], one.belief.mean, 1e-12)
+        close(found.belief.factor[b], one.belief.factor, 1e-12)
+        close(found.nis[b], one.nis, 1e-12)
+
+
+def test_singular_noise_has_a_root_seed_8() -> None:
+    belief, _, _, y = problem(8)
+    g = np.linspace(1, 2, N)
+    for Q in (np.zeros((N, N)), np.outer(g, g), 1e-18 * np.outer(g, g), np.diag([0.0, 1, 0, 1e-9, 2])):
+        state = square_root.predict(square_root.start(*belief), bend, Q, CENTRED)
+        close(square_root.belief(state).covariance, unscented.predict(belief, bend, Q, CENTRED).covariance, 1e-12)
+    found = square_root.update(square_root.start(*belief), y, radar, np.diag([0.0, 1.0]), CENTRED, (1,))
+    assert np.isfinite(found.belief.factor).all()
+
+
+def test_an_outage_grows_the_factor_seed_9() -> None:
+    belief, Q, _, _ = problem(9)
+    state = square_root.start(*belief)
+    for _ in range(50):
+        longer = square_root.predict(state, lambda rows: rows + 0.1 * rows[:, ::-1], Q, CENTRED)
+        assert np.prod(np.diag(longer.factor)) > np.prod(np.diag(state.factor))
+        state = longer
+
+
+def test_the_condition_number_is_halved_in_digits_seed_10() -> None:
+    belief, Q, R, y = problem(10)
+    state = square_root.start(*belief)
+    for _ in range(10):
+        state = square_root.predict(state, lambda rows: rows, Q, CENTRED)
+        state = square_root.update(state, y, radar, 1e-3 * R, CENTRED, (1,)).belief
+        P = square_root.belief(state).covariance
+        assert np.linalg.cond(state.factor) ** 2 == pytest.approx(np.linalg.cond(P), rel=1e-3)
+
+
+# ------------------------------------------------------------------------- single precision
+
+
+def accelerated(dt: float = 0.5, q: float = 0.01) -> tuple[Any, Any]:
+    """F and Q of three axes of white jerk, by Van Loan."""
+    A = np.diag([1.0, 1.0], 1)
+    block = np.zeros((6, 6))
+    block[:3, :3], block[3:, 3:], block[2, 5] = -A, A.T, q
+    E = expm(block * dt)
+    return np.kron(np.eye(3), E[3:, 3:].T), np.kron(np.eye(3), E[3:, 3:].T @ E[:3, 3:])
+
+
+def sighting(rows: Any) -> Any:
+    """Range, azimuth (De Vivo et al. eq 36, atan2(x, y)) and elevation."""
+    x, y, z = rows[:, 0], rows[:, 3], rows[:, 6]
+    level = np.hypot(x, y)
+    return np.stack([np.hypot(level, z), np.arctan2(x, y), np.arctan2(z, level)], axis=1)
+
+
+def validation(seed: int, dtype: type, advance: Callable[..., Any], steps: int = 60) -> float:
+    """De Vivo et al. section 4 made ill-conditioned: 1 cm and 10 urad at 2 Hz. The last position error, m."""
+    rng = np.random.default_rng(seed)
+    F, Q = accelerated()
+    truth = np.array([-6000, 110, -0.2, 4500, -60, 0.3, 1000, 8, -0.05])
+    sigma, R = np.tile([300.0, 30.0, 3.0], 3), np.diag([1e-4, 1e-10, 1e-10])
+    state = (truth + sigma * rng.normal(0, 1, 9)).astype(dtype), np.diag(sigma**2).astype(dtype)
+    F_, Q_, R_ = (a.astype(dtype) for a in (F, Q, R))
+    started = None
+    for _ in range(steps):
+        truth = F @ truth
+        y = sighting(truth[None])[0] + np.sqrt(np.diag(R)) * rng.normal(0, 1, 3)
+        started = advance(started, state, F_, Q_, y.astype(dtype), R_)
+    assert started is not None
+    mean = started[0]
+    assert mean.dtype == dtype
+    return float(np.linalg.norm((mean - truth)[[0, 3, 6]]))
+
+
+def rooted(update: Callable[..., Any], rule: Weights) -> Callable[..., Any]:
+    def advance(state: Any, first: Any, F: Any, Q: Any, y: Any, R: Any) -> Any:
+        state = square_root.start(*first) if state is None else state
+        state = square_root.predict(state, lambda rows: rows @ F.T, Q, rule)
+        return update(state, y, sighting, R, rule, (1, 2)).belief
+
+    return advance
+
+
+def covariance_form(state: Any, first: Any, F: Any, Q: Any, y: Any, R: Any) -> Any:
+    rule = cubature_weights(9)
+    belief = unscented.predict(Belief(*(state or first)), lambda rows: rows @ F.T, Q, rule)
+    return unscented.update(belief, y, sighting, R, rule, (1, 2)).belief
+
+
+def unsymmetrised(state: Any, first: Any, F: Any, Q: Any, y: Any, R: Any) -> Any:
+    """The textbook's extended filter, P - K S K^T as it comes."""
+    mean, P = state or first
+    mean, P = F @ mean, F @ P @ F.T + Q
+    predicted, H = extended.tangent(Belief(mean, P), sighting, None, y, (1, 2))
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    mean, P = mean + K @ (y - predicted), P - K @ S @ K.T
+    if np.linalg.eigvalsh((P + P.T) / 2).min() <= 0:
+        raise NotPositiveDefiniteError("covariance")
+    return mean, P
+
+
+def failures(dtype: type, advance: Callable[..., Any]) -> tuple[int, float]:
+    """Of 50 seeds, how many end in a covariance without a factor, and the worst error of the others."""
+    failed, errors = 0, [0.0]
+    for seed in range(50):
+        try:
+            errors.append(validation(seed, dtype, advance))
+        except NotPositiveDefiniteError:
+            failed += 1
+    return failed, max(errors)
+
+
+CUBATURE = cubature_weights(9)
+
+
+@pytest.mark.parametrize("update", [square_root.update, square_root.update_joseph], ids=["production", "joseph"])
+def test_centimetres_in_float32_survive_seeds_0_to_49(update: Callable[..., Any]) -> None:
+    failed, worst = failures(np.float32, rooted(update, CUBATURE))
+    assert failed == 0
+    assert worst < 0.5
+
+
+def test_the_same_in_float32_without_a_square_root_fails_seeds_0_to_49() -> None:
+    assert failures(np.float32, covariance_form)[0] > 10
+    assert failures(np.float64, covariance_form)[0] == 0
+    assert failures(np.float32, unsymmetrised)[0] == 50
+
+
+def test_a_negative_centre_fails_in_any_precision_and_any_square_root_seeds_0_to_49() -> None:
+    """Not rounding: 300 m against 1 cm, the weight of -2 takes more from the posterior than there is."""
+    classical = rooted(square_root.update_classical, unscented.julier_weights(9))
+    assert failures(np.float64, classical)[0] > 45
+    assert failures(np.float64, rooted(square_root.update_classical, CUBATURE))[0] == 0
+
+
+def test_downdates_fail_by_rounding_where_triangularisation_does_not() -> None:
+    """A kilometre measured to a millimetre: 1 - 1e-12 has no float32."""
+    state = square_root.start(np.zeros(2, np.float32), np.diag([1e6, 1e2]).astype(np.float32))
+    state = SquareRoot(state.mean, np.array([[1e3, 0], [3.0, 10.0]], np.float32))
+    y, R, rule = np.zeros(1, np.float32), np.array([[1e-6]], np.float32), cubature_weights(2)
+    with pytest.raises(NotPositiveDefiniteError, match="downdate"):
+        square_root.update_classical(state, y, lambda rows: rows[:, :1], R, rule)
+    found = square_root.update(state, y, lambda rows: rows[:, :1], R, rule).belief
+    assert found.factor[0, 0] == pytest.approx(1e-3, rel=0.1)
+    assert found.factor[1, 1] == pytest.approx(10, rel=1e-4)
