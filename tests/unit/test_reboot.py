@@ -10,7 +10,7 @@ from onboard.messages import Estimate, Lifecycle, Message, NavState, TargetPoint
 from onboard.pipeline import Pipeline
 from tests.support import own_vehicle as own
 from tests.support.streams import S, Stream, heartbeat
-from tests.support.traffic import Sky, follow
+from tests.support.traffic import Sky, fly_with_reports
 
 LEADER = {"size_prior_m": 2.0}
 
@@ -63,8 +63,8 @@ def test_our_own_state_waits_for_a_fix_again() -> None:
 @pytest.mark.parametrize("filter_", ["imm", "ekf"])
 def test_traffic_is_forgotten_with_our_own_place(filter_: str) -> None:
     sky = Sky(filter=filter_)
-    follow(sky, 4)
-    assert sky.all[-1].valid
+    fly_with_reports(sky, 4)
+    assert sky.published[-1].valid
     sky.estimator.reset("the autopilot has rebooted")
     told = sky.estimator.tick(sky.ownship)
     assert [(e.valid, e.mean, e.reason) for e in told] == [(False, None, "the autopilot has rebooted")]
