@@ -59,7 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     begin = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copies = [_copy(Path(folder) / str(k)) for k in range(options.jobs)]
-        if not _right_without(copies[0], chosen):
+        if not options.unchecked and not _right_without(copies[0], chosen):
             return 2
         ran = _run_all(copies, chosen)
     return _summary(ran, time.monotonic() - begin)
@@ -85,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("names", nargs="*", metavar="NAME", help="mutants, with wildcards; all by default")
     parser.add_argument("--from", dest="start", metavar="NAME", help="go on with this one")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many at a time (%(default)s)")
+    parser.add_argument("--unchecked", action="store_true", help="do not run the tests without a mutant first")
     parser.add_argument("--list", action="store_true", help="print the names and run nothing")
     return parser
 
