@@ -141,7 +141,26 @@ def of_traffic(result: Json) -> Figures:
     }
 
 
-STUDIES = {"relative-motion": of_relative_motion, "own-state": of_own_state, "traffic": of_traffic}
+def of_encounters(result: Json) -> Figures:
+    """Figures of the study of encounters: a row of the page's table for each encounter."""
+    found = {"encounters_flights": f"{result['seeds']:.0f}"}
+    for name, _, *numbers in result["tables"][0]["rows"]:
+        # a family without a valid estimate has none of the others
+        valid, _, error, _, _, worst, sigma, inside, inside_error, wrong, wrong_error = (
+            "–" if number is None else f"{number:.1f}" for number in numbers
+        )
+        found["encounters_" + name.replace(",", "").replace(" ", "_")] = (
+            f"{valid} | {error} ({worst}) | {sigma} | {inside} ± {inside_error} | {wrong} ± {wrong_error}"
+        )
+    return found
+
+
+STUDIES = {
+    "relative-motion": of_relative_motion,
+    "own-state": of_own_state,
+    "traffic": of_traffic,
+    "encounters": of_encounters,
+}
 
 
 def of_studies(file: Json) -> Figures:

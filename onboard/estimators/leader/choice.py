@@ -1,7 +1,8 @@
 """The filter that a configuration chooses, for one target.
 
-`wing-line` is what we fly by default. `paper` and `subtended` are Oh & Johnson's nine states and three angles,
-with their noise settings as printed and with honest ones.
+`any-side` is what we fly by default. `wing-line` is its sharper half alone, which takes the nose to be on the
+course. `paper` and `subtended` are Oh & Johnson's nine states and three angles, with their noise settings as
+printed and with honest ones.
 """
 
 import math
@@ -11,18 +12,21 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader import modes, wing_line
+from onboard.estimators.leader.any_side import AnySideFilter
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filter import LeaderFilter, Measurement
 from onboard.estimators.leader.modes import Modes
-from onboard.estimators.leader.settings import ManoeuvreModel, settings_for
+from onboard.estimators.leader.settings import ManoeuvreModel, NoseModel, settings_for
 from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.filters.belief import Belief, Update
 from onboard.models import wing_line as measurement_model
 from onboard.models.leader_flight import ImageGeometry
+from onboard.models.relative_motion import R
 from onboard.ownship import Step
 
 WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
+CRAB: Final = math.radians(12.0)  # rad, of a fixed wing's nose: wind of a fifth of its speed, at one sigma
 SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
 
 
@@ -42,11 +46,35 @@ def make_filter(config: Config) -> LeaderFilter:
             config.own_velocity_sigma_m_s,
             config.center_on_wing,
         )
-        return _WingLine(wing_line.Filter(size, size_sigma, settings, extras))
+        sharp = _WingLine(wing_line.Filter(size, size_sigma, settings, extras))
+        if config.filter == "wing-line":
+            return sharp
+        return AnySideFilter(sharp, _nose_model(config, size, size_sigma))
     from onboard.estimators.leader import oh_johnson  # noqa: PLC0415 - machine code that few flights need
 
     # the paper takes its own attitude as known, so its settings stay as printed
     return oh_johnson.OhJohnson(settings, size, size_sigma, attitude_sigma * (config.filter != "paper"))
+
+
+def _nose_model(config: Config, size: float, size_sigma: float) -> NoseModel:
+    known = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
+    tilt, yaw = (max(math.radians(sigma), SMALLEST_SIGMA) for sigma in known)
+    model = NoseModel(
+        size=size,
+        size_sigma=size_sigma,
+        misalignment=(tilt, tilt, yaw),
+        misalignment_time=config.own_attitude_time_s,
+        own_velocity=max(config.own_velocity_sigma_m_s, SMALLEST_SIGMA),
+    )
+    if config.leader_class == "fixed_wing":
+        return model._replace(crab=CRAB, follows=1.0, nose_about_course=CRAB)
+    return model
+
+
+def is_wide(belief: Belief, share: float) -> bool:
+    """Whether the position's largest standard deviation exceeds this share of the range."""
+    widest = float(np.linalg.eigvalsh(belief.covariance[R, R])[-1])
+    return widest > (share * float(np.linalg.norm(belief.mean[R]))) ** 2
 
 
 class _WingLine:
@@ -82,6 +110,13 @@ class _WingLine:
     def belief(self, state: Modes) -> Belief:
         mean, covariance = modes.mixture(state)
         return Belief(mean[0], covariance[0])
+
+    def open_question(self, state: Modes) -> str:
+        del state
+        return ""
+
+    def is_too_wide(self, state: Modes, share: float) -> bool:
+        return is_wide(self.belief(state), share)
 
     def predicted_points(self, state: Modes, measurement: Measurement, update: Update, pose: CameraPose) -> Array:
         del update

@@ -14,7 +14,7 @@ class Config(Record, frozen=True, kw_only=True):
     Raises ValueError for timeouts out of order, and for a `process_noise` that the chosen filter cannot use.
     """
 
-    filter: Literal["wing-line", "subtended", "paper"] = "wing-line"  # the last two: Oh & Johnson's, see README
+    filter: Literal["any-side", "wing-line", "subtended", "paper"] = "any-side"  # see docs/estimators/leader.md
     size_prior_m: Positive = 2.0  # the leader's wingspan
     size_prior_sigma_m: Positive | None = None  # None: 2 % of the wingspan
     leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # how freely it changes its speed

@@ -47,3 +47,9 @@ class LeaderFilter(Protocol):
 
     def predicted_points(self, state: Any, measurement: Measurement, update: Update, pose: CameraPose) -> Array:
         """Image points (3, 2) that `state` predicts, in focal lengths; NaN for a point behind the camera."""
+
+    def open_question(self, state: Any) -> str:
+        """What the images leave open, for a person; "" if nothing."""
+
+    def is_too_wide(self, state: Any, share: float) -> bool:
+        """Whether the position is less certain than this share of the range: an image cannot correct it."""

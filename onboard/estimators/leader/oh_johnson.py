@@ -88,3 +88,13 @@ class OhJohnson:
         half = np.tan(0.5 * update.predicted[2]) * np.sqrt(1.0 + center @ center)
         wing = measurement.axes[1, 1:]
         return np.array([center, center - half * wing, center + half * wing])
+
+    def open_question(self, state: Belief) -> str:
+        """Nothing: this filter knows of no other answer."""
+        del state
+        return ""
+
+    def is_too_wide(self, state: Belief, share: float) -> bool:
+        """Whether the position's largest standard deviation exceeds this share of the range."""
+        widest = float(np.linalg.eigvalsh(state.covariance[relative_motion.R, relative_motion.R])[-1])
+        return widest > (share * float(np.linalg.norm(state.mean[relative_motion.R]))) ** 2

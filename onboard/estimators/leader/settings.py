@@ -26,6 +26,50 @@ RENAMED: Final = {
 }
 
 
+class NoseModel(NamedTuple):
+    """What the nose mixture assumes: how a leader of unknown nose flies, and our own errors.
+
+    Values are standard deviations, unless they are named otherwise. A `_random_walk` is a process noise density:
+    the state's variance grows by its square each second. A state with a `_time` is a Gauss-Markov process with
+    that correlation time. Tuples have a value for each manoeuvre: calm, accelerating, turning the nose. Speeds and
+    accelerations are those of a leader at the largest possible range, and proportionally less for nearer ones.
+    """
+
+    size: float  # m, the value itself
+    size_sigma: float  # m
+    misalignment: tuple[float, float, float]  # rad, of our attitude, in n
+    misalignment_time: float  # s
+    own_velocity: float  # m/s, of our velocity
+    own_velocity_time: float = 60.0  # s
+    crab: float = 0.0  # rad, of the nose about the course, of a fixed wing; 0: the nose may point anywhere
+    heading: float = math.radians(5.0)  # rad, of the nose about our own course, of one that flies along with us
+    on_course: float = 0.3  # the prior probability that it does, if we fly
+    follows: float = 0.7  # the probability that a leader that flies fast has its nose about its course
+    nose_about_course: float = math.radians(5.0)  # rad, of such a nose
+    cells: int = 12  # over the half circle, of a nose that may point anywhere
+    speed: float = 8.0  # m/s, relative to us, at first
+    acceleration: float = 1.0  # m/s^2, at first
+    acceleration_time: float = 4.0  # s
+    velocity_random_walk: float = 0.03  # m/s / sqrt(s)
+    acceleration_random_walk: tuple[float, ...] = (0.15, 1.5, 0.15)  # m/s^2 / sqrt(s)
+    nose_random_walk: tuple[float, ...] = (
+        math.radians(1.5),
+        math.radians(4.0),
+        math.radians(4.0),
+    )  # rad / sqrt(s)
+    nose_rate: tuple[float, ...] = (0.01, 0.02, 0.4)  # rad/s
+    nose_rate_time: tuple[float, ...] = (0.5, 0.5, 4.0)  # s
+    first_nose_rate: float = 0.1  # rad/s
+    lasts: tuple[float, ...] = (15.0, 3.0, 4.0)  # s, the mean duration of a manoeuvre
+    bank: float = math.radians(3.0)  # rad, about the bank of a coordinated turn
+    bank_time: float = 1.0  # s
+    gate: float = 25.0  # NIS above which no Gaussian expected an image
+    split: float = math.radians(10.0)  # rad: a cell whose nose is less certain is split
+    same_nose: float = math.radians(1.5)  # rad, and
+    same_range: float = 0.03  # of the range: cells nearer than this to each other are one
+    most_cells: int = 16
+
+
 class ManoeuvreModel(NamedTuple):
     """How the wing-line filter assumes that a leader flies.
 
@@ -152,11 +196,11 @@ def noise_for(noise: str, leader_class: str) -> Noise:
 
 
 def settings_for(filter_: str, leader_class: str, overrides: Mapping[str, float]) -> ManoeuvreModel | Noise:
-    """The settings of a filter, "wing-line", "subtended" or "paper", with single ones overridden.
+    """The settings of a filter, "any-side", "wing-line", "subtended" or "paper", with single ones overridden.
 
     Raises ValueError, which names the key: a name that is no setting of this filter, or a value out of range.
     """
-    if filter_ == "wing-line":
+    if filter_ in {"any-side", "wing-line"}:
         return _overridden(MANOEUVRE_MODELS[leader_class], overrides)
     return _overridden(noise_for("paper" if filter_ == "paper" else "honest", leader_class), overrides)
 

@@ -11,8 +11,6 @@ from collections import deque
 from functools import partial
 from typing import Any, Final
 
-import numpy as np
-
 from onboard.arrays import Array
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
@@ -146,9 +144,7 @@ class Track:
         """Whether the track has coasted until its position is too uncertain to be corrected."""
         if not self._status.is_coasting(t_ns):
             return False
-        mean, covariance = self._filter.belief(history.belief_at(t_ns, ownship)[1])
-        widest = float(np.linalg.eigvalsh(covariance[R, R])[-1])
-        return widest > (TOO_WIDE * float(np.linalg.norm(mean[R]))) ** 2
+        return self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1], TOO_WIDE)
 
     def _start(self, image: Image, ownship: Ownship, before: History[Any, Ownship] | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
@@ -210,8 +206,8 @@ class Track:
         ahead, right, down = (pose.R_cn @ (mean[R] - pose.r_FC_n)).tolist()
         return ahead > 0 and in_view([(right / ahead, down / ahead)], self._poses.camera, None, 0.0)
 
-    def _belief(self, ownship: Ownship) -> tuple[int, Belief] | None:
-        """The belief now and its time. A covariance without a Cholesky factor ends the track."""
+    def _belief(self, ownship: Ownship) -> tuple[int, Belief, str] | None:
+        """The belief now, its time, and what is open. A covariance without a Cholesky factor ends the track."""
         if self._history is None:
             return None
         try:
@@ -221,7 +217,7 @@ class Track:
         except FilterError as error:
             self._forget(f"the filter failed: {error}")
             return None
-        return t_ns, belief
+        return t_ns, belief, self._filter.open_question(state)
 
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any."""
@@ -230,12 +226,13 @@ class Track:
         state, reason = Lifecycle.INITIALISING if self._held else Lifecycle.SEARCHING, self._status.reason
         self.direction_n = None
         if found is not None:
-            t_ns, belief = found
+            t_ns, belief, question = found
             mean = tuple(belief.mean.tolist())
             covariance = tuple(map(tuple, belief.covariance.tolist()))
             coasting = self._status.is_coasting(t_ns)
             in_view = not coasting or self._should_be_in_view(belief.mean, t_ns, ownship)
             state, reason = self._status.state(t_ns, in_view=in_view)
+            reason = f"{reason}; {question}" if question and state is not Lifecycle.LOST else reason
             if not coasting:
                 range_ = math.hypot(*mean[R])
                 self.direction_n = tuple(x / range_ for x in mean[R])

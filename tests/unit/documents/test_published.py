@@ -138,6 +138,14 @@ def test_studies_give_the_figures_of_their_pages() -> None:
     assert found["traffic_least_inside_percent"] == "93.8 ± 0.4"
     assert found["traffic_approaches_percent"] == "97.5"
     assert set(found) == {key for key in FIGURES if key.startswith("traffic_")}
+    row = [100.0, 0.0, 2.298, 0.263, 2.2, 3.29, 2.643, 96.53, 2.884, 0.0, 0.0]
+    unknown = [0.0, 0.0, *[None] * 9]
+    rows = [["behind", 40.0, *row], ["hover, center on wing", 40.0, *unknown]]
+    assert render.of_studies({"encounters": {"seeds": 40, "tables": [{"rows": rows}]}}) == {
+        "encounters_flights": "40",
+        "encounters_behind": "100.0 | 2.3 (3.3) | 2.6 | 96.5 ± 2.9 | 0.0 ± 0.0",
+        "encounters_hover_center_on_wing": "0.0 | – (–) | – | – ± – | – ± –",
+    }
     targets = [
         {"variant": "a", "what": "NEES (9)", "value": 6.36},
         {"variant": "g", "what": "delay error at 20 s, root mean square", "value": 11.4},

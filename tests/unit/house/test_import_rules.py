@@ -30,7 +30,7 @@ INSIDE = {
     "onboard.estimators": ({"history"}, {"leader", "own_state", "traffic"}),
     "onboard.studies": ({"report"}, {"tracking"}, {"*"}, {"together"}),
     "simlink": (
-        *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot", "flight"}),
+        *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot", "encounters", "flight"}),
         *({"flights", "simulation"}, {"log", "server"}, {"cli"}, {"__main__"}),
     ),
 }

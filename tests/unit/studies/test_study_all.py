@@ -16,6 +16,7 @@ from onboard.commands import study as command
 from onboard.commands.cli import main
 from onboard.studies.csvsf_quadrotor import study as csvsf_quadrotor
 from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE
+from onboard.studies.encounters import flights as encounters
 from onboard.studies.own_state import flights as own_state
 from onboard.studies.relative_motion import study as relative_motion
 from onboard.studies.relative_motion.variants import Variant, scenario_of
@@ -45,6 +46,7 @@ def test_every_study_flies_and_writes_its_report_one_seed_each(
     monkeypatch.setattr(relative_motion, "scenario_of", _shorter)
     monkeypatch.setattr(csvsf_quadrotor, "run", partial(csvsf_quadrotor.run, settings=(ADAPTIVE,)))
     monkeypatch.setattr(csvsf_quadrotor, "simulate", partial(csvsf_quadrotor.simulate, steps=1500))
+    monkeypatch.setattr(encounters, "SECONDS", 7.0)
     monkeypatch.setattr(own_state, "FAULT_AT", 0.5)
     monkeypatch.setattr(own_state, "SECONDS", 1.5)
     monkeypatch.setattr(own_state, "LONG_SECONDS", {})
@@ -52,7 +54,7 @@ def test_every_study_flies_and_writes_its_report_one_seed_each(
     numbers = tmp_path / "all.json"
     assert main(["study", "--all", "--seeds", "1", "--out", str(tmp_path), "--json", str(numbers)]) == 0
     names = command.study_names()
-    assert len(names) >= 7
+    assert len(names) >= 8
     assert sorted(json.loads(numbers.read_bytes())) == names
     for name in names:
         assert json.loads((tmp_path / name / "result.json").read_bytes())["seeds"] == 1

@@ -1,0 +1,121 @@
+"""Mean and covariance of a whole nose mixture in Cartesian coordinates, and what they come to a moment later."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader import nose_mixture
+from onboard.estimators.leader.nose_cells import Mixture
+from onboard.estimators.leader.settings import NoseModel
+from onboard.filters.belief import Belief
+from onboard.models import apparent_wing as model
+from onboard.models.leader_flight import A_ALONG, BANK_ERROR, HEADING
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
+
+R_FL: Final = slice(0, 3)
+V_L: Final = slice(3, 6)
+A_L: Final = slice(6, 9)
+OWN_VELOCITY: Final = slice(9, 12)
+LOG_SIZE: Final = 12
+NOSE: Final = 13
+BANK: Final = 14
+N: Final = 15
+SLOW: Final = 1.0  # m/s, of a course
+FLIES: Final = 3.0  # m/s
+
+
+class Summary(NamedTuple):
+    """Mean (15,) and covariance (15, 15) of [r_FL_n, v_L, a_L, own velocity's error, log of the size, nose, bank's
+    error], vectors in n."""
+
+    mean: Array
+    covariance: Array
+
+    def after(self, dt: float, moved: Array) -> "Summary":
+        """`dt` seconds later, at constant acceleration; we have moved by `moved` (3,) m, in n."""
+        if dt <= 0.0:
+            return self
+        F = np.eye(N)
+        for i in range(3):
+            F[i, 3 + i], F[i, 6 + i], F[i, 9 + i], F[3 + i, 6 + i] = dt, 0.5 * dt * dt, -dt, dt
+        mean = F @ self.mean
+        mean[R_FL] -= moved
+        return Summary(mean, F @ self.covariance @ F.T)
+
+    def range_sigma(self) -> float:
+        """The standard deviation of the range, as a share of it."""
+        r = self.mean[R_FL]
+        square = float(r @ r)
+        return math.sqrt(max(float(r @ self.covariance[R_FL, R_FL] @ r), 0.0)) / square
+
+    def is_on_course(self, within: float) -> bool:
+        """Whether the leader flies, with its nose within an angle (rad) of its course."""
+        v, nose = self.mean[V_L], self.mean[NOSE]
+        aside = nose - math.atan2(v[1], v[0])
+        aside -= math.pi * round(aside / math.pi)
+        return math.hypot(v[0], v[1]) > FLIES and abs(aside) < within
+
+    def direction_sigma(self) -> float:
+        """The standard deviation of the direction where it is least certain, rad."""
+        r = self.mean[R_FL]
+        across = np.eye(3) - np.outer(r, r) / float(r @ r)
+        largest = float(np.linalg.eigvalsh(across @ self.covariance[R_FL, R_FL] @ across)[-1])
+        return math.sqrt(max(largest, 0.0)) / float(np.linalg.norm(r))
+
+
+def summarise(settings: NoseModel, mixture: Mixture) -> Summary:
+    """The mixture as one Gaussian, by central differences of each of its Gaussians."""
+    w, means, covariances = nose_mixture.with_course(settings, mixture)
+    mean, D = nose_mixture.mapped(means, covariances, lambda rows: _cartesian(rows, mixture.axes))
+    mean[:, NOSE] -= math.pi * np.round((mean[:, NOSE] - mean[int(np.argmax(w)), NOSE]) / math.pi)
+    whole = w @ mean
+    off = mean - whole
+    covariance = np.tensordot(w, np.swapaxes(D, -1, -2) @ D, 1) + (off * w[:, None]).T @ off
+    return Summary(whole, 0.5 * (covariance + covariance.T))
+
+
+def _cartesian(rows: Array, axes: Array) -> Array:
+    """Rows (k, 15) of a summary, of state rows (k, N)."""
+    return np.column_stack(
+        [
+            model.positions(rows, axes),
+            rows[:, model.V],
+            rows[:, model.A],
+            rows[:, model.OWN_VELOCITY],
+            rows[:, model.LOG_SIZE],
+            rows[:, model.NOSE],
+            rows[:, model.BANK_ERROR],
+        ]
+    )
+
+
+def as_leader(known: Summary, v_F_n: Array, template: Belief) -> Belief:
+    """A belief with the components of `template` (`models.leader_flight`), of which those that a summary has not
+    (the camera's delay, the attitude's error) are the template's own, uncorrelated with the others."""
+    n = len(template.mean)
+    mean, P = template.mean.copy(), np.zeros((n, n))
+    x = known.mean
+    J = np.zeros((12, N))
+    size = math.exp(x[LOG_SIZE])
+    along, right = _course(x[V_L], x[NOSE])
+    J[R, R_FL] = J[V, V_L] = np.eye(3)
+    J[V, OWN_VELOCITY] = -np.eye(3)
+    J[SIZE, LOG_SIZE] = size
+    J[A_LAT, A_L], J[A_ALONG, A_L], J[A_LONG, 8] = right, along, -1.0
+    J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
+    mean[:12] = J @ x
+    mean[V] -= v_F_n
+    mean[SIZE] = size
+    P[:12, :12] = J @ known.covariance @ J.T
+    rest = slice(12, n)
+    P[rest, rest] = template.covariance[rest, rest]
+    return Belief(mean, 0.5 * (P + P.T))
+
+
+def _course(v_L: Array, nose: float) -> tuple[Array, Array]:
+    """Level unit vectors along the course and to its right; of a leader that hovers, along its nose."""
+    speed = math.hypot(v_L[0], v_L[1])
+    c, s = (v_L[0] / speed, v_L[1] / speed) if speed > SLOW else (math.cos(nose), math.sin(nose))
+    return np.array([c, s, 0.0]), np.array([-s, c, 0.0])

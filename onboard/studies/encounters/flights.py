@@ -1,0 +1,103 @@
+"""The flights of the study of encounters: simlink's random encounters through the daemon's pipeline as it ships,
+with nothing configured but the leader's size and class."""
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.config import load_config
+from onboard.filters.gating import normalised_squared
+from onboard.messages import Estimate, Message
+from onboard.pipeline import Pipeline
+from simlink.encounters.conditions import NOMINAL_SIZE
+from simlink.encounters.encounter import SECONDS as WHOLE
+from simlink.encounters.encounter import make_encounter
+from simlink.encounters.families import FAMILIES
+from simlink.encounters.reports import BOOT_NS
+from simlink.encounters.truth import EncounterTruth, at
+
+SECONDS: Final = WHOLE
+SETTLE: Final = 5.0  # s before estimates count
+ON_WING: Final = ("estimator.leader.center_on_wing=true",)
+
+
+class Case(NamedTuple):
+    """A family, flown with settings beyond size and class."""
+
+    family: str
+    settings: tuple[str, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """What the report calls it."""
+        return self.family.replace("_", " ") + (", center on wing" if self.settings else "")
+
+
+DEFAULTS: Final = tuple(Case(family) for family in FAMILIES)
+WITH_CENTER: Final = (Case("hover", ON_WING), Case("circling", ON_WING))
+CASES: Final = (*DEFAULTS, *WITH_CENTER)
+
+
+class Flight(NamedTuple):
+    """Every estimate of one flight from SETTLE s on (n,): its time (s), the true range, and what was estimated,
+    NaN where it was not valid: range and its standard deviation (m), and the position's NEES."""
+
+    t: Array
+    distance: Array
+    range_: Array
+    sigma: Array
+    nees: Array
+
+
+def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
+    """One encounter through a pipeline of its own; `settings` are overrides on top of the case's."""
+    encounter = make_encounter(case.family, seed, SECONDS)
+    config = load_config(
+        None,
+        (
+            f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
+            f"estimator.leader.leader_class={encounter.leader_class}",
+            *case.settings,
+            *settings,
+        ),
+    )
+    return judged(estimated(Pipeline(config), encounter.messages), encounter.truth)
+
+
+def estimated(pipeline: Pipeline, messages: Sequence[Message]) -> Array:
+    """The leader's estimates (n, 13), in order: time of the encounter (s), r_FL_n (3), its covariance (9), NaN
+    where not valid."""
+    outputs = (output for message in messages for output in pipeline.advance((message,)))
+    rows = [
+        ((output.t_ns - BOOT_NS) * 1e-9, *_position(output))
+        for output in outputs
+        if isinstance(output, Estimate) and output.name == "leader" and output.is_primary
+    ]
+    return np.array(rows, dtype=float).reshape(-1, 13)
+
+
+def judged(estimates: Array, truth: EncounterTruth) -> Flight:
+    """Estimates (n, 13), as of `estimated`, beside the truth at their times."""
+    later = estimates[(estimates[:, 0] >= SETTLE) & (estimates[:, 0] <= truth.t[-1])]
+    t, mean, P = later[:, 0], later[:, 1:4], later[:, 4:].reshape(-1, 3, 3)
+    r_FL_n = at(truth.t, truth.r_FL_n, t)
+    range_ = np.linalg.norm(mean, axis=1)
+    direction = mean / range_[:, None]
+    nees, valid = np.full(len(t), np.nan), np.isfinite(range_)
+    nees[valid] = normalised_squared(mean[valid] - r_FL_n[valid], P[valid])
+    return Flight(
+        t=t,
+        distance=np.linalg.norm(r_FL_n, axis=1),
+        range_=range_,
+        sigma=np.sqrt(np.einsum("ni,nij,nj->n", direction, P, direction)),
+        nees=nees,
+    )
+
+
+def _position(estimate: Estimate) -> tuple[float, ...]:
+    """Mean (3) and covariance (9) of the position; NaN if it is not valid."""
+    if not estimate.valid or estimate.mean is None or estimate.covariance is None:
+        return (float("nan"),) * 12
+    return *estimate.mean[:3], *(x for row in estimate.covariance[:3] for x in row[:3])

@@ -1,0 +1,58 @@
+"""Random encounters from any side: the leader's estimate as shipped, with nothing configured but the leader's size
+and class. The true size is within 2 % (one sigma). Noise, rates, delays, drop-outs and the errors of our own state
+are drawn around the defaults, never at them (`simlink/encounters/conditions.py`).
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from onboard.studies.encounters.flights import CASES, DEFAULTS, Case, Flight, fly
+from onboard.studies.encounters.results import checks_of, claims_of, requirements, table_of
+from onboard.studies.encounters.scores import over_all, score
+from onboard.studies.report.findings import Findings
+from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.tracking.publish import drawing, publish
+
+NAME: Final = "encounters"
+TITLE: Final = "Encounters: the leader from any side"
+FIRST_SEED: Final = 501  # settings are chosen on seeds 1 to 100
+
+
+def run(
+    seeds: int = 6,
+    first_seed: int = FIRST_SEED,
+    jobs: int | None = None,
+    out: Path | None = None,
+    progress: Progress | None = None,
+    cases: Sequence[Case] = CASES,
+    settings: tuple[str, ...] = (),
+) -> Findings:
+    """The study over `seeds` flights of each case; forty are needed to judge. `settings` are further overrides, as
+    of `--set`: to choose settings, on other seeds than those of the report."""
+    every = require_seeds(seeds, first_seed)
+    draw = drawing(__package__, out)
+    parts = [Part(fly, (case, seed, settings)) for case in cases for seed in every]
+    flown: list[Flight] = compute(parts, jobs, progress)
+    flights = {case: flown[k * seeds : (k + 1) * seeds] for k, case in enumerate(cases)}
+    shown = {case: each[0] for case, each in flights.items() if case in DEFAULTS}
+    return publish(findings(flights, first_seed, settings), out, draw, shown)
+
+
+def findings(flights: Mapping[Case, Sequence[Flight]], first_seed: int, settings: Sequence[str] = ()) -> Findings:
+    """The results of flights with successive seeds."""
+    scores, total = {case: score(each) for case, each in flights.items()}, over_all(flights)
+    required = requirements(scores, total)
+    setting = (__doc__ or "").replace("\n", " ").strip()
+    return Findings(
+        study=NAME,
+        title=TITLE,
+        setting=f"{setting} Beyond the defaults: {', '.join(settings)}." if settings else setting,
+        seeds=max(len(each) for each in flights.values()),
+        first_seed=first_seed,
+        tables=(table_of(scores, total),),
+        checks=checks_of(required),
+        claims=claims_of(required),
+        misprints=(),
+        figures=(),
+    )

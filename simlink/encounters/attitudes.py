@@ -1,0 +1,67 @@
+"""Attitudes of both aircraft of an encounter, as Euler angles (N, 3): roll, pitch, yaw (ZYX, rad), not wrapped."""
+
+from typing import Final
+
+import numpy as np
+
+from simlink.encounters.curves import Motion, blurred, waves, wobble
+from simlink.scenarios.profiles import GaussMarkov
+from simlink.sensors.arrays import Array
+from simlink.world.constants import DT, G
+
+YAW_GAIN: Final = 3.0  # 1/s
+YAW_RATE: Final = 1.5  # rad/s, at most
+PITCH_SHARE: Final = 0.5  # of the pitch that a forward acceleration takes; the rest is a slower reaction
+
+
+def multirotor_attitude(motion: Motion, nose: Array, wind: Array, drag: float) -> Array:
+    """Of a multirotor whose thrust carries its weight, accelerates it, and overcomes drag (1/s times airspeed)."""
+    f = motion.a + drag * (motion.v - wind) - np.array([0.0, 0.0, G])
+    ahead = np.cos(nose) * f[:, 0] + np.sin(nose) * f[:, 1]
+    right = np.cos(nose) * f[:, 1] - np.sin(nose) * f[:, 0]
+    roll = np.arcsin(right / np.linalg.norm(f, axis=1))
+    return np.column_stack([roll, np.arctan2(-ahead, -f[:, 2]), nose])
+
+
+def fixed_wing_attitude(motion: Motion, nose: Array) -> Array:
+    """Of a fixed wing in coordinated flight, level: it banks as it turns."""
+    right = np.cos(nose) * motion.a[:, 1] - np.sin(nose) * motion.a[:, 0]
+    return np.column_stack([np.arctan2(right, G), np.zeros_like(nose), nose])
+
+
+def follower_attitude(rng: np.random.Generator, seed: int, t: Array, motion: Motion, r_FL_n: Array) -> Array:
+    """Of a follower that turns its nose to the leader, roughly and no faster than it can, and leans as it
+    accelerates. Its camera is mounted for the lean of steady flight, which is left out."""
+    aim = wobble(seed, "encounters.aim", GaussMarkov(sigma=rng.uniform(1.0, 4.0), time=6.0), len(t), np.pi / 180)
+    sight = np.unwrap(np.arctan2(r_FL_n[:, 1], r_FL_n[:, 0])) + aim
+    yaw = _slewed(blurred(sight, 0.5))
+    a = np.stack([blurred(x, 0.4) for x in motion.a.T], axis=-1)
+    ahead = np.cos(yaw) * a[:, 0] + np.sin(yaw) * a[:, 1]
+    right = np.cos(yaw) * a[:, 1] - np.sin(yaw) * a[:, 0]
+    roll, pitch = np.arctan(right / G), -PITCH_SHARE * np.arctan(ahead / G)
+    sway = np.radians(rng.uniform(0.4, 1.2))
+    return np.column_stack(
+        [roll + waves(rng, t, sway, (3.1, 1.7)), pitch + waves(rng, t, sway, (2.7, 1.4)), yaw],
+    )
+
+
+def body_rates(euler: Array) -> Array:
+    """Angular rates in b (N, 3), rad/s."""
+    roll, pitch, _ = euler.T
+    d_roll, d_pitch, d_yaw = np.gradient(euler, DT, axis=0).T
+    return np.column_stack(
+        [
+            d_roll - d_yaw * np.sin(pitch),
+            d_pitch * np.cos(roll) + d_yaw * np.cos(pitch) * np.sin(roll),
+            d_yaw * np.cos(pitch) * np.cos(roll) - d_pitch * np.sin(roll),
+        ]
+    )
+
+
+def _slewed(sight: Array) -> Array:
+    """A yaw (N,) that follows a direction (N,) with limited gain and rate."""
+    yaw, at = [], float(sight[0])
+    for aim in sight.tolist():
+        yaw.append(at)
+        at += DT * min(max(YAW_GAIN * (aim - at), -YAW_RATE), YAW_RATE)
+    return np.array(yaw)

@@ -1,0 +1,62 @@
+"""One encounter: its truth, and what our vehicle's computer receives. It depends on family and seed alone."""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.messages import Message
+from simlink.encounters.attitudes import fixed_wing_attitude, follower_attitude, multirotor_attitude
+from simlink.encounters.conditions import Conditions, draw_conditions
+from simlink.encounters.curves import wobble
+from simlink.encounters.families import FAMILIES, LeaderClass
+from simlink.encounters.reports import received
+from simlink.encounters.truth import EncounterTruth
+from simlink.sensors.arrays import Array
+from simlink.world.constants import DT, steps_of
+from simlink.world.noise import stream
+
+SECONDS: Final = 45.0
+
+
+class Encounter(NamedTuple):
+    """`messages` are in the order of their arrival; times are on the boot clock, as is `truth.t`."""
+
+    family: str
+    seed: int
+    leader_class: LeaderClass
+    conditions: Conditions
+    truth: EncounterTruth
+    messages: tuple[Message, ...]
+
+
+def make_encounter(family: str, seed: int, seconds: float = SECONDS) -> Encounter:
+    """The encounter `seed` (>= 0) of a family.
+
+    Raises ValueError for a family that is none of FAMILIES.
+    """
+    if family not in FAMILIES:
+        raise ValueError(f"no family {family!r}; known: {', '.join(FAMILIES)}")
+    own_seed = _seed_of(family, seed)
+    rng = stream(own_seed, "encounters.geometry")
+    conditions = draw_conditions(stream(own_seed, "encounters.conditions"))
+    t: Array = DT * np.arange(steps_of(seconds) + 1, dtype=np.float64)
+    leader, nose, follower, wind, leader_class = FAMILIES[family](rng, t)
+    nose = nose + wobble(own_seed, "encounters.nose", conditions.nose_wobble_deg, len(t), np.pi / 180)
+    if leader_class == "fixed_wing":
+        euler_L = fixed_wing_attitude(leader, nose)
+    else:
+        euler_L = multirotor_attitude(leader, nose, wind, conditions.drag)
+    euler_L[:, 0] += wobble(own_seed, "encounters.bank", conditions.bank_wobble_deg, len(t), np.pi / 180)
+    truth = EncounterTruth(
+        t=t,
+        leader=leader,
+        euler_L=euler_L,
+        follower=follower,
+        euler_F=follower_attitude(rng, own_seed, t, follower, leader.r - follower.r),
+    )
+    return Encounter(family, seed, leader_class, conditions, truth, received(truth, conditions, own_seed))
+
+
+def _seed_of(family: str, seed: int) -> int:
+    """A seed of the streams, another for each family and seed."""
+    return seed * len(FAMILIES) + list(FAMILIES).index(family)

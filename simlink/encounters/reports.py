@@ -1,0 +1,147 @@
+"""What our vehicle's computer receives of an encounter: the autopilot's messages and the camera's, with the errors
+and delays of the conditions."""
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from onboard.messages import Attitude, Clock, Heartbeat, LocalPosition, Message, Quaternion, TargetPoints, Vec3
+from simlink.encounters.attitudes import body_rates
+from simlink.encounters.conditions import JITTER_S, Conditions
+from simlink.encounters.curves import wobble
+from simlink.encounters.truth import EncounterTruth, at
+from simlink.sensors.arrays import Array
+from simlink.sensors.camera import Points, in_camera, is_inside, leader_points_n, mount_quaternion, registrations
+from simlink.world import attitude
+from simlink.world.noise import stream
+
+BOOT_NS: Final = 20_000_000_000  # boot clock when the encounter begins
+EPOCH_NS: Final = 1_735_689_600 * 10**9  # Unix time at boot
+VISION: Final = 191  # component that sends image points
+MULTIROTOR, ARDUPILOT, ACTIVE = 2, 3, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
+
+
+def boot_ns(t: float) -> int:
+    """The boot clock at a time of the encounter."""
+    return BOOT_NS + round(t * 1e9)
+
+
+def received(truth: EncounterTruth, conditions: Conditions, seed: int) -> tuple[Message, ...]:
+    """All messages, in the order of their arrival."""
+    messages = [
+        *_heartbeats(truth),
+        *_attitudes(truth, conditions, seed),
+        *_positions(truth, conditions, seed),
+        *_images(truth, conditions, seed),
+    ]
+    return tuple(sorted(messages, key=lambda m: m.t_recv_ns))
+
+
+def _samples(truth: EncounterTruth, rng: np.random.Generator, rate: float) -> Array:
+    """Times of samples at a rate (Hz), their phase random."""
+    return np.arange(rng.uniform(0.0, 1.0) / rate, truth.t[-1], 1.0 / rate)
+
+
+def _heartbeats(truth: EncounterTruth) -> Iterator[Message]:
+    for t in np.arange(0.0, truth.t[-1], 1.0).tolist():
+        ns = boot_ns(t)
+        yield Heartbeat(
+            t_ns=ns,
+            t_recv_ns=EPOCH_NS + ns,
+            clock=Clock.NONE,
+            vehicle_type=MULTIROTOR,
+            autopilot=ARDUPILOT,
+            armed=True,
+            status=ACTIVE,
+        )
+
+
+def _attitudes(truth: EncounterTruth, conditions: Conditions, seed: int) -> Iterator[Message]:
+    """ATTITUDE_QUATERNION: the attitude is off by a rotation in b that changes slowly."""
+    tilt, yaw, n = conditions.tilt_error_deg, conditions.yaw_error_deg, len(truth.t)
+    error = np.column_stack(
+        [
+            wobble(seed, f"encounters.attitude.{axis}", process, n, np.pi / 180)
+            for axis, process in (("x", tilt), ("y", tilt), ("z", yaw))
+        ]
+    )
+    when = _samples(truth, stream(seed, "encounters.attitude"), conditions.attitude_hz)
+    rows = at(truth.t, np.hstack([truth.euler_F, body_rates(truth.euler_F), error]), when)
+    for t, (roll, pitch, heading, p, q, r, *wrong) in zip(when.tolist(), rows.tolist(), strict=True):
+        q_nb = attitude.product(attitude.from_euler(roll, pitch, heading), attitude.from_vector(*wrong))
+        ns = boot_ns(t)
+        yield Attitude(t_ns=ns, t_recv_ns=_arrival(ns, conditions.transport), q_nb=q_nb, omega_b=(p, q, r))
+
+
+def _positions(truth: EncounterTruth, conditions: Conditions, seed: int) -> Iterator[Message]:
+    """LOCAL_POSITION_NED: older than its stamp, its velocity off by what changes slowly."""
+    n, process = len(truth.t), conditions.velocity_error
+    error = np.column_stack([wobble(seed, f"encounters.velocity.{axis}", process, n) for axis in "xyz"])
+    when = _samples(truth, stream(seed, "encounters.position"), conditions.position_hz)
+    motion = np.hstack([truth.follower.r, truth.follower.v + error])
+    for t, row in zip(when.tolist(), at(truth.t, motion, when - conditions.position_lag).tolist(), strict=True):
+        ns = boot_ns(t)
+        yield LocalPosition(
+            t_ns=ns,
+            t_recv_ns=_arrival(ns, conditions.transport),
+            r_OF_n=(row[0], row[1], row[2]),
+            v_F_n=(row[3], row[4], row[5]),
+        )
+
+
+def _images(truth: EncounterTruth, conditions: Conditions, seed: int) -> Iterator[Message]:
+    """The points of each image in which the leader is found."""
+    camera, rng = conditions.camera, stream(seed, "encounters.images")
+    q_bc, found = mount_quaternion(camera), registrations(camera, seed)
+    when = _samples(truth, rng, camera.rate)
+    noise = camera.sigma_px / camera.f_px * rng.standard_normal((len(when), 3, 2))
+    late = camera.latency + JITTER_S * rng.random(len(when))
+    rows = at(truth.t, np.hstack([truth.r_FL_n, truth.euler_L, truth.euler_F]), when).tolist()
+    for t, row, off, delay, is_found in zip(
+        when.tolist(), rows, noise.tolist(), late.tolist(), found, strict=False
+    ):
+        r_FL_n: Vec3 = (row[0], row[1], row[2])
+        q_nL, q_nF = attitude.from_euler(*row[3:6]), attitude.from_euler(*row[6:9])
+        points = image_points(r_FL_n, q_nL, q_nF, conditions, q_bc)
+        if is_found and points is not None:
+            center, left, right = named_by_side(points, off)
+            ns = boot_ns(t)
+            yield TargetPoints(
+                t_ns=ns,
+                t_recv_ns=_arrival(ns, delay),
+                component=VISION,
+                camera=camera.name,
+                center=center,
+                left=left,
+                right=right,
+            )
+
+
+def image_points(
+    r_FL_n: Vec3, q_nL: Quaternion, q_nF: Quaternion, conditions: Conditions, q_bc: Quaternion
+) -> Points | None:
+    """Center and both wingtips without noise, in units of the focal length; None where a point is not in view, or
+    the leader too small to be found."""
+    camera, points = conditions.camera, []
+    for r_FP_n in leader_points_n(r_FL_n, q_nL, conditions.size):
+        x, y, z = in_camera(r_FP_n, q_nF, camera, q_bc)
+        if not is_inside(camera, x, y, z):
+            return None
+        points.append((y / x, z / x))
+    if camera.f_px * conditions.size < conditions.smallest_px * math.hypot(*r_FL_n):
+        return None
+    return points[0], points[1], points[2]
+
+
+def named_by_side(points: Points, noise: list[list[float]]) -> Points:
+    """Points with noise. A detector knows no wing from the other: left is the tip that it finds further left."""
+    noisy = [(y + dy, z + dz) for (y, z), (dy, dz) in zip(points, noise, strict=True)]
+    first, second = sorted(noisy[1:])
+    return noisy[0], first, second
+
+
+def _arrival(t_ns: int, delay: float) -> int:
+    """Arrival on this computer's clock."""
+    return EPOCH_NS + t_ns + round(delay * 1e9)

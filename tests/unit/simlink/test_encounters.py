@@ -1,0 +1,261 @@
+"""The encounters of simlink: their geometry by independent formulas, what each family claims, and determinism."""
+
+from collections.abc import Sequence
+from typing import TypeVar
+
+import msgspec
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from onboard.messages import Attitude, LocalPosition, Message, TargetPoints
+from simlink.encounters.attitudes import body_rates, multirotor_attitude
+from simlink.encounters.conditions import draw_conditions
+from simlink.encounters.curves import Motion
+from simlink.encounters.encounter import Encounter, make_encounter
+from simlink.encounters.families import FAMILIES
+from simlink.encounters.reports import BOOT_NS, EPOCH_NS, named_by_side
+
+Array = NDArray[np.float64]
+M = TypeVar("M", bound=Message)
+F_PX = 554.256
+SEEDS = range(1, 7)
+
+
+def rotation(euler: Sequence[float]) -> Array:
+    """R_nb (3, 3) of roll, pitch, yaw, as the product of three matrices."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(euler), np.sin(euler)
+    yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    pitch = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
+    roll = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
+    return np.asarray(yaw @ pitch @ roll)
+
+
+def sampled(encounter: Encounter, values: Array, messages: Sequence[Message], late: float = 0.0) -> Array:
+    """Rows of the truth at the stamps of messages, `late` s before."""
+    when = [(m.t_ns - BOOT_NS) * 1e-9 - late for m in messages]
+    return np.column_stack([np.interp(when, encounter.truth.t, x) for x in values.T])
+
+
+def of(encounter: Encounter, kind: type[M]) -> list[M]:
+    return [m for m in encounter.messages if isinstance(m, kind)]
+
+
+def degrees_between(a: Array, b: Array) -> Array:
+    """|a - b|, 0 to 180 degrees, of angles in rad."""
+    return np.abs(np.degrees((a - b + np.pi) % (2 * np.pi) - np.pi))
+
+
+def course(motion: Motion) -> Array:
+    return np.arctan2(motion.v[:, 1], motion.v[:, 0])
+
+
+def speed(motion: Motion) -> Array:
+    return np.asarray(np.linalg.norm(motion.v, axis=1))
+
+
+def nose(encounter: Encounter) -> Array:
+    return encounter.truth.euler_L[:, 2]
+
+
+def sight(encounter: Encounter) -> Array:
+    """Where we look to see the leader, rad."""
+    r = encounter.truth.r_FL_n
+    return np.arctan2(r[:, 1], r[:, 0])
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_image_points_are_the_projection_of_the_wing_seed_1(family: str) -> None:
+    encounter = make_encounter(family, 1, 12.0)
+    truth, conditions = encounter.truth, encounter.conditions
+    images = of(encounter, TargetPoints)
+    assert len(images) > 40
+    rows = sampled(encounter, np.hstack([truth.r_FL_n, truth.euler_L, truth.euler_F]), images)
+    errors = []
+    for image, row in zip(images, rows, strict=True):
+        wing = 0.5 * conditions.size * rotation(row[3:6])[:, 1]
+        seen = [rotation(row[6:9]).T @ (row[:3] + k * wing) for k in (0.0, -1.0, 1.0)]
+        center, *tips = [(p[1] / p[0], p[2] / p[0]) for p in seen]
+        measured = np.array([image.center, image.left, image.right])
+        off = [np.abs(measured - np.array([center, *pair])).max() for pair in (tips, tips[::-1])]
+        errors.append(min(off) * F_PX)
+    # six numbers with noise: their largest lies between these multiples of it
+    assert max(errors) < 5.5 * conditions.camera.sigma_px
+    assert 0.8 * conditions.camera.sigma_px < np.median(errors) < 2.0 * conditions.camera.sigma_px
+
+
+def test_wingtips_are_named_by_their_side_in_the_image_seeds_1_to_6() -> None:
+    for seed in SEEDS:
+        images = of(make_encounter("hover", seed, 5.0), TargetPoints)
+        assert all(image.left[0] <= image.right[0] for image in images)
+    swapped = named_by_side(((0.0, 0.0), (0.2, 0.1), (-0.2, -0.1)), [[0.0, 0.0]] * 3)
+    assert swapped == ((0.0, 0.0), (-0.2, -0.1), (0.2, 0.1))
+
+
+def test_images_arrive_late_and_as_often_as_drawn_seeds_1_to_6() -> None:
+    for seed in SEEDS:
+        encounter = make_encounter("behind", seed, 20.0)
+        camera = encounter.conditions.camera
+        images = of(encounter, TargetPoints)
+        delays = [(m.t_recv_ns - m.t_ns - EPOCH_NS) * 1e-9 for m in images]
+        assert camera.latency - 1e-6 <= min(delays) <= max(delays) <= camera.latency + 0.0051
+        assert 0.5 < len(images) / (20.0 * camera.rate) <= 1.0
+        assert 12.0 <= camera.rate <= 30.0
+
+
+def test_messages_are_in_the_order_of_their_arrival_seed_2() -> None:
+    arrivals = [m.t_recv_ns for m in make_encounter("circling", 2, 10.0).messages]
+    assert arrivals == sorted(arrivals)
+
+
+def test_our_own_state_is_late_and_off_by_what_was_drawn_seeds_1_to_6() -> None:
+    in_sigmas = []  # of yaw and pitch
+    for seed in SEEDS:
+        encounter = make_encounter("circling", seed, 10.0)
+        conditions, truth = encounter.conditions, encounter.truth
+        positions = of(encounter, LocalPosition)[10:]
+        r = sampled(encounter, truth.follower.r, positions, conditions.position_lag)
+        assert np.abs(np.array([p.r_OF_n for p in positions]) - r).max() < 1e-6
+        v = sampled(encounter, truth.follower.v, positions, conditions.position_lag)
+        off = np.abs(np.array([p.v_F_n for p in positions]) - v)
+        assert 0.0 < off.max() < 4.5 * conditions.velocity_error.sigma
+        attitudes = of(encounter, Attitude)
+        euler = sampled(encounter, truth.euler_F, attitudes)
+        for m, angles in zip(attitudes, euler, strict=True):
+            w, x, y, z = m.q_nb
+            forward = np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
+            turned = rotation(angles).T @ forward
+            sigmas = (conditions.yaw_error_deg.sigma, conditions.tilt_error_deg.sigma)
+            in_sigmas.append(np.degrees(turned[1:]) / sigmas)
+    assert np.abs(in_sigmas).max() < 4.0
+    assert (np.sqrt(np.mean(np.square(in_sigmas), axis=0)) > 0.5).all()
+
+
+def test_body_rates_are_those_of_the_rotation_seed_3() -> None:
+    truth = make_encounter("stop_turn_leave", 3, 10.0).truth
+    rates = body_rates(truth.euler_F)
+    for k in range(200, 2000, 300):
+        step = rotation(truth.euler_F[k - 1]).T @ rotation(truth.euler_F[k + 1])
+        turn = np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / 2.0
+        assert np.allclose(turn / (truth.t[k + 1] - truth.t[k - 1]), rates[k], atol=1e-4)
+
+
+def test_a_multirotor_leans_so_that_its_thrust_carries_it() -> None:
+    """Thrust is along -z of the body: f_n = a + drag (v - wind) - g."""
+    motion = Motion(*(np.array([row]) for row in ([0.0, 0.0, 0.0], [6.0, -3.0, 0.0], [1.0, 2.0, -0.5])))
+    wind = np.array([1.0, 1.0, 0.0])
+    (euler,) = multirotor_attitude(motion, np.array([2.0]), wind, 0.2)
+    f = np.array([1.0 + 0.2 * 5.0, 2.0 - 0.2 * 4.0, -0.5 - 9.80665])
+    assert np.allclose(-rotation(euler)[:, 2], f / np.linalg.norm(f))
+    assert euler[2] == 2.0
+
+
+def test_flying_straight_from_behind_the_nose_is_on_the_course_seeds_1_to_6() -> None:
+    for seed in SEEDS:
+        e = make_encounter("behind", seed)
+        off = degrees_between(nose(e), course(e.truth.leader))
+        assert np.median(off) < 3.0
+        assert np.median(degrees_between(sight(e), course(e.truth.leader))) < 35.0
+
+
+@pytest.mark.parametrize(("family", "low", "high"), [("sideways", 38.0, 142.0), ("crab", 9.0, 29.0)])
+def test_the_nose_is_as_far_off_the_course_as_claimed_seeds_1_to_6(family: str, low: float, high: float) -> None:
+    for seed in SEEDS:
+        e = make_encounter(family, seed)
+        off = np.median(degrees_between(nose(e), course(e.truth.leader)))
+        assert low < off < high
+        assert np.linalg.norm(e.truth.v_FL_n, axis=1).max() < 6.0  # we fly along
+        assert e.leader_class == ("fixed_wing" if family == "crab" else "multirotor")
+
+
+def test_a_fixed_wing_flies_through_its_air_nose_first_seeds_1_to_6() -> None:
+    t: Array = 0.005 * np.arange(4001, dtype=np.float64)
+    for seed in SEEDS:
+        scene = FAMILIES["crab"](np.random.default_rng(seed), t)
+        through = scene.leader.v - scene.wind
+        assert degrees_between(scene.nose, np.arctan2(through[:, 1], through[:, 0])).max() < 1e-6
+        assert np.ptp(np.linalg.norm(through, axis=1)) < 1e-6
+
+
+def test_hovering_and_circling_leaders_stay_and_we_circle_seeds_1_to_6() -> None:
+    for seed in SEEDS:
+        both, around = make_encounter("hover", seed), make_encounter("circling", seed)
+        for e in (both, around):
+            assert np.ptp(e.truth.leader.r, axis=0).max() < 1.0
+        assert speed(both.truth.follower).max() < 0.8
+        assert np.ptp(np.unwrap(sight(both))) < 0.2
+        assert np.ptp(np.unwrap(sight(around))) > 3.0  # rad, in 45 s
+
+
+def test_noses_of_hovering_leaders_point_anywhere_seeds_1_to_24() -> None:
+    aspects = [nose(e)[0] - sight(e)[0] for e in (make_encounter("hover", seed, 1.0) for seed in range(1, 25))]
+    quarters = set(np.floor(np.mod(aspects, 2 * np.pi) / (np.pi / 2)).astype(int).tolist())
+    assert quarters == {0, 1, 2, 3}
+
+
+def test_a_crossing_leader_crosses_our_line_of_sight_seeds_1_to_6() -> None:
+    for seed in SEEDS:
+        e = make_encounter("crossing", seed)
+        middle = len(e.truth.t) // 2
+        across = degrees_between(course(e.truth.leader), sight(e))[middle]
+        assert 38.0 < across < 142.0  # drawn from 45 to 135; our own wander turns the line of sight a little
+        assert np.median(degrees_between(nose(e), course(e.truth.leader))) < 3.0
+
+
+def test_both_wander_slowly_and_the_nose_turns_half_of_the_time_seeds_1_to_6() -> None:
+    t: Array = 0.005 * np.arange(9001, dtype=np.float64)
+    turning = []
+    for seed in SEEDS:
+        scene = FAMILIES["wander"](np.random.default_rng(seed), t)
+        rate = np.abs(np.gradient(scene.nose, 0.005))
+        assert rate.max() < 0.2001
+        turning.append(np.mean(rate > 0.02))
+        assert all(0.9 < speed(m).max() < 3.01 for m in (scene.leader, scene.follower))
+    assert 0.35 < np.mean(turning) < 0.65
+
+
+def test_a_leader_that_comes_head_on_passes_close_and_leaves_seeds_1_to_6() -> None:
+    for seed in SEEDS:
+        e = make_encounter("head_on", seed)
+        distance = np.linalg.norm(e.truth.r_FL_n, axis=1)
+        assert 88.0 < distance[0] < 145.0
+        assert degrees_between(nose(e), sight(e))[0] > 160.0  # its nose is to us
+        assert 4.0 < distance.min() < 17.0
+        assert distance[-1] > 150.0
+
+
+def test_a_leader_starts_stops_turns_its_nose_and_leaves_along_it_seeds_1_to_6() -> None:
+    for seed in SEEDS:
+        e = make_encounter("stop_turn_leave", seed)
+        v = speed(e.truth.leader)
+        moving = np.flatnonzero(v > 2.0)
+        stopped = np.flatnonzero(np.diff(moving) > 200)  # longer than a second
+        assert v[0] < 0.1
+        assert len(stopped) == 1
+        away = course(e.truth.leader)[-1]
+        assert degrees_between(nose(e)[-200:], away).max() < 12.0
+        first = course(e.truth.leader)[moving[0]]
+        assert degrees_between(first, away) < 116.0
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_same_family_and_seed_give_the_same_bytes_seeds_4_and_5(family: str) -> None:
+    one, again, other = (msgspec.json.encode(make_encounter(family, seed, 3.0).messages) for seed in (4, 4, 5))
+    assert one == again != other
+
+
+def test_families_of_one_seed_have_conditions_of_their_own_seed_1() -> None:
+    assert len({make_encounter(family, 1, 1.0).conditions.size for family in FAMILIES}) == len(FAMILIES)
+
+
+def test_conditions_are_drawn_anew_each_time_seed_7() -> None:
+    rng = np.random.default_rng(7)
+    drawn = [draw_conditions(rng) for _ in range(50)]
+    for field in drawn[0]._fields:
+        assert len({str(getattr(c, field)) for c in drawn}) == 50
+    assert np.std([c.size / 2.0 for c in drawn]) == pytest.approx(0.02, rel=0.3)
+
+
+def test_an_unknown_family_is_refused() -> None:
+    with pytest.raises(ValueError, match="known: behind"):
+        make_encounter("upside_down", 1)
