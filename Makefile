@@ -11,7 +11,7 @@ READY_DOCS := $(VENV)/.ready-docs
 KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py \
 	onboard/estimators/*/*.py)
 
-.PHONY: install demo test test-all lint bench docs clean
+.PHONY: install demo test test-all lint mutants bench docs clean
 
 install: $(READY)  ## onboard and simlink, in .venv/bin
 	@echo "ready: $(BIN)/onboard --help"
@@ -32,6 +32,9 @@ lint: $(READY_DEV)  ## what CI runs before the tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+mutants: $(READY_DEV) $(COMPILED)  ## whether a test sees each of the wrong lines in tests/mutants
+	$(BIN)/python -m tests.mutants $(ARGS)
 
 bench: $(READY_DEV) $(COMPILED)  ## speed, as ratios within one run
 	$(BIN)/python -m benchmarks --json bench.json

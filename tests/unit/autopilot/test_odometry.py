@@ -9,6 +9,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.odometry import OdometryStream, odometry_of
 from onboard.config import ConfigError, parse_config
+from onboard.geometry.rotations import (
+    matrix_from_quaternion,
+    quaternion_from_euler,
+    quaternion_from_vector,
+    quaternion_product,
+)
 from tests.support.vehicle_records import EAST, nav_state
 
 
@@ -35,6 +41,28 @@ def test_what_a_parser_reads_is_the_state_in_local_ned_and_in_the_body() -> None
     # east's variance 5 forward, north's 4 right; and v x of the attitude's 7, 8, 9 with v = (5, -4, 6) in b
     expected = [5 + 36 * 8 + 16 * 9, 4 + 36 * 7 + 25 * 9, 6 + 16 * 7 + 25 * 8, 10, 11, 12]
     assert_allclose(np.diag(speed), expected, rtol=1e-6)
+
+
+def test_the_bodys_velocity_and_the_attitude_err_together_as_the_covariance_says_seed_3() -> None:
+    """Of a full covariance, by drawing states from it: an error of the attitude turns the velocity, too."""
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(12, 12)) * np.repeat([1.0, 0.5, 0.02, 0.1], 3)[:, None]
+    P, q, v_n = root @ root.T, quaternion_from_euler(0.3, -0.2, 1.1), np.array([4.0, 5.0, 6.0])
+    mean = (1.0, 2.0, -3.0, *v_n, 0.3, -0.2, 1.1, 0.1, 0.2, 0.3)
+    state = nav_state(mean=mean, q_nb=tuple(q.tolist()), covariance=tuple(map(tuple, P.tolist())))
+    draws = rng.multivariate_normal(np.zeros(12), P, 20_000)
+    v_b = [
+        matrix_from_quaternion(quaternion_product(q, quaternion_from_vector(d[6:9]))).T @ (v_n + d[3:6])
+        for d in draws
+    ]
+    expected = np.cov(np.column_stack([v_b, draws[:, 9:]]).T)
+    told = odometry_of(state)
+    assert told is not None
+    speed = np.zeros((6, 6))
+    speed[np.triu_indices(6)] = told.velocity_covariance
+    sigma = np.sqrt(np.diag(expected))
+    assert_allclose(np.diag(speed), np.diag(expected), rtol=0.05)
+    assert_allclose(speed / np.outer(sigma, sigma), np.triu(expected) / np.outer(sigma, sigma), atol=0.03)
 
 
 def test_a_state_that_is_not_valid_says_so_and_one_that_is_not_there_is_not_sent() -> None:

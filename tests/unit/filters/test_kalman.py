@@ -51,6 +51,17 @@ def test_kalman_is_the_textbook_seed_1() -> None:
     assert np.array_equal(update.belief.covariance, update.belief.covariance.T)
 
 
+def test_an_offset_of_the_model_moves_the_mean_and_not_the_covariance_seed_14() -> None:
+    """The method finds the matrices of an affine model, whose value at the origin is not zero."""
+    p, method, offset = problem(14), kalman.METHODS[0], np.array([5.0, -3.0, 2.0, 7.0, 1.0])
+    prior = method.predict(Belief(p["mean"], p["P"]), lambda rows: rows @ p["F"].T + offset, p["Q"])
+    np.testing.assert_allclose(prior.mean, p["F"] @ p["mean"] + offset)
+    np.testing.assert_allclose(prior.covariance, p["F"] @ p["P"] @ p["F"].T + p["Q"])
+    shifted = p | {"F": np.eye(N), "Q": np.zeros((N, N)), "mean": prior.mean, "P": prior.covariance}
+    update = method.update(prior, p["y"] + offset[:M], lambda rows: rows @ p["H"].T + offset[:M], p["R"], ())
+    same(update, textbook(shifted))
+
+
 def test_kalman_broadcasts_over_two_leading_axes_seed_2() -> None:
     p = problem(2, (3, 4))
     prior = kalman.predict(Belief(p["mean"], p["P"]), p["F"], p["Q"])

@@ -2,6 +2,7 @@
 
 import math
 
+import msgspec
 import pytest
 
 from onboard.messages import Fault, FaultKind, NavState, Truth
@@ -37,6 +38,33 @@ def test_three_sigmas_are_three_of_the_states_own() -> None:
     outside = score_own_state(*flight(6.1))  # the variance of the north velocity is 4
     assert outside is not None
     assert outside.inside_3_sigma_percent == pytest.approx(200 / 3)
+
+
+def test_states_that_are_not_valid_are_not_judged() -> None:
+    """Those of the first half are off by 50 m/s and turned over, and say that they are not to be believed."""
+    states, truths = flight(0.5)
+    lost = [
+        msgspec.structs.replace(s, valid=False, mean=(*s.mean[:3], 51.0, *s.mean[4:]), q_nb=(0.0, 1.0, 0.0, 0.0))  # type: ignore[index]
+        for s in states[:200]
+    ]
+    score = score_own_state([*lost, *states[200:]], truths)
+    assert score is not None
+    assert (score.states, score.valid) == (400, 200)
+    assert score.velocity_rmse_m_s == pytest.approx(0.5)
+    assert score.attitude_rmse_deg == pytest.approx(4.0)
+    assert score.inside_3_sigma_percent == 100.0
+
+
+def test_the_first_seconds_are_not_judged_and_no_state_far_from_a_truth() -> None:
+    states, truths = flight(0.5)
+    early = [truth(t.t_ns, v_F_n=(99.0, 0.0, 0.0)) for t in truths[:95]]  # the first ten seconds begin at 1 s
+    score = score_own_state(states, [*early, *truths[105:]])
+    assert score is not None
+    assert score.velocity_rmse_m_s == pytest.approx(0.5)
+    between = [truth(t.t_ns + 50_000_000, v_F_n=(99.0, 0.0, 0.0)) for t in truths]
+    alone = score_own_state(states, between)
+    assert alone is not None
+    assert alone.velocity_rmse_m_s is None
 
 
 def test_without_truth_or_states_there_is_less_to_say() -> None:

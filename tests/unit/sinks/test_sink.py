@@ -122,6 +122,27 @@ def test_what_is_queued_at_the_end_is_still_written() -> None:
     assert sink.written == list(range(5000))
 
 
+def test_a_sink_that_was_stuck_until_the_end_still_writes_all_that_is_queued() -> None:
+    """Several batches wait when it is stopped, whoever is faster: it is let go only after the stop."""
+    sink = Collector()
+    sink.gate.clear()
+
+    async def check(runner: SinkRunner[int]) -> None:
+        await until(lambda: sink.calls)
+        for n in range(3000):
+            runner.put(n)
+
+        def let_go() -> None:
+            runner._stop.wait(TIMEOUT_S)
+            sink.gate.set()
+
+        threading.Thread(target=let_go).start()
+
+    runner = with_runner(sink, check, capacity=5000, close_timeout_s=TIMEOUT_S)
+    assert sink.written == list(range(3000))
+    assert (runner.health().sent, runner.health().dropped) == (3000, 0)
+
+
 def test_a_blocked_sink_delays_nobody_drops_the_oldest_and_lets_the_program_end() -> None:
     sink = Collector()
     sink.gate.clear()

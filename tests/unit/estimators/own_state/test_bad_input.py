@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.messages import Barometer, GpsFix, LocalPosition, Message, Verdict
+from onboard.messages import Barometer, GpsFix, Lifecycle, LocalPosition, Message, Verdict
 from tests.support.own_vehicle import MS, attitude, fix, header, heartbeat, hovering, imu, pipeline, states_of
 
 
@@ -67,3 +67,12 @@ def test_nan_from_the_accelerometer_is_ignored() -> None:
     states = states_of(p, [heartbeat(), *messages, imu(5000, (math.nan, 0, 0)), attitude(5010), attitude(5020)])
     assert states[-1].valid
     assert np.isfinite(states[-1].mean).all()  # type: ignore[arg-type]
+
+
+def test_a_lost_state_has_no_quality() -> None:
+    p = pipeline()
+    states = states_of(p, [heartbeat(), *hovering(1000, 5000)])
+    assert states[-1].quality > 0
+    silent = [m for m in hovering(5000, 11000) if not isinstance(m, GpsFix)]
+    last = states_of(p, silent)[-1]
+    assert (last.state, last.valid, last.quality) == (Lifecycle.LOST, False, -1)

@@ -1,0 +1,204 @@
+"""`python -m tests.mutants [NAME ...]`: does a test see each wrong line?
+
+Every mutant is put into a copy of the tree, and the tests that are named for it run there. It is killed when one
+fails. The exit code is 1 when one survives that is not declared to, when one that is declared is killed, and when
+the tests fail without any mutant. Names may hold wildcards; `--from NAME` goes on with a run that was broken off.
+
+Where the file has kernels, its tests run without Numba's compiler, so that no machine code of the right line can
+run in place of the wrong one.
+"""
+
+import argparse
+import fnmatch
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+from typing import Final, NamedTuple
+
+from tests.mutants.table import ROOT, Mutant, MutantError, read
+
+KILLED, ENDLESS, SURVIVED, BROKEN = "killed", "endless", "survived", "BROKEN"
+PARTS: Final = ("onboard", "simlink", "benchmarks", "tests", "pyproject.toml")
+LIMIT_S: Final = 600.0  # then it is taken to run for ever, and counts as killed
+# pytest's exit code for failed tests, and ours for endless ones; 0 is success, any other: no tests were run
+TESTS_FAILED, TOO_LONG = 1, -1
+COMPILER: Final = "njit"  # stands in a file with kernels
+
+
+class Ran(NamedTuple):
+    """What became of a mutant; `told` is the end of what pytest said."""
+
+    mutant: Mutant
+    outcome: str
+    seconds: float
+    told: str
+
+    @property
+    def as_declared(self) -> bool:
+        """Whether it was killed, or survived with a reason."""
+        return self.outcome in ((SURVIVED,) if self.mutant.survives else (KILLED, ENDLESS))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the mutants, print what became of each and a summary; the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        chosen = choose(list(read().values()), options.names, options.start)
+    except MutantError as error:
+        print(error, file=sys.stderr)
+        return 2
+    if options.list:
+        print("\n".join(mutant.name for mutant in chosen))
+        return 0
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        copies = [_copy(Path(folder) / str(k)) for k in range(options.jobs)]
+        if not options.unchecked and not _right_without(copies[0], chosen):
+            return 2
+        ran = _run_all(copies, chosen)
+    return _summary(ran, time.monotonic() - begin)
+
+
+def choose(mutants: Sequence[Mutant], patterns: Sequence[str], start: str | None) -> list[Mutant]:
+    """Those whose names match a pattern (all, if there is none), from the one named `start` on. Raises
+    MutantError where there are none."""
+    names = [mutant.name for mutant in mutants]
+    if start is not None and start not in names:
+        raise MutantError(f"no mutant is named {start}")
+    later = mutants[names.index(start) if start else 0 :]
+    for pattern in patterns:
+        if not fnmatch.filter(names, pattern):
+            raise MutantError(f"no mutant is named {pattern}")
+    return [m for m in later if not patterns or any(fnmatch.fnmatchcase(m.name, p) for p in patterns)]
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.mutants", description="Does a test see each wrong line?"
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help="mutants, with wildcards; all by default")
+    parser.add_argument("--from", dest="start", metavar="NAME", help="go on with this one")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many at a time (%(default)s)")
+    parser.add_argument("--unchecked", action="store_true", help="do not run the tests without a mutant first")
+    parser.add_argument("--list", action="store_true", help="print the names and run nothing")
+    return parser
+
+
+def _copy(folder: Path) -> Path:
+    """A copy of the tree with its machine code, whose stamps fit the sources' times."""
+    for part in PARTS:
+        source = ROOT / part
+        if source.is_dir():
+            shutil.copytree(source, folder / part, ignore=shutil.ignore_patterns("*.pyc"))
+        else:
+            shutil.copy2(source, folder / part)
+    return folder
+
+
+def _right_without(copy: Path, mutants: Sequence[Mutant]) -> bool:
+    """Whether all tests pass before anything is changed; the others say nothing."""
+    for compiled in (True, False):
+        tests = sorted({t for m in mutants if _is_compiled(copy, m) is compiled for t in m.tests})
+        if not tests:
+            continue
+        print(f"without a mutant: {len(tests)} tests, {'compiled' if compiled else 'interpreted'}", flush=True)
+        code, told = _pytest(copy, tests, compiled=compiled, limit_s=10 * LIMIT_S)
+        if code != 0:
+            print(f"{told}\nthey fail without any mutant", flush=True)
+            return False
+    return True
+
+
+def _run_all(copies: Sequence[Path], mutants: Sequence[Mutant]) -> list[Ran]:
+    """Each mutant in one of the copies; what became of each is printed when it is known, in the table's order."""
+    free: SimpleQueue[Path] = SimpleQueue()
+    for copy in copies:
+        free.put(copy)
+
+    def run_one(mutant: Mutant) -> Ran:
+        copy = free.get()
+        try:
+            return _run(copy, mutant)
+        finally:
+            free.put(copy)
+
+    ran = []
+    width = max(len(mutant.name) for mutant in mutants)
+    with ThreadPoolExecutor(len(copies)) as pool:
+        for k, one in enumerate(pool.map(run_one, mutants), 1):
+            ran.append(one)
+            print(
+                f"{k:4}/{len(mutants)} {one.mutant.name:{width}} {one.outcome:8} {one.seconds:6.1f} s", flush=True
+            )
+            if one.outcome == BROKEN:
+                print(one.told, flush=True)
+    return ran
+
+
+def _run(copy: Path, mutant: Mutant) -> Ran:
+    """Change the copy, run the tests named, and put the copy right again, its times too."""
+    path, begin = copy / mutant.file, time.monotonic()
+    right, stamp = path.read_text(encoding="utf-8"), path.stat()
+    compiled = _is_compiled(copy, mutant)
+    path.write_text(mutant.applied_to(right), encoding="utf-8")
+    try:
+        code, told = _pytest(copy, mutant.tests, compiled=compiled, limit_s=LIMIT_S)
+    finally:
+        path.write_text(right, encoding="utf-8")
+        os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
+    outcome = {0: SURVIVED, TESTS_FAILED: KILLED, TOO_LONG: ENDLESS}.get(code, BROKEN)
+    return Ran(mutant, outcome, time.monotonic() - begin, told)
+
+
+def _is_compiled(copy: Path, mutant: Mutant) -> bool:
+    """Whether its tests may use the compiler: no machine code is made of the file it changes."""
+    return COMPILER not in (copy / mutant.file).read_text(encoding="utf-8")
+
+
+def _pytest(copy: Path, tests: Sequence[str], *, compiled: bool, limit_s: float) -> tuple[int, str]:
+    """pytest's exit code, or TOO_LONG, and the end of its output. The time limit of single tests is lifted: on a
+    busy machine it would kill mutants that no test sees."""
+    environment = os.environ | {
+        "PYTHONPATH": str(copy),
+        "PYTHONDONTWRITEBYTECODE": "1",  # a mutant of the same length in the same second must not leave its own
+        "OMP_NUM_THREADS": "1",
+        "NUMBA_DISABLE_JIT": "0" if compiled else "1",
+        "HYPOTHESIS_STORAGE_DIRECTORY": str(copy / ".hypothesis"),
+    }
+    options = ("-q", "-x", "-rf", "--tb=line", "--timeout=0", "-p", "no:cacheprovider")
+    command = [sys.executable, "-m", "pytest", *options, *tests]
+    with subprocess.Popen(
+        command, cwd=copy, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    ) as process:
+        try:
+            told, _ = process.communicate(timeout=limit_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            return TOO_LONG, f"stopped after {limit_s:g} s"
+    return process.returncode, told[-2000:]
+
+
+def _summary(ran: Sequence[Ran], seconds: float) -> int:
+    """Print how many were killed, and every one that is not as declared; the exit code."""
+    killed = sum(one.outcome in (KILLED, ENDLESS) for one in ran)
+    print(f"\n{killed} of {len(ran)} killed ({100 * killed / len(ran):.1f} %) in {seconds:.0f} s")
+    for one in ran:
+        if one.as_declared:
+            reason = f": {one.mutant.survives}" if one.mutant.survives else ""
+            if reason:
+                print(f"  declared: {one.mutant.name}{reason}")
+        else:
+            print(f"  not as declared: {one.mutant.name} ({one.mutant.file}) {one.outcome}")
+    return 0 if all(one.as_declared for one in ran) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""Our own state's covariance is as large as its errors: neither over- nor underconfident, in twenty short flights
+whose noise and steady errors are drawn as the configuration says."""
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+import pytest
+
+from onboard.arrays import Array
+from onboard.estimators.own_state.config import Config
+from onboard.estimators.own_state.track import process_noise
+from onboard.geometry.rotations import quaternion_from_vector
+from onboard.messages import GlobalPosition, LocalPosition, Message
+from onboard.models.own_motion import DISTURBANCE, OFFSET
+from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
+from tests.support import own_vehicle as own
+from tests.support.honesty import assert_honest, nees
+
+SEEDS = range(20)
+FILTERS = ("cubature", "csvsf-adaptive")
+ZERO = (0.0, 0.0, 0.0)
+
+
+def hovering(seed: int) -> Iterator[Message]:
+    """Level and at rest for 5 s at 50 Hz: each sensor with the noise that the configuration expects of it, the
+    accelerometer with a bias, the attitude with a steady error."""
+    rng = np.random.default_rng(seed)
+    config = Config()
+    white = np.radians(config.attitude_sigma_deg)
+    steady = rng.normal(size=3) * np.radians([config.own_tilt_sigma_deg] * 2 + [config.own_yaw_sigma_deg])
+    bias = config.bias_sigma_m_s2 * rng.normal(size=3)
+    speed = np.array(config.gps_velocity_sigma_m_s[:2])
+    for t in range(1000, 6000, 20):
+        yield own.imu(t, np.array([0.0, 0.0, -own.G]) + bias + 0.02 * rng.normal(size=3))
+        q = quaternion_from_vector(steady + white * rng.normal(size=3))
+        yield own.attitude(t, q, np.radians(config.rates_sigma_deg_s) * rng.normal(size=3))
+        if t % 100 == 0:
+            yield own.fix(t, np.array([0.5, 0.5, 1.0]) * rng.normal(size=3), speed * rng.normal(size=2))
+
+
+def origin() -> Iterator[Message]:
+    """Where the autopilot's origin is: so that no error of the first fix is taken for it."""
+    lat, lon, alt = own.ORIGIN
+    place = {"lat_deg": lat, "lon_deg": lon, "alt_msl": alt, "height": 0.0, "heading_rad": None}
+    yield own.attitude(900)
+    for t in (900, 920):
+        yield LocalPosition(**own.header(t), r_OF_n=ZERO, v_F_n=ZERO)
+    yield GlobalPosition(**own.header(910), **place, v_F_n=ZERO)
+
+
+@cache
+def errors(filter_: str) -> list[tuple[Array, Array]]:
+    """Error (12,) and covariance (12, 12) at the end of each flight; the attitude's as a rotation vector in b."""
+    found = []
+    for seed in SEEDS:
+        p = own.pipeline(filter=filter_)
+        last = own.states_of(p, [own.heartbeat(), *origin(), *hovering(seed)])[-1]
+        assert last.valid
+        w, *xyz = last.q_nb
+        rotation = 2.0 * np.sign(w) * np.array(xyz)
+        found.append((np.array([*last.mean[:6], *rotation, *last.omega_b]), np.array(last.covariance)))
+    return found
+
+
+@pytest.mark.parametrize(("part", "dof"), [("position", 3), ("attitude", 3), ("rates", 3)])
+@pytest.mark.parametrize("filter_", FILTERS)
+def test_nees_of_each_part_seeds_0_to_19(filter_: str, part: str, dof: int) -> None:
+    at = {"position": slice(0, 3), "attitude": slice(6, 9), "rates": slice(9, 12)}[part]
+    assert_honest([nees(error[at], P[at, at]) for error, P in errors(filter_)], dof)
+
+
+@pytest.mark.parametrize("filter_", FILTERS)
+def test_nees_of_all_twelve_seeds_0_to_19(filter_: str) -> None:
+    assert_honest([nees(error, P) for error, P in errors(filter_)], 12)
+
+
+@pytest.mark.parametrize("filter_", FILTERS)
+def test_nees_of_the_velocity_is_as_measured_seeds_0_to_19(filter_: str) -> None:
+    """It is pessimistic at rest, by the manoeuvres that it has to expect: by so much and no more."""
+    mean = np.mean([nees(error[3:6], P[3:6, 3:6]) for error, P in errors(filter_)])
+    assert mean == pytest.approx(1.93, rel=1 / 4)
+
+
+def test_process_noise_is_what_the_configuration_says() -> None:
+    config = Config(force_noise=0.3, bias_sigma_m_s2=0.06, bias_time_s=40.0, pressure_drift=0.2, turning_noise=0.7)
+    variance, fading = process_noise(config)
+    assert variance[list(VELOCITY)] == pytest.approx(0.3**2)
+    assert variance[list(RATES)] == pytest.approx(0.7**2)
+    assert variance[OFFSET] == pytest.approx(0.2**2)
+    assert fading == pytest.approx(1 / 40.0)
+    # what dies out at that rate and is driven so ends at its own variance
+    assert variance[list(DISTURBANCE)] / (2 * fading) == pytest.approx(0.06**2)
+    assert variance[list(POSITION)] == pytest.approx(1e-8)
+    assert variance[list(ATTITUDE)] == pytest.approx(1e-6)
+    gusts, fading = process_noise(Config(force="thrust", bias_sigma_m_s2=0.06))
+    assert gusts[list(DISTURBANCE)] / (2 * fading) == pytest.approx([9.0, 9.0, 0.06**2])
+
+
+@pytest.mark.parametrize(("airframe", "sigma"), [("unknown", 2.0), ("x500", 0.2)])
+def test_a_vehicle_whose_torques_are_known_turns_less_by_surprise(airframe: str, sigma: float) -> None:
+    variance, _ = process_noise(Config(airframe=airframe))  # type: ignore[arg-type]
+    assert variance[list(RATES)] == pytest.approx(sigma**2)
