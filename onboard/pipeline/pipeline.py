@@ -263,6 +263,7 @@ class Pipeline:
         """How the program is doing, as of a time on this computer's clock."""
         clocks, monitor = self.clocks, self._monitor
         offset, round_trip = clocks.offset_ns, clocks.round_trip_ns
+        sources = (monitor.rejected, monitor.errors.counts, clocks.rejected, self.ownship.rejected)
         counted = {
             f"{name}.{verdict}": count
             for name, estimator in self.estimators.items()
@@ -282,15 +283,7 @@ class Pipeline:
             streams=monitor.streams(t_recv_ns),
             states=dict(monitor.states),
             verdicts=dict(monitor.verdicts) | counted,
-            rejected=total(
-                [
-                    monitor.rejected,
-                    monitor.errors.counts,
-                    clocks.rejected,
-                    self.ownship.rejected,
-                    self._decoder.rejected,
-                ],
-            ),
+            rejected=total([*sources, self._decoder.rejected]),
             sinks=sinks or {},
             faults=monitor.faults,
         )
