@@ -12,7 +12,7 @@ from typing import Any
 
 import msgspec
 
-from onboard.config.sections import Config, LinkConfig
+from onboard.config.sections import Config, LinkConfig, OwnErrors
 from onboard.errors import UserError
 from onboard.estimators import config_type, known, module_name
 from onboard.messages import Record
@@ -78,8 +78,21 @@ def parse_config(table: dict[str, Any]) -> Config:
         raise ConfigError(f"odometry.link: no link is called {config.odometry.link!r}{_among('', named)}")
     sections = {}
     for name, section in named_estimators(table).items():
-        sections[name] = _convert(section, config_type(name), f"estimator.{name}")
+        kind = config_type(name)
+        given = _own_errors(config.ownship.errors, kind) | section if isinstance(section, dict) else section
+        sections[name] = _convert(given, kind, f"estimator.{name}")
     return msgspec.structs.replace(config, estimator=sections)
+
+
+def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:
+    """The keys of an estimator's section whose values `[ownship.errors]` has: those with the same default. A
+    default that differs is the estimator's own."""
+    shared = {f"own_{field.name}": field for field in msgspec.structs.fields(OwnErrors)}
+    return {
+        field.name: getattr(errors, shared[field.name].name)
+        for field in msgspec.structs.fields(kind)
+        if field.name in shared and field.default == shared[field.name].default
+    }
 
 
 def _is_message(name: str) -> bool:

@@ -73,9 +73,25 @@ class DelayConfig(Record, frozen=True, kw_only=True):
     camera_s: float | None = None
 
 
+class OwnErrors(Record, frozen=True, kw_only=True):
+    """`[ownship.errors]`: the lasting errors of our autopilot's estimates, one standard deviation each.
+
+    Every estimator receives them as `own_` and the key, unless its own section has that key. Traffic's
+    `own_tilt_sigma_deg` (0.5) and `own_attitude_time_s` (10) have defaults of their own, which stay.
+    """
+
+    tilt_sigma_deg: NotNegative = 0.3  # of roll and pitch
+    yaw_sigma_deg: NotNegative = 1.0
+    attitude_time_s: Positive = 60.0  # correlation time of these
+    velocity_sigma_m_s: NotNegative = 0.1  # on each axis
+    position_sigma_m: NotNegative = 1.0  # on each axis
+    position_time_s: Positive = 60.0
+
+
 class OwnshipConfig(Record, frozen=True, kw_only=True):
     """`[ownship]`"""
 
+    errors: OwnErrors = OwnErrors()
     max_extrapolation_s: NotNegative = 0.1  # how far beyond its newest sample our own pose may be carried on
     max_lead_s: NotNegative = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
 

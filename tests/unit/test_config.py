@@ -193,3 +193,25 @@ def test_delays_are_those_of_the_autopilot_unless_configured() -> None:
     mine = load_config(None, ("delay.local_position_s=0.0", "delay.camera_s=0.04")).delay
     assert source_delays_ns(mine, 3)[LocalPosition] == 0
     assert source_delays_ns(mine, 3)[TargetPoints] == 40_000_000
+
+
+def test_the_errors_of_our_own_estimates_are_given_to_every_estimator(tmp_path: Path) -> None:
+    text = "[estimator.leader]\n[estimator.own_state]\n[estimator.traffic]\n[ownship.errors]\n"
+    config = load(tmp_path, f"{text}yaw_sigma_deg = 2.5\nvelocity_sigma_m_s = 0.3\ntilt_sigma_deg = 0.7\n")
+    leader, own, traffic = (config.estimator[name] for name in ("leader", "own_state", "traffic"))
+    assert (leader.own_yaw_sigma_deg, own.own_yaw_sigma_deg, traffic.own_yaw_sigma_deg) == (2.5, 2.5, 2.5)
+    assert (leader.own_velocity_sigma_m_s, traffic.own_velocity_sigma_m_s) == (0.3, 0.3)
+    assert (leader.own_tilt_sigma_deg, own.own_tilt_sigma_deg) == (0.7, 0.7)
+    assert traffic.own_tilt_sigma_deg == 0.5, "its own default"
+
+
+def test_an_estimator_s_own_key_goes_over_the_shared_errors(tmp_path: Path) -> None:
+    text = "[estimator.leader]\nown_yaw_sigma_deg = 0.2\n[ownship.errors]\nyaw_sigma_deg = 2.5\n"
+    assert load(tmp_path, text).estimator["leader"].own_yaw_sigma_deg == 0.2
+
+
+def test_without_shared_errors_the_defaults_are_the_estimators_own(tmp_path: Path) -> None:
+    names = ("leader", "own_state", "traffic")
+    config = load(tmp_path, "".join(f"[estimator.{name}]\n" for name in names))
+    for name in names:
+        assert config.estimator[name] == type(config.estimator[name])()

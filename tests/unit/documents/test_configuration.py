@@ -8,7 +8,7 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from onboard.config import Config, LinkConfig, load_config, parse_config
+from onboard.config import Config, LinkConfig, OwnErrors, load_config, parse_config
 from onboard.estimators import config_type, known, load
 from onboard.messages import Record
 from simlink.scenarios.describe import daemon_config
@@ -28,6 +28,7 @@ def sections() -> dict[str, type[Record]]:
     return {
         "`[[link]]`": LinkConfig,
         **{f"`[{name}]`": record for name, record in plain.items()},
+        "`[ownship.errors]`": OwnErrors,
         **{f"`[estimator.{name}]`": config_type(name) for name in known()},
         "`[estimator.own_state.custom]`": get_args(custom)[0],
     }
@@ -42,6 +43,8 @@ def keys(record: type[Record]) -> dict[str, Any]:
             default = field.default_factory()
         if field.required:
             found[field.name] = REQUIRED
+        elif isinstance(default, Record):
+            continue  # a section of its own
         elif isinstance(default, dict) and default:
             found |= {f"{field.name}.{name}": value for name, value in default.items()}
         else:
