@@ -30,9 +30,14 @@ def fly(items: Iterator[Datagram | Message], **delay: Any) -> tuple[list[NavStat
     theirs: list[LocalPosition] = []
     for item in items:
         messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
-        theirs += [m for m in messages if isinstance(m, LocalPosition) and pipeline.is_ours(m)]
+        theirs += [m for m in messages if isinstance(m, LocalPosition) and m.system in ours(pipeline)]
         states += [o for o in pipeline.advance(messages) if isinstance(o, NavState) and o.mean is not None]
     return states, theirs
+
+
+def ours(pipeline: Pipeline) -> set[int]:
+    """The system of the autopilot that is followed; 0 is a log's."""
+    return {0} if pipeline.autopilot is None else {0, pipeline.autopilot.system}
 
 
 def within(states: list[NavState], t: np.ndarray, velocity: np.ndarray, settle: float) -> tuple[float, float]:

@@ -60,8 +60,9 @@ class Listener:
 def shown(message: Message, delay: dict[str, float], autopilot: int = PX4) -> tuple[Message, Pipeline]:
     """What an estimator is shown of a message, when the pipeline knows these delays."""
     pipeline, listener = Pipeline(parse_config({"delay": delay})), Listener()
+    pipeline.estimators = {"listener": listener}
     for kind in (*map(type, SOURCES.values()), Barometer):
-        pipeline._listeners[kind] = [listener]
+        pipeline._listeners[kind] = ["listener"]
     beat = Heartbeat(
         t_ns=0, t_recv_ns=0, clock=Clock.NONE, vehicle_type=2, autopilot=autopilot, armed=True, status=4
     )

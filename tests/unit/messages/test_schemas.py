@@ -35,7 +35,7 @@ def test_the_description_lists_every_field_of_every_record_once() -> None:
         section = text.split(f"#### {record.__name__}\n")[1].split("####")[0]
         for field in msgspec.structs.fields(record):
             assert section.count(f"| `{field.name}` |") == 1
-    assert "| `r_OF_n` | 3 × number |" in text
+    assert "| `r_OF_n` | 3 × number or null |" in text
     assert "| `mean` | array of number or null |" in text
     assert "| `target` | string, optional |" in text  # of CameraPoints
     assert "| `center` | [`Pixel`](#pixel) |" in text
