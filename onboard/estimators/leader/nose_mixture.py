@@ -78,13 +78,14 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose) -> Mixture:
     P[:, DIRECTION, DIRECTION] += J.T @ W @ J
     count = len(settings.lasts)
     likely = np.array([0.7, *[0.3 / (count - 1)] * (count - 1)])
-    return Mixture(
+    from_camera = Mixture(
         np.repeat(mean[:, None], count, 1),
         np.repeat(P[:, None], count, 1),
         np.tile(likely, (k, 1)),
         np.log(prior),
         axes,
     )
+    return predict(settings, from_camera, 0.0, -pose.r_FC_n)  # from the camera's place to F: no time passes
 
 
 def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any, Any, Any]:
