@@ -25,7 +25,7 @@ examples:
   onboard demo --headless --duration 60 --seed 1 --json score.json
   onboard demo --scenario formation-out-of-view --set estimator.leader.filter=paper
 
-DIR gets the view (.rrd), the configuration used (.toml) and what both programs said (.log).
+DIR gets the view (.rrd), the configuration used (.toml) and the output of both programs (.log).
 Exit code 1: the estimate diverged.
 """
 REPLAY: Final = """\

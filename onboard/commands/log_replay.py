@@ -42,7 +42,7 @@ def replay(
     progress: Callable[[int, int], None] = lambda _done, _total: None,
     keep: bool = True,
 ) -> Replayed:
-    """Feed a log through a pipeline. `take` sees each output in order; `progress` is told bytes done and in all.
+    """Feed a log through a pipeline. `take` sees each output in order; `progress` gets bytes done and in all.
     Without `keep`, the result holds no estimates: an hour of them would be gigabytes.
 
     Raises ReplayError.

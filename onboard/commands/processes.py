@@ -16,6 +16,7 @@ from onboard.view.client import Client
 
 START_TIMEOUT_S: Final = 20.0
 STOP_TIMEOUT_S: Final = 5.0
+RETRY_S: Final = 0.1
 
 
 class DemoError(UserError):
@@ -56,7 +57,7 @@ class Process(NamedTuple):
         code = self.popen.poll()
         if code not in {None, 0}:
             words = self.log.read_text(errors="replace").strip().splitlines()
-            raise DemoError(f"{self.name} ended with code {code}: {words[-1] if words else 'it said nothing'}")
+            raise DemoError(f"{self.name} ended with code {code}: {words[-1] if words else 'no output'}")
 
 
 @contextlib.contextmanager
@@ -97,7 +98,10 @@ def connect(endpoint: str, vehicle: str, daemon: Process) -> Client:
         except UserError as error:
             if time.monotonic() > deadline:
                 raise DemoError(f"the daemon did not come up: {error}") from error
-            time.sleep(0.1)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                code = daemon.popen.wait(RETRY_S)
+                daemon.check()
+                raise DemoError(f"the daemon ended with code {code} before it was up") from error
             continue
         if client.alive.wait(START_TIMEOUT_S):
             return client

@@ -11,7 +11,8 @@ from typing import Final
 
 from onboard.errors import UserError
 
-EQUAL_PICTURES: Final = 5  # in a row, a fifth of a second apart: painting is complete
+EQUAL_PICTURES: Final = 5  # in a row, RETRY_S apart: painting is complete
+RETRY_S: Final = 0.2
 PAINTING_S: Final = 15.0  # at most: a live view never comes to rest
 
 
@@ -123,11 +124,13 @@ def _take_screenshot(
     from rerun.experimental import ViewerClient  # noqa: PLC0415  (drags in a query engine)
 
     def wait(what: str) -> None:
-        if process.poll() is not None:
-            raise ViewerError(f"the viewer ended with code {process.returncode} while {what}")
-        if time.monotonic() > deadline:
-            raise ViewerError(f"gave up while {what}")
-        time.sleep(0.2)
+        try:
+            code = process.wait(RETRY_S)
+        except subprocess.TimeoutExpired:
+            if time.monotonic() > deadline:
+                raise ViewerError(f"gave up while {what}") from None
+        else:
+            raise ViewerError(f"the viewer ended with code {code} while {what}")
 
     while True:
         with socket.socket() as probe:

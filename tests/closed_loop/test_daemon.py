@@ -2,7 +2,6 @@
 
 import json
 import signal
-import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -79,7 +78,8 @@ def send_from_another_autopilot(relay: Relay) -> None:
             stranger.local_position_ned_encode(41_000, 1e4, 1e4, 0.0, 0.0, 0.0, 0.0),
         ):
             relay.inject(message.pack(stranger))
-        time.sleep(0.05)
+        count = relay.forwarded
+        until(lambda count=count: relay.forwarded > count, "the simulator's next datagram")
 
 
 def has_requested_rates(observer: Observer) -> bool:

@@ -2,7 +2,8 @@
 
 import json
 import signal
-import time
+import subprocess
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -50,7 +51,8 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Flown:
             present = [demo.process, *demo.descendants()]
             family |= set(present)
             local |= addresses(present)
-            time.sleep(0.5)
+            with suppress(subprocess.TimeoutExpired):
+                demo.popen.wait(0.5)
     return Flown(
         demo.popen.returncode,
         json.loads((folder / "score.json").read_bytes()),

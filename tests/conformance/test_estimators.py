@@ -36,9 +36,9 @@ def test_it_says_what_it_listens_for_and_its_defaults_hold(name: str) -> None:
 @pytest.mark.parametrize("scenario", FLIGHTS)
 @pytest.mark.parametrize("name", known())
 def test_what_it_tells_is_whole_and_the_same_again_seed_3(name: str, scenario: str) -> None:
-    told = [o for o in flown(name, scenario) if isinstance(o, Estimate)]
-    assert told == [o for o in flown(name, scenario) if isinstance(o, Estimate)]
-    for estimate in told:
+    published = [o for o in flown(name, scenario) if isinstance(o, Estimate)]
+    assert published == [o for o in flown(name, scenario) if isinstance(o, Estimate)]
+    for estimate in published:
         assert estimate.name == name
         assert len(estimate.components) == len(estimate.units)
         json.loads(msgspec.json.encode(estimate))

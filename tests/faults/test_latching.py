@@ -105,5 +105,5 @@ def test_the_daemon_says_which_autopilot_it_follows() -> None:
     daemon, _, lines = flying()
     for datagram in flight_of(Again(gap=8.0, system=2)):
         daemon._deliver(datagram)
-    said = [line for line in lines if line.startswith("autopilot")]
-    assert said == ["autopilot: PX4, system 1", "autopilot: PX4, system 2 (the one before has fallen silent)"]
+    reported = [line for line in lines if line.startswith("autopilot")]
+    assert reported == ["autopilot: PX4, system 1", "autopilot: PX4, system 2 (the one before has fallen silent)"]

@@ -98,7 +98,7 @@ def test_when_everything_falls_silent_the_last_word_is_not_valid() -> None:
     assert (word.target, word.valid, word.state) == ("leader", False, Lifecycle.LOST)
     assert word.reason == "withdrawn: nothing usable of our own motion arrives"
     assert (word.mean, word.t_ns, word.sequence) == (last.mean, last.t_ns, last.sequence + 1)
-    assert sum(isinstance(r, Estimate) and not r.valid for r in wire.records[-100:]) == 1, "said once"
+    assert sum(isinstance(r, Estimate) and not r.valid for r in wire.records[-100:]) == 1, "withdrawn once"
     healths = [r for r in wire.records if isinstance(r, Health)]
     assert healths[-1].states == {"leader": "lost"}
 

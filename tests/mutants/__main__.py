@@ -33,12 +33,12 @@ COMPILER: Final = "njit"  # stands in a file with kernels
 
 
 class Ran(NamedTuple):
-    """What became of a mutant; `told` is the end of what pytest said."""
+    """What became of a mutant; `output` is the end of what pytest printed."""
 
     mutant: Mutant
     outcome: str
     seconds: float
-    told: str
+    output: str
 
     @property
     def as_declared(self) -> bool:
@@ -109,9 +109,9 @@ def _right_without(copy: Path, mutants: Sequence[Mutant]) -> bool:
         if not tests:
             continue
         print(f"without a mutant: {len(tests)} tests, {'compiled' if compiled else 'interpreted'}", flush=True)
-        code, told = _pytest(copy, tests, compiled=compiled, limit_s=10 * LIMIT_S)
+        code, output = _pytest(copy, tests, compiled=compiled, limit_s=10 * LIMIT_S)
         if code != 0:
-            print(f"{told}\nthey fail without any mutant", flush=True)
+            print(f"{output}\nthey fail without any mutant", flush=True)
             return False
     return True
 
@@ -138,7 +138,7 @@ def _run_all(copies: Sequence[Path], mutants: Sequence[Mutant]) -> list[Ran]:
                 f"{k:4}/{len(mutants)} {one.mutant.name:{width}} {one.outcome:8} {one.seconds:6.1f} s", flush=True
             )
             if one.outcome == BROKEN:
-                print(one.told, flush=True)
+                print(one.output, flush=True)
     return ran
 
 
@@ -149,12 +149,12 @@ def _run(copy: Path, mutant: Mutant) -> Ran:
     compiled = _is_compiled(copy, mutant)
     path.write_text(mutant.applied_to(right), encoding="utf-8")
     try:
-        code, told = _pytest(copy, mutant.tests, compiled=compiled, limit_s=LIMIT_S)
+        code, output = _pytest(copy, mutant.tests, compiled=compiled, limit_s=LIMIT_S)
     finally:
         path.write_text(right, encoding="utf-8")
         os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
     outcome = {0: SURVIVED, TESTS_FAILED: KILLED, TOO_LONG: ENDLESS}.get(code, BROKEN)
-    return Ran(mutant, outcome, time.monotonic() - begin, told)
+    return Ran(mutant, outcome, time.monotonic() - begin, output)
 
 
 def _is_compiled(copy: Path, mutant: Mutant) -> bool:
@@ -178,12 +178,12 @@ def _pytest(copy: Path, tests: Sequence[str], *, compiled: bool, limit_s: float)
         command, cwd=copy, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     ) as process:
         try:
-            told, _ = process.communicate(timeout=limit_s)
+            output, _ = process.communicate(timeout=limit_s)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
             return TOO_LONG, f"stopped after {limit_s:g} s"
-    return process.returncode, told[-2000:]
+    return process.returncode, output[-2000:]
 
 
 def _summary(ran: Sequence[Ran], seconds: float) -> int:

@@ -25,6 +25,7 @@ class Relay:
 
     def __init__(self, daemon_port: int) -> None:
         self.from_daemon: list[bytes] = []
+        self.forwarded = 0  # datagrams from the simulator
         self._simulator = socket.socket(socket.AF_INET, UDP)  # the simulator sends here
         self._simulator.bind(("127.0.0.1", 0))
         self.port = int(self._simulator.getsockname()[1])
@@ -65,6 +66,7 @@ class Relay:
                 if ready is self._simulator:
                     peer = address
                     self._daemon.sendto(data, self._to)
+                    self.forwarded += 1
                 elif peer is not None:
                     self.from_daemon.append(data)
                     self._simulator.sendto(data, peer)

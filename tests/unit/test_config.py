@@ -1,4 +1,4 @@
-"""Configuration: what is wrong with it is said in one line that says where."""
+"""Configuration: an error is one line that names the place."""
 
 from pathlib import Path
 

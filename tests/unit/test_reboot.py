@@ -20,8 +20,8 @@ def rebooted(
 ) -> Pipeline:
     """A pipeline with one estimator, flown before and after a reboot."""
     pipeline = Pipeline(parse_config({"estimator": {name: section}}))
-    told = estimates(pipeline.advance(before))
-    assert told[-1].valid
+    published = estimates(pipeline.advance(before))
+    assert published[-1].valid
     pipeline.advance(after)
     assert pipeline.clocks.reboots == 1
     return pipeline
@@ -44,9 +44,11 @@ def moved(message: Message, host_s: float) -> Message:
 def test_a_leader_is_searched_for_anew_seed_1() -> None:
     before = [heartbeat(5 * S), *(item.message for item in Stream(t1=8.0).items())]
     pipeline = rebooted("leader", LEADER, before, own_motion(1.0, 1.3, 60.0))
-    told = estimates(pipeline.advance(own_motion(1.3, 1.5, 60.0)))
-    assert {(e.state, e.valid, e.mean, e.reset_count) for e in told} == {(Lifecycle.SEARCHING, False, None, 1)}
-    assert {e.reason for e in told} == {"the autopilot has rebooted"}
+    published = estimates(pipeline.advance(own_motion(1.3, 1.5, 60.0)))
+    assert {(e.state, e.valid, e.mean, e.reset_count) for e in published} == {
+        (Lifecycle.SEARCHING, False, None, 1)
+    }
+    assert {e.reason for e in published} == {"the autopilot has rebooted"}
 
 
 def test_our_own_state_waits_for_a_fix_again() -> None:
@@ -55,9 +57,11 @@ def test_our_own_state_waits_for_a_fix_again() -> None:
     late = [moved(m, 30.0) for m in after]
     pipeline = rebooted("own_state", {}, before, late)
     more = [moved(m, 30.0) for m in own.hovering(1400, 1600) if not hasattr(m, "fix_type")]
-    told = [o for o in pipeline.advance(more) if isinstance(o, NavState)]
-    assert told
-    assert {(s.state, s.valid, s.mean, s.reset_count) for s in told} == {(Lifecycle.SEARCHING, False, None, 1)}
+    published = [o for o in pipeline.advance(more) if isinstance(o, NavState)]
+    assert published
+    assert {(s.state, s.valid, s.mean, s.reset_count) for s in published} == {
+        (Lifecycle.SEARCHING, False, None, 1)
+    }
 
 
 @pytest.mark.parametrize("filter_", ["imm", "ekf"])
@@ -66,8 +70,8 @@ def test_traffic_is_forgotten_with_our_own_place(filter_: str) -> None:
     fly_with_reports(sky, 4)
     assert sky.published[-1].valid
     sky.estimator.reset("the autopilot has rebooted")
-    told = sky.estimator.tick(sky.ownship)
-    assert [(e.valid, e.mean, e.reason) for e in told] == [(False, None, "the autopilot has rebooted")]
+    published = sky.estimator.tick(sky.ownship)
+    assert [(e.valid, e.mean, e.reason) for e in published] == [(False, None, "the autopilot has rebooted")]
     assert sky.estimator.tick(sky.ownship) == []
     report = sky.adsb((2000.0, 0.0, -100.0), (-30.0, 0.0, 0.0))
     sky.estimator.observe(report, sky.ownship)
@@ -77,17 +81,17 @@ def test_traffic_is_forgotten_with_our_own_place(filter_: str) -> None:
 def test_every_estimator_of_the_pipeline_is_told_of_the_reboot_seed_1() -> None:
     everything = {"leader": LEADER, "own_state": {}, "traffic": {}}
     pipeline = Pipeline(parse_config({"estimator": everything}))
-    told: dict[str, list[str]] = {name: [] for name in everything}
+    reasons: dict[str, list[str]] = {name: [] for name in everything}
     for name, estimator in pipeline.estimators.items():
         reset = estimator.reset
 
         def noted(reason: str, name: str = name, reset: object = reset) -> None:
-            told[name].append(reason)
+            reasons[name].append(reason)
             reset(reason)  # type: ignore[operator]
 
         estimator.reset = noted  # type: ignore[method-assign]
     pipeline.advance([heartbeat(5 * S), *own_motion(5.0, 6.0, 0.0), *own_motion(1.0, 1.3, 60.0)])
-    assert told == {name: ["the autopilot has rebooted"] for name in everything}
+    assert reasons == {name: ["the autopilot has rebooted"] for name in everything}
     assert pipeline.ownship.now_ns < 2 * S
 
 

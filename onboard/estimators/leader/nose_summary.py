@@ -92,8 +92,8 @@ def _cartesian(rows: Array, axes: Array) -> Array:
 
 
 def as_leader(known: Summary, v_F_n: Array, template: Belief) -> Belief:
-    """A belief with the components of `template` (`models.leader_flight`), of which those that a summary has not
-    (the camera's delay, the attitude's error) are the template's own, uncorrelated with the others."""
+    """A belief with the components of `template` (`models.leader_flight`). A summary lacks the camera's delay and
+    the attitude's error: those are the template's, uncorrelated with the others."""
     n = len(template.mean)
     mean, P = template.mean.copy(), np.zeros((n, n))
     x = known.mean

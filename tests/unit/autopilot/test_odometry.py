@@ -56,10 +56,10 @@ def test_the_bodys_velocity_and_the_attitude_err_together_as_the_covariance_says
         for d in draws
     ]
     expected = np.cov(np.column_stack([v_b, draws[:, 9:]]).T)
-    told = odometry_of(state)
-    assert told is not None
+    odometry = odometry_of(state)
+    assert odometry is not None
     speed = np.zeros((6, 6))
-    speed[np.triu_indices(6)] = told.velocity_covariance
+    speed[np.triu_indices(6)] = odometry.velocity_covariance
     sigma = np.sqrt(np.diag(expected))
     assert_allclose(np.diag(speed), np.diag(expected), rtol=0.05)
     assert_allclose(speed / np.outer(sigma, sigma), np.triu(expected) / np.outer(sigma, sigma), atol=0.03)

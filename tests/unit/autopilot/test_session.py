@@ -46,11 +46,11 @@ def talk(
     session: Session, begin: float, end: float, rates: dict[str, float], *, healthy: bool = True
 ) -> list[tuple[float, Any]]:
     """(s, message) of what it says between two times, asked every 50 ms as the daemon does."""
-    said = []
+    sent = []
     for t in range(round(begin * 1000), round(end * 1000), 50):
         frames = session.tick(T0 + t * MS, healthy=healthy, rates=rates)
-        said += [(t / 1000, m) for m in parsed(frames)]
-    return said
+        sent += [(t / 1000, m) for m in parsed(frames)]
+    return sent
 
 
 def command(number: int, *params: float, system: int = 42, component: int = 191) -> Command:
@@ -80,8 +80,8 @@ def test_nothing_is_said_before_an_autopilot_is_heard() -> None:
 
 
 def test_heartbeat_once_a_second_as_an_onboard_controller_of_the_autopilots_system() -> None:
-    said = talk(connected(), 0, 10, FAST)
-    beats = [(t, m) for t, m in said if m.get_type() == "HEARTBEAT"]
+    sent = talk(connected(), 0, 10, FAST)
+    beats = [(t, m) for t, m in sent if m.get_type() == "HEARTBEAT"]
     assert [t for t, _ in beats] == [float(i) for i in range(10)]
     for _, m in beats:
         assert (m.get_srcSystem(), m.get_srcComponent()) == (42, 191)
@@ -94,8 +94,8 @@ def test_heartbeat_is_critical_when_not_healthy() -> None:
 
 
 def test_our_component_is_configured() -> None:
-    said = talk(connected(AutopilotConfig(component=197)), 0, 1, FAST)
-    assert {m.get_srcComponent() for _, m in said} == {197}
+    sent = talk(connected(AutopilotConfig(component=197)), 0, 1, FAST)
+    assert {m.get_srcComponent() for _, m in sent} == {197}
 
 
 def test_timesync_five_times_a_second_tagged_as_ours() -> None:
@@ -117,10 +117,10 @@ def test_only_slow_streams_are_asked_for() -> None:
     assert requests_of(talk(connected(), 0, 1, one_slow)) == [("GPS_RAW_INT", 100_000.0)]
 
 
-def requests_of(said: list[tuple[float, Any]]) -> list[tuple[str, float]]:
+def requests_of(sent: list[tuple[float, Any]]) -> list[tuple[str, float]]:
     """(name, us) of each SET_MESSAGE_INTERVAL, but for the filter's status."""
     found = []
-    for _, m in said:
+    for _, m in sent:
         if m.get_type() == "COMMAND_LONG":
             assert (m.command, m.target_system, m.target_component) == (511, 42, 1)
             found.append((dialect.mavlink_map[int(m.param1)].msgname, m.param2))
@@ -132,8 +132,8 @@ def test_the_status_of_the_autopilots_filter_is_asked_for_once_per_boot(autopilo
     session = Session(AutopilotConfig())
     session.connect(replace(AUTOPILOT, autopilot=autopilot))
     for start in (0, 20):
-        said = talk(session, start, start + 20, FAST)
-        asked = [(t, m) for t, m in said if m.get_type() == "COMMAND_LONG"]
+        sent = talk(session, start, start + 20, FAST)
+        asked = [(t, m) for t, m in sent if m.get_type() == "COMMAND_LONG"]
         assert [(t, dialect.mavlink_map[int(m.param1)].msgname) for t, m in asked] == [(float(start), name)]
         session.reboot()
 

@@ -1,4 +1,4 @@
-"""Traffic told over MAVLink, as pymavlink's own parser reads it."""
+"""Traffic sent over MAVLink, read back with pymavlink's own parser."""
 
 import math
 from typing import Any

@@ -152,13 +152,13 @@ def test_mistake_is_one_line(
     arguments: tuple[str, ...], words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert called(cli.main, arguments) == 2
-    said = capsys.readouterr()
-    lines = [line for line in said.err.splitlines() if line != "stopped" and not line.startswith("link ")]
-    assert len(lines) == 1, said.err
+    captured = capsys.readouterr()
+    lines = [line for line in captured.err.splitlines() if line != "stopped" and not line.startswith("link ")]
+    assert len(lines) == 1, captured.err
     assert lines[0].startswith("onboard")
     for word in words:
         assert word in lines[0]
-    assert not said.out
+    assert not captured.out
 
 
 @pytest.mark.parametrize(
@@ -218,8 +218,8 @@ def test_replay_without_camera_points_says_so(capsys: pytest.CaptureFixture[str]
     assert simlink_cli.main(["log", "formation", "--seed", "2", "--duration", "0.01", "--out", "short.tlog"]) == 0
     capsys.readouterr()
     assert cli.main(["replay", "short.tlog"]) == 0
-    said = capsys.readouterr()
-    assert "no camera points" in said.out
+    captured = capsys.readouterr()
+    assert "no camera points" in captured.out
 
 
 COMMANDS = ("run", "demo", "replay", "view", "study", "compile", "schema")

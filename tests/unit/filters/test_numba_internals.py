@@ -1,4 +1,4 @@
-"""What is relied on of Numba's internals: each is there and does what is said of it, and each can be missed."""
+"""Numba's internals that we rely on: each exists and does what its docstring states; we fly without it."""
 
 import threading
 from contextlib import suppress

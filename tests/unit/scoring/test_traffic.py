@@ -51,7 +51,7 @@ def truths(heard: Callable[[float, int], int] = lambda t, _k: round(10 * t)) -> 
     ]
 
 
-def told(target: str, at: Place, times: Iterable[float] = TIMES, *, valid: bool = True) -> list[Estimate]:
+def reported(target: str, at: Place, times: Iterable[float] = TIMES, *, valid: bool = True) -> list[Estimate]:
     """A track's estimates, between samples of the truth."""
     return [
         replace(
@@ -76,7 +76,7 @@ def of(found: TrafficScore, name: str) -> AircraftScore:
 
 
 def both() -> tuple[list[Estimate], list[Estimate]]:
-    return told(TARGETS[0], place(0)), told(TARGETS[1], place(1))
+    return reported(TARGETS[0], place(0)), reported(TARGETS[1], place(1))
 
 
 def test_tracks_on_their_own_aircraft_are_faultless() -> None:
@@ -96,47 +96,47 @@ def test_a_track_on_another_aircraft_for_more_than_a_second_is_swapped(
     def strays(t: float) -> Array:
         return place(1 if 20.0 <= t < 20.0 + seconds else 0)(t)
 
-    assert score(told(TARGETS[0], strays), both()[1]).swaps == swaps
+    assert score(reported(TARGETS[0], strays), both()[1]).swaps == swaps
 
 
 def test_a_track_that_is_off_and_on_no_other_is_lost_and_not_swapped() -> None:
-    found = score(told(TARGETS[0], lambda t: place(0)(t) - 200.0 * EAST), both()[1])
+    found = score(reported(TARGETS[0], lambda t: place(0)(t) - 200.0 * EAST), both()[1])
     assert found.swaps == ()
     assert of(found, "one").inside == 0
     assert of(found, "one").rmse == pytest.approx(200.0)
 
 
 def test_a_track_of_no_aircraft_is_false_and_counted_with_its_samples() -> None:
-    nobody = told("radar/7", lambda t: place(0)(t) + 900.0 * DOWN, TIMES[100:140])
+    nobody = reported("radar/7", lambda t: place(0)(t) + 900.0 * DOWN, TIMES[100:140])
     assert score(*both(), nobody).false_tracks == {"radar/7": 40}
 
 
 def test_a_track_without_an_address_is_of_the_aircraft_it_began_at() -> None:
-    found = score(both()[0], told("radar/7", place(1)))
+    found = score(both()[0], reported("radar/7", place(1)))
     assert found.false_tracks == {}
     assert of(found, "two").tracks == ("radar/7",)
 
 
 def test_seconds_without_a_valid_track_are_missing_once_it_could_have_been_tracked() -> None:
     gap = [t for t in TIMES.tolist() if not 20.0 < t < 25.0]
-    found = score(told(TARGETS[0], place(0), gap), both()[1])
+    found = score(reported(TARGETS[0], place(0), gap), both()[1])
     assert of(found, "one").missing_s == pytest.approx(5.0 - 0.5, abs=0.15)
     assert of(found, "two").missing_s == 0.0
     never = score(both()[1])
     assert of(never, "one").missing_s == pytest.approx(SECONDS - 4.0, abs=0.2)  # it had four seconds to begin
-    lost = score(told(TARGETS[0], place(0), valid=False), both()[1])
+    lost = score(reported(TARGETS[0], place(0), valid=False), both()[1])
     assert of(lost, "one").missing_s == of(never, "one").missing_s
 
 
 def test_what_is_neither_heard_nor_seen_is_not_missing() -> None:
     silent = truths(lambda t, _k: 100 if t < 10.0 else 101)
-    found = score_traffic(told(TARGETS[1], place(1)), silent)
+    found = score_traffic(reported(TARGETS[1], place(1)), silent)
     assert of(found, "one").missing_s == 0.0
 
 
 @pytest.mark.parametrize(("off_m", "share"), [(13.0, 1.0), (15.0, 0.0)])
 def test_an_ellipsoid_of_95_per_cent_holds_2_8_sigmas_and_no_more(off_m: float, share: float) -> None:
-    found = of(score(told(TARGETS[0], lambda t: place(0)(t) + off_m * NORTH), both()[1]), "one")
+    found = of(score(reported(TARGETS[0], lambda t: place(0)(t) + off_m * NORTH), both()[1]), "one")
     assert found.samples > 300
     assert found.inside / found.samples == share
 
@@ -145,7 +145,7 @@ def test_an_encounter_has_the_distance_foretold_ten_seconds_before() -> None:
     (met,) = of(score(*both()), "one").encounters
     assert (met.t, met.distance, met.predicted, met.known) == (30.0, 100.0, 110.0, True)
     assert met.predicted_well
-    (unknown,) = of(score(told(TARGETS[0], place(0), TIMES[210:]), both()[1]), "one").encounters
+    (unknown,) = of(score(reported(TARGETS[0], place(0), TIMES[210:]), both()[1]), "one").encounters
     assert np.isnan(unknown.predicted)
     assert not unknown.predicted_well
 

@@ -36,9 +36,9 @@ def moved(image: TargetPoints, px: float) -> TargetPoints:
 
 def test_an_image_is_fused_up_to_the_gate_and_no_farther_seed_1() -> None:
     estimator, ownship, (image, *_) = tracking()
-    told = [judged(deepcopy(estimator), ownship, moved(image, 0.25 * k)) for k in range(48)]
-    ratios = [m.nis / m.gate for m in told if m.nis is not None and m.gate is not None]
-    assert [m.verdict for m in told] == [Verdict.FUSED if ratio <= 1.0 else Verdict.GATED for ratio in ratios]
+    reports = [judged(deepcopy(estimator), ownship, moved(image, 0.25 * k)) for k in range(48)]
+    ratios = [m.nis / m.gate for m in reports if m.nis is not None and m.gate is not None]
+    assert [m.verdict for m in reports] == [Verdict.FUSED if ratio <= 1.0 else Verdict.GATED for ratio in ratios]
     assert any(0.8 < ratio <= 1.0 for ratio in ratios)
     assert any(1.0 < ratio < 1.2 for ratio in ratios)
 

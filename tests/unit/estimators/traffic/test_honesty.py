@@ -53,9 +53,9 @@ def errors(filter_: str, seed: int) -> list[tuple[Array, Array]]:
         sky.fly(1.0)
     found = []
     for icao, r, v in flown:
-        told = sky.newest[f"icao/{icao:06x}"]
-        assert told.valid
-        found.append((mean(told) - [*(r + v * told.t_ns * 1e-9), *v], np.array(told.covariance)))
+        estimate = sky.newest[f"icao/{icao:06x}"]
+        assert estimate.valid
+        found.append((mean(estimate) - [*(r + v * estimate.t_ns * 1e-9), *v], np.array(estimate.covariance)))
     return found
 
 
@@ -83,9 +83,9 @@ def judged(off: Array) -> MeasurementReport:
     sky = deepcopy(heard_for(8))
     sky.receive(sky.adsb(R0 + V0 * sky.t + off, V0))
     sky.fly(0.1)
-    told = sky.newest[NAME].measurement
-    assert told is not None
-    return told
+    measurement = sky.newest[NAME].measurement
+    assert measurement is not None
+    return measurement
 
 
 @pytest.mark.parametrize("direction", [NORTH, EAST])
@@ -107,9 +107,9 @@ def passing(miss: float, seconds: int, down: float = -60.0) -> ClosestApproach:
     """Of an aircraft ahead that will pass `miss` metres east of us and 60 m higher, after so many reports."""
     sky = Sky()
     fly_with_reports(sky, seconds, np.array([1500.0, miss, down]), np.array([-30.0, 0.0, 0.0]))
-    told = sky.newest[NAME].intruder
-    assert told is not None
-    return told.approach
+    intruder = sky.newest[NAME].intruder
+    assert intruder is not None
+    return intruder.approach
 
 
 def test_a_threat_is_low_while_it_may_be_nearer_than_the_limit_by_two_sigmas() -> None:
@@ -127,7 +127,7 @@ def test_what_passes_above_us_has_a_positive_vertical_distance_in_the_record_and
     approach = passing(100.0, 5, down)
     assert approach.vertical == pytest.approx(-down, abs=0.5)
     assert approach.horizontal == pytest.approx(100.0, abs=0.5)
-    told = replace(TRAFFIC, intruder=replace(INTRUDER, approach=approach))
-    (message,) = TrafficOutput(TrafficOutConfig(link="gcs"), 191)._messages(told, told.intruder)
+    estimate = replace(TRAFFIC, intruder=replace(INTRUDER, approach=approach))
+    (message,) = TrafficOutput(TrafficOutConfig(link="gcs"), 191)._messages(estimate, estimate.intruder)
     assert isinstance(message, Collision)
     assert message.vertical == pytest.approx(-down, abs=0.5)
