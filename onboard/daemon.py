@@ -19,7 +19,7 @@ from onboard.config import Config
 from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Lifecycle, Output, SinkHealth
+from onboard.messages import Datagram, Estimate, Health, Lifecycle, Output, Refusal, SinkHealth
 from onboard.pipeline import Pipeline
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
@@ -29,6 +29,8 @@ from onboard.sinks.zenoh_session import ZenohSession, open_session
 TICK_S: Final = 0.05
 HEALTH_PERIOD_NS: Final = 1_000_000_000
 SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: no longer healthy
+MOST_REFUSALS: Final = 5  # lines about refused messages at once; afterwards one a second
+REFUSED_AGAIN_NS: Final = 10_000_000_000  # between lines about the same refusal
 
 
 class Daemon:
@@ -152,7 +154,9 @@ class Daemon:
             self._console.show_sinks(sinks)
             self._console.show_silence(is_silent=heard_ns is not None and not is_heard)
             links = {link.channel: health_of(link) for link in self._links}
-            self._publish(replace(self._pipeline.health(now_ns, sinks), links=links))
+            health = replace(self._pipeline.health(now_ns, sinks), links=links)
+            self._publish(health)
+            self._console.show_refusals(health)
 
     def _take(self, output: Output) -> None:
         """Publish what the pipeline gives, and send the autopilot what it wants of it."""
@@ -194,6 +198,8 @@ class Console:
         self._states: dict[str, Lifecycle] = {}
         self._errors: dict[str, str] = {}
         self._errors_shown = 0
+        self._refusals: dict[tuple[str, str], Refusal] = {}  # as they were shown last
+        self._refusals_left = MOST_REFUSALS
         self._is_silent = False
 
     @property
@@ -218,6 +224,25 @@ class Console:
         for line in lines[self._errors_shown :]:
             self._report(line)
         self._errors_shown = len(lines)
+
+    def show_refusals(self, health: Health) -> None:
+        """Camera messages that were refused: a new kind at once, the same again after a while. `health` comes once
+        a second; a flood of kinds gets a line each time."""
+        self._refusals_left = min(self._refusals_left + 1, MOST_REFUSALS)
+        shown = self._refusals
+        self._refusals = {}  # of those that are not among the latest any more nothing is kept
+        for refusal in health.refusals:
+            key = refusal.source, refusal.reason
+            before = shown.get(key)
+            is_due = before is None or refusal.t_recv_ns - before.t_recv_ns > REFUSED_AGAIN_NS
+            if not (is_due and self._refusals_left > 0):
+                if before is not None:
+                    self._refusals[key] = before
+                continue
+            self._refusals_left -= 1
+            self._refusals[key] = refusal
+            times = f" ({refusal.count} times)" if refusal.count > 1 else ""
+            self._report(f"refused from {refusal.source}: {refusal.reason}{times}")
 
     def show_sinks(self, sinks: Mapping[str, SinkHealth]) -> None:
         """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""

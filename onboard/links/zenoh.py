@@ -14,7 +14,7 @@ from typing import Any, Final
 from onboard.links.link import Deliver, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding, LinkHealth
 
-LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
+LARGEST: Final = 65_536  # bytes that the decoder accepts (`onboard.wire.document`)
 WAITING: Final = 256  # samples of one source: in a flood the newest are dropped, memory stays bounded
 
 
@@ -49,11 +49,8 @@ class ZenohLink:
         ours = threading.Semaphore(WAITING)
         rooms = {encoding: threading.Semaphore(WAITING) for encoding in self._keys.values()}
 
-        def enter(datagram: Datagram | None, room: threading.Semaphore) -> None:
+        def enter(datagram: Datagram, room: threading.Semaphore) -> None:
             room.release()
-            if datagram is None:
-                self.errors += 1
-                return
             self.received += 1
             safe(datagram)
 
@@ -86,9 +83,8 @@ class ZenohLink:
         self.errors += 1
 
 
-def _datagram(sample: Any, t_recv_ns: int, encoding: Encoding) -> Datagram | None:
-    """The sample as a datagram; None if it is empty or too large."""
-    data = sample.payload.to_bytes()
-    if not 0 < len(data) <= LARGEST:
-        return None
+def _datagram(sample: Any, t_recv_ns: int, encoding: Encoding) -> Datagram:
+    """The sample as a datagram. One that is too large is cut, so that it costs little, and the decoder can refuse
+    it with a reason."""
+    data = sample.payload.to_bytes()[: LARGEST + 1]
     return Datagram(channel=str(sample.key_expr), encoding=encoding, t_recv_ns=t_recv_ns, data=data)

@@ -33,7 +33,7 @@ from onboard.messages.estimates import (
     ThreatLevel,
     Verdict,
 )
-from onboard.messages.health import Health, LinkHealth, SinkHealth, StreamHealth
+from onboard.messages.health import Health, LinkHealth, Refusal, SinkHealth, StreamHealth
 from onboard.messages.surveillance import (
     AdsbVehicle,
     AltitudeType,
@@ -117,6 +117,7 @@ __all__ = [
     "RadarFrame",
     "RadarScan",
     "Record",
+    "Refusal",
     "SatelliteRange",
     "SimStatus",
     "SinkHealth",

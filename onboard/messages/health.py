@@ -39,10 +39,22 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     routers: int | None = None
 
 
+class Refusal(Record, frozen=True, kw_only=True):
+    """Messages of one camera that were refused for one reason. `source`: the key, link or camera that they came
+    from. `reason`: the field, and what was expected; of several that differ only in a number, the first.
+    `t_recv_ns`: arrival of the latest."""
+
+    source: str
+    reason: str
+    count: int
+    t_recv_ns: int
+
+
 class Health(Record, frozen=True, kw_only=True):
     """The condition of the daemon, once a second. `uptime` and `round_trip` (of TIMESYNC) in s; `clock_offset_ns`:
     host clock minus boot clock. `states` by estimator; `verdicts` count measurements, `rejected` messages by
-    reason. `faults`: present faults of our own vehicle."""
+    reason. `faults`: present faults of our own vehicle. `refusals`: which camera messages were refused and why,
+    the latest last."""
 
     t_ns: int
     t_recv_ns: int
@@ -59,3 +71,4 @@ class Health(Record, frozen=True, kw_only=True):
     sinks: dict[str, SinkHealth]
     faults: tuple[Fault, ...] = ()
     links: dict[str, LinkHealth] = msgspec.field(default_factory=dict)
+    refusals: tuple[Refusal, ...] = ()

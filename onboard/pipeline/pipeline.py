@@ -53,7 +53,6 @@ class Pipeline:
             for name, section in config.estimator.items()
         }
         self._config = config
-        self._decoder = DatagramDecoder(self.count_error)
         self._waiting: list[Message] = []
         self._places: Counter[tuple[type[Message], bool]] = Counter()  # taken among them, by source
         self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
@@ -67,6 +66,7 @@ class Pipeline:
         self._attitude_recv_ns = 0
         self._last_words = LastWords()
         self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
+        self._decoder = DatagramDecoder(self.count_error, self._monitor.refusals.add)
 
     def feed(self, datagram: Datagram) -> list[Output]:
         """Estimates and own poses that follow from one datagram, in order."""
@@ -111,7 +111,7 @@ class Pipeline:
             self._latch(message)
         admitted = self._admission.admit(message)
         if isinstance(admitted, str):
-            self._monitor.reject(admitted)
+            self._monitor.reject(message, admitted)
             return []
         self._monitor.receive(admitted)
         if isinstance(admitted, TimeSync):
@@ -140,12 +140,13 @@ class Pipeline:
     def _align(self, message: Message) -> list[Output]:
         if message.clock is Clock.NONE and not isinstance(message, UNSTAMPED):
             if isinstance(message, SENSED):
-                self._monitor.reject("unstamped_points")
+                self._monitor.reject(message, "unstamped_points")
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
         reboots = self.clocks.reboots
         delay_ns = self._delays_ns.get(type(message), 0)
         aligned = self.clocks.align(message, delay_ns)
-        if aligned is None:
+        if aligned is None:  # counted by the clocks
+            self._monitor.refusals.add_message(message, "no_time_base")
             return []
         if self.clocks.reboots > reboots:
             self._start_over("the autopilot has rebooted")
@@ -189,7 +190,7 @@ class Pipeline:
     def _observe(self, message: Message) -> list[Output]:
         """A message to the estimators that listen for its kind."""
         if isinstance(message, GlobalPosition) and not self.ownship.has_position(message):
-            self._monitor.reject("filter_has_no_position")
+            self._monitor.reject(message, "filter_has_no_position")
             return []
         estimates: list[Estimate] = []
         for name in self._listeners.get(type(message), ()):
@@ -286,6 +287,7 @@ class Pipeline:
             rejected=total([*sources, self._decoder.rejected]),
             sinks=sinks or {},
             faults=monitor.faults,
+            refusals=monitor.refusals.latest,
         )
 
 

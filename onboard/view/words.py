@@ -1,9 +1,12 @@
 """Texts of the view: the headline that a pilot reads, and the panels for those on the ground."""
 
 import math
+from typing import Final
 
 from onboard.messages import Estimate, Health, MeasurementReport
 from onboard.view.motion import LeaderState, RangeEstimate, range_estimate
+
+REFUSALS: Final = 5  # of the kinds of refused messages, the latest
 
 KEY = """\
 ± is one standard deviation
@@ -87,6 +90,7 @@ def health(record: Health) -> str:
     for title, table in (("images", record.verdicts), ("rejected", record.rejected)):
         if table:
             rows += ["", f"{title}: " + " · ".join(f"{name} {n}" for name, n in sorted(table.items()))]
+    rows += [f"**refused** from {r.source}: {r.reason} ({r.count} times)" for r in record.refusals[-REFUSALS:]]
     rows += ["", "| sink | sent | dropped | restarts |", "|---|---:|---:|---:|"]
     rows += [f"| {n} {s.error} | {s.sent} | {s.dropped} | {s.restarts} |" for n, s in sorted(record.sinks.items())]
     return plain("\n".join(rows))

@@ -16,14 +16,21 @@ DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
     Encoding.RADAR: decode_radar,
     Encoding.RANGES: decode_ranges,
 }
+OnRefused = Callable[[str, str, int], None]
+
+
+def ignore(_source: str, _reason: str, _t_recv_ns: int) -> None:
+    """What cannot be used is only counted."""
 
 
 class DatagramDecoder:
     """One MAVLink decoder for each channel; JSON documents need no state. `on_error` is called with the
-    place and the exception over one frame or document."""
+    place and the exception over one frame or document, `on_refused` with the channel, the reason and the arrival
+    of a document that cannot be used."""
 
-    def __init__(self, on_error: OnError = raise_error) -> None:
+    def __init__(self, on_error: OnError = raise_error, on_refused: OnRefused = ignore) -> None:
         self._on_error = on_error
+        self._on_refused = on_refused
         self._mavlink: dict[str, MavlinkDecoder] = {}
         self._bad: Counter[str] = Counter()
 
@@ -33,8 +40,9 @@ class DatagramDecoder:
         if decode_document is not None:
             try:
                 return [decode_document(datagram.data, datagram.t_recv_ns)]
-            except BadDocumentError:
+            except BadDocumentError as error:
                 self._bad[f"bad_{datagram.encoding}"] += 1
+                self._on_refused(datagram.channel, str(error), datagram.t_recv_ns)
                 return []
             except Exception as error:  # of any kind: it costs this document
                 self._on_error(f"bad_{datagram.encoding}", error)

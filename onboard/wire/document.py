@@ -5,9 +5,10 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from onboard.messages import CameraPoints, Pseudoranges, RadarDetections
+from onboard.messages import CameraPoints, Pseudoranges, RadarDetections, Record
 
 LATEST_NS: Final = 2**63
+LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
 NAME: Final = re.compile(r"[A-Za-z0-9_.-]{1,64}")  # of a camera or a radar: one part of a key
 
 D = TypeVar("D", CameraPoints, RadarDetections, Pseudoranges)
@@ -20,16 +21,27 @@ class BadDocumentError(ValueError):
 def parse(decoder: msgspec.json.Decoder[D], data: bytes) -> D:
     """The record of one JSON document.
 
-    Raises BadDocumentError when it is not JSON in UTF-8, a field is missing, unknown or of the wrong type, or the
-    time does not fit into 64 bits (it could not be published again).
+    Raises BadDocumentError when it is not JSON in UTF-8, too large, a field is missing, unknown or of the wrong
+    type, or the time does not fit into 64 bits (it could not be published again).
     """
+    if len(data) > LARGEST:
+        raise BadDocumentError(f"the document has more than {LARGEST} bytes")
     try:
         document = decoder.decode(data)
+    except msgspec.ValidationError as error:
+        raise BadDocumentError(f"{error}{_known(decoder.type, str(error))}") from error
     except (msgspec.DecodeError, UnicodeDecodeError) as error:  # the latter for text that is not UTF-8
-        raise BadDocumentError(str(error)) from error
+        raise BadDocumentError(f"{error}; expected one JSON object of {decoder.type.__name__}") from error
     if not -LATEST_NS < document.t_ns < LATEST_NS:
         raise BadDocumentError("a time must fit into 64 bits - at `$.t_ns`")
     return document
+
+
+def _known(kind: type[Record], error: str) -> str:
+    """The names of the fields, where one of the document itself is missing or unknown."""
+    if " at `$" in error:
+        return ""
+    return f"; the fields of {kind.__name__} are {', '.join(f.name for f in msgspec.structs.fields(kind))}"
 
 
 def check_name(name: str, field: str) -> None:

@@ -110,6 +110,8 @@ def test_daemon_is_a_good_citizen_of_the_link_seed_2(setup: Setup) -> None:
             send_from_another_autopilot(relay)
             until(lambda: has_requested_rates(observer), "the requested rates")
             until(lambda: has_rejected(observer, 30), "the count of rejected messages")
+            observer.client._session.put("onboard/1/camera/front/points", b'{"t_ns": 1}')
+            until(lambda: "missing required field `clock`" in daemon.output(), "the refusal of bad points")
             health = observer.newest()
             assert observer.is_tracking()
             beats = relay.count("HEARTBEAT")

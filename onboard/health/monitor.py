@@ -6,6 +6,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Final
 
+from onboard.health.refusals import Refusals
 from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth
 
 RATE_WINDOW_NS: Final = 2_000_000_000
@@ -42,6 +43,7 @@ class Monitor:
 
     def __init__(self, own_verdicts: Iterable[str]) -> None:
         self.errors = Errors()
+        self.refusals = Refusals()
         self.rejected: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
         self.states: dict[str, Lifecycle] = {}
@@ -50,9 +52,10 @@ class Monitor:
         self._counts: Counter[str] = Counter()
         self._arrivals: dict[str, deque[int]] = {}
 
-    def reject(self, reason: str) -> None:
+    def reject(self, message: Message, reason: str) -> None:
         """Count a message that goes no further."""
         self.rejected[reason] += 1
+        self.refusals.add_message(message, reason)
 
     def receive(self, message: Message) -> None:
         """Count a message of our own vehicle, or of one that an estimator listens to."""
@@ -69,6 +72,8 @@ class Monitor:
         self.states[key] = estimate.state
         if estimate.state is Lifecycle.SEARCHING and not estimate.is_primary:
             del self.states[key]  # the last estimate of one of many, of which a flight may have any number
+        if estimate.measurement is not None:
+            self.refusals.add_verdict(estimate, estimate.measurement)
         if estimate.measurement is not None and estimate.name not in self._own_verdicts:
             self.verdicts[f"{estimate.name}.{estimate.measurement.verdict}"] += 1
         if isinstance(estimate, NavState):

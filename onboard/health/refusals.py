@@ -1,0 +1,75 @@
+"""Which messages of cameras are refused, in words for the detector's author: the field, and what was expected."""
+
+from typing import Final
+
+from msgspec.structs import replace
+
+from onboard.messages import Estimate, MeasurementReport, Message, Refusal, TargetPoints, Verdict
+
+MOST: Final = 32  # kinds that are remembered: a source and a reason each
+LONGEST: Final = 240  # characters; the text may quote what came
+
+REASONS: Final = {
+    "before_heartbeat": "no autopilot has sent a heartbeat yet, so it is not known whose vehicle this is",
+    "other_system": "it is of another MAVLink system; expected the system of our autopilot",
+    "unstamped_points": "it has no time; expected the time of exposure, on the clock `boot` or `host`",
+    "no_time_base": "the autopilot has sent no time stamp yet, so the time of exposure cannot be compared with it",
+}
+VERDICTS: Final = {
+    Verdict.NOT_FINITE: "a coordinate or a sigma is not a finite number",
+    Verdict.DEGENERATE: "the wingtips are nearer to each other than two sigmas, a point is 90 degrees off the "
+    "optical axis, or a sigma is absurd; expected three distinct points in pixels of the image",
+    Verdict.OUT_OF_VIEW: "a point is at or beyond the edge of the image; expected all inside `width_px` and "
+    "`height_px` by more than `edge_px`",
+    Verdict.DUPLICATE: "`t_ns` is that of an earlier image of this target; expected a new time for each image",
+    Verdict.STALE: "the points have not changed at all although the camera has turned: does the camera hang?",
+    Verdict.TOO_OLD: "`t_ns` is {age:.2f} s before the autopilot's newest message; expected at most "
+    "`rewind_horizon_s`",
+    Verdict.TOO_NEW: "`t_ns` is {lead:.2f} s after the autopilot's newest message; expected a time of exposure on "
+    "the clock that `clock` names",
+    Verdict.NO_POSE: "our own attitude at `t_ns`, {age:.2f} s before the autopilot's newest message, is not known",
+    Verdict.FULL: "as many targets are followed as `max_targets` allows",
+}
+
+
+class Refusals:
+    """What was refused, by source and reason. The kinds that came last are kept; a flood costs no more room."""
+
+    def __init__(self) -> None:
+        self._kinds: dict[tuple[str, str], Refusal] = {}  # the latest last
+
+    @property
+    def latest(self) -> tuple[Refusal, ...]:
+        """The kinds of refusals that came last, the latest last."""
+        return tuple(self._kinds.values())
+
+    def add(self, source: str, reason: str, t_recv_ns: int, *, kind: str = "") -> None:
+        """Count a message that was refused. Reasons of one `kind` differ only in a number: the first is kept."""
+        source, reason = _plain(source), _plain(reason)
+        key = source, kind or reason
+        before = self._kinds.pop(key, None)
+        if before is None:
+            before = Refusal(source=source, reason=reason, count=0, t_recv_ns=t_recv_ns)
+        self._kinds[key] = replace(before, count=before.count + 1, t_recv_ns=t_recv_ns)
+        while len(self._kinds) > MOST:
+            del self._kinds[next(iter(self._kinds))]
+
+    def add_message(self, message: Message, reason: str) -> None:
+        """Count a message that went no further, if it is of a camera."""
+        if isinstance(message, TargetPoints):
+            self.add(f"camera {message.camera}", REASONS.get(reason, reason), message.t_recv_ns, kind=reason)
+
+    def add_verdict(self, estimate: Estimate, report: MeasurementReport) -> None:
+        """Count an image that an estimator could not use. A gated image could be used: it only fits no track."""
+        text = VERDICTS.get(report.verdict)
+        if text is None or report.points is None:
+            return
+        lead = (report.t_ns - estimate.t_ns) * 1e-9
+        reason = f"{report.verdict}: {text.format(lead=lead, age=-lead)}"
+        self.add(f"camera {report.source}", reason, report.t_recv_ns, kind=report.verdict)
+
+
+def _plain(text: str) -> str:
+    """Printable and short: parts of it come from outside."""
+    line = "".join(c if c.isprintable() else "?" for c in text)
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."

@@ -1,0 +1,164 @@
+"""Camera messages that are refused: each names its field, on standard error, in the health and in the view."""
+
+import json
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.daemon import MOST_REFUSALS, Daemon
+from onboard.health.refusals import LONGEST, MOST, Refusals
+from onboard.messages import Clock, Datagram, Encoding, Health, Verdict
+from onboard.view import words
+from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config
+from tests.unit.wire.test_points import document
+
+KEY = "onboard/1/camera/front/points"
+
+
+def points(t_recv_ns: int = EPOCH, **changes: Any) -> Datagram:
+    """One document of points, changed; a change to None leaves the field out."""
+    fields = {name: value for name, value in document(**changes).items() if value is not None}
+    return raw(json.dumps(fields).encode(), t_recv_ns)
+
+
+def raw(data: bytes, t_recv_ns: int = EPOCH) -> Datagram:
+    return Datagram(channel=KEY, encoding=Encoding.POINTS, t_recv_ns=t_recv_ns, data=data)
+
+
+class Flight:
+    """A daemon without links, whose clock a test moves; `lines` is what it writes to standard error."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.daemon = Daemon(make_config("zenoh.enabled=false", "link=[]"), report=self.lines.append)
+        self.t_ns = EPOCH
+
+    def second(self, *datagrams: Datagram) -> list[str]:
+        """The lines of a second with these datagrams."""
+        before = len(self.lines)
+        for datagram in datagrams:
+            self.daemon._deliver(replace(datagram, t_recv_ns=self.t_ns))
+        self.t_ns += S
+        self.daemon._tick(self.t_ns)
+        return self.lines[before:]
+
+
+@pytest.mark.parametrize(
+    ("datagram", "expected"),
+    [
+        (points(t_ns="5"), "Expected `int`, got `str` - at `$.t_ns`"),
+        (points(t_ns=1.5), "Expected `int`, got `float` - at `$.t_ns`"),
+        (points(t_ns=2**63), "a time must fit into 64 bits - at `$.t_ns`"),
+        (points(clock="gps"), "Invalid enum value 'gps' - at `$.clock`"),
+        (
+            points(camera=None),
+            "missing required field `camera`; the fields of CameraPoints are t_ns, clock, camera",
+        ),
+        (points(camera="../x"), "a name is of letters, digits and -_., 64 at most - at `$.camera`"),
+        (points(center={"u_px": 1.0}), "missing required field `v_px` - at `$.center`"),
+        (points(right={"u_px": "a", "v_px": 0}), "Expected `float`, got `str` - at `$.right.u_px`"),
+        (points(intrinsics={"fx_px": 0, "fy_px": 1, "cx_px": 0, "cy_px": 0}), "focal lengths must be positive"),
+        (points(target="a b"), "letters, digits and -_. with / between, 64 at most - at `$.target`"),
+        (points(centre={}), "unknown field `centre`; the fields of CameraPoints are t_ns, clock, camera, intr"),
+        (points(clock="none"), "it has no time; expected the time of exposure, on the clock `boot` or `host`"),
+        (points(), "the autopilot has sent no time stamp yet"),
+        (raw(b"\xff"), "expected one JSON object of CameraPoints"),
+        (raw(b"[1, 2]"), "Expected `object`, got `array`"),
+        (raw(b""), "expected one JSON object of CameraPoints"),
+        (raw(bytes(70_000)), "the document has more than 65536 bytes"),
+    ],
+    ids=lambda value: value[:40] if isinstance(value, str) else "",
+)
+def test_what_is_refused_is_named_within_a_second(datagram: Datagram, expected: str) -> None:
+    flight = Flight()
+    (line,) = flight.second(datagram)
+    assert line.startswith("refused from ")
+    assert expected in line
+    health = flight.daemon._pipeline.health(flight.t_ns)
+    assert [r.count for r in health.refusals] == [1]
+    assert health.refusals[0].reason in line
+    shown = words.health(health)
+    assert f"**refused** from {health.refusals[0].source}: {health.refusals[0].reason} (1 times)" in shown
+
+
+def test_a_detector_that_is_always_wrong_is_named_every_ten_seconds_with_a_count() -> None:
+    flight = Flight()
+    wrong = points(clock="gps")
+    (first,) = flight.second(wrong)
+    assert "times" not in first
+    later = [line for _ in range(10) for line in flight.second(*[wrong] * 11)]
+    assert len(later) == 0
+    (again,) = flight.second(wrong)
+    assert "(112 times)" in again
+    assert flight.second() == []
+
+
+def test_a_flood_of_kinds_gets_few_lines_and_little_room() -> None:
+    flight = Flight()
+    flood = [points(**{f"x{i}" + "y" * 1000: 1}) for i in range(3 * MOST)]
+    assert len(flight.second(*flood)) == MOST_REFUSALS
+    assert len(flight.second(*flood)) == 1
+    refusals = flight.daemon._pipeline.health(flight.t_ns).refusals
+    assert len(refusals) == MOST
+    assert max(len(r.reason) for r in refusals) <= LONGEST
+
+
+def test_what_comes_from_outside_is_shown_in_printable_characters() -> None:
+    (line,) = Flight().second(points(**{"a\n\x1b[31mb": 1}))
+    assert line.isprintable()
+
+
+def images(change: Any, *overrides: str) -> Health:
+    """The health after a flight whose images are changed."""
+    items = []
+    for item in Stream(t1=6.6).items():
+        message = item.message
+        items.append(item if item.message.component == 1 else Item(item.t_recv_ns, change(message)))
+    return feed(encode(items), make_config(*overrides)).pipeline.health(EPOCH + 7 * S)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda m: replace(m, center=(float("nan"), 0.0)), "not_finite: a coordinate or a sigma is not a finite"),
+        (lambda m: replace(m, left=m.center, right=m.center), "degenerate: the wingtips are nearer to each other"),
+        (lambda m: replace(m, left=(-0.9, 0.0)), "out_of_view: a point is at or beyond the edge of the image"),
+        (lambda m: replace(m, t_ns=5500 * MS), "duplicate: `t_ns` is that of an earlier image of this target"),
+        (lambda m: replace(m, t_ns=m.t_ns + 20 * S), "too_new: `t_ns` is 19.96 s after"),
+        (lambda m: replace(m, t_ns=m.t_ns - 900 * MS), "too_old: `t_ns` is 0.9"),
+        (lambda m: replace(m, system=9), "it is of another MAVLink system; expected the system of our autopilot"),
+    ],
+    ids=["not finite", "degenerate", "out of view", "duplicate", "too new", "too old", "other system"],
+)
+def test_images_that_cannot_be_used_are_named_too(change: Any, expected: str) -> None:
+    kinds = [r for r in images(change).refusals if expected in r.reason]
+    assert len(kinds) == 1, images(change).refusals
+    assert kinds[0].count > 10
+    assert kinds[0].source == "camera landing_target"
+
+
+def test_good_images_refuse_nothing_and_a_gated_one_is_no_refusal() -> None:
+    assert images(lambda m: m).refusals == ()
+    shifted = images(lambda m: replace(m, center=(m.center[0] + 0.1, m.center[1])) if m.t_ns == 6 * S else m)
+    assert shifted.verdicts[f"leader.{Verdict.GATED}"] == 1
+    assert shifted.refusals == ()
+
+
+def test_before_a_heartbeat_an_image_over_mavlink_is_named() -> None:
+    items = [Item(EPOCH + 5 * S, CIRCLE.image(5 * S)), Item(EPOCH + 6 * S, heartbeat(6 * S))]
+    (refusal,) = feed(encode(items)).pipeline.health(EPOCH + 6 * S).refusals
+    assert refusal.reason.startswith("no autopilot has sent a heartbeat yet")
+
+
+def test_of_reasons_that_differ_in_a_number_the_first_is_kept_and_all_are_counted() -> None:
+    refusals = Refusals()
+    for seconds in (1, 2, 3):
+        refusals.add("camera front", f"too_new: {seconds} s", seconds, kind="too_new")
+    assert [(r.reason, r.count, r.t_recv_ns) for r in refusals.latest] == [("too_new: 1 s", 3, 3)]
+
+
+def test_other_messages_than_a_camera_s_are_not_refusals() -> None:
+    refusals = Refusals()
+    refusals.add_message(replace(heartbeat(S), clock=Clock.NONE), "other_system")
+    assert refusals.latest == ()
