@@ -4,6 +4,7 @@ from typing import Final
 
 import numpy as np
 
+from onboard.messages import Vec3
 from simlink.encounters.curves import Motion, blurred, waves, wobble
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.sensors.arrays import Array
@@ -29,16 +30,19 @@ def fixed_wing_attitude(motion: Motion, nose: Array) -> Array:
     return np.column_stack([np.arctan2(right, G), np.zeros_like(nose), nose])
 
 
-def follower_attitude(rng: np.random.Generator, seed: int, t: Array, motion: Motion, r_FL_n: Array) -> Array:
-    """Of a follower that turns its nose to the leader, roughly and no faster than it can, and leans as it
-    accelerates. Its camera is mounted for the lean of steady flight, which is left out."""
+def follower_attitude(
+    rng: np.random.Generator, seed: int, t: Array, motion: Motion, r_FL_n: Array, mount_rpy_deg: Vec3
+) -> Array:
+    """Of a follower that turns its camera to the leader, roughly and no faster than it can, and leans as it
+    accelerates. Its camera is mounted for the lean of steady flight: it looks level there."""
+    _, up, aside = np.radians(mount_rpy_deg)
     aim = wobble(seed, "encounters.aim", GaussMarkov(sigma=rng.uniform(1.0, 4.0), time=6.0), len(t), np.pi / 180)
     sight = np.unwrap(np.arctan2(r_FL_n[:, 1], r_FL_n[:, 0])) + aim
-    yaw = _slewed(blurred(sight, 0.5))
+    yaw = _slewed(blurred(sight - aside, 0.5))
     a = np.stack([blurred(x, 0.4) for x in motion.a.T], axis=-1)
     ahead = np.cos(yaw) * a[:, 0] + np.sin(yaw) * a[:, 1]
     right = np.cos(yaw) * a[:, 1] - np.sin(yaw) * a[:, 0]
-    roll, pitch = np.arctan(right / G), -PITCH_SHARE * np.arctan(ahead / G)
+    roll, pitch = np.arctan(right / G), -up - PITCH_SHARE * np.arctan(ahead / G)
     sway = np.radians(rng.uniform(0.4, 1.2))
     return np.column_stack(
         [roll + waves(rng, t, sway, (3.1, 1.7)), pitch + waves(rng, t, sway, (2.7, 1.4)), yaw],

@@ -6,6 +6,7 @@ has its reason from a measurement where there is one.
 
 from typing import Final, NamedTuple
 
+import msgspec
 import numpy as np
 
 from simlink.scenarios.camera import Camera
@@ -34,6 +35,10 @@ JITTER_S: Final = 0.005  # at most, on top of the latency
 LOSE: Final[Range] = (0.005, 0.05)  # per image; the reference scenario of Oh & Johnson has .02
 REGAIN: Final[Range] = (0.15, 0.6)  # per image; it has .38
 SMALLEST_PX: Final[Range] = (4.0, 7.0)  # of the wingspan as seen broadside: what is smaller is not detected
+# A camera sits on an arm or under the belly of a small multirotor. It looks past the propellers to a side, and up
+# against the lean of flight: 15 degrees in ../shared/data/formation-copter.
+MOUNT_OFFSET: Final[tuple[Range, Range, Range]] = ((-0.10, 0.30), (-0.15, 0.15), (-0.15, 0.15))  # m, body FRD
+MOUNT_RPY_DEG: Final[tuple[Range, Range, Range]] = ((-6.0, 6.0), (-5.0, 15.0), (-30.0, 30.0))
 
 # ArduPilot sends what was asked for only roughly: it holds few distinct intervals.
 NAVIGATION_HZ: Final[Range] = (30.0, 60.0)
@@ -85,7 +90,7 @@ def draw_conditions(rng: np.random.Generator) -> Conditions:
         p_regain=one(REGAIN),
         latency=one(LATENCY_S),
     )
-    return Conditions(
+    drawn = Conditions(
         size=NOMINAL_SIZE * float(1.0 + SIZE_SIGMA * rng.standard_normal()),
         drag=one(DRAG),
         bank_wobble_deg=process(BANK_WOBBLE_DEG, BANK_WOBBLE_S),
@@ -100,3 +105,11 @@ def draw_conditions(rng: np.random.Generator) -> Conditions:
         yaw_error_deg=process(YAW_ERROR_DEG, ATTITUDE_ERROR_S),
         velocity_error=process(VELOCITY_ERROR, VELOCITY_ERROR_S),
     )
+    return drawn._replace(camera=mounted(camera, rng))
+
+
+def mounted(camera: Camera, rng: np.random.Generator) -> Camera:
+    """The camera at a place and an angle of its own."""
+    x, y, z = (float(rng.uniform(*among)) for among in MOUNT_OFFSET)
+    roll, pitch, yaw = (float(rng.uniform(*among)) for among in MOUNT_RPY_DEG)
+    return msgspec.structs.replace(camera, mount_offset=(x, y, z), mount_rpy_deg=(roll, pitch, yaw))

@@ -47,12 +47,13 @@ def make_encounter(family: str, seed: int, seconds: float = SECONDS) -> Encounte
     else:
         euler_L = multirotor_attitude(leader, nose, wind, conditions.drag)
     euler_L[:, 0] += wobble(own_seed, "encounters.bank", conditions.bank_wobble_deg, len(t), np.pi / 180)
+    mount, r_FL_n = conditions.camera.mount_rpy_deg, leader.r - follower.r
     truth = EncounterTruth(
         t=t,
         leader=leader,
         euler_L=euler_L,
         follower=follower,
-        euler_F=follower_attitude(rng, own_seed, t, follower, leader.r - follower.r),
+        euler_F=follower_attitude(rng, own_seed, t, follower, r_FL_n, mount),
     )
     return Encounter(family, seed, leader_class, conditions, truth, received(truth, conditions, own_seed))
 

@@ -1,5 +1,5 @@
 """The flights of the study of encounters: simlink's random encounters through the daemon's pipeline as it ships,
-with nothing configured but the leader's size and class."""
+with nothing configured but the leader's size and class, and where the camera is mounted."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -13,7 +13,7 @@ from onboard.messages import Estimate, Message
 from onboard.pipeline import Pipeline
 from simlink.encounters.conditions import NOMINAL_SIZE
 from simlink.encounters.encounter import SECONDS as WHOLE
-from simlink.encounters.encounter import make_encounter
+from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
 from simlink.encounters.reports import BOOT_NS
 from simlink.encounters.truth import EncounterTruth, at
@@ -54,16 +54,19 @@ class Flight(NamedTuple):
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
     """One encounter through a pipeline of its own; `settings` are overrides on top of the case's."""
     encounter = make_encounter(case.family, seed, SECONDS)
-    config = load_config(
-        None,
-        (
-            f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
-            f"estimator.leader.leader_class={encounter.leader_class}",
-            *case.settings,
-            *settings,
-        ),
-    )
+    config = load_config(None, (*known(encounter), *case.settings, *settings))
     return judged(estimated(Pipeline(config), encounter.messages), encounter.truth)
+
+
+def known(encounter: Encounter) -> tuple[str, ...]:
+    """Settings: what is known of this encounter's leader, and of the mount of its follower's camera."""
+    camera = encounter.conditions.camera
+    return (
+        f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
+        f"estimator.leader.leader_class={encounter.leader_class}",
+        f"camera.mount_rpy_deg={list(camera.mount_rpy_deg)}",
+        f"camera.mount_offset_m={list(camera.mount_offset)}",
+    )
 
 
 def estimated(pipeline: Pipeline, messages: Sequence[Message]) -> Array:

@@ -1,6 +1,7 @@
 """Random encounters from any side: the leader's estimate as shipped, with nothing configured but the leader's size
-and class. The true size is within 2 % (one sigma). Noise, rates, delays, drop-outs and the errors of our own state
-are drawn around the defaults, never at them (`simlink/encounters/conditions.py`).
+and class, and the camera's mount, which is drawn. The true size is within 2 % (one sigma). Noise, rates, delays,
+drop-outs and the errors of our own state are drawn around the defaults, never at them
+(`simlink/encounters/conditions.py`).
 """
 
 from collections.abc import Mapping, Sequence

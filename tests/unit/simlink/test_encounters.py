@@ -69,12 +69,13 @@ def test_image_points_are_the_projection_of_the_wing_seed_1(family: str) -> None
     encounter = make_encounter(family, 1, 12.0)
     truth, conditions = encounter.truth, encounter.conditions
     images = of(encounter, TargetPoints)
+    R_bc, r_FC_b = rotation(np.radians(conditions.camera.mount_rpy_deg)), np.array(conditions.camera.mount_offset)
     assert len(images) > 40
     rows = sampled(encounter, np.hstack([truth.r_FL_n, truth.euler_L, truth.euler_F]), images)
     errors = []
     for image, row in zip(images, rows, strict=True):
         wing = 0.5 * conditions.size * rotation(row[3:6])[:, 1]
-        seen = [rotation(row[6:9]).T @ (row[:3] + k * wing) for k in (0.0, -1.0, 1.0)]
+        seen = [R_bc.T @ (rotation(row[6:9]).T @ (row[:3] + k * wing) - r_FC_b) for k in (0.0, -1.0, 1.0)]
         center, *tips = [(p[1] / p[0], p[2] / p[0]) for p in seen]
         measured = np.array([image.center, image.left, image.right])
         off = [np.abs(measured - np.array([center, *pair])).max() for pair in (tips, tips[::-1])]
@@ -254,6 +255,22 @@ def test_conditions_are_drawn_anew_each_time_seed_7() -> None:
     for field in drawn[0]._fields:
         assert len({str(getattr(c, field)) for c in drawn}) == 50
     assert np.std([c.size / 2.0 for c in drawn]) == pytest.approx(0.02, rel=0.3)
+
+
+def test_the_camera_is_mounted_anywhere_and_looks_at_the_leader_seed_8() -> None:
+    rng = np.random.default_rng(8)
+    cameras = [draw_conditions(rng).camera for _ in range(200)]
+    offsets = np.array([camera.mount_offset for camera in cameras])
+    angles = np.array([camera.mount_rpy_deg for camera in cameras])
+    assert 0.28 < np.linalg.norm(offsets, axis=1).max() < 0.37
+    assert (offsets.max(axis=0) > 0.1).all()
+    assert (offsets.min(axis=0) < -0.05).all()
+    assert (np.abs(angles).max(axis=0) > (5.0, 13.0, 25.0)).all()
+    for seed in SEEDS:
+        encounter = make_encounter("hover", seed, 12.0)
+        images = of(encounter, TargetPoints)
+        middle = np.degrees(np.arctan(np.mean([image.center for image in images], axis=0)))
+        assert np.abs(middle).max() < 14.0  # it may be 9.5 degrees above or below us
 
 
 def test_an_unknown_family_is_refused() -> None:

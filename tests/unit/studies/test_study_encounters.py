@@ -12,7 +12,17 @@ from onboard.messages import LocalPosition, TargetPoints
 from onboard.pipeline import Pipeline
 from onboard.studies.encounters import flights as flown
 from onboard.studies.encounters import study
-from onboard.studies.encounters.flights import CASES, DEFAULTS, ON_WING, Case, Flight, estimated, fly, judged
+from onboard.studies.encounters.flights import (
+    CASES,
+    DEFAULTS,
+    ON_WING,
+    Case,
+    Flight,
+    estimated,
+    fly,
+    judged,
+    known,
+)
 from onboard.studies.encounters.scores import over_all, ratio, score
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.families import FAMILIES
@@ -144,6 +154,15 @@ def test_settings_reach_the_pipeline_seed_1(monkeypatch: pytest.MonkeyPatch) -> 
     )
     assert np.array_equal(default.range_, same.range_, equal_nan=True)
     assert not np.array_equal(default.range_, other.range_, equal_nan=True)
+
+
+def test_what_is_known_of_the_mount_is_configured_seeds_1_and_2() -> None:
+    for seed in (1, 2):
+        encounter = make_encounter("crab", seed, 1.0)
+        config, camera = load_config(None, known(encounter)), encounter.conditions.camera
+        assert config.camera.mount_rpy_deg == camera.mount_rpy_deg
+        assert config.camera.mount_offset_m == camera.mount_offset
+        assert config.camera.sigma_px != camera.sigma_px  # not known to a user
 
 
 def test_two_families_fly_and_are_reported_seed_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
