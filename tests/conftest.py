@@ -6,13 +6,13 @@ import pytest
 
 from tests.support import kernels, order
 
-SOURCES = pytest.StashKey[str]()
+SOURCES = pytest.StashKey[dict[str, str]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
     if _leads(config):
         kernels.prepare(all_at_once=bool(config.getoption("numprocesses", None)))
-        config.stash[SOURCES] = kernels.digest()
+        config.stash[SOURCES] = kernels.digests()
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

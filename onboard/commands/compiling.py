@@ -5,7 +5,7 @@ signatures it declares that are not on disk yet. One process imports it, once al
 imports are ready, so nothing is compiled twice.
 
 Numba compiles a function again when its own file changes, but not when a function that it calls stands in another
-file and changes there. So machine code older than any source with kernels is deleted here, and made anew.
+file and changes there. So machine code older than any source it may be made of is deleted here, and made anew.
 """
 
 import ast
@@ -149,22 +149,27 @@ def imported_by(name: str, *, at_once: bool) -> frozenset[str]:
 
 
 def drop_all_stale() -> None:
-    """Delete machine code that is older than any source with kernels. Nothing is deleted if this Numba does not
-    say where it is (`knows_folders`).
+    """Delete machine code that is older than the module it is of, or than any that this one imports. Nothing is
+    deleted if this Numba does not say where it is (`knows_folders`).
 
     Raises CompileError if there is no folder to write machine code to.
     """
-    sources = [_source(name) for name in kernel_modules()]
-    newest = max(source.stat().st_mtime for source in sources)
-    for folder in {cache_folder(source) for source in sources}:
-        if folder is not None:
-            drop_stale(folder, newest)
+    for name in kernel_modules():
+        drop_stale(machine_code(name), max(_source(n).stat().st_mtime for n in needed_by([name])))
 
 
-def drop_stale(folder: Path, newest: float) -> bool:
-    """Delete those indices and files of machine code in `folder` that are older than the `newest` source (s since
-    the epoch); whether there were any."""
-    stale = [path for path in folder.glob("*.nb[ic]") if path.stat().st_mtime < newest]
+def machine_code(name: str) -> list[Path]:
+    """The index and code files of a module's kernels; none if this Numba does not say where they are.
+
+    Raises CompileError if there is no folder to write machine code to.
+    """
+    folder = cache_folder(_source(name))
+    return [] if folder is None else [*folder.glob(f"{_source(name).stem}.*.nb[ic]")]
+
+
+def drop_stale(code: Iterable[Path], newest: float) -> bool:
+    """Delete files of machine code that are older than `newest` (s since the epoch); whether there were any."""
+    stale = [path for path in code if path.stat().st_mtime < newest]
     for path in stale:
         path.unlink(missing_ok=True)
     return bool(stale)

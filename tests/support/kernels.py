@@ -1,65 +1,72 @@
 """Machine code for the tests: none is used that may have been made from other sources than those that stand here.
 
 Numba compiles a function again when its own file changes, but not when a function that it calls stands in another
-file and changes there. So machine code is kept only if all of it was made, or used, by tests of these sources.
-A file in onboard/__pycache__ holds the digest of the sources, and is as new as the newest machine code that the
-tests made. Code that is newer was made by another program, perhaps while a source was another.
+file and changes there. So a module's machine code is kept only if all of it was made, or used, by tests of these
+sources: of the module, and of all that it imports. A file in onboard/__pycache__ holds the digests of the sources,
+module by module, and is as new as the newest machine code that the tests made. Code that is newer was made by
+another program, perhaps while a source was another.
 """
 
 import hashlib
+import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from onboard.commands import compiling
 from tests.support.programs import ROOT
 
-STAMP = ROOT / "onboard" / "__pycache__" / "kernels-tested"
+STAMP = ROOT / "onboard" / "__pycache__" / "kernels-tested.json"
 
 
-def sources() -> list[Path]:
-    """Every file whose functions or constants may stand in machine code."""
-    return [compiling._source(name) for name in sorted(compiling.needed_by(compiling.kernel_modules()))]
+def sources(name: str) -> list[Path]:
+    """Every file whose functions or constants may stand in a module's machine code."""
+    return [compiling._source(other) for other in sorted(compiling.needed_by([name]))]
 
 
-def digest() -> str:
-    """SHA-256 of all sources."""
-    return hashlib.sha256(b"\0".join(path.read_bytes() for path in sources())).hexdigest()
+def digests() -> dict[str, str]:
+    """SHA-256 of all sources of each module with kernels."""
+    return {name: _digest(sources(name)) for name in sorted(compiling.kernel_modules())}
 
 
-def machine_code() -> list[Path]:
-    """The index and code files of all modules with kernels, wherever Numba keeps them."""
-    folders = {compiling.cache_folder(compiling._source(name)) for name in compiling.kernel_modules()}
-    assert None not in folders, "this Numba does not say where its machine code is"
-    return [path for folder in folders if folder is not None for path in folder.glob("*.nb[ic]")]
-
-
-def is_known(stamp: Path, of_sources: str, code: Iterable[Path]) -> bool:
-    """Whether the stamp is `of_sources` (a digest), and no code is newer than it."""
-    if not stamp.exists() or stamp.read_text(encoding="utf-8") != of_sources:
-        return False
-    return all(path.stat().st_mtime_ns <= stamp.stat().st_mtime_ns for path in code)
+def unknown(stamp: Path, of_sources: Mapping[str, str], code: Mapping[str, Iterable[Path]]) -> list[str]:
+    """The modules whose digest is not the stamp's, or of whose code a file is newer than the stamp."""
+    if not stamp.exists():
+        return [*of_sources]
+    known, time_ns = json.loads(stamp.read_text(encoding="utf-8")), stamp.stat().st_mtime_ns
+    return [
+        name
+        for name, digest in of_sources.items()
+        if known.get(name) != digest or any(path.stat().st_mtime_ns > time_ns for path in code[name])
+    ]
 
 
 def prepare(*, all_at_once: bool) -> None:
     """Delete machine code unless it is known. Then compile all kernels if `all_at_once`: several processes are to
     run tests, and must not write the same index at the same time."""
-    before = digest()
-    if is_known(STAMP, before, machine_code()):
+    before = digests()
+    assert compiling.knows_folders(), "this Numba does not say where its machine code is"
+    code = {name: compiling.machine_code(name) for name in before}
+    stale = unknown(STAMP, before, code)
+    if not stale:
         return
-    for path in machine_code():
-        path.unlink(missing_ok=True)
     STAMP.unlink(missing_ok=True)
+    for path in (path for name in stale for path in code[name]):
+        path.unlink(missing_ok=True)
     if all_at_once:
         command = [sys.executable, "-m", "onboard", "compile"]
         subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)}, check=True)
     keep(before)
 
 
-def keep(before: str) -> None:
-    """Stamp the machine code of now, unless the sources are no longer those whose digest is `before`."""
-    if digest() == before:
+def keep(before: Mapping[str, str]) -> None:
+    """Stamp the machine code of now, unless the sources are no longer those whose digests are `before`."""
+    if digests() == before:
         STAMP.parent.mkdir(exist_ok=True)
-        STAMP.write_text(before, encoding="utf-8")
+        STAMP.write_text(json.dumps(before), encoding="utf-8")
+
+
+def _digest(files: Iterable[Path]) -> str:
+    return hashlib.sha256(b"\0".join(path.read_bytes() for path in files)).hexdigest()

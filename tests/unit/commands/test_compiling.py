@@ -111,13 +111,32 @@ def test_the_longest_path_goes_first() -> None:
 
 
 def test_machine_code_older_than_a_source_is_dropped_and_nothing_else(tmp_path: Path) -> None:
-    for name, age in (("a.f-1.py311.nbi", 5.0), ("a.f-1.py311.1.nbc", 5.0), ("b.nbi", 50.0), ("a.pyc", 5.0)):
-        (tmp_path / name).touch()
-        os.utime(tmp_path / name, (age, age))
-    assert not compiling.drop_stale(tmp_path, newest=4.0)
-    assert len(list(tmp_path.iterdir())) == 4
-    assert compiling.drop_stale(tmp_path, newest=10.0)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.pyc", "b.nbi"]
+    code = [tmp_path / name for name in ("a.f-1.py311.nbi", "a.f-1.py311.1.nbc", "a.g-9.py311.nbi")]
+    for path, age in zip(code, (5.0, 5.0, 50.0), strict=True):
+        path.touch()
+        os.utime(path, (age, age))
+    assert not compiling.drop_stale(code, newest=4.0)
+    assert len(list(tmp_path.iterdir())) == 3
+    assert compiling.drop_stale(code, newest=10.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.g-9.py311.nbi"]
+
+
+def test_a_changed_source_drops_the_machine_code_of_the_modules_above_it_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sources = {"below": tmp_path / "below.py", "above": tmp_path / "above.py", "beside": tmp_path / "beside.py"}
+    for name, source in sources.items():
+        source.touch()
+        os.utime(source, (20.0, 20.0) if name == "below" else (1.0, 1.0))
+        code = tmp_path / f"{name}.f-1.py311.nbi"
+        code.touch()
+        os.utime(code, (10.0, 10.0))
+    monkeypatch.setattr(compiling, "kernel_modules", lambda: frozenset(sources))
+    monkeypatch.setattr(compiling, "_source", sources.__getitem__)
+    monkeypatch.setattr(compiling, "cache_folder", lambda source: source.parent)
+    monkeypatch.setattr(compiling, "needed_by", lambda names: {*names, "below"} if "above" in names else {*names})
+    compiling.drop_all_stale()
+    assert [path.name for path in tmp_path.glob("*.nbi")] == ["beside.f-1.py311.nbi"]
 
 
 def test_the_folder_of_the_machine_code_is_known() -> None:
@@ -125,7 +144,9 @@ def test_the_folder_of_the_machine_code_is_known() -> None:
     folder = compiling.cache_folder(Path(relative_motion.__file__))
     assert folder is not None
     assert str(folder) == relative_motion._process.stats.cache_path
-    assert list(folder.glob("relative_motion.*.nbi"))
+    code = compiling.machine_code(relative_motion.__name__)
+    assert {path.parent for path in code} == {folder}
+    assert {path.suffix for path in code} == {".nbi", ".nbc"}
 
 
 def test_nowhere_to_keep_it_is_an_error(

@@ -1,5 +1,6 @@
 """How the tests are run: which files begin first, and that no test runs machine code of another source."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -61,30 +62,38 @@ def test_the_files_that_begin_first_are_there() -> None:
 @pytest.fixture
 def stamp(tmp_path: Path) -> Path:
     path = tmp_path / "stamp"
-    path.write_text("these", encoding="utf-8")
+    path.write_text(json.dumps({"a": "these", "b": "those"}), encoding="utf-8")
     os.utime(path, (10.0, 10.0))
     return path
 
 
-def code(stamp: Path, time_s: float) -> list[Path]:
+def code(stamp: Path, time_s: float) -> dict[str, list[Path]]:
     path = stamp.with_name("a.nbc")
     path.touch()
     os.utime(path, (time_s, time_s))
-    return [path]
+    return {"a": [path], "b": []}
 
 
 def test_machine_code_of_these_sources_made_by_tests_is_known(stamp: Path) -> None:
-    assert kernels.is_known(stamp, "these", code(stamp, 9.0))
+    assert kernels.unknown(stamp, {"a": "these", "b": "those"}, code(stamp, 9.0)) == []
 
 
-def test_machine_code_of_other_sources_of_another_program_or_without_a_stamp_is_not(stamp: Path) -> None:
-    assert not kernels.is_known(stamp, "those", code(stamp, 9.0))
-    assert not kernels.is_known(stamp, "these", code(stamp, 11.0))
-    assert not kernels.is_known(stamp.with_name("none"), "these", [])
+def test_machine_code_of_other_sources_is_unknown_and_that_of_other_modules_is_kept(stamp: Path) -> None:
+    assert kernels.unknown(stamp, {"a": "these", "b": "changed"}, code(stamp, 9.0)) == ["b"]
+
+
+def test_machine_code_of_another_program_of_a_new_module_or_without_a_stamp_is_unknown(stamp: Path) -> None:
+    assert kernels.unknown(stamp, {"a": "these", "b": "those"}, code(stamp, 11.0)) == ["a"]
+    assert kernels.unknown(stamp, {"c": "new"}, {"c": []}) == ["c"]
+    assert kernels.unknown(stamp.with_name("none"), {"a": "these"}, code(stamp, 9.0)) == ["a"]
 
 
 def test_the_digest_is_of_every_source_that_machine_code_may_hold() -> None:
     """A constant's module too, which has no kernels of its own."""
-    sources = {path.relative_to(ROOT).as_posix() for path in kernels.sources()}
-    assert {"onboard/geometry/arctangent.py", "onboard/filters/compiled.py", "onboard/models/radar.py"} <= sources
-    assert not any(name.startswith(("onboard/wire", "onboard/commands")) for name in sources)
+    sources = {path.relative_to(ROOT).as_posix() for path in kernels.sources("onboard.models.camera_angles")}
+    assert {"onboard/geometry/arctangent.py", "onboard/filters/compiled.py"} <= sources
+    assert "onboard/models/radar.py" not in sources
+    every = {path for name in kernels.digests() for path in kernels.sources(name)}
+    named = {path.relative_to(ROOT).as_posix() for path in every}
+    assert "onboard/models/radar.py" in named
+    assert not any(name.startswith(("onboard/wire", "onboard/commands")) for name in named)
