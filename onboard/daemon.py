@@ -15,6 +15,7 @@ from typing import Any, Final
 from msgspec.structs import replace
 
 from onboard.autopilot.output import AutopilotOutput, Outgoing
+from onboard.autopilot.stream import Stream
 from onboard.config import Config
 from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
@@ -26,7 +27,8 @@ from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
 from onboard.sinks.zenoh_session import ZenohSession, open_session
 
-TICK_S: Final = 0.05
+TICK_S: Final = 0.02
+LEADER_HZ: Final = 20.0
 HEALTH_PERIOD_NS: Final = 1_000_000_000
 SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: no longer healthy
 MOST_REFUSALS: Final = 5  # lines about refused messages at once; afterwards one a second
@@ -50,6 +52,7 @@ class Daemon:
         self._frames: Mapping[str, int] = {}
         self._rates: dict[str, float] = {}
         self._next_health_ns = 0
+        self._leader_stream = Stream(LEADER_HZ)
 
     async def run(self) -> None:
         """Fly until SIGINT or SIGTERM.
@@ -120,7 +123,8 @@ class Daemon:
         for output in pipeline.advance(messages):
             self._take(output)
         if pipeline.autopilot is not None and pipeline.autopilot is not before:
-            self._output.connect(pipeline.autopilot)
+            for line in self._output.connect(pipeline.autopilot):
+                self._report(line)
             why = " (the one before has fallen silent)" if before is not None else ""
             self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}{why}")
         if pipeline.clocks.reboots > reboots:
@@ -146,7 +150,13 @@ class Daemon:
         for output in self._pipeline.tick(now_ns):
             self._take(output)
         healthy = is_heard and not self._console.is_any_lost
-        self._send(self._output.tick(now_ns, healthy=healthy, rates=self._rates))
+        offset_ns = self._pipeline.clocks.offset_ns
+        boot_ns = None if offset_ns is None else now_ns - offset_ns
+        host_ns = now_ns + self._clock.step_ns()
+        out = self._output.tick(now_ns, healthy=healthy, rates=self._rates, boot_ns=boot_ns, host_ns=host_ns)
+        self._send(out)
+        if self._output.leader is not None and self._leader_stream.is_due(now_ns):
+            self._publish(self._output.leader)
         if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
             self._next_health_ns = now_ns + HEALTH_PERIOD_NS
             self._measure_rates()

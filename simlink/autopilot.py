@@ -14,6 +14,7 @@ from onboard.messages import (
     Clock,
     Command,
     CommandAck,
+    GlobalOrigin,
     GlobalPosition,
     GpsFix,
     Heartbeat,
@@ -40,7 +41,7 @@ HOVER_PWM_US: Final = 1500
 PWM_PER_G: Final = 400
 
 HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 2, 24, 31
-LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, HIGHRES_IMU = 32, 33, 36, 105
+LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, GPS_GLOBAL_ORIGIN, HIGHRES_IMU = 32, 33, 36, 49, 105
 
 
 class Autopilot:
@@ -59,6 +60,7 @@ class Autopilot:
             LOCAL_POSITION_NED: _local_position,
             GLOBAL_POSITION_INT: self._global_position,
             SERVO_OUTPUT_RAW: _servo,
+            GPS_GLOBAL_ORIGIN: self._origin,
             HIGHRES_IMU: _imu,
         }
 
@@ -137,6 +139,10 @@ class Autopilot:
             return None
         return self._make[number](t_ns, self._latest)
 
+    def _origin(self, t_ns: int, _: Reading) -> Message:
+        lat_deg, lon_deg, height = self._vehicle.origin
+        return GlobalOrigin(t_ns=t_ns, t_recv_ns=t_ns, lat_deg=lat_deg, lon_deg=lon_deg, alt_msl=height)
+
     def _gps(self, t_ns: int, reading: Reading) -> Message:
         if not reading.gps_fix:
             return GpsFix(
@@ -198,6 +204,7 @@ def _default_intervals(vehicle: Vehicle) -> dict[int, int]:
         GLOBAL_POSITION_INT: rates.global_position,
         GPS_RAW_INT: rates.gps,
         SERVO_OUTPUT_RAW: rates.servo,
+        GPS_GLOBAL_ORIGIN: 0,  # on request
     }
     return {number: round(1e9 / rate) if rate > 0 else 0 for number, rate in table.items()}
 

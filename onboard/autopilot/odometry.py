@@ -1,15 +1,12 @@
 """Our own state as MAVLink's ODOMETRY has it: pose in local NED, velocity and rates in the body."""
 
-from typing import Final
-
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.autopilot.stream import Stream
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import NavState, Odometry
 from onboard.wire.mavlink_encode import MavlinkEncoder
-
-CLOSE_NS: Final = 1_000_000  # states come on a grid of their own: one this near to its time is due
 
 
 def odometry_of(state: NavState) -> Odometry | None:
@@ -45,18 +42,17 @@ class OdometryStream:
 
     def __init__(self, system: int, component: int, *, rate_hz: float) -> None:
         self._encoder = MavlinkEncoder(system, component)
-        self._interval_ns = round(1e9 / rate_hz)
-        self._sent_ns: int | None = None
+        self.stream = Stream(rate_hz)
+        self.can_send = False
 
     def frames(self, state: NavState) -> list[bytes]:
         """The frame of this state, if it is due; also when time has gone back, as after a reboot."""
-        last = self._sent_ns
-        if last is not None and last <= state.t_ns < last + self._interval_ns - CLOSE_NS:
+        self.can_send = state.mean is not None
+        if not self.can_send or not self.stream.is_due(state.t_ns):
             return []
         odometry = odometry_of(state)
         if odometry is None:
             return []
-        self._sent_ns = state.t_ns
         return [self._encoder.encode(odometry)]
 
 

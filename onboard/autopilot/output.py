@@ -1,13 +1,21 @@
-"""Everything we send over MAVLink, by link: the session on each autopilot's link, our odometry, other traffic."""
+"""Everything we send over MAVLink, by link: the session on each autopilot's link, the leader, our odometry, other
+traffic."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
+from onboard.autopilot.leader_messages import View
+from onboard.autopilot.leader_output import LeaderOutput
+from onboard.autopilot.leader_state import LeaderStates
 from onboard.autopilot.odometry import OdometryStream
+from onboard.autopilot.requests import Requests
 from onboard.autopilot.session import Session
 from onboard.autopilot.traffic import TrafficOutput
-from onboard.config import Config
-from onboard.messages import Estimate, Heartbeat, Message, NavState, Output
+from onboard.config import Config, source_delays_ns
+from onboard.messages import Estimate, GlobalPosition, Heartbeat, LeaderState, Message, NavState, Output
+
+PX4 = 12  # MAV_AUTOPILOT
 
 
 class Outgoing(NamedTuple):
@@ -18,33 +26,74 @@ class Outgoing(NamedTuple):
 
 
 class AutopilotOutput:
-    """Sans-IO: frames are returned, not sent. There are none before `connect`."""
+    """Sans-IO: frames are returned, not sent. There are none before `connect`. `leader`: the newest state of the
+    leader, as of the last tick."""
 
     def __init__(self, config: Config) -> None:
-        self._config = config
-        self._sessions = {link.name: Session(config.autopilot) for link in config.link if link.autopilot}
+        self.leader: LeaderState | None = None
+        self._config, self._camera = config, config.camera_model()
+        self._autopilot: Heartbeat | None = None
+        self._requests = Requests()
+        self._sessions = {
+            link.name: Session(config.autopilot, link.name, self._requests)
+            for link in config.link
+            if link.autopilot
+        }
         self._traffic = TrafficOutput(config.traffic_out, config.autopilot.component)
         self._odometry: OdometryStream | None = None
+        self._leader_outputs: list[LeaderOutput] = []
+        self._leader_states = LeaderStates(config.ownship.errors)
 
     def is_autopilot(self, channel: str) -> bool:
         """Whether a session is held on this channel's link."""
         return channel in self._sessions
 
-    def connect(self, autopilot: Heartbeat) -> None:
-        """An autopilot was heard: we are a component of its system on all links."""
+    def connect(self, autopilot: Heartbeat) -> list[str]:
+        """An autopilot was heard: we are a component of its system on all links. Returns what cannot be sent, as
+        lines for a person."""
+        config, ids = self._config, (autopilot.system, self._config.autopilot.component)
+        self._autopilot = autopilot
         for session in self._sessions.values():
             session.connect(autopilot)
         self._traffic.connect(autopilot.system)
-        ids = autopilot.system, self._config.autopilot.component
-        self._odometry = OdometryStream(*ids, rate_hz=self._config.odometry.rate_hz)
+        self._odometry = OdometryStream(*ids, rate_hz=config.odometry.rate_hz)
+        usable = [out for out in config.leader_out if out.system != autopilot.system]
+        self._leader_outputs = [LeaderOutput(out, *ids) for out in usable]
+        self._leader_states.restart()
+        self._leader_states.delay_ns = source_delays_ns(config.delay, autopilot.autopilot)[GlobalPosition]
+        self._requests.clear_streams()
+        self._offer()
+        return [
+            f"leader_out on {out.link}: not sent, since system {out.system} is the autopilot's own"
+            for out in config.leader_out
+            if out not in usable
+        ]
+
+    def _offer(self) -> None:
+        """Let all that is sent be requested."""
+        offer = self._requests.offer_stream
+        odometry, traffic = self._odometry, self._traffic
+        if self._config.odometry.link is not None and odometry is not None:
+            offer(self._config.odometry.link, "ODOMETRY", odometry.stream, lambda: odometry.can_send)
+        if traffic.link:
+            for name, stream in traffic.streams.items():
+                offer(traffic.link, name, stream, lambda: True)
+        for out in self._leader_outputs:
+            for name, stream in out.streams.items():
+                offer(out.link, name, stream, partial(self._can_send, out, name))
+
+    def _can_send(self, out: LeaderOutput, name: str) -> bool:
+        return out.can_send(name, self.leader, self._view())
 
     def reboot(self) -> None:
         """The autopilot has rebooted and forgotten our requests."""
+        self._leader_states.restart()
         for session in self._sessions.values():
             session.reboot()
 
     def publish(self, output: Output) -> Iterator[Outgoing]:
         """Frames for an estimate: our own state as ODOMETRY, one of many targets as traffic."""
+        self._leader_states.note(output)
         if isinstance(output, NavState):
             if self._config.odometry.link is not None and self._odometry is not None:
                 yield Outgoing(self._config.odometry.link, self._odometry.frames(output))
@@ -53,9 +102,33 @@ class AutopilotOutput:
 
     def respond(self, channel: str, messages: Sequence[Message], now_ns: int) -> Outgoing:
         """Answers to the messages of a channel, on the same channel."""
+        if self._autopilot is not None:
+            self._leader_states.receive(messages, self._autopilot.system, self._autopilot.component)
         return Outgoing(channel, self._sessions[channel].respond(messages, now_ns))
 
-    def tick(self, now_ns: int, *, healthy: bool, rates: Mapping[str, float]) -> Iterator[Outgoing]:
-        """Frames due at `now_ns`; see `Session.tick`."""
+    def tick(
+        self,
+        now_ns: int,
+        *,
+        healthy: bool,
+        rates: Mapping[str, float],
+        boot_ns: int | None = None,
+        host_ns: int | None = None,
+    ) -> Iterator[Outgoing]:
+        """Frames due at `now_ns`; see `Session.tick`. `boot_ns` is the same time on the boot clock (None: not
+        known), `host_ns` on the wall clock (None: as `now_ns`)."""
+        wants_origin = not self._leader_states.has_stated_origin
         for channel, session in self._sessions.items():
-            yield Outgoing(channel, session.tick(now_ns, healthy=healthy, rates=rates))
+            frames = session.tick(now_ns, healthy=healthy, rates=rates, wants_origin=wants_origin)
+            yield Outgoing(channel, frames)
+        if boot_ns is None:
+            return
+        self.leader = self._leader_states.at(boot_ns, now_ns if host_ns is None else host_ns)
+        view = self._view()
+        for out in self._leader_outputs:
+            yield Outgoing(out.link, out.frames(self.leader, view, now_ns))
+
+    def _view(self) -> View | None:
+        q_nb = self._leader_states.q_nb
+        is_px4 = self._autopilot is not None and self._autopilot.autopilot == PX4
+        return None if q_nb is None else View(q_nb, self._camera, is_px4)

@@ -6,13 +6,14 @@ reboot), replies to TIMESYNC requests, and an answer to every command that is ad
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from onboard.autopilot.requests import ACCEPTED, UNSUPPORTED, Answer, Requests, stamp
 from onboard.config import AutopilotConfig
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Clock, Command, CommandAck, Heartbeat, Message, TimeSync, tagged
+from onboard.messages import Command, CommandAck, Heartbeat, Message, TimeSync, tagged
 from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 
 TIMESYNC_PERIOD_NS: Final = NS_PER_S // 5
@@ -24,21 +25,22 @@ ONBOARD_CONTROLLER: Final = 18
 INVALID: Final = 8
 ACTIVE: Final = 4
 CRITICAL: Final = 5
-ACCEPTED: Final = 0
-UNSUPPORTED: Final = 3
+TO_ALL: Final = 0  # as a target component
+ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
 
 
 class Session:
     """The conversation on one link. Nothing is sent before an autopilot is heard."""
 
-    def __init__(self, config: AutopilotConfig) -> None:
-        self._config = config
+    def __init__(self, config: AutopilotConfig, channel: str = "", requests: Requests | None = None) -> None:
+        self._config, self._channel, self._requests_of_us = config, channel, requests or Requests()
         self._encoder: MavlinkEncoder | None = None
         self._autopilot: Heartbeat | None = None
         self._next_heartbeat = 0
         self._next_timesync = 0
         self._next_request = 0
         self._has_asked_status = False  # once per boot: not every autopilot has it
+        self._next_origin = 0
 
     def connect(self, autopilot: Heartbeat) -> None:
         """An autopilot was heard: we are a component of its system."""
@@ -50,10 +52,13 @@ class Session:
         """The autopilot has rebooted and forgotten what we asked for."""
         self._next_request = 0
         self._has_asked_status = False
+        self._next_origin = 0
 
-    def tick(self, now_ns: int, *, healthy: bool, rates: Mapping[str, float]) -> list[bytes]:
+    def tick(
+        self, now_ns: int, *, healthy: bool, rates: Mapping[str, float], wants_origin: bool = False
+    ) -> list[bytes]:
         """Frames due at `now_ns` (this computer's clock). `healthy` shows in the heartbeat; `rates` are the rates
-        of the MAVLink messages received, Hz."""
+        of the MAVLink messages received, Hz; `wants_origin`: GPS_GLOBAL_ORIGIN is requested until it comes."""
         if self._autopilot is None:
             return []
         frames = []
@@ -62,13 +67,16 @@ class Session:
             frames.append(self._heartbeat(healthy=healthy))
         if now_ns >= self._next_timesync:
             self._next_timesync = now_ns + TIMESYNC_PERIOD_NS
-            frames.append(self._pack(TimeSync(**_now(now_ns), tc1_ns=0, ts1_ns=tagged(now_ns))))
+            frames.append(self._pack(TimeSync(**stamp(now_ns), tc1_ns=0, ts1_ns=tagged(now_ns))))
         if self._config.request_rates and now_ns >= self._next_request:
             self._next_request = now_ns + ASK_AGAIN_NS
             frames.extend(self._requests(now_ns, rates))
             if not self._has_asked_status:
                 self._has_asked_status = True
                 frames.append(self._request_status(now_ns))
+        if wants_origin and self._config.request_rates and now_ns >= self._next_origin:
+            self._next_origin = now_ns + ORIGIN_AGAIN_NS
+            frames.append(self._request_once("GPS_GLOBAL_ORIGIN", now_ns))
         return frames
 
     def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
@@ -78,35 +86,37 @@ class Session:
         frames = []
         for m in messages:
             if isinstance(m, TimeSync) and m.tc1_ns == 0 and m.system == self._autopilot.system:
-                frames.append(self._pack(TimeSync(**_now(now_ns), tc1_ns=now_ns, ts1_ns=m.ts1_ns)))
+                frames.append(self._pack(TimeSync(**stamp(now_ns), tc1_ns=now_ns, ts1_ns=m.ts1_ns)))
             elif isinstance(m, Command) and self._is_us(m):
-                frames.append(self._acknowledge(m, now_ns))
+                frames.extend(self._answer(m, now_ns))
         return frames
 
     def _is_us(self, m: Command) -> bool:
         system = self._autopilot.system if self._autopilot else 0
-        return m.target_system == system and m.target_component == self._config.component
+        return m.target_system == system and m.target_component in {self._config.component, TO_ALL}
 
-    def _acknowledge(self, m: Command, now_ns: int) -> bytes:
-        request_for_heartbeat = (
-            m.command == dialect.MAV_CMD_REQUEST_MESSAGE and m.params[0] == dialect.MAVLINK_MSG_ID_HEARTBEAT
-        )
-        result = ACCEPTED if request_for_heartbeat else UNSUPPORTED
-        if request_for_heartbeat:
+    def _answer(self, m: Command, now_ns: int) -> list[bytes]:
+        """COMMAND_ACK and what was requested. What all components are asked for and we do not have is left to the
+        others."""
+        answer = self._requests_of_us.answer(self._channel, m, now_ns)
+        if m.command == dialect.MAV_CMD_REQUEST_MESSAGE and m.params[0] == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             self._next_heartbeat = 0
+            answer = Answer(ACCEPTED)
+        if answer.result == UNSUPPORTED and m.target_component == TO_ALL:
+            return []
         ack = CommandAck(
-            **_now(now_ns),
+            **stamp(now_ns),
             target_system=m.system,
             target_component=m.component,
             command=m.command,
-            result=result,
+            result=answer.result,
         )
-        return self._pack(ack)
+        return [self._pack(ack), *map(self._pack, answer.messages)]
 
     def _heartbeat(self, *, healthy: bool) -> bytes:
         return self._pack(
             Heartbeat(
-                **_now(0),
+                **stamp(0),
                 vehicle_type=ONBOARD_CONTROLLER,
                 autopilot=INVALID,
                 armed=False,
@@ -129,19 +139,22 @@ class Session:
         return self._request("EKF_STATUS_REPORT" if is_ardupilot else "ESTIMATOR_STATUS", STATUS_HZ, now_ns)
 
     def _request(self, name: str, rate_hz: float, now_ns: int) -> bytes:
+        return self._command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_number(name), 1e6 / rate_hz, now_ns)
+
+    def _request_once(self, name: str, now_ns: int) -> bytes:
+        return self._command(dialect.MAV_CMD_REQUEST_MESSAGE, message_number(name), 0.0, now_ns)
+
+    def _command(self, number: int, first: float, second: float, now_ns: int) -> bytes:
+        """A command to the autopilot."""
         command = Command(
-            **_now(now_ns),
+            **stamp(now_ns),
             target_system=self._autopilot.system if self._autopilot else 0,
             target_component=self._autopilot.component if self._autopilot else 0,
-            command=dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
-            params=(float(message_number(name)), 1e6 / rate_hz, 0.0, 0.0, 0.0, 0.0, 0.0),
+            command=number,
+            params=(float(first), second, 0.0, 0.0, 0.0, 0.0, 0.0),
         )
         return self._pack(command)
 
     def _pack(self, message: Message) -> bytes:
         assert self._encoder is not None  # noqa: S101 - connect() comes before anything is packed
         return self._encoder.encode(message)
-
-
-def _now(now_ns: int) -> dict[str, Any]:
-    return {"t_ns": now_ns, "t_recv_ns": now_ns, "clock": Clock.HOST}

@@ -4,8 +4,8 @@ a link. We only report a threat: to act on it is the autopilot's part."""
 import math
 from typing import Any, Final
 
+from onboard.autopilot.stream import Stream
 from onboard.config import TrafficOutConfig
-from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -23,6 +23,7 @@ LEVEL: Final = {ThreatLevel.NONE: 0, ThreatLevel.LOW: 1, ThreatLevel.HIGH: 2}  #
 OURS_BY_SYSTEM: Final = 0xF0_0000  # F00000 to FFFFFF are unassigned ICAO addresses: for aircraft that have none
 OURS_BY_RADAR: Final = 0xF1_0000
 MOST: Final = 0xFFFF
+KINDS: Final = ("ADSB_VEHICLE", "COLLISION")
 
 
 class TrafficOutput:
@@ -33,8 +34,8 @@ class TrafficOutput:
         self._config = config
         self._component = component
         self._encoder: MavlinkEncoder | None = None
-        self._period_ns = round(NS_PER_S / config.rate_hz)
-        self._due: dict[str, int] = {}
+        self.streams = {kind: Stream(config.rate_hz) for kind in KINDS}
+        self._due: dict[str, dict[str, int]] = {}  # by track and kind
 
     def connect(self, system: int) -> None:
         """Our autopilot's system is known: we speak as a component of it."""
@@ -46,18 +47,26 @@ class TrafficOutput:
         if self._encoder is None or who is None or not estimate.valid:
             self._due.pop(estimate.target, None)
             return []
-        if estimate.t_ns < self._due.get(estimate.target, 0) <= estimate.t_ns + self._period_ns:
-            return []
-        self._due[estimate.target] = estimate.t_ns + self._period_ns
-        return [self._encoder.encode(message) for message in self._messages(estimate, who)]
+        due = self._due.setdefault(estimate.target, {})
+        messages = self._messages(estimate, who)
+        return [self._encoder.encode(m) for kind, m in messages if self._is_due(kind, due, estimate.t_ns)]
 
-    def _messages(self, estimate: Estimate, who: Intruder) -> list[Message]:
-        messages: list[Message] = []
+    def _is_due(self, kind: str, due: dict[str, int], t_ns: int) -> bool:
+        stream = self.streams[kind]
+        if stream.take_request():
+            return True
+        if stream.interval_ns == 0 or t_ns < due.get(kind, 0) <= t_ns + stream.interval_ns:
+            return False
+        due[kind] = t_ns + stream.interval_ns
+        return True
+
+    def _messages(self, estimate: Estimate, who: Intruder) -> list[tuple[str, Message]]:
+        messages: list[tuple[str, Message]] = []
         silent = who.icao is None
         if self._config.adsb_vehicle == "all" or (self._config.adsb_vehicle == "silent" and silent):
-            messages.append(adsb_vehicle(estimate, who))
+            messages.append(("ADSB_VEHICLE", adsb_vehicle(estimate, who)))
         if self._config.collision and who.approach.threat is not ThreatLevel.NONE:
-            messages.append(collision(estimate, who))
+            messages.append(("COLLISION", collision(estimate, who)))
         return messages
 
 

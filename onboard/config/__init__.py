@@ -9,10 +9,12 @@ from onboard.config.reading import (
     read_table,
 )
 from onboard.config.sections import (
+    FASTEST_OUT_HZ,
     AutopilotConfig,
     CameraConfig,
     Config,
     DelayConfig,
+    LeaderOutConfig,
     LinkConfig,
     OdometryConfig,
     OwnErrors,
@@ -23,11 +25,13 @@ from onboard.config.sections import (
 )
 
 __all__ = [
+    "FASTEST_OUT_HZ",
     "AutopilotConfig",
     "CameraConfig",
     "Config",
     "ConfigError",
     "DelayConfig",
+    "LeaderOutConfig",
     "LinkConfig",
     "OdometryConfig",
     "OwnErrors",

@@ -8,15 +8,20 @@ import math
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 
-from onboard.config.sections import Config, LinkConfig, OwnErrors
+from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.errors import UserError
 from onboard.estimators import config_type, known, module_name
 from onboard.messages import Record
 from onboard.wire.mavlink_encode import message_number
+
+ROWS: Final[dict[Any, type[Record]]] = {  # arrays of tables
+    tuple[LinkConfig, ...]: LinkConfig,
+    tuple[LeaderOutConfig, ...]: LeaderOutConfig,
+}
 
 
 class ConfigError(UserError, ValueError):
@@ -72,10 +77,14 @@ def parse_config(table: dict[str, Any]) -> Config:
         if not rate > 0:
             raise ConfigError(f"autopilot.rates_hz.{name}: must be positive, not {rate}")
     named = tuple(link.name for link in config.link)
-    if config.traffic_out.link and config.traffic_out.link not in named:
-        raise ConfigError(f"traffic_out.link: no link is called {config.traffic_out.link!r}{_among('', named)}")
-    if config.odometry.link and config.odometry.link not in named:
-        raise ConfigError(f"odometry.link: no link is called {config.odometry.link!r}{_among('', named)}")
+    wanted = {"traffic_out.link": config.traffic_out.link, "odometry.link": config.odometry.link}
+    wanted |= {f"leader_out[{i}].link": out.link for i, out in enumerate(config.leader_out)}
+    for key, link in wanted.items():
+        if link and link not in named:
+            raise ConfigError(f"{key}: no link is called {link!r}{_among('', named)}")
+    for i, out in enumerate(config.leader_out):
+        if config.autopilot.system == out.system:
+            raise ConfigError(f"leader_out[{i}].system: must differ from autopilot.system: it is another vehicle")
     sections = {}
     for name, section in named_estimators(table).items():
         kind = config_type(name)
@@ -144,10 +153,11 @@ def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
             raise ConfigError(f"unknown key {path}{_among(key, tuple(fields))}")
         if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):
             _check_keys(value, fields[key], path)
-        if isinstance(value, list) and fields[key] == tuple[LinkConfig, ...]:
+        rows = ROWS.get(fields[key])
+        if isinstance(value, list) and rows is not None:
             for i, item in enumerate(value):
                 if isinstance(item, dict):
-                    _check_keys(item, LinkConfig, f"{path}[{i}]")
+                    _check_keys(item, rows, f"{path}[{i}]")
 
 
 def _check_finite(value: Any, at: str) -> None:

@@ -119,6 +119,29 @@ class TrafficOutConfig(Record, frozen=True, kw_only=True):
     rate_hz: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0  # of each track
 
 
+LeaderMessage = Literal[
+    "FOLLOW_TARGET",
+    "GLOBAL_POSITION_INT",
+    "TARGET_RELATIVE",
+    "LANDING_TARGET",
+    "ADSB_VEHICLE",
+    "CAMERA_TRACKING_IMAGE_STATUS",
+    "CAMERA_TRACKING_GEO_STATUS",
+]
+FASTEST_OUT_HZ: Final = 50.0  # the daemon looks for due messages so often
+OutRate = Annotated[float, msgspec.Meta(gt=0, le=FASTEST_OUT_HZ)]
+
+
+class LeaderOutConfig(Record, frozen=True, kw_only=True):
+    """`[[leader_out]]`: the leader as MAVLink messages on one of the links. FOLLOW_TARGET and GLOBAL_POSITION_INT
+    come from a system of its own, since an autopilot follows no component of its own system."""
+
+    link: str  # its name
+    rates_hz: dict[LeaderMessage, OutRate] = msgspec.field(default_factory=lambda: {"FOLLOW_TARGET": 20.0})
+    system: Annotated[int, msgspec.Meta(ge=1, le=254)] = 200  # of the virtual leader: FOLL_SYSID
+    component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191  # of the virtual leader
+
+
 class Config(Record, frozen=True, kw_only=True):
     """The whole configuration of the daemon and the replay. `estimator` holds each estimator's own Config."""
 
@@ -134,6 +157,7 @@ class Config(Record, frozen=True, kw_only=True):
     zenoh: ZenohConfig = ZenohConfig()
     recorder: RecorderConfig = RecorderConfig()
     traffic_out: TrafficOutConfig = TrafficOutConfig()
+    leader_out: tuple[LeaderOutConfig, ...] = ()
     odometry: OdometryConfig = OdometryConfig()
 
     def camera_model(self) -> Camera:

@@ -11,6 +11,7 @@ from onboard.messages import (
     CameraPoints,
     Estimate,
     Health,
+    LeaderState,
     NavState,
     OwnPose,
     Pseudoranges,
@@ -21,6 +22,7 @@ from onboard.messages import (
 PUBLISHED: Final[dict[str, type[Record]]] = {
     "estimate/<name>": Estimate,
     "estimate/<name>/<target>": Estimate,
+    "leader": LeaderState,
     "own_state": NavState,
     "ownship": OwnPose,
     "health": Health,
@@ -37,7 +39,7 @@ def key_of(record: Record) -> str:
         return "own_state"
     if isinstance(record, Estimate):
         return f"estimate/{record.name}" if record.is_primary else f"estimate/{record.name}/{record.target}"
-    return {OwnPose: "ownship", Health: "health"}[type(record)]
+    return {OwnPose: "ownship", Health: "health", LeaderState: "leader"}[type(record)]
 
 
 def schema(record: type[Record]) -> dict[str, Any]:

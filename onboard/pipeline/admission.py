@@ -1,6 +1,6 @@
 """Whose message it is: that of our own vehicle, of another that an estimator listens to, or of no interest."""
 
-from collections.abc import Container
+from collections.abc import Collection, Container
 from typing import Final
 
 from onboard.config import AutopilotConfig
@@ -31,13 +31,15 @@ UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # carry no time of a clock we kn
 
 class Admission:
     """Which autopilot is ours, and which messages may go further. `heard_ns`: arrival of the autopilot's last
-    message; messages of others do not count."""
+    message; messages of others do not count. `virtual`: systems that we send as, such as a virtual leader's."""
 
-    def __init__(self, config: AutopilotConfig, listened: Container[type[Message]]) -> None:
+    def __init__(
+        self, config: AutopilotConfig, listened: Container[type[Message]], virtual: Collection[int] = ()
+    ) -> None:
         self.autopilot: Heartbeat | None = None
         self.heard_ns: int | None = None
         self._beside: set[tuple[int, int]] = set()  # other autopilots, heard while ours was heard
-        self._config = config
+        self._config, self._virtual = config, frozenset(virtual)
         self._listened = listened
 
     def is_ours(self, message: Message) -> bool:
@@ -64,6 +66,8 @@ class Admission:
 
     def admit(self, message: Message) -> Message | str:
         """The message, as estimators know it, or the reason why it is rejected."""
+        if message.system in self._virtual and not self._is_from_autopilot(message):
+            return "our_own"  # the virtual leader, come back by another way: no traffic
         if not self.is_ours(message):
             peer = self._from_peer(message)
             return peer or ("other_system" if self.autopilot else "before_heartbeat")

@@ -59,7 +59,8 @@ class Pipeline:
         for name in self.estimators:
             for kind in load(name).LISTENS:
                 self._listeners.setdefault(kind, []).append(name)
-        self._admission = Admission(config.autopilot, self._listeners)
+        virtual = {out.system for out in config.leader_out}
+        self._admission = Admission(config.autopilot, self._listeners, virtual)
         self._delays_ns: dict[type[Message], int] = {}
         self._first_recv_ns: int | None = None
         self._own_recv_ns = 0  # arrival of the last message of our own position and velocity

@@ -15,11 +15,11 @@ from typing import IO, Any, Final
 import msgspec
 from mcap.writer import Writer
 
-from onboard.messages import Datagram, Estimate, Health, OwnPose, Record
+from onboard.messages import Datagram, Estimate, Health, LeaderState, OwnPose, Record
 from onboard.messages.schemas import key_of, schema
 from onboard.sinks.sink import SinkError, SinkRunner
 
-Recorded = Datagram | Estimate | OwnPose | Health
+Recorded = Datagram | Estimate | OwnPose | LeaderState | Health
 
 # of a channel whose messages' publish time is the wall clock's; their log time is of a clock that is never set
 STEPPED: Final[Mapping[str, str]] = {"publish_time": "wall clock"}
@@ -141,7 +141,7 @@ class Recorder:
             self._channels[topic, encoding, is_stepped] = channel
         return channel
 
-    def _computed(self, record: Estimate | OwnPose | Health) -> int | None:
+    def _computed(self, record: Estimate | OwnPose | LeaderState | Health) -> int | None:
         """The channel of a computed record by its key; None if there are too many keys."""
         key = key_of(record)
         channel = self._keys.get(key)

@@ -13,15 +13,15 @@ from typing import Any, Final
 
 import msgspec
 
-from onboard.messages import Estimate, Health, Lifecycle, OwnPose
+from onboard.messages import Estimate, Health, LeaderState, Lifecycle, OwnPose
 from onboard.messages.schemas import key_of
 from onboard.sinks.sink import SinkError, SinkRunner
 from onboard.sinks.zenoh_session import ZenohSession
 
-Published = Estimate | OwnPose | Health
+Published = Estimate | OwnPose | LeaderState | Health
 
 CAPACITY: Final = 2048  # queued records: one or two seconds, or several updates of many tracks
-QUERYABLE: Final = ("estimate/**", "own_state", "ownship", "health")
+QUERYABLE: Final = ("estimate/**", "leader", "own_state", "ownship", "health")
 
 
 class ZenohSink:
@@ -105,7 +105,7 @@ def runner(sink: ZenohSink) -> SinkRunner[Published]:
 def aged(record: Published, age_s: float, validity_s: float) -> tuple[bytes, bytes]:
     """(payload, attachment) of a reply with a record published `age_s` seconds ago."""
     stale = age_s > validity_s
-    if stale and isinstance(record, Estimate):
+    if stale and isinstance(record, Estimate | LeaderState):
         reason = f"stale: published {age_s:.1f} s ago"
         record = msgspec.structs.replace(record, valid=False, state=Lifecycle.LOST, reason=reason)
     attachment = {"age_s": round(age_s, 3), "stale": stale}

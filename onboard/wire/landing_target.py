@@ -38,6 +38,9 @@ class PointAssembler:
 
     def add(self, frame: Any, t_recv_ns: int) -> TargetPoints | None:
         """Add one point. The image's points once it has all three, else None."""
+        if frame.position_valid:
+            self._rejected["landing_target_position"] += 1  # of a landing pad, or our own report of the leader
+            return None
         number, label = divmod(frame.target_num, 3)
         sender = (frame.get_srcSystem(), frame.get_srcComponent(), number == 0)
         images = self._images(sender)

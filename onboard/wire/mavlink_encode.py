@@ -15,6 +15,7 @@ from onboard.messages import (
     Collision,
     Command,
     CommandAck,
+    GlobalOrigin,
     GlobalPosition,
     GpsFix,
     Heartbeat,
@@ -27,6 +28,7 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
+from onboard.wire import guidance
 
 BODY_FRD: Final = 12
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -60,6 +62,8 @@ class MavlinkEncoder:
 
 def message_number(name: str) -> int:
     """The number of a MAVLink message. Raises KeyError for an unknown name."""
+    if name == guidance.TargetRelativeMessage.msgname:
+        return guidance.TARGET_RELATIVE
     number = getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
     if not isinstance(number, int):
         raise KeyError(name)
@@ -86,6 +90,11 @@ def _global_position(m: Any) -> list[Any]:
     return [
         dialect.MAVLink_global_position_int_message(_ms(m), lat, lon, alt, height, vx, vy, vz, heading),
     ]
+
+
+def _global_origin(m: Any) -> list[Any]:
+    lat, lon, alt = round(m.lat_deg * 1e7), round(m.lon_deg * 1e7), round(m.alt_msl * 1000)
+    return [dialect.MAVLink_gps_global_origin_message(lat, lon, alt, _usec(m))]
 
 
 def _gps_fix(m: Any) -> list[Any]:
@@ -193,6 +202,7 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Attitude: lambda m: [dialect.MAVLink_attitude_quaternion_message(_ms(m), *m.q_nb, *m.omega_b)],
     LocalPosition: lambda m: [dialect.MAVLink_local_position_ned_message(_ms(m), *m.r_OF_n, *m.v_F_n)],
     GlobalPosition: _global_position,
+    GlobalOrigin: _global_origin,
     GpsFix: _gps_fix,
     Imu: _imu,
     ActuatorOutputs: lambda m: [
@@ -209,4 +219,5 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     AdsbVehicle: _adsb_vehicle,
     Collision: _collision,
     Odometry: _odometry,
+    **guidance.ENCODE,
 }

@@ -30,6 +30,7 @@ from onboard.messages import (
     TimeSync,
     Vec3,
 )
+from onboard.wire import guidance
 
 MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
@@ -224,4 +225,5 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "STATUSTEXT": lambda m, h: StatusText(**h, severity=m.severity, text=m.text),
     "ADSB_VEHICLE": _adsb_vehicle,
     "COLLISION": _collision,
+    "FOLLOW_TARGET": guidance.follow_target,
 }

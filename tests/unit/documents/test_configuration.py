@@ -8,7 +8,7 @@ from typing import Any, get_args
 import msgspec
 import pytest
 
-from onboard.config import Config, LinkConfig, OwnErrors, load_config, parse_config
+from onboard.config import Config, LeaderOutConfig, LinkConfig, OwnErrors, load_config, parse_config
 from onboard.estimators import config_type, known, load
 from onboard.messages import Record
 from simlink.scenarios.describe import daemon_config
@@ -23,10 +23,12 @@ UNSET = "–"
 
 def sections() -> dict[str, type[Record]]:
     """Each section of the configuration, by its heading, with its record."""
-    plain = {f.name: f.type for f in msgspec.structs.fields(Config) if f.name not in {"link", "estimator"}}
+    special = {"link", "leader_out", "estimator"}
+    plain = {f.name: f.type for f in msgspec.structs.fields(Config) if f.name not in special}
     (custom,) = (f.type for f in msgspec.structs.fields(config_type("own_state")) if f.name == "custom")
     return {
         "`[[link]]`": LinkConfig,
+        "`[[leader_out]]`": LeaderOutConfig,
         **{f"`[{name}]`": record for name, record in plain.items()},
         "`[ownship.errors]`": OwnErrors,
         **{f"`[estimator.{name}]`": config_type(name) for name in known()},

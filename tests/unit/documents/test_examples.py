@@ -3,6 +3,7 @@
 import math
 from types import ModuleType
 
+import msgspec
 import pytest
 
 from onboard.estimators import EstimatorProtocol
@@ -11,6 +12,7 @@ from onboard.messages import TargetPoints
 from onboard.ownship import Ownship
 from onboard.wire.points import decode_points
 from tests.support import documents
+from tests.support.leader import leader_state, lost_state
 
 
 def example() -> ModuleType:
@@ -43,3 +45,19 @@ def test_the_camera_points_of_the_page_decode() -> None:
     assert points.target == "leader"
     assert points.center == pytest.approx((11.2 / 600, -15.1 / 600))
     assert points.sigma == pytest.approx((1 / 600,) * 3)
+
+
+def test_the_example_of_a_follower_uses_only_a_leader_that_it_may_fly_on() -> None:
+    (block,) = documents.blocks(documents.text("follow"), "python")
+    module = ModuleType("follower")
+    exec(block, module.__dict__)  # noqa: S102 - what a reader would paste
+    leader = leader_state()
+    r, v = module.leader_now(msgspec.json.encode(leader), leader.t_host_ns + 100_000_000)
+    assert r == pytest.approx((130.0, 54.8, -38.1))
+    assert tuple(v) == leader.v_L_n
+    for late_ns, record in (
+        (400_000_000, leader),
+        (0, lost_state()),
+        (0, leader_state(covariance=((26.0, 0, 0, 0, 0, 0), *leader.covariance[1:]))),  # type: ignore[index]
+    ):
+        assert module.leader_now(msgspec.json.encode(record), record.t_host_ns + late_ns) is None

@@ -1,0 +1,182 @@
+"""The leader in absolute terms, predicted to now: from the estimate, our own pose and the origin."""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.config import OwnErrors
+from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import (
+    Estimate,
+    GlobalOrigin,
+    GlobalPosition,
+    LeaderState,
+    Lifecycle,
+    Message,
+    Output,
+    OwnPose,
+    Quaternion,
+    Vec3,
+)
+
+NAME: Final = "leader"
+MAX_PREDICTION_NS: Final = 500_000_000  # an older estimate is not flown on: the autopilot's stream has stopped
+SLOW: Final = (
+    1.0  # m/s; a slower leader, or one whose speed is less certain than this share, keeps its last course
+)
+SURE: Final = 2.0  # sigmas
+ORIGIN_AGREES_M: Final = 20.0  # an origin farther from where our own positions put it is that of an earlier boot
+PAIRED_NS: Final = 100_000_000  # two messages of our own position this near in time tell where the origin is
+
+Geodetic = tuple[float, float, float]
+
+
+class Joined(NamedTuple):
+    """An estimate with our own position and velocity at its time, in n; `r` is NaN where not known."""
+
+    estimate: Estimate
+    r: Array
+    v: Array
+
+
+class LeaderStates:
+    """Joins estimates of the leader, our own poses, and where the origin is."""
+
+    def __init__(self, errors: OwnErrors) -> None:
+        self.q_nb: Quaternion | None = None  # our newest attitude
+        self.origin: Geodetic | None = None
+        self.has_stated_origin = False  # GPS_GLOBAL_ORIGIN has come and agrees with our own positions
+        self.delay_ns = 0  # by which our own GLOBAL_POSITION_INT is older than its stamp
+        self._own_variance = np.repeat([errors.position_sigma_m**2, errors.velocity_sigma_m_s**2], 3)
+        self._own: OwnPose | None = None
+        self._joined: Joined | None = None
+        self._course: float | None = None
+
+    def restart(self) -> None:
+        """The autopilot has rebooted: its clock and its origin are new."""
+        self._own = self._joined = self._course = self.origin = self.q_nb = None
+        self.has_stated_origin = False
+
+    def note(self, output: Output) -> None:
+        """Take an output of the pipeline. Our own pose comes before the estimates that follow from it."""
+        if isinstance(output, OwnPose):
+            self._own, self.q_nb = output, output.q_nb
+        elif output.name == NAME and output.is_primary:
+            r, v = self._own_at(output.t_ns)
+            self._joined = Joined(output, r, v)
+
+    def receive(self, messages: Sequence[Message], system: int, component: int) -> None:
+        """Learn the origin: from GPS_GLOBAL_ORIGIN, else from our own GLOBAL_POSITION_INT."""
+        for m in messages:
+            if (m.system, m.component) != (system, component):
+                continue
+            if isinstance(m, GlobalOrigin):
+                self.origin, self.has_stated_origin = (m.lat_deg, m.lon_deg, m.alt_msl), True
+            elif isinstance(m, GlobalPosition):
+                self._check_origin(m)
+
+    def _check_origin(self, m: GlobalPosition) -> None:
+        own = self._own
+        t_ns = m.t_ns - self.delay_ns
+        if own is None or abs(t_ns - own.t_ns) > PAIRED_NS or own.r_OF_n[0] is None:
+            return
+        r, _ = self._own_at(t_ns)
+        ours = (m.lat_deg, m.lon_deg, m.alt_msl)
+        if self.has_stated_origin and self.origin is not None:
+            apart = ned_from_geodetic(ours, self.origin) - r
+            if float(np.abs(apart).max()) <= ORIGIN_AGREES_M:
+                return
+            self.has_stated_origin = False
+        self.origin = geodetic_from_ned(-r, ours)
+
+    def _own_at(self, t_ns: int) -> tuple[Array, Array]:
+        """Our own position and velocity, carried on from the newest pose."""
+        own = self._own
+        if own is None:
+            return np.full(3, np.nan), np.full(3, np.nan)
+        dt = (t_ns - own.t_ns) / NS_PER_S
+        v, a = np.array(own.v_F_n), np.array(own.a_F_n)
+        r = np.array([math.nan if x is None else x for x in own.r_OF_n])
+        return r + dt * v + 0.5 * dt * dt * a, v + dt * a
+
+    def at(self, t_ns: int, t_host_ns: int) -> LeaderState | None:
+        """The leader at a time on the boot clock; None before the first estimate."""
+        if self._joined is None:
+            return None
+        e, r_F, v_F = self._joined
+        reason = _why_not(e, r_F, v_F, t_ns)
+        t_ns = max(t_ns, e.t_ns)
+        if reason or e.mean is None or e.covariance is None:
+            state = e.state if not e.valid else Lifecycle.LOST
+            return LeaderState(
+                t_ns=t_ns, t_host_ns=t_host_ns, sequence=e.sequence, state=state, valid=False, reason=reason
+            )
+        dt = (t_ns - e.t_ns) / NS_PER_S
+        mean, P = np.array(e.mean), np.array(e.covariance)[:6, :6]
+        v_L = v_F + mean[3:6]
+        a_L = acceleration(e, v_L)
+        r_L = r_F + mean[:3] + dt * v_L + 0.5 * dt * dt * a_L
+        v_L = v_L + dt * a_L
+        F = np.eye(6)
+        F[:3, 3:] = dt * np.eye(3)
+        P = F @ (P + np.diag(self._own_variance)) @ F.T
+        self._learn_course(v_L, P)
+        lat, lon, alt = (None, None, None) if self.origin is None else geodetic_from_ned(r_L, self.origin)
+        return LeaderState(
+            t_ns=t_ns,
+            t_host_ns=t_host_ns,
+            sequence=e.sequence,
+            state=e.state,
+            valid=True,
+            reason=e.reason,
+            r_OL_n=_vec3(r_L),
+            v_L_n=_vec3(v_L),
+            a_L_n=_vec3(a_L),
+            covariance=tuple(map(tuple, (0.5 * (P + P.T)).tolist())),
+            r_FL_n=_vec3(r_L - self._own_at(t_ns)[0]),
+            lat_deg=lat,
+            lon_deg=lon,
+            alt_msl=alt,
+            course=self._course,
+            size=e.mean[e.components.index("size")] if "size" in e.components else None,
+            age=None if e.age is None else e.age + dt,
+        )
+
+    def _learn_course(self, v_L: Array, P: Array) -> None:
+        """The course, while the leader is fast enough to have one."""
+        speed = math.hypot(v_L[0], v_L[1])
+        sigma = math.sqrt(max(P[3, 3], P[4, 4]))
+        if speed > max(SLOW, SURE * sigma):
+            self._course = math.atan2(v_L[1], v_L[0])
+
+
+def acceleration(e: Estimate, v_L: Array) -> Array:
+    """a_L_n (3,) of the components a_lat (to the right, level), a_long (normal to the velocity, up) and a_along
+    (on the course), as far as the estimate has them. Zero for a leader that hovers: it has no course."""
+    speed = math.hypot(v_L[0], v_L[1])
+    if speed < SLOW or e.mean is None:
+        return np.zeros(3)
+    at = dict(zip(e.components, e.mean, strict=True))
+    c, s = v_L[0] / speed, v_L[1] / speed
+    along, right = at.get("a_along", 0.0), at.get("a_lat", 0.0)
+    return np.array([c * along - s * right, s * along + c * right, -at.get("a_long", 0.0)])
+
+
+def _why_not(e: Estimate, r_F: Array, v_F: Array, t_ns: int) -> str:
+    """Why an estimate cannot be flown on at a time; empty if it can."""
+    if not e.valid or e.mean is None:
+        return e.reason
+    if not np.isfinite(r_F).all() or not np.isfinite(v_F).all():
+        return "our own position is not known"
+    if t_ns - e.t_ns > MAX_PREDICTION_NS:
+        return f"no own motion for {(t_ns - e.t_ns) / NS_PER_S:.1f} s: not predicted further"
+    return ""
+
+
+def _vec3(v: Array) -> Vec3:
+    x, y, z = v.tolist()
+    return x, y, z

@@ -1,0 +1,95 @@
+"""Requests for our messages: REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, GET_MESSAGE_INTERVAL. None of them
+moves a vehicle."""
+
+import math
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.autopilot.stream import Stream
+from onboard.config import FASTEST_OUT_HZ
+from onboard.messages import Clock, Command, Message, MessageInterval
+from onboard.wire.mavlink_encode import message_number
+
+ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3  # MAV_RESULT
+
+
+class Answer(NamedTuple):
+    """MAV_RESULT of a command, and the messages to send after its COMMAND_ACK."""
+
+    result: int
+    messages: tuple[Message, ...] = ()
+
+
+class Offered(NamedTuple):
+    """A stream on a link, and whether a message could be sent now."""
+
+    stream: Stream
+    can_send: Callable[[], bool]
+
+
+Make = Callable[[int], Message]
+
+
+class Requests:
+    """What may be requested on each link: streams, which have an interval, and messages that are made on request
+    from the time (ns, this computer's clock)."""
+
+    def __init__(self) -> None:
+        self._streams: dict[tuple[str, int], list[Offered]] = {}
+        self._single: dict[int, Make] = {}
+
+    def clear_streams(self) -> None:
+        """Another autopilot is followed: its streams are offered anew."""
+        self._streams.clear()
+
+    def offer_stream(self, channel: str, name: str, stream: Stream, can_send: Callable[[], bool]) -> None:
+        """A message that is sent on a link by itself."""
+        self._streams.setdefault((channel, message_number(name)), []).append(Offered(stream, can_send))
+
+    def offer(self, name: str, make: Make) -> None:
+        """A message that is sent on request only, on any link."""
+        self._single[message_number(name)] = make
+
+    def answer(self, channel: str, command: Command, now_ns: int) -> Answer:
+        """The answer to a command; UNSUPPORTED for all that we have nothing to do with."""
+        number = command.params[0]
+        if command.command not in COMMANDS or not (math.isfinite(number) and number == int(number)):
+            return Answer(UNSUPPORTED)
+        streams = self._streams.get((channel, int(number)), [])
+        if command.command == dialect.MAV_CMD_REQUEST_MESSAGE:
+            return self._request(int(number), streams, now_ns)
+        if not streams:
+            return Answer(UNSUPPORTED)
+        if command.command == dialect.MAV_CMD_GET_MESSAGE_INTERVAL:
+            interval = MessageInterval(
+                **stamp(now_ns), number=int(number), interval_us=streams[0].stream.interval_us
+            )
+            return Answer(ACCEPTED, (interval,))
+        done = [offered.stream.set_interval(command.params[1], FASTEST_OUT_HZ) for offered in streams]
+        return Answer(ACCEPTED if all(done) else DENIED)
+
+    def _request(self, number: int, streams: list[Offered], now_ns: int) -> Answer:
+        if number in self._single:
+            return Answer(ACCEPTED, (self._single[number](now_ns),))
+        if not streams:
+            return Answer(UNSUPPORTED)
+        able = [offered for offered in streams if offered.can_send()]
+        for offered in able:
+            offered.stream.request()
+        return Answer(ACCEPTED if able else TEMPORARILY_REJECTED)
+
+
+COMMANDS: Final = frozenset(
+    {
+        dialect.MAV_CMD_REQUEST_MESSAGE,
+        dialect.MAV_CMD_SET_MESSAGE_INTERVAL,
+        dialect.MAV_CMD_GET_MESSAGE_INTERVAL,
+    }
+)
+
+
+def stamp(now_ns: int) -> dict[str, Any]:
+    """The times of a record that we send."""
+    return {"t_ns": now_ns, "t_recv_ns": now_ns, "clock": Clock.HOST}

@@ -1,0 +1,153 @@
+"""The leader in absolute terms, against numbers worked out by hand and pymap3d's geodesy."""
+
+import math
+
+import numpy as np
+import pymap3d
+import pytest
+from numpy.testing import assert_allclose
+
+from onboard.autopilot.leader_state import LeaderStates
+from onboard.config import OwnErrors
+from onboard.geometry.geodesy import geodetic_from_ned
+from onboard.messages import Lifecycle
+from tests.support.leader import ORIGIN, T, estimate, origin, own_global, own_pose
+
+MS = 1_000_000
+HOST = 1_800_000_000_000_000_000
+
+
+def states(errors: OwnErrors | None = None) -> LeaderStates:
+    made = LeaderStates(errors or OwnErrors())
+    made.note(own_pose())
+    made.note(estimate())
+    return made
+
+
+def test_the_leader_is_where_we_are_plus_where_it_is_from_us_predicted_to_now() -> None:
+    """130, 54, -38 at 11, 0, 0.5 m/s, turning right at 3 m/s^2; 0.2 s later."""
+    s = states().at(T + 200 * MS, HOST)
+    assert s is not None
+    assert (s.valid, s.t_ns, s.t_host_ns, s.sequence, s.size) == (True, T + 200 * MS, HOST, 5, 2.5)
+    assert_allclose(s.r_OL_n, (132.2, 54.06, -37.9), atol=1e-9)
+    assert_allclose(s.v_L_n, (11.0, 0.6, 0.5), atol=1e-9)
+    assert_allclose(s.a_L_n, (0.0, 3.0, 0.0), atol=1e-9)
+    assert_allclose(s.r_FL_n, (30.2, 4.06, 2.1), atol=1e-9)  # we have flown 2 m
+    assert s.course == pytest.approx(math.atan2(0.6, 11.0))
+    assert s.age == pytest.approx(0.22)
+
+
+def test_the_covariance_is_that_of_the_estimate_and_of_our_own_position_carried_on() -> None:
+    s = states(OwnErrors(position_sigma_m=2.0, velocity_sigma_m_s=0.3)).at(T + 500 * MS, HOST)
+    assert s is not None
+    P = np.array(s.covariance)
+    speed = 0.25 + 0.09  # of the estimate's velocity north, and of our own
+    assert P[3, 3] == pytest.approx(speed)
+    assert P[0, 3] == pytest.approx(0.5 * speed)
+    assert P[0, 0] == pytest.approx(4.0 + 4.0 + 0.25 * speed)
+    assert_allclose(P, P.T)
+
+
+def test_a_pose_older_than_the_estimate_is_carried_on() -> None:
+    """Attitudes, too, move the time to which estimates are predicted."""
+    made = LeaderStates(OwnErrors())
+    made.note(own_pose(a_F_n=(0.0, 1.0, 0.0)))
+    made.note(estimate(t_ns=T + 20 * MS))
+    s = made.at(T + 20 * MS, HOST)
+    assert s is not None
+    assert_allclose(s.r_OL_n, (130.2, 54.0002, -38.0), atol=1e-9)
+
+
+def test_with_the_origin_it_is_in_degrees_as_pymap3d_has_it() -> None:
+    made = states()
+    assert made.at(T, HOST).lat_deg is None  # type: ignore[union-attr]
+    made.receive([origin()], 7, 1)
+    s = made.at(T, HOST)
+    assert s is not None
+    expected = pymap3d.ned2geodetic(130.0, 54.0, -38.0, *ORIGIN)
+    assert_allclose((s.lat_deg, s.lon_deg), expected[:2], atol=1e-9)
+    assert s.alt_msl == pytest.approx(expected[2], abs=1e-4)
+    assert made.has_stated_origin
+
+
+def test_without_an_origin_our_own_global_position_gives_it() -> None:
+    """We fly 10 m/s to the north; the message is 50 ms newer than our pose, and 20 ms older than its stamp."""
+    made = states()
+    made.delay_ns = 20 * MS
+    made.receive([own_global(geodetic_from_ned((100.3, 50.0, -40.0), ORIGIN), T + 50 * MS)], 7, 1)
+    assert not made.has_stated_origin
+    assert made.origin is not None
+    assert_allclose(made.origin[:2], ORIGIN[:2], rtol=0, atol=1e-7)
+    assert made.origin[2] == pytest.approx(500.0, abs=0.01)
+
+
+def test_an_origin_that_our_own_positions_contradict_is_not_used() -> None:
+    """After a reboot in flight, or an origin moved by a person."""
+    made = states()
+    made.receive([origin()], 7, 1)
+    made.receive([own_global(geodetic_from_ned((115.0, 50.0, -40.0), ORIGIN))], 7, 1)
+    assert made.has_stated_origin
+    moved = (47.41, 8.5, 500.0)
+    made.receive([own_global(geodetic_from_ned((100.0, 50.0, -40.0), moved))], 7, 1)
+    assert not made.has_stated_origin
+    assert made.origin is not None
+    assert_allclose(made.origin[:2], moved[:2], rtol=0, atol=1e-7)
+
+
+def test_origins_of_others_are_not_ours() -> None:
+    made = states()
+    made.receive([origin(system=8), origin(component=2)], 7, 1)
+    assert made.origin is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "late_ms", "reason"),
+    [
+        ({"valid": False, "state": Lifecycle.LOST, "reason": "no image"}, 0, "no image"),
+        ({"mean": None, "covariance": None, "valid": False, "reason": "no image yet"}, 0, "no image yet"),
+        ({}, 501, "no own motion for 0.5 s: not predicted further"),
+    ],
+)
+def test_what_is_not_valid_has_no_position(changed: dict[str, object], late_ms: int, reason: str) -> None:
+    made = LeaderStates(OwnErrors())
+    made.note(own_pose())
+    made.note(estimate(**changed))
+    s = made.at(T + late_ms * MS, HOST)
+    assert s is not None
+    assert (s.valid, s.reason, s.r_OL_n, s.v_L_n, s.covariance) == (False, reason, None, None, None)
+
+
+def test_without_our_own_position_there_is_none_of_the_leader() -> None:
+    made = LeaderStates(OwnErrors())
+    assert made.at(T, HOST) is None
+    made.note(own_pose(r_OF_n=(None, None, -40.0)))
+    made.note(estimate())
+    s = made.at(T, HOST)
+    assert s is not None
+    assert (s.valid, s.reason) == (False, "our own position is not known")
+
+
+def test_a_leader_that_hovers_keeps_its_last_course() -> None:
+    made = states()
+    first = made.at(T, HOST)
+    slow = (30.0, 4.0, 2.0, -9.5, 0.3, 0.0, 2.5, 3.0, 0.0)  # 0.6 m/s over ground
+    made.note(estimate(mean=slow))
+    second = made.at(T, HOST)
+    assert first is not None
+    assert second is not None
+    assert first.course == second.course == 0.0
+    assert second.a_L_n == (0.0, 0.0, 0.0)
+    made.restart()
+    made.note(own_pose())
+    made.note(estimate(mean=slow))
+    third = made.at(T, HOST)
+    assert third is not None
+    assert third.course is None
+
+
+def test_one_of_many_targets_and_our_own_state_are_not_the_leader() -> None:
+    made = states()
+    made.note(estimate(target="target/2", mean=(0.0,) * 9))
+    s = made.at(T, HOST)
+    assert s is not None
+    assert_allclose(s.r_OL_n, (130.0, 54.0, -38.0))
