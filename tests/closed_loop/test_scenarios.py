@@ -46,7 +46,11 @@ BOUNDS = {
 }
 
 
-@pytest.mark.parametrize("scenario", BOUNDS)
+# a flight costs five seconds of a core; changes of speed are in the tests of the modes
+SLOW = {"formation-speed-change"}
+
+
+@pytest.mark.parametrize("scenario", [pytest.param(s, marks=pytest.mark.slow) if s in SLOW else s for s in BOUNDS])
 def test_scenario_seed_1_keeps_its_bounds(replay: Flights, scenario: str) -> None:
     range_percent, inside_percent, gated = BOUNDS[scenario]
     score = replay(scenario).score

@@ -77,7 +77,7 @@ def late_by(delays: list[int]) -> Run:
     )
 
 
-@settings(max_examples=15, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 @given(st.lists(st.integers(0, 440), min_size=len(IMAGES), max_size=len(IMAGES)))
 def test_late_and_shuffled_images_give_the_belief_of_those_in_order(delays: list[int]) -> None:
     assert_same_belief(late_by(delays))
