@@ -60,7 +60,7 @@ def test_a_barometer_steadies_the_vertical_velocity_seed_3() -> None:
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_every_filter_flies_seed_11(name: str) -> None:
-    _, states, truths = flown("quadrotor", 11, 9.0, filter=name)
+    _, states, truths = flown("quadrotor", 11, 12.0, filter=name)
     assert states[-1].reset_count == 0
     assert states[-1].valid
     limit = 0.2 if name not in {"svsf", "csvsf-printed"} else 0.6  # whose gains are not the optimal ones
