@@ -81,16 +81,18 @@ def _follow_target(m: Any) -> list[Any]:
     ]
 
 
-def follow_target(m: Any, header: dict[str, Any]) -> Message:
+def follow_target(fields: tuple[Any, ...], header: dict[str, Any]) -> Message:
     """The record of a FOLLOW_TARGET; its stamp is milliseconds since its sender's boot."""
-    q: Quaternion | None = tuple(m.attitude_q) if m.est_capabilities & ATTITUDE else None
-    north, east, down = (math.sqrt(max(variance, 0.0)) for variance in m.position_cov)
+    stamp, _, lat, lon, alt = fields[:5]
+    capabilities = fields[-1]
+    q: Quaternion | None = cast(Quaternion, fields[11:15]) if capabilities & ATTITUDE else None
+    north, east, down = (math.sqrt(max(variance, 0.0)) for variance in fields[18:21])
     return FollowTarget(
-        **header | {"t_ns": m.timestamp * 1_000_000},
-        lat_deg=m.lat * 1e-7,
-        lon_deg=m.lon * 1e-7,
-        alt_msl=m.alt,
-        v_n=tuple(m.vel),
+        **header | {"t_ns": stamp * 1_000_000},
+        lat_deg=lat * 1e-7,
+        lon_deg=lon * 1e-7,
+        alt_msl=alt,
+        v_n=fields[5:8],
         q_nL=q,
         position_sigma=(north, east, down),
     )

@@ -2,11 +2,12 @@
 
 import math
 from collections import Counter
-from typing import Any, Final
+from typing import Final
 
 from onboard.messages import ImagePoint, TargetPoints
-from onboard.wire.mavlink_records import read_header
+from onboard.wire.mavlink_records import Fields, Header, Layout
 
+LANDING_TARGET: Final = Layout("<Q5f2B7f2B", usec=0)
 PENDING_IMAGES: Final = 8  # images of one sender whose three points have not all come yet
 SENDERS: Final = 512  # that have completed an image, and as many that have not
 
@@ -36,25 +37,26 @@ class PointAssembler:
         """How many images wait."""
         return sum(len(images) for senders in (self._proven, self._new) for images in senders.values())
 
-    def add(self, frame: Any, t_recv_ns: int) -> TargetPoints | None:
+    def add(self, fields: Fields, header: Header) -> TargetPoints | None:
         """Add one point. The image's points once it has all three, else None."""
-        if frame.position_valid:
+        time_usec, angle_x, angle_y, _, _, _, target_num, *_, position_valid = fields
+        if position_valid:
             self._rejected["landing_target_position"] += 1  # of a landing pad, or our own report of the leader
             return None
-        number, label = divmod(frame.target_num, 3)
-        sender = (frame.get_srcSystem(), frame.get_srcComponent(), number == 0)
+        number, label = divmod(target_num, 3)
+        sender = (header["system"], header["component"], number == 0)
         images = self._images(sender)
-        points = images.setdefault((frame.time_usec, number), {})
-        points[label] = (_tangent(frame.angle_x), _tangent(frame.angle_y))
+        points = images.setdefault((time_usec, number), {})
+        points[label] = (_tangent(angle_x), _tangent(angle_y))
         if len(points) < 3:
             while len(images) > PENDING_IMAGES:
                 images.pop(next(iter(images)))
                 self._rejected["incomplete_points"] += 1
             return None
-        del images[frame.time_usec, number]
+        del images[time_usec, number]
         self._prove(sender, images)
         return TargetPoints(
-            **read_header(frame, t_recv_ns),
+            **header,
             camera="landing_target",
             target="leader" if number == 0 else f"target/{number}",
             center=points[0],

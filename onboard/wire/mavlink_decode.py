@@ -1,21 +1,33 @@
 """MAVLink bytes -> records in SI units. Sans-IO: bytes in, messages out; bad bytes are counted, not raised.
 
-Two framings. UDP: every datagram stands alone, so the parser is cleared first and a truncated datagram cannot
-eat the next. Streams (TCP, serial): the parser keeps the cut frame, and its consumed part is trimmed because
-pymavlink never does while reads end mid-frame.
+Two framings. UDP: every datagram stands alone, so a truncated one cannot eat the next. Streams (TCP, serial): a
+frame that is cut off waits for its other part. Every frame's checksum is tested, but only the payloads of messages
+that become records are read. Signatures are skipped: there is no key to test them with. Tests hold frames, counts
+and records to pymavlink's.
 """
 
+import re
+from binascii import crc_hqx
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, Final
-
-from pymavlink.dialects.v20 import ardupilotmega as dialect
+from typing import Final
 
 from onboard.messages import Message
-from onboard.wire.landing_target import PointAssembler
-from onboard.wire.mavlink_records import CONVERT, read_header
+from onboard.wire.landing_target import LANDING_TARGET, PointAssembler
+from onboard.wire.mavlink_records import CONVERT
+from onboard.wire.mavlink_table import MESSAGES
 
-TRIM_BYTES: Final = 4096
+V1: Final = 0xFE
+V2: Final = 0xFD
+V1_HEAD: Final = 6
+V2_HEAD: Final = 10
+CHECKSUM: Final = 2
+SIGNATURE: Final = 13
+SIGNED: Final = 0x01  # the only incompatibility flag there is; a frame with another cannot be read
+START: Final = re.compile(b"[\xfd\xfe]")
+# MAVLink's checksum (CRC-16/MCRF4XX) runs through the bits of each byte in the other order than `crc_hqx`.
+MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
 OnError = Callable[[str, Exception], None]
 
 
@@ -34,54 +46,81 @@ class MavlinkDecoder:
         self.names: Counter[str] = Counter()
         self._stream = stream
         self._on_error = on_error
-        self._parser = _new_parser()
+        self._rest = b""  # of a stream: the frame that is not complete yet
         self._points = PointAssembler(self.rejected)
 
     def decode(self, data: bytes, t_recv_ns: int) -> list[Message]:
         """Messages in `data`, in order. `t_recv_ns` is when the bytes arrived."""
-        parser = self._parser
-        if not self._stream:
-            parser.buf = bytearray()
-            parser.buf_index = 0
-            parser.expected_length = 8
-        messages = []
-        try:
-            frames = parser.parse_buffer(data) or ()
-        except Exception as error:  # of any kind: the parser may be stuck, so it starts again
-            self._parser = _new_parser()
-            self._on_error("mavlink", error)
-            return []
-        for frame in frames:
-            try:
-                message = self._message(frame, t_recv_ns)
-            except Exception as error:  # of any kind: it costs this frame
-                self._on_error(frame.get_type(), error)
+        data = self._rest + data
+        messages: list[Message] = []
+        at = 0
+        while at < len(data):
+            if data[at] not in (V1, V2):
+                start = START.search(data, at)
+                at = len(data) if start is None else start.start()
+                self.rejected["bad_frame"] += 1
                 continue
+            end = at + _length(data, at)
+            if end > len(data):
+                break
+            message = self._message(data[at:end], t_recv_ns)
             if message is not None:
                 messages.append(message)
-        if parser.buf_index > TRIM_BYTES:
-            del parser.buf[: parser.buf_index]
-            parser.buf_index = 0
-        if not self._stream and len(parser.buf) > parser.buf_index:
+            at = end
+        if self._stream:
+            self._rest = data[at:]
+        elif at < len(data):
             self.rejected["truncated"] += 1
         return messages
 
-    def _message(self, frame: Any, t_recv_ns: int) -> Message | None:
-        name = frame.get_type()
-        if name == "BAD_DATA":
+    def _message(self, frame: bytes, t_recv_ns: int) -> Message | None:
+        """The record of one frame of the right length, None if it has none."""
+        if frame[0] == V1:
+            head, system, component, number = V1_HEAD, frame[3], frame[4], frame[5]
+        elif frame[2] & ~SIGNED:
             self.rejected["bad_frame"] += 1
             return None
-        if name.startswith("UNKNOWN_"):
-            self.rejected["unknown_message"] += 1  # pymavlink passes these on without a checksum test
+        else:
+            head, system, component = V2_HEAD, frame[5], frame[6]
+            number = int.from_bytes(frame[7:10], "little")
+        known = NAMES.get(number)
+        if known is None:
+            self.rejected["unknown_message"] += 1  # without its CRC_EXTRA the checksum cannot be tested
+            return None
+        name, extra = known
+        end = head + frame[1]
+        if not is_sound(frame[1 : end + CHECKSUM], extra):
+            self.rejected["bad_frame"] += 1
             return None
         self.names[name] += 1
+        try:
+            return self._record(name, frame[head:end], t_recv_ns, system, component)
+        except Exception as error:  # of any kind: it costs this frame
+            self._on_error(name, error)
+            return None
+
+    def _record(self, name: str, payload: bytes, t_recv_ns: int, system: int, component: int) -> Message | None:
         if name == "LANDING_TARGET":
-            return self._points.add(frame, t_recv_ns)
-        convert = CONVERT.get(name)
-        return None if convert is None else convert(frame, read_header(frame, t_recv_ns))
+            fields = LANDING_TARGET.fields(payload)
+            return self._points.add(fields, LANDING_TARGET.header(fields, t_recv_ns, system, component))
+        read = CONVERT.get(name)
+        if read is None:
+            return None
+        layout, convert = read
+        fields = layout.fields(payload)
+        return convert(fields, layout.header(fields, t_recv_ns, system, component))
 
 
-def _new_parser() -> Any:
-    parser = dialect.MAVLink(None)
-    parser.robust_parsing = True
-    return parser
+def _length(data: bytes, at: int) -> int:
+    """Length of the frame that starts at `at`, by its header; more than there is if that is cut off."""
+    if at + 3 > len(data):
+        return V1_HEAD + CHECKSUM
+    if data[at] == V1:
+        return V1_HEAD + data[at + 1] + CHECKSUM
+    return V2_HEAD + data[at + 1] + CHECKSUM + (SIGNATURE if data[at + 2] & SIGNED else 0)
+
+
+def is_sound(checked: bytes, extra: bytes) -> bool:
+    """Whether these bytes end in their own checksum; `extra` is the message's CRC_EXTRA, mirrored."""
+    mirrored = checked.translate(MIRRORED)
+    return crc_hqx(extra, crc_hqx(mirrored[:-CHECKSUM], 0xFFFF)) == int.from_bytes(mirrored[-CHECKSUM:], "big")

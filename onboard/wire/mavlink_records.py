@@ -1,10 +1,13 @@
-"""Parsed MAVLink messages -> records in SI units: one function a message, by its name in CONVERT."""
+"""Payloads of MAVLink messages -> records in SI units: a layout and a function for each message that is read.
+
+Fields stand in the order of the wire: the largest types first, extensions last. A payload that is shorter than its
+layout ends in zeros that MAVLink 2 cuts off, or in extensions that its sender does not know; both are zeros.
+"""
 
 import math
+import struct
 from collections.abc import Callable
 from typing import Any, Final
-
-from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import (
@@ -28,9 +31,26 @@ from onboard.messages import (
     StatusText,
     SystemTime,
     TimeSync,
-    Vec3,
 )
 from onboard.wire import guidance
+
+SAFETY_ARMED: Final = 128  # MAV_MODE_FLAG of the base mode
+PRESSURE_ALT_UPDATED: Final = 2048  # HIGHRES_IMU_UPDATED_PRESSURE_ALT
+# ESTIMATOR_STATUS_FLAGS; those of EKF_STATUS_REPORT have the same bits
+VELOCITY_HORIZ: Final = 2
+POS_HORIZ_REL: Final = 8
+POS_HORIZ_ABS: Final = 16
+CONST_POS_MODE: Final = 128
+GEOMETRIC_ALTITUDE: Final = 1  # ADSB_ALTITUDE_TYPE
+# ADSB_FLAGS
+VALID_COORDS: Final = 1
+VALID_ALTITUDE: Final = 2
+VALID_HEADING: Final = 4
+VALID_VELOCITY: Final = 8
+VALID_CALLSIGN: Final = 16
+VALID_SQUAWK: Final = 32
+SIMULATED: Final = 64
+VALID_CLIMB: Final = 128
 
 MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
@@ -40,23 +60,35 @@ LAPSE_K_PER_M: Final = 0.0065
 LAPSE_EXPONENT: Final = 0.190263
 UNIX_ERA_NS: Final = 10**18  # a 64-bit stamp above this (2001) is Unix time, below it time since boot
 
+Fields = tuple[Any, ...]
+Header = dict[str, Any]
+Convert = Callable[[Fields, Header], Message | None]
 
-def read_header(frame: Any, t_recv_ns: int) -> dict[str, Any]:
-    """The fields that every record has. The stamp comes from whichever time field the message has; without one the
-    message is taken as true when it arrived."""
-    t_ns, clock = t_recv_ns, Clock.NONE
-    if hasattr(frame, "time_boot_ms"):
-        t_ns, clock = frame.time_boot_ms * 1_000_000, Clock.BOOT
-    elif hasattr(frame, "time_usec") and frame.time_usec > 0:
-        t_ns = frame.time_usec * 1000
-        clock = Clock.HOST if t_ns >= UNIX_ERA_NS else Clock.BOOT
-    return {
-        "t_ns": t_ns,
-        "t_recv_ns": t_recv_ns,
-        "clock": clock,
-        "system": frame.get_srcSystem(),
-        "component": frame.get_srcComponent(),
-    }
+
+class Layout:
+    """The fields of a message, as a format of `struct`; `boot_ms` or `usec` is the index of its time, if it has
+    one."""
+
+    def __init__(self, form: str, *, boot_ms: int | None = None, usec: int | None = None) -> None:
+        self.form = form
+        self._unpack = struct.Struct(form).unpack_from
+        self._size = struct.calcsize(form)
+        self._boot_ms, self._usec = boot_ms, usec
+
+    def fields(self, payload: bytes) -> Fields:
+        """The fields of a payload of any length."""
+        return self._unpack(payload.ljust(self._size, b"\0"))
+
+    def header(self, fields: Fields, t_recv_ns: int, system: int, component: int) -> Header:
+        """The fields that every record has. The stamp is the message's time field; without one the message is
+        taken as true when it arrived."""
+        t_ns, clock = t_recv_ns, Clock.NONE
+        if self._boot_ms is not None:
+            t_ns, clock = fields[self._boot_ms] * 1_000_000, Clock.BOOT
+        elif self._usec is not None and fields[self._usec] > 0:
+            t_ns = fields[self._usec] * 1000
+            clock = Clock.HOST if t_ns >= UNIX_ERA_NS else Clock.BOOT
+        return {"t_ns": t_ns, "t_recv_ns": t_recv_ns, "clock": clock, "system": system, "component": component}
 
 
 def _known(value: float, unknown: float, scale: float) -> float | None:
@@ -64,166 +96,178 @@ def _known(value: float, unknown: float, scale: float) -> float | None:
     return None if value == unknown else value * scale
 
 
-def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
-    armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-    return Heartbeat(**h, vehicle_type=m.type, autopilot=m.autopilot, armed=armed, status=m.system_status)
+def _heartbeat(f: Fields, h: Header) -> Message:
+    _, vehicle_type, autopilot, base_mode, status, _ = f
+    armed = bool(base_mode & SAFETY_ARMED)
+    return Heartbeat(**h, vehicle_type=vehicle_type, autopilot=autopilot, armed=armed, status=status)
 
 
-def _attitude(m: Any, h: dict[str, Any]) -> Message:
-    w, x, y, z = quaternion_from_euler(m.roll, m.pitch, m.yaw).tolist()
-    return Attitude(**h, q_nb=(w, x, y, z), omega_b=_rates(m))
+def _attitude_quaternion(f: Fields, h: Header) -> Message:
+    return Attitude(**h, q_nb=f[1:5], omega_b=f[5:8])
 
 
-def _global_position(m: Any, h: dict[str, Any]) -> Message:
-    heading = _known(m.hdg, 65535, math.pi / 18000)
+def _attitude(f: Fields, h: Header) -> Message:
+    _, roll, pitch, yaw, *rates = f
+    w, x, y, z = quaternion_from_euler(roll, pitch, yaw).tolist()
+    return Attitude(**h, q_nb=(w, x, y, z), omega_b=tuple(rates))
+
+
+def _local_position(f: Fields, h: Header) -> Message:
+    return LocalPosition(**h, r_OF_n=f[1:4], v_F_n=f[4:7])
+
+
+def _global_position(f: Fields, h: Header) -> Message:
+    _, lat, lon, alt, height, vx, vy, vz, heading = f
     return GlobalPosition(
         **h,
-        lat_deg=m.lat * 1e-7,
-        lon_deg=m.lon * 1e-7,
-        alt_msl=m.alt * 1e-3,
-        height=m.relative_alt * 1e-3,
-        v_F_n=(m.vx * 0.01, m.vy * 0.01, m.vz * 0.01),
-        heading_rad=heading,
+        lat_deg=lat * 1e-7,
+        lon_deg=lon * 1e-7,
+        alt_msl=alt * 1e-3,
+        height=height * 1e-3,
+        v_F_n=(vx * 0.01, vy * 0.01, vz * 0.01),
+        heading_rad=_known(heading, 65535, math.pi / 18000),
     )
 
 
-def _estimator_status(m: Any, h: dict[str, Any]) -> Message:
+def _estimator_status(flags: int, h: Header) -> Message:
     """Both autopilots use the same bits."""
-    fixed = bool(m.flags & dialect.ESTIMATOR_CONST_POS_MODE)
-    position = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
+    fixed = bool(flags & CONST_POS_MODE)
     return EstimatorStatus(
         **h,
-        horizontal_velocity=bool(m.flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and not fixed,
-        horizontal_position=bool(m.flags & position) and not fixed,
+        horizontal_velocity=bool(flags & VELOCITY_HORIZ) and not fixed,
+        horizontal_position=bool(flags & (POS_HORIZ_REL | POS_HORIZ_ABS)) and not fixed,
     )
 
 
-def _gps_fix(m: Any, h: dict[str, Any]) -> Message:
-    satellites = None if m.satellites_visible == 255 else m.satellites_visible
+def _global_origin(f: Fields, h: Header) -> Message:
+    lat, lon, alt, _ = f
+    return GlobalOrigin(**h, lat_deg=lat * 1e-7, lon_deg=lon * 1e-7, alt_msl=alt * 1e-3)
+
+
+def _gps_fix(f: Fields, h: Header) -> Message:
+    _, lat, lon, alt, _, _, vel, cog, fix_type, satellites, _, h_acc, v_acc, *_ = f
     return GpsFix(
         **h,
-        fix_type=m.fix_type,
-        satellites=satellites,
-        lat_deg=m.lat * 1e-7,
-        lon_deg=m.lon * 1e-7,
-        alt_msl=m.alt * 1e-3,
-        ground_speed=_known(m.vel, 65535, 0.01),
-        course_rad=_known(m.cog, 65535, math.pi / 18000),
-        h_acc=_known(m.h_acc, 0, 1e-3),
-        v_acc=_known(m.v_acc, 0, 1e-3),
+        fix_type=fix_type,
+        satellites=None if satellites == 255 else satellites,
+        lat_deg=lat * 1e-7,
+        lon_deg=lon * 1e-7,
+        alt_msl=alt * 1e-3,
+        ground_speed=_known(vel, 65535, 0.01),
+        course_rad=_known(cog, 65535, math.pi / 18000),
+        h_acc=_known(h_acc, 0, 1e-3),
+        v_acc=_known(v_acc, 0, 1e-3),
     )
 
 
-def _highres_imu(m: Any, h: dict[str, Any]) -> Message:
-    return Imu(
-        **h,
-        f_b=(m.xacc, m.yacc, m.zacc),
-        omega_b=(m.xgyro, m.ygyro, m.zgyro),
-        pressure_altitude=m.pressure_alt if m.fields_updated & dialect.HIGHRES_IMU_UPDATED_PRESSURE_ALT else None,
-    )
+def _highres_imu(f: Fields, h: Header) -> Message:
+    *_, pressure_alt, _, fields_updated, _ = f
+    altitude = pressure_alt if fields_updated & PRESSURE_ALT_UPDATED else None
+    return Imu(**h, f_b=f[1:4], omega_b=f[4:7], pressure_altitude=altitude)
 
 
-def _scaled_pressure(m: Any, h: dict[str, Any]) -> Message:
+def _scaled_pressure(f: Fields, h: Header) -> Message:
     """The troposphere of the ISO standard atmosphere (ISO 2533); NaN for a pressure that is not positive."""
-    ratio = m.press_abs / SEA_LEVEL_HPA
+    ratio = f[1] / SEA_LEVEL_HPA
     altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
     return Barometer(**h, pressure_altitude=altitude)
 
 
-def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
+def _scaled_imu(f: Fields, h: Header) -> Message:
     milli_g, milli = G * 1e-3, 1e-3
-    f_b = (m.xacc * milli_g, m.yacc * milli_g, m.zacc * milli_g)
-    return Imu(**h, f_b=f_b, omega_b=(m.xgyro * milli, m.ygyro * milli, m.zgyro * milli))
+    _, ax, ay, az, wx, wy, wz, *_ = f
+    f_b = (ax * milli_g, ay * milli_g, az * milli_g)
+    return Imu(**h, f_b=f_b, omega_b=(wx * milli, wy * milli, wz * milli))
 
 
-def _rates(m: Any) -> Vec3:
-    return m.rollspeed, m.pitchspeed, m.yawspeed
-
-
-def _servo_output(m: Any, h: dict[str, Any]) -> Message | None:
+def _servo_output(f: Fields, h: Header) -> Message | None:
     """The main outputs, which hold the motors; auxiliary ones are another port's."""
-    if m.port != MAIN_PORT:
+    if f[9] != MAIN_PORT:
         return None
-    return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
+    return ActuatorOutputs(**h, pwm_us=f[1:9] + f[10:18])
 
 
-def _command(m: Any, h: dict[str, Any], x: float, y: float, z: float) -> Message:
-    params = (m.param1, m.param2, m.param3, m.param4, x, y, z)
-    return Command(**h, **_addressee(m), command=m.command, params=params)
+def _command_long(f: Fields, h: Header) -> Message:
+    command, system, component, _ = f[7:]
+    return Command(**h, target_system=system, target_component=component, command=command, params=f[:7])
 
 
-def _addressee(m: Any) -> dict[str, Any]:
-    return {"target_system": m.target_system, "target_component": m.target_component}
+def _command_int(f: Fields, h: Header) -> Message:
+    p1, p2, p3, p4, x, y, z, command, system, component, *_ = f
+    params = (p1, p2, p3, p4, float(x), float(y), z)
+    return Command(**h, target_system=system, target_component=component, command=command, params=params)
 
 
-def _adsb_vehicle(m: Any, h: dict[str, Any]) -> Message:
+def _command_ack(f: Fields, h: Header) -> Message:
+    command, result, _, _, system, component = f
+    return CommandAck(**h, target_system=system, target_component=component, command=command, result=result)
+
+
+def _status_text(f: Fields, h: Header) -> Message:
+    severity, text, *_ = f
+    return StatusText(**h, severity=severity, text=text.split(b"\0", 1)[0].decode("ascii", "replace"))
+
+
+def _adsb_vehicle(f: Fields, h: Header) -> Message:
     """A field whose flag is not set is unknown."""
+    icao, lat, lon, altitude, heading, speed, climb, flags, squawk, kind, callsign, emitter, tslc = f
 
     def has(flag: int) -> bool:
-        return bool(m.flags & flag)
+        return bool(flags & flag)
 
-    coordinates = has(dialect.ADSB_FLAGS_VALID_COORDS)
-    geometric = m.altitude_type == dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC
     return AdsbVehicle(
         **h,
-        icao=m.ICAO_address,
-        lat_deg=m.lat * 1e-7 if coordinates else None,
-        lon_deg=m.lon * 1e-7 if coordinates else None,
-        altitude=m.altitude * 1e-3 if has(dialect.ADSB_FLAGS_VALID_ALTITUDE) else None,
-        altitude_type=AltitudeType.GEOMETRIC if geometric else AltitudeType.PRESSURE,
-        course=m.heading * math.pi / 18000 if has(dialect.ADSB_FLAGS_VALID_HEADING) else None,
-        ground_speed=m.hor_velocity * 0.01 if has(dialect.ADSB_FLAGS_VALID_VELOCITY) else None,
-        climb=m.ver_velocity * 0.01 if has(dialect.ADSB_FLAGS_VERTICAL_VELOCITY_VALID) else None,
-        callsign=_text(m.callsign) if has(dialect.ADSB_FLAGS_VALID_CALLSIGN) else "",
-        emitter=m.emitter_type,
-        tslc=float(m.tslc),
-        squawk=m.squawk if has(dialect.ADSB_FLAGS_VALID_SQUAWK) else None,
-        simulated=has(dialect.ADSB_FLAGS_SIMULATED),
+        icao=icao,
+        lat_deg=lat * 1e-7 if has(VALID_COORDS) else None,
+        lon_deg=lon * 1e-7 if has(VALID_COORDS) else None,
+        altitude=altitude * 1e-3 if has(VALID_ALTITUDE) else None,
+        altitude_type=AltitudeType.GEOMETRIC if kind == GEOMETRIC_ALTITUDE else AltitudeType.PRESSURE,
+        course=heading * math.pi / 18000 if has(VALID_HEADING) else None,
+        ground_speed=speed * 0.01 if has(VALID_VELOCITY) else None,
+        climb=climb * 0.01 if has(VALID_CLIMB) else None,
+        callsign=_text(callsign) if has(VALID_CALLSIGN) else "",
+        emitter=emitter,
+        tslc=float(tslc),
+        squawk=squawk if has(VALID_SQUAWK) else None,
+        simulated=has(SIMULATED),
     )
 
 
-def _text(field: str | bytes) -> str:
+def _text(field: bytes) -> str:
     """A character field up to its first NUL, printable ASCII only."""
-    text = field if isinstance(field, str) else field.decode("ascii", "replace")
-    return "".join(c for c in text.split("\0")[0] if c.isascii() and c.isprintable()).strip()
+    text = field.split(b"\0", 1)[0].decode("ascii", "replace")
+    return "".join(c for c in text if c.isascii() and c.isprintable()).strip()
 
 
-def _collision(m: Any, h: dict[str, Any]) -> Message:
+def _collision(f: Fields, h: Header) -> Message:
+    threat, time, vertical, horizontal, source, _, level = f
     return Collision(
-        **h,
-        source=m.src,
-        threat=m.id,
-        threat_level=m.threat_level,
-        time=m.time_to_minimum_delta,
-        vertical=m.altitude_minimum_delta,
-        horizontal=m.horizontal_minimum_delta,
+        **h, source=source, threat=threat, threat_level=level, time=time, vertical=vertical, horizontal=horizontal
     )
 
 
-CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
-    "HEARTBEAT": _heartbeat,
-    "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
-    "TIMESYNC": lambda m, h: TimeSync(**h, tc1_ns=m.tc1, ts1_ns=m.ts1),
-    "ATTITUDE_QUATERNION": lambda m, h: Attitude(**h, q_nb=(m.q1, m.q2, m.q3, m.q4), omega_b=_rates(m)),
-    "ATTITUDE": _attitude,
-    "LOCAL_POSITION_NED": lambda m, h: LocalPosition(**h, r_OF_n=(m.x, m.y, m.z), v_F_n=(m.vx, m.vy, m.vz)),
-    "GLOBAL_POSITION_INT": _global_position,
-    "EKF_STATUS_REPORT": _estimator_status,
-    "ESTIMATOR_STATUS": _estimator_status,
-    "GPS_GLOBAL_ORIGIN": lambda m, h: GlobalOrigin(
-        **h, lat_deg=m.latitude * 1e-7, lon_deg=m.longitude * 1e-7, alt_msl=m.altitude * 1e-3
-    ),
-    "GPS_RAW_INT": _gps_fix,
-    "HIGHRES_IMU": _highres_imu,
-    "SCALED_IMU": _scaled_imu,
-    "RAW_IMU": _scaled_imu,
-    "SCALED_PRESSURE": _scaled_pressure,
-    "SERVO_OUTPUT_RAW": _servo_output,
-    "COMMAND_LONG": lambda m, h: _command(m, h, m.param5, m.param6, m.param7),
-    "COMMAND_INT": lambda m, h: _command(m, h, float(m.x), float(m.y), m.z),
-    "COMMAND_ACK": lambda m, h: CommandAck(**h, **_addressee(m), command=m.command, result=m.result),
-    "STATUSTEXT": lambda m, h: StatusText(**h, severity=m.severity, text=m.text),
-    "ADSB_VEHICLE": _adsb_vehicle,
-    "COLLISION": _collision,
-    "FOLLOW_TARGET": guidance.follow_target,
+CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
+    "HEARTBEAT": (Layout("<I5B"), _heartbeat),
+    "SYSTEM_TIME": (Layout("<QI", boot_ms=1), lambda f, h: SystemTime(**h, unix_ns=f[0] * 1000)),
+    "TIMESYNC": (Layout("<2q"), lambda f, h: TimeSync(**h, tc1_ns=f[0], ts1_ns=f[1])),
+    "ATTITUDE_QUATERNION": (Layout("<I11f", boot_ms=0), _attitude_quaternion),
+    "ATTITUDE": (Layout("<I6f", boot_ms=0), _attitude),
+    "LOCAL_POSITION_NED": (Layout("<I6f", boot_ms=0), _local_position),
+    "GLOBAL_POSITION_INT": (Layout("<I4i3hH", boot_ms=0), _global_position),
+    "EKF_STATUS_REPORT": (Layout("<5fHf"), lambda f, h: _estimator_status(f[5], h)),
+    "ESTIMATOR_STATUS": (Layout("<Q8fH", usec=0), lambda f, h: _estimator_status(f[9], h)),
+    "GPS_GLOBAL_ORIGIN": (Layout("<3iQ", usec=3), _global_origin),
+    "GPS_RAW_INT": (Layout("<Q3i4H2Bi4IH", usec=0), _gps_fix),
+    "HIGHRES_IMU": (Layout("<Q13fHB", usec=0), _highres_imu),
+    "SCALED_IMU": (Layout("<I10h", boot_ms=0), _scaled_imu),
+    "RAW_IMU": (Layout("<Q9hBh", usec=0), _scaled_imu),
+    "SCALED_PRESSURE": (Layout("<I2f2h", boot_ms=0), _scaled_pressure),
+    "SERVO_OUTPUT_RAW": (Layout("<I8HB8H", usec=0), _servo_output),
+    "COMMAND_LONG": (Layout("<7fH3B"), _command_long),
+    "COMMAND_INT": (Layout("<4f2ifH5B"), _command_int),
+    "COMMAND_ACK": (Layout("<H2Bi2B"), _command_ack),
+    "STATUSTEXT": (Layout("<B50sHB"), _status_text),
+    "ADSB_VEHICLE": (Layout("<I3i2Hh2HB9s2B"), _adsb_vehicle),
+    "COLLISION": (Layout("<I3f3B"), _collision),
+    "FOLLOW_TARGET": (Layout("<2Q2i17fB"), guidance.follow_target),
 }

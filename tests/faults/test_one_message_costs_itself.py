@@ -36,7 +36,8 @@ def once(function: Callable[..., Any], at: int) -> Callable[..., Any]:
 
 
 def test_an_exception_while_decoding_costs_one_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(CONVERT, "ATTITUDE_QUATERNION", once(CONVERT["ATTITUDE_QUATERNION"], 100))
+    layout, convert = CONVERT["ATTITUDE_QUATERNION"]
+    monkeypatch.setitem(CONVERT, "ATTITUDE_QUATERNION", (layout, once(convert, 100)))
     run = feed(DATAGRAMS, errors=True)
     assert_on_target(run, 1.0)
     assert run.rejected == {"error.ATTITUDE_QUATERNION": 1}
@@ -49,7 +50,8 @@ def test_a_frame_that_fails_does_not_cost_the_others_of_its_datagram(monkeypatch
     def fail(*_: Any) -> Message:
         raise ValueError("every time")
 
-    monkeypatch.setitem(CONVERT, "ATTITUDE_QUATERNION", fail)
+    layout, _ = CONVERT["ATTITUDE_QUATERNION"]
+    monkeypatch.setitem(CONVERT, "ATTITUDE_QUATERNION", (layout, fail))
     encoder = MavlinkEncoder(1, 1)
     frames = b"".join(map(encoder.encode, (heartbeat(S), CIRCLE.attitude(S), CIRCLE.position(S))))
     run = feed([replace(DATAGRAMS[0], data=frames)], errors=True)

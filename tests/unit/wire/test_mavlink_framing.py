@@ -1,9 +1,5 @@
 """Framing of MAVLink bytes: cut streams, damage, unknown and signed frames, random bytes."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -40,9 +36,9 @@ def test_the_buffer_of_a_stream_whose_reads_end_mid_frame_stays_small() -> None:
     largest = found = 0
     for _ in range(100_000):  # always the tail of one frame and the head of the next
         found += len(decoder.decode(data[20 : 20 + len(unit)], RECV))
-        largest = max(largest, len(decoder._parser.buf))
+        largest = max(largest, len(decoder._rest))
     assert found >= 99_999
-    assert largest < 8192
+    assert largest < 300
 
 
 def test_a_truncated_datagram_does_not_eat_the_next() -> None:
@@ -87,14 +83,6 @@ def test_a_bad_checksum_is_counted_and_the_next_frame_of_the_datagram_read() -> 
     decoder = MavlinkDecoder(stream=False)
     assert len(decoder.decode(data[:-1] + b"\x00" + data, RECV)) == 1
     assert decoder.rejected == {"bad_frame": 1}
-
-
-def test_the_environment_cannot_turn_the_checksum_off() -> None:
-    """pymavlink reads the variable when it is imported, and the encoder may be imported first."""
-    code = "from onboard.wire.mavlink_encode import dialect; print(dialect.MAVLINK_IGNORE_CRC)"
-    environment = os.environ | {"MAV_IGNORE_CRC": "1"}
-    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, check=True)
-    assert done.stdout.strip() == b"0"
 
 
 def test_unknown_messages_are_counted_and_do_no_harm() -> None:

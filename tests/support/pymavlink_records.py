@@ -1,0 +1,279 @@
+"""Records and counts by pymavlink's own parser, to hold our decoder to. One function a message, by its name in
+CONVERT; they read fields by pymavlink's names, where ours read them by their places on the wire."""
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.geometry.rotations import quaternion_from_euler
+from onboard.messages import (
+    ActuatorOutputs,
+    AdsbVehicle,
+    AltitudeType,
+    Attitude,
+    Barometer,
+    Clock,
+    Collision,
+    Command,
+    CommandAck,
+    EstimatorStatus,
+    FollowTarget,
+    GlobalOrigin,
+    GlobalPosition,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    LocalPosition,
+    Message,
+    StatusText,
+    SystemTime,
+    TimeSync,
+    Vec3,
+)
+
+MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
+G: Final = 9.80665
+SEA_LEVEL_HPA: Final = 1013.25
+STANDARD_K: Final = 288.15
+LAPSE_K_PER_M: Final = 0.0065
+LAPSE_EXPONENT: Final = 0.190263
+UNIX_ERA_NS: Final = 10**18  # a 64-bit stamp above this (2001) is Unix time, below it time since boot
+
+
+def read_header(frame: Any, t_recv_ns: int) -> dict[str, Any]:
+    """The fields that every record has. The stamp comes from whichever time field the message has; without one the
+    message is taken as true when it arrived."""
+    t_ns, clock = t_recv_ns, Clock.NONE
+    if hasattr(frame, "time_boot_ms"):
+        t_ns, clock = frame.time_boot_ms * 1_000_000, Clock.BOOT
+    elif hasattr(frame, "time_usec") and frame.time_usec > 0:
+        t_ns = frame.time_usec * 1000
+        clock = Clock.HOST if t_ns >= UNIX_ERA_NS else Clock.BOOT
+    return {
+        "t_ns": t_ns,
+        "t_recv_ns": t_recv_ns,
+        "clock": clock,
+        "system": frame.get_srcSystem(),
+        "component": frame.get_srcComponent(),
+    }
+
+
+def _known(value: float, unknown: float, scale: float) -> float | None:
+    """A scaled field, None where it holds the number that stands for "unknown"."""
+    return None if value == unknown else value * scale
+
+
+def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
+    armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
+    return Heartbeat(**h, vehicle_type=m.type, autopilot=m.autopilot, armed=armed, status=m.system_status)
+
+
+def _attitude(m: Any, h: dict[str, Any]) -> Message:
+    w, x, y, z = quaternion_from_euler(m.roll, m.pitch, m.yaw).tolist()
+    return Attitude(**h, q_nb=(w, x, y, z), omega_b=_rates(m))
+
+
+def _global_position(m: Any, h: dict[str, Any]) -> Message:
+    heading = _known(m.hdg, 65535, math.pi / 18000)
+    return GlobalPosition(
+        **h,
+        lat_deg=m.lat * 1e-7,
+        lon_deg=m.lon * 1e-7,
+        alt_msl=m.alt * 1e-3,
+        height=m.relative_alt * 1e-3,
+        v_F_n=(m.vx * 0.01, m.vy * 0.01, m.vz * 0.01),
+        heading_rad=heading,
+    )
+
+
+def _estimator_status(m: Any, h: dict[str, Any]) -> Message:
+    """Both autopilots use the same bits."""
+    fixed = bool(m.flags & dialect.ESTIMATOR_CONST_POS_MODE)
+    position = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
+    return EstimatorStatus(
+        **h,
+        horizontal_velocity=bool(m.flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and not fixed,
+        horizontal_position=bool(m.flags & position) and not fixed,
+    )
+
+
+def _gps_fix(m: Any, h: dict[str, Any]) -> Message:
+    satellites = None if m.satellites_visible == 255 else m.satellites_visible
+    return GpsFix(
+        **h,
+        fix_type=m.fix_type,
+        satellites=satellites,
+        lat_deg=m.lat * 1e-7,
+        lon_deg=m.lon * 1e-7,
+        alt_msl=m.alt * 1e-3,
+        ground_speed=_known(m.vel, 65535, 0.01),
+        course_rad=_known(m.cog, 65535, math.pi / 18000),
+        h_acc=_known(m.h_acc, 0, 1e-3),
+        v_acc=_known(m.v_acc, 0, 1e-3),
+    )
+
+
+def _highres_imu(m: Any, h: dict[str, Any]) -> Message:
+    return Imu(
+        **h,
+        f_b=(m.xacc, m.yacc, m.zacc),
+        omega_b=(m.xgyro, m.ygyro, m.zgyro),
+        pressure_altitude=m.pressure_alt if m.fields_updated & dialect.HIGHRES_IMU_UPDATED_PRESSURE_ALT else None,
+    )
+
+
+def _scaled_pressure(m: Any, h: dict[str, Any]) -> Message:
+    """The troposphere of the ISO standard atmosphere (ISO 2533); NaN for a pressure that is not positive."""
+    ratio = m.press_abs / SEA_LEVEL_HPA
+    altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
+    return Barometer(**h, pressure_altitude=altitude)
+
+
+def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
+    milli_g, milli = G * 1e-3, 1e-3
+    f_b = (m.xacc * milli_g, m.yacc * milli_g, m.zacc * milli_g)
+    return Imu(**h, f_b=f_b, omega_b=(m.xgyro * milli, m.ygyro * milli, m.zgyro * milli))
+
+
+def _rates(m: Any) -> Vec3:
+    return m.rollspeed, m.pitchspeed, m.yawspeed
+
+
+def _servo_output(m: Any, h: dict[str, Any]) -> Message | None:
+    """The main outputs, which hold the motors; auxiliary ones are another port's."""
+    if m.port != MAIN_PORT:
+        return None
+    return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
+
+
+def _command(m: Any, h: dict[str, Any], x: float, y: float, z: float) -> Message:
+    params = (m.param1, m.param2, m.param3, m.param4, x, y, z)
+    return Command(**h, **_addressee(m), command=m.command, params=params)
+
+
+def _addressee(m: Any) -> dict[str, Any]:
+    return {"target_system": m.target_system, "target_component": m.target_component}
+
+
+def _adsb_vehicle(m: Any, h: dict[str, Any]) -> Message:
+    """A field whose flag is not set is unknown."""
+
+    def has(flag: int) -> bool:
+        return bool(m.flags & flag)
+
+    coordinates = has(dialect.ADSB_FLAGS_VALID_COORDS)
+    geometric = m.altitude_type == dialect.ADSB_ALTITUDE_TYPE_GEOMETRIC
+    return AdsbVehicle(
+        **h,
+        icao=m.ICAO_address,
+        lat_deg=m.lat * 1e-7 if coordinates else None,
+        lon_deg=m.lon * 1e-7 if coordinates else None,
+        altitude=m.altitude * 1e-3 if has(dialect.ADSB_FLAGS_VALID_ALTITUDE) else None,
+        altitude_type=AltitudeType.GEOMETRIC if geometric else AltitudeType.PRESSURE,
+        course=m.heading * math.pi / 18000 if has(dialect.ADSB_FLAGS_VALID_HEADING) else None,
+        ground_speed=m.hor_velocity * 0.01 if has(dialect.ADSB_FLAGS_VALID_VELOCITY) else None,
+        climb=m.ver_velocity * 0.01 if has(dialect.ADSB_FLAGS_VERTICAL_VELOCITY_VALID) else None,
+        callsign=_text(m.callsign) if has(dialect.ADSB_FLAGS_VALID_CALLSIGN) else "",
+        emitter=m.emitter_type,
+        tslc=float(m.tslc),
+        squawk=m.squawk if has(dialect.ADSB_FLAGS_VALID_SQUAWK) else None,
+        simulated=has(dialect.ADSB_FLAGS_SIMULATED),
+    )
+
+
+def _text(field: str | bytes) -> str:
+    """A character field up to its first NUL, printable ASCII only."""
+    text = field if isinstance(field, str) else field.decode("ascii", "replace")
+    return "".join(c for c in text.split("\0")[0] if c.isascii() and c.isprintable()).strip()
+
+
+def _collision(m: Any, h: dict[str, Any]) -> Message:
+    return Collision(
+        **h,
+        source=m.src,
+        threat=m.id,
+        threat_level=m.threat_level,
+        time=m.time_to_minimum_delta,
+        vertical=m.altitude_minimum_delta,
+        horizontal=m.horizontal_minimum_delta,
+    )
+
+
+def _follow_target(m: Any, h: dict[str, Any]) -> Message:
+    north, east, down = (math.sqrt(max(variance, 0.0)) for variance in m.position_cov)
+    return FollowTarget(
+        **h | {"t_ns": m.timestamp * 1_000_000},
+        lat_deg=m.lat * 1e-7,
+        lon_deg=m.lon * 1e-7,
+        alt_msl=m.alt,
+        v_n=tuple(m.vel),
+        q_nL=tuple(m.attitude_q) if m.est_capabilities & 8 else None,
+        position_sigma=(north, east, down),
+    )
+
+
+CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
+    "HEARTBEAT": _heartbeat,
+    "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
+    "TIMESYNC": lambda m, h: TimeSync(**h, tc1_ns=m.tc1, ts1_ns=m.ts1),
+    "ATTITUDE_QUATERNION": lambda m, h: Attitude(**h, q_nb=(m.q1, m.q2, m.q3, m.q4), omega_b=_rates(m)),
+    "ATTITUDE": _attitude,
+    "LOCAL_POSITION_NED": lambda m, h: LocalPosition(**h, r_OF_n=(m.x, m.y, m.z), v_F_n=(m.vx, m.vy, m.vz)),
+    "GLOBAL_POSITION_INT": _global_position,
+    "EKF_STATUS_REPORT": _estimator_status,
+    "ESTIMATOR_STATUS": _estimator_status,
+    "GPS_GLOBAL_ORIGIN": lambda m, h: GlobalOrigin(
+        **h, lat_deg=m.latitude * 1e-7, lon_deg=m.longitude * 1e-7, alt_msl=m.altitude * 1e-3
+    ),
+    "GPS_RAW_INT": _gps_fix,
+    "HIGHRES_IMU": _highres_imu,
+    "SCALED_IMU": _scaled_imu,
+    "RAW_IMU": _scaled_imu,
+    "SCALED_PRESSURE": _scaled_pressure,
+    "SERVO_OUTPUT_RAW": _servo_output,
+    "COMMAND_LONG": lambda m, h: _command(m, h, m.param5, m.param6, m.param7),
+    "COMMAND_INT": lambda m, h: _command(m, h, float(m.x), float(m.y), m.z),
+    "COMMAND_ACK": lambda m, h: CommandAck(**h, **_addressee(m), command=m.command, result=m.result),
+    "STATUSTEXT": lambda m, h: StatusText(**h, severity=m.severity, text=m.text),
+    "ADSB_VEHICLE": _adsb_vehicle,
+    "COLLISION": _collision,
+    "FOLLOW_TARGET": _follow_target,
+}
+
+
+class Reference:
+    """Decodes as `onboard.wire.mavlink_decode.MavlinkDecoder` should: messages, `names` and `rejected`."""
+
+    def __init__(self, *, stream: bool) -> None:
+        self.rejected: Counter[str] = Counter()
+        self.names: Counter[str] = Counter()
+        self._stream = stream
+        self._parser = dialect.MAVLink(None)
+        self._parser.robust_parsing = True
+
+    def decode(self, data: bytes, t_recv_ns: int) -> list[Message]:
+        parser = self._parser
+        if not self._stream:
+            parser.buf, parser.buf_index, parser.expected_length = bytearray(), 0, 8
+        frames = parser.parse_buffer(data) or ()
+        if not self._stream and len(parser.buf) > parser.buf_index:
+            self.rejected["truncated"] += 1
+        del parser.buf[: parser.buf_index]
+        parser.buf_index = 0
+        messages = [self._message(frame, t_recv_ns) for frame in frames]
+        return [m for m in messages if m is not None]
+
+    def _message(self, frame: Any, t_recv_ns: int) -> Message | None:
+        name = frame.get_type()
+        if name == "BAD_DATA":
+            self.rejected["bad_frame"] += 1
+            return None
+        if name.startswith("UNKNOWN_"):
+            self.rejected["unknown_message"] += 1
+            return None
+        self.names[name] += 1
+        convert = CONVERT.get(name)
+        return None if convert is None else convert(frame, read_header(frame, t_recv_ns))
