@@ -161,9 +161,14 @@ class Clocks:
         self._base = offset
         self._newest_stamp = max(self._newest_stamp, stamp)
         self._last_arrival = t_recv
-        self._synced = [s for s in self._synced if t_recv - s[1] < WINDOW_NS]
-        self._fastest = [f for f in self._fastest if t_recv - f[0] < WINDOW_NS and f[1] < offset]
-        self._fastest.append((t_recv, offset))
+        while self._synced and t_recv - self._synced[0][1] >= WINDOW_NS:
+            self._synced.pop(0)
+        fastest = self._fastest  # by arrival, and each slower than all before it
+        while fastest and fastest[-1][1] >= offset:
+            fastest.pop()
+        while fastest and t_recv - fastest[0][0] >= WINDOW_NS:
+            fastest.pop(0)
+        fastest.append((t_recv, offset))
         if not self._synced:
             self.source = "arrival"
         return True
