@@ -16,7 +16,7 @@ from typing import Final
 
 import msgspec
 
-from onboard.messages import ActuatorOutputs, Clock, Message, PeerRanges, RadarScan, TargetPoints, TimeSync
+from onboard.messages import ActuatorOutputs, Clock, Message, PeerRanges, RadarScan, TargetImage, TimeSync
 
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
 BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
@@ -67,7 +67,7 @@ class Clocks:
         """The message with `t_ns` on the boot clock, less its delay; None, and counted, where that is unknown."""
         t_ns = message.t_ns
         if message.clock is Clock.BOOT:
-            if isinstance(message, TargetPoints | RadarScan | PeerRanges):
+            if isinstance(message, TargetImage | RadarScan | PeerRanges):
                 if self._newest_stamp is None:
                     self.rejected["no_time_base"] += 1
                     return None

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 
 from onboard.geometry.camera import Camera, make_camera
+from onboard.geometry.lens import Lens
 from onboard.messages import (
     Attitude,
     Barometer,
@@ -16,10 +17,12 @@ from onboard.messages import (
     NotNegative,
     Positive,
     Record,
+    TargetDetection,
     TargetPoints,
     Vec3,
 )
 from onboard.sinks.zenoh_session import ZenohConfig
+from onboard.wire.cameras import CameraInput
 
 ARDUPILOT: Final = 3
 SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
@@ -58,6 +61,7 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     width_px: Positive = 640.0
     height_px: Positive = 480.0
     sigma_px: Positive = 1.0  # standard deviation of each image coordinate
+    min_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.3  # of a detection that says how sure it is
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
 
@@ -173,6 +177,19 @@ class Config(Record, frozen=True, kw_only=True):
             sigma_px=c.sigma_px,
         )
 
+    def camera_inputs(self) -> dict[str, CameraInput]:
+        """What decoding needs of each camera, by name."""
+        c = self.camera
+        lens = Lens(
+            fx_px=c.f_px,
+            fy_px=c.f_px,
+            cx_px=c.width_px / 2,
+            cy_px=c.height_px / 2,
+            width_px=c.width_px,
+            height_px=c.height_px,
+        )
+        return {c.name: CameraInput(c.name, lens, c.sigma_px, c.min_confidence)}
+
 
 def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], int]:
     """Delay of each message type, ns. Where not configured: measured on ArduPilot 4.7, whose positions are
@@ -191,4 +208,5 @@ def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], 
         GlobalPosition: ns(delay.global_position_s, 0.0225),
         GpsFix: ns(delay.gps_s, 0.095),
         TargetPoints: ns(delay.camera_s, 0.0),
+        TargetDetection: ns(delay.camera_s, 0.0),
     }

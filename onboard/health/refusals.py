@@ -4,7 +4,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from onboard.messages import Estimate, MeasurementReport, Message, Refusal, TargetPoints, Verdict
+from onboard.messages import Estimate, MeasurementReport, Message, Refusal, TargetImage, Verdict
 
 MOST: Final = 32  # kinds that are remembered: a source and a reason each
 LONGEST: Final = 240  # characters; the text may quote what came
@@ -28,6 +28,8 @@ VERDICTS: Final = {
     Verdict.TOO_NEW: "`t_ns` is {lead:.2f} s after the autopilot's newest message; expected a time of exposure on "
     "the clock that `clock` names",
     Verdict.NO_POSE: "our own attitude at `t_ns`, {age:.2f} s before the autopilot's newest message, is not known",
+    Verdict.DIRECTION_ONLY: "it shows no wing, and a direction alone starts no track; expected `left` and "
+    "`right` in the first images",
     Verdict.FULL: "as many targets are followed as `max_targets` allows",
 }
 
@@ -56,7 +58,7 @@ class Refusals:
 
     def add_message(self, message: Message, reason: str) -> None:
         """Count a message that went no further, if it is of a camera."""
-        if isinstance(message, TargetPoints):
+        if isinstance(message, TargetImage):
             self.add(f"camera {message.camera}", REASONS.get(reason, reason), message.t_recv_ns, kind=reason)
 
     def add_verdict(self, estimate: Estimate, report: MeasurementReport) -> None:

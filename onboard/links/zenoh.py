@@ -1,6 +1,7 @@
-"""Sensor data over Zenoh: one JSON `CameraPoints` per image on `<prefix>/camera/<camera>/points`, one
-JSON `RadarDetections` per scan on `<prefix>/radar/<radar>/detections`, one JSON `Pseudoranges` per epoch of
-another vehicle's receiver on `<prefix>/gnss/<peer>/pseudoranges`.
+"""Sensor data over Zenoh, one JSON document per sample: `CameraPoints` or `CameraDetections` per image on
+`<prefix>/camera/<camera>/points` or `detections`, `RadarDetections` per scan on
+`<prefix>/radar/<radar>/detections`, `Pseudoranges` per epoch of another vehicle's receiver on
+`<prefix>/gnss/<peer>/pseudoranges`.
 
 Keys are unlimited, so samples that wait for the event loop have room by their source: our own camera's, other
 cameras', radars', receivers'. A flood of one never drops a sample of another."""
@@ -30,10 +31,11 @@ class ZenohLink:
         self._session = session
         self._keys = {
             f"{prefix}/camera/*/points": Encoding.POINTS,
+            f"{prefix}/camera/*/detections": Encoding.DETECTIONS,
             f"{prefix}/radar/*/detections": Encoding.RADAR,
             f"{prefix}/gnss/*/pseudoranges": Encoding.RANGES,
         }
-        self._camera = f"{prefix}/camera/{camera}/points"
+        self._camera = f"{prefix}/camera/{camera}/"
 
     async def open(self) -> None:
         """Raises LinkError if the session is closed. `run` subscribes."""
@@ -56,7 +58,7 @@ class ZenohLink:
 
         def on_sample(sample: Any, encoding: Encoding) -> None:  # on one of Zenoh's threads
             t_recv_ns = now_ns()
-            room = ours if str(sample.key_expr) == self._camera else rooms[encoding]
+            room = ours if str(sample.key_expr).startswith(self._camera) else rooms[encoding]
             if not room.acquire(blocking=False):
                 self.errors += 1
                 return

@@ -30,6 +30,7 @@ class Encoding(StrEnum):
     MAVLINK = "mavlink"  # whole MAVLink frames in each datagram (UDP, .tlog)
     MAVLINK_STREAM = "mavlink_stream"  # MAVLink frames cut anywhere (TCP, serial)
     POINTS = "points"  # one JSON `CameraPoints` (Zenoh)
+    DETECTIONS = "detections"  # one JSON `CameraDetections` (Zenoh)
     RADAR = "radar"  # one JSON `RadarDetections` (Zenoh)
     RANGES = "ranges"  # one JSON `Pseudoranges` (Zenoh)
 

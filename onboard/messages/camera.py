@@ -1,25 +1,62 @@
-"""Image points of a target, measured by a camera."""
+"""What a camera sees of a target: as detectors send it, and as image points."""
+
+import msgspec
 
 from onboard.messages.base import Clock, ImagePoint, Message, Record, Vec3
 
 
-class TargetPoints(Message, frozen=True, kw_only=True):
-    """Three points of one aircraft in one image.
+class TargetImage(Message, frozen=True, kw_only=True):
+    """What one image shows of one aircraft: see `TargetPoints` and `TargetDetection`.
 
-    Each point is (Y_c/X_c, Z_c/X_c): the image plane of a pinhole camera with unit focal length, lens distortion
-    removed, positive right and positive down. `sigma`: standard deviation of each coordinate of the center, left
-    and right point, in the same unit; None: the configured pixel noise. `target` is empty if the vision process
-    does not identify aircraft. `view`: left, upper, right and lower edge of the image in that unit; None: as
-    configured.
+    Image points are (Y_c/X_c, Z_c/X_c): the image plane of a pinhole camera with unit focal length, lens
+    distortion removed, positive right and positive down. `target` is empty if the vision process does not identify
+    aircraft. `view`: left, upper, right and lower edge of the image in that unit; None: as configured.
     """
 
     camera: str
     target: str = "leader"
+    view: tuple[float, float, float, float] | None = None
+
+    @property
+    def image_points(self) -> tuple[ImagePoint, ...]:
+        """The points that were seen, the center first if it was."""
+        raise NotImplementedError
+
+
+class TargetPoints(TargetImage, frozen=True, kw_only=True):
+    """All three points of one aircraft. `sigma`: standard deviation of each coordinate of the center, left and
+    right point, in focal lengths; None: the configured pixel noise."""
+
     center: ImagePoint
     left: ImagePoint
     right: ImagePoint
     sigma: Vec3 | None = None
-    view: tuple[float, float, float, float] | None = None
+
+    @property
+    def image_points(self) -> tuple[ImagePoint, ...]:
+        """Center, left and right point."""
+        return self.center, self.left, self.right
+
+
+class ImageFeature(Record, frozen=True, kw_only=True):
+    """A named point and the standard deviation of each of its coordinates, in focal lengths."""
+
+    name: str
+    point: ImagePoint
+    sigma: float
+
+
+class TargetDetection(TargetImage, frozen=True, kw_only=True):
+    """Less than all three points: some of `center`, `left` and `right`, or `box` alone, the middle of a box. A box
+    reaches `half_width` to each side, in focal lengths; None: there is none."""
+
+    features: tuple[ImageFeature, ...]
+    half_width: float | None = None
+
+    @property
+    def image_points(self) -> tuple[ImagePoint, ...]:
+        """The points that were seen."""
+        return tuple(feature.point for feature in self.features)
 
 
 class Pixel(Record, frozen=True, kw_only=True):
@@ -54,3 +91,49 @@ class CameraPoints(Record, frozen=True, kw_only=True):
     left: Pixel
     right: Pixel
     target: str = "leader"
+
+
+class DetectedPoint(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """A named point in pixels: u right, v down. `sigma_px`: standard deviation of each coordinate, if known."""
+
+    u_px: float
+    v_px: float
+    sigma_px: float | None = None
+
+
+class Box(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """A box around an aircraft in pixels: its middle, u right, v down, and its size. `sigma_px`: standard
+    deviation of each side, if known."""
+
+    u_px: float
+    v_px: float
+    width_px: float
+    height_px: float
+    sigma_px: float | None = None
+
+
+class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """One aircraft in an image: named points (`center`, `left`, `right`), any of them, or a `box`, or both. All
+    else is optional. `target` names the aircraft: "leader", or any other id; empty: it goes to the track that it
+    fits best. `class`: what the detector takes it for. `id`: the detector's own track number, which is not used
+    yet. `confidence`: 0 to 1; below the camera's `min_confidence` the detection is refused, and the lower it is,
+    the larger is the noise of points that bring no sigma."""
+
+    points: dict[str, DetectedPoint] = msgspec.field(default_factory=dict)
+    box: Box | None = None
+    target: str = ""
+    class_name: str = msgspec.field(default="", name="class")
+    id: int | str | None = None
+    confidence: float | None = None
+
+
+class CameraDetections(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """Output of a detector, one per image: as much of each aircraft as it has found. `t_ns` is the time of
+    exposure on `clock`. Without `camera` it is the first that is configured, and without `intrinsics` the camera's
+    own hold. Fields that are not known are ignored, and each is named once."""
+
+    t_ns: int
+    clock: Clock
+    camera: str = ""
+    intrinsics: Intrinsics | None = None
+    detections: tuple[Detection, ...] = ()

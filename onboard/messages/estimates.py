@@ -35,6 +35,7 @@ class Verdict(StrEnum):
     IMPLAUSIBLE = "implausible"  # farther from its track than an aircraft can fly in the time
     UNASSOCIATED = "unassociated"  # belongs to no track and starts none
     OURSELVES = "ourselves"  # our own transponder
+    DIRECTION_ONLY = "direction_only"  # it shows no wing, and a direction alone starts no track
     FULL = "full"  # the maximum number of tracks exists
 
 

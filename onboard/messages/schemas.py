@@ -8,6 +8,7 @@ from typing import Any, Final, Literal, Union, get_args, get_origin
 import msgspec
 
 from onboard.messages import (
+    CameraDetections,
     CameraPoints,
     Estimate,
     Health,
@@ -27,10 +28,11 @@ PUBLISHED: Final[dict[str, type[Record]]] = {
     "ownship": OwnPose,
     "health": Health,
     "camera/<camera>/points": CameraPoints,
+    "camera/<camera>/detections": CameraDetections,
     "radar/<radar>/detections": RadarDetections,
     "gnss/<peer>/pseudoranges": Pseudoranges,
 }
-"""Key below `onboard/<vehicle>/` -> the record published there as JSON. The daemon reads the last three."""
+"""Key below `onboard/<vehicle>/` -> the record published there as JSON. The daemon reads the last four."""
 
 
 def key_of(record: Record) -> str:
@@ -63,7 +65,7 @@ def describe() -> str:
         lines += ["", f"#### {record.__name__}", "", _text(record), "", "| field | type |", "|---|---|"]
         for field in msgspec.structs.fields(record):
             optional = "" if field.required else ", optional"
-            lines.append(f"| `{field.name}` | {_type(field.type)}{optional} |")
+            lines.append(f"| `{field.encode_name}` | {_type(field.type)}{optional} |")
     return "\n".join(lines) + "\n"
 
 

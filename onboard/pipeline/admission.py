@@ -13,7 +13,7 @@ from onboard.messages import (
     PeerPosition,
     PeerRanges,
     RadarScan,
-    TargetPoints,
+    TargetImage,
 )
 
 MAV_AUTOPILOT_INVALID: Final = 8
@@ -24,7 +24,7 @@ AUTOPILOT_COMPONENT: Final = 1
 LATCH_AGAIN_NS: Final = 5_000_000_000  # silence after which another autopilot may be ours
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 # A sensor stamps these, and they can be used once our own pose at that time is known.
-SENSED: Final = (TargetPoints, RadarScan, PeerRanges)
+SENSED: Final = (TargetImage, RadarScan, PeerRanges)
 ANY_COMPONENT: Final = (*SENSED, AdsbVehicle)  # not of our own motion: any component of our vehicle may send them
 UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # carry no time of a clock we know: taken as true at arrival
 

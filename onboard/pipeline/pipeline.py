@@ -29,7 +29,7 @@ from onboard.messages import (
     NavState,
     Output,
     SinkHealth,
-    TargetPoints,
+    TargetImage,
     TimeSync,
 )
 from onboard.ownship import Ownship
@@ -67,7 +67,7 @@ class Pipeline:
         self._attitude_recv_ns = 0
         self._last_words = LastWords()
         self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
-        self._decoder = DatagramDecoder(self.count_error, self._monitor.refusals.add)
+        self._decoder = DatagramDecoder(self.count_error, self._monitor.refusals.add, config.camera_inputs())
 
     def feed(self, datagram: Datagram) -> list[Output]:
         """Estimates and own poses that follow from one datagram, in order."""
@@ -294,4 +294,4 @@ class Pipeline:
 
 def _source(message: Message) -> tuple[type[Message], bool]:
     """Whose room a message takes while it waits: other targets never cost the leader's images their place."""
-    return type(message), isinstance(message, TargetPoints) and message.target in FIRST
+    return type(message), isinstance(message, TargetImage) and message.target in FIRST

@@ -49,6 +49,7 @@ VERDICTS: dict[str, Colour] = {
     Verdict.IMPLAUSIBLE: RED,
     Verdict.UNASSOCIATED: GREY,
     Verdict.OURSELVES: GREY,
+    Verdict.DIRECTION_ONLY: AMBER,
     Verdict.FULL: AMBER,
     NO_IMAGE: DARK,
 }

@@ -2,9 +2,12 @@
 
 from collections import Counter
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from onboard.messages import Datagram, Encoding, Message
+from onboard.wire.cameras import Cameras
+from onboard.wire.detections import decode_detections
 from onboard.wire.document import BadDocumentError
 from onboard.wire.mavlink_decode import MavlinkDecoder, OnError, raise_error
 from onboard.wire.points import decode_points
@@ -16,6 +19,9 @@ DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
     Encoding.RADAR: decode_radar,
     Encoding.RANGES: decode_ranges,
 }
+NO_CAMERAS: Final[Cameras] = {}
+MOST_IGNORED: Final = 64  # unknown fields that are named, each once
+LONGEST_NAME: Final = 200  # characters of what is named
 OnRefused = Callable[[str, str, int], None]
 
 
@@ -26,32 +32,60 @@ def ignore(_source: str, _reason: str, _t_recv_ns: int) -> None:
 class DatagramDecoder:
     """One MAVLink decoder for each channel; JSON documents need no state. `on_error` is called with the
     place and the exception over one frame or document, `on_refused` with the channel, the reason and the arrival
-    of a document that cannot be used."""
+    of a document that cannot be used. `cameras` are those whose detections may come."""
 
-    def __init__(self, on_error: OnError = raise_error, on_refused: OnRefused = ignore) -> None:
+    def __init__(
+        self,
+        on_error: OnError = raise_error,
+        on_refused: OnRefused = ignore,
+        cameras: Cameras = NO_CAMERAS,
+    ) -> None:
         self._on_error = on_error
         self._on_refused = on_refused
+        self._cameras = cameras
         self._mavlink: dict[str, MavlinkDecoder] = {}
         self._bad: Counter[str] = Counter()
+        self._ignored: set[str] = set()
 
     def decode(self, datagram: Datagram) -> list[Message]:
         """The messages in one datagram, in SI units."""
-        decode_document = DOCUMENTS.get(datagram.encoding)
-        if decode_document is not None:
-            try:
-                return [decode_document(datagram.data, datagram.t_recv_ns)]
-            except BadDocumentError as error:
-                self._bad[f"bad_{datagram.encoding}"] += 1
-                self._on_refused(datagram.channel, str(error), datagram.t_recv_ns)
-                return []
-            except Exception as error:  # of any kind: it costs this document
-                self._on_error(f"bad_{datagram.encoding}", error)
-                return []
+        if datagram.encoding in (Encoding.MAVLINK, Encoding.MAVLINK_STREAM):
+            return self._decoder(datagram).decode(datagram.data, datagram.t_recv_ns)
+        try:
+            return self._document(datagram)
+        except BadDocumentError as error:
+            self._refuse(datagram, str(error))
+        except Exception as error:  # of any kind: it costs this document
+            self._on_error(f"bad_{datagram.encoding}", error)
+        return []
+
+    def _decoder(self, datagram: Datagram) -> MavlinkDecoder:
         decoder = self._mavlink.get(datagram.channel)
         if decoder is None:
             decoder = MavlinkDecoder(stream=datagram.encoding is Encoding.MAVLINK_STREAM, on_error=self._on_error)
             self._mavlink[datagram.channel] = decoder
-        return decoder.decode(datagram.data, datagram.t_recv_ns)
+        return decoder
+
+    def _document(self, datagram: Datagram) -> list[Message]:
+        """The messages of one JSON document. Raises BadDocumentError."""
+        data, t_recv_ns = datagram.data, datagram.t_recv_ns
+        if datagram.encoding is not Encoding.DETECTIONS:
+            return [DOCUMENTS[datagram.encoding](data, t_recv_ns)]
+        refuse, ignored = partial(self._refuse, datagram), partial(self._ignore, datagram)
+        return [*decode_detections(data, t_recv_ns, self._cameras, refuse, ignored)]
+
+    def _refuse(self, datagram: Datagram, reason: str) -> None:
+        self._bad[f"bad_{datagram.encoding}"] += 1
+        self._on_refused(datagram.channel, reason, datagram.t_recv_ns)
+
+    def _ignore(self, datagram: Datagram, what: str) -> None:
+        """Name what is ignored once: detectors send much that is of no use here."""
+        what = what[:LONGEST_NAME]
+        if what in self._ignored or len(self._ignored) >= MOST_IGNORED:
+            return
+        self._ignored.add(what)
+        self._bad["ignored_fields"] += 1
+        self._on_refused(datagram.channel, f"(the rest is used) {what}", datagram.t_recv_ns)
 
     @property
     def frames(self) -> Counter[str]:

@@ -5,13 +5,13 @@ from typing import Final, TypeVar
 
 import msgspec
 
-from onboard.messages import CameraPoints, Pseudoranges, RadarDetections, Record
+from onboard.messages import CameraDetections, CameraPoints, Pseudoranges, RadarDetections, Record
 
 LATEST_NS: Final = 2**63
 LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
 NAME: Final = re.compile(r"[A-Za-z0-9_.-]{1,64}")  # of a camera or a radar: one part of a key
 
-D = TypeVar("D", CameraPoints, RadarDetections, Pseudoranges)
+D = TypeVar("D", CameraDetections, CameraPoints, RadarDetections, Pseudoranges)
 
 
 class BadDocumentError(ValueError):

@@ -1,11 +1,11 @@
 """Camera points as JSON <-> TargetPoints: pixels and intrinsics outside, image points inside."""
 
-import math
 import re
 from typing import Final
 
 import msgspec
 
+from onboard.geometry.lens import Lens
 from onboard.messages import CameraPoints, Intrinsics, Pixel, TargetPoints
 from onboard.wire.document import BadDocumentError, check_name, parse
 
@@ -22,16 +22,12 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
     """
     m = parse(_decoder, data)
     check_name(m.camera, "camera")
-    k = m.intrinsics
-    if not (k.fx_px > 0 and k.fy_px > 0):
-        raise BadDocumentError("focal lengths must be positive - at `$.intrinsics`")
-    if not TARGET.fullmatch(m.target):
-        raise BadDocumentError("letters, digits and -_. with / between, 64 at most - at `$.target`")
+    lens = lens_of(m.intrinsics)
+    check_target(m.target, "target")
     sigmas = (m.center.sigma_px, m.left.sigma_px, m.right.sigma_px)
-    f_px = math.sqrt(k.fx_px) * math.sqrt(k.fy_px)
 
     def point(p: Pixel) -> tuple[float, float]:
-        return (p.u_px - k.cx_px) / k.fx_px, (p.v_px - k.cy_px) / k.fy_px
+        return lens.image_point(p.u_px, p.v_px)
 
     return TargetPoints(
         t_ns=m.t_ns,
@@ -44,21 +40,27 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
         center=point(m.center),
         left=point(m.left),
         right=point(m.right),
-        view=_view(k),
-        sigma=None if None in sigmas else tuple(s / f_px for s in sigmas if s is not None),  # type: ignore[arg-type]  # three of three
+        view=lens.view,
+        sigma=None if None in sigmas else tuple(s / lens.f_px for s in sigmas if s is not None),  # type: ignore[arg-type]  # three of three
     )
 
 
-def _view(k: Intrinsics) -> tuple[float, float, float, float] | None:
-    """Left, upper, right and lower edge of the image, in focal lengths; None where they are not known."""
-    width, height = 2 * k.cx_px, 2 * k.cy_px
-    if k.width_px is not None and k.height_px is not None:
-        width, height = k.width_px, k.height_px
-        if not (width > 0 and height > 0):
-            raise BadDocumentError("width and height must be positive - at `$.intrinsics`")
-    elif min(width, height) <= 0:
-        return None
-    return -k.cx_px / k.fx_px, -k.cy_px / k.fy_px, (width - k.cx_px) / k.fx_px, (height - k.cy_px) / k.fy_px
+def lens_of(k: Intrinsics) -> Lens:
+    """The lens of an image's intrinsics. Raises BadDocumentError."""
+    if not (k.fx_px > 0 and k.fy_px > 0):
+        raise BadDocumentError("focal lengths must be positive - at `$.intrinsics`")
+    width, height = k.width_px, k.height_px
+    if width is None or height is None:
+        width, height = 0.0, 0.0
+    elif not (width > 0 and height > 0):
+        raise BadDocumentError("width and height must be positive - at `$.intrinsics`")
+    return Lens(fx_px=k.fx_px, fy_px=k.fy_px, cx_px=k.cx_px, cy_px=k.cy_px, width_px=width, height_px=height)
+
+
+def check_target(target: str, field: str) -> None:
+    """Raise BadDocumentError unless this can be a target's id: part of a key to publish under."""
+    if not TARGET.fullmatch(target):
+        raise BadDocumentError(f"letters, digits and -_. with / between, 64 at most - at `$.{field}`")
 
 
 def encode_points(message: CameraPoints) -> bytes:

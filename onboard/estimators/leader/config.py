@@ -30,6 +30,7 @@ class Config(Record, frozen=True, kw_only=True):
     rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
     coast_after_s: NotNegative = 0.25  # without an image: coasting
     validity_timeout_s: NotNegative = 2.0  # without an image: lost, not valid
+    direction_timeout_s: NotNegative = 5.0  # with directions alone, without the wing: lost, not valid
     reset_timeout_s: NotNegative = 10.0  # without an image: forgotten
     relock_after_s: NotNegative = 1.0  # with only gated images: forgotten, and started again
     stale_after_s: Positive = 0.5  # with exactly the same points: the camera hangs

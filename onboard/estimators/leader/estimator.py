@@ -19,11 +19,11 @@ from onboard.estimators.leader.exposures import Exposures
 from onboard.estimators.leader.image import Image, prepare
 from onboard.estimators.leader.track import Track
 from onboard.geometry.camera import Camera
-from onboard.messages import Estimate, Lifecycle, Message, TargetPoints, Verdict
+from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, TargetImage, TargetPoints, Verdict
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
-LISTENS: Final = (TargetPoints,)
+LISTENS: Final = (TargetPoints, TargetDetection)
 NO_ID: Final = ""
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
@@ -46,7 +46,7 @@ class Estimator:
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse one image of one target at the time it was taken."""
-        if not isinstance(message, TargetPoints):
+        if not isinstance(message, TargetImage):
             return []
         if message.target == NO_ID:
             track = self._nearest(message, ownship)
@@ -83,7 +83,7 @@ class Estimator:
     def _track(self, target: str, *, full: bool = False) -> Track:
         return Track(NAME, target, self._filter, self._poses, self._config, full=full)
 
-    def _refuse(self, message: TargetPoints, ownship: Ownship) -> list[Estimate]:
+    def _refuse(self, message: TargetImage, ownship: Ownship) -> list[Estimate]:
         """An image that is of one target too many."""
         self.verdicts[Verdict.FULL] += 1
         if ownship.now_ns < self._next_refusal_ns:
@@ -102,15 +102,16 @@ class Estimator:
         self._tracks[target] = self._track(target)
         return self._tracks[target]
 
-    def _nearest(self, message: TargetPoints, ownship: Ownship) -> Track | None:
+    def _nearest(self, message: TargetImage, ownship: Ownship) -> Track | None:
         """The track whose prediction an image without an id fits best, or a new one; None with too many tracks."""
-        image = prepare(message, ownship, self._poses, self._filter, self._config.edge_px)
+        half_wing = max(track.half_wing for track in self._tracks.values())
+        image = prepare(message, ownship, self._poses, self._filter, self._config, half_wing)
         if isinstance(image, Verdict):
             return self._tracks[NAME]  # which reports the verdict
         distances = {track.target: track.distance(image, ownship) for track in self._candidates(image)}
         nearest = min(distances, key=lambda target: distances[target])
         self._exposures.add(message)
-        if distances[nearest] <= 1.0:
+        if distances[nearest] <= 1.0 or not image.has_wing:
             return self._tracks[nearest]
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]

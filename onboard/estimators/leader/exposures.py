@@ -8,7 +8,7 @@ same aircraft, which then takes half of its images.
 from typing import Final
 
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import ImagePoint, TargetPoints
+from onboard.messages import ImagePoint, TargetImage
 
 REMEMBERED: Final = 128  # exposures: a second of four cameras
 MOST: Final = 1000  # images of one exposure: as many as there may be targets
@@ -20,15 +20,15 @@ class Exposures:
     def __init__(self) -> None:
         self._images: dict[tuple[str, int], set[ImagePoint]] = {}
 
-    def add(self, message: TargetPoints) -> None:
+    def add(self, message: TargetImage) -> None:
         """Remember an image."""
         images = self._images.setdefault((message.camera, message.t_ns), set())
         if len(images) < MOST:
-            images.add(message.center)
+            images.add(message.image_points[0])
         while len(self._images) > REMEMBERED:
             del self._images[next(iter(self._images))]
 
-    def aircraft(self, message: TargetPoints) -> int:
+    def aircraft(self, message: TargetImage) -> int:
         """The largest number of different images that the camera of `message` took at one time within a second of
         it."""
         sizes = (

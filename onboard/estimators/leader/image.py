@@ -7,10 +7,12 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader import partial
 from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
+from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filter import LeaderFilter, Measurement
 from onboard.geometry.camera import Camera
-from onboard.messages import ImagePoint, TargetPoints, Verdict
+from onboard.messages import ImagePoint, TargetImage, Verdict
 from onboard.ownship import Ownship
 
 Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
@@ -24,9 +26,11 @@ SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
 
 class Image(NamedTuple):
     """A usable image, with the camera's pose when it was taken. The pose is `final` if it was interpolated; an
-    extrapolated one is computed again when the image is fused."""
+    extrapolated one is computed again when the image is fused. Without the wing (`has_wing`) it shows a direction
+    alone (see `partial`)."""
 
-    message: TargetPoints
+    message: TargetImage
+    has_wing: bool
     measurement: Measurement
     pose: CameraPose
     final: bool
@@ -39,14 +43,18 @@ class Image(NamedTuple):
 
 
 def prepare(
-    message: TargetPoints, ownship: Ownship, poses: CameraPoses, filter_: LeaderFilter, edge_px: float
+    message: TargetImage,
+    ownship: Ownship,
+    poses: CameraPoses,
+    filter_: LeaderFilter,
+    config: Config,
+    half_wing: float,
 ) -> Image | Verdict:
-    """The image, or why it cannot be used. Points within `edge_px` of the image's edge count as outside: the
-    edge may cut an aircraft off, and then they are not its wingtips."""
+    """The image, or why it cannot be used (`half_wing`: see `partial.seen`). Points within `edge_px` of the
+    image's edge count as outside: the edge may cut an aircraft off, and then they are not its wingtips."""
     camera = poses.camera
-    points = message.center, message.left, message.right
-    sigmas = message.sigma or (camera.sigma,) * 3
-    numbers = [*message.center, *message.left, *message.right]  # a few: Python's own arithmetic is the fastest
+    saw = partial.seen(message, camera.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
+    sigmas, numbers = saw.sigmas, [x for point in saw.points for x in point]  # a few: Python's arithmetic is fast
     if not (all(map(math.isfinite, numbers)) and all(map(math.isfinite, sigmas))):
         return Verdict.NOT_FINITE
     pose = poses.at(message.t_ns, ownship)
@@ -55,12 +63,13 @@ def prepare(
         return Verdict.TOO_NEW if newer else Verdict.NO_POSE
     if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
-    if not in_view(points, camera, message.view, edge_px):
+    points = saw.points if saw.has_wing else saw.points[:1]
+    if not in_view(points, camera, message.view, config.edge_px):
         return Verdict.OUT_OF_VIEW
-    measurement = filter_.measure(np.array(points), np.array(sigmas))
-    if measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
+    measurement = partial.measure(filter_, saw)
+    if saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
         return Verdict.DEGENERATE
-    return Image(message, measurement, pose, ownship.knows(message.t_ns))
+    return Image(message, saw.has_wing, measurement, pose, ownship.knows(message.t_ns))
 
 
 def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, edge_px: float) -> bool:

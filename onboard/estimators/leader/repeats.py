@@ -35,7 +35,7 @@ class Repeats:
         has rotated."""
         message = image.message
         self._stamps.append(message.t_ns)
-        points = (message.center, message.left, message.right)
+        points = message.image_points
         if self._unchanged is None or self._unchanged[0] != points:
             self._unchanged = points, image
         first = self._unchanged[1]

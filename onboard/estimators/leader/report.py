@@ -7,7 +7,7 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import LeaderFilter
 from onboard.estimators.leader.image import Image
 from onboard.filters.belief import Update
-from onboard.messages import ImagePoint, MeasurementReport, TargetPoints, Verdict
+from onboard.messages import ImagePoint, MeasurementReport, TargetImage, Verdict
 
 
 class Outcome(NamedTuple):
@@ -21,7 +21,7 @@ class Outcome(NamedTuple):
 
 def report(
     filter_: LeaderFilter,
-    message: TargetPoints,
+    message: TargetImage,
     verdict: Verdict,
     image: Image | None = None,
     outcome: Outcome | None = None,
@@ -47,7 +47,7 @@ def report(
         components=filter_.measured_components,
         units=filter_.measured_units,
         gate=filter_.gate,
-        points=(message.center, message.left, message.right),
+        points=message.image_points,
         **fields,
     )
 

@@ -18,6 +18,7 @@ class Status:
 
     def __init__(self, config: Config, images: int, reason: str) -> None:
         self.last_fused_ns: int | None = None
+        self._last_wing_ns: int | None = None  # the newest fused image that shows the wing, and so the range
         self.resets = 0
         self.reason = reason  # why there is no track
         self._config, self._images = config, images
@@ -27,17 +28,21 @@ class Status:
 
     def started(self, t_ns: int, *, again: bool) -> None:
         """A track starts with an image of this time, `again` if it replaces another."""
-        self.last_fused_ns = t_ns
+        self.last_fused_ns = self._last_wing_ns = t_ns
         self._gated_since_ns, self._to_agree = None, 0
         self.resets += again
 
-    def fused(self, t_ns: int, *, was_lost: bool) -> None:
-        """The gate let a new image pass. The gate of a lost track is wide: one image proves nothing."""
+    def fused(self, t_ns: int, *, was_lost: bool, has_wing: bool) -> None:
+        """The gate let a new image pass. The gate of a lost track is wide: one image proves nothing, and one
+        without the wing nothing at all."""
+        self._gated_since_ns = None
+        self.last_fused_ns = max(self.last_fused_ns or 0, t_ns)
+        if not has_wing:
+            return
+        self._last_wing_ns = max(self._last_wing_ns or 0, t_ns)
         if was_lost:
             self._to_agree = self._images
         self._to_agree = max(self._to_agree - 1, 0)
-        self._gated_since_ns = None
-        self.last_fused_ns = max(self.last_fused_ns or 0, t_ns)
 
     def gated(self, t_ns: int) -> bool:
         """The gate stopped a new image. Whether nothing has passed it for too long, so that the track must end."""
@@ -58,7 +63,7 @@ class Status:
     def forgotten(self, reason: str, *, had_track: bool) -> None:
         """The track, if there was one, has ended."""
         self.resets += had_track
-        self.last_fused_ns = self._gated_since_ns = None
+        self.last_fused_ns = self._last_wing_ns = self._gated_since_ns = None
         self._to_agree = 0
         self.reason = reason
 
@@ -72,7 +77,12 @@ class Status:
 
     def is_lost(self, t_ns: int) -> bool:
         """Whether the last fused image is so old that the track is no longer valid."""
-        return self.age(t_ns) > self._config.validity_timeout_s
+        return self.age(t_ns) > self._config.validity_timeout_s or self._has_only_directions(t_ns)
+
+    def _has_only_directions(self, t_ns: int) -> bool:
+        """Whether no image has shown the range for so long that it is no longer known."""
+        wing_ns = self._last_wing_ns
+        return wing_ns is not None and t_ns - wing_ns > self._config.direction_timeout_s * NS_PER_S
 
     def is_over(self, t_ns: int) -> bool:
         """Whether the last fused image is so old that the track must be forgotten."""
@@ -83,6 +93,8 @@ class Status:
         where = "" if in_view else ", and it should be outside the view"
         if self._to_agree:
             return Lifecycle.LOST, f"seen again: {self._to_agree} more images must agree"
+        if self._has_only_directions(t_ns):
+            return Lifecycle.LOST, f"no image has shown the wing, and so the range, for too long{where}"
         if not self.is_coasting(t_ns):
             return Lifecycle.TRACKING, "images fused"
         if not self.is_lost(t_ns):

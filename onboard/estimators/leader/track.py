@@ -17,13 +17,14 @@ from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filter import LeaderFilter
 from onboard.estimators.leader.image import Image, agree, in_view, prepare
+from onboard.estimators.leader.partial import refused
 from onboard.estimators.leader.repeats import Repeats
 from onboard.estimators.leader.report import Outcome, report
 from onboard.estimators.leader.status import Status
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Estimate, Lifecycle, MeasurementReport, TargetPoints, Verdict
+from onboard.messages import Estimate, Lifecycle, MeasurementReport, TargetImage, Verdict
 from onboard.models import relative_motion
 from onboard.models.relative_motion import R
 from onboard.ownship import Ownship
@@ -33,7 +34,8 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 
 class Track:
     """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a recent
-    image. A track that is `full`, one too many, rejects every image."""
+    image; `half_wing` how long half its wing appears at most, in focal lengths. A track that is `full`, one too
+    many, rejects every image."""
 
     def __init__(
         self,
@@ -47,6 +49,7 @@ class Track:
     ) -> None:
         self.target = target
         self.direction_n: tuple[float, ...] | None = None
+        self.half_wing = 1.0
         self._full = full
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
         self._history: History[Any, Ownship] | None = None
@@ -58,7 +61,7 @@ class Track:
         reason = "as many targets are followed as may be" if full else "no image yet"
         self._status = Status(config, self._images, reason)
 
-    def observe(self, message: TargetPoints, ownship: Ownship) -> Estimate:
+    def observe(self, message: TargetImage, ownship: Ownship) -> Estimate:
         """Check an image, then start the track with it or fuse it."""
         try:
             measurement = self._judge(message, ownship)
@@ -102,7 +105,7 @@ class Track:
     def distance(self, image: Image, ownship: Ownship) -> float:
         """How far an image is from what this track predicts: its NIS over the gate, or infinity. Pure."""
         if self._history is None:
-            near = bool(self._held) and agree(self._held[-1], image)
+            near = image.has_wing and bool(self._held) and agree(self._held[-1], image)
             return 1.0 if near else math.inf
         try:
             _, state = self._history.belief_at(image.message.t_ns, ownship)
@@ -113,23 +116,27 @@ class Track:
 
     # ------------------------------------------------------------------------------- measurements
 
-    def _judge(self, message: TargetPoints, ownship: Ownship) -> MeasurementReport:
+    def _judge(self, message: TargetImage, ownship: Ownship) -> MeasurementReport:
         """Use an image if it can be used, and report the verdict."""
         if self._full:
             return self._report(message, Verdict.FULL)
         if self._repeats.is_duplicate(message.t_ns):
             return self._report(message, Verdict.DUPLICATE)
-        image = prepare(message, ownship, self._poses, self._filter, self._config.edge_px)
+        image = prepare(message, ownship, self._poses, self._filter, self._config, self.half_wing)
         if isinstance(image, Verdict):
             return self._report(message, image)
         if self._repeats.add(image):
             return self._report(message, Verdict.STALE, image)
+        if self._history is None and not image.has_wing:
+            return self._report(message, Verdict.DIRECTION_ONLY, image)
         if self._history is None:
             self._start(image, ownship, None)
             return self._report(message, Verdict.INITIALISING, image)
         if not self._history.reaches(message.t_ns):
             return self._report(message, Verdict.TOO_OLD, image)
         if self._is_wide(self._history, message.t_ns, ownship):
+            if not image.has_wing:
+                return self._report(message, Verdict.DIRECTION_ONLY, image)
             self._start(image, ownship, self._history)
             return self._report(message, Verdict.INITIALISING, image)
         return self._insert(self._history, image, ownship)
@@ -142,11 +149,11 @@ class Track:
         outcome: Outcome = history.insert(message.t_ns, image, ownship)
         self._settle(history, ownship, inserted=True)
         if not outcome.fused:
-            if self._status.gated(message.t_ns):
+            if image.has_wing and self._status.gated(message.t_ns):
                 self._forget("every image was gated")
                 self._start(image, ownship, None)
             return self._report(message, Verdict.GATED, image, outcome)
-        self._status.fused(message.t_ns, was_lost=was_lost)
+        self._status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_wing)
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
     def _is_wide(self, history: History[Any, Ownship], t_ns: int, ownship: Ownship) -> bool:
@@ -201,7 +208,12 @@ class Track:
         pose = image.pose
         if not image.final:
             pose = self._poses.at(image.message.t_ns, ownship) or pose
-        update = self._filter.fuse(state, image.measurement, pose)
+        try:
+            update = self._filter.fuse(state, image.measurement, pose)
+        except FilterError:
+            if image.has_wing:
+                raise
+            return state, Outcome(False, refused(image.measurement, state), state, pose)
         fused = self._filter.gate is None or update.nis <= self._filter.gate
         return (update.belief if fused else state), Outcome(fused, update, state, pose)
 
@@ -242,8 +254,9 @@ class Track:
             in_view = not coasting or self._should_be_in_view(belief.mean, t_ns, ownship)
             state, reason = self._status.state(t_ns, in_view=in_view)
             reason = f"{reason}; {question}" if question and state is not Lifecycle.LOST else reason
+            range_ = math.hypot(*mean[R])
+            self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
             if not coasting:
-                range_ = math.hypot(*mean[R])
                 self.direction_n = tuple(x / range_ for x in mean[R])
         age = self._status.age(t_ns)
         self._sequence += 1

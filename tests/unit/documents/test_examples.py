@@ -6,10 +6,12 @@ from types import ModuleType
 import msgspec
 import pytest
 
+from onboard.config import load_config
 from onboard.estimators import EstimatorProtocol
 from onboard.geometry.camera import make_camera
-from onboard.messages import TargetPoints
+from onboard.messages import TargetDetection, TargetPoints
 from onboard.ownship import Ownship
+from onboard.wire.detections import decode_detections
 from onboard.wire.points import decode_points
 from tests.support import documents
 from tests.support.leader import leader_state, lost_state
@@ -40,7 +42,7 @@ def test_the_example_estimates_a_range() -> None:
 
 
 def test_the_camera_points_of_the_page_decode() -> None:
-    (block,) = documents.blocks(documents.text("fly-it"), "json")
+    _, block = documents.blocks(documents.text("fly-it"), "json")
     points = decode_points(block.encode(), 1)
     assert points.target == "leader"
     assert points.center == pytest.approx((11.2 / 600, -15.1 / 600))
@@ -61,3 +63,14 @@ def test_the_example_of_a_follower_uses_only_a_leader_that_it_may_fly_on() -> No
         (0, leader_state(covariance=((26.0, 0, 0, 0, 0, 0), *leader.covariance[1:]))),  # type: ignore[index]
     ):
         assert module.leader_now(msgspec.json.encode(record), record.t_host_ns + late_ns) is None
+
+
+def test_the_detections_of_the_page_decode() -> None:
+    block, _ = documents.blocks(documents.text("fly-it"), "json")
+    cameras, refused = load_config(None).camera_inputs(), []
+    pair, box = decode_detections(block.encode(), 1, cameras, refused.append, refused.append)
+    assert refused == []
+    assert isinstance(pair, TargetDetection)
+    assert [f.name for f in pair.features] == ["left", "right"]
+    assert pair.features[1].sigma == pytest.approx(2 / 554.256)
+    assert (box.target, box.camera) == ("wingman", "front")

@@ -29,13 +29,13 @@ class Session:
 
     def declare_subscriber(self, key: str, callback: Callable[[Any], None]) -> Any:
         self.callbacks[key] = callback
-        if len(self.callbacks) == 3:
+        if len(self.callbacks) == 4:
             self._loop.call_soon_threadsafe(self.subscribed.set)
         return SimpleNamespace(undeclare=lambda: None)
 
     def send(self, key: str, data: bytes) -> None:
-        kind = key.split("/")[2]
-        (callback,) = [c for pattern, c in self.callbacks.items() if pattern.split("/")[2] == kind]
+        kind = key.split("/")[2::2]
+        (callback,) = [c for pattern, c in self.callbacks.items() if pattern.split("/")[2::2] == kind]
         callback(SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: data), key_expr=key))
 
 

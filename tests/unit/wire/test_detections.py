@@ -1,0 +1,170 @@
+"""Detections as JSON: any subset of points, boxes, confidence; what is not known is ignored and named once."""
+
+import json
+from typing import Any
+
+import pytest
+
+from onboard.geometry.lens import Lens
+from onboard.messages import Clock, Datagram, Encoding, TargetDetection, TargetPoints
+from onboard.wire.cameras import CameraInput
+from onboard.wire.datagrams import DatagramDecoder
+from onboard.wire.detections import BOX_NOISE
+from tests.support.mavlink_frames import RECV
+
+LENS = Lens(fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, width_px=640.0, height_px=480.0)
+CAMERAS = {
+    "front": CameraInput("front", LENS, sigma_px=1.0, min_confidence=0.3),
+    "tele": CameraInput("tele", LENS, sigma_px=2.0, min_confidence=0.0),
+}
+CENTER, LEFT, RIGHT = ({"u_px": u, "v_px": 240.0} for u in (370.0, 320.0, 420.0))
+BOX = {"u_px": 370.0, "v_px": 190.0, "width_px": 100.0, "height_px": 40.0}
+HEAD: dict[str, Any] = {"t_ns": 5_000_000_000, "clock": "boot"}
+
+
+class Decoded:
+    """What becomes of one document: messages, and the reasons why parts of it were refused or ignored."""
+
+    def __init__(self, *documents: dict[str, Any]) -> None:
+        self.reasons: list[str] = []
+        decoder = DatagramDecoder(on_refused=lambda _, reason, __: self.reasons.append(reason), cameras=CAMERAS)
+        self.messages = []
+        for document in documents:
+            data = json.dumps(document).encode()
+            datagram = Datagram(channel="c", encoding=Encoding.DETECTIONS, t_recv_ns=RECV, data=data)
+            self.messages += decoder.decode(datagram)
+        self.rejected = dict(decoder.rejected)
+
+
+def one(**detection: Any) -> Any:
+    """The message of a document with one detection, of which nothing is refused."""
+    decoded = Decoded({**HEAD, "detections": [detection]})
+    assert decoded.reasons == []
+    (message,) = decoded.messages
+    return message
+
+
+def test_all_three_points_are_target_points() -> None:
+    m = one(points={"center": CENTER, "left": LEFT | {"sigma_px": 2.0}, "right": RIGHT})
+    assert isinstance(m, TargetPoints)
+    assert (m.center, m.left, m.right) == (pytest.approx((0.1, 0.0)), (0.0, 0.0), pytest.approx((0.2, 0.0)))
+    assert m.sigma == pytest.approx((1 / 500, 2 / 500, 1 / 500))
+    assert (m.t_ns, m.t_recv_ns, m.clock, m.camera, m.target) == (5_000_000_000, RECV, Clock.BOOT, "front", "")
+    assert m.view == pytest.approx((-0.64, -0.48, 0.64, 0.48))
+
+
+@pytest.mark.parametrize("names", [("center",), ("left",), ("left", "right"), ("center", "right")], ids="+".join)
+def test_fewer_points_stay_what_they_are(names: tuple[str, ...]) -> None:
+    every = {"center": CENTER, "left": LEFT, "right": RIGHT}
+    m = one(points={name: every[name] for name in names}, box=BOX)
+    assert isinstance(m, TargetDetection)
+    assert tuple(f.name for f in m.features) == names
+    assert [f.point[0] * 500 + 320 for f in m.features] == pytest.approx([every[n]["u_px"] for n in names])
+    assert m.half_width is None
+
+
+def test_a_box_alone_is_its_middle_with_the_noise_of_boxes() -> None:
+    m = one(box=BOX)
+    assert isinstance(m, TargetDetection)
+    (feature,) = m.features
+    assert (feature.name, feature.point) == ("box", pytest.approx((0.1, -0.1)))
+    assert feature.sigma == pytest.approx(BOX_NOISE * 100 / 500)
+    assert m.half_width == pytest.approx(50 / 500)
+    assert one(box=BOX | {"sigma_px": 3.0}).features[0].sigma == pytest.approx(3 / 500)
+
+
+def test_noise_grows_as_confidence_falls_and_a_sigma_of_its_own_stays() -> None:
+    def sigma(confidence: float, **point: Any) -> float:
+        value: float = one(points={"center": CENTER | point}, confidence=confidence).features[0].sigma
+        return value * 500
+
+    assert [sigma(1.0), sigma(0.5), sigma(0.3)] == pytest.approx([1.0, 2.0, 10 / 3])
+    assert sigma(0.5, sigma_px=1.5) == pytest.approx(1.5)
+
+
+def test_below_the_threshold_a_detection_is_refused_and_the_others_are_not() -> None:
+    sure, unsure = ({"points": {"center": CENTER}, "confidence": c} for c in (0.31, 0.29))
+    decoded = Decoded({**HEAD, "detections": [sure, unsure]})
+    assert len(decoded.messages) == 1
+    (reason,) = decoded.reasons
+    assert reason == (
+        "it is not confident enough; `min_confidence` of camera front is 0.3 - at `$.detections[1].confidence`"
+    )
+    assert len(Decoded({**HEAD, "camera": "tele", "detections": [unsure]}).messages) == 1
+
+
+def test_a_named_camera_brings_its_noise_and_intrinsics_of_an_image_hold_for_it() -> None:
+    zoomed = {"fx_px": 1000.0, "fy_px": 1000.0, "cx_px": 320.0, "cy_px": 240.0}
+    document = {**HEAD, "camera": "tele", "intrinsics": zoomed, "detections": [{"points": {"center": CENTER}}]}
+    (m,) = Decoded(document).messages
+    assert isinstance(m, TargetDetection)
+    assert m.camera == "tele"
+    assert m.features[0].point == pytest.approx((0.05, 0.0))
+    assert m.features[0].sigma == pytest.approx(2 / 1000)
+
+
+def test_unknown_fields_and_points_are_ignored_and_named_once() -> None:
+    detection = {
+        "points": {"center": CENTER | {"score": 1}, "nose": CENTER},
+        "box": BOX | {"angle": 3},
+        "mask": [1, 2],
+    }
+    document = {**HEAD, "frame_id": 7, "detections": [detection, detection]}
+    decoded = Decoded(document, document)
+    assert len(decoded.messages) == 4
+    assert [r.split(";")[0] for r in decoded.reasons] == [
+        "(the rest is used) the field `frame_id`",
+        "(the rest is used) the field `detections.mask`",
+        "(the rest is used) the field `detections.points.score`",
+        "(the rest is used) the field `detections.box.angle`",
+        "(the rest is used) the point `nose`",
+    ]
+    assert decoded.rejected == {"ignored_fields": 5}
+
+
+def test_the_names_of_ignored_fields_are_bounded() -> None:
+    documents = [{**HEAD, f"x{i}": 1} for i in range(200)]
+    assert Decoded(*documents).rejected == {"ignored_fields": 64}
+
+
+def with_detection(**detection: Any) -> dict[str, Any]:
+    return {**HEAD, "detections": [detection]}
+
+
+@pytest.mark.parametrize(
+    ("document", "expected"),
+    [
+        ({"t_ns": 1}, "missing required field `clock`; the fields of CameraDetections are t_ns, clock, came"),
+        ({**HEAD, "camera": "rear"}, "no camera is called `rear`; known: front, tele - at `$.camera`"),
+        (
+            {**HEAD, "intrinsics": {"fx_px": 0, "fy_px": 1, "cx_px": 1, "cy_px": 1}},
+            "must be positive - at `$.in",
+        ),
+        ({**HEAD, "detections": {}}, "Expected `array`, got `object` - at `$.detections`"),
+        (
+            with_detection(),
+            "some of center, left, right, or a `box` - at `$.detections[0]`",
+        ),
+        (with_detection(points={"nose": CENTER}), "expected `points` with some of center, left, right"),
+        (
+            with_detection(points={"left": {"u_px": 1}}),
+            "missing required field `v_px` - at `$.detections[0].poi",
+        ),
+        (
+            with_detection(box=BOX | {"width_px": 0}),
+            "height must be positive - at `$.detections[0].box`",
+        ),
+        (with_detection(box=BOX, confidence=80), "from 0 to 1 - at `$.detections[0].confidence`"),
+        (with_detection(box=BOX, confidence="high"), "Expected `float | null`, got `str`"),
+        (with_detection(box=BOX, target="a b"), "64 at most - at `$.detections[0].target`"),
+    ],
+    ids=lambda value: value[:32] if isinstance(value, str) else "",
+)
+def test_what_cannot_be_used_is_refused_by_its_field(document: dict[str, Any], expected: str) -> None:
+    decoded = Decoded(document)
+    assert decoded.messages == []
+    assert expected in decoded.reasons[0]
+
+
+def test_an_image_in_which_nothing_was_found_is_no_refusal() -> None:
+    assert Decoded({**HEAD, "detections": []}).reasons == []
