@@ -7,13 +7,15 @@ import math
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from onboard.geometry.geodesy import geodetic_from_ned
+from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
+from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import (
     ActuatorOutputs,
     Attitude,
     Clock,
     Command,
     CommandAck,
+    FollowTarget,
     GlobalOrigin,
     GlobalPosition,
     GpsFix,
@@ -29,6 +31,7 @@ from onboard.wire.mavlink_encode import MavlinkEncoder
 from simlink.scenarios.vehicle import Vehicle
 from simlink.sensors.navigation import Reading
 from simlink.world.constants import STEP_NS, G
+from simlink.world.follow import FollowMode, Target
 
 SET_MESSAGE_INTERVAL: Final = 511
 REQUEST_MESSAGE: Final = 512
@@ -237,9 +240,13 @@ def _servo(t_ns: int, reading: Reading) -> Message:
 
 
 class AutopilotLink:
-    """A session in bytes: frames out, bytes in. `stream`: for TCP, where frames may be cut anywhere."""
+    """A session in bytes: frames out, bytes in. `stream`: for TCP, where frames may be cut anywhere. `follow`:
+    what FOLLOW_TARGETs go to."""
 
-    def __init__(self, vehicle: Vehicle, unix_epoch_ns: int, *, stream: bool) -> None:
+    def __init__(
+        self, vehicle: Vehicle, unix_epoch_ns: int, *, stream: bool, follow: FollowMode | None = None
+    ) -> None:
+        self._vehicle, self._follow = vehicle, follow
         self._autopilot = Autopilot(vehicle, unix_epoch_ns)
         self._encoder = MavlinkEncoder(vehicle.system, vehicle.component)
         self._decoder = MavlinkDecoder(stream=stream)
@@ -252,8 +259,19 @@ class AutopilotLink:
         """The frames that reply to `data`, which arrived at `t_ns`. Invalid bytes are ignored."""
         replies: list[bytes] = []
         for message in self._decoder.decode(data, t_ns):
+            if isinstance(message, FollowTarget) and self._follow is not None:
+                self._aim(message, t_ns, self._follow)
             replies += self._encode(self._autopilot.answer(message, t_ns))
         return replies
+
+    def _aim(self, message: FollowTarget, t_ns: int, follow: FollowMode) -> None:
+        """As `AP_Follow`: only a target of another system, and one that has an attitude for its offsets."""
+        if message.system == self._vehicle.system or message.q_nL is None:
+            return
+        r_n = ned_from_geodetic((message.lat_deg, message.lon_deg, message.alt_msl), self._vehicle.origin)
+        north, east, down = r_n.tolist()
+        _, _, heading = euler_from_quaternion(message.q_nL)
+        follow.receive(Target((north, east, down), message.v_n, heading), (t_ns - follow.begin_ns) * 1e-9)
 
     def _encode(self, messages: Iterable[Message]) -> list[bytes]:
         return [self._encoder.encode(message) for message in messages]

@@ -29,13 +29,14 @@ from onboard.wire.points import encode_points
 from onboard.wire.radar import encode_radar
 from onboard.wire.ranges import encode_ranges
 from onboard.wire.tlog import frame_length
-from simlink.autopilot import Autopilot
+from simlink.autopilot import Autopilot, AutopilotLink
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import CameraSensor, Image, camera_points, is_exposure, target_points
 from simlink.sensors.navigation import Reading, readings
 from simlink.traffic.reports import sender
 from simlink.traffic.traffic import Traffic, TrafficOutput
 from simlink.world.constants import STEP_NS, steps_of
+from simlink.world.follow import FollowMode, following_states
 from simlink.world.noise import uniforms
 from simlink.world.truth import State, states, true_size, truth_record
 
@@ -71,15 +72,16 @@ def boot_ns_of(scenario: Scenario) -> int:
     return steps_of(scenario.vehicle.boot) * STEP_NS
 
 
-def ticks(scenario: Scenario, seed: int, boot_ns: int) -> Iterator[Tick]:
-    """The run, 200 ticks per second, without end. The flight begins at boot time `boot_ns`."""
+def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | None = None) -> Iterator[Tick]:
+    """The run, 200 ticks per second, without end. The flight begins at boot time `boot_ns`. `world`: the states,
+    if not those that follow from scenario and seed alone."""
     size = true_size(scenario, seed)
     camera = CameraSensor(scenario, seed, size)
     rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)
     stamp_late_ns = round(scenario.camera.stamp_late * 1e9)
     in_transit: deque[Image] = deque()
     traffic = Traffic(scenario, seed)
-    for state, reading in readings(scenario, seed, states(scenario, seed)):
+    for state, reading in readings(scenario, seed, world or states(scenario, seed)):
         t_ns = boot_ns + state.step * STEP_NS
         truth = None
         if is_exposure(state.step, rate):
@@ -160,6 +162,41 @@ def datagrams(
             frames, channel, encoding = [encoder.encode(message)], "autopilot", Encoding.MAVLINK
         for frame in frames:
             yield Datagram(channel=channel, encoding=encoding, t_recv_ns=t_recv_ns, data=frame)
+
+
+class GuidedRun:
+    """A run whose follower flies on the FOLLOW_TARGETs that it receives: bytes both ways, step by step."""
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        if scenario.follow is None:
+            raise ValueError(f"{scenario.name} has no [follow]")
+        self.mode = FollowMode(scenario.follow)
+        self._scenario = scenario
+        self._link = AutopilotLink(scenario.vehicle, EPOCH_NS, stream=False, follow=self.mode)
+        self.mode.begin_ns = boot_ns_of(scenario)
+        world = following_states(scenario, seed, self.mode)
+        self._ticks = ticks(scenario, seed, self.mode.begin_ns, world)
+
+    def step(self) -> tuple[Tick, list[Datagram]]:
+        """The next step of 5 ms, and what arrives of it at the companion computer."""
+        tick = next(self._ticks)
+        t_recv_ns = EPOCH_NS + tick.t_ns + TRANSPORT_NS
+        frames = self._link.send(tick.t_ns, tick.reading)
+        points = [encode_points(camera_points(image, self._scenario.camera)) for image in tick.images]
+        return tick, [
+            *(_datagram("autopilot", Encoding.MAVLINK, t_recv_ns, data) for data in frames),
+            *(_datagram("points", Encoding.POINTS, t_recv_ns, data) for data in points),
+        ]
+
+    def receive(self, data: bytes, tick: Tick) -> list[Datagram]:
+        """Bytes of the companion computer that arrive at a step; what the autopilot replies."""
+        t_recv_ns = EPOCH_NS + tick.t_ns + TRANSPORT_NS
+        replies = self._link.receive(data, tick.t_ns)
+        return [_datagram("autopilot", Encoding.MAVLINK, t_recv_ns, reply) for reply in replies]
+
+
+def _datagram(channel: str, encoding: Encoding, t_recv_ns: int, data: bytes) -> Datagram:
+    return Datagram(channel=channel, encoding=encoding, t_recv_ns=t_recv_ns, data=data)
 
 
 def split_frames(data: bytes) -> list[bytes]:

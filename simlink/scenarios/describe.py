@@ -33,6 +33,8 @@ def daemon_config(scenario: Scenario) -> str:
     lines.append(f"own_velocity_sigma_m_s = {scenario.nav.velocity.sigma:.6g}")
     if scenario.nav.attitude_deg.sigma == 0:
         lines += ["own_tilt_sigma_deg = 0.0", "own_yaw_sigma_deg = 0.0"]
+    if scenario.follow is not None:
+        lines += ["", "[[leader_out]]", 'link = "autopilot"']
     if scenario.quadrotor is not None:
         lines += _own_state(scenario.quadrotor, scenario)
     if scenario.traffic.aircraft:

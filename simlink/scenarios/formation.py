@@ -19,6 +19,7 @@ class Leader(Record, frozen=True, kw_only=True):
     speed_pulses: tuple[Pulse, ...] = ()
     a_lat: Wave = Wave(mean=2.4384)
     a_long: Wave = Wave()
+    a_lat_pulses: tuple[Pulse, ...] = ()  # m/s^2, added to a_lat
     course_deg: float = 0.0
     climb_deg: float = 0.0
     yaw_pulses_deg: tuple[Pulse, ...] = ()  # heading minus course: a multirotor need not point along its course
@@ -38,3 +39,23 @@ class Follower(Record, frozen=True, kw_only=True):
     attitude: Literal["coordinated", "hover"] = "coordinated"  # "hover": nose along the leader's course
     position_gain: Positive = 1.0  # 1/s^2
     velocity_gain: Positive = 2.0  # 1/s
+
+
+class Follow(Record, frozen=True, kw_only=True):
+    """Our vehicle flown by an autopilot in FOLLOW mode (`simlink.world.follow`) from `engage` seconds on.
+    `FOLL_OFS_*` (m: forward, right, down), `FOLL_DIST_MAX` (m), `FOLL_TIMEOUT` (s), and the limits of position
+    control: the greatest speed of an approach, acceleration and jerk (m/s, m/s^2, m/s^3)."""
+
+    engage: NotNegative = 10.0
+    offset: Vec3 = (-25.0, 0.0, 2.0)
+    dist_max: Positive = 300.0
+    timeout: NotNegative = 3.0
+    speed: Positive = 5.0
+    acceleration: Positive = 2.5
+    jerk: Positive = 5.0
+    yaw_rate_deg_s: Positive = 60.0
+
+    @property
+    def gain(self) -> float:
+        """Of position and of velocity, 1/s."""
+        return self.jerk / self.acceleration

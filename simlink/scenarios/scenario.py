@@ -18,7 +18,7 @@ import msgspec
 
 from onboard.messages import Positive, Record
 from simlink.scenarios.camera import Camera
-from simlink.scenarios.formation import Follower, Leader
+from simlink.scenarios.formation import Follow, Follower, Leader
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.traffic import MOST_AIRCRAFT, TrafficScene
 from simlink.scenarios.vehicle import BarometerErrors, Gps, ImuErrors, Nav, Outliers, Vehicle
@@ -47,6 +47,7 @@ class Scenario(Record, frozen=True, kw_only=True):
     vehicle: Vehicle = Vehicle()
     outliers: Outliers = Outliers()
     quadrotor: Quadrotor | None = None
+    follow: Follow | None = None
     traffic: TrafficScene = TrafficScene()
 
 
@@ -147,6 +148,7 @@ def _check(s: Scenario, source: str) -> None:
             raise ScenarioError(f"{source}: {key}: hold leaves no time to rise and fall")
     # a point mass needs speed to turn; in straight flight it may stop
     turns = any((w.mean, w.amplitude) != (0.0, 0.0) for w in (s.leader.a_lat, s.leader.a_long))
+    turns = turns or bool(s.leader.a_lat_pulses)
     slowest = s.leader.speed + sum(min(p.change, 0.0) for p in s.leader.speed_pulses)
     if slowest < (1.0 if turns else 0.0):
         least = "at least 1 m/s as it turns" if turns else "from flying backwards"

@@ -22,6 +22,7 @@ from simlink.simulation import CAMERA_COMPONENT, Tick, boot_ns_of, ticks
 from simlink.traffic.reports import sender
 from simlink.traffic.traffic import TrafficOutput
 from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
+from simlink.world.follow import FollowMode, following_states
 
 MOST_BEHIND: Final = 0.25  # s of wall time; beyond that the boot clock is set back
 STATUS_STEPS: Final = STEPS_PER_SECOND // 5
@@ -90,6 +91,8 @@ class Server:
         boot_ns = boot_ns_of(options.scenario)
         self._clock = BootClock(now, boot_ns, options.speed)
         self._epoch_ns = unix_ns - boot_ns
+        follow = options.scenario.follow
+        self._follow = None if follow is None else FollowMode(follow)  # the follower flies on FOLLOW_TARGETs
         self._session = self._make_session(stream=False)
         self._vision = MavlinkEncoder(self._vehicle.system, CAMERA_COMPONENT)
         self._traffic: dict[tuple[int, int], MavlinkEncoder] = {}  # by system and component
@@ -163,7 +166,11 @@ class Server:
         end_ns = None if o.duration is None else boot_ns + round(o.duration * 1e9)
         self._report("flying" + (" until stopped" if o.duration is None else f" for {o.duration:g} s"))
         t_ns = boot_ns
-        for tick in ticks(o.scenario, o.seed, boot_ns):
+        world = None
+        if self._follow is not None:
+            self._follow.begin_ns = boot_ns
+            world = following_states(o.scenario, o.seed, self._follow)
+        for tick in ticks(o.scenario, o.seed, boot_ns, world):
             await self._until(tick.t_ns, stop)
             if stop.is_set() or (end_ns is not None and tick.t_ns > end_ns):
                 break
@@ -240,7 +247,7 @@ class Server:
         return replies
 
     def _make_session(self, *, stream: bool) -> AutopilotLink:
-        return AutopilotLink(self._vehicle, self._epoch_ns, stream=stream)
+        return AutopilotLink(self._vehicle, self._epoch_ns, stream=stream, follow=self._follow)
 
 
 async def serve(server: Server) -> None:

@@ -123,11 +123,14 @@ def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Rea
     leader = scenario.leader
     cruise, speed_change = leader.speed, pulses(leader.speed_pulses, scenario.repeat, maths)
     lateral, normal = wave(leader.a_lat, maths), wave(leader.a_long, maths)
+    turns = pulses(leader.a_lat_pulses, scenario.repeat, maths)
 
     def at(t: Real, course: Real, climb: Real) -> LeaderMotion:
         change, dV, _ = speed_change(t)
         V = cruise + change
         (lat, dlat), (long, _) = lateral(t), normal(t)
+        turn, dturn, _ = turns(t)
+        lat, dlat = lat + turn, dlat + dturn
         cc, sc, cg, sg = maths.cos(course), maths.sin(course), maths.cos(climb), maths.sin(climb)
         along = dV * cg - long * sg
         # `scenario` ensures that it turns only while it moves: at rest the rates are 0, not 0/0

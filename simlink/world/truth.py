@@ -7,7 +7,7 @@ of `simlink.world.quadrotor`. The leader flies coordinated, with errors in bank 
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import tee
 from types import ModuleType
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from simlink.scenarios.scenario import Scenario
 from simlink.world import attitude
 from simlink.world.attitude import difference
 from simlink.world.constants import DT, STEPS_PER_SECOND, G
-from simlink.world.motion import Derivative, Real, Real3, advance, make_motion, pulses
+from simlink.world.motion import Derivative, Kinematics, Real, Real3, advance, make_motion, pulses
 from simlink.world.noise import gauss_markov, normals, uniforms
 from simlink.world.quadrotor import quadrotor_states
 from simlink.world.quadrotor_control import Reference, figure_eight
@@ -90,9 +90,8 @@ def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
     phase = uniforms(seed, "follower.wander")
     turn = 2 * math.pi
     f, y = make_motion(scenario, (turn * next(phase), turn * next(phase), turn * next(phase)))
-    bank, heading = _wobbles(scenario, seed)
+    leader_attitude = leader_attitudes(scenario, seed)
     hovers = scenario.follower.attitude == "hover"
-    yaw_at = pulses(scenario.leader.yaw_pulses_deg, scenario.repeat)
     step, q_before = 0, None
     while True:
         t = step / STEPS_PER_SECOND
@@ -106,7 +105,7 @@ def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
             r_OL_n=(y[2], y[3], y[4]),
             v_L_n=rates.v_L_n,
             a_L_n=rates.a_L_n,
-            q_nL=_leader_attitude(y[0], y[1], rates, next(bank), next(heading) + math.radians(yaw_at(t)[0])),
+            q_nL=leader_attitude(t, y, rates),
             a_lat=rates.a_lat,
             a_long=rates.a_long,
             r_OF_n=r_F_n,
@@ -118,6 +117,17 @@ def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
         )
         y = advance(f, t, y, rates, DT)
         step, q_before = step + 1, q_nF
+
+
+def leader_attitudes(scenario: Scenario, seed: int) -> Callable[[float, Kinematics, Derivative], Quaternion]:
+    """A function that gives the leader's attitude. Call it once per step, in order."""
+    bank, heading = _wobbles(scenario, seed)
+    yaw_at = pulses(scenario.leader.yaw_pulses_deg, scenario.repeat)
+
+    def at(t: float, y: Kinematics, rates: Derivative) -> Quaternion:
+        return _leader_attitude(y[0], y[1], rates, next(bank), next(heading) + math.radians(yaw_at(t)[0]))
+
+    return at
 
 
 def _wobbles(scenario: Scenario, seed: int) -> tuple[Iterator[float], Iterator[float]]:

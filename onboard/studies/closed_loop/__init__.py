@@ -1,0 +1,1 @@
+"""Study: a simulated follower flies formation on nothing but our estimates."""

@@ -1,0 +1,122 @@
+"""One closed-loop flight: simlink's follower, the daemon's pipeline and everything it sends, byte by byte.
+
+The follower's autopilot obeys FOLLOW_TARGET as ArduPilot's FOLLOW mode does (`simlink.world.follow`). It learns of
+the leader by nothing else. Both computers run in one process on simulated time, so a flight is a function of
+scenario and seed.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.autopilot.output import AutopilotOutput
+from onboard.config import Config, load_config
+from onboard.messages import Datagram
+from onboard.pipeline import Pipeline
+from simlink.scenarios.scenario import Scenario
+from simlink.simulation import GuidedRun, Tick, boot_ns_of
+
+LINK: Final = "autopilot"
+TIMER_STEPS: Final = 4  # 20 ms, the daemon's timer
+DELAY_STEPS: Final = 2  # 10 ms, from the daemon to the autopilot
+ROWS_PER_S: Final = 10
+STEPS_PER_S: Final = 200
+NO_RATES: Final[dict[str, float]] = {}
+
+
+class Flight(NamedTuple):
+    """Ten rows a second (n,): time (s), the distance of both aircraft (m), the follower's distance from its slot
+    (m), its speed over ground and that at which the distance shrinks (m/s), the leader's turn rate (rad/s), and
+    whether our estimate was valid and the autopilot followed."""
+
+    t: Array
+    distance: Array
+    slot_error: Array
+    speed: Array
+    closing: Array
+    turn_rate: Array
+    valid: Array
+    following: Array
+
+
+class Companion:
+    """The daemon without its links: bytes in, frames for the autopilot out."""
+
+    def __init__(self, config: Config) -> None:
+        self.pipeline = Pipeline(config)
+        self.output = AutopilotOutput(config)
+
+    def receive(self, datagram: Datagram) -> list[bytes]:
+        """Frames that answer a datagram."""
+        pipeline, output = self.pipeline, self.output
+        messages = pipeline.decode(datagram)
+        before, frames = pipeline.autopilot, []
+        for published in pipeline.advance(messages):
+            frames += [frame for out in output.publish(published) if out.channel == LINK for frame in out.frames]
+        if pipeline.autopilot is not None and pipeline.autopilot is not before:
+            output.connect(pipeline.autopilot)
+        if messages and output.is_autopilot(datagram.channel):
+            frames += output.respond(datagram.channel, messages, datagram.t_recv_ns).frames
+        return frames
+
+    def tick(self, now_ns: int) -> list[bytes]:
+        """Frames that are due."""
+        offset_ns = self.pipeline.clocks.offset_ns
+        boot_ns = None if offset_ns is None else now_ns - offset_ns
+        for published in self.pipeline.tick(now_ns):
+            list(self.output.publish(published))
+        sent = self.output.tick(now_ns, healthy=True, rates=NO_RATES, boot_ns=boot_ns)
+        return [frame for out in sent if out.channel == LINK for frame in out.frames]
+
+
+def config_of(scenario: Scenario, settings: Sequence[str] = ()) -> Config:
+    """What is known of the leader, and where it is sent; otherwise the daemon as it ships."""
+    kind = "multirotor" if scenario.follower.attitude == "hover" else "fixed_wing"
+    known = (
+        f"estimator.leader.size_prior_m={scenario.leader.size}",
+        f"estimator.leader.leader_class={kind}",
+        f'leader_out=[{{ link = "{LINK}" }}]',
+    )
+    return load_config(None, (*known, *settings))
+
+
+def fly(scenario: Scenario, seed: int, duration: float, settings: Sequence[str] = ()) -> Flight:
+    """The flight over `duration` s."""
+    run, companion = GuidedRun(scenario, seed), Companion(config_of(scenario, settings))
+    epoch_ns: int | None = None
+    on_way: deque[tuple[int, bytes]] = deque()
+    rows = []
+    for step in range(round(duration * STEPS_PER_S) + 1):
+        tick, datagrams = run.step()
+        while on_way and on_way[0][0] <= step:
+            datagrams += run.receive(on_way.popleft()[1], tick)
+        for datagram in datagrams:
+            if epoch_ns is None:
+                epoch_ns = datagram.t_recv_ns - tick.t_ns
+            on_way.extend((step + DELAY_STEPS, frame) for frame in companion.receive(datagram))
+        if epoch_ns is not None and step % TIMER_STEPS == 0:
+            frames = companion.tick(epoch_ns + tick.t_ns)
+            on_way.extend((step + DELAY_STEPS, frame) for frame in frames)
+        if step % (STEPS_PER_S // ROWS_PER_S) == 0:
+            leader = companion.output.leader
+            rows.append(_row(scenario, tick, leader is not None and leader.valid, run.mode.is_following))
+    return Flight(*np.array(rows).T)
+
+
+def _row(scenario: Scenario, tick: Tick, is_valid: bool, is_following: bool) -> tuple[float, ...]:
+    s, follow = tick.state, scenario.follow
+    assert follow is not None  # noqa: S101 - GuidedRun raises otherwise
+    course = math.atan2(s.v_L_n[1], s.v_L_n[0])
+    c, n, (x, y, z) = math.cos(course), math.sin(course), follow.offset
+    slot = (s.r_OL_n[0] + c * x - n * y, s.r_OL_n[1] + n * x + c * y, s.r_OL_n[2] + z)
+    r = np.subtract(s.r_OL_n, s.r_OF_n)
+    distance = float(np.linalg.norm(r))
+    closing = -float(r @ np.subtract(s.v_L_n, s.v_F_n)) / distance
+    turn_rate = s.a_lat / math.hypot(s.v_L_n[0], s.v_L_n[1])
+    error, speed = math.dist(slot, s.r_OF_n), math.hypot(s.v_F_n[0], s.v_F_n[1])
+    t = (tick.t_ns - boot_ns_of(scenario)) * 1e-9
+    return t, distance, error, speed, closing, turn_rate, float(is_valid), float(is_following)

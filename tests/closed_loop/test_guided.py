@@ -1,0 +1,73 @@
+"""The loop closed: simlink's follower flies on nothing but what the daemon sends."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.studies.closed_loop import study
+from onboard.studies.closed_loop.flight import Flight, fly
+from onboard.studies.closed_loop.scores import broken_off, score
+from simlink.scenarios.profiles import Interval, Pulse
+from simlink.scenarios.scenario import Scenario, load_scenario
+
+SLOT = float(np.linalg.norm((-25.0, 0.0, 2.0)))
+LOST_AT = 28.0
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    """A drop-out of 3 s, a turn, and a drop-out that lasts."""
+    whole = load_scenario("guided")
+    assert whole.follow is not None
+    turn = Pulse(start=14.0, end=25.0, change=1.0, hold=7.0)
+    outs = (Interval(start=9.0, end=12.0), Interval(start=LOST_AT, end=60.0))
+    return replace(
+        whole,
+        leader=replace(whole.leader, a_lat_pulses=(turn,), speed_pulses=()),
+        camera=replace(whole.camera, blackouts=outs),
+        follow=replace(whole.follow, engage=5.0),
+    )
+
+
+@pytest.fixture(scope="module")
+def flight(scenario: Scenario) -> Flight:
+    return fly(scenario, 1, 40.0)
+
+
+def test_it_keeps_formation_through_a_turn_and_a_short_drop_out_seed_1(flight: Flight) -> None:
+    k = (flight.t > 8) & (flight.t < LOST_AT)
+    assert flight.following[k].all()
+    assert 100 * flight.slot_error[k].max() / SLOT <= 15
+    assert flight.distance.min() >= 0.5 * SLOT
+
+
+def test_when_the_leader_is_lost_it_stops_closing_and_lets_it_go_seed_1(
+    flight: Flight, scenario: Scenario
+) -> None:
+    invalid = (flight.valid == 0) & (flight.t > LOST_AT)
+    ended = float(flight.t[invalid][0])
+    assert LOST_AT + 1.5 < ended < LOST_AT + 2.5
+    assert flight.closing[flight.t > ended + 3.0].max() < 0.2
+    assert not flight.following[flight.t > ended + 3.2].any()
+    assert flight.speed[-1] < 1.0
+    assert flight.distance[-1] > 1.5 * SLOT
+    assert score(flight, scenario).stop <= 3.0
+
+
+def test_a_break_off_lasts_until_the_follower_is_back_in_its_slot() -> None:
+    """Not valid from 10 to 17 s; within 10 % of the slot's distance again from 20 s on."""
+    t = np.arange(0.0, 30.0, 0.1)
+    zero = np.zeros(len(t))
+    valid = 1.0 - ((t > 9.95) & (t < 17.05))
+    error = np.where((t > 12.0) & (t < 19.95), 50.0, 1.0)
+    made = Flight(t, zero, error, zero, zero, zero, valid, valid)
+    away = t[broken_off(made, error)]
+    assert (away[0], away[-1]) == pytest.approx((10.0, 19.9), abs=0.051)
+    short = made._replace(valid=1.0 - ((t > 9.95) & (t < 12.05)))
+    assert not broken_off(short, error).any()
+
+
+@pytest.mark.slow
+def test_ten_minutes_on_our_estimates_alone_seed_1() -> None:
+    (table,) = (found := study.run(seeds=1, jobs=1)).tables
+    assert [c.verdict for c in found.claims] == ["holds"] * 4, table.rows
