@@ -13,7 +13,7 @@ KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/
 
 .PHONY: install demo test test-all lint mutants bench docs clean
 
-install: $(READY)  ## onboard and simlink, in .venv/bin
+install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the filters compiled
 	@echo "ready: $(BIN)/onboard --help"
 
 demo: $(READY)  ## fly the simulated formation, with a live view where there is a display

@@ -4,8 +4,14 @@ import argparse
 import asyncio
 import signal
 import sys
+import time
+from collections.abc import Callable
+from typing import Final
 
 from onboard.commands.loading import loading
+from onboard.filters.numba_internals import on_compile
+
+PROGRESS_S: Final = 10.0  # between lines about compiling
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -20,6 +26,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 def fly(arguments: argparse.Namespace) -> int:
     """Load, and run the daemon to its end."""
+    on_compile(Compiling(report))
     with loading():
         from onboard.config import load_config  # noqa: PLC0415 - the block is about loading
         from onboard.daemon import Daemon  # noqa: PLC0415
@@ -33,3 +40,24 @@ def fly(arguments: argparse.Namespace) -> int:
 def report(line: str) -> None:
     """A line for a person, on standard error."""
     print(line, file=sys.stderr, flush=True)
+
+
+class Compiling:
+    """Lines about the filters that are compiled, which takes minutes, once on each computer: no start waits for it
+    silently. Call it before each function."""
+
+    def __init__(self, report: Callable[[str], None], monotonic: Callable[[], float] = time.monotonic) -> None:
+        self._report, self._monotonic = report, monotonic
+        self._count = 0
+        self._began = self._shown = 0.0
+
+    def __call__(self) -> None:
+        """One more function."""
+        now = self._monotonic()
+        if not self._count:
+            self._began = self._shown = now
+            self._report("compiling the filters for this computer: minutes, once (ahead: `onboard compile`)")
+        elif now - self._shown >= PROGRESS_S:
+            self._shown = now
+            self._report(f"still compiling: {self._count} functions in {now - self._began:.0f} s")
+        self._count += 1

@@ -61,6 +61,26 @@ def cache_folder(source: Path) -> Path | None:
     return None if folder is None else Path(folder)
 
 
+def on_compile(callback: Callable[[], None]) -> bool:
+    """Call back before each function that Numba compiles in this process, not for those it loads from disk. False,
+    with nothing changed, if this Numba does not tell.
+    """
+    try:
+        from numba.core import event  # noqa: PLC0415 - half a second, and an internal
+    except ImportError:
+        return False
+
+    class Listener(event.Listener):
+        def on_start(self, _event: Any) -> None:
+            callback()
+
+        def on_end(self, _event: Any) -> None:
+            pass
+
+    event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]  # Numba has no types
+    return True
+
+
 def _cache_files() -> Any:
     """Numba's class that reads and writes the cache files of a function, or None."""
     try:

@@ -1,0 +1,75 @@
+"""`onboard run` says when it compiles: what a start waits for is on standard error."""
+
+import signal
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
+
+import pytest
+from numba import float64, njit
+from numba.core import event
+
+from onboard.commands.cli import main
+from onboard.commands.run import PROGRESS_S, Compiling
+from onboard.filters.numba_internals import on_compile
+
+
+@pytest.fixture(autouse=True)
+def listeners() -> Any:
+    """Numba's listeners as they were; so are the signals, which `onboard run` sets."""
+    before = {kind: list(found) for kind, found in event._registered.items()}
+    handler = signal.getsignal(signal.SIGTERM)
+    yield
+    event._registered.clear()
+    event._registered.update(before)
+    signal.signal(signal.SIGTERM, handler)
+
+
+def compile_one() -> None:
+    njit(float64(float64))(lambda x: x + 1.0)
+
+
+def test_each_compiled_function_calls_back() -> None:
+    calls: list[int] = []
+    assert on_compile(lambda: calls.append(1))
+    compile_one()
+    assert len(calls) == 1
+
+
+def test_a_function_that_is_loaded_from_disk_does_not(tmp_path: Path) -> None:
+    source = tmp_path / "kernel.py"
+    source.write_text("from numba import njit\n@njit('float64(float64)', cache=True)\ndef f(x): return 2.0 * x\n")
+    calls: list[int] = []
+    on_compile(lambda: calls.append(1))
+    for name in ("first", "second"):
+        spec = spec_from_file_location("kernel", source)
+        assert spec is not None
+        assert spec.loader is not None
+        spec.loader.exec_module(module_from_spec(spec))
+        assert len(calls) == 1, name
+
+
+def test_a_start_that_compiles_has_a_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def load_config(*_: Any) -> Any:
+        compile_one()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("onboard.config.load_config", load_config)
+    assert main(["run"]) == 0
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith("compiling the filters")
+    assert "`onboard compile`" in first
+    assert second == "stopped"
+
+
+def test_a_long_one_has_a_line_now_and_then() -> None:
+    lines: list[str] = []
+    now = 0.0
+    compiling = Compiling(lines.append, lambda: now)
+    for _ in range(100):
+        compiling()
+        now += 0.25 * PROGRESS_S
+    assert len(lines) == 25
+    assert lines[1] == f"still compiling: 4 functions in {PROGRESS_S:.0f} s"
