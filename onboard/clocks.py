@@ -3,12 +3,15 @@
 Each message leaves here with `t_ns` = when it was true on that clock: its stamp less the known delay of its
 source (in field data, a LOCAL_POSITION_NED was 20-25 ms older than its stamp). Stamps of this computer's clock
 (camera, Unix time) are converted by the offset between the two clocks. It comes from TIMESYNC where there are
-replies, else from the fastest of the last seconds' messages.
+replies, else from the fastest of the messages: the lower envelope of arrival minus stamp. While a link is held up,
+even its fastest messages are late, so the envelope rises no faster than clocks drift apart.
 
 A stamp that does not fit is compared with its neighbours. When the boot clock runs on and only the arrival time
-has jumped, our own clock was set, and nothing is lost. When the boot clock itself has jumped, and the next few
-messages agree, the autopilot has rebooted. A single odd stamp is rejected. Only the autopilot's own stamps are
-judged so: a camera's may lead or lag, and say nothing about the autopilot's clock.
+has jumped, our own clock was set or the link is held up, and nothing is lost. Where arrivals are stamped by a
+clock that can be set, it was set if they stay late. When the boot clock itself has jumped, and the next few
+messages agree, the autopilot has rebooted. A single odd stamp is rejected, and so is one that is farther ahead of
+its arrival than the link has shown. Only the autopilot's own stamps are judged so: a camera's may lead or lag, and
+say nothing about the autopilot's clock.
 """
 
 from collections import Counter
@@ -26,6 +29,10 @@ CONFIRM: Final = 5
 STEP_SEEN_NS: Final = 2_000_000_000  # so long after a step of the wall clock, stamps from before it may arrive
 CONFIRM_TAGGED: Final = 3
 WINDOW_NS: Final = 10_000_000_000
+DRIFT: Final = 300e-6  # the most by which two clocks drift apart; simulated autopilots: 150e-6
+AHEAD_NS: Final = 250_000_000  # of a stamp before its arrival; streams of one real autopilot are 140 ms apart
+STEP_LASTS_NS: Final = 3_000_000_000  # a link that is held up for longer is taken for a clock that was set
+CORRECTED_NS: Final = 50_000_000  # stamps of this computer were converted so wrongly that estimates suffer
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
 
 
@@ -35,6 +42,7 @@ class Clocks:
 
     def __init__(self) -> None:
         self.reboots = 0
+        self.corrections = 0  # of the offset: stamps of this computer had been converted wrongly
         self.rejected: Counter[str] = Counter()
         self.restart()
 
@@ -51,7 +59,9 @@ class Clocks:
         self._odd: list[int] = []  # offsets of recent stamps that did not fit
         self._tagged: list[int] = []  # arrivals of the last replies with our tag
         self._own_replies = False
-        self._fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), a window's running minimum
+        self._fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), the lower envelope, the lowest first
+        self._late_since: int | None = None  # arrival since which messages are late by a second or more
+        self._used: int | None = None  # the offset by which a stamp of this computer was converted last
         self._synced: list[tuple[int, int, int]] = []  # (round trip, t_recv, host - boot)
 
     @property
@@ -59,9 +69,14 @@ class Clocks:
         """Host clock minus boot clock, None before the first message."""
         if self._synced:
             return min(self._synced)[2]
-        if self._fastest:
-            return min(offset for _, offset in self._fastest)
-        return None
+        return self._fastest[0][1] if self._fastest else None
+
+    @property
+    def late_ns(self) -> int:
+        """By how much more than the fastest the last message was late; 0 where arrivals are stamped by a clock
+        that may have been set."""
+        offset = self.offset_ns
+        return self._base - offset if self._is_even and offset is not None else 0
 
     def align(self, message: Message, delay_ns: int = 0) -> Message | None:
         """The message with `t_ns` on the boot clock, less its delay; None, and counted, where that is unknown."""
@@ -82,6 +97,9 @@ class Clocks:
             if offset is None:
                 self.rejected["no_time_base"] += 1
                 return None
+            if self._is_even and self._used is not None and abs(offset - self._used) > CORRECTED_NS:
+                self.corrections += 1
+            self._used = offset
             t_ns = self._unset(message) - offset
         return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
 
@@ -144,34 +162,54 @@ class Clocks:
             return True
         fits = abs(offset - self._base) < JUMP_NS
         runs_on = -JUMP_NS < stamp - self._newest_stamp < CONTINUES_NS
-        # ahead of its arrival: a wrong stamp, or messages that had been held up on their way
-        ahead = offset < self._base and stamp - self._newest_stamp > JUMP_NS and t_recv >= self._last_arrival
-        if not fits and (not runs_on or ahead) and not self._confirmed(offset):
+        is_early = bool(self._fastest) and offset < self._fastest[0][1] - AHEAD_NS
+        # ahead of its arrival: a wrong stamp, or all messages before had been held up
+        ahead = is_early and t_recv >= self._last_arrival
+        if (ahead or not (fits or runs_on)) and not self._confirmed(offset):
             return False
         if not fits and not runs_on:
             self.reboots += 1
             self._restart(stamp, offset, t_recv)
             return True
-        if not fits and not self._is_even:
-            # the boot clock runs on and the arrival does not: this computer's clock was set
-            self._fastest.clear()
-            self._synced.clear()
-            self.rejected["host_clock_steps"] += 1
+        self._notice_step(offset, t_recv)
         self._odd.clear()
         self._base = offset
         self._newest_stamp = max(self._newest_stamp, stamp)
         self._last_arrival = t_recv
         while self._synced and t_recv - self._synced[0][1] >= WINDOW_NS:
             self._synced.pop(0)
-        fastest = self._fastest  # by arrival, and each slower than all before it
-        while fastest and fastest[-1][1] >= offset:
-            fastest.pop()
-        while fastest and t_recv - fastest[0][0] >= WINDOW_NS:
-            fastest.pop(0)
-        fastest.append((t_recv, offset))
+        self._lower(offset, t_recv)
         if not self._synced:
             self.source = "arrival"
         return True
+
+    def _notice_step(self, offset: int, t_recv: int) -> None:
+        """Whether this computer's clock was set: messages are early, or they stay late."""
+        above = offset - self._fastest[0][1] if self._fastest else 0
+        if above < JUMP_NS:
+            self._late_since = None
+        elif self._late_since is None or t_recv < self._late_since:
+            self._late_since = t_recv
+        stays = self._late_since is not None and t_recv - self._late_since > STEP_LASTS_NS
+        if not self._is_even and (above < -JUMP_NS or stays):
+            self._fastest.clear()
+            self._synced.clear()
+            self._late_since = None
+            self.rejected["host_clock_steps"] += 1
+
+    def _lower(self, offset: int, t_recv: int) -> None:
+        """Add a message to the lower envelope: by arrival, and each slower than all before it. What was fastest is
+        carried on, as far as the clocks may have drifted apart meanwhile."""
+        fastest = self._fastest
+        while fastest and fastest[-1][1] >= offset:
+            fastest.pop()
+        if fastest and t_recv - fastest[0][0] >= WINDOW_NS:
+            carried = fastest[0][1] + round(DRIFT * (t_recv - fastest[0][0]))
+            while fastest and t_recv - fastest[0][0] >= WINDOW_NS:
+                fastest.pop(0)
+            if carried < (fastest[0][1] if fastest else offset):
+                fastest.insert(0, (t_recv, carried))
+        fastest.append((t_recv, offset))
 
     def _unwrapped(self, stamp: int, t_recv: int) -> int:
         """A boot stamp on the time base, which goes on when stamps of 32 bits begin anew. Where the time base
@@ -200,5 +238,6 @@ class Clocks:
         self._odd.clear()
         self._synced.clear()
         self._fastest = [(t_recv, offset)]
+        self._late_since = self._used = None
         self.round_trip_ns = None
         self.source = "arrival"

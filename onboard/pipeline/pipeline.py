@@ -4,10 +4,8 @@
 the decoded messages too; a replay calls `feed`. Both run the same code on the same bytes.
 """
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from typing import Final
 
 from msgspec.structs import replace
 
@@ -29,16 +27,13 @@ from onboard.messages import (
     NavState,
     Output,
     SinkHealth,
-    TargetImage,
     TimeSync,
 )
 from onboard.ownship import Ownship
 from onboard.pipeline.admission import SENSED, UNSTAMPED, Admission
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
+from onboard.pipeline.waiting import Waiting
 from onboard.wire.datagrams import DatagramDecoder
-
-MAX_WAITING: Final = 256  # of each source
-FIRST: Final = ("leader", "")  # targets whose images have room of their own; "" is a target without an id
 
 
 class Pipeline:
@@ -53,8 +48,7 @@ class Pipeline:
             for name, section in config.estimator.items()
         }
         self._config = config
-        self._waiting: list[Message] = []
-        self._places: Counter[tuple[type[Message], bool]] = Counter()  # taken among them, by source
+        self._waiting = Waiting(config.ownship)
         self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
         for name in self.estimators:
             for kind in load(name).LISTENS:
@@ -66,6 +60,7 @@ class Pipeline:
         self._own_recv_ns = 0  # arrival of the last message of our own position and velocity
         self._attitude_recv_ns = 0
         self._last_words = LastWords()
+        self._doubt = ""  # of our own motion; estimates that follow from it are not valid
         self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
         self._decoder = DatagramDecoder(self.count_error, self._monitor.refusals.add, config.camera_inputs())
 
@@ -143,7 +138,7 @@ class Pipeline:
             if isinstance(message, SENSED):
                 self._monitor.reject(message, "unstamped_points")
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
-        reboots = self.clocks.reboots
+        reboots, corrections = self.clocks.reboots, self.clocks.corrections
         delay_ns = self._delays_ns.get(type(message), 0)
         aligned = self.clocks.align(message, delay_ns)
         if aligned is None:  # counted by the clocks
@@ -151,13 +146,15 @@ class Pipeline:
             return []
         if self.clocks.reboots > reboots:
             self._start_over("the autopilot has rebooted")
+        if self.clocks.corrections > corrections:
+            self._monitor.rejected["clock_corrections"] += 1
+            self._reset("the clocks' offset was wrong: the link had been held up")
         return self._estimate(aligned, aligned.t_ns + delay_ns)
 
     def _start_over(self, reason: str) -> None:
         """The autopilot's clock and origin are new, so no state still holds."""
         self.ownship = Ownship(max_extrapolation=self._config.ownship.max_extrapolation_s)
         self._waiting.clear()
-        self._places.clear()
         for estimator in self.estimators.values():
             estimator.reset(reason)
 
@@ -165,24 +162,20 @@ class Pipeline:
 
     def _estimate(self, message: Message, stamp_ns: int) -> list[Output]:
         """Own motion predicts every estimate to now; any other message goes to the estimators that listen."""
-        if isinstance(message, SENSED) and self._must_wait(message):
-            self._waiting.append(message)
-            self._places[_source(message)] += 1
+        if isinstance(message, SENSED) and self._waiting.takes(message, self.ownship):
             return []
         if isinstance(message, Attitude):
             self._attitude_recv_ns = message.t_recv_ns
-        if not self.ownship.receive(message, stamp_ns):
+        is_navigation = self.ownship.receive(message, stamp_ns)
+        self._judge_own_motion()
+        if not is_navigation:
             return self._observe(message)
         self._own_recv_ns = message.t_recv_ns
         outputs: list[Output] = []
         own = self.ownship.own_pose(self.ownship.now_ns)
         if own is not None:
             outputs.append(own)
-        ready = [m for m in self._waiting if self._is_ready(m)]
-        if ready:
-            self._waiting = [m for m in self._waiting if not self._is_ready(m)]
-            self._places = Counter(map(_source, self._waiting))
-        for waited in (*ready, message):
+        for waited in (*self._waiting.ready(self.ownship), message):
             outputs.extend(self._observe(waited))
         for name in self.estimators:
             outputs.extend(self._noted(self._asked(name, None)))
@@ -196,12 +189,8 @@ class Pipeline:
         estimates: list[Estimate] = []
         for name in self._listeners.get(type(message), ()):
             estimates.extend(self._asked(name, message))
-        if message.t_recv_ns - self._own_recv_ns > TIMEOUT_NS:
-            estimates = [
-                e if isinstance(e, NavState) else replace(e, valid=False, reason="our own motion is not known")
-                for e in estimates
-            ]
-        return self._noted(estimates)
+        is_silent = message.t_recv_ns - self._own_recv_ns > TIMEOUT_NS
+        return self._noted(estimates, "our own motion is not known" if is_silent else "")
 
     def _asked(self, name: str, message: Message | None) -> list[Estimate]:
         """An estimator's answer to a message, or, without one, to a new navigation sample. One that raises may be
@@ -215,29 +204,35 @@ class Pipeline:
                 estimator.reset(f"an error in the estimator: {type(error).__name__}")
             return []
 
-    def _noted(self, estimates: Iterable[Estimate]) -> list[Output]:
+    def _judge_own_motion(self) -> None:
+        """Notice when our own motion contradicts itself. What was estimated from it is forgotten once it no longer
+        does."""
+        doubt = self.ownship.doubt
+        if doubt and not self._doubt:
+            self._monitor.rejected[doubt.replace(" ", "_")] += 1
+        if self._doubt and not doubt:
+            self._reset(f"our own motion was in doubt: {self._doubt}")
+        self._doubt = doubt
+
+    def _reset(self, reason: str) -> None:
+        """Forget what was estimated from our own motion; our own state has its own checks."""
+        for name, estimator in self.estimators.items():
+            if name != "own_state":
+                estimator.reset(reason)
+
+    def _noted(self, estimates: Iterable[Estimate], doubt: str = "") -> list[Output]:
+        """Publish estimates; those that follow from our own motion are not valid if it is in doubt."""
         outputs: list[Output] = []
-        for estimate in estimates:
+        doubt = doubt or (self._doubt and f"our own motion is in doubt: {self._doubt}")
+        if self.clocks.late_ns > TIMEOUT_NS:
+            doubt = doubt or "the autopilot's messages are held up on their way"
+        for made in estimates:
+            is_open = doubt and not isinstance(made, NavState)
+            estimate = replace(made, valid=False, reason=doubt) if is_open else made
             self._monitor.publish(estimate)
             self._last_words.note(estimate)
             outputs.append(estimate)
         return outputs
-
-    def _is_ready(self, waiting: Message) -> bool:
-        """Whether our motion at its time is known, or has not become so for too long: a stream has stopped."""
-        late_ns = self.ownship.now_ns - waiting.t_ns
-        return self.ownship.knows(waiting.t_ns) or late_ns > self._config.ownship.max_lead_s * 1e9
-
-    def _must_wait(self, image: Message) -> bool:
-        """Whether our own motion at an image's time is not known yet, but may soon be. A camera's clock may lead
-        (in some recordings by half a second): an image that waits is not lost."""
-        lead_ns = image.t_ns - self.ownship.now_ns
-        own = self._config.ownship
-        return (
-            self.ownship.now_ns > 0
-            and own.max_lead_s * 1e9 >= lead_ns > 0.5 * own.max_extrapolation_s * 1e9
-            and self._places[_source(image)] < MAX_WAITING
-        )
 
     # ------------------------------------------------------------------------------- health
 
@@ -290,8 +285,3 @@ class Pipeline:
             faults=monitor.faults,
             refusals=monitor.refusals.latest,
         )
-
-
-def _source(message: Message) -> tuple[type[Message], bool]:
-    """Whose room a message takes while it waits: other targets never cost the leader's images their place."""
-    return type(message), isinstance(message, TargetImage) and message.target in FIRST

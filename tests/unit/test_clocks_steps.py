@@ -51,6 +51,26 @@ def test_a_lone_odd_stamp_is_rejected_and_leaves_no_trace(odd_s: int) -> None:
     assert clocks.offset_ns == EPOCH + 2 * MS
 
 
+@pytest.mark.parametrize("ahead_ms", [260, 900])
+def test_a_stamp_farther_ahead_of_its_arrival_than_the_link_has_shown_is_rejected(ahead_ms: int) -> None:
+    clocks = Clocks()
+    for i in range(20):
+        run(clocks, 100 + i, 1)
+        assert clocks.align(sample((101 + i) * S + ahead_ms * MS, EPOCH + (101 + i) * S)) is None
+    assert clocks.rejected == {"odd_stamp": 20}
+    assert clocks.offset_ns == EPOCH + 2 * MS
+
+
+def test_a_clock_that_was_set_forward_is_noticed_when_messages_stay_late() -> None:
+    clocks = Clocks()
+    run(clocks, 100, 5)
+    assert run(clocks, 105, 2, host_ns=EPOCH + 2 * MS + 2 * S) == 100
+    assert clocks.offset_ns == EPOCH + 2 * MS
+    assert run(clocks, 107, 3, host_ns=EPOCH + 2 * MS + 2 * S) == 150
+    assert clocks.offset_ns == EPOCH + 2 * MS + 2 * S
+    assert clocks.rejected == {"host_clock_steps": 1}
+
+
 def test_odd_stamps_now_and_then_never_add_up_to_a_reboot() -> None:
     clocks = Clocks()
     for i in range(20):

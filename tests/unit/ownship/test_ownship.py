@@ -152,7 +152,8 @@ def test_global_position_stands_back_while_local_comes_and_steps_in_when_it_stop
     own = circling()
     assert not own.receive(global_position(8 * S + 10 * MS), 8 * S + 10 * MS)
     assert not own.receive(global_position(9 * S), 9 * S)
-    assert own.receive(global_position(9 * S + 1), 9 * S + 1)
+    v = tuple(CIRCLE.at(9.0).v.tolist())
+    assert own.receive(global_position(9 * S + 1, v), 9 * S + 1)
     assert own.nav_times[-1] == 9 * S + 1
     assert own.receive(CIRCLE.position(9 * S + 20 * MS), 9 * S + 20 * MS)
     assert not own.receive(global_position(9 * S + 30 * MS), 9 * S + 30 * MS)
@@ -252,7 +253,7 @@ def test_a_global_position_of_the_same_stamp_does_not_keep_the_local_one_out() -
     for i in range(5):
         t_ns = 5 * S + i * 20 * MS
         own.receive(CIRCLE.attitude(t_ns), t_ns)
-        own.receive(global_position(t_ns), t_ns)
+        own.receive(global_position(t_ns, tuple(CIRCLE.at(t_ns / S).v.tolist())), t_ns)
         own.receive(CIRCLE.position(t_ns), t_ns)
     pose = own.pose_at(own.now_ns)
     assert pose is not None

@@ -16,7 +16,8 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector, quaternion_product, slerp
-from onboard.messages import Attitude, EstimatorStatus, GlobalPosition, LocalPosition, Message, OwnPose
+from onboard.messages import Attitude, EstimatorStatus, GlobalPosition, Imu, LocalPosition, Message, OwnPose
+from onboard.ownship.contradictions import ANOTHER_WAY, ELSEWHERE, Contradictions, turn
 
 HISTORY_NS: Final = 5_000_000_000
 FASTEST: Final = 1e4  # m/s; what is stated beyond these is no motion of a vehicle
@@ -67,6 +68,7 @@ class Ownship:
         self._attitudes: list[tuple[Array, Array]] = []
         self._last_local_ns = -FALLBACK_NS
         self._status: EstimatorStatus | None = None
+        self._contradictions = Contradictions()
         self._ways: dict[tuple[int, int], Sequence[Step]] = {}  # since the last navigation sample
         self.rejected: dict[str, int] = {}
 
@@ -75,6 +77,10 @@ class Ownship:
         True if it brought a new navigation sample."""
         if isinstance(message, Attitude):
             self._add_attitude(message, stamp_ns)
+            return False
+        if isinstance(message, Imu):
+            q = self._attitude_at(message.t_ns)
+            self._contradictions.add_imu(message.t_ns, message.f_b, None if q is None else q.tolist())
             return False
         if isinstance(message, LocalPosition):
             if self._status_at(message) is False:
@@ -104,6 +110,12 @@ class Ownship:
         """Whether the autopilot's filter may have a horizontal position when a message arrives."""
         status = self._status
         return status is None or self._status_at(message) is None or status.horizontal_position
+
+    @property
+    def doubt(self) -> str:
+        """What has contradicted itself within the last second, so that nothing follows from our own motion; ""
+        if nothing has."""
+        return self._contradictions.reason(self.now_ns)
 
     def pose_at(self, t_ns: int) -> Pose | None:
         """The pose at a time, interpolated; extrapolated by the newest rates for a short while after the newest
@@ -168,11 +180,14 @@ class Ownship:
             return self._reject("attitude_unusable")
         if self._attitude_times and m.t_ns <= self._attitude_times[-1]:
             # ATTITUDE and ATTITUDE_QUATERNION of one instant are the same attitude: not an error
+            self._compare_attitude(m.t_ns, q)
             return m.t_ns == self._attitude_times[-1] or self._reject("attitude_out_of_order")
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
+        q /= math.sqrt(float(q @ q))
+        self._contradictions.add_attitude(m.t_ns, q.tolist(), m.omega_b)
         self._attitude_times.append(m.t_ns)
-        self._attitudes.append((q / math.sqrt(float(q @ q)), omega))
+        self._attitudes.append((q, omega))
         _trim(self._attitude_times, self._attitudes)
         return True
 
@@ -188,7 +203,11 @@ class Ownship:
         if not (_within(r, FARTHEST) and _within(v, FASTEST)):
             return self._reject("position_unusable")
         if self.nav_times and m.t_ns <= self.nav_times[-1]:
+            self._compare_position(m.t_ns, r if unknown is None else r + unknown)
             return self._reject("position_out_of_order")
+        if self._contradictions.leaps(m.t_ns, v.tolist()):
+            return self._reject("velocity_leaps")
+        self._contradictions.add_nav(m.t_ns, (r if unknown is None else r + unknown).tolist(), v.tolist())
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
         self._ways.clear()
@@ -196,6 +215,19 @@ class Ownship:
         self._nav.append(NavSample(r if unknown is None else r + unknown, v))
         _trim(self.nav_times, self._nav)
         return True
+
+    def _compare_attitude(self, t_ns: int, q: Array) -> None:
+        """An attitude that comes late beside the history's."""
+        known = self._attitude_at(t_ns)
+        if known is not None:
+            off = turn(known.tolist(), (q / math.sqrt(float(q @ q))).tolist())
+            self._contradictions.add_other(self.now_ns, off=math.hypot(*off), limit=ANOTHER_WAY)
+
+    def _compare_position(self, t_ns: int, r: Array) -> None:
+        """A position that comes late beside the history's."""
+        known = self._nav_at(t_ns)
+        if known is not None:
+            self._contradictions.add_other(self.now_ns, off=float(np.linalg.norm(known.r - r)), limit=ELSEWHERE)
 
     def _attitude_at(self, t_ns: int) -> Array | None:
         times = self._attitude_times

@@ -1,0 +1,57 @@
+"""Images that wait until our own pose at their time is known."""
+
+from collections import Counter
+from typing import Final
+
+from onboard.config import OwnshipConfig
+from onboard.messages import Message, TargetImage
+from onboard.ownship import Ownship
+
+MAX_WAITING: Final = 256  # of each source
+FIRST: Final = ("leader", "")  # targets whose images have room of their own; "" is a target without an id
+
+
+class Waiting:
+    """What a sensor stamped ahead of our own motion, in the order of arrival. A camera's clock may lead (in some
+    recordings by half a second): an image that waits is not lost."""
+
+    def __init__(self, config: OwnshipConfig) -> None:
+        self._longest_ns = config.max_lead_s * 1e9
+        self._shortest_ns = 0.5 * config.max_extrapolation_s * 1e9
+        self._waiting: list[Message] = []
+        self._places: Counter[tuple[type[Message], bool]] = Counter()  # taken, by source
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def takes(self, image: Message, ownship: Ownship) -> bool:
+        """Whether an image waits: our own motion at its time is not known yet, but may soon be."""
+        lead_ns, source = image.t_ns - ownship.now_ns, _source(image)
+        waits = ownship.now_ns > 0 and self._longest_ns >= lead_ns > self._shortest_ns
+        if not waits or self._places[source] >= MAX_WAITING:
+            return False
+        self._waiting.append(image)
+        self._places[source] += 1
+        return True
+
+    def ready(self, ownship: Ownship) -> list[Message]:
+        """The images that need not wait any more, and do not."""
+        ready = [m for m in self._waiting if self._is_ready(m, ownship)]
+        if ready:
+            self._waiting = [m for m in self._waiting if not self._is_ready(m, ownship)]
+            self._places = Counter(map(_source, self._waiting))
+        return ready
+
+    def clear(self) -> None:
+        """Forget all images."""
+        self._waiting.clear()
+        self._places.clear()
+
+    def _is_ready(self, image: Message, ownship: Ownship) -> bool:
+        """Whether our motion at its time is known, or has not become so for too long: a stream has stopped."""
+        return ownship.knows(image.t_ns) or ownship.now_ns - image.t_ns > self._longest_ns
+
+
+def _source(message: Message) -> tuple[type[Message], bool]:
+    """Whose room a message takes while it waits: other targets never cost the leader's images their place."""
+    return type(message), isinstance(message, TargetImage) and message.target in FIRST

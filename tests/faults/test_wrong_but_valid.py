@@ -1,0 +1,146 @@
+"""Own motion that is wrong in good order: it contradicts itself, and within a second no estimate is valid."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_euler, quaternion_product
+from onboard.messages import Attitude, Estimate, Imu, LocalPosition, Message
+from tests.support.faulty_flight import CLEAN, ITEMS, T0, T1, assert_on_target, flown
+from tests.support.streams import CIRCLE, EPOCH, MS, Item, Run, S, encode, position_error
+
+BEGINS = 46 * S  # boot time of the fault
+
+
+def inertial() -> list[Item]:
+    """The flight with an accelerometer at 50 Hz."""
+    more = []
+    for ms in range(round(T0 * 1000), round(T1 * 1000), 20):
+        k, t_ns = CIRCLE.at(ms / 1000), ms * MS
+        R_nb = matrix_from_quaternion(np.array(CIRCLE.attitude(t_ns).q_nb))
+        f_b = R_nb.T @ (k.a - [0.0, 0.0, 9.80665])
+        imu = Imu(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, f_b=tuple(f_b.tolist()), omega_b=(0.0, 0.0, 0.0))
+        more.append(Item(EPOCH + t_ns + 2 * MS, imu))
+    return sorted([*ITEMS, *more], key=lambda item: item.t_recv_ns)
+
+
+INERTIAL = inertial()
+
+
+def changed(
+    items: list[Item], kind: type[Message], change: Callable[[Any], Message], until: int = round(T1 * S)
+) -> Run:
+    """The flight with `change` applied to each message of that kind while the fault lasts."""
+    hit = lambda m: isinstance(m, kind) and BEGINS <= m.t_ns < until  # noqa: E731
+    return flown(encode(Item(i.t_recv_ns, change(i.message) if hit(i.message) else i.message) for i in items))
+
+
+def beginning(run: Run) -> list[Estimate]:
+    """Estimates after the fault has lasted a second, by their arrival."""
+    return [e for e in run.estimates if e.t_ns > BEGINS + S]
+
+
+def assert_noticed(run: Run, why: str) -> None:
+    late = beginning(run)
+    assert late
+    assert not any(e.valid for e in late)
+    assert {e.reason for e in late} == {f"our own motion is in doubt: {why}"}
+
+
+def test_the_flight_with_an_accelerometer_is_as_without() -> None:
+    run = flown(encode(INERTIAL))
+    assert [e.mean for e in run.estimates] == [e.mean for e in CLEAN.estimates]
+    assert run.rejected == {}
+
+
+@pytest.mark.parametrize("with_rates", [False, True])
+def test_an_attitude_that_hangs_with_new_stamps(with_rates: bool) -> None:
+    last = CIRCLE.attitude(BEGINS)
+    rates = {"omega_b": last.omega_b} if with_rates else {}
+    run = changed(ITEMS, Attitude, lambda m: replace(m, q_nb=last.q_nb, **rates))
+    assert_noticed(run, "attitude hangs")
+
+
+def test_an_attitude_that_hangs_but_for_noise_with_seed_41() -> None:
+    rng, q = np.random.default_rng(41), np.array(CIRCLE.attitude(BEGINS).q_nb)
+    run = changed(ITEMS, Attitude, lambda m: replace(m, q_nb=tuple((q + rng.normal(size=4) * 1e-6).tolist())))
+    assert_noticed(run, "attitude contradicts the body rates")
+
+
+@pytest.mark.parametrize("velocity", [False, True])
+def test_a_position_that_hangs_with_new_stamps(velocity: bool) -> None:
+    last = CIRCLE.position(BEGINS)
+    more = {"v_F_n": last.v_F_n} if velocity else {}
+    run = changed(ITEMS, LocalPosition, lambda m: replace(m, r_OF_n=last.r_OF_n, **more))
+    assert_noticed(run, "position hangs")
+
+
+def test_a_position_that_hangs_but_for_noise_with_seed_42() -> None:
+    rng, last = np.random.default_rng(42), np.array(CIRCLE.position(BEGINS).r_OF_n)
+    noisy = lambda m: replace(m, r_OF_n=tuple((last + 1e-3 * rng.normal(size=3)).tolist()))  # noqa: E731
+    assert_noticed(changed(ITEMS, LocalPosition, noisy), "position contradicts the velocity")
+
+
+@pytest.mark.parametrize("speed", [9000.0, 100.0, 12.0])
+def test_one_velocity_that_no_aircraft_can_have(speed: float) -> None:
+    run = changed(ITEMS, LocalPosition, lambda m: replace(m, v_F_n=(speed, -speed, 0.0)), BEGINS + 20 * MS)
+    assert run.rejected == {"velocity_leaps": 1}
+    assert all(e.valid for e in beginning(run))
+    assert max(position_error(e) for e in beginning(run)) < 1.2
+
+
+def test_velocities_that_leap_and_stay_are_in_doubt_and_then_followed() -> None:
+    run = changed(ITEMS, LocalPosition, lambda m: replace(m, v_F_n=(20.0 + m.v_F_n[0], *m.v_F_n[1:])))
+    assert run.rejected["velocity_leaps"] == 3
+    assert run.rejected["velocity_has_leapt"] == 1
+    assert not any(e.valid for e in run.estimates if BEGINS + 100 * MS < e.t_ns < BEGINS + S)
+
+
+@pytest.mark.parametrize("apart_ms", [-310, 200, 310])
+def test_two_sources_of_one_id(apart_ms: int) -> None:
+    """The second one's boot clock is not ours."""
+    second = [
+        Item(i.t_recv_ns + MS, replace(i.message, t_ns=i.message.t_ns + apart_ms * MS))
+        for i in ITEMS
+        if isinstance(i.message, Attitude | LocalPosition) and i.message.t_ns >= BEGINS
+    ]
+    run = flown(encode(sorted([*ITEMS, *second], key=lambda i: i.t_recv_ns)))
+    for e in beginning(run):
+        assert not e.valid or position_error(e) < 1.2
+
+
+def test_the_same_twice_is_not_in_doubt() -> None:
+    """Over two links, one of them 0.3 s slower."""
+    slow = [
+        Item(i.t_recv_ns + 300 * MS, i.message) for i in ITEMS if isinstance(i.message, Attitude | LocalPosition)
+    ]
+    run = flown(encode(sorted([*ITEMS, *slow], key=lambda i: i.t_recv_ns)))
+    assert_on_target(run)
+    assert all(e.valid for e in beginning(run))
+
+
+def test_a_yaw_that_is_30_degrees_off_contradicts_the_accelerometer() -> None:
+    turned = quaternion_from_euler(0.0, 0.0, math.radians(30.0))
+    run = changed(
+        INERTIAL,
+        Attitude,
+        lambda m: replace(m, q_nb=tuple(quaternion_product(turned, np.array(m.q_nb)).tolist())),
+    )
+    assert {e.reason for e in run.estimates if e.t_ns > BEGINS + 1.5 * S} == {
+        "our own motion is in doubt: velocity contradicts the accelerometer"
+    }
+    assert not any(e.valid for e in run.estimates if e.t_ns > BEGINS + 1.5 * S)
+
+
+def test_what_was_estimated_from_doubtful_motion_is_forgotten() -> None:
+    last = CIRCLE.attitude(BEGINS)
+    run = changed(ITEMS, Attitude, lambda m: replace(m, q_nb=last.q_nb), BEGINS + 2 * S)
+    assert_on_target(run, 1.0)
+    after = [e for e in run.estimates if e.valid and e.t_ns > BEGINS + S]
+    assert after[0].t_ns > BEGINS + 2.9 * S
+    assert max(position_error(e) for e in after if e.t_ns > BEGINS + 4 * S) < 1.5
+    assert run.estimates[-1].reset_count > CLEAN.estimates[-1].reset_count
