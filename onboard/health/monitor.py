@@ -84,12 +84,11 @@ class Monitor:
         return {name: self._stream(name, window, t_recv_ns) for name, window in self._arrivals.items()}
 
     def _stream(self, name: str, window: deque[int], t_recv_ns: int) -> StreamHealth:
-        recent = sum(1 for t in window if t_recv_ns - t <= RATE_WINDOW_NS)
-        return StreamHealth(
-            count=self._counts[name],
-            rate=recent / (RATE_WINDOW_NS * 1e-9),
-            age=(t_recv_ns - window[-1]) * 1e-9,
-        )
+        while len(window) > 1 and t_recv_ns - window[0] > RATE_WINDOW_NS:
+            window.popleft()
+        age_ns = t_recv_ns - window[-1]
+        recent = len(window) if age_ns <= RATE_WINDOW_NS else 0
+        return StreamHealth(count=self._counts[name], rate=recent / (RATE_WINDOW_NS * 1e-9), age=age_ns * 1e-9)
 
 
 def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:

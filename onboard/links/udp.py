@@ -10,6 +10,7 @@ import asyncio
 import socket
 import struct
 import time
+from collections import Counter
 from contextlib import suppress
 from typing import Any, Final
 
@@ -24,6 +25,9 @@ BURST: Final = 64  # datagrams read per wake-up, so that a busy link does not de
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
 SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
 SO_RXQ_OVFL: Final = 40  # of Linux: with each datagram, how many were dropped before it
+BUDGET: Final = 30_000  # datagrams of one sender in a second: more than any autopilot sends, and we can decode
+BUDGET_NS: Final = 1_000_000_000
+SENDERS: Final = 64  # with a budget of their own; all others share one
 ANCILLARY: Final = 128  # bytes: a time and a count, each with its header
 LONGEST_WAIT_NS: Final = 10_000_000_000  # a longer wait means that the clock was stepped
 
@@ -37,11 +41,13 @@ class UdpLink:
         self.sent = 0
         self.errors = 0
         self.dropped = 0
+        self.shed = 0
         self.address: Any = None
         self._spec, self._host, self._port, self._listening = spec, host, port, listening
         self._socket: socket.socket | None = None
         self._peer: Any = None
         self._buffer_bytes = 0
+        self._budget = Budget()
 
     def health(self) -> LinkHealth:
         """Counts so far."""
@@ -51,6 +57,7 @@ class UdpLink:
             errors=self.errors,
             dropped=self.dropped,
             buffer_bytes=self._buffer_bytes,
+            shed=self.shed,
         )
 
     async def open(self) -> None:
@@ -122,10 +129,31 @@ class UdpLink:
             if not data:
                 self.errors += 1
                 continue
+            if not self._budget.admits(sender, t_recv_ns):
+                self.shed += 1
+                continue
             if self._listening and len(data) >= SHORTEST_FRAME and data[0] in MAGIC:
                 self._peer = sender
             self.received += 1
             deliver(Datagram(channel=self.channel, encoding=Encoding.MAVLINK, t_recv_ns=t_recv_ns, data=data))
+
+
+class Budget:
+    """How many datagrams each sender may send in a second of arrivals. A flood costs its sender's datagrams, and
+    the program only the reading of what is beyond."""
+
+    def __init__(self) -> None:
+        self._since_ns = 0
+        self._counts: Counter[Any] = Counter()
+
+    def admits(self, sender: Any, t_recv_ns: int) -> bool:
+        """Whether a datagram that arrived now is within its sender's budget."""
+        if not 0 <= t_recv_ns - self._since_ns < BUDGET_NS:
+            self._since_ns = t_recv_ns
+            self._counts.clear()
+        whose = sender if sender in self._counts or len(self._counts) < SENDERS else None
+        self._counts[whose] += 1
+        return self._counts[whose] <= BUDGET
 
 
 def _waited_ns(ancillary: list[tuple[int, int, bytes]]) -> int:

@@ -28,14 +28,16 @@ class SinkHealth(Record, frozen=True, kw_only=True):
 
 class LinkHealth(Record, frozen=True, kw_only=True):
     """One link: datagrams (or pieces of a stream) received and sent, failed sends and reads, datagrams that the
-    kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known).
-    `routers`: Zenoh routers that this program is connected to; None for other links."""
+    kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known). `shed`:
+    datagrams of a sender beyond its budget, which are neither decoded nor recorded. `routers`: Zenoh routers that
+    this program is connected to; None for other links."""
 
     received: int = 0
     sent: int = 0
     errors: int = 0
     dropped: int = 0
     buffer_bytes: int = 0
+    shed: int = 0
     routers: int | None = None
 
 
