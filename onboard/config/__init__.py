@@ -1,5 +1,6 @@
 """Configuration: TOML -> frozen records. `sections` has the keys, `reading` the errors."""
 
+from onboard.config.cameras import CameraConfig
 from onboard.config.reading import (
     ConfigError,
     estimator_modules,
@@ -11,7 +12,6 @@ from onboard.config.reading import (
 from onboard.config.sections import (
     FASTEST_OUT_HZ,
     AutopilotConfig,
-    CameraConfig,
     Config,
     DelayConfig,
     LeaderOutConfig,

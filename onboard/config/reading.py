@@ -12,10 +12,12 @@ from typing import Any, Final
 
 import msgspec
 
+from onboard.config.cameras import CameraConfig
 from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.errors import UserError
 from onboard.estimators import config_type, known, module_name
 from onboard.messages import Record
+from onboard.wire.document import NAME
 from onboard.wire.mavlink_encode import message_number
 
 ROWS: Final[dict[Any, type[Record]]] = {  # arrays of tables
@@ -71,6 +73,7 @@ def estimator_modules(names: Iterable[str] | None = None) -> list[str]:
 def parse_config(table: dict[str, Any]) -> Config:
     """The configuration of a table as TOML gives it. Raises ConfigError."""
     config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
+    _check_cameras(config)
     for name, rate in config.autopilot.rates_hz.items():
         if not _is_message(name):
             raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
@@ -91,6 +94,17 @@ def parse_config(table: dict[str, Any]) -> Config:
         given = _own_errors(config.ownship.errors, kind) | section if isinstance(section, dict) else section
         sections[name] = _convert(given, kind, f"estimator.{name}")
     return msgspec.structs.replace(config, estimator=sections)
+
+
+def _check_cameras(config: Config) -> None:
+    """Raise ConfigError for a camera whose name stands twice or cannot be part of a key."""
+    for name, camera in config.cameras.items():
+        if name == config.camera.name:
+            raise ConfigError(f"cameras.{name}: [camera] has this name")
+        if camera.name not in (CameraConfig().name, name):
+            raise ConfigError(f"cameras.{name}.name: the section is its name")
+        if not NAME.fullmatch(name):
+            raise ConfigError(f"cameras.{name}: a name is of letters, digits and -_., 64 at most")
 
 
 def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:
@@ -153,6 +167,10 @@ def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
             raise ConfigError(f"unknown key {path}{_among(key, tuple(fields))}")
         if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):
             _check_keys(value, fields[key], path)
+        if isinstance(value, dict) and fields[key] == dict[str, CameraConfig]:
+            for name, item in value.items():
+                if isinstance(item, dict):
+                    _check_keys(item, CameraConfig, f"{path}.{name}")
         rows = ROWS.get(fields[key])
         if isinstance(value, list) and rows is not None:
             for i, item in enumerate(value):

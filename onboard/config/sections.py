@@ -4,8 +4,8 @@ from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
-from onboard.geometry.camera import Camera, make_camera
-from onboard.geometry.lens import Lens
+from onboard.config.cameras import CameraConfig, camera_inputs, camera_model, named
+from onboard.geometry.camera import Camera
 from onboard.messages import (
     Attitude,
     Barometer,
@@ -19,7 +19,6 @@ from onboard.messages import (
     Record,
     TargetDetection,
     TargetPoints,
-    Vec3,
 )
 from onboard.sinks.zenoh_session import ZenohConfig
 from onboard.wire.cameras import CameraInput
@@ -51,19 +50,6 @@ class AutopilotConfig(Record, frozen=True, kw_only=True):
             "GPS_RAW_INT": 10.0,
         }
     )
-
-
-class CameraConfig(Record, frozen=True, kw_only=True):
-    """`[camera]`: the mount and the lens. Points in pixels bring their own intrinsics with them."""
-
-    name: str = "front"
-    f_px: Positive = 554.256
-    width_px: Positive = 640.0
-    height_px: Positive = 480.0
-    sigma_px: Positive = 1.0  # standard deviation of each image coordinate
-    min_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.3  # of a detection that says how sure it is
-    mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
-    mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
 
 
 class DelayConfig(Record, frozen=True, kw_only=True):
@@ -155,6 +141,7 @@ class Config(Record, frozen=True, kw_only=True):
     )
     autopilot: AutopilotConfig = AutopilotConfig()
     camera: CameraConfig = CameraConfig()
+    cameras: dict[str, CameraConfig] = msgspec.field(default_factory=dict)  # further ones, by name
     delay: DelayConfig = DelayConfig()
     ownship: OwnshipConfig = OwnshipConfig()
     estimator: dict[str, Any] = msgspec.field(default_factory=dict)
@@ -165,30 +152,19 @@ class Config(Record, frozen=True, kw_only=True):
     odometry: OdometryConfig = OdometryConfig()
 
     def camera_model(self) -> Camera:
-        """The camera as a geometric model."""
-        c = self.camera
-        return make_camera(
-            name=c.name,
-            f_px=c.f_px,
-            width_px=c.width_px,
-            height_px=c.height_px,
-            mount_rpy_deg=c.mount_rpy_deg,
-            mount_offset=c.mount_offset_m,
-            sigma_px=c.sigma_px,
-        )
+        """The first camera as a geometric model, which knows the others by their names."""
+        return camera_model(self._cameras())
 
     def camera_inputs(self) -> dict[str, CameraInput]:
         """What decoding needs of each camera, by name."""
-        c = self.camera
-        lens = Lens(
-            fx_px=c.f_px,
-            fy_px=c.f_px,
-            cx_px=c.width_px / 2,
-            cy_px=c.height_px / 2,
-            width_px=c.width_px,
-            height_px=c.height_px,
-        )
-        return {c.name: CameraInput(c.name, lens, c.sigma_px, c.min_confidence)}
+        return camera_inputs(self._cameras())
+
+    def camera_delays_ns(self) -> dict[str, int]:
+        """The delay of each camera that has one of its own, by name."""
+        return {c.name: round(c.delay_s * 1e9) for c in self._cameras() if c.delay_s is not None}
+
+    def _cameras(self) -> list[CameraConfig]:
+        return named(self.camera, self.cameras)
 
 
 def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], int]:

@@ -25,6 +25,11 @@ class Camera:
     R_bc: Array
     r_FC_b: Array
     sigma_px: float = 1.0
+    others: "tuple[Camera, ...]" = ()  # further cameras on the same vehicle
+
+    def named(self, name: str) -> "Camera":
+        """The camera of that name; this one, if no other has it."""
+        return next((other for other in self.others if other.name == name), self)
 
     @property
     def sigma(self) -> float:

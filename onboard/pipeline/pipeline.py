@@ -27,6 +27,7 @@ from onboard.messages import (
     NavState,
     Output,
     SinkHealth,
+    TargetImage,
     TimeSync,
 )
 from onboard.ownship import Ownship
@@ -56,6 +57,7 @@ class Pipeline:
         virtual = {out.system for out in config.leader_out}
         self._admission = Admission(config.autopilot, self._listeners, virtual)
         self._delays_ns: dict[type[Message], int] = {}
+        self._camera_delays_ns = config.camera_delays_ns()
         self._first_recv_ns: int | None = None
         self._own_recv_ns = 0  # arrival of the last message of our own position and velocity
         self._attitude_recv_ns = 0
@@ -140,6 +142,8 @@ class Pipeline:
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
         reboots, corrections = self.clocks.reboots, self.clocks.corrections
         delay_ns = self._delays_ns.get(type(message), 0)
+        if isinstance(message, TargetImage):
+            delay_ns = self._camera_delays_ns.get(message.camera, delay_ns)
         aligned = self.clocks.align(message, delay_ns)
         if aligned is None:  # counted by the clocks
             self._monitor.refusals.add_message(message, "no_time_base")

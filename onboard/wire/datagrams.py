@@ -5,8 +5,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Final
 
-from onboard.messages import Datagram, Encoding, Message
-from onboard.wire.cameras import Cameras
+from onboard.messages import Datagram, Encoding, Message, TargetImage
+from onboard.wire.cameras import Cameras, find
 from onboard.wire.detections import decode_detections
 from onboard.wire.document import BadDocumentError
 from onboard.wire.mavlink_decode import MavlinkDecoder, OnError, raise_error
@@ -70,7 +70,10 @@ class DatagramDecoder:
         """The messages of one JSON document. Raises BadDocumentError."""
         data, t_recv_ns = datagram.data, datagram.t_recv_ns
         if datagram.encoding is not Encoding.DETECTIONS:
-            return [DOCUMENTS[datagram.encoding](data, t_recv_ns)]
+            message = DOCUMENTS[datagram.encoding](data, t_recv_ns)
+            if isinstance(message, TargetImage) and self._cameras:
+                find(self._cameras, message.camera)
+            return [message]
         refuse, ignored = partial(self._refuse, datagram), partial(self._ignore, datagram)
         return [*decode_detections(data, t_recv_ns, self._cameras, refuse, ignored)]
 

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import msgspec
 
-from onboard.geometry.lens import Lens
+from onboard.geometry.lens import Lens, LensError
 from onboard.messages import (
     Box,
     CameraDetections,
@@ -73,28 +73,34 @@ def decode_detections(
 def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, lens: Lens, at: str) -> TargetImage:
     """The message of one detection. Raises BadDocumentError."""
     check_target(detection.target, f"{at}.target")
-    sigma = camera.sigma_px / _confidence(detection, camera, at) / lens.f_px
-
-    def feature(name: str, p: DetectedPoint) -> ImageFeature:
-        own = sigma if p.sigma_px is None else p.sigma_px / lens.f_px
-        return ImageFeature(name=name, point=lens.image_point(p.u_px, p.v_px), sigma=own)
-
-    features = tuple(feature(name, detection.points[name]) for name in POINTS if name in detection.points)
+    sigma_px = camera.sigma_px / _confidence(detection, camera, at)
+    points, box = detection.points, detection.box
+    named = {name: points[name] for name in POINTS if name in points}
+    features = tuple(_feature(name, p, sigma_px, lens, f"{at}.points.{name}") for name, p in named.items())
     if len(features) == len(POINTS):
         center, left, right = (f.point for f in features)
         sigmas: Any = tuple(f.sigma for f in features)
         return TargetPoints(**head, center=center, left=left, right=right, sigma=sigmas)
     if features:
         return TargetDetection(**head, features=features)
-    if detection.box is None:
+    if box is None:
         raise BadDocumentError(f"expected `points` with some of {', '.join(POINTS)}, or a `box` - at `$.{at}`")
-    box = detection.box
     if not (box.width_px > 0 and box.height_px > 0):
         raise BadDocumentError(f"width and height must be positive - at `$.{at}.box`")
-    side = max(box.width_px, box.height_px)
-    own = max(sigma, BOX_NOISE * side / lens.f_px) if box.sigma_px is None else box.sigma_px / lens.f_px
-    middle = ImageFeature(name="box", point=lens.image_point(box.u_px, box.v_px), sigma=own)
-    return TargetDetection(**head, features=(middle,), half_width=0.5 * side / lens.f_px)
+    side_px = max(box.width_px, box.height_px)
+    middle = _feature("box", box, max(sigma_px, BOX_NOISE * side_px), lens, f"{at}.box")
+    half_width = 0.5 * side_px * lens.scale(box.u_px, box.v_px)
+    return TargetDetection(**head, features=(middle,), half_width=half_width)
+
+
+def _feature(name: str, p: DetectedPoint | Box, sigma_px: float, lens: Lens, at: str) -> ImageFeature:
+    """A point as an image point; `sigma_px` where it has no sigma of its own. Raises BadDocumentError."""
+    own_px = sigma_px if p.sigma_px is None else p.sigma_px
+    try:
+        point, scale = lens.image_point(p.u_px, p.v_px), lens.scale(p.u_px, p.v_px)
+    except LensError as error:
+        raise BadDocumentError(f"{error} - at `$.{at}`") from error
+    return ImageFeature(name=name, point=point, sigma=own_px * scale)
 
 
 def _confidence(detection: Detection, camera: CameraInput, at: str) -> float:

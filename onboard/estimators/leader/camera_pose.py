@@ -29,26 +29,28 @@ class CameraPoses:
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
-        self._poses: dict[int, CameraPose | None] = {}
+        self._poses: dict[tuple[int, str], CameraPose | None] = {}
         self._as_of: tuple[Ownship, int] | None = None
 
-    def at(self, t_ns: int, ownship: Ownship) -> CameraPose | None:
-        """The pose at a time, None where our own pose is not known."""
+    def at(self, t_ns: int, ownship: Ownship, camera: Camera | None = None) -> CameraPose | None:
+        """The pose of a camera, by default the first, at a time; None where our own pose is not known."""
+        camera = camera or self.camera
         as_of = ownship, ownship.samples
         if self._as_of != as_of or len(self._poses) >= MOST_POSES:
             self._poses.clear()
             self._as_of = as_of
-        if t_ns not in self._poses:
-            self._poses[t_ns] = self._compute(t_ns, ownship)
-        return self._poses[t_ns]
+        key = t_ns, camera.name
+        if key not in self._poses:
+            self._poses[key] = _pose(camera, t_ns, ownship)
+        return self._poses[key]
 
-    def _compute(self, t_ns: int, ownship: Ownship) -> CameraPose | None:
-        pose, before = ownship.pose_at(t_ns), ownship.pose_at(t_ns - RATE_NS)
-        if pose is None:
-            return None
-        camera = self.camera
-        R_cn = camera.R_bc.T @ pose.R_nb.T
-        # with the camera's axes c before and c' now, R_c'c = exp(-[rotation])
-        M = np.eye(3) if before is None else R_cn @ (before.R_nb @ camera.R_bc)
-        rotation = np.array([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
-        return CameraPose(R_cn, pose.R_nb @ camera.r_FC_b, pose.v_F_n, 0.5 * rotation / (RATE_NS * S_PER_NS))
+
+def _pose(camera: Camera, t_ns: int, ownship: Ownship) -> CameraPose | None:
+    pose, before = ownship.pose_at(t_ns), ownship.pose_at(t_ns - RATE_NS)
+    if pose is None:
+        return None
+    R_cn = camera.R_bc.T @ pose.R_nb.T
+    # with the camera's axes c before and c' now, R_c'c = exp(-[rotation])
+    M = np.eye(3) if before is None else R_cn @ (before.R_nb @ camera.R_bc)
+    rotation = np.array([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
+    return CameraPose(R_cn, pose.R_nb @ camera.r_FC_b, pose.v_F_n, 0.5 * rotation / (RATE_NS * S_PER_NS))

@@ -52,12 +52,12 @@ def prepare(
 ) -> Image | Verdict:
     """The image, or why it cannot be used (`half_wing`: see `partial.seen`). Points within `edge_px` of the
     image's edge count as outside: the edge may cut an aircraft off, and then they are not its wingtips."""
-    camera = poses.camera
+    camera = poses.camera.named(message.camera)
     saw = partial.seen(message, camera.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
     sigmas, numbers = saw.sigmas, [x for point in saw.points for x in point]  # a few: Python's arithmetic is fast
     if not (all(map(math.isfinite, numbers)) and all(map(math.isfinite, sigmas))):
         return Verdict.NOT_FINITE
-    pose = poses.at(message.t_ns, ownship)
+    pose = poses.at(message.t_ns, ownship, camera)
     if pose is None:
         newer = message.t_ns > ownship.now_ns and ownship.now_ns > 0
         return Verdict.TOO_NEW if newer else Verdict.NO_POSE

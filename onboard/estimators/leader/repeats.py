@@ -7,7 +7,7 @@ import numpy as np
 
 from onboard.estimators.leader.image import Image
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import ImagePoint
+from onboard.messages import ImagePoint, TargetImage
 
 STAMPS: Final = 64  # remembered
 ROTATION_SIGMAS: Final = 3.0  # of a point: if the camera has rotated by more, its image must have changed
@@ -18,23 +18,23 @@ class Repeats:
 
     def __init__(self, stale_after_s: float, point_sigma: float) -> None:
         self._stale_after_s, self._point_sigma = stale_after_s, point_sigma
-        self._stamps: deque[int] = deque(maxlen=STAMPS)
+        self._stamps: deque[tuple[int, str]] = deque(maxlen=STAMPS)
         self._unchanged: tuple[tuple[ImagePoint, ...], Image] | None = None  # points, and the first image of them
 
     @property
     def newest_ns(self) -> int | None:
         """The newest of the stamps."""
-        return max(self._stamps, default=None)
+        return max((t_ns for t_ns, _ in self._stamps), default=None)
 
-    def is_duplicate(self, t_ns: int) -> bool:
-        """Whether an image of this time has been added."""
-        return t_ns in self._stamps
+    def is_duplicate(self, message: TargetImage) -> bool:
+        """Whether an image of this time and camera has been added."""
+        return (message.t_ns, message.camera) in self._stamps
 
     def add(self, image: Image) -> bool:
         """Remember an image. Whether the camera hangs: its points are exactly the same for too long, although it
         has rotated."""
         message = image.message
-        self._stamps.append(message.t_ns)
+        self._stamps.append((message.t_ns, message.camera))
         points = message.image_points
         if self._unchanged is None or self._unchanged[0] != points:
             self._unchanged = points, image

@@ -120,7 +120,7 @@ class Track:
         """Use an image if it can be used, and report the verdict."""
         if self._full:
             return self._report(message, Verdict.FULL)
-        if self._repeats.is_duplicate(message.t_ns):
+        if self._repeats.is_duplicate(message):
             return self._report(message, Verdict.DUPLICATE)
         image = prepare(message, ownship, self._poses, self._filter, self._config, self.half_wing)
         if isinstance(image, Verdict):
@@ -207,7 +207,8 @@ class Track:
     def _fuse(self, state: Any, image: Image, ownship: Ownship) -> tuple[Any, Outcome]:
         pose = image.pose
         if not image.final:
-            pose = self._poses.at(image.message.t_ns, ownship) or pose
+            camera = self._poses.camera.named(image.message.camera)
+            pose = self._poses.at(image.message.t_ns, ownship, camera) or pose
         try:
             update = self._filter.fuse(state, image.measurement, pose)
         except FilterError:
@@ -220,12 +221,16 @@ class Track:
     # ---------------------------------------------------------------------------------- estimates
 
     def _should_be_in_view(self, mean: Array, t_ns: int, ownship: Ownship) -> bool:
-        """Whether the target's center should be in the image now."""
-        pose = self._poses.at(t_ns, ownship)
-        if pose is None:
-            return True
-        ahead, right, down = (pose.R_cn @ (mean[R] - pose.r_FC_n)).tolist()
-        return ahead > 0 and in_view([(right / ahead, down / ahead)], self._poses.camera, None, 0.0)
+        """Whether the target's center should be in the image of a camera now."""
+        first = self._poses.camera
+        for camera in (first, *first.others):
+            pose = self._poses.at(t_ns, ownship, camera)
+            if pose is None:
+                return True
+            ahead, right, down = (pose.R_cn @ (mean[R] - pose.r_FC_n)).tolist()
+            if ahead > 0 and in_view([(right / ahead, down / ahead)], camera, None, 0.0):
+                return True
+        return False
 
     def _belief(self, ownship: Ownship) -> tuple[int, Belief, str] | None:
         """The belief now, its time, and what is open. A covariance without a Cholesky factor ends the track."""

@@ -23,7 +23,7 @@ UNSET = "–"
 
 def sections() -> dict[str, type[Record]]:
     """Each section of the configuration, by its heading, with its record."""
-    special = {"link", "leader_out", "estimator"}
+    special = {"link", "leader_out", "estimator", "cameras"}
     plain = {f.name: f.type for f in msgspec.structs.fields(Config) if f.name not in special}
     (custom,) = (f.type for f in msgspec.structs.fields(config_type("own_state")) if f.name == "custom")
     return {

@@ -1,0 +1,149 @@
+"""`[camera]` and `[cameras.NAME]`: mounts, lenses and delays, and what the program makes of them."""
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import msgspec
+from msgspec.structs import replace
+
+from onboard.geometry.camera import Camera, make_camera
+from onboard.geometry.lens import Lens, LensError
+from onboard.messages import Positive, Record, Vec3
+from onboard.wire.cameras import CameraInput
+
+Model = Literal["radial-tangential", "fisheye"]
+ROS_MODELS: Final[dict[str, Model]] = {
+    "plumb_bob": "radial-tangential",
+    "rational_polynomial": "radial-tangential",
+    "equidistant": "fisheye",
+    "fisheye": "fisheye",
+}
+MATRIX: Final = r"^{}:\s*\n(?:[ \t]+(?:rows|cols):.*\n)*[ \t]+data:\s*(\[[^\]]*\]|(?:\n\s*-\s*\S+)+)"
+
+
+class CameraConfig(Record, frozen=True, kw_only=True):
+    """`[camera]`: the mount and the lens. Points in pixels bring their own intrinsics with them.
+
+    Raises ValueError for a distortion or a calibration that cannot be used.
+    """
+
+    name: str = "front"
+    f_px: Positive = 554.256
+    fy_px: Positive | None = None  # vertical focal length; None: as f_px
+    cx_px: float | None = None  # principal point; None: the image's middle
+    cy_px: float | None = None
+    width_px: Positive = 640.0
+    height_px: Positive = 480.0
+    distortion_model: Literal["radial-tangential", "fisheye"] = "radial-tangential"
+    distortion: tuple[float, ...] = ()  # OpenCV's coefficients, in its order; of pixels that are undistorted: none
+    calibration: str | None = None  # a camera_info file of ROS, instead of the keys above from f_px on
+    sigma_px: Positive = 1.0  # standard deviation of each image coordinate
+    min_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.3  # of a detection that says how sure it is
+    mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
+    mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
+    delay_s: float | None = None  # how much older than its stamp an image is; None: `delay.camera_s`
+
+    def __post_init__(self) -> None:
+        lens_of(self)
+
+
+def lens_of(c: CameraConfig) -> Lens:
+    """The lens of a camera. Raises ValueError."""
+    if c.calibration is not None:
+        return read_camera_info(Path(c.calibration))
+    try:
+        return Lens(
+            fx_px=c.f_px,
+            fy_px=c.fy_px or c.f_px,
+            cx_px=c.width_px / 2 if c.cx_px is None else c.cx_px,
+            cy_px=c.height_px / 2 if c.cy_px is None else c.cy_px,
+            width_px=c.width_px,
+            height_px=c.height_px,
+            model=c.distortion_model,
+            distortion=c.distortion,
+        )
+    except LensError as error:
+        raise ValueError(f"distortion: {error}") from error
+
+
+def read_camera_info(path: Path) -> Lens:
+    """The lens of a camera_info file as ROS's camera_calibration writes it: camera_matrix, distortion_model and
+    distortion_coefficients. The rectification and projection matrices are not used: pixels are those of the image
+    as it is. Raises ValueError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"calibration: cannot read {path}: {error}") from error
+    k, d = _numbers(text, "camera_matrix", path), _numbers(text, "distortion_coefficients", path)
+    size = [_scalar(text, name, path) for name in ("image_width", "image_height")]
+    ros_model = _scalar(text, "distortion_model", path)
+    if len(k) != 9 or ros_model not in ROS_MODELS:
+        known = ", ".join(ROS_MODELS)
+        raise ValueError(
+            f"calibration: {path}: distortion_model is {ros_model}, known: {known}; camera_matrix is 3x3"
+        )
+    if any(d[8:]):
+        raise ValueError(f"calibration: {path}: thin prism and tilt coefficients are not supported")
+    try:
+        return Lens(
+            fx_px=k[0],
+            fy_px=k[4],
+            cx_px=k[2],
+            cy_px=k[5],
+            width_px=float(size[0]),
+            height_px=float(size[1]),
+            model=ROS_MODELS[ros_model],
+            distortion=tuple(d[:8]),
+        )
+    except ValueError as error:
+        raise ValueError(f"calibration: {path}: {error}") from error
+
+
+def _scalar(text: str, name: str, path: Path) -> str:
+    found = re.search(rf"^{name}:\s*(\S+)\s*$", text, re.MULTILINE)
+    if found is None:
+        raise ValueError(f"calibration: {path} has no {name}; expected a camera_info file of ROS")
+    return found[1]
+
+
+def _numbers(text: str, name: str, path: Path) -> list[float]:
+    """The `data` of a matrix, in brackets or as a list of lines."""
+    found = re.search(MATRIX.format(name), text, re.MULTILINE)
+    if found is None:
+        raise ValueError(f"calibration: {path} has no {name} with data; expected a camera_info file of ROS")
+    try:
+        return [float(x) for x in re.findall(r"[^\s,\[\]]+", found[1]) if x != "-"]
+    except ValueError as error:
+        raise ValueError(f"calibration: {path}: {name}: {error}") from error
+
+
+def named(first: CameraConfig, others: Mapping[str, CameraConfig]) -> list[CameraConfig]:
+    """All cameras, the first one first; the others are called as their sections."""
+    return [first, *(replace(c, name=name) for name, c in others.items())]
+
+
+def camera_model(cameras: list[CameraConfig]) -> Camera:
+    """The first camera as a geometric model, which knows the others by their names."""
+    first, *others = map(_camera, cameras)
+    return dataclasses.replace(first, others=tuple(others))
+
+
+def _camera(c: CameraConfig) -> Camera:
+    lens = lens_of(c)
+    return make_camera(
+        name=c.name,
+        f_px=lens.f_px,
+        width_px=lens.width_px,
+        height_px=lens.height_px,
+        mount_rpy_deg=c.mount_rpy_deg,
+        mount_offset=c.mount_offset_m,
+        sigma_px=c.sigma_px,
+    )
+
+
+def camera_inputs(cameras: list[CameraConfig]) -> dict[str, CameraInput]:
+    """What decoding needs of each camera, by name."""
+    return {c.name: CameraInput(c.name, lens_of(c), c.sigma_px, c.min_confidence) for c in cameras}
