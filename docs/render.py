@@ -51,6 +51,7 @@ SCORE = {
     "nis_dof": ("nis_dof", "d"),
     "inside_percent": ("inside_95_percent", ".0f"),
 }
+VARIANTS = ("a", "b", "c", "d", "e", "f1.3", "f0.7", "g", "g-known", "h", "i", "k30", "k45", "k60", "hover")
 # figure -> where `make bench` has it, and how it is shown
 BENCH: dict[str, tuple[Callable[[Json], float], str]] = {
     "radar_us": (lambda b: b["radar_ukf"]["us"], ".1f"),
@@ -68,6 +69,14 @@ BENCH: dict[str, tuple[Callable[[Json], float], str]] = {
     "batch_vision_us": (lambda b: b["batch_ukf"]["us_per_step"], ".1f"),
     "batch_vision_filterpy": (lambda b: b["batch_ukf"]["times_faster_than_filterpy"], ".0f"),
     "leaders_cores": (lambda b: b["leader_targets"]["one_core"], ".1f"),
+}
+
+
+# the study of Oh & Johnson: its rows that are shown, by variant and method, and how their keys end
+RELATIVE_MOTION = {
+    **{(v, "shipped"): v.replace(".", "_").replace("-", "_") for v in VARIANTS},
+    ("g", "delay"): "g_delay",
+    ("hover", "on-wing"): "hover_on_wing",
 }
 
 
@@ -91,12 +100,22 @@ def of_bench(runs: Sequence[Json]) -> Figures:
 
 
 def of_relative_motion(result: Json) -> Figures:
-    """Figures of the study of Oh & Johnson: consistency in a steady turn, and the delay's error."""
-    values = {(t["variant"], t["what"]): t["value"] for t in result["targets"]}
-    return {
-        "steady_turn_nees": format(values["a", "NEES (9)"], ".1f"),
-        "delay_error_ms": format(values["g", "delay error at 20 s, root mean square"], ".0f"),
-    }
+    """Figures of the study of Oh & Johnson: a row of the page's table for each flight of the daemon."""
+    found = {}
+    for row in result["rows"]:
+        name = RELATIVE_MOTION.get((row["variant"], row["method"]))
+        if name is None:
+            continue
+        values = {key: quantity["value"] for key, quantity in row["quantities"].items()}
+        shown = (
+            *((values["range_percent"], ".1f"), (row["position_m"], ".2f"), (row["velocity_m_s"], ".2f")),
+            *((values[key], ".1f") for key in ("nees", "inside_percent", "valid_percent")),
+        )
+        found["relative_motion_runs"] = str(row["runs"])
+        found[f"relative_motion_{name}"] = " | ".join("–" if x is None else format(x, how) for x, how in shown)
+        if name == "a":
+            found["steady_turn_nees"] = format(values["nees"], ".1f")
+    return found
 
 
 def of_own_state(result: Json) -> Figures:

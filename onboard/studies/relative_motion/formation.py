@@ -70,9 +70,8 @@ class Filter(NamedTuple):
     """Functions over the states of B filters: a NamedTuple of arrays with a leading axis B, or several nested.
 
     `nine_states` gives the belief over [r, v, b, a_lat, a_long] of `onboard.models.relative_motion`, which is
-    scored; NaN where there is no estimate. `delay` gives estimates (B,) and sigmas (B,) of the time from exposure
-    to stamp, s. `degrees`: degrees of freedom of the NIS. Each function may raise FilterError; a flight for which
-    it does so alone is taken out.
+    scored; NaN where there is no estimate. `degrees`: degrees of freedom of the NIS. Each function may raise
+    FilterError; a flight for which it does so alone is taken out.
     """
 
     start: Callable[[Images], Any]
@@ -80,7 +79,6 @@ class Filter(NamedTuple):
     update: Callable[[Any, Images], ImageUpdate]
     nine_states: Callable[[Any], Belief]
     degrees: int = 3
-    delay: Callable[[Any], tuple[Array, Array]] | None = None
 
 
 class Method(NamedTuple):
@@ -96,8 +94,7 @@ class Track(NamedTuple):
     NaN where there are none.
 
     `mean` and `covariance` are posterior at times with an image. `failed_at`: the time, s, at which the covariance
-    lost its Cholesky factor or a number overflowed; the filter stops there. NaN: no failure. `delay`: estimates
-    and sigmas, s.
+    lost its Cholesky factor or a number overflowed; the filter stops there. NaN: no failure.
     """
 
     t: Array  # (N,)
@@ -107,13 +104,11 @@ class Track(NamedTuple):
     fused: Mask  # (B, M)
     failed_at: Any  # (B,)
     degrees: int = 3
-    delay: Array | None = None  # (B, N, 2)
 
     def one(self, b: int) -> "Track":
         """The track of flight `b` alone."""
-        delay = None if self.delay is None else self.delay[b]
         arrays = (self.mean[b], self.covariance[b], self.nis[b], self.fused[b], self.failed_at[b])
-        return Track(self.t, *arrays, self.degrees, delay)
+        return Track(self.t, *arrays, self.degrees)
 
 
 class Lateness(NamedTuple):
@@ -131,7 +126,6 @@ def track(flights: Flights, setting: Setting, method: Method, late: Lateness = O
     """Fly `method` over `flights`, seen by the setting's camera."""
     count, samples, images = len(flights.seeds), len(flights.nav_t), len(flights.image_t)
     filter_ = method.make(setting)
-    delay = None if filter_.delay is None else np.full((count, samples, 2), np.nan)
     out = Track(
         flights.nav_t,
         np.full((count, samples, 9), np.nan),
@@ -140,7 +134,6 @@ def track(flights: Flights, setting: Setting, method: Method, late: Lateness = O
         np.zeros((count, images), dtype=bool),
         np.full(count, np.nan),
         filter_.degrees,
-        delay,
     )
     registered: Mask = np.asarray(np.isfinite(flights.image_points).all(axis=(2, 3)))
     image_at = {int(k) + late.stamp: image for image, k in enumerate(flights.image_at)}
@@ -229,8 +222,6 @@ class _Pool:
             rows = rows[works]
         if rows.size:
             self._out.mean[rows, to], self._out.covariance[rows, to] = self._filter.nine_states(state)
-            if self._filter.delay is not None and self._out.delay is not None:
-                self._out.delay[rows, to] = np.stack(self._filter.delay(state), axis=1)
 
     def _prediction(self, k0: int, k1: int) -> Callable[[Any, Indices], Any]:
         return lambda state, rows: self._filter.predict(state, self._own.step(rows, k0, k1))

@@ -109,7 +109,7 @@ def _measure_folded(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
     return angles
 
 
-def _shipped(setting: Setting) -> Filter:
+def _honest(setting: Setting) -> Filter:
     return unscented_filter(setting, noise_for("honest", setting.leader_class), "points")
 
 
@@ -125,7 +125,7 @@ TUNED: Final = Method(
     "tuned", "R from pixels, Q to match", lambda setting: unscented_filter(setting, TUNED_NOISE, "constant")
 )
 # with the daemon's allowance for an error of its own attitude only if the setting has one
-SHIPPED: Final = Method("honest", "size considered, gated", _shipped)
+HONEST: Final = Method("honest", "size considered, gated", _honest)
 R_ALONE: Final = Method(
     "r-alone",
     "R from pixels, the paper's Q and P0",

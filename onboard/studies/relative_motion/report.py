@@ -9,8 +9,9 @@ from onboard.studies.relative_motion.bound import ASSUMES, Bound, VariantBound
 from onboard.studies.relative_motion.formation import FT
 from onboard.studies.relative_motion.reference import SIGMAS
 from onboard.studies.relative_motion.scores import Row
+from onboard.studies.relative_motion.shipped import DEFAULT
 from onboard.studies.relative_motion.targets import Target
-from onboard.studies.relative_motion.variants import LABELS, OURS, VARIANTS
+from onboard.studies.relative_motion.variants import LABELS, VARIANTS
 from onboard.studies.report.findings import Claim, Findings, Table
 from onboard.studies.report.markdown import interval, number
 from onboard.studies.report.runs import Comparison, Quantity
@@ -29,8 +30,10 @@ COLUMNS: Final = ("position_ft", "velocity_ft_s", "range_percent", "size_percent
 IN_SI: Final = {"position_ft": " (m)", "velocity_ft_s": " (m/s)"}
 SETTING: Final = """\
 {seeds} simulated flights of 60 s per variant; the initial course of each is random. Variants: {variants}.
-Every filter knows the nominal size with 2 % (1 sigma), in f a wrong one with the same; in h it knows the sizes of
-the errors of its own state.
+Every filter knows the nominal size with 2 % (1 sigma), in f a wrong one with the same. In h the paper's filter,
+with its size considered, knows the sizes of the errors of its own state. The daemon is the pipeline as it ships:
+messages go in and estimates come out, over every fifth flight. It knows the camera, and the leader's size and
+class.
 
 Not judged: the paper's own flight data, which are not public. Its figures compare with the GPS/INS of both
 aircraft; ours compare with simulated truth, and the follower's own motion is known exactly."""
@@ -39,9 +42,10 @@ Over t ≥ 15 s. Position and velocity: root mean square of the error vector's l
 runs that did not diverge, at the navigation's 50 Hz. Range, size: root mean square relative errors. NEES and
 NIS (of the images fused): means; a consistent filter shows 9, and the degrees of freedom of its measurement.
 Were each run one sample, 95 % of such means over {seeds} runs would lie in {nees} and, of three degrees, {nis}.
-*In 95 % ellipsoid*: share of true positions inside the reported ellipsoid, of all runs. *Diverged*: the
-covariance lost its Cholesky factor or overflowed, or over the last 5 s there is no estimate, the mean range error
-exceeds 50 % or the mean bearing error 5°."""
+*In 95 % ellipsoid*: share of true positions inside the reported ellipsoid, of all runs. *Valid*: share of samples
+with an estimate, of all runs; all other figures are of those samples. *Diverged*: the covariance lost its Cholesky
+factor or overflowed, or over the last 5 s there is no estimate, the mean range error exceeds 50 % or the mean
+bearing error 5°."""
 LEAST: Final = """\
 Posterior Cramer-Rao bounds, and in brackets how many times larger our errors are. They assume: {ASSUMES}.
 Where the true leader is steadier than that process noise, a filter can be better."""
@@ -93,17 +97,19 @@ def results_table(rows: Sequence[Row], seeds: int) -> Table:
         title="Results",
         note=DEFINITIONS.format(seeds=seeds, nees=_mean_bounds(9, seeds), nis=_mean_bounds(3, seeds)),
         header=(
-            *("variant", "method"),
+            *("variant", "method", "runs"),
             *(NAMES[name] + IN_SI.get(name, "") for name in COLUMNS),
-            *("NIS / degrees", "in 95 % ellipsoid", "diverged"),
+            *("NIS / degrees", "in 95 % ellipsoid", "valid", "diverged"),
         ),
         rows=tuple(
             (
                 row.variant,
                 LABELS[row.method],
+                float(row.runs),
                 *(_cell(name, row.quantities[name]) for name in COLUMNS),
                 f"{number(row.quantities['nis'].value)} / {row.nis_degrees}",
                 number(row.quantities["inside_percent"].value) + " %",
+                number(row.quantities["valid_percent"].value) + " %",
                 f"{row.diverged_percent:.0f} %",
             )
             for row in rows
@@ -113,7 +119,7 @@ def results_table(rows: Sequence[Row], seeds: int) -> Table:
 
 def bounds_table(result: Result) -> Table:
     """The bound of each variant that has one, and the judged method's errors over it."""
-    rows = {row.variant: row for row in result.rows if row.method == OURS[-1].name}
+    rows = {row.variant: row for row in result.rows if row.method == DEFAULT.name}
     names = Bound.__struct_fields__
     return Table(
         title="The least that is possible",
@@ -129,7 +135,7 @@ def bounds_table(result: Result) -> Table:
 def targets_table(targets: Sequence[Target]) -> Table:
     """What is asked for: variant, figure, measured, bounds, whether it is met."""
     return Table(
-        title=f"What is asked of ours ({OURS[-1].label})",
+        title=f"What is asked of ours ({DEFAULT.label})",
         note="",
         header=("variant", "figure", "measured", "asked for", ""),
         rows=tuple(

@@ -25,13 +25,11 @@ BEARING_LIMIT: Final = np.radians(5.0)  # or mean angle between true and estimat
 CONVERGED: Final = 0.2  # a_lat has converged when first within this fraction of the truth
 COVERAGE: Final = 0.95  # of the position ellipsoids: their share that should hold the true position
 DROP_OUT: Final = (29.9, 34.9, 44.9)  # s: before, at the end of and well after the five seconds without images
-DELAY_FROM: Final = 20.0  # s: from here on the estimated delay counts ...
-DELAY_LIMIT: Final = 0.015  # s: ... and is found while its error stays within this
 SLOWEST: Final = 0.95  # of runs have converged by the time that is judged
 
 RMS: Final = ("position_ft", "velocity_ft_s", "range_percent", "size_percent", "a_lat_ft_s2", "a_long_ft_s2")
 MEANS: Final = ("nees", "nis")
-OF_ALL: Final = ("inside_percent", "inside_unseen_percent", "told_percent")  # of the diverged runs too
+OF_ALL: Final = ("inside_percent", "inside_unseen_percent", "valid_percent")  # of the diverged runs too
 
 
 class Score(Record, frozen=True, kw_only=True):
@@ -51,16 +49,13 @@ class Score(Record, frozen=True, kw_only=True):
     nis_degrees: int
     inside_percent: float  # of true positions inside the reported 95 % ellipsoid ...
     inside_unseen_percent: float | None  # ... and of those while the leader is out of view, if it ever is
-    told_percent: float  # of samples that have an estimate
+    valid_percent: float  # of samples that have an estimate
     a_lat_converged_s: float | None  # from the first image
     size_error_first_percent: float  # signed, at the first image (the prior's error) ...
     size_error_last_percent: float  # ... and at the end
     angle_error_deg: tuple[float, float, float]  # root mean square of measured minus true angles
     position_sigma_ft: tuple[float, float, float]  # reported, at DROP_OUT
     gated: int
-    delay_at_20_s_ms: float | None = None  # error of methods that estimate the stamps' delay
-    delay_error_ms: float | None = None  # the largest of it after 20 s
-    delay_found_s: float | None = None  # from when on it stays within 15 ms; None: it is not at the end
 
 
 class Row(runs.Row, frozen=True, kw_only=True):
@@ -74,9 +69,6 @@ class Row(runs.Row, frozen=True, kw_only=True):
     nis_bounds: tuple[float, float]  # as nees_bounds
     nis_degrees: int
     position_sigma_ft: tuple[float, ...]  # reported (root mean square) before, in and after a drop-out
-    delay_at_20_s_ms: float | None  # root mean square
-    delay_error_ms: float | None  # largest after 20 s in 95 % of the runs of a method that estimates the delay
-    delay_found_s: float | None  # from when on the delay stays within 15 ms in 95 % of runs
     scores: tuple[Score, ...]
 
 
@@ -87,9 +79,8 @@ def truth_of(flight: Flight) -> Array:
     return np.column_stack([t.r_FL_n, t.v_FL_n, size, t.a_lat, t.a_long])
 
 
-def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, stamps_late: float = 0.0) -> Score:
-    """Score of one run; of one that failed, until then. `unseen` (N,): whether the leader is out of view.
-    `stamps_late`: s, the delay that a method may find."""
+def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None) -> Score:
+    """Score of one run; of one that failed, until then. `unseen` (N,): whether the leader is out of view."""
     truth = truth_of(flight)
     error = track.mean - truth
     known = np.asarray(np.isfinite(error).all(axis=1))
@@ -103,7 +94,6 @@ def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, s
     inside[settled] = nearness <= chi_square_threshold(COVERAGE, 3)
     hidden: Mask | None = None if unseen is None or not unseen.any() else settled & unseen
     first = track.t[0] if not np.isfinite(flight.image_points).any() else _first_image(flight)
-    at_20_s, delay_error, delay_found = _delay(track, stamps_late)
     return Score(
         seed=seed,
         diverged=_diverged(track, truth, range_error),
@@ -118,24 +108,20 @@ def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None, s
         nis_degrees=track.degrees,
         inside_percent=100 * _mean(inside[settled]),
         inside_unseen_percent=None if hidden is None else 100 * _mean(inside[hidden]),
-        told_percent=100 * float(np.mean(known[late])),
+        valid_percent=100 * float(np.mean(known[late])),
         a_lat_converged_s=_converged(track.t[known] - first, error[known, A_LAT], truth[known, A_LAT]),
         size_error_first_percent=float(size_error[0]) if size_error.size else np.nan,
         size_error_last_percent=float(size_error[-1]) if size_error.size else np.nan,
         angle_error_deg=_angle_error_deg(flight),
         position_sigma_ft=_position_sigma(track),
         gated=int(np.sum(np.isfinite(track.nis) & ~track.fused)),
-        delay_at_20_s_ms=at_20_s,
-        delay_error_ms=delay_error,
-        delay_found_s=delay_found,
     )
 
 
-def score_flights(flights: Flights, tracks: Track, stamps_late: float) -> list[Score]:
-    """The score of each flight."""
-    rows = range(len(flights.seeds))
-    unseen = [unseen_samples(flights.image_at, flights.in_view[b], len(flights.nav_t)) for b in rows]
-    return [score(flights.seeds[b], flights.one(b), tracks.one(b), unseen[b], stamps_late) for b in rows]
+def score_flight(flights: Flights, b: int, track: Track) -> Score:
+    """The score of the flight of `seeds[b]`."""
+    unseen = unseen_samples(flights.image_at, flights.in_view[b], len(flights.nav_t))
+    return score(flights.seeds[b], flights.one(b), track, unseen)
 
 
 def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
@@ -145,8 +131,6 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
     quantities |= {name: runs.mean([getattr(s, name) for s in kept]) for name in MEANS}
     quantities |= {name: runs.mean(_known([getattr(s, name) for s in scores])) for name in OF_ALL}
     times = _known([s.a_lat_converged_s for s in kept])
-    at_20_s = [s.delay_at_20_s_ms for s in kept if s.delay_at_20_s_ms is not None]
-    delays = [s.delay_error_ms for s in kept if s.delay_error_ms is not None]
     sigmas = [runs.rms([s.position_sigma_ft[i] for s in kept]).value for i in range(len(DROP_OUT))]
     nis_degrees = scores[0].nis_degrees
     return Row(
@@ -165,9 +149,6 @@ def make_row(variant: str, method: str, scores: Sequence[Score]) -> Row:
         nis_bounds=mean_bounds(nis_degrees, max(len(kept), 1)),
         nis_degrees=nis_degrees,
         position_sigma_ft=tuple(np.nan if sigma is None else sigma for sigma in sigmas),
-        delay_at_20_s_ms=runs.rms(at_20_s).value,
-        delay_error_ms=float(np.quantile(delays, SLOWEST)) if delays else None,
-        delay_found_s=_time_of_most([s.delay_found_s for s in scores]),
         scores=tuple(scores),
     )
 
@@ -201,18 +182,6 @@ def _position_sigma(track: Track) -> tuple[float, float, float]:
     at = np.minimum(np.searchsorted(track.t, np.array(DROP_OUT) - 1e-9), len(track.t) - 1)
     before, during, after = np.sqrt(np.einsum("nii->n", track.covariance[at][:, R, R])) / FT
     return float(before), float(during), float(after)
-
-
-def _delay(track: Track, stamps_late: float) -> tuple[float | None, float | None, float | None]:
-    """The error at 20 s and the largest after, ms, and the time from which on it stays within 15 ms."""
-    if track.delay is None:
-        return None, None, None
-    error = np.abs(track.delay[:, 0] - stamps_late)
-    beyond = np.flatnonzero(~(error <= DELAY_LIMIT))  # without an estimate, too
-    found = 0 if not beyond.size else int(beyond[-1]) + 1
-    after = 1e3 * error[track.t >= DELAY_FROM]
-    first, largest = (float(after[0]), float(np.max(after))) if len(after) else (None, None)
-    return first, largest, float(track.t[found]) if found < len(track.t) else None
 
 
 def _angle_error_deg(flight: Flight) -> tuple[float, float, float]:

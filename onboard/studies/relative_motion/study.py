@@ -14,18 +14,20 @@ import msgspec
 
 from onboard.arrays import Array
 from onboard.estimators.leader.settings import noise_for
+from onboard.studies.relative_motion import shipped
 from onboard.studies.relative_motion.bound import FlightBound, bounds, over_flights
 from onboard.studies.relative_motion.claims import claims_of
-from onboard.studies.relative_motion.formation import Setting, track
+from onboard.studies.relative_motion.formation import Setting, Track, track
 from onboard.studies.relative_motion.reference import compare
 from onboard.studies.relative_motion.report import Result, findings
-from onboard.studies.relative_motion.scores import SETTLED, Score, error_over_time, make_row, score_flights
+from onboard.studies.relative_motion.scores import SETTLED, Score, error_over_time, make_row, score_flight
+from onboard.studies.relative_motion.shipped import DEFAULT, Shipped
 from onboard.studies.relative_motion.targets import judge
 from onboard.studies.relative_motion.variants import (
     BY_NAME,
-    SAMPLE,
     SHOWN,
     VARIANTS,
+    AnyMethod,
     Variant,
     course_deg,
     scenario_of,
@@ -38,6 +40,7 @@ from simlink.flights import Flights, fly_many
 NAME: Final = "relative-motion"
 TITLE: Final = "Oh & Johnson: relative motion by vision, an unscented Kalman filter"
 AT_ONCE: Final = 100  # flights advanced at once: their tracks take 200 MB
+SHIPPED_EVERY: Final = 5  # every fifth of them also goes through the pipeline, which takes seconds for each
 EXAMPLE: Final = 10  # navigation samples from one point of a figure to the next
 # Variants whose filters know the truth about their setting, and our own motion exactly.
 BOUNDED: Final = ("a", "b", "c", "d", "i", "k30", "k45", "k60", "hover")
@@ -82,7 +85,7 @@ def run(
         first_seed=first_seed,
         rows=tuple(rows),
         bounds=least,
-        targets=judge(rows, {variant.name: variant.judged.name for variant in variants}, least),
+        targets=judge(rows, DEFAULT.name, least),
         comparisons=tuple(c for row in rows for c in compare(row)),
         claims=claims_of(by_name(rows)),
         figures=(),
@@ -95,25 +98,35 @@ def run(
     return result
 
 
-def fly_some(name: str, seeds: tuple[int, ...]) -> Flown:
-    """Flights of a variant, scored with each of its methods."""
+def fly_some(name: str, seeds: tuple[int, ...], duration: float | None = None) -> Flown:
+    """Flights of a variant over `duration` s (None: the scenario's), scored with each of its methods."""
     variant = BY_NAME[name]
-    flights, setting = flown(variant, seeds)
+    flights, setting = flown(variant, seeds, duration)
     scores, examples = {}, {}
     for method in variant.methods:
-        tracks = track(flights, setting, method, variant.late)
-        examples[method.name] = error_over_time(flights.one(0), tracks.one(0))[::EXAMPLE]
-        scores[method.name] = score_flights(flights, tracks, variant.late.stamp * SAMPLE)
+        tracks = _tracks(variant, flights, setting, method)
+        examples[method.name] = error_over_time(flights.one(0), tracks[0])[::EXAMPLE]
+        scores[method.name] = [score_flight(flights, b, one) for b, one in tracks.items()]
     limits = []
     if name in BOUNDED:
         limits = bounds(flights, setting.camera, noise_for("honest", setting.leader_class), SETTLED)
     return Flown(scores, limits, examples)
 
 
-def flown(variant: Variant, seeds: tuple[int, ...]) -> tuple[Flights, Setting]:
+def _tracks(variant: Variant, flights: Flights, setting: Setting, method: AnyMethod) -> dict[int, Track]:
+    """A method's tracks, by the flight's place among `flights`; the first is always among them."""
+    count = len(flights.seeds)
+    if isinstance(method, Shipped):
+        every = range(0, count, SHIPPED_EVERY)
+        return {b: shipped.track(flights.one(b), setting, method, variant.late) for b in every}
+    tracks = track(flights, setting, method, variant.late)
+    return {b: tracks.one(b) for b in range(count)}
+
+
+def flown(variant: Variant, seeds: tuple[int, ...], duration: float | None = None) -> tuple[Flights, Setting]:
     """The flights, each with its own initial course, and what the filters know."""
     scenario = scenario_of(variant)
-    flights = fly_many(scenario, seeds, [course_deg(seed) for seed in seeds])
+    flights = fly_many(scenario, seeds, [course_deg(seed) for seed in seeds], duration)
     return flights, setting_of(variant, scenario)
 
 
@@ -122,5 +135,5 @@ def _draw(result: Result, examples: dict[str, dict[str, Array]], out: Path) -> t
     from onboard.studies.relative_motion import figures  # noqa: PLC0415 - matplotlib is an extra
 
     flights, setting = flown(VARIANTS[0], (result.first_seed,))
-    tracks = {method.name: track(flights, setting, method).one(0) for method in SHOWN}
+    tracks = {method.name: _tracks(VARIANTS[0], flights, setting, method)[0] for method in SHOWN}
     return figures.draw(flights.one(0), tracks, result, examples, out)

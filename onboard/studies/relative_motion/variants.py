@@ -5,55 +5,45 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.studies.relative_motion.formation import B0, Lateness, Method, Setting
-from onboard.studies.relative_motion.methods import AS_PRINTED, PAPER_MENDED, R_ALONE, SHIPPED, TUNED
-from onboard.studies.relative_motion.wing_line import WING_LINE, WING_LINE_DELAY
+from onboard.studies.relative_motion.methods import AS_PRINTED, HONEST, PAPER_MENDED, R_ALONE, TUNED
+from onboard.studies.relative_motion.shipped import DEFAULT, DELAY, ON_WING, Shipped
 from simlink.scenarios.scenario import Scenario, from_the_side, load_scenario
 
-# The daemon's filters. The last is judged.
-OURS: Final = (SHIPPED, WING_LINE)
-COMPARED: Final = (PAPER_MENDED, *OURS)
-SHOWN: Final = (PAPER_MENDED, TUNED, *OURS)  # in figures of one flight
-SAMPLE: Final = 0.02  # s between navigation samples
+AnyMethod = Method | Shipped
+COMPARED: Final[tuple[AnyMethod, ...]] = (PAPER_MENDED, HONEST, DEFAULT)
+SHOWN: Final[tuple[AnyMethod, ...]] = (PAPER_MENDED, TUNED, HONEST, DEFAULT)  # in figures of one flight
 
 
 class Variant(NamedTuple):
     """`angle_deg`: the slot turned about the leader, the camera turned back. `size_factor`: of the assumed size.
-    `multirotor`: the filter knows that the leader is one. `judged`: the method that the targets are asked of."""
+    `multirotor`: the filter knows that the leader is one."""
 
     name: str
     scenario: str
     label: str
-    methods: tuple[Method, ...] = COMPARED
+    methods: tuple[AnyMethod, ...] = COMPARED
     angle_deg: float = 0.0
     size_factor: float = 1.0
     late: Lateness = Lateness()
     multirotor: bool = False
-    judged: Method = OURS[-1]
 
 
 VARIANTS: Final = (
-    Variant("a", "formation", "reference formation", (PAPER_MENDED, TUNED, *OURS, R_ALONE)),
+    Variant("a", "formation", "reference formation", (PAPER_MENDED, TUNED, HONEST, DEFAULT, R_ALONE)),
     Variant("b", "formation-s-turn", "S-turn, a_lat 8 sin(2πt/20 s) ft/s²"),
     Variant("c", "formation-speed-change", "speed ± 10 ft/s at 20–26 and 40–46 s"),
-    Variant("d", "formation-drop-out", "no image at 30–35 s", (AS_PRINTED, PAPER_MENDED, TUNED, *OURS)),
-    Variant("e", "formation-wrong-blobs", "2 % wrong blobs", (PAPER_MENDED, TUNED, *OURS)),
+    Variant("d", "formation-drop-out", "no image at 30–35 s", (AS_PRINTED, PAPER_MENDED, TUNED, HONEST, DEFAULT)),
+    Variant("e", "formation-wrong-blobs", "2 % wrong blobs", (PAPER_MENDED, TUNED, HONEST, DEFAULT)),
     Variant("f1.3", "formation", "size prior × 1.3", size_factor=1.3),
     Variant("f0.7", "formation", "size prior × 0.7", size_factor=0.7),
-    Variant(
-        "g",
-        "formation",
-        "stamps 80 ms late, unknown",
-        (*COMPARED, WING_LINE_DELAY),
-        late=Lateness(stamp=4),
-        judged=WING_LINE_DELAY,
-    ),
+    Variant("g", "formation", "stamps 80 ms late, unknown", (*COMPARED, DELAY), late=Lateness(stamp=4)),
     Variant("g-known", "formation", "images 80 ms late, stamps right", late=Lateness(delivery=4)),
     Variant("h", "formation-nav-error", "our own state in error"),
     Variant("i", "formation-out-of-view", "leader leaves the view, passes behind"),
     Variant("k30", "formation", "seen from 30° aside", angle_deg=30.0),
     Variant("k45", "formation", "seen from 45° aside", angle_deg=45.0),
     Variant("k60", "formation", "seen from 60° aside", angle_deg=60.0),
-    Variant("hover", "formation-hover", "multirotor stops, hovers, yaws", multirotor=True),
+    Variant("hover", "formation-hover", "multirotor stops, hovers, yaws", (*COMPARED, ON_WING), multirotor=True),
 )
 BY_NAME: Final = {variant.name: variant for variant in VARIANTS}
 LABELS: Final = {method.name: method.label for variant in VARIANTS for method in variant.methods}

@@ -146,8 +146,12 @@ def test_studies_give_the_figures_of_their_pages() -> None:
         "encounters_behind": "100.0 | 2.3 (3.3) | 2.6 | 96.5 ± 2.9 | 0.0 ± 0.0",
         "encounters_hover_center_on_wing": "0.0 | – (–) | – | – ± – | – ± –",
     }
-    targets = [
-        {"variant": "a", "what": "NEES (9)", "value": 6.36},
-        {"variant": "g", "what": "delay error at 20 s, root mean square", "value": 11.4},
-    ]
-    assert render.of_studies({"targets": targets}) == {"steady_turn_nees": "6.4", "delay_error_ms": "11"}
+    names = ("range_percent", "nees", "inside_percent", "valid_percent")
+    values = {name: {"value": x} for name, x in zip(names, (2.06, 6.36, 96.51, 100.0), strict=True)}
+    measured = {"position_m": 0.612, "velocity_m_s": 0.1234, "quantities": values}
+    flown = [{"variant": "a", "method": name, "runs": 20, **measured} for name in ("paper", "shipped")]
+    assert render.of_studies({"targets": [], "rows": flown}) == {
+        "relative_motion_runs": "20",
+        "relative_motion_a": "2.1 | 0.61 | 0.12 | 6.4 | 96.5 | 100.0",
+        "steady_turn_nees": "6.4",
+    }
