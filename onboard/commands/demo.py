@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 from rich.console import Console
@@ -20,9 +20,11 @@ from onboard.scoring.scorecard import print_leader_score, print_own_state_score
 if TYPE_CHECKING:
     from onboard.view.view import View
 
+MOST_PERCENT: Final = 50.0
+
 
 def main(arguments: argparse.Namespace) -> int:
-    """Fly, show, judge: 0 unless the estimate diverged. Raises UserError."""
+    """Fly, show, judge: 0 unless the estimate failed. Raises UserError."""
     a = arguments
     console = Console(stderr=True)
     make_folder(a.out)
@@ -53,7 +55,17 @@ def main(arguments: argparse.Namespace) -> int:
     print_report(report, rrd)
     if a.json is not None:
         write_json(a.json, demo_numbers(report))
-    return 1 if report.score.diverged and not is_alone(report) else 0
+    return 1 if has_failed(report) else 0
+
+
+def has_failed(report: Report) -> bool:
+    """Whether the estimate of the leader diverged, or was confidently wrong for most of the time; of a vehicle
+    that flew alone, whether its own state was not valid for most of the time."""
+    if is_alone(report):
+        own = report.own_state
+        return own is not None and own.valid_percent is not None and own.valid_percent < MOST_PERCENT
+    wrong = report.score.confidently_wrong_percent
+    return report.score.diverged or (wrong is not None and wrong > MOST_PERCENT)
 
 
 def open_view(config: Config, rrd: Path, console: Console, *, headless: bool) -> "View":

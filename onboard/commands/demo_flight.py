@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
-from onboard.scoring.leader import LeaderScore, reference_from_records, score_leader
+from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.own_state import OwnStateScore, score_own_state
+from onboard.scoring.reference import reference_from_records
 from onboard.scoring.statistics import Latency, percentiles
 from onboard.view.client import Client, Received
 

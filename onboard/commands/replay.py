@@ -16,7 +16,8 @@ from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
 from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output
-from onboard.scoring.leader import LeaderScore, LeaderScorer, reference_from_csv
+from onboard.scoring.leader import LeaderScore, LeaderScorer
+from onboard.scoring.reference import reference_from_csv
 from onboard.scoring.scorecard import OwnStateSummary, print_health, print_leader_score
 
 

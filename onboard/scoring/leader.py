@@ -1,60 +1,41 @@
 """Accuracy of the estimate of the leader, against a truth: errors, and whether the covariance fits them.
 
-Valid estimates count from `settle` seconds after the truth begins. The NIS is a white sequence, so its mean has
-chi-square bounds for the number of images; the NEES of one flight is correlated throughout, so its bounds are
-those of a single draw.
+Valid estimates count from `settle` seconds after the truth begins. Beside their errors stands the share of that
+time in which there was one. The NIS is a white sequence, so its mean has chi-square bounds for the number of
+images; the NEES of one flight is correlated throughout, so its bounds are those of a single draw.
 """
 
-import csv
-import gzip
+from array import array
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.errors import UserError
 from onboard.filters.gating import chi_square_threshold, mean_bounds, normalised_squared
-from onboard.messages import Estimate, MeasurementReport, Record, Truth, Verdict
-from onboard.scoring.statistics import percent, rms
+from onboard.messages import Estimate, MeasurementReport, Record, Verdict
+from onboard.scoring.reference import Reference
+from onboard.scoring.statistics import availability, percent, rms
 
 SETTLE: Final = 15.0
 LAST: Final = 5.0  # "diverged" is judged over these last seconds
-COLUMNS: Final = {
-    "r_north_m": "r_north",
-    "r_east_m": "r_east",
-    "r_down_m": "r_down",
-    "v_north_m_s": "v_north",
-    "v_east_m_s": "v_east",
-    "v_down_m_s": "v_down",
-    "size_m": "size",
-    "a_lat_m_s2": "a_lat",
-    "a_long_m_s2": "a_long",
-}
+WRONG_SIGMAS, WRONG_SHARE = 3.0, 0.05  # a range that is off by more than both is confidently wrong
+SAMPLE_S: Final = 0.1  # between times at which availability is judged where there is no truth
 LONGEST_TRUTH_GAP: Final = 0.5
 
 
-class TruthError(UserError, ValueError):
-    """The truth cannot be used; the message says why in one line."""
-
-
-class Reference(NamedTuple):
-    """A truth: times (n,) in s since boot, and values (n, k) of the named components."""
-
-    time: Array
-    components: tuple[str, ...]
-    values: Array
-
-
 class LeaderScore(Record, frozen=True, kw_only=True):
-    """Errors are RMS over the `scored` estimates; None where there is nothing to judge by."""
+    """Errors are RMS over the `scored` estimates; None where there is nothing to judge by. `valid_percent`: share
+    of the time after `settle_s` in which there was a valid estimate. `confidently_wrong_percent`: share of the
+    scored estimates whose range is off by more than three of its sigmas and more than 5 %."""
 
     estimates: int
     valid: int
     scored: int
     settle_s: float
+    valid_percent: float | None
+    confidently_wrong_percent: float | None
     range_error_rms_percent: float | None
     position_rmse_m: float | None
     velocity_rmse_m_s: float | None
@@ -73,50 +54,20 @@ class LeaderScore(Record, frozen=True, kw_only=True):
 
 
 class _Errors(NamedTuple):
-    """Errors of estimates: times (n,), norms (n,) in SI, fractions of the true range and size, bearing errors in
-    degrees, NEES of all components and of the position; degrees of freedom of the former."""
+    """Errors of estimates: times (n,), norms (n,) in SI, fractions of the true range and size, the range's error
+    in its sigmas, bearing errors in degrees, NEES of all components and of the position; degrees of freedom of the
+    former."""
 
     time: Array
     position: Array
     velocity: Array
     range_fraction: Array
     size_fraction: Array
+    range_sigmas: Array
     bearing_deg: Array
     nees: Array
     position_nees: Array
     dof: int
-
-
-def reference_from_csv(path: Path) -> Reference:
-    """Truth from a CSV (or .csv.gz) with `time_boot_s` and the columns of a replay.
-
-    Raises TruthError.
-    """
-    try:
-        data = path.read_bytes()
-        text = (gzip.decompress(data) if path.suffix == ".gz" else data).decode()
-        rows = list(csv.DictReader(text.splitlines()))
-        names = tuple(c for c in COLUMNS if rows and c in rows[0])
-        table = np.array([[float(row[c]) for c in ("time_boot_s", *names)] for row in rows])
-    except OSError as error:
-        raise TruthError(f"cannot read {path}: {error.strerror or error}") from error
-    except (KeyError, TypeError, ValueError, EOFError) as error:
-        raise TruthError(f"{path} is no truth table: {error}") from error
-    if (
-        not set(list(COLUMNS)[:7]) <= set(names)
-        or not np.isfinite(table).all()
-        or (np.diff(table[:, 0]) <= 0).any()
-    ):
-        raise TruthError(f"{path} is no truth table: it needs rising time_boot_s, r_, v_ and size_m")
-    return Reference(table[:, 0], tuple(COLUMNS[c] for c in names), table[:, 1:])
-
-
-def reference_from_records(truths: Iterable[Truth]) -> Reference:
-    """Truth from a simulator's records, in order of time, duplicates dropped."""
-    rows = {t.t_ns: (*t.r_FL_n, *t.v_FL_n, t.size, t.a_lat, t.a_long) for t in truths}
-    times = sorted(rows)
-    values = np.array([rows[t] for t in times]).reshape(len(times), len(COLUMNS))
-    return Reference(np.array(times) * 1e-9, tuple(COLUMNS.values()), values)
 
 
 def score_leader(
@@ -138,6 +89,7 @@ class LeaderScorer:
         self._begin: float | None = None
         self._valid: list[Estimate] = []  # whose errors have not been computed yet
         self._errors: list[_Errors] = []
+        self._times, self._is_valid = array("d"), array("b")  # of all estimates
         self._nis: list[float] = []
         self._dof = 0
         self._resets = 0
@@ -154,7 +106,10 @@ class LeaderScorer:
         self._counts["estimates"] += 1
         self._resets = estimate.reset_count
         self._add_image(estimate.measurement, self._begin)
-        if not estimate.valid or estimate.mean is None or estimate.covariance is None:
+        is_valid = estimate.valid and estimate.mean is not None and estimate.covariance is not None
+        self._times.append(estimate.t_ns * 1e-9)
+        self._is_valid.append(is_valid)
+        if not is_valid:
             return
         self._counts["valid"] += 1
         if self._reference is not None:
@@ -168,11 +123,15 @@ class LeaderScorer:
         reference, dof, n = self._reference, self._dof, len(self._nis)
         all_errors = _joined(self._errors)
         errors = _since(all_errors, self._begin or 0.0)
+        samples = self._samples()
+        available = availability(samples, self._times, self._is_valid)
         return LeaderScore(
             estimates=self._counts["estimates"],
             valid=self._counts["valid"],
             scored=len(errors.time) if errors else 0,
             settle_s=self._settle,
+            valid_percent=percent(available[samples >= (self._begin or 0.0)]),
+            confidently_wrong_percent=percent(_is_wrong(errors)) if errors else None,
             range_error_rms_percent=rms(errors.range_fraction * 100) if errors else None,
             position_rmse_m=rms(errors.position) if errors else None,
             velocity_rmse_m_s=rms(errors.velocity) if errors else None,
@@ -185,10 +144,16 @@ class LeaderScorer:
             nis_dof=dof,
             nis_bounds=mean_bounds(dof, n) if n else None,
             images_scored=n,
-            diverged=_diverged(all_errors) if reference is not None else False,
+            diverged=_diverged(all_errors, samples, available) if reference is not None else False,
             resets=self._resets,
             verdicts=dict(self._verdicts),
         )
+
+    def _samples(self) -> Array:
+        """Times (n,), s, at which there should be an estimate: those of the truth, or else of the whole flight."""
+        if self._reference is not None:
+            return self._reference.time
+        return np.arange(self._times[0], self._times[-1], SAMPLE_S) if self._times else np.empty(0)
 
     def _add_image(self, image: MeasurementReport | None, begin: float) -> None:
         if image is None:
@@ -242,6 +207,8 @@ def _errors(valid: Sequence[Estimate], reference: Reference) -> _Errors | None:
     r, size = slice(0, 3), reference.components.index("size")
     distance = np.linalg.norm(truth[:, r], axis=1)
     estimated = np.linalg.norm(mean[:, r], axis=1)
+    direction = mean[:, r] / estimated[:, None]
+    sigma = np.sqrt(np.einsum("ni,nij,nj->n", direction, P[:, r, r], direction))
     cosine = np.sum(mean[:, r] * truth[:, r], axis=1) / (distance * estimated)
     return _Errors(
         time=times[inside],
@@ -249,6 +216,7 @@ def _errors(valid: Sequence[Estimate], reference: Reference) -> _Errors | None:
         velocity=np.linalg.norm(error[:, 3:6], axis=1),
         range_fraction=estimated / distance - 1,
         size_fraction=error[:, size] / truth[:, size],
+        range_sigmas=np.abs(estimated - distance) / sigma,
         bearing_deg=np.degrees(np.arccos(np.clip(cosine, -1, 1))),
         nees=normalised_squared(error, P),
         position_nees=normalised_squared(error[:, r], P[:, r, r]),
@@ -256,12 +224,21 @@ def _errors(valid: Sequence[Estimate], reference: Reference) -> _Errors | None:
     )
 
 
-def _diverged(errors: _Errors | None) -> bool:
-    """Whether no estimate was valid, or over the last seconds the mean range error is above 50 % or the mean
-    bearing error above 5 degrees."""
+def _is_wrong(errors: _Errors) -> Array:
+    """Whether each estimate is confidently wrong (n,)."""
+    wrong = (errors.range_sigmas > WRONG_SIGMAS) & (np.abs(errors.range_fraction) > WRONG_SHARE)
+    return np.asarray(wrong)
+
+
+def _diverged(errors: _Errors | None, samples: Array, available: Array) -> bool:
+    """Whether over the last seconds of the flight there was no valid estimate for more than half of the time, or
+    the mean range error of those that there were is above 50 %, or their mean bearing error above 5 degrees."""
     if errors is None:
         return True
-    last = errors.time > errors.time[-1] - LAST
+    begin = samples[-1] - LAST
+    last = errors.time > begin
+    if not last.any() or np.mean(available[samples > begin]) < 0.5:
+        return True
     return bool(np.mean(np.abs(errors.range_fraction[last])) > 0.5 or np.mean(errors.bearing_deg[last]) > 5.0)
 
 

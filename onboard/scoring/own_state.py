@@ -6,19 +6,21 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.messages import NavState, Record, Truth
-from onboard.scoring.statistics import percent, rms
+from onboard.scoring.statistics import availability, percent, rms
 
 SETTLE: Final = 10.0  # s after the first state
 NEAREST_NS: Final = 6_000_000  # of a state to a truth: stamps are whole milliseconds, steps of the world 5
 
 
 class OwnStateScore(Record, frozen=True, kw_only=True):
-    """RMS of the errors' norms over valid states from `settle_s` after the first; None without truth. `faults`:
-    the faults that the states reported, each "kind part at s" on the boot clock."""
+    """RMS of the errors' norms over valid states from `settle_s` after the first; None without truth.
+    `valid_percent`: share of that time in which there was a valid state. `faults`: the faults that the states
+    reported, each "kind part at s" on the boot clock."""
 
     states: int
     valid: int
     settle_s: float
+    valid_percent: float | None
     velocity_rmse_m_s: float | None
     attitude_rmse_deg: float | None
     inside_3_sigma_percent: float | None
@@ -44,11 +46,15 @@ def score_own_state(
         return None
     faults = {(f.t_onset_ns, f.kind, f.part) for s in states for f in s.faults}
     ratios = [s.nis_ratio for s in states if s.nis_ratio is not None]
-    errors = list(_errors(states, truths, states[0].t_ns + round(settle * 1e9)))
+    begin_ns = states[0].t_ns + round(settle * 1e9)
+    errors = list(_errors(states, truths, begin_ns))
+    samples = np.array([t.t_ns * 1e-9 for t in truths if t.t_ns >= begin_ns])
+    available = availability(samples, [s.t_ns * 1e-9 for s in states], [s.valid for s in states])
     return OwnStateScore(
         states=len(states),
         valid=sum(s.valid for s in states),
         settle_s=settle,
+        valid_percent=percent(available),
         velocity_rmse_m_s=rms([e.velocity for e in errors]),
         attitude_rmse_deg=rms(np.degrees([e.angle for e in errors])),
         inside_3_sigma_percent=percent([inside for e in errors for inside in e.inside]),

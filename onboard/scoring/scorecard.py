@@ -23,6 +23,8 @@ def print_leader_score(console: Console, title: str, score: LeaderScore, latency
 def score_rows(s: LeaderScore, latency: Latency | None) -> list[tuple[str, str, str]]:
     """(figure, value, what it should be) for each line."""
     rows = [("estimates", f"{s.estimates} ({s.valid} valid, {s.scored} scored)", "")]
+    if s.valid_percent is not None:
+        rows.append(("valid", f"{s.valid_percent:.1f} % of the time", f"after {s.settle_s:g} s"))
     if s.range_error_rms_percent is not None:
         after = f"RMS, valid, after {s.settle_s:g} s"
         rows += [
@@ -34,6 +36,11 @@ def score_rows(s: LeaderScore, latency: Latency | None) -> list[tuple[str, str, 
                 f"NEES ({s.nees_dof})",
                 f"{s.nees_mean or 0:.2f}",
                 _between(s.nees_bounds, "95 % of single draws; one flight is one draw"),
+            ),
+            (
+                "confidently wrong",
+                f"{s.confidently_wrong_percent or 0:.1f} %",
+                "off by > 3 sigma and > 5 %",
             ),
             ("truth inside the 95 % ellipsoid", f"{s.inside_95_percent or 0:.1f} %", "95 % over many flights"),
         ]
@@ -95,6 +102,8 @@ class OwnStateSummary:
 def print_own_state_score(console: Console, score: OwnStateScore) -> None:
     """Print the accuracy of our own state."""
     lines = [f"own state: {score.states} ({score.valid} valid), begun anew {score.resets} times"]
+    if score.valid_percent is not None:
+        lines.append(f"  valid {score.valid_percent:.1f} % of the time after {score.settle_s:g} s")
     if score.velocity_rmse_m_s is not None and score.attitude_rmse_deg is not None:
         errors = f"velocity {score.velocity_rmse_m_s:.3f} m/s, attitude {score.attitude_rmse_deg:.2f} degrees"
         lines.append(f"  off the truth after {score.settle_s:g} s: {errors} RMS")

@@ -5,7 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from onboard.arrays import Array
 from onboard.messages import Record
+
+FRESH_S = 0.5  # s: an estimate counts for so long, unless another comes
 
 
 class Latency(Record, frozen=True, kw_only=True):
@@ -27,6 +30,16 @@ def percent(hits: ArrayLike) -> float | None:
     """How many of these booleans are true, %."""
     flags = np.asarray(hits)
     return float(np.mean(flags)) * 100 if flags.size else None
+
+
+def availability(samples: Array, times: ArrayLike, valid: ArrayLike) -> Array:
+    """Whether there was a valid estimate at each of the times `samples` (n,): whether the newest of the estimates
+    at `times` (m,), in order, was `valid` (m,), and not older than FRESH_S. All times in s. (n,) of bool."""
+    at, is_valid = np.asarray(times, dtype=float), np.asarray(valid, dtype=bool)
+    if not at.size:
+        return np.zeros(len(samples), dtype=bool)
+    newest = np.searchsorted(at, samples, side="right") - 1
+    return np.asarray((newest >= 0) & is_valid[newest] & (samples - at[newest] <= FRESH_S))
 
 
 def percentiles(milliseconds: Sequence[float]) -> tuple[float | None, float | None]:

@@ -43,7 +43,8 @@ class Encounter(NamedTuple):
 
 class AircraftScore(NamedTuple):
     """One aircraft: the `tracks` that followed it, in order; samples judged, and how many of them were inside the
-    95 % ellipsoid; seconds in which it could be tracked and no valid track followed it; RMS position error, m."""
+    95 % ellipsoid; seconds in which it could be tracked and no valid track followed it; RMS position error, m; and
+    all seconds in which it could be tracked."""
 
     name: str
     tracks: tuple[str, ...]
@@ -52,6 +53,7 @@ class AircraftScore(NamedTuple):
     missing_s: float
     rmse: float
     encounters: tuple[Encounter, ...]
+    trackable_s: float
 
 
 class TrafficScore(NamedTuple):
@@ -164,20 +166,23 @@ def _score_aircraft(k: int, truth: _Truth, tracks: _Tracks) -> AircraftScore:
             inside += bool(d2[k] <= gate)
             assert e.mean is not None  # noqa: S101 - estimates without a mean were left out
             squared.append(float(np.sum((truth.at(t)[k] - np.array(e.mean[:3])) ** 2)))
+    missing, trackable = _missing(truth, k, np.sort(times))
     return AircraftScore(
         truth.names[k],
         tuple(sorted(tracks, key=lambda name: tracks[name][0].t)),
         samples,
         inside,
-        _missing(truth, k, np.sort(times)),
+        missing,
         float(np.sqrt(np.mean(squared))) if squared else float("nan"),
         tuple(_encounters(truth, k, tracks)),
+        trackable,
     )
 
 
-def _missing(truth: _Truth, k: int, times: Array) -> float:
-    """Seconds without a valid track of an aircraft that had had detections or messages for a while."""
-    total, since = 0.0, None
+def _missing(truth: _Truth, k: int, times: Array) -> tuple[float, float]:
+    """Seconds without a valid track of an aircraft that had had detections or messages for a while, and all
+    seconds in which it had."""
+    missing, total, since = 0.0, 0.0, None
     for i in range(1, len(truth.t)):
         t = truth.t[i]
         past = int(np.searchsorted(truth.t, t - FRESH_S))
@@ -187,9 +192,10 @@ def _missing(truth: _Truth, k: int, times: Array) -> float:
         since = t if since is None else since
         j = int(np.searchsorted(times, t + 0.05))
         tracked = j > 0 and t - times[j - 1] < 0.5
-        if t - since > BEGIN_S and not tracked:
+        if t - since > BEGIN_S:
             total += t - truth.t[i - 1]
-    return total
+            missing += 0.0 if tracked else t - truth.t[i - 1]
+    return missing, total
 
 
 def _encounters(truth: _Truth, k: int, tracks: _Tracks) -> Iterator[Encounter]:

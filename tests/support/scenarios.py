@@ -6,7 +6,8 @@ from typing import NamedTuple
 from onboard.config import load_config
 from onboard.messages import Datagram, Encoding, Estimate, Truth
 from onboard.pipeline import Pipeline
-from onboard.scoring.leader import LeaderScore, reference_from_records, score_leader
+from onboard.scoring.leader import LeaderScore, score_leader
+from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import boot_ns_of, datagrams

@@ -9,6 +9,7 @@ import numpy as np
 from onboard.config import parse_config
 from onboard.messages import Datagram, FaultKind, Message, NavState, Truth
 from onboard.pipeline import Pipeline
+from onboard.scoring.statistics import availability
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams, simulate
 
@@ -35,13 +36,15 @@ EXPECTED: Final[dict[str, tuple[FaultKind, str | None] | None]] = {
 
 
 class FlightScore(NamedTuple):
-    """One flight: RMS velocity and attitude errors after the fault's time (m/s, rad), the largest velocity error
-    (m/s), whether the fault was named rightly in time, the delay and the onset error of that (s, NaN without),
-    wrong names, the seconds watched for them, and resets."""
+    """One flight: RMS velocity and attitude errors of the valid states after the fault's time (m/s, rad), the
+    largest velocity error (m/s), the share of that time in which there was a valid state (%), whether the fault
+    was named rightly in time, the delay and the onset error of that (s, NaN without), wrong names, the seconds
+    watched for them, and resets."""
 
     velocity: float
     attitude: float
     worst: float
+    valid_percent: float
     named: bool
     delay: float
     onset: float
@@ -96,8 +99,10 @@ def judge(
     """Compare a flight with its truth. A fault that is not the expected one, or named before it came, is wrong."""
     start = truths[0].t_ns
     begin = start + round(FAULT_AT * 1e9)
-    at = {s.t_ns: s for s in states if s.mean is not None}
+    at = {s.t_ns: s for s in states if s.valid and s.mean is not None}
     pairs = [(t, at[t.t_ns]) for t in truths if t.t_ns in at and t.t_ns > begin]
+    samples = np.array([t.t_ns * 1e-9 for t in truths if t.t_ns > begin])
+    available = availability(samples, [s.t_ns * 1e-9 for s in states], [s.valid for s in states])
     velocity = np.array([np.subtract(t.v_F_n, (s.mean or ())[3:6]) for t, s in pairs])
     cosine = np.array([abs(np.dot(t.q_nF, s.q_nb or ())) for t, s in pairs])
     first: dict[tuple[str, str, int], int] = {}  # time at which each fault was first named
@@ -115,6 +120,7 @@ def judge(
         velocity=float(np.sqrt((velocity**2).sum(axis=1).mean())),
         attitude=float(np.sqrt(np.mean((2 * np.arccos(np.clip(cosine, -1.0, 1.0))) ** 2))),
         worst=float(np.sqrt((velocity**2).sum(axis=1).max())),
+        valid_percent=100.0 * float(np.mean(available)),
         named=delay <= NAMED_WITHIN,
         delay=delay,
         onset=onset,

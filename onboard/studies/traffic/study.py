@@ -22,7 +22,7 @@ from onboard.estimators.traffic.config import FilterName
 from onboard.messages import Estimate, TrafficTruth, Truth
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import LEAD_S, AircraftScore, Encounter, TrafficScore, score_traffic
-from onboard.studies.report.findings import Cell, Check, Claim, Findings, Table, check
+from onboard.studies.report.findings import Cell, Check, Claim, Findings, Table, check, verdict
 from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
@@ -129,6 +129,7 @@ def _table(rows: tuple[tuple[Cell, ...], ...]) -> Table:
             "untracked, s",
             "approaches",
             "good",
+            "valid %",
         ),
         rows=rows,
     )
@@ -146,7 +147,14 @@ def _row(each: Sequence[AircraftScore]) -> tuple[Cell, ...]:
         sum(a.missing_s for a in each),
         float(len(encounters)),
         float(sum(e.predicted_well for e in encounters)),
+        _valid_percent(each),
     )
+
+
+def _valid_percent(each: Sequence[AircraftScore]) -> float | None:
+    """Share of the time in which the aircraft could be tracked and a valid track followed it."""
+    trackable = sum(a.trackable_s for a in each)
+    return 100.0 * (1.0 - sum(a.missing_s for a in each) / trackable) if trackable else None
 
 
 def _sampling(each: Sequence[AircraftScore]) -> float:
@@ -171,20 +179,21 @@ def _checks(totals: Totals) -> tuple[Check, ...]:
 
 def _claims(totals: Totals) -> tuple[Claim, ...]:
     straight, steady, changing = totals.encounters.values()
-    known = [e for e in straight + steady if e.known]
-    good = _good_percent(known)
+    every = straight + steady + changing
+    good, known = _well(every), [e for e in straight + steady if e.known]
     return (
         _claim(
             "no track swap", totals.swaps == 0, f"{totals.swaps} swaps, {totals.false_tracks} tracks of nothing"
         ),
         _claim("no lost track that has detections", totals.missing_s < 0.5, f"{totals.missing_s:.1f} s untracked"),
-        _claim(
-            f"closest approach, {LEAD_S:g} s before, within 10 % or 15 m (95 % of all)",
-            good >= 95.0,
-            f"{good:.1f} % of {len(known)}; {_good_count(straight)} with aircraft that fly straight, "
-            f"{_good_count(steady)} with aircraft that keep their turn, {_good_count(changing)} with one that "
-            f"does not. Not counted: {len(straight + steady) - len(known)} of aircraft without detections or "
-            "messages shortly before",
+        Claim(
+            claim=f"closest approach, {LEAD_S:g} s before, within 10 % or 15 m (95 % of all)",
+            where="required",
+            verdict=verdict(good >= 95.0, _good_percent(known) >= 95.0),
+            evidence=f"{good:.1f} % of all {len(every)}. Only of aircraft that keep their course or their turn, "
+            f"and that had detections or messages shortly before: {_good_percent(known):.1f} % of {len(known)}; "
+            f"{_good_count(straight)} that fly straight, {_good_count(steady)} that keep their turn. Of those "
+            f"that change their turn {_good_count(changing)}",
         ),
     )
 
@@ -203,7 +212,7 @@ def _coverage_claim(coverage: float, rows: Sequence[tuple[Cell, ...]]) -> Claim:
     return Claim(
         claim="each track's 95 % ellipsoid holds 93 to 97 % of the truth",
         where="required",
-        verdict="does not hold" if surely else "holds only if" if little else "holds",
+        verdict=verdict(not surely and not little, not surely),
         evidence=f"{coverage:.1f} % over all. Outside these bounds by more than twice the error of sampling: "
         f"{', '.join(surely) or 'none'}; by less: {', '.join(little) or 'none'}",
     )
@@ -219,5 +228,10 @@ def _good_percent(encounters: Sequence[Encounter]) -> float:
     return 100.0 * sum(e.predicted_well for e in known) / len(known) if known else float("nan")
 
 
+def _well(encounters: Sequence[Encounter]) -> float:
+    """Share of all encounters, known to anybody or not, that were predicted well, %."""
+    return 100.0 * sum(e.predicted_well for e in encounters) / len(encounters) if encounters else float("nan")
+
+
 def _claim(claim: str, holds: bool, evidence: str) -> Claim:
-    return Claim(claim=claim, where="required", verdict="holds" if holds else "does not hold", evidence=evidence)
+    return Claim(claim=claim, where="required", verdict=verdict(holds), evidence=evidence)

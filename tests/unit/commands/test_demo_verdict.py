@@ -17,6 +17,7 @@ OWN = OwnStateScore(
     states=1,
     valid=1,
     settle_s=10.0,
+    valid_percent=100.0,
     velocity_rmse_m_s=0.1,
     attitude_rmse_deg=0.1,
     inside_3_sigma_percent=100.0,
@@ -27,13 +28,19 @@ OWN = OwnStateScore(
 
 
 def exit_code(
-    monkeypatch: pytest.MonkeyPatch, folder: Path, *, diverged: bool, images: int, own: OwnStateScore | None
+    monkeypatch: pytest.MonkeyPatch,
+    folder: Path,
+    *,
+    diverged: bool,
+    images: int,
+    own: OwnStateScore | None,
+    wrong: float | None = None,
 ) -> int:
     report = Report(
         scenario="formation",
         seed=1,
         duration_s=5.0,
-        score=replace(score_leader([], None), diverged=diverged),
+        score=replace(score_leader([], None), diverged=diverged, confidently_wrong_percent=wrong),
         latency_ms=Latency(),
         drops=Drops(images_sent=images, images_received=images, images_lost=0, estimates_missed=0, sink_drops=0),
         own_state=own,
@@ -63,3 +70,18 @@ def test_a_demo_without_a_leader_to_be_seen_is_judged_by_none(
 ) -> None:
     assert exit_code(monkeypatch, tmp_path, diverged=True, images=0, own=OWN) == 0
     assert exit_code(monkeypatch, tmp_path, diverged=True, images=0, own=None) == 1
+
+
+@pytest.mark.parametrize(("wrong", "code"), [(None, 0), (49.0, 0), (51.0, 1)])
+def test_a_demo_that_is_confidently_wrong_most_of_the_time_fails(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, wrong: float | None, code: int
+) -> None:
+    assert exit_code(monkeypatch, tmp_path, diverged=False, images=100, own=OWN, wrong=wrong) == code
+
+
+@pytest.mark.parametrize(("valid", "code"), [(None, 0), (51.0, 0), (49.0, 1)])
+def test_a_vehicle_alone_whose_own_state_is_hardly_ever_valid_fails(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, valid: float | None, code: int
+) -> None:
+    own = replace(OWN, valid_percent=valid)
+    assert exit_code(monkeypatch, tmp_path, diverged=True, images=0, own=own) == code

@@ -11,7 +11,8 @@ import pytest
 from onboard.commands import log_replay
 from onboard.commands.log_replay import replay
 from onboard.messages import Estimate
-from onboard.scoring.leader import LeaderScorer, Reference, score_leader
+from onboard.scoring.leader import LeaderScorer, score_leader
+from onboard.scoring.reference import Reference
 from tests.support.streams import Flight, Stream, advance, make_config
 
 NEAR = Flight(radius=None, gap=25.0)

@@ -12,13 +12,13 @@ from msgspec.structs import replace
 
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Verdict
 from onboard.models import relative_motion
-from onboard.scoring.leader import (
+from onboard.scoring.leader import score_leader
+from onboard.scoring.reference import (
     COLUMNS,
     Reference,
     TruthError,
     reference_from_csv,
     reference_from_records,
-    score_leader,
 )
 from onboard.scoring.statistics import percentiles
 from tests.support.vehicle_records import truth
@@ -270,3 +270,42 @@ def test_records_are_put_in_order_and_duplicates_dropped() -> None:
 def test_percentiles() -> None:
     assert percentiles([]) == (None, None)
     assert percentiles([float(i) for i in range(101)]) == (50.0, 99.0)
+
+
+def test_time_without_a_valid_estimate_stands_beside_the_errors() -> None:
+    """Valid from 40 s to 60 s of 40 to 100 s, settled from 55 s on: 5 s of 45 s."""
+    estimates = [estimate(t, valid=bool(t < 60.0)) for t in np.arange(40.0, 100.0, 0.1)]
+    s = score_leader(estimates, reference(40.0, 100.0))
+    assert s.valid_percent == pytest.approx(100 * 5.0 / 45.0, abs=0.5)
+    assert s.range_error_rms_percent == 0.0
+    assert s.diverged
+
+
+def test_silence_is_time_without_a_valid_estimate() -> None:
+    """No estimate at all from 60 s to 65 s of 55 to 70 s; the last one counts for half a second more."""
+    estimates = [e for e in flight() if not 60.0 < e.t_ns / S < 65.0]
+    s = score_leader(estimates, reference())
+    assert s.valid_percent == pytest.approx(100 * 10.5 / 15.0, abs=1.0)
+    assert not s.diverged
+
+
+@pytest.mark.parametrize(("since", "diverged"), [(67.4, True), (67.6, False)])
+def test_no_valid_estimate_for_most_of_the_last_five_seconds_is_diverged(since: float, diverged: bool) -> None:
+    estimates = [estimate(t, valid=bool(t < since - 0.5)) for t in np.arange(40.0, 70.0, 0.02)]
+    estimates = [e for e in estimates if e.valid]  # the last one counts for half a second
+    assert score_leader(estimates, reference()).diverged == diverged
+
+
+def test_availability_is_known_without_a_truth() -> None:
+    estimates = [estimate(t, valid=bool(t < 62.5)) for t in np.arange(40.0, 70.0, 0.1)]
+    s = score_leader(estimates, None)
+    assert s.valid_percent == pytest.approx(50.0, abs=1.0)
+    assert score_leader([], None).valid_percent is None
+
+
+@pytest.mark.parametrize(
+    ("metres", "share"), [(3.2, 100.0), (-3.2, 100.0), (2.9, 0.0)]
+)  # sigma of the range 1 m, 5 % are 2.5 m
+def test_confidently_wrong_is_off_by_three_sigma_and_five_percent(metres: float, share: float) -> None:
+    along = (0.6 * metres, 0.8 * metres, 0.0, *(0.0,) * 6)
+    assert score_leader(flight(along), reference()).confidently_wrong_percent == share

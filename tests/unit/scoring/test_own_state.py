@@ -73,3 +73,15 @@ def test_without_truth_or_states_there_is_less_to_say() -> None:
     assert score is not None
     assert (score.velocity_rmse_m_s, score.inside_3_sigma_percent, score.nis_ratio) == (None, None, 1.0)
     assert score_own_state([], []) is None
+
+
+def test_time_without_a_valid_state_stands_beside_the_errors() -> None:
+    """40 s at 10 Hz, settled from 11 s on; from 26 s to the end at 41 s not valid."""
+    states, truths = flight(0.5)
+    lost = [msgspec.structs.replace(s, valid=s.t_ns < 26_000_000_000) for s in states]
+    score = score_own_state(lost, truths)
+    assert score is not None
+    assert score.valid_percent == pytest.approx(50.0, abs=0.5)
+    silent = score_own_state([s for s in lost if s.valid], truths)
+    assert silent is not None
+    assert silent.valid_percent == pytest.approx(100 * 15.5 / 30.0, abs=0.5)
