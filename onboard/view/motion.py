@@ -1,7 +1,7 @@
 """From records to the quantities a view shows. Pure functions; NED, metres, seconds, radians."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,10 @@ from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_e
 from onboard.messages import Estimate, OwnPose, Truth
 
 COMPONENTS = ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size", "a_lat", "a_long")
+
+
+OPEN_SHARE: Final = 0.1  # of the range: with a larger sigma the range is open
+OPEN_SIGMAS: Final = 2.0  # either side, where it is
 
 
 class LeaderState(NamedTuple):
@@ -71,6 +75,14 @@ def range_estimate(leader: LeaderState) -> RangeEstimate:
         closing=float(-u @ leader.mean[3:6]),
         sigma_across=float(np.sqrt(max(np.linalg.eigvalsh(across @ P @ across)[-1], 0.0))),
     )
+
+
+def open_interval(leader: LeaderState) -> tuple[float, float] | None:
+    """The nearest and the farthest range, m (95 %), where the estimate leaves the range open; else None."""
+    r = range_estimate(leader)
+    if r.sigma <= OPEN_SHARE * r.range:
+        return None
+    return max(r.range - OPEN_SIGMAS * r.sigma, 0.0), r.range + OPEN_SIGMAS * r.sigma
 
 
 def ellipsoid(P: Array, sigmas: float) -> tuple[Array, Array]:

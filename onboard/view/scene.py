@@ -25,6 +25,8 @@ AROUND_LEADER = f"{SCENE}/around_leader"  # level, at the leader, turns with our
 LEADER_VELOCITY = f"{SCENE}/leader_velocity"
 OWN_VELOCITY = f"{SCENE}/own_velocity"
 SIGHT_LINE = f"{SCENE}/sight_line"
+OPEN_RANGE = f"{SCENE}/open_range"  # where the range is open: from the nearest to the farthest place
+OPEN_ENDS = (f"{SCENE}/open_near", f"{SCENE}/open_far")
 DROP_LINE = f"{SCENE}/drop_line"
 TAG = f"{SCENE}/tag"
 BANNER = "banner"
@@ -35,7 +37,7 @@ TRAILS = {name: f"{GROUND}/trail_{name}" for name in ("own", "estimate", "truth"
 # entities whose position comes with records: hidden before the first
 MOVING = (
     *(FOLLOWER, OWN_VELOCITY, GRID, GROUND),
-    *(LEADER, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY),
+    *(LEADER, LEADER_TRUTH, LEADER_VELOCITY, UNCERTAINTY, *OPEN_ENDS),
 )
 
 SIGMAS = 3.0
@@ -201,6 +203,11 @@ def log_aircraft(stream: "rr.RecordingStream") -> None:
     for name, entity in TRAILS.items():
         width = rr.Radius.ui_points(0.6 if name == "truth" else 1.2)
         stream.log(entity, rr.LineStrips3D.from_fields(colors=colours[name], radii=width), static=True)
+    for entity in OPEN_ENDS:
+        log_lines(stream, f"{entity}/outline", shapes.aeroplane_outline(), palette.UNCERTAIN, 1.0)
+        stream.log(entity, rr.TransformAxes3D(axis_length=0.0), static=True)
+    wide = rr.LineStrips3D.from_fields(colors=palette.UNCERTAIN, radii=rr.Radius.ui_points(3.0))
+    stream.log(OPEN_RANGE, wide, static=True)
     for entity, colour in ((SIGHT_LINE, palette.FAINT), (DROP_LINE, palette.ESTIMATE)):
         stream.log(entity, rr.LineStrips3D.from_fields(colors=colour, radii=rr.Radius.ui_points(0.6)), static=True)
     stream.log(TAG, rr.Points3D.from_fields(radii=0.0, show_labels=True), static=True)

@@ -8,7 +8,14 @@ from onboard.messages import Estimate, OwnPose, Truth
 from onboard.view import palette, scene
 from onboard.view.columns import HIDDEN, LEVEL, Columns, Pose, ellipsoids, lines_3d, no_tags, poses, tags
 from onboard.view.memory import Memory
-from onboard.view.motion import LeaderState, course_quaternion, ellipsoid, heading_quaternion, own_position
+from onboard.view.motion import (
+    LeaderState,
+    course_quaternion,
+    ellipsoid,
+    heading_quaternion,
+    open_interval,
+    own_position,
+)
 
 SCENE_HZ = 25.0
 TRAIL_HZ = 5.0
@@ -83,9 +90,9 @@ def leader_attitude(memory: Memory, t_ns: int, v_L_n: Array) -> Array:
 
 def hide_leader(columns: Columns, t_ns: int) -> None:
     """Remove everything that shows a track."""
-    for entity in (scene.LEADER, scene.UNCERTAINTY, scene.LEADER_VELOCITY):
+    for entity in (scene.LEADER, scene.UNCERTAINTY, scene.LEADER_VELOCITY, *scene.OPEN_ENDS):
         columns.add(poses, entity, t_ns, HIDDEN)
-    for entity in (scene.SIGHT_LINE, scene.DROP_LINE):
+    for entity in (scene.SIGHT_LINE, scene.DROP_LINE, scene.OPEN_RANGE):
         columns.add(lines_3d, entity, t_ns, NO_LINE)
     columns.add(no_tags, scene.TAG, t_ns, None)
 
@@ -101,8 +108,14 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
     v_F_n = np.zeros(3) if memory.own is None else np.asarray(memory.own.v_F_n, dtype=float)
     v_L_n, r = v_F_n + leader.mean[3:6], leader.r
     span = leader.mean[6] if np.isfinite(leader.mean[6]) else 1.0
-    columns.add(poses, scene.LEADER, t_ns, Pose(r, leader_attitude(memory, t_ns, v_L_n), np.full(3, span)))
-    if np.all(np.isfinite(v_L_n)):
+    body = Pose(r, leader_attitude(memory, t_ns, v_L_n), np.full(3, span))
+    ends = open_interval(leader)
+    # an aircraft drawn at the mean would look like one that is known to be there
+    columns.add(poses, scene.LEADER, t_ns, HIDDEN if ends else body)
+    draw_open_range(columns, t_ns, body, ends)
+    if ends:
+        columns.add(poses, scene.LEADER_VELOCITY, t_ns, HIDDEN)
+    elif np.all(np.isfinite(v_L_n)):
         columns.add(poses, scene.LEADER_VELOCITY, t_ns, arrow(r, v_L_n))
     half_axes, axes = ellipsoid(leader.covariance[:3, :3], scene.SIGMAS)
     columns.add(poses, scene.UNCERTAINTY, t_ns, Pose(r, quaternion_from_matrix(axes), ONE))
@@ -113,6 +126,20 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
     columns.add(lines_3d, scene.DROP_LINE, t_ns, np.array([r, [r[0], r[1], 0.0]]))
     if memory.own is not None:
         extend_trail(columns, memory, "estimate", t_ns, own_position(memory.own, t_ns) + r)
+
+
+def draw_open_range(columns: Columns, t_ns: int, body: Pose, ends: tuple[float, float] | None) -> None:
+    """Where the range is open, from `ends[0]` to `ends[1]` m: a line between, and an outline at either end."""
+    if ends is None:
+        for entity in scene.OPEN_ENDS:
+            columns.add(poses, entity, t_ns, HIDDEN)
+        columns.add(lines_3d, scene.OPEN_RANGE, t_ns, NO_LINE)
+        return
+    r = np.asarray(body.translation, dtype=float)
+    places = [r * (end / max(float(np.linalg.norm(r)), 1e-6)) for end in ends]
+    for entity, place in zip(scene.OPEN_ENDS, places, strict=True):
+        columns.add(poses, entity, t_ns, body._replace(translation=place))
+    columns.add(lines_3d, scene.OPEN_RANGE, t_ns, np.array(places))
 
 
 def draw_tag(columns: Columns, t_ns: int, leader: LeaderState, colour: palette.Colour, text: str) -> None:

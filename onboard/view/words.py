@@ -4,14 +4,15 @@ import math
 from typing import Final
 
 from onboard.messages import Estimate, Health, MeasurementReport
-from onboard.view.motion import LeaderState, RangeEstimate, range_estimate
+from onboard.view.motion import LeaderState, RangeEstimate, open_interval, range_estimate
 
 REFUSALS: Final = 5  # of the kinds of refused messages, the latest
 
 KEY = """\
 ± is one standard deviation
 
-*Blue: the estimate. White: the truth. Amber: ourselves. Pink: 3σ ellipsoid (97 %).*
+*Blue: the estimate. White: the truth. Amber: ourselves. Pink: 3σ ellipsoid (97 %); where the range is open, the
+nearest and the farthest place (95 %) instead of an aircraft.*
 """
 
 
@@ -35,7 +36,7 @@ def headline(estimate: Estimate, leader: LeaderState | None, report: Measurement
     if leader is None:
         return f"{state} · no track"
     r = range_estimate(leader)
-    words = f"{state} · range {_range(r)} · {_direction(r)} {abs(r.closing):.1f} m/s"
+    words = f"{state} · range {_range(leader, r)} · {_direction(r)} {abs(r.closing):.1f} m/s"
     size, sigma = leader.mean[6], leader.sigma[6]
     if not math.isnan(size):
         words += f" · size {size:.2f} ± {sigma:.2f} m"
@@ -44,7 +45,8 @@ def headline(estimate: Estimate, leader: LeaderState | None, report: Measurement
 
 def tag(estimate: Estimate, leader: LeaderState) -> str:
     """The label of the leader in the 3-D view."""
-    return f"{estimate.state.upper()}  {_range(range_estimate(leader))}"
+    words = f"{estimate.state.upper()}  {_range(leader, range_estimate(leader))}"
+    return f"{words} · {plain(estimate.reason)}" if open_interval(leader) and estimate.reason else words
 
 
 def verdict_label(report: MeasurementReport) -> str:
@@ -63,7 +65,7 @@ def status(
     if leader is not None:
         r = range_estimate(leader)
         rows += [
-            f"| range | **{_range(r)}** |",
+            f"| range | **{_range(leader, r)}** |",
             f"| {_direction(r)} | **{abs(r.closing):.1f} m/s** |",
             f"| wingspan | **{leader.mean[6]:.2f} ± {leader.sigma[6]:.2f} m** |",
         ]
@@ -96,8 +98,10 @@ def health(record: Health) -> str:
     return plain("\n".join(rows))
 
 
-def _range(r: RangeEstimate) -> str:
-    return f"{r.range:.1f} ± {r.sigma:.1f} m"
+def _range(leader: LeaderState, r: RangeEstimate) -> str:
+    """Where the range is open, from where to where: a mean would look like a place."""
+    ends = open_interval(leader)
+    return f"{r.range:.1f} ± {r.sigma:.1f} m" if ends is None else f"OPEN: {ends[0]:.0f} to {ends[1]:.0f} m"
 
 
 def _direction(r: RangeEstimate) -> str:
