@@ -9,14 +9,17 @@ the sinks before the next datagram is read.
 import asyncio
 import signal
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from msgspec.structs import replace
 
+from onboard.autopilot.notices import WARNING
 from onboard.autopilot.output import AutopilotOutput, Outgoing
+from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.stream import Stream
-from onboard.config import Config
+from onboard.config import Config, check_storable, read_stored, store
 from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.zenoh import ZenohLink
@@ -44,8 +47,8 @@ class Daemon:
         self._report = report
         self._config = config
         self._pipeline = Pipeline(config)
-        self._output = AutopilotOutput(config)
-        self._console = Console(report)
+        self._output = AutopilotOutput(config, _parameters(config))
+        self._console = Console(report, warn=self._warn)
         self._links: list[Link] = [parse_link(link.url, link.name) for link in config.link]
         self._sinks: dict[str, SinkRunner[Any]] = {}
         self._zenoh: ZenohSession | None = None
@@ -128,11 +131,13 @@ class Daemon:
             why = " (the one before has fallen silent)" if before is not None else ""
             self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}{why}")
         if pipeline.clocks.reboots > reboots:
-            self._report("the autopilot has rebooted")
+            self._warn("the autopilot has rebooted")
             self._output.reboot()
         if not messages or not self._output.is_autopilot(datagram.channel):
             return
         self._send([self._output.respond(datagram.channel, messages, self._now_ns())])
+        for line in self._output.take_lines():
+            self._report(line)
 
     async def _keep_time(self) -> None:
         """Send and publish what is due by the clock: the session with the autopilot, and our health."""
@@ -149,11 +154,10 @@ class Daemon:
         is_heard = heard_ns is not None and now_ns - heard_ns < SILENT_NS
         for output in self._pipeline.tick(now_ns):
             self._take(output)
-        healthy = is_heard and not self._console.is_any_lost
         offset_ns = self._pipeline.clocks.offset_ns
         boot_ns = None if offset_ns is None else now_ns - offset_ns
         host_ns = now_ns + self._clock.step_ns()
-        out = self._output.tick(now_ns, healthy=healthy, rates=self._rates, boot_ns=boot_ns, host_ns=host_ns)
+        out = self._output.tick(now_ns, healthy=is_heard, rates=self._rates, boot_ns=boot_ns, host_ns=host_ns)
         self._send(out)
         if self._output.leader is not None and self._leader_stream.is_due(now_ns):
             self._publish(self._output.leader)
@@ -175,6 +179,11 @@ class Daemon:
         if isinstance(output, Estimate) and output.is_primary:
             self._console.show_state(output)
 
+    def _warn(self, line: str) -> None:
+        """A line for a person here, and for the pilot."""
+        self._report(line)
+        self._output.notices.add(WARNING, line)
+
     def _publish(self, record: Any) -> None:
         for sink in self._sinks.values():
             sink.put(record)
@@ -194,6 +203,15 @@ class Daemon:
                         link.send(frame)
 
 
+def _parameters(config: Config) -> Parameters:
+    """The parameters, and where they are kept. Raises ConfigError."""
+    if config.parameters.path is None:
+        return Parameters(config)
+    path = Path(config.parameters.path)
+    check_storable(path)
+    return Parameters(config, partial(store, path), read_stored(path))
+
+
 def _first(group: BaseExceptionGroup[Any]) -> BaseException:
     """The first exception of a group."""
     error = group.exceptions[0]
@@ -203,19 +221,14 @@ def _first(group: BaseExceptionGroup[Any]) -> BaseException:
 class Console:
     """Lines for a person about changes: states of estimators, silence of the autopilot, sinks that fail."""
 
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self._report = report
+    def __init__(self, report: Callable[[str], None], *, warn: Callable[[str], None]) -> None:
+        self._report, self._warn = report, warn
         self._states: dict[str, Lifecycle] = {}
         self._errors: dict[str, str] = {}
         self._errors_shown = 0
         self._refusals: dict[tuple[str, str], Refusal] = {}  # as they were shown last
         self._refusals_left = MOST_REFUSALS
         self._is_silent = False
-
-    @property
-    def is_any_lost(self) -> bool:
-        """Whether an estimator has lost its target."""
-        return Lifecycle.LOST in self._states.values()
 
     def show_state(self, estimate: Estimate) -> None:
         """An estimator's state, when it has changed."""
@@ -259,5 +272,5 @@ class Console:
         errors = {name: health.error for name, health in sinks.items()}
         for name, error in errors.items():
             if error != self._errors.get(name, ""):
-                self._report(f"{name}: {error or 'works again'}")
+                self._warn(f"{name}: {error or 'works again'}")
         self._errors = errors

@@ -8,8 +8,10 @@ from typing import NamedTuple
 from onboard.autopilot.leader_messages import View
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.autopilot.leader_state import LeaderStates
+from onboard.autopilot.notices import WARNING, Notices
 from onboard.autopilot.odometry import OdometryStream
-from onboard.autopilot.requests import Requests
+from onboard.autopilot.parameters import Parameters
+from onboard.autopilot.requests import Requests, version
 from onboard.autopilot.session import Session
 from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import Config, source_delays_ns
@@ -29,13 +31,16 @@ class AutopilotOutput:
     """Sans-IO: frames are returned, not sent. There are none before `connect`. `leader`: the newest state of the
     leader, as of the last tick."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, parameters: Parameters | None = None) -> None:
         self.leader: LeaderState | None = None
         self._config, self._camera = config, config.camera_model()
         self._autopilot: Heartbeat | None = None
+        self.notices = Notices()
         self._requests = Requests()
+        self._requests.offer("AUTOPILOT_VERSION", version)
+        parameters = parameters or Parameters(config)
         self._sessions = {
-            link.name: Session(config.autopilot, link.name, self._requests)
+            link.name: Session(config.autopilot, link.name, self._requests, parameters)
             for link in config.link
             if link.autopilot
         }
@@ -43,6 +48,15 @@ class AutopilotOutput:
         self._odometry: OdometryStream | None = None
         self._leader_outputs: list[LeaderOutput] = []
         self._leader_states = LeaderStates(config.ownship.errors)
+
+    def take_lines(self) -> list[str]:
+        """Lines for a person since the last call, which also go out as STATUSTEXT."""
+        lines = [line for session in self._sessions.values() for line in session.lines]
+        for session in self._sessions.values():
+            session.lines.clear()
+        for line in lines:
+            self.notices.add(WARNING, line)
+        return lines
 
     def is_autopilot(self, channel: str) -> bool:
         """Whether a session is held on this channel's link."""
@@ -94,6 +108,8 @@ class AutopilotOutput:
     def publish(self, output: Output) -> Iterator[Outgoing]:
         """Frames for an estimate: our own state as ODOMETRY, one of many targets as traffic."""
         self._leader_states.note(output)
+        if isinstance(output, Estimate):
+            self.notices.note(output)
         if isinstance(output, NavState):
             if self._config.odometry.link is not None and self._odometry is not None:
                 yield Outgoing(self._config.odometry.link, self._odometry.frames(output))
@@ -118,8 +134,10 @@ class AutopilotOutput:
         """Frames due at `now_ns`; see `Session.tick`. `boot_ns` is the same time on the boot clock (None: not
         known), `host_ns` on the wall clock (None: as `now_ns`)."""
         wants_origin = not self._leader_states.has_stated_origin
+        texts = self.notices.due(now_ns) if self._autopilot is not None else []
         for channel, session in self._sessions.items():
             frames = session.tick(now_ns, healthy=healthy, rates=rates, wants_origin=wants_origin)
+            frames.extend(map(session.encode, texts))
             yield Outgoing(channel, frames)
         if boot_ns is None:
             return

@@ -7,9 +7,10 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from onboard import __version__
 from onboard.autopilot.stream import Stream
 from onboard.config import FASTEST_OUT_HZ
-from onboard.messages import Clock, Command, Message, MessageInterval
+from onboard.messages import Clock, Command, Message, MessageInterval, Version
 from onboard.wire.mavlink_encode import message_number
 
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3  # MAV_RESULT
@@ -93,3 +94,14 @@ COMMANDS: Final = frozenset(
 def stamp(now_ns: int) -> dict[str, Any]:
     """The times of a record that we send."""
     return {"t_ns": now_ns, "t_recv_ns": now_ns, "clock": Clock.HOST}
+
+
+def version(now_ns: int) -> Version:
+    """Who we are, as AUTOPILOT_VERSION has it."""
+    major, minor, patch = (int(part) for part in __version__.split(".")[:3])
+    bits = (
+        dialect.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+        | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+        | dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+    )
+    return Version(**stamp(now_ns), capabilities=bits, version=(major, minor, patch))

@@ -10,10 +10,11 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.requests import ACCEPTED, UNSUPPORTED, Answer, Requests, stamp
-from onboard.config import AutopilotConfig
+from onboard.config import AutopilotConfig, Config
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Command, CommandAck, Heartbeat, Message, TimeSync, tagged
+from onboard.messages import Command, CommandAck, Heartbeat, Message, ParamRequest, Ping, TimeSync, tagged
 from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 
 TIMESYNC_PERIOD_NS: Final = NS_PER_S // 5
@@ -25,6 +26,7 @@ ONBOARD_CONTROLLER: Final = 18
 INVALID: Final = 8
 ACTIVE: Final = 4
 CRITICAL: Final = 5
+DONE: Final = frozenset({0, 5})  # MAV_RESULT accepted, in progress
 TO_ALL: Final = 0  # as a target component
 ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
 
@@ -32,8 +34,17 @@ ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
 class Session:
     """The conversation on one link. Nothing is sent before an autopilot is heard."""
 
-    def __init__(self, config: AutopilotConfig, channel: str = "", requests: Requests | None = None) -> None:
+    def __init__(
+        self,
+        config: AutopilotConfig,
+        channel: str = "",
+        requests: Requests | None = None,
+        parameters: Parameters | None = None,
+    ) -> None:
+        self.lines: list[str] = []  # for a person, since the start
         self._config, self._channel, self._requests_of_us = config, channel, requests or Requests()
+        self._parameters = parameters or Parameters(Config())
+        self._refusals = self._status_requests = 0
         self._encoder: MavlinkEncoder | None = None
         self._autopilot: Heartbeat | None = None
         self._next_heartbeat = 0
@@ -73,6 +84,7 @@ class Session:
             frames.extend(self._requests(now_ns, rates))
             if not self._has_asked_status:
                 self._has_asked_status = True
+                self._status_requests += 1
                 frames.append(self._request_status(now_ns))
         if wants_origin and self._config.request_rates and now_ns >= self._next_origin:
             self._next_origin = now_ns + ORIGIN_AGAIN_NS
@@ -80,18 +92,38 @@ class Session:
         return frames
 
     def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
-        """Answers to requests of the autopilot, and of others through it."""
+        """Answers to requests of the autopilot, and of others through it or beside it."""
         if self._autopilot is None:
             return []
         frames = []
         for m in messages:
-            if isinstance(m, TimeSync) and m.tc1_ns == 0 and m.system == self._autopilot.system:
+            if (m.system, m.component) == (self._autopilot.system, self._config.component):
+                continue  # our own, come back by another way
+            if isinstance(m, TimeSync) and m.tc1_ns == 0:
                 frames.append(self._pack(TimeSync(**stamp(now_ns), tc1_ns=now_ns, ts1_ns=m.ts1_ns)))
+            elif isinstance(m, Ping) and m.target_system == m.target_component == 0:
+                frames.append(self._pack(_pong(m, now_ns)))
+            elif isinstance(m, ParamRequest) and self._is_us(m):
+                replies, refusal = self._parameters.answer(m, now_ns)
+                frames.extend(map(self._pack, replies))
+                if refusal:
+                    self.lines.append(f"parameter refused: {refusal}")
+            elif isinstance(m, CommandAck) and self._is_us(m):
+                self._read_ack(m)
             elif isinstance(m, Command) and self._is_us(m):
                 frames.extend(self._answer(m, now_ns))
         return frames
 
-    def _is_us(self, m: Command) -> bool:
+    def _read_ack(self, m: CommandAck) -> None:
+        """A refusal of our requests for message rates is reported once; the answer does not say which message. The
+        filter's status, which not every autopilot has, may be refused."""
+        if m.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL or m.result in DONE:
+            return
+        self._refusals += 1
+        if self._refusals == self._status_requests + 1:
+            self.lines.append(f"the autopilot refuses a message rate (MAV_RESULT {m.result})")
+
+    def _is_us(self, m: Command | CommandAck | ParamRequest) -> bool:
         system = self._autopilot.system if self._autopilot else 0
         return m.target_system == system and m.target_component in {self._config.component, TO_ALL}
 
@@ -155,6 +187,17 @@ class Session:
         )
         return self._pack(command)
 
+    def encode(self, message: Message) -> bytes:
+        """A message of ours as a frame. Call `connect` first."""
+        return self._pack(message)
+
     def _pack(self, message: Message) -> bytes:
         assert self._encoder is not None  # noqa: S101 - connect() comes before anything is packed
         return self._encoder.encode(message)
+
+
+def _pong(m: Ping, now_ns: int) -> Ping:
+    """The answer to a PING, to its sender."""
+    return Ping(
+        **stamp(now_ns), time_us=m.time_us, number=m.number, target_system=m.system, target_component=m.component
+    )

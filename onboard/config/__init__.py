@@ -19,10 +19,12 @@ from onboard.config.sections import (
     OdometryConfig,
     OwnErrors,
     OwnshipConfig,
+    ParametersConfig,
     RecorderConfig,
     TrafficOutConfig,
     source_delays_ns,
 )
+from onboard.config.storing import check_storable, read_stored, store
 
 __all__ = [
     "FASTEST_OUT_HZ",
@@ -36,12 +38,16 @@ __all__ = [
     "OdometryConfig",
     "OwnErrors",
     "OwnshipConfig",
+    "ParametersConfig",
     "RecorderConfig",
     "TrafficOutConfig",
+    "check_storable",
     "estimator_modules",
     "load_config",
     "named_estimators",
     "parse_config",
+    "read_stored",
     "read_table",
     "source_delays_ns",
+    "store",
 ]

@@ -42,16 +42,31 @@ def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, 
     """The unchecked table of a file and overrides. Raises ConfigError for a file that is not TOML."""
     table: dict[str, Any] = {}
     if path is not None:
-        try:
-            table = tomllib.loads(path.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path} is not TOML: {error}") from error
+        table = read_toml(path)
+    stored = table.get("parameters", {})
+    stored_path = stored.get("path") if isinstance(stored, dict) else None
+    if isinstance(stored_path, str) and Path(stored_path).exists():
+        table = _merged(table, read_toml(Path(stored_path)))
     for override in overrides:
         _put(table, override)
     table.setdefault("estimator", {"leader": {}})
     return table
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The table of a TOML file. Raises ConfigError."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not TOML: {error}") from error
+
+
+def _merged(table: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    """A table with another's values over its own, table by table."""
+    inner = {k for k in over if isinstance(over[k], dict) and isinstance(table.get(k), dict)}
+    return {**table, **over, **{k: _merged(table[k], over[k]) for k in inner}}
 
 
 def named_estimators(table: dict[str, Any]) -> dict[str, Any]:

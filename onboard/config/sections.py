@@ -100,6 +100,12 @@ class RecorderConfig(Record, frozen=True, kw_only=True):
     path: str | None = None
 
 
+class ParametersConfig(Record, frozen=True, kw_only=True):
+    """`[parameters]`: the tunable keys as MAVLink parameters."""
+
+    path: str | None = None  # TOML file of the values that were set, which go over this file's; None: read only
+
+
 class TrafficOutConfig(Record, frozen=True, kw_only=True):
     """`[traffic_out]`: tracks of traffic as MAVLink messages on one of the links; without `link` on none."""
 
@@ -149,6 +155,7 @@ class Config(Record, frozen=True, kw_only=True):
     recorder: RecorderConfig = RecorderConfig()
     traffic_out: TrafficOutConfig = TrafficOutConfig()
     leader_out: tuple[LeaderOutConfig, ...] = ()
+    parameters: ParametersConfig = ParametersConfig()
     odometry: OdometryConfig = OdometryConfig()
 
     def camera_model(self) -> Camera:

@@ -55,6 +55,7 @@ from onboard.messages.guidance import (
     TargetRelative,
 )
 from onboard.messages.health import Health, LinkHealth, Refusal, SinkHealth, StreamHealth
+from onboard.messages.parameters import ParamAck, ParamAction, ParamRequest, ParamValue, Ping, Version
 from onboard.messages.surveillance import (
     AdsbVehicle,
     AltitudeType,
@@ -138,8 +139,13 @@ __all__ = [
     "Odometry",
     "Output",
     "OwnPose",
+    "ParamAck",
+    "ParamAction",
+    "ParamRequest",
+    "ParamValue",
     "PeerPosition",
     "PeerRanges",
+    "Ping",
     "Pixel",
     "Positive",
     "Pseudoranges",
@@ -166,5 +172,6 @@ __all__ = [
     "Truth",
     "Vec3",
     "Verdict",
+    "Version",
     "tagged",
 ]

@@ -28,7 +28,7 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
-from onboard.wire import guidance
+from onboard.wire import guidance, parameters
 
 BODY_FRD: Final = 12
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -220,4 +220,5 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Collision: _collision,
     Odometry: _odometry,
     **guidance.ENCODE,
+    **parameters.ENCODE,
 }

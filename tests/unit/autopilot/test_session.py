@@ -7,9 +7,11 @@ import pytest
 from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from onboard import __version__
+from onboard.autopilot.output import AutopilotOutput
 from onboard.autopilot.session import Session
-from onboard.config import AutopilotConfig
-from onboard.messages import Clock, Command, Heartbeat, TimeSync
+from onboard.config import AutopilotConfig, Config
+from onboard.messages import Clock, Command, CommandAck, Heartbeat, Ping, TimeSync
 from onboard.messages.vehicle import OUR_TAG
 
 MS = 1_000_000
@@ -170,10 +172,48 @@ def test_timesync_request_of_the_autopilot_is_answered_with_our_clock() -> None:
     assert (reply.tc1, reply.ts1) == (T0 + 5 * MS, 77)
 
 
-def test_timesync_of_others_and_replies_are_not_answered() -> None:
+def test_timesync_of_others_is_answered_but_neither_replies_nor_our_own() -> None:
     session = connected()
-    assert session.respond([request(T0, system=43)], T0) == []
+    (reply,) = parsed(session.respond([request(T0, system=255)], T0))
+    assert (reply.tc1, reply.ts1) == (T0, 77)
     assert session.respond([replace(request(T0), tc1_ns=12345)], T0) == []
+    assert session.respond([replace(request(T0), component=191)], T0) == []
+
+
+def test_a_ping_is_answered_to_its_sender_and_an_answer_is_not() -> None:
+    times = {"t_ns": T0, "t_recv_ns": T0, "clock": Clock.NONE, "system": 255, "component": 190}
+    ping = Ping(**times, time_us=123, number=9, target_system=0, target_component=0)
+    (pong,) = parsed(connected().respond([ping], T0))
+    assert pong.get_type() == "PING"
+    assert (pong.time_usec, pong.seq, pong.target_system, pong.target_component) == (123, 9, 255, 190)
+    assert connected().respond([replace(ping, target_system=42)], T0) == []
+
+
+def test_our_version_is_told_on_request() -> None:
+    output = AutopilotOutput(Config())
+    output.connect(AUTOPILOT)
+    ack, version = parsed(output.respond("autopilot", [command(512, 148.0)], T0).frames)
+    assert (ack.result, version.get_type()) == (0, "AUTOPILOT_VERSION")
+    major, minor, patch = (int(x) for x in __version__.split("."))
+    assert version.flight_sw_version == major << 24 | minor << 16 | patch << 8 | 255
+    assert version.capabilities & dialect.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
+
+
+def test_a_refused_message_rate_is_reported_once() -> None:
+    output = AutopilotOutput(Config())
+    output.connect(AUTOPILOT)
+    times = {"t_ns": T0, "t_recv_ns": T0, "clock": Clock.NONE, "system": 42, "component": 1}
+    ack = CommandAck(**times, target_system=42, target_component=191, command=511, result=3)
+    accepted, others = replace(ack, result=0), replace(ack, target_component=190)
+    for _ in output.tick(T0 - S, healthy=True, rates=SLOW):
+        pass  # requests, that of the filter's status among them, which may be refused
+    for answer, lines in ((accepted, 0), (others, 0), (ack, 0), (ack, 1), (ack, 0)):
+        assert output.respond("autopilot", [answer], T0).frames == []
+        assert len(output.take_lines()) == lines
+    sent = [m for o in output.tick(T0, healthy=True, rates=FAST) for m in parsed(o.frames)]
+    assert [m.text for m in sent if m.get_type() == "STATUSTEXT"] == [
+        "the autopilot refuses a message rate (MAV_RESULT 3)"[:50]
+    ]
 
 
 def test_command_to_us_is_refused_and_said_so() -> None:
@@ -189,7 +229,7 @@ def test_request_for_our_heartbeat_is_accepted_and_brings_one_at_once() -> None:
     (ack,) = parsed(session.respond([command(512, 0.0)], T0 + 100 * MS))
     assert (ack.command, ack.result) == (512, 0)
     assert any(m.get_type() == "HEARTBEAT" for _, m in talk(session, 0.1, 0.2, FAST))
-    (refused,) = parsed(session.respond([command(512, 148.0)], T0))
+    (refused,) = parsed(session.respond([command(512, 149.0)], T0))
     assert refused.result == 3
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from onboard.autopilot.parameters import KEYS
 from onboard.commands import cli
 from simlink import cli as simlink_cli
 from tests.support import documents
@@ -75,7 +76,7 @@ def test_a_stale_call_is_found(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_the_table_of_commands_is_complete() -> None:
-    (table, targets) = documents.tables(documents.text("commands"))
+    table, targets, *_ = documents.tables(documents.text("commands"))
     named = [tuple(call.split()[:2]) for what, _ in table for call in calls_in_text(what)]
     assert set(named) == {(program, command) for program in PARSERS for command in subcommands(program)}
     assert {call.removeprefix("make ") for what, _ in targets for call in calls_in_text(what)} == TARGETS
@@ -106,3 +107,9 @@ def test_module_and_command_are_one() -> None:
         [sys.executable, "-m", "onboard", "--version"], capture_output=True, text=True, cwd=ROOT, check=True
     )
     assert re.fullmatch(r"wingline \d+\.\d+\.\d+\n", done.stdout)
+
+
+def test_the_page_has_every_parameter_and_its_key() -> None:
+    (table,) = documents.tables(documents.section("commands", "Parameters"))
+    shown = {documents.names(name)[0]: documents.names(key)[0] for name, key in table}
+    assert shown == {name: key.rstrip(".012") for name, (key, _) in KEYS.items()}

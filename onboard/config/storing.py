@@ -1,0 +1,48 @@
+"""Values that were set while the daemon ran, kept in a TOML file that goes over the configuration's."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from onboard.config.reading import ConfigError, read_toml
+
+HEAD: Final = "# Written by onboard: parameters that were set over MAVLink. They go over the configuration file.\n"
+FILE_MODE: Final = 0o640
+
+
+def read_stored(path: Path) -> dict[str, Any]:
+    """The stored values as a table, empty without a file. Raises ConfigError."""
+    return read_toml(path) if path.exists() else {}
+
+
+def check_storable(path: Path) -> None:
+    """Raise ConfigError if the file could not be written: before the flight."""
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
+        raise ConfigError(f"parameters.path: {path.parent} is not a folder that can be written")
+
+
+def store(path: Path, table: dict[str, Any]) -> None:
+    """Write a table of numbers and arrays of them, by whole files: a power cut leaves the old one or the new one.
+    Raises OSError."""
+    new = path.with_name(f"{path.name}.new")
+    text = HEAD + "".join(f"{key} = {_toml(value)}\n" for key, value in _flat(table, ""))
+    with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE), "w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    new.replace(path)
+
+
+def _flat(table: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(float(value))

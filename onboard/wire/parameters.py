@@ -1,0 +1,112 @@
+"""Parameters, PING and AUTOPILOT_VERSION: MAVLink messages <-> records. All parameters are real numbers."""
+
+import math
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.messages import Message, ParamAck, ParamAction, ParamRequest, ParamValue, Ping, Version
+
+REAL32: Final = 9  # both of MAV_PARAM_TYPE and of MAV_PARAM_EXT_TYPE
+ACK_ACCEPTED, ACK_FAILED = 0, 2
+NO_HASH: Final = (0,) * 8
+OFFICIAL: Final = 255  # FIRMWARE_VERSION_TYPE
+
+
+Fields = tuple[Any, ...]
+
+
+def _text(field: bytes) -> str:
+    return field.split(b"\0", 1)[0].decode("ascii", "replace")
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _list(f: Fields, h: dict[str, Any], *, extended: bool) -> Message:
+    return ParamRequest(**h, **_target(f), action=ParamAction.LIST, extended=extended)
+
+
+def _read(f: Fields, h: dict[str, Any], *, extended: bool) -> Message:
+    index, *rest, name = f
+    return ParamRequest(
+        **h, **_target(rest), action=ParamAction.READ, extended=extended, name=_text(name), index=index
+    )
+
+
+def _set(f: Fields, h: dict[str, Any]) -> Message:
+    value, system, component, name, _ = f
+    target = _target((system, component))
+    return ParamRequest(**h, **target, action=ParamAction.SET, extended=False, name=_text(name), value=value)
+
+
+def _set_extended(f: Fields, h: dict[str, Any]) -> Message:
+    system, component, name, value, _ = f
+    return ParamRequest(
+        **h,
+        **_target((system, component)),
+        action=ParamAction.SET,
+        extended=True,
+        name=_text(name),
+        value=_number(_text(value)),
+    )
+
+
+def _ping(f: Fields, h: dict[str, Any]) -> Message:
+    return Ping(**h, **_target(f[2:]), time_us=f[0], number=f[1])
+
+
+def _target(f: Sequence[int]) -> dict[str, Any]:
+    return {"target_system": f[0], "target_component": f[1]}
+
+
+# by name: the layout of the payload, and what reads it
+CONVERT: Final[dict[str, tuple[str, Callable[[Fields, dict[str, Any]], Message | None]]]] = {
+    "PARAM_REQUEST_LIST": ("<2B", partial(_list, extended=False)),
+    "PARAM_REQUEST_READ": ("<h2B16s", partial(_read, extended=False)),
+    "PARAM_SET": ("<f2B16sB", _set),
+    "PARAM_EXT_REQUEST_LIST": ("<2B", partial(_list, extended=True)),
+    "PARAM_EXT_REQUEST_READ": ("<h2B16s", partial(_read, extended=True)),
+    "PARAM_EXT_SET": ("<2B16s128sB", _set_extended),
+    "PING": ("<QI2B", _ping),
+}
+
+
+def _value(m: Any) -> list[Any]:
+    name = m.name.encode("ascii")
+    if m.extended:
+        text = decimal(m.value).encode("ascii")
+        return [dialect.MAVLink_param_ext_value_message(name, text, REAL32, m.count, m.index)]
+    return [dialect.MAVLink_param_value_message(name, m.value, REAL32, m.count, m.index)]
+
+
+def _ack(m: Any) -> list[Any]:
+    result = ACK_ACCEPTED if m.accepted else ACK_FAILED
+    value = decimal(m.value).encode("ascii")
+    return [dialect.MAVLink_param_ext_ack_message(m.name.encode("ascii"), value, REAL32, result)]
+
+
+def _version(m: Any) -> list[Any]:
+    major, minor, patch = m.version
+    number = major << 24 | minor << 16 | patch << 8 | OFFICIAL
+    args = (m.capabilities, number, 0, 0, 0, NO_HASH, NO_HASH, NO_HASH, 0, 0, 0)
+    return [dialect.MAVLink_autopilot_version_message(*args)]
+
+
+ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
+    ParamValue: _value,
+    ParamAck: _ack,
+    Ping: lambda m: [dialect.MAVLink_ping_message(m.time_us, m.number, m.target_system, m.target_component)],
+    Version: _version,
+}
+
+
+def decimal(value: float) -> str:
+    """The shortest decimal that a 32-bit float distinguishes."""
+    return format(value, ".7g") if math.isfinite(value) else "nan"
