@@ -42,7 +42,7 @@ class AutopilotOutput:
         self._sessions = {
             link.name: Session(config.autopilot, link.name, self._requests, parameters)
             for link in config.link
-            if link.autopilot
+            if link.is_autopilot
         }
         self._traffic = TrafficOutput(config.traffic_out, config.autopilot.component)
         self._odometry: OdometryStream | None = None

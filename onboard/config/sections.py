@@ -28,11 +28,17 @@ SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
 
 
 class LinkConfig(Record, frozen=True, kw_only=True):
-    """`[[link]]`: a name, and udpin:HOST:PORT, udpout:, tcp:, tcpin: or serial:DEVICE:BAUD."""
+    """`[[link]]`: a name, and udpin:HOST:PORT, udpout:, tcp:, tcpin:, serial:DEVICE:BAUD, or json:HOST:PORT for
+    detections."""
 
     name: str
     url: str
-    autopilot: bool = True  # heartbeats, TIMESYNC and requests for message rates go out on it
+    autopilot: bool = True  # heartbeats, TIMESYNC and requests for message rates go out on it; never on json:
+
+    @property
+    def is_autopilot(self) -> bool:
+        """Whether an autopilot may be at its other end."""
+        return self.autopilot and not self.url.startswith("json:")
 
 
 class AutopilotConfig(Record, frozen=True, kw_only=True):

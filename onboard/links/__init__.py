@@ -6,17 +6,21 @@ from onboard.links.link import Deliver, Link, LinkError, NowNs, health_of
 from onboard.links.serial import SerialLink
 from onboard.links.tcp import TcpClientLink, TcpServerLink
 from onboard.links.udp import UdpLink
+from onboard.messages import Encoding
 
 __all__ = ["Deliver", "Link", "LinkError", "NowNs", "health_of", "parse_link"]
 
-FORMS: Final = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or serial:DEVICE:BAUD"
+FORMS: Final = (
+    "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, serial:DEVICE:BAUD or json:HOST:PORT"
+)
 
 
 def parse_link(spec: str, channel: str, *, retry: bool = True) -> Link:
     """The link that a link string describes, not opened yet.
 
     With `retry`, TCP clients and serial ports that lose their peer reconnect, with growing delays; without, their
-    `run` raises LinkError. An IPv6 address is in brackets. Port 0 of a listening link: any free port.
+    `run` raises LinkError. `json` listens for detections, one JSON document in each UDP datagram. An IPv6 address
+    is in brackets. Port 0 of a listening link: any free port.
 
     Raises LinkError with the string and the valid forms.
     """
@@ -26,13 +30,15 @@ def parse_link(spec: str, channel: str, *, retry: bool = True) -> Link:
         if not device or not baud.isdecimal() or int(baud) == 0:
             raise LinkError(f"link {spec!r}: use serial:DEVICE:BAUD, such as serial:/dev/ttyAMA0:921600")
         return SerialLink(spec, channel, device, int(baud), retry=retry)
-    if kind not in ("udpin", "udpout", "tcp", "tcpin"):
+    if kind not in ("udpin", "udpout", "tcp", "tcpin", "json"):
         raise LinkError(f"link {spec!r}: not a link string; use {FORMS}")
-    host, port = _host_and_port(spec, rest, listening=kind in ("udpin", "tcpin"))
+    host, port = _host_and_port(spec, rest, listening=kind in ("udpin", "tcpin", "json"))
     if kind == "tcp":
         return TcpClientLink(spec, channel, host, port, retry=retry)
     if kind == "tcpin":
         return TcpServerLink(spec, channel, host, port)
+    if kind == "json":
+        return UdpLink(spec, channel, host, port, listening=True, encoding=Encoding.DETECTIONS)
     return UdpLink(spec, channel, host, port, listening=kind == "udpin")
 
 

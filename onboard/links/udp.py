@@ -35,7 +35,17 @@ LONGEST_WAIT_NS: Final = 10_000_000_000  # a longer wait means that the clock wa
 class UdpLink:
     """A UDP socket. `address`: its local address, once open."""
 
-    def __init__(self, spec: str, channel: str, host: str, port: int, *, listening: bool) -> None:
+    def __init__(
+        self,
+        spec: str,
+        channel: str,
+        host: str,
+        port: int,
+        *,
+        listening: bool,
+        encoding: Encoding = Encoding.MAVLINK,
+    ) -> None:
+        self._encoding = encoding
         self.channel = channel
         self.received = 0
         self.sent = 0
@@ -135,7 +145,7 @@ class UdpLink:
             if self._listening and len(data) >= SHORTEST_FRAME and data[0] in MAGIC:
                 self._peer = sender
             self.received += 1
-            deliver(Datagram(channel=self.channel, encoding=Encoding.MAVLINK, t_recv_ns=t_recv_ns, data=data))
+            deliver(Datagram(channel=self.channel, encoding=self._encoding, t_recv_ns=t_recv_ns, data=data))
 
 
 class Budget:

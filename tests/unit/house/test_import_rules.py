@@ -17,7 +17,7 @@ FLOORS = (
     {"clocks", "filters", "health", "links", "sinks", "wire"},
     {"models", "ownship"},
     {"estimators", "scoring"},
-    {"config", "view"},
+    {"client", "config", "view"},
     {"autopilot", "pipeline"},
     {"daemon", "studies"},
     {"commands"},
@@ -39,7 +39,7 @@ PURE = {"pipeline", "filters", "models", "estimators", "geometry", "ownship", "c
 RIM = {"asyncio", "socket", "time", "threading", "zenoh", "rerun", "selectors", "multiprocessing", "serial"}
 PRIVATE_TO = {"onboard.filters.kernels": "onboard.filters"}
 MOST_PARTS = 26
-MOST_ARROWS = 91
+MOST_ARROWS = 93
 
 
 class Import(NamedTuple):

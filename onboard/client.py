@@ -1,0 +1,88 @@
+"""For detectors in Python: what a camera sees, sent to a running daemon.
+
+    with Camera() as camera:
+        camera.send({"left": (310.4, 226.0), "right": (352.1, 223.7)}, t_ns=time_of_exposure)
+
+The daemon names what it refuses on its standard error and in its health.
+"""
+
+import time
+from collections.abc import Iterable, Mapping
+from types import TracebackType
+from typing import Any, Final, Self
+
+import msgspec
+
+from onboard.messages import Box, CameraDetections, Clock, DetectedPoint, Detection, Intrinsics
+from onboard.sinks.zenoh_session import ZenohConfig, open_session
+
+ENDPOINT: Final = "tcp/127.0.0.1:7447"
+
+Point = tuple[float, float] | tuple[float, float, float]
+
+
+class Camera:
+    """A connection to the daemon at `endpoint` for the camera of that name; empty: the first that it has.
+
+    Raises SinkError when no daemon answers.
+    """
+
+    def __init__(self, name: str = "", *, endpoint: str = ENDPOINT, vehicle: str = "1") -> None:
+        config = ZenohConfig(vehicle=vehicle, mode="client", listen=(), connect=(endpoint,))
+        self._name = name
+        self._session = open_session(config)
+        self._key = f"{config.prefix}/camera/{name or 'any'}/detections"
+
+    def send(
+        self,
+        points: Mapping[str, Point] | None = None,
+        *,
+        box: tuple[float, float, float, float] | None = None,
+        t_ns: int | None = None,
+        target: str = "",
+        class_name: str = "",
+        confidence: float | None = None,
+        intrinsics: Intrinsics | None = None,
+    ) -> None:
+        """Send one aircraft in one image: any of the points `center`, `left` and `right`, each (u, v) or (u, v,
+        sigma) in pixels, or a box (u, v of its middle, width, height), or both. `t_ns`: the time of exposure, Unix
+        time in ns; None: now, which is late by as long as detection takes. The rest is as in
+        `messages.Detection`."""
+        detection = Detection(
+            points={name: _point(p) for name, p in (points or {}).items()},
+            box=None if box is None else Box(u_px=box[0], v_px=box[1], width_px=box[2], height_px=box[3]),
+            target=target,
+            class_name=class_name,
+            confidence=confidence,
+        )
+        self.send_all([detection], t_ns=t_ns, intrinsics=intrinsics)
+
+    def send_all(
+        self, detections: Iterable[Detection], *, t_ns: int | None = None, intrinsics: Intrinsics | None = None
+    ) -> None:
+        """Send all aircraft of one image at once."""
+        document = CameraDetections(
+            t_ns=time.time_ns() if t_ns is None else t_ns,
+            clock=Clock.HOST,
+            camera=self._name,
+            intrinsics=intrinsics,
+            detections=tuple(detections),
+        )
+        self._session.put(self._key, msgspec.json.encode(document))
+
+    def close(self) -> None:
+        """End the connection."""
+        self._session.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _point(p: Any) -> DetectedPoint:
+    u_px, v_px, *sigma = p
+    return DetectedPoint(u_px=u_px, v_px=v_px, sigma_px=sigma[0] if sigma else None)

@@ -1,0 +1,107 @@
+"""Detectors as the pages show them: the examples run, and the daemon's links receive what they send."""
+
+import asyncio
+import re
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import pytest
+
+from onboard.client import Camera
+from onboard.config import load_config
+from onboard.links import Link, parse_link
+from onboard.links.zenoh import ZenohLink
+from onboard.messages import Box, Datagram, Detection, Encoding, TargetDetection
+from onboard.sinks.zenoh_session import ZenohConfig, open_session
+from onboard.wire.datagrams import DatagramDecoder
+from tests.support import documents
+from tests.support.programs import PATIENCE, free_endpoint
+
+EXAMPLES = documents.blocks(documents.text("fly-it"), "python")
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return free_endpoint()
+
+
+@pytest.fixture
+def session(endpoint: str) -> Iterator[Any]:
+    opened = open_session(ZenohConfig(vehicle="1", listen=(endpoint,)))
+    yield opened
+    opened.close()
+
+
+def received(link: Link, send: Callable[[], None]) -> Datagram:
+    """The first datagram of a link while something sends again and again: a subscription takes a while."""
+    found: list[Datagram] = []
+
+    async def main() -> None:
+        await link.open()
+        task = asyncio.create_task(link.run(found.append, time.time_ns))
+        async with asyncio.timeout(PATIENCE):
+            while not found:
+                await asyncio.to_thread(send)
+                await asyncio.sleep(0.01)
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+    asyncio.run(main())
+    return found[0]
+
+
+def decoded(datagram: Datagram) -> list[Any]:
+    """Its messages with the default configuration; nothing may be refused or ignored."""
+    reasons: list[str] = []
+    decoder = DatagramDecoder(
+        on_refused=lambda _, reason, __: reasons.append(reason), cameras=load_config(None).camera_inputs()
+    )
+    messages = decoder.decode(datagram)
+    assert reasons == []
+    return messages
+
+
+def test_the_page_s_python_example_sends_a_pair_of_wingtips(session: Any, endpoint: str) -> None:
+    example = EXAMPLES[0].replace("Camera()", f"Camera(endpoint={endpoint!r})")
+    link = ZenohLink(session, "onboard/1", camera="front")
+    datagram = received(link, lambda: exec(example, {}))  # noqa: S102 - what a reader would paste
+    assert (datagram.channel, datagram.encoding) == ("onboard/1/camera/any/detections", Encoding.DETECTIONS)
+    (message,) = decoded(datagram)
+    assert isinstance(message, TargetDetection)
+    assert [f.name for f in message.features] == ["left", "right"]
+    assert (message.t_ns, message.camera) == (1795212000123456789, "front")
+    assert message.features[0].sigma == pytest.approx(1 / 0.8 / 554.256)
+
+
+def test_the_page_s_udp_example_sends_a_box() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    example = re.sub(r"14570", str(port), EXAMPLES[1])
+    datagram = received(parse_link(f"json:127.0.0.1:{port}", "detector"), lambda: exec(example, {}))  # noqa: S102
+    assert datagram.channel == "detector"
+    (message,) = decoded(datagram)
+    assert message.features[0].name == "box"
+    assert message.t_ns <= datagram.t_recv_ns
+
+
+def test_a_camera_sends_all_aircraft_of_an_image_at_once(session: Any, endpoint: str) -> None:
+    both = [
+        Detection(box=Box(u_px=1.0, v_px=2.0, width_px=3.0, height_px=4.0), target=name) for name in ("a", "b")
+    ]
+    with Camera("front", endpoint=endpoint) as camera:
+        link = ZenohLink(session, "onboard/1", camera="front")
+        datagram = received(link, lambda: camera.send_all(both))
+    assert datagram.channel == "onboard/1/camera/front/detections"
+    one, other = decoded(datagram)
+    assert (one.target, other.target) == ("a", "b")
+    assert one.t_ns == other.t_ns <= datagram.t_recv_ns
+
+
+def test_nothing_is_sent_to_a_detector() -> None:
+    (link,) = load_config(None, ("link=[{name='d', url='json:127.0.0.1:14570'}]",)).link
+    assert not link.is_autopilot
