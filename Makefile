@@ -11,7 +11,7 @@ READY_DOCS := $(VENV)/.ready-docs
 KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py \
 	onboard/estimators/*/*.py)
 
-.PHONY: install demo test test-all lint mutants bench docs clean
+.PHONY: install demo test test-all lint mutants fuzz bench docs clean
 
 install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the filters compiled
 	@echo "ready: $(BIN)/onboard --help"
@@ -35,6 +35,10 @@ lint: $(READY_DEV)  ## what CI runs before the tests
 
 mutants: $(READY_DEV) $(COMPILED)  ## whether a test sees each of the wrong lines in tests/mutants
 	$(BIN)/python -m tests.mutants $(ARGS)
+
+fuzz: $(READY_DEV)  ## coverage-guided, over all that reads bytes from outside; prints executions and coverage
+	@$(BIN)/python -c 'import atheris' 2>/dev/null || $(INSTALL) -e '.[fuzz]'
+	$(BIN)/python -m tests.fuzz_bytes $(ARGS)
 
 bench: $(READY_DEV) $(COMPILED)  ## speed, as ratios within one run
 	$(BIN)/python -m benchmarks --json bench.json

@@ -13,7 +13,7 @@ from mcap.writer import Writer
 from onboard.errors import UserError
 from onboard.wire.recording import is_recording, read_messages
 
-FILE_MODE: Final = 0o640  # as the recorder's
+FILE_MODE: Final = 0o600  # as the recorder's
 
 
 def main(arguments: argparse.Namespace) -> int:

@@ -76,8 +76,8 @@ def test_recordings_are_not_readable_by_everybody(tmp_path: Path) -> None:
         recorder.close()
     finally:
         os.umask(mask)
-    assert stat.S_IMODE(recorder.path.stat().st_mode) == 0o640
-    assert stat.S_IMODE(recorder.path.parent.stat().st_mode) == 0o750
+    assert stat.S_IMODE(recorder.path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(recorder.path.parent.stat().st_mode) == 0o700
 
 
 def test_the_first_record_is_logged_at_its_own_time(tmp_path: Path) -> None:
