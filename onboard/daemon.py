@@ -19,7 +19,7 @@ from onboard.autopilot.notices import WARNING
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.stream import Stream
-from onboard.config import Config, check_storable, read_stored, store
+from onboard.config import Config, check_storable, read_stored, signing_key, store
 from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.zenoh import ZenohLink
@@ -46,8 +46,9 @@ class Daemon:
         self._now_ns = self._clock.now_ns
         self._report = report
         self._config = config
-        self._pipeline = Pipeline(config)
-        self._output = AutopilotOutput(config, _parameters(config))
+        keys = {link.name: key for link in config.link if (key := signing_key(link)) is not None}
+        self._pipeline = Pipeline(config, keys)
+        self._output = AutopilotOutput(config, _parameters(config), keys)
         self._console = Console(report, warn=self._warn)
         self._links: list[Link] = [parse_link(link.url, link.name) for link in config.link]
         self._sinks: dict[str, SinkRunner[Any]] = {}
@@ -156,7 +157,7 @@ class Daemon:
             self._take(output)
         offset_ns = self._pipeline.clocks.offset_ns
         boot_ns = None if offset_ns is None else now_ns - offset_ns
-        host_ns = now_ns + self._clock.step_ns()
+        host_ns = self._wall_ns()
         out = self._output.tick(now_ns, healthy=is_heard, rates=self._rates, boot_ns=boot_ns, host_ns=host_ns)
         self._send(out)
         if self._output.leader is not None and self._leader_stream.is_due(now_ns):
@@ -188,6 +189,9 @@ class Daemon:
         for sink in self._sinks.values():
             sink.put(record)
 
+    def _wall_ns(self) -> int:
+        return self._now_ns() + self._clock.step_ns()
+
     def _measure_rates(self) -> None:
         """Frames per second by MAVLink name, over the last health period."""
         frames = self._pipeline.frames
@@ -200,7 +204,7 @@ class Daemon:
             for link in self._links:
                 if link.channel == channel:
                     for frame in frames:
-                        link.send(frame)
+                        link.send(self._output.signed(channel, frame, self._wall_ns()))
 
 
 def _parameters(config: Config) -> Parameters:

@@ -16,6 +16,7 @@ from onboard.autopilot.session import Session
 from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import Config, source_delays_ns
 from onboard.messages import Estimate, GlobalPosition, Heartbeat, LeaderState, Message, NavState, Output
+from onboard.wire.signing import Signer
 
 PX4 = 12  # MAV_AUTOPILOT
 
@@ -31,7 +32,10 @@ class AutopilotOutput:
     """Sans-IO: frames are returned, not sent. There are none before `connect`. `leader`: the newest state of the
     leader, as of the last tick."""
 
-    def __init__(self, config: Config, parameters: Parameters | None = None) -> None:
+    def __init__(
+        self, config: Config, parameters: Parameters | None = None, keys: Mapping[str, bytes] | None = None
+    ) -> None:
+        self._signers = {name: Signer(key, link_id) for link_id, (name, key) in enumerate((keys or {}).items())}
         self.leader: LeaderState | None = None
         self._config, self._camera = config, config.camera_model()
         self._autopilot: Heartbeat | None = None
@@ -48,6 +52,11 @@ class AutopilotOutput:
         self._odometry: OdometryStream | None = None
         self._leader_outputs: list[LeaderOutput] = []
         self._leader_states = LeaderStates(config.ownship.errors)
+
+    def signed(self, channel: str, frame: bytes, wall_ns: int) -> bytes:
+        """A frame as it leaves on a channel's link: signed there if the link has a key. Times are Unix time."""
+        signer = self._signers.get(channel)
+        return frame if signer is None else signer.sign(frame, wall_ns)
 
     def take_lines(self) -> list[str]:
         """Lines for a person since the last call, which also go out as STATUSTEXT."""

@@ -24,7 +24,7 @@ from onboard.config.sections import (
     TrafficOutConfig,
     source_delays_ns,
 )
-from onboard.config.storing import check_storable, read_stored, store
+from onboard.config.storing import check_storable, read_stored, signing_key, store
 
 __all__ = [
     "FASTEST_OUT_HZ",
@@ -48,6 +48,7 @@ __all__ = [
     "parse_config",
     "read_stored",
     "read_table",
+    "signing_key",
     "source_delays_ns",
     "store",
 ]

@@ -34,6 +34,7 @@ class LinkConfig(Record, frozen=True, kw_only=True):
     name: str
     url: str
     autopilot: bool = True  # heartbeats, TIMESYNC and requests for message rates go out on it; never on json:
+    key_file: str | None = None  # of a MAVLink signing key: all that is sent is signed, all that is not is refused
 
     @property
     def is_autopilot(self) -> bool:

@@ -1,11 +1,14 @@
 """Values that were set while the daemon ran, kept in a TOML file that goes over the configuration's."""
 
 import os
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
 from onboard.config.reading import ConfigError, read_toml
+from onboard.config.sections import LinkConfig
+from onboard.wire.signing import read_key
 
 HEAD: Final = "# Written by onboard: parameters that were set over MAVLink. They go over the configuration file.\n"
 FILE_MODE: Final = 0o640
@@ -20,6 +23,25 @@ def check_storable(path: Path) -> None:
     """Raise ConfigError if the file could not be written: before the flight."""
     if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
         raise ConfigError(f"parameters.path: {path.parent} is not a folder that can be written")
+
+
+def signing_key(link: LinkConfig) -> bytes | None:
+    """The signing key of a link, None if it has none. Raises ConfigError if the file cannot be used, or is not
+    private: whoever reads the key can fly the vehicle."""
+    if link.key_file is None:
+        return None
+    where = f"link {link.name}: key_file {link.key_file}"
+    path = Path(link.key_file)
+    try:
+        info = path.stat()
+        key = read_key(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"{where}: {error.strerror}") from error
+    if not stat.S_ISREG(info.st_mode) or info.st_mode & 0o077 or info.st_uid not in {0, os.getuid()}:
+        raise ConfigError(f"{where}: others can read it; chmod 600 it, as its owner")
+    if key is None:
+        raise ConfigError(f"{where}: is empty; put 64 hexadecimal digits or a passphrase in it")
+    return key
 
 
 def store(path: Path, table: dict[str, Any]) -> None:

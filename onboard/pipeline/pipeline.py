@@ -4,7 +4,7 @@
 the decoded messages too; a replay calls `feed`. Both run the same code on the same bytes.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 
 from msgspec.structs import replace
@@ -34,14 +34,14 @@ from onboard.ownship import Ownship
 from onboard.pipeline.admission import SENSED, UNSTAMPED, Admission
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
-from onboard.wire.datagrams import DatagramDecoder
+from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
 
 
 class Pipeline:
     """State lives in five places: the decoder's buffers, the clocks, ownship's history, the images that wait until
     our own pose at their time is known, and each estimator. `Monitor` only counts."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, keys: Mapping[str, bytes] = NO_KEYS) -> None:
         self.clocks = Clocks()
         self.ownship = Ownship(max_extrapolation=config.ownship.max_extrapolation_s)
         self.estimators: dict[str, EstimatorProtocol] = {
@@ -64,7 +64,7 @@ class Pipeline:
         self._last_words = LastWords()
         self._doubt = ""  # of our own motion; estimates that follow from it are not valid
         self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
-        self._decoder = DatagramDecoder(self.count_error, self._monitor.refusals.add, config.camera_inputs())
+        self._decoder = DatagramDecoder(self.count_error, self._monitor.refusals.add, config.camera_inputs(), keys)
 
     def feed(self, datagram: Datagram) -> list[Output]:
         """Estimates and own poses that follow from one datagram, in order."""

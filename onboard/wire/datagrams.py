@@ -1,7 +1,7 @@
 """Datagrams -> messages, by their encoding; bad ones are counted by reason, and nothing is raised."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Final
 
@@ -13,6 +13,7 @@ from onboard.wire.mavlink_decode import MavlinkDecoder, OnError, raise_error
 from onboard.wire.points import decode_points
 from onboard.wire.radar import decode_radar
 from onboard.wire.ranges import decode_ranges
+from onboard.wire.signing import Verifier
 
 DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
     Encoding.POINTS: decode_points,
@@ -20,6 +21,7 @@ DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
     Encoding.RANGES: decode_ranges,
 }
 NO_CAMERAS: Final[Cameras] = {}
+NO_KEYS: Final[Mapping[str, bytes]] = {}
 MOST_IGNORED: Final = 64  # unknown fields that are named, each once
 LONGEST_NAME: Final = 200  # characters of what is named
 OnRefused = Callable[[str, str, int], None]
@@ -32,17 +34,20 @@ def ignore(_source: str, _reason: str, _t_recv_ns: int) -> None:
 class DatagramDecoder:
     """One MAVLink decoder for each channel; JSON documents need no state. `on_error` is called with the
     place and the exception over one frame or document, `on_refused` with the channel, the reason and the arrival
-    of a document that cannot be used. `cameras` are those whose detections may come."""
+    of a document that cannot be used. `cameras` are those whose detections may come; `keys` are
+    those of channels whose MAVLink frames must be signed."""
 
     def __init__(
         self,
         on_error: OnError = raise_error,
         on_refused: OnRefused = ignore,
         cameras: Cameras = NO_CAMERAS,
+        keys: Mapping[str, bytes] = NO_KEYS,
     ) -> None:
         self._on_error = on_error
         self._on_refused = on_refused
         self._cameras = cameras
+        self._keys = keys
         self._mavlink: dict[str, MavlinkDecoder] = {}
         self._bad: Counter[str] = Counter()
         self._ignored: set[str] = set()
@@ -62,7 +67,12 @@ class DatagramDecoder:
     def _decoder(self, datagram: Datagram) -> MavlinkDecoder:
         decoder = self._mavlink.get(datagram.channel)
         if decoder is None:
-            decoder = MavlinkDecoder(stream=datagram.encoding is Encoding.MAVLINK_STREAM, on_error=self._on_error)
+            key = self._keys.get(datagram.channel)
+            decoder = MavlinkDecoder(
+                stream=datagram.encoding is Encoding.MAVLINK_STREAM,
+                on_error=self._on_error,
+                verifier=None if key is None else Verifier(key),
+            )
             self._mavlink[datagram.channel] = decoder
         return decoder
 

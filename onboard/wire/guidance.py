@@ -21,9 +21,9 @@ from onboard.messages import (
     Quaternion,
     TargetRelative,
 )
+from onboard.wire.mavlink_frame import TARGET_RELATIVE, TARGET_RELATIVE_EXTRA
 
 POSITION, VELOCITY, ATTITUDE = 1, 2, 8  # bits of est_capabilities
-TARGET_RELATIVE: Final = 511
 LOCAL_OFFSET_NED: Final = 2  # TARGET_OBS_FRAME: NED, travels with the vehicle
 VISION_OTHER: Final = 3  # LANDING_TARGET_TYPE
 BODY_FRD: Final = 12
@@ -39,7 +39,7 @@ class TargetRelativeMessage(dialect.MAVLink_message):  # type: ignore[misc]  # p
 
     id = TARGET_RELATIVE
     msgname = "TARGET_RELATIVE"
-    crc_extra = 28
+    crc_extra = TARGET_RELATIVE_EXTRA
     layout: Final = struct.Struct(
         "<Q3f3ff4f4f3B"
     )  # timestamp, r, pos_std, yaw_std, q_target, q_sensor; id, frame, type

@@ -2,8 +2,8 @@
 
 Two framings. UDP: every datagram stands alone, so a truncated one cannot eat the next. Streams (TCP, serial): a
 frame that is cut off waits for its other part. Every frame's checksum is tested, but only the payloads of messages
-that become records are read. Signatures are skipped: there is no key to test them with. Tests hold frames, counts
-and records to pymavlink's.
+that become records are read. Signatures are tested where there is a key, and else skipped. Tests hold frames,
+counts and records to pymavlink's.
 """
 
 import re
@@ -14,19 +14,12 @@ from typing import Final
 
 from onboard.messages import Message
 from onboard.wire.landing_target import LANDING_TARGET, PointAssembler
+from onboard.wire.mavlink_frame import CHECKSUM, MIRRORED, SIGNATURE, SIGNED, V1, V1_HEAD, V2, V2_HEAD
 from onboard.wire.mavlink_records import CONVERT
 from onboard.wire.mavlink_table import MESSAGES
+from onboard.wire.signing import Verifier
 
-V1: Final = 0xFE
-V2: Final = 0xFD
-V1_HEAD: Final = 6
-V2_HEAD: Final = 10
-CHECKSUM: Final = 2
-SIGNATURE: Final = 13
-SIGNED: Final = 0x01  # the only incompatibility flag there is; a frame with another cannot be read
 START: Final = re.compile(b"[\xfd\xfe]")
-# MAVLink's checksum (CRC-16/MCRF4XX) runs through the bits of each byte in the other order than `crc_hqx`.
-MIRRORED: Final = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
 OnError = Callable[[str, Exception], None]
 
@@ -39,13 +32,14 @@ def raise_error(_place: str, error: Exception) -> None:
 class MavlinkDecoder:
     """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
     counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
-    that it caused; the other frames are decoded."""
+    that it caused; the other frames are decoded. With a `verifier`, only frames that it lets pass."""
 
-    def __init__(self, *, stream: bool, on_error: OnError = raise_error) -> None:
+    def __init__(self, *, stream: bool, on_error: OnError = raise_error, verifier: Verifier | None = None) -> None:
         self.rejected: Counter[str] = Counter()
         self.names: Counter[str] = Counter()
         self._stream = stream
         self._on_error = on_error
+        self._verifier = verifier
         self._rest = b""  # of a stream: the frame that is not complete yet
         self._points = PointAssembler(self.rejected)
 
@@ -91,6 +85,10 @@ class MavlinkDecoder:
         end = head + frame[1]
         if not is_sound(frame[1 : end + CHECKSUM], extra):
             self.rejected["bad_frame"] += 1
+            return None
+        reason = "" if self._verifier is None else self._verifier.check(frame, t_recv_ns)
+        if reason:
+            self.rejected[reason] += 1
             return None
         self.names[name] += 1
         try:

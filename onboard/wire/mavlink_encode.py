@@ -29,6 +29,7 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.wire import guidance, parameters
+from onboard.wire.mavlink_frame import TARGET_RELATIVE
 
 BODY_FRD: Final = 12
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -63,7 +64,7 @@ class MavlinkEncoder:
 def message_number(name: str) -> int:
     """The number of a MAVLink message. Raises KeyError for an unknown name."""
     if name == guidance.TargetRelativeMessage.msgname:
-        return guidance.TARGET_RELATIVE
+        return TARGET_RELATIVE
     number = getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
     if not isinstance(number, int):
         raise KeyError(name)

@@ -63,6 +63,8 @@ def test_a_break_off_lasts_until_the_follower_is_back_in_its_slot() -> None:
     made = Flight(t, zero, error, zero, zero, zero, valid, valid)
     away = t[broken_off(made, error)]
     assert (away[0], away[-1]) == pytest.approx((10.0, 19.9), abs=0.051)
+    swings = made._replace(slot_error=np.where((t > 22.0) & (t < 22.45), 50.0, error))  # through its slot and back
+    assert t[broken_off(swings, swings.slot_error)][-1] == pytest.approx(22.4, abs=0.051)
     short = made._replace(valid=1.0 - ((t > 9.95) & (t < 12.05)))
     assert not broken_off(short, error).any()
 

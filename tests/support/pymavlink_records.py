@@ -28,6 +28,9 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    ParamAction,
+    ParamRequest,
+    Ping,
     StatusText,
     SystemTime,
     TimeSync,
@@ -215,6 +218,25 @@ def _follow_target(m: Any, h: dict[str, Any]) -> Message:
     )
 
 
+def _parameter(m: Any, h: dict[str, Any], action: ParamAction, **fields: Any) -> Message:
+    targets = {"target_system": m.target_system, "target_component": m.target_component}
+    return ParamRequest(**h, **targets, action=action, extended="_EXT_" in m.get_type(), **fields)
+
+
+def _real(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _ping(m: Any, h: dict[str, Any]) -> Message:
+    """Its stamp is of whoever asks, so not of a clock that we know."""
+    targets = {"target_system": m.target_system, "target_component": m.target_component}
+    unstamped = {**h, "t_ns": h["t_recv_ns"], "clock": Clock.NONE}
+    return Ping(**unstamped, **targets, time_us=m.time_usec, number=m.seq)
+
+
 CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
@@ -241,6 +263,13 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "ADSB_VEHICLE": _adsb_vehicle,
     "COLLISION": _collision,
     "FOLLOW_TARGET": _follow_target,
+    "PARAM_REQUEST_LIST": lambda m, h: _parameter(m, h, ParamAction.LIST),
+    "PARAM_REQUEST_READ": lambda m, h: _parameter(m, h, ParamAction.READ, name=m.param_id, index=m.param_index),
+    "PARAM_SET": lambda m, h: _parameter(m, h, ParamAction.SET, name=m.param_id, value=m.param_value),
+    "PARAM_EXT_REQUEST_LIST": lambda m, h: _parameter(m, h, ParamAction.LIST),
+    "PARAM_EXT_REQUEST_READ": lambda m, h: _parameter(m, h, ParamAction.READ, name=m.param_id, index=m.param_index),
+    "PARAM_EXT_SET": lambda m, h: _parameter(m, h, ParamAction.SET, name=m.param_id, value=_real(m.param_value)),
+    "PING": _ping,
 }
 
 

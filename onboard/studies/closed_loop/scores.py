@@ -18,6 +18,7 @@ STOP_WITHIN: Final = 3.0  # s
 STRAIGHT_RATE: Final = 0.005  # rad/s
 STRAIGHT_FOR: Final = 5.0  # s without a turn
 CLOSES: Final = 0.2  # m/s; slower is noise
+STAYS: Final = 5.0  # s in its slot: back from a break-off, not only swinging through
 LONG: Final = 5.0  # s without a valid estimate: a break-off
 
 
@@ -73,7 +74,7 @@ def is_straight(turn_rate: Array) -> Flags:
 
 
 def broken_off(flight: Flight, error: Array) -> Flags:
-    """From the end of `valid`, where it ends for long, until the follower is back within the limit (n,)."""
+    """From the end of `valid`, where it ends for long, until the follower is back in its slot to stay (n,)."""
     away = np.zeros(len(flight.t), dtype=bool)
     invalid = (flight.valid == 0) & (flight.t > 0)
     k = 0
@@ -81,7 +82,7 @@ def broken_off(flight: Flight, error: Array) -> Flags:
         if not invalid[k : k + round(LONG * ROWS_PER_S)].all() or k + LONG * ROWS_PER_S > len(away):
             k += 1
             continue
-        later = np.flatnonzero((flight.valid[k:] > 0) & (error[k:] <= MOST_STRAIGHT))
+        later = np.flatnonzero(_for(STAYS, (flight.valid[k:] > 0) & (error[k:] <= MOST_STRAIGHT)))
         end = k + int(later[0]) if later.size else len(away)
         away[k:end] = True
         k = end
@@ -90,3 +91,10 @@ def broken_off(flight: Flight, error: Array) -> Flags:
 
 def _most(values: Array) -> float:
     return float(values.max()) if values.size else float("nan")
+
+
+def _for(seconds: float, holds: Flags) -> Flags:
+    """Whether something holds now and for so long afterwards, as far as the flight lasts (n,)."""
+    window = round(seconds * ROWS_PER_S)
+    fails = np.concatenate((~holds, np.zeros(window, dtype=bool)))
+    return np.array([not fails[i : i + window].any() for i in range(len(holds))])
