@@ -223,6 +223,10 @@ def _parameter(m: Any, h: dict[str, Any], action: ParamAction, **fields: Any) ->
     return ParamRequest(**h, **targets, action=action, extended="_EXT_" in m.get_type(), **fields)
 
 
+def _parameter_read(m: Any, h: dict[str, Any]) -> Message:
+    return _parameter(m, h, ParamAction.READ, name=m.param_id, index=m.param_index)
+
+
 def _real(text: str) -> float | None:
     try:
         return float(text)
@@ -264,10 +268,12 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "COLLISION": _collision,
     "FOLLOW_TARGET": _follow_target,
     "PARAM_REQUEST_LIST": lambda m, h: _parameter(m, h, ParamAction.LIST),
-    "PARAM_REQUEST_READ": lambda m, h: _parameter(m, h, ParamAction.READ, name=m.param_id, index=m.param_index),
+    "PARAM_REQUEST_READ": _parameter_read,
     "PARAM_SET": lambda m, h: _parameter(m, h, ParamAction.SET, name=m.param_id, value=m.param_value),
     "PARAM_EXT_REQUEST_LIST": lambda m, h: _parameter(m, h, ParamAction.LIST),
-    "PARAM_EXT_REQUEST_READ": lambda m, h: _parameter(m, h, ParamAction.READ, name=m.param_id, index=m.param_index),
+    "PARAM_EXT_REQUEST_READ": lambda m, h: _parameter(
+        m, h, ParamAction.READ, name=m.param_id, index=m.param_index
+    ),
     "PARAM_EXT_SET": lambda m, h: _parameter(m, h, ParamAction.SET, name=m.param_id, value=_real(m.param_value)),
     "PING": _ping,
 }
