@@ -36,6 +36,7 @@ from simlink.sensors.navigation import Reading, readings
 from simlink.traffic.reports import sender
 from simlink.traffic.traffic import Traffic, TrafficOutput
 from simlink.world.constants import STEP_NS, steps_of
+from simlink.world.drawn import drawn
 from simlink.world.follow import FollowMode, following_states
 from simlink.world.noise import uniforms
 from simlink.world.truth import State, states, true_size, truth_record
@@ -75,6 +76,7 @@ def boot_ns_of(scenario: Scenario) -> int:
 def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | None = None) -> Iterator[Tick]:
     """The run, 200 ticks per second, without end. The flight begins at boot time `boot_ns`. `world`: the states,
     if not those that follow from scenario and seed alone."""
+    scenario = drawn(scenario, seed)
     size = true_size(scenario, seed)
     camera = CameraSensor(scenario, seed, size)
     rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)

@@ -11,8 +11,14 @@ import numpy as np
 
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import GaussMarkov
-
-Range = tuple[float, float]
+from simlink.world.drawn import (
+    ATTITUDE_ERROR_S,
+    TILT_ERROR_DEG,
+    VELOCITY_ERROR,
+    VELOCITY_ERROR_S,
+    YAW_ERROR_DEG,
+    Range,
+)
 
 NOMINAL_SIZE: Final = 2.0  # m
 SIZE_SIGMA: Final = 0.02  # of it
@@ -45,14 +51,6 @@ NAVIGATION_HZ: Final[Range] = (30.0, 60.0)
 # LOCAL_POSITION_NED of an ArduPilot is 20 to 25 ms older than its stamp (../shared/data/README.md).
 POSITION_LAG_S: Final[Range] = (0.015, 0.030)
 TRANSPORT_S: Final[Range] = (0.001, 0.004)
-# An ArduPilot's yaw is steadily 0.6 degrees off, and steps by 1.5 to 2 at take-off (../shared/data/README.md).
-# Roll and pitch are known better, the mount of the camera included.
-TILT_ERROR_DEG: Final[Range] = (0.15, 0.5)  # standard deviations
-YAW_ERROR_DEG: Final[Range] = (0.5, 1.6)
-ATTITUDE_ERROR_S: Final[Range] = (25.0, 200.0)
-# GPS receivers' data sheets give 0.05 to 0.1 m/s (68 %, good sky); the reference scenario's variant h has 0.1 m/s.
-VELOCITY_ERROR: Final[Range] = (0.05, 0.16)  # m/s, standard deviation per axis
-VELOCITY_ERROR_S: Final[Range] = (5.0, 60.0)
 
 
 class Conditions(NamedTuple):

@@ -12,7 +12,7 @@ import types
 import typing
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -31,12 +31,18 @@ class ScenarioError(ValueError):
 
 
 class Scenario(Record, frozen=True, kw_only=True):
-    """One flight. Pulses and blackouts repeat every `repeat` seconds of an endless flight; `duration` in s."""
+    """One flight. Pulses and blackouts repeat every `repeat` seconds of an endless flight; `duration` in s.
+
+    Of runs on the wire and through a pipeline (`simlink.world.drawn`): with `own_errors`, the autopilot's attitude
+    and velocity have errors whose size is drawn by seed; sizes of errors, their correlation times and latencies
+    differ from run to run by factors up to `spread`."""
 
     name: str = "formation"
     description: str = ""
     duration: Positive = 60.0
     repeat: Positive = 60.0
+    own_errors: bool = False
+    spread: Annotated[float, msgspec.Meta(ge=1, le=4)] = 1.0
     leader: Leader = Leader()
     follower: Follower = Follower()
     camera: Camera = Camera()

@@ -9,9 +9,11 @@ from simlink.scenarios.profiles import GaussMarkov, Interval, Probability, Rate
 
 
 class Nav(Record, frozen=True, kw_only=True):
-    """Errors of the autopilot's own state estimate, per axis: attitude (deg), velocity (m/s), position (m)."""
+    """Errors of the autopilot's own state estimate, per axis: attitude (deg), velocity (m/s), position (m).
+    `yaw_deg`: of the rotation about b's z axis, if it differs from the others; only on the wire."""
 
     attitude_deg: GaussMarkov = GaussMarkov(time=10.0)
+    yaw_deg: GaussMarkov | None = None
     velocity: GaussMarkov = GaussMarkov(time=5.0)
     position: GaussMarkov = GaussMarkov(time=10.0)
     acceleration_white: NotNegative = 0.0  # m/s^2, only in `simlink.flight.fly`

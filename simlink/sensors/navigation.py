@@ -41,7 +41,9 @@ class Reading(NamedTuple):
 def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[tuple[State, Reading]]:
     """Each state of the world with our vehicle's readings of it."""
     nav, imu, gps = scenario.nav, scenario.imu, scenario.gps
-    attitude_error = gauss_markov_vectors(seed, "nav.attitude", nav.attitude_deg, DT, math.pi / 180)
+    attitude_error = gauss_markov_vectors(
+        seed, "nav.attitude", nav.attitude_deg, DT, math.pi / 180, nav.yaw_deg or nav.attitude_deg
+    )
     velocity_error = gauss_markov_vectors(seed, "nav.velocity", nav.velocity, DT)
     position_error = gauss_markov_vectors(seed, "nav.position", nav.position, DT)
     gps_error = gauss_markov_vectors(seed, "gps.position", gps.position, DT)

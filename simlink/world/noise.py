@@ -50,8 +50,10 @@ def gauss_markov(z: Iterator[float], process: GaussMarkov, dt: float, unit: floa
 
 
 def gauss_markov_vectors(
-    seed: int, name: str, process: GaussMarkov, dt: float, unit: float = 1.0
+    seed: int, name: str, process: GaussMarkov, dt: float, unit: float = 1.0, third: GaussMarkov | None = None
 ) -> Iterator[Vec3]:
-    """Vectors of three independent Gauss-Markov processes, from the streams `name`.x, .y and .z of `seed`."""
-    x, y, z = (gauss_markov(normals(seed, f"{name}.{axis}"), process, dt, unit) for axis in "xyz")
+    """Vectors of three independent Gauss-Markov processes, from the streams `name`.x, .y and .z of `seed`.
+    `third`: the process of z, if it is another."""
+    processes = (("x", process), ("y", process), ("z", third or process))
+    x, y, z = (gauss_markov(normals(seed, f"{name}.{axis}"), p, dt, unit) for axis, p in processes)
     return zip(x, y, z, strict=True)

@@ -54,17 +54,13 @@ class FlightScore(NamedTuple):
 
 
 def section(method: str) -> dict[str, Any]:
-    """The estimator's section: the nominal craft, and the noise of its autopilot's messages. `method` is a
-    filter's name, with NO_BAROMETER appended or not."""
+    """The estimator's section: the nominal craft, and nothing of the noise of its messages. `method` is a filter's
+    name, with NO_BAROMETER appended or not."""
     without = {"pressure_rate_hz": 0.0} if method.endswith(NO_BAROMETER) else {}
     return {
         **without,
         "filter": method.removesuffix(NO_BAROMETER),
         "airframe": "csvsf",
-        "gps_position_sigma_m": [0.5, 0.5, 1.0],
-        "bias_sigma_m_s2": 0.02,
-        "own_tilt_sigma_deg": 0.0,
-        "own_yaw_sigma_deg": 0.0,
         "publish_rate_hz": PUBLISHED_HZ,
     }
 

@@ -157,5 +157,10 @@ def test_each_scenario_has_a_configuration_that_loads(scenario: str, tmp_path: P
     config = load_config(tmp_path / "x.toml")
     assert config.camera.f_px == described.camera.f_px
     assert config.camera.mount_rpy_deg == described.camera.mount_rpy_deg
-    exact = described.nav.attitude_deg.sigma == 0
-    assert (config.estimator["leader"].own_tilt_sigma_deg == 0) == exact
+    # nobody tells a daemon how large the errors are
+    assert config.ownship == load_config(None).ownship
+    leader = {"size_prior_m", "leader_class", "center_on_wing"}
+    assert set(tomllib.loads(daemon_config(described))["estimator"]["leader"]) <= leader
+    own = tomllib.loads(daemon_config(described))["estimator"].get("own_state", {})
+    assert set(own) <= {"airframe", "custom"}
+    assert tomllib.loads(daemon_config(described))["estimator"].get("traffic", {}) == {}
