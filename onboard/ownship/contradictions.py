@@ -15,6 +15,7 @@ from operator import itemgetter
 from typing import Final, NamedTuple
 
 HOLD_NS: Final = 1_000_000_000  # own motion is in doubt for so long after a contradiction
+YAW_HOLD_NS: Final = 10_000_000_000  # one that shows only while we accelerate; a turn and its reversal take less
 LASTS_NS: Final = 280_000_000  # every step contradicts for so long: no correction of an autopilot, but a fault
 FEWEST: Final = 4  # steps in that time
 LONGEST_NS: Final = 150_000_000  # between two samples: what changed in between is not known of slower streams
@@ -81,7 +82,7 @@ class Contradictions:
     """The checks, fed with each sample that own motion takes. `reason(t_ns)` says what is wrong, "" if nothing."""
 
     def __init__(self) -> None:
-        self._found: tuple[int, str] | None = None
+        self._found: tuple[int, str] | None = None  # until when, and what
         self._attitude: Sample | None = None
         self._nav: Sample | None = None
         self._turns, self._moves, self._same_q, self._same_r = Run(), Run(), Still(), Still()
@@ -91,14 +92,16 @@ class Contradictions:
         self._velocities: deque[Sample] = deque()
 
     def reason(self, t_ns: int) -> str:
-        """What contradicted itself within the second before a time; "" if nothing."""
-        if self._found is None or t_ns - self._found[0] > HOLD_NS:
+        """What has contradicted itself not long before a time; "" if nothing."""
+        if self._found is None or t_ns > self._found[0]:
             return ""
         return self._found[1]
 
-    def note(self, t_ns: int, what: str) -> None:
-        """A contradiction at a time."""
-        self._found = t_ns, what
+    def note(self, t_ns: int, what: str, hold_ns: int = HOLD_NS) -> None:
+        """A contradiction at a time; it is held for as long as nothing says that it is over."""
+        until_ns = t_ns + hold_ns
+        if self._found is None or until_ns >= self._found[0]:
+            self._found = until_ns, what
 
     def add_attitude(self, t_ns: int, q_nb: Sequence[float], omega_b: Sequence[float]) -> None:
         """The next attitude: unit quaternion (4) and body rates (3), rad/s."""
@@ -181,7 +184,7 @@ class Contradictions:
         (n0, e0), (n1, e1) = self._gained(first.t_ns), self._gained(now.t_ns)
         north, east = now.rate[0] - first.rate[0], now.rate[1] - first.rate[1]
         if math.hypot(north - (n1 - n0), east - (e1 - e0)) > CHANGE:
-            self.note(now.t_ns, "velocity contradicts the accelerometer")
+            self.note(now.t_ns, "velocity contradicts the accelerometer", YAW_HOLD_NS)
 
     def _gained(self, t_ns: int) -> tuple[float, float]:
         """Velocity north and east that the accelerometer has gained at the last of its samples until a time."""

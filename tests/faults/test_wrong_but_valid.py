@@ -9,9 +9,9 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_euler, quaternion_product
-from onboard.messages import Attitude, Estimate, Imu, LocalPosition, Message
+from onboard.messages import Attitude, Estimate, Imu, LocalPosition, Message, TargetPoints
 from tests.support.faulty_flight import CLEAN, ITEMS, T0, T1, assert_on_target, flown
-from tests.support.streams import CIRCLE, EPOCH, MS, Item, Run, S, encode, position_error
+from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, Item, Run, S, encode, position_error
 
 BEGINS = 46 * S  # boot time of the fault
 
@@ -144,3 +144,38 @@ def test_what_was_estimated_from_doubtful_motion_is_forgotten() -> None:
     assert after[0].t_ns > BEGINS + 2.9 * S
     assert max(position_error(e) for e in after if e.t_ns > BEGINS + 4 * S) < 1.5
     assert run.estimates[-1].reset_count > CLEAN.estimates[-1].reset_count
+
+
+def shown(points: np.ndarray) -> dict[str, tuple[float, float]]:
+    return {name: (float(u), float(v)) for name, (u, v) in zip(("center", "left", "right"), points, strict=True)}
+
+
+@pytest.mark.parametrize("noise_px", [0.0, 0.05])
+def test_a_camera_that_hangs_with_seed_43(noise_px: float) -> None:
+    rng, hung = np.random.default_rng(43), CIRCLE.points(BEGINS / S)
+    noisy = lambda m: replace(m, **shown(hung + rng.normal(size=(3, 2)) * noise_px / F_PX))  # noqa: E731
+    run = changed(ITEMS, TargetPoints, noisy)
+    late = beginning(run)
+    assert not any(e.valid for e in late)
+    assert late[0].reason == "the camera hangs: its image stays although we turn"
+    assert max(position_error(e) for e in run.estimates if e.valid and e.t_ns > BEGINS) < 1.5
+
+
+def beside(m: TargetPoints) -> TargetPoints:
+    """An object of half the size, three metres to the right of the leader."""
+    center, half = np.array(m.center) + np.array((3 / 28, 0.0)), (np.array(m.right) - np.array(m.left)) / 4
+    return replace(m, **shown(np.array([center, center - half, center + half])))
+
+
+def test_another_object_that_takes_the_leaders_place_is_in_question() -> None:
+    run = changed(ITEMS, TargetPoints, beside)
+    assert not any(e.valid for e in run.estimates if e.t_ns > BEGINS + 1.2 * S)
+    assert run.estimates[-1].reason == "the images leapt: another object may have taken its place"
+    assert max(position_error(e) for e in run.estimates if e.valid and e.t_ns > BEGINS) < 2.5
+
+
+def test_a_leader_that_comes_back_to_its_place_is_believed() -> None:
+    run = changed(ITEMS, TargetPoints, beside, BEGINS + 3 * S)
+    back = [e for e in run.estimates if e.t_ns > BEGINS + 4.3 * S]
+    assert all(e.valid for e in back)
+    assert_on_target(run)

@@ -33,7 +33,7 @@ class Config(Record, frozen=True, kw_only=True):
     direction_timeout_s: NotNegative = 5.0  # with directions alone, without the wing: lost, not valid
     reset_timeout_s: NotNegative = 10.0  # without an image: forgotten
     relock_after_s: NotNegative = 1.0  # with only gated images: forgotten, and started again
-    stale_after_s: Positive = 0.5  # with exactly the same points: the camera hangs
+    stale_after_s: Positive = 0.5  # with points that stay although the camera turned: it hangs
     edge_px: NotNegative = 1.0  # points this near to the image's edge are rejected
     max_targets: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 100
 

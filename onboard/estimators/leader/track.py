@@ -15,6 +15,7 @@ from onboard.arrays import Array
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.exchange import Exchange
 from onboard.estimators.leader.filter import LeaderFilter
 from onboard.estimators.leader.image import Image, agree, in_view, prepare
 from onboard.estimators.leader.partial import refused
@@ -56,6 +57,7 @@ class Track:
         self._images = filter_.images or config.initialise_images  # that must agree before a track starts
         self._held: deque[Image] = deque(maxlen=self._images)
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
+        self._exchange = Exchange(config.reset_timeout_s)
         self._report = partial(report, filter_)
         self._sequence = 0
         reason = "as many targets are followed as may be" if full else "no image yet"
@@ -86,6 +88,7 @@ class Track:
         self._forget(reason)
         self._held.clear()
         self._repeats.clear()
+        self._exchange.clear()
 
     @property
     def is_followed(self) -> bool:
@@ -126,6 +129,8 @@ class Track:
         if isinstance(image, Verdict):
             return self._report(message, image)
         if self._repeats.add(image):
+            if self._history is not None:  # which has taken some of the same images
+                self._forget("the camera hangs: its image stays although we turn")
             return self._report(message, Verdict.STALE, image)
         if self._history is None and not image.has_wing:
             return self._report(message, Verdict.DIRECTION_ONLY, image)
@@ -149,10 +154,13 @@ class Track:
         outcome: Outcome = history.insert(message.t_ns, image, ownship)
         self._settle(history, ownship, inserted=True)
         if not outcome.fused:
+            self._exchange.gated(image)
             if image.has_wing and self._status.gated(message.t_ns):
+                self._exchange.ended()
                 self._forget("every image was gated")
                 self._start(image, ownship, None)
             return self._report(message, Verdict.GATED, image, outcome)
+        self._exchange.fused(image)
         self._status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_wing)
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
@@ -258,6 +266,8 @@ class Track:
             coasting = self._status.is_coasting(t_ns)
             in_view = not coasting or self._should_be_in_view(belief.mean, t_ns, ownship)
             state, reason = self._status.state(t_ns, in_view=in_view)
+            if self._exchange.is_in_question(t_ns):
+                state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
             reason = f"{reason}; {question}" if question and state is not Lifecycle.LOST else reason
             range_ = math.hypot(*mean[R])
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)

@@ -133,7 +133,7 @@ def jumping(gap_after: float = 45.0) -> list[Datagram]:
 
 def test_a_track_whose_images_are_all_gated_ends_and_starts_anew() -> None:
     # the nose mixture would explain the jump by a nose that turns
-    run = feed(jumping(), make_config("estimator.leader.filter=wing-line"))
+    run = feed(jumping(), make_config("estimator.leader.filter=wing-line", "estimator.leader.reset_timeout_s=3"))
     assert_sane(run.estimates)
     gated = [r for r in run.reports if r.verdict is Verdict.GATED]
     assert gated[0].t_ns >= 8 * S
@@ -142,6 +142,10 @@ def test_a_track_whose_images_are_all_gated_ends_and_starts_anew() -> None:
     assert last.reset_count == 1
     assert last.valid
     assert position_error(last, Flight(radius=None, gap=45.0)) < 3.0
+    in_question = [e for e in run.estimates if 9.2 * S < e.t_ns < 10.9 * S]
+    assert {(e.state, e.valid, e.reason) for e in in_question} == {
+        (Lifecycle.LOST, False, "the images leapt: another object may have taken its place")
+    }
 
 
 def test_one_good_image_among_gated_ones_keeps_the_track() -> None:
