@@ -40,8 +40,9 @@ fuzz: $(READY_DEV)  ## coverage-guided, over all that reads bytes from outside; 
 	@$(BIN)/python -c 'import atheris' 2>/dev/null || $(INSTALL) -e '.[fuzz]'
 	$(BIN)/python -m tests.fuzz_bytes $(ARGS)
 
-bench: $(READY_DEV) $(COMPILED)  ## speed, as ratios within one run
+bench: $(READY_DEV) $(COMPILED)  ## speed as ratios within one run, and the daemon under load
 	$(BIN)/python -m benchmarks --json bench.json
+	$(BIN)/python -m benchmarks.live --history benchmarks/history.jsonl
 
 docs: $(READY_DOCS)  ## the documentation, in out/docs/html
 	$(BIN)/sphinx-build -q -W --keep-going -b html -d out/docs/doctrees docs out/docs/html

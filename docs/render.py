@@ -99,6 +99,47 @@ def of_bench(runs: Sequence[Json]) -> Figures:
     return found
 
 
+def of_live(history: str) -> Figures:
+    """Figures of the newest line of `benchmarks/history.jsonl`."""
+    live: Json = json.loads(history.splitlines()[-1])
+    found = {
+        "live_date": live["machine"]["date"],
+        "live_cpu": live["machine"]["cpu"],
+        "live_cores": str(live["machine"]["cores"]),
+        "live_load_average": f"{live['machine']['load_average']:.1f}",
+        "live_start_s": f"{live['start']['warm_s']:.1f}",
+        "live_replay_times": f"{live['stages']['replay_times']:.0f}",
+        "live_most_per_s": f"{most_without_a_drop(live['input']):,}",
+    }
+    for key in ("read", "decode", "align", "estimate", "encode"):
+        found[f"live_{key}_us"] = f"{live['stages'][f'{key}_us']:.1f}"
+    for key, short in (("alone", "alone"), ("beside_two_busy_loops", "busy"), ("half_of_one_core", "half")):
+        flown = live[key]
+        for what, value in flown["arrival_ms"].items():
+            found[f"live_{short}_arrival_{what}_ms"] = f"{value:.1f}"
+        found[f"live_{short}_cpu_percent"] = f"{flown['cpu_percent']:.0f}"
+        found[f"live_{short}_memory_mb"] = f"{flown['memory_mb']:.0f}"
+    alone = live["alone"]
+    found["live_alone_answered"] = f"{alone['answered']} of {alone['images']}"
+    for what, value in alone["exposure_ms"].items():
+        found[f"live_alone_exposure_{what}_ms"] = f"{value:.1f}"
+    for row in live["input"]:
+        found[f"live_{row['asked']}_sent"] = f"{row['sent_per_s']:,.0f}"
+        found[f"live_{row['asked']}_dropped"] = f"{100 * row['dropped'] / max(row['sent'], 1):.1f}"
+        found[f"live_{row['asked']}_us"] = f"{row['cpu_us_per_message']:.0f}"
+    return found
+
+
+def most_without_a_drop(rows: Sequence[Json]) -> int:
+    """The highest rate (messages a second) up to which nothing was dropped or shed; 0 if there is none."""
+    most = 0
+    for row in rows:
+        if row["dropped"] or row["received"] < row["sent"]:
+            break
+        most = int(row["asked"])
+    return most
+
+
 def of_relative_motion(result: Json) -> Figures:
     """Figures of the study of Oh & Johnson: a row of the page's table for each flight of the daemon."""
     found = {}
@@ -219,6 +260,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--score", type=Path, help="of `onboard demo --json`")
     parser.add_argument("--replay", type=Path, help="of `onboard replay --json`, formation-copter")
     parser.add_argument("--studies", type=Path, nargs="+", default=[], help="of `onboard study --json`")
+    parser.add_argument("--live", type=Path, help="the history of `make bench`, whose newest line is taken")
     parser.add_argument("--bench", type=Path, nargs="+", default=[], help="of `make bench`")
     given = parser.parse_args(arguments)
     groups = read(FIGURES)
@@ -226,6 +268,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     measured |= of_score("demo", read(given.score)) if given.score else {}
     measured |= of_score("copter", read(given.replay)) if given.replay else {}
     measured |= of_bench([read(path) for path in given.bench]) if given.bench else {}
+    measured |= of_live(given.live.read_text(encoding="utf-8")) if given.live else {}
     for path in given.studies:
         measured |= of_studies(read(path))
     FIGURES.write_text(json.dumps(groups, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

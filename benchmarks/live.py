@@ -1,0 +1,294 @@
+"""`python -m benchmarks.live [--history FILE]`: the daemon as a process, its bytes through real sockets, its
+estimates at a real Zenoh subscriber. Each figure says what it was measured beside.
+
+The flight is `benchmarks.live_flight`'s, sent by another process. Latency ends in the subscriber's callback, in a
+third process. A record of a flight is kept, as on a vehicle.
+"""
+
+import argparse
+import json
+import os
+import platform
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from datetime import date
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+import numpy as np
+import psutil
+
+from benchmarks import stages
+from benchmarks.live_flight import client
+from onboard.messages import Estimate, Health
+
+SETTLE_S: Final = 3  # of a flight, before anything counts
+PATIENCE_S: Final = 120.0
+RATES: Final = (5_000, 10_000, 20_000, 30_000, 50_000)
+BUSY: Final = "while True: pass"
+Figures = dict[str, Any]
+
+
+class Subscriber:
+    """The leader's estimates and the health, with the time of their arrival."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._estimates: list[tuple[int, bytes]] = []
+        self._health: bytes | None = None
+        self._session = client(endpoint)
+        self._declared = [
+            self._session.declare_subscriber("onboard/1/estimate/leader", self._on_estimate),
+            self._session.declare_subscriber("onboard/1/health", self._on_health),
+        ]
+
+    def _on_estimate(self, sample: Any) -> None:
+        self._estimates.append((time.monotonic_ns(), sample.payload.to_bytes()))
+
+    def _on_health(self, sample: Any) -> None:
+        self._health = sample.payload.to_bytes()
+
+    def arrivals(self) -> dict[int, int]:
+        """When the first estimate with each image came, by the image's stamp."""
+        found: dict[int, int] = {}
+        for at_ns, data in self._estimates:
+            report = msgspec.json.decode(data, type=Estimate).measurement
+            if report is not None:
+                found.setdefault(report.t_ns, at_ns)
+        return found
+
+    def health(self) -> Health:
+        """The next health."""
+        self._health = None
+        until(lambda: self._health is not None, "a health")
+        assert self._health is not None  # noqa: S101 - waited for
+        return msgspec.json.decode(self._health, type=Health)
+
+    def close(self) -> None:
+        """Close the session."""
+        self._session.close()
+
+
+class Daemon:
+    """`onboard run` with a UDP link, a Zenoh listener and a recorder, and its log."""
+
+    def __init__(self, folder: Path, environment: dict[str, str] | None = None) -> None:
+        self.udp, zenoh_port = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
+        self.endpoint = f"tcp/127.0.0.1:{zenoh_port}"
+        self._log = folder / "daemon.log"
+        settings = (
+            f"link=[{{name='autopilot', url='udpin:127.0.0.1:{self.udp}'}}]",
+            f"zenoh.listen=['{self.endpoint}']",
+            "estimator.leader.size_prior_m=2.0",
+            f"recorder.path='{folder / 'flight.mcap'}'",
+        )
+        command = [sys.executable, "-m", "onboard", "run", *(a for s in settings for a in ("--set", s))]
+        self.began = time.monotonic()
+        with self._log.open("wb") as log:
+            self.popen = subprocess.Popen(command, stderr=log, env=environment)  # noqa: S603 - our own
+        self.process = psutil.Process(self.popen.pid)
+
+    def wait_for(self, text: str) -> float:
+        """Seconds from the process's start until `text` is in its log."""
+        until(lambda: text in self._log.read_text(errors="replace"), text, self.popen)
+        return time.monotonic() - self.began
+
+    def cpu_s(self) -> float:
+        """Seconds of computing so far."""
+        times = self.process.cpu_times()
+        return float(times.user + times.system)
+
+    def close(self) -> None:
+        """End it."""
+        self.popen.terminate()
+        self.popen.wait(PATIENCE_S)
+
+
+@contextmanager
+def daemon(environment: dict[str, str] | None = None) -> Iterator[Daemon]:
+    """A daemon in a folder of its own, ended after the block."""
+    with tempfile.TemporaryDirectory() as folder:
+        one = Daemon(Path(folder), environment)
+        try:
+            yield one
+        finally:
+            one.close()
+
+
+def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None) -> Figures:
+    """Latency (ms) from exposure and from arrival, the daemon's share of a core (percent) and its memory (MB),
+    beside `busy` busy loops. `on_core`: the daemon and the busy loops all share this core."""
+    with daemon() as one, busy_loops(busy, on_core):
+        one.wait_for("link autopilot")
+        if on_core is not None:
+            one.process.cpu_affinity([on_core])
+        subscriber = Subscriber(one.endpoint)
+        load = _load("--udp", str(one.udp), "--zenoh", one.endpoint, "--seconds", str(SETTLE_S + seconds))
+        one.wait_for("leader: ")
+        time.sleep(SETTLE_S)
+        before, since = one.cpu_s(), time.monotonic()
+        out, _ = load.communicate(timeout=PATIENCE_S + seconds)
+        share = 100 * (one.cpu_s() - before) / (time.monotonic() - since)
+        memory = one.process.memory_info().rss / 1e6
+        health = subscriber.health()
+        subscriber.close()
+    arrivals = subscriber.arrivals()
+    images = json.loads(out)["images"]
+    counted = [image for image in images[SETTLE_S * 30 :] if image[0] in arrivals]
+    return {
+        "arrival_ms": percentiles([arrivals[stamp] - sent for stamp, _, sent in counted]),
+        "exposure_ms": percentiles([arrivals[stamp] - exposed for stamp, exposed, _ in counted]),
+        "images": len(images) - SETTLE_S * 30,
+        "answered": len(counted),
+        "cpu_percent": share,
+        "memory_mb": memory,
+        "dropped": sum(link.dropped for link in health.links.values()),
+    }
+
+
+def percentiles(delays_ns: Sequence[int]) -> Figures:
+    """Median, 99th percentile and maximum, ms."""
+    p50, p99 = np.percentile(delays_ns, [50, 99]) * 1e-6
+    return {"p50": float(p50), "p99": float(p99), "max": max(delays_ns) * 1e-6}
+
+
+def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
+    """For each rate of messages that was asked for: what was sent, and what the kernel and the daemon dropped."""
+    found = []
+    for rate in rates:
+        with daemon() as one:
+            one.wait_for("link autopilot")
+            subscriber = Subscriber(one.endpoint)
+            warm = _load("--udp", str(one.udp), "--seconds", "1")
+            warm.communicate(timeout=PATIENCE_S)
+            before = subscriber.health().links["autopilot"]
+            cpu, since = one.cpu_s(), time.monotonic()
+            out, _ = _load("--udp", str(one.udp), "--seconds", str(seconds), "--flood", str(rate)).communicate(
+                timeout=PATIENCE_S
+            )
+            share = (one.cpu_s() - cpu) / (time.monotonic() - since)
+            subscriber.health()
+            after = subscriber.health().links["autopilot"]
+            subscriber.close()
+        sent = json.loads(out)
+        received = after.received - before.received
+        found.append(
+            {
+                "asked": rate,
+                "sent_per_s": sent["rate"],
+                "received": received,
+                "sent": sent["datagrams"],
+                "dropped": after.dropped - before.dropped,
+                "cpu_us_per_message": 1e6 * share * seconds / max(received, 1),
+            }
+        )
+    return found
+
+
+def start(*, cold: bool) -> float:
+    """Seconds from the process's start to its first estimate, of images that arrive all the time; `cold`: with
+    nothing compiled."""
+    with ExitStack() as stack:
+        environment = dict(os.environ)
+        if cold:
+            environment["NUMBA_CACHE_DIR"] = stack.enter_context(tempfile.TemporaryDirectory())
+        one = stack.enter_context(daemon(environment))
+        load = _load("--udp", str(one.udp), "--seconds", "300" if cold else "30")
+        try:
+            return one.wait_for("leader: ")
+        finally:
+            load.terminate()
+            load.communicate()
+
+
+def machine() -> Figures:
+    """What this was measured on."""
+    cpu = [line.split(":")[1].strip() for line in _lines("/proc/cpuinfo") if line.startswith("model name")]
+    return {
+        "date": date.today().isoformat(),  # noqa: DTZ011 - a day is enough
+        "cpu": cpu[0] if cpu else platform.machine(),
+        "cores": os.cpu_count(),
+        "load_average": os.getloadavg()[0],
+        "python": platform.python_version(),
+        "zenoh": version("eclipse-zenoh"),
+    }
+
+
+def measure(seconds: int) -> Figures:
+    """Everything, under the keys of the history."""
+    found: Figures = {"machine": machine()}
+    found["stages"] = stages.measure()
+    found["start"] = {"warm_s": float(np.median([start(cold=False) for _ in range(3)]))}
+    found["alone"] = under_load(seconds)
+    found["beside_two_busy_loops"] = under_load(seconds, busy=2)
+    found["half_of_one_core"] = under_load(seconds, busy=1, on_core=0)
+    found["input"] = input_rates(4)
+    found["machine"]["load_average_after"] = os.getloadavg()[0]
+    return found
+
+
+@contextmanager
+def busy_loops(count: int, on_core: int | None) -> Iterator[None]:
+    """So many processes that only compute."""
+    loops = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(count)]  # noqa: S603 - our own
+    try:
+        for loop in loops:
+            if on_core is not None:
+                psutil.Process(loop.pid).cpu_affinity([on_core])
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def until(condition: Any, what: str, popen: "subprocess.Popen[Any] | None" = None) -> None:
+    """Wait until a condition holds. Raises TimeoutError, also at once if the process has ended."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > deadline or (popen is not None and popen.poll() is not None):
+            raise TimeoutError(f"waited in vain for {what}")
+        time.sleep(0.005)
+
+
+def free_port(kind: socket.SocketKind) -> int:
+    """A port on the loopback interface that is free now."""
+    with socket.socket(socket.AF_INET, kind) as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+def _load(*arguments: str) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "benchmarks.live_flight", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own
+
+
+def _lines(path: str) -> list[str]:
+    try:
+        return Path(path).read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return []
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure, print, and append to the history if asked to."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.live", description="The daemon under load.")
+    parser.add_argument("--seconds", type=int, default=30, help="of each flight that is measured")
+    parser.add_argument("--history", type=Path, help="append the figures to this file, as a line of JSON")
+    options = parser.parse_args(arguments)
+    measured = measure(options.seconds)
+    print(json.dumps(measured, indent=1))
+    if options.history is not None:
+        with options.history.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(measured) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

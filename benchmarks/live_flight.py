@@ -1,0 +1,132 @@
+"""The bytes of a flight as a daemon gets them, sent in real time by a process of its own.
+
+    python -m benchmarks.live_flight --udp 14540 --zenoh tcp/127.0.0.1:7447 --seconds 30
+
+200 samples of the IMU a second, 50 of attitude and position, and 30 images that arrive 40 ms after their exposure.
+With --flood, instead, as many samples of the IMU a second as it says. Prints, as JSON, when each image was sent,
+by its stamp, and how many datagrams were sent.
+"""
+
+import argparse
+import json
+import socket
+import sys
+import time
+from contextlib import suppress
+from typing import Any, Final
+
+import msgspec
+
+from benchmarks.targets import EPOCH, LATE_MS, MS, flight
+from onboard.messages import Datagram, Encoding, Imu, TargetPoints
+from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.points import decode_points
+
+IMU_MS: Final = 5
+BEGIN_MS: Final = 5_000  # of the boot clock
+BURST_S: Final = 0.001
+KEY: Final = "onboard/1/camera/front/points"
+
+
+def datagrams(seconds: int) -> list[Datagram]:
+    """One leader's flight, in order of arrival."""
+    encoder = MavlinkEncoder(1, 1)
+    found = [_of_leader(datagram) for datagram in flight(1, seconds)]
+    times = range(BEGIN_MS, BEGIN_MS + 1000 * seconds, IMU_MS)
+    found.extend(_mavlink(encoder, _imu(t_ms), t_ms) for t_ms in times)
+    return sorted(found, key=lambda datagram: datagram.t_recv_ns)
+
+
+def _of_leader(datagram: Datagram) -> Datagram:
+    data = datagram.data.replace(b'"target/0"', b'"leader"')
+    return msgspec.structs.replace(datagram, data=data)
+
+
+def _imu(t_ms: int) -> Imu:
+    stamp = {"t_ns": t_ms * MS, "t_recv_ns": EPOCH + t_ms * MS}
+    return Imu(**stamp, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, 0.01))
+
+
+def _mavlink(encoder: MavlinkEncoder, message: Any, t_ms: int) -> Datagram:
+    data = encoder.encode(message)
+    return Datagram(channel="mavlink", encoding=Encoding.MAVLINK, t_recv_ns=EPOCH + t_ms * MS + MS, data=data)
+
+
+def as_mavlink(datagram: Datagram, encoder: MavlinkEncoder) -> bytes:
+    """Camera points as LANDING_TARGETs, for a camera that needs no Zenoh."""
+    points: TargetPoints = decode_points(datagram.data, datagram.t_recv_ns)
+    return encoder.encode(points)
+
+
+def send(flown: list[Datagram], to: socket.socket, publisher: Any | None) -> dict[str, Any]:
+    """Send each datagram when it is due. Without a publisher, images go as MAVLink."""
+    encoder = MavlinkEncoder(1, 191)
+    sent: list[tuple[int, int, int]] = []  # stamp, exposure and sending on the monotonic clock, ns
+    begin_ns = time.monotonic_ns() - flown[0].t_recv_ns + 50 * MS
+    for datagram in flown:
+        time.sleep(max(0.0, (begin_ns + datagram.t_recv_ns - time.monotonic_ns()) * 1e-9))
+        if datagram.encoding is Encoding.MAVLINK:
+            _put(to, datagram.data)
+            continue
+        exposed_ns = datagram.t_recv_ns - LATE_MS * MS
+        sent.append((exposed_ns - EPOCH, begin_ns + exposed_ns, time.monotonic_ns()))
+        if publisher is not None:
+            publisher.put(datagram.data)
+        else:
+            _put(to, as_mavlink(datagram, encoder))
+    return {"images": sent, "datagrams": len(flown)}
+
+
+def flood(rate: int, seconds: float, to: socket.socket) -> dict[str, Any]:
+    """Send samples of the IMU at a rate, in bursts each millisecond; a burst that is late is made up for."""
+    encoder = MavlinkEncoder(1, 1)
+    frames = [encoder.encode(_imu(BEGIN_MS + k)) for k in range(1000)]
+    begin = time.monotonic()
+    count = 0
+    while (now := time.monotonic() - begin) < seconds:
+        for _ in range(int(now * rate) - count):
+            _put(to, frames[count % 1000])
+            count += 1
+        time.sleep(BURST_S)
+    return {"datagrams": count, "rate": count / (time.monotonic() - begin)}
+
+
+def _put(to: socket.socket, data: bytes) -> None:
+    with suppress(OSError):  # nobody listens yet, or there is no room: a datagram may be lost
+        to.send(data)
+
+
+def main() -> int:
+    """Send, and print what was sent."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.live_flight")
+    parser.add_argument("--udp", type=int, required=True, help="the port of `udpin` on the loopback interface")
+    parser.add_argument("--zenoh", help="the daemon's endpoint; without it, images go as MAVLink")
+    parser.add_argument("--seconds", type=int, default=10)
+    parser.add_argument("--flood", type=int, help="messages a second")
+    options = parser.parse_args()
+    to = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    to.connect(("127.0.0.1", options.udp))
+    if options.flood:
+        made = flood(options.flood, options.seconds, to)
+    elif options.zenoh:
+        with client(options.zenoh) as session:
+            made = send(datagrams(options.seconds), to, session.declare_publisher(KEY, express=True))
+    else:
+        made = send(datagrams(options.seconds), to, None)
+    print(json.dumps(made))
+    return 0
+
+
+def client(endpoint: str) -> Any:
+    """A Zenoh session as a client of an endpoint."""
+    import zenoh  # noqa: PLC0415 - not for floods
+
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return zenoh.open(config)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+"""The daemon under load: its bytes, its figures and their page; how fast anything is, no test says."""
+
+import importlib.util
+import json
+import re
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from benchmarks import live, soak
+from benchmarks.live_flight import BEGIN_MS, datagrams
+from onboard.messages import Encoding
+from tests.support import documents
+from tests.support.programs import ROOT
+
+FLOWN = {
+    "arrival_ms": {"p50": 0.61, "p99": 1.9, "max": 4.04},
+    "exposure_ms": {"p50": 40.61, "p99": 41.9, "max": 44.04},
+    "images": 300,
+    "answered": 299,
+    "cpu_percent": 7.6,
+    "memory_mb": 149.6,
+    "dropped": 0,
+}
+STAGES = ("read_us", "decode_us", "align_us", "estimate_us", "encode_us", "replay_times", "messages_per_s")
+RUN: dict[str, Any] = {
+    "machine": {"date": "2026-11-22", "cpu": "a", "cores": 2, "load_average": 0.04},
+    "start": {"warm_s": 0.96},
+    "stages": dict.fromkeys(STAGES, 10.0),
+    "alone": FLOWN,
+    "beside_two_busy_loops": FLOWN,
+    "half_of_one_core": FLOWN,
+    "input": [
+        {"asked": r, "sent_per_s": r, "received": r, "sent": r, "dropped": 0, "cpu_us_per_message": 20.0}
+        for r in live.RATES
+    ],
+}
+
+
+def render() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("render", documents.DOCS / "render.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_figure_of_the_page_comes_from_the_history() -> None:
+    used = set(re.findall(r"{{ (live_\w+) }}", documents.text("performance")))
+    found = render().of_live("{}\n" + json.dumps(RUN))
+    assert len(used) > 30
+    assert used == set(found)
+    assert found["live_alone_arrival_p50_ms"] == "0.6"
+    assert found["live_alone_answered"] == "299 of 300"
+    assert found["live_20000_dropped"] == "0.0"
+
+
+def test_the_page_shows_the_newest_line_of_the_history() -> None:
+    history = (ROOT / "benchmarks" / "history.jsonl").read_text(encoding="utf-8")
+    measured = json.loads((documents.DOCS / "figures.json").read_text(encoding="utf-8"))["measured"]
+    found = render().of_live(history)
+    assert {key: measured[key] for key in found} == found
+
+
+def test_the_highest_rate_is_that_before_the_first_loss() -> None:
+    rows = [{"asked": r, "sent": 100, "received": 100, "dropped": 0} for r in (1, 2, 3)]
+    most = render().most_without_a_drop
+    assert most(rows) == 3
+    assert most([rows[0], rows[1] | {"dropped": 1}, rows[2]]) == 1
+    assert most([rows[0] | {"received": 99}, *rows[1:]]) == 0
+
+
+def test_a_flight_has_the_rates_that_the_page_states_in_order_of_arrival() -> None:
+    flown = datagrams(2)
+    assert [d.t_recv_ns for d in flown] == sorted(d.t_recv_ns for d in flown)
+    images = [json.loads(d.data) for d in flown if d.encoding is Encoding.POINTS]
+    assert len(images) == 60
+    assert {image["target"] for image in images} == {"leader"}
+    assert len(flown) - len(images) == 2 * (200 + 2 * 50 + 1)
+    assert images[0]["t_ns"] == BEGIN_MS * 1_000_000
+
+
+def test_percentiles_are_in_milliseconds() -> None:
+    assert live.percentiles([1_000_000, 2_000_000, 3_000_000]) == pytest.approx(
+        {"p50": 2.0, "p99": 2.98, "max": 3.0}
+    )
+
+
+def test_a_soak_is_flat_and_its_clock_does_not_drift() -> None:
+    found = list(soak.soak(0.004, 200, 0.001))
+    assert [row["hours"] for row in found] == [0.001, 0.002, 0.003]
+    assert {row["threads"] for row in found} == {found[0]["threads"]}
+    assert {row["files"] for row in found} == {found[0]["files"]}
+    assert all(abs(row["offset_error_ms"]) < 1.0 for row in found)
+    assert found[-1]["valid_percent"] > 90
+    assert found[-1]["rejected"] == found[0]["rejected"]
+
+
+@pytest.mark.slow
+def test_the_daemon_under_load_answers_every_image() -> None:
+    flown = live.under_load(3)
+    assert flown["images"] == 90
+    assert flown["answered"] == 90
+    assert flown["dropped"] == 0
+    (rate,) = live.input_rates(1, (2000,))
+    assert rate["received"] == rate["sent"] > 1000
+    assert live.start(cold=False) > 0
