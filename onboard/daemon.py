@@ -23,7 +23,7 @@ from onboard.config import Config, check_storable, read_stored, signing_key, sto
 from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Health, Lifecycle, Output, Refusal, SinkHealth
+from onboard.messages import Datagram, Estimate, Health, Lifecycle, LinkHealth, Output, Refusal, SinkHealth
 from onboard.pipeline import Pipeline
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
@@ -169,6 +169,7 @@ class Daemon:
             self._console.show_sinks(sinks)
             self._console.show_silence(is_silent=heard_ns is not None and not is_heard)
             links = {link.channel: health_of(link) for link in self._links}
+            self._console.show_links(links)
             health = replace(self._pipeline.health(now_ns, sinks), links=links)
             self._publish(health)
             self._console.show_refusals(health)
@@ -229,6 +230,7 @@ class Console:
         self._report, self._warn = report, warn
         self._states: dict[str, Lifecycle] = {}
         self._errors: dict[str, str] = {}
+        self._troubles: dict[str, str] = {}
         self._errors_shown = 0
         self._refusals: dict[tuple[str, str], Refusal] = {}  # as they were shown last
         self._refusals_left = MOST_REFUSALS
@@ -270,6 +272,14 @@ class Console:
             self._refusals[key] = refusal
             times = f" ({refusal.count} times)" if refusal.count > 1 else ""
             self._report(f"refused from {refusal.source}: {refusal.reason}{times}")
+
+    def show_links(self, links: Mapping[str, LinkHealth]) -> None:
+        """A link that has no peer is no error, but silence may have this reason."""
+        troubles = {name: health.error for name, health in links.items()}
+        for name, trouble in troubles.items():
+            if trouble != self._troubles.get(name, ""):
+                self._report(f"link {name}: {f'{trouble}; trying again' if trouble else 'connected'}")
+        self._troubles = troubles
 
     def show_sinks(self, sinks: Mapping[str, SinkHealth]) -> None:
         """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""

@@ -17,6 +17,9 @@ examples:
   onboard run configs/companion.toml     fly
   onboard run --set recorder.path=flight.mcap --set zenoh.vehicle=uav-2
 
+Links in the file: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT (tcp:127.0.0.1:5760 is ArduPilot's SITL),
+tcpin:HOST:PORT, serial:DEVICE:BAUD, json:HOST:PORT.
+
 Ctrl-C or SIGTERM stops it. Watch it with: onboard view
 """
 DEMO: Final = """\

@@ -42,12 +42,19 @@ class Link(Protocol):
         """Send; without a peer or room in the buffer, drop and count in `errors`. Never blocks."""
 
 
+class Connecting(Link, Protocol):
+    """A link that connects by itself. `trouble`: why it is not connected; empty while it is, or has not tried."""
+
+    trouble: str
+
+
 def health_of(link: Link) -> LinkHealth:
     """Counts of any link so far; a datagram socket also knows what the kernel dropped."""
     known: Callable[[], LinkHealth] | None = getattr(link, "health", None)
     if known is not None:
         return known()
-    return LinkHealth(received=link.received, sent=link.sent, errors=link.errors)
+    trouble: str = getattr(link, "trouble", "")
+    return LinkHealth(received=link.received, sent=link.sent, errors=link.errors, error=trouble)
 
 
 def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:
@@ -66,7 +73,7 @@ def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:
 
 
 async def keep_connected(
-    link: Link,
+    link: Connecting,
     converse: Callable[[Deliver, "asyncio.Future[None]"], Awaitable[None]],
     deliver: Deliver,
     *,
@@ -80,10 +87,11 @@ async def keep_connected(
         received = link.received
         try:
             await converse(guarded(deliver, failed), failed)
-        except LinkError:
+        except LinkError as error:
             if not retry:
                 raise
             link.errors += 1
+            link.trouble = str(error)
         if link.received > received:  # a server that accepts and closes at once does not reset the delay
             delay_s = FIRST_RETRY_S
         await asyncio.sleep(delay_s)

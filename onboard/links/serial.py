@@ -23,6 +23,7 @@ class SerialLink:
         self.received = 0
         self.sent = 0
         self.errors = 0
+        self.trouble = ""
         self._spec, self._device, self._baud, self._retry = spec, device, baud, retry
         self._port: Serial | None = None
         self._pending = bytearray()
@@ -62,6 +63,7 @@ class SerialLink:
         """Use the port until it is lost, which raises LinkError."""
         port = self._port or self._open_port()
         self._port = port
+        self.trouble = ""
         fd = port.fileno()
         loop = asyncio.get_running_loop()
         lost: asyncio.Future[None] = loop.create_future()

@@ -2,6 +2,7 @@
 listens."""
 
 import asyncio
+import os
 import socket
 from functools import partial
 from typing import Any, Final, cast
@@ -71,6 +72,7 @@ class TcpClientLink:
         self.received = 0
         self.sent = 0
         self.errors = 0
+        self.trouble = ""
         self._spec, self._host, self._port, self._retry = spec, host, port, retry
         self._socket: socket.socket | None = None
         self._stream: Stream | None = None
@@ -100,6 +102,7 @@ class TcpClientLink:
         loop = asyncio.get_running_loop()
         _, stream = await loop.create_connection(lambda: Stream(self, deliver, now_ns), sock=sock)
         self._stream = stream
+        self.trouble = ""
         try:
             await until_lost(stream.lost, failed)
         finally:
@@ -116,7 +119,8 @@ class TcpClientLink:
                 await asyncio.get_running_loop().sock_connect(sock, address)
         except OSError as error:  # TimeoutError is one
             sock.close()
-            raise LinkError(f"{self._spec}: cannot connect ({error.strerror or 'no answer'})") from error
+            reason = os.strerror(error.errno) if error.errno else "no answer"  # asyncio's own names no reason
+            raise LinkError(f"{self._spec}: cannot connect ({reason})") from error
         except BaseException:
             sock.close()
             raise

@@ -30,7 +30,8 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     """One link: datagrams (or pieces of a stream) received and sent, failed sends and reads, datagrams that the
     kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known). `shed`:
     datagrams of a sender beyond its budget, which are neither decoded nor recorded. `routers`: Zenoh routers that
-    this program is connected to; None for other links."""
+    this program is connected to; None for other links. `error`: why a link that connects by itself is not
+    connected."""
 
     received: int = 0
     sent: int = 0
@@ -39,6 +40,7 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     buffer_bytes: int = 0
     shed: int = 0
     routers: int | None = None
+    error: str = ""
 
 
 class Refusal(Record, frozen=True, kw_only=True):

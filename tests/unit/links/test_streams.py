@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from onboard.links import LinkError, parse_link
+from onboard.links import LinkError, health_of, parse_link
 from onboard.messages import Datagram, Encoding
 from tests.support.programs import free_ports
 from tests.support.running_link import TIMEOUT_S, until, with_link
@@ -143,3 +143,18 @@ def test_a_serial_port_unplugged_and_plugged_in_again_goes_on(tmp_path: Any) -> 
                 os.close(fd)
 
     with_link(f"serial:{device}:57600", check)
+
+
+def test_a_tcp_client_says_why_it_is_not_connected_and_stops_saying_so_once_it_is() -> None:
+    port = free_ports(socket.SOCK_STREAM)[0]
+
+    async def check(link: Any, _: list[Datagram]) -> None:
+        assert health_of(link).error == ""
+        await until(lambda: link.trouble)
+        assert health_of(link).error == f"tcp:127.0.0.1:{port}: cannot connect (Connection refused)"
+        server = await asyncio.start_server(lambda *_: None, "127.0.0.1", port)
+        await until(lambda: not link.trouble)
+        assert health_of(link).error == ""
+        server.close()
+
+    with_link(f"tcp:127.0.0.1:{port}", check)
