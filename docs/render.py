@@ -201,6 +201,22 @@ def of_traffic(result: Json) -> Figures:
     }
 
 
+def of_closed_loop(result: Json) -> Figures:
+    """Figures of the study of the closed loop: the worst of all flights."""
+    straight, worst, least, stop = (check["ours"] for check in result["checks"])
+    rows = result["tables"][0]["rows"]
+    return {
+        "loop_flights": str(result["seeds"]),
+        "loop_straight_percent": f"{straight:.1f}",
+        "loop_worst_percent": f"{worst:.1f}",
+        "loop_rms_percent": f"{max(row[3] for row in rows):.1f}",
+        "loop_least_percent": f"{least:.0f}",
+        "loop_stop_s": f"{stop:.1f}",
+        "loop_greatest_m": f"{max(row[6] for row in rows):.0f}",
+        "loop_back_s": f"{max(row[7] for row in rows):.0f}",
+    }
+
+
 def of_encounters(result: Json) -> Figures:
     """Figures of the study of encounters: a row of the page's table for each encounter."""
     found = {"encounters_flights": f"{result['seeds']:.0f}"}
@@ -220,6 +236,7 @@ STUDIES = {
     "own-state": of_own_state,
     "traffic": of_traffic,
     "encounters": of_encounters,
+    "closed-loop": of_closed_loop,
 }
 
 
