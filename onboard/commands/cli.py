@@ -1,5 +1,5 @@
-"""The command line: `onboard run`, `demo`, `replay`, `recover`, `view`, `study`, `schema`,
-`compile`.
+"""The command line: `onboard run`, `demo`, `replay`, `calibrate`, `recover`, `view`, `study`,
+`schema`, `compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
 runs, so that `--help` is quick and a replay loads no Zenoh.
@@ -75,6 +75,7 @@ def parser() -> argparse.ArgumentParser:
     _add_run(add("run", "run the daemon", examples.RUN))
     _add_demo(add("demo", "simulator, daemon and view together, and a scorecard", examples.DEMO))
     _add_replay(add("replay", "a recorded flight through the same pipeline", examples.REPLAY))
+    _add_calibrate(add("calibrate", "a camera's delay, mount and focal length from a flight", examples.CALIBRATE))
     _add_recover(add("recover", "a recording of a killed daemon, for other programs' readers", examples.RECOVER))
     _add_view(add("view", "watch a running daemon, or open a recorded view", examples.VIEW))
     _add_study(add("study", "a paper's claims, measured", examples.STUDY))
@@ -107,6 +108,13 @@ def _add_replay(replay: argparse.ArgumentParser) -> None:
     replay.add_argument("--json", type=Path, metavar="FILE", help="write the summary's numbers here as well")
     replay.add_argument("--rrd", type=Path, metavar="FILE.rrd", help="write the view as a Rerun recording")
     _add_set(replay)
+
+
+def _add_calibrate(calibrate: argparse.ArgumentParser) -> None:
+    calibrate.add_argument("log", type=Path, help=".tlog, PX4 .ulg, or .mcap recorded by `onboard run`")
+    calibrate.add_argument("--config", type=Path, metavar="C", help="TOML file that was flown with")
+    calibrate.add_argument("--svg", type=Path, metavar="FILE.svg", help="draw the residuals")
+    _add_set(calibrate)
 
 
 def _add_recover(recover: argparse.ArgumentParser) -> None:

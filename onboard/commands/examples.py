@@ -38,6 +38,13 @@ examples:
   simlink log formation --out f.tlog --truth f.csv && simlink config formation > f.toml &&
       onboard replay f.tlog --config f.toml --truth f.csv
 """
+CALIBRATE: Final = """\
+example:
+  onboard calibrate flight.mcap --config companion.toml --svg residuals.svg
+
+Fly behind a leader that flies calmly, and turn, roll and pitch for a minute. Prints each correction with its
+standard deviation, and lines to paste into the configuration for those that the flight determines.
+"""
 RECOVER: Final = """\
 example:
   onboard recover flight.mcap             writes flight-recovered.mcap

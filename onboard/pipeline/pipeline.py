@@ -141,9 +141,7 @@ class Pipeline:
                 self._monitor.reject(message, "unstamped_points")
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
         reboots, corrections = self.clocks.reboots, self.clocks.corrections
-        delay_ns = self._delays_ns.get(type(message), 0)
-        if isinstance(message, TargetImage):
-            delay_ns = self._camera_delays_ns.get(message.camera, delay_ns)
+        delay_ns = self.delay_ns(message)
         aligned = self.clocks.align(message, delay_ns)
         if aligned is None:  # counted by the clocks
             self._monitor.refusals.add_message(message, "no_time_base")
@@ -154,6 +152,13 @@ class Pipeline:
             self._monitor.rejected["clock_corrections"] += 1
             self._reset("the clocks' offset was wrong: the link had been held up")
         return self._estimate(aligned, aligned.t_ns + delay_ns)
+
+    def delay_ns(self, message: Message) -> int:
+        """How much older than its stamp a message is, as configured."""
+        delay_ns = self._delays_ns.get(type(message), 0)
+        if isinstance(message, TargetImage):
+            delay_ns = self._camera_delays_ns.get(message.camera, delay_ns)
+        return delay_ns
 
     def _start_over(self, reason: str) -> None:
         """The autopilot's clock and origin are new, so no state still holds."""

@@ -1,0 +1,155 @@
+"""`onboard calibrate`: what a flight with turns says of the camera's delay, mount and focal length."""
+
+import argparse
+import math
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from onboard.arrays import Array
+from onboard.commands.calibration import Calibration, Images, OwnMotion, calibrate
+from onboard.commands.files import check_targets
+from onboard.commands.log_replay import check_log, read_log
+from onboard.config import Config, load_config
+from onboard.errors import UserError
+from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
+from onboard.messages import Datagram, OwnPose, TargetPoints
+from onboard.pipeline import Pipeline
+from onboard.wire.tlog import NotALogError
+
+ENOUGH: Final = {
+    "delay_s": 0.02,
+    "mount_deg": 0.5,
+    "focal": 0.02,
+}  # sigmas: one known worse is not offered
+WIDTH, HEIGHT, MARGIN = 900, 260, 40  # of a panel of the picture, px
+SHOWN: Final = 5.0  # sigmas: the picture's scale
+LEADER: Final = ("leader", "")  # ids of its images
+MOST: Final = 1500  # images: of more, every second, third ...
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Print the corrections with their sigmas, and the lines to paste; draw the residuals. Raises UserError."""
+    check_log(arguments.log)
+    check_targets(arguments.svg, inputs=(arguments.log,))
+    config = load_config(arguments.config, tuple(arguments.set))
+    images, own = collect(arguments.log, config)
+    leader = config.estimator.get("leader")
+    if leader is None:
+        raise UserError("calibrate needs [estimator.leader]: the leader's size_prior_m")
+    found = calibrate(images, own, config.camera_model(), leader.size_prior_m)
+    for line in described(found, config):
+        print(line)
+    if arguments.svg is not None:
+        arguments.svg.write_text(picture(found), encoding="utf-8")
+        print(f"written: {arguments.svg}")
+    return 0
+
+
+def collect(log: Path, config: Config) -> tuple[Images, OwnMotion]:
+    """The first camera's images of the leader with all three points, at their time on the boot clock less the
+    configured delay, and our own motion. Raises UserError."""
+    pipeline = Pipeline(replace(config, estimator={}))
+    poses: list[OwnPose] = []
+    images: list[TargetPoints] = []
+    camera = config.camera_model()
+    names = {other.name for other in camera.others}
+    try:
+        for item, _ in read_log(log):
+            if item is None:
+                continue
+            messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
+            poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose) and o.r_OF_n[0] is not None]
+            for message in messages:
+                if isinstance(message, TargetPoints) and message.target in LEADER and message.camera not in names:
+                    aligned = pipeline.clocks.align(message, pipeline.delay_ns(message))
+                    images += [aligned] if isinstance(aligned, TargetPoints) else []
+    except NotALogError as error:
+        raise UserError(f"{log}: {error}") from error
+    if len(poses) < 2 or not images:
+        raise UserError(
+            f"{log}: {len(images)} images of a leader and {len(poses)} own poses: nothing to calibrate with"
+        )
+    return _images(images[:: 1 + len(images) // MOST], camera.sigma), _own(poses)
+
+
+def _images(images: list[TargetPoints], sigma: float) -> Images:
+    images = sorted(images, key=lambda m: m.t_ns)
+    sigmas = [m.sigma[0] if m.sigma is not None else sigma for m in images]
+    return Images(
+        np.array([m.t_ns * 1e-9 for m in images]),
+        np.array([m.center for m in images]),
+        np.array([math.dist(m.left, m.right) for m in images]),
+        np.array(sigmas),
+    )
+
+
+def _own(poses: list[OwnPose]) -> OwnMotion:
+    """Our own motion, with quaternions on one side so that they can be interpolated."""
+    poses = list({pose.t_ns: pose for pose in sorted(poses, key=lambda p: p.t_ns)}.values())
+    q = np.array([pose.q_nb for pose in poses])
+    signs = np.cumprod(np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0))
+    q[1:] *= signs[:, None]
+    return OwnMotion(np.array([p.t_ns * 1e-9 for p in poses]), np.array([p.r_OF_n for p in poses], float), q)
+
+
+def described(found: Calibration, config: Config) -> list[str]:
+    """Lines for a person: corrections with sigmas, then the configuration to paste."""
+    angles, sigmas = np.degrees(found.mount), np.degrees(found.mount_sigma)
+    lines = [
+        f"delay          {found.delay * 1e3:+8.1f} ms  +- {found.delay_sigma * 1e3:.1f}",
+        *(
+            f"mount {axis:8} {angle:+8.2f} deg +- {sigma:.2f}"
+            for axis, angle, sigma in zip(("roll", "pitch", "yaw"), angles, sigmas, strict=True)
+        ),
+        f"focal length   {100 * (found.focal - 1):+8.2f} %   +- {100 * found.focal_sigma:.2f}",
+        f"residuals      {_rms(found.before):.2f} sigmas as configured, {_rms(found.after):.2f} corrected",
+    ]
+    pasted = ["", "[camera]"]
+    c, camera = config.camera, config.camera_model()
+    if found.delay_sigma < ENOUGH["delay_s"]:
+        before = c.delay_s if c.delay_s is not None else config.delay.camera_s or 0.0
+        pasted.append(f"delay_s = {before + found.delay:.4f}")
+    if sigmas.max() < ENOUGH["mount_deg"]:
+        R_bc = camera.R_bc @ matrix_from_euler(*found.mount)
+        rpy = np.degrees(euler_from_quaternion(quaternion_from_matrix(R_bc)))
+        pasted.append(f"mount_rpy_deg = [{', '.join(f'{angle:.2f}' for angle in rpy)}]")
+    if found.focal_sigma < ENOUGH["focal"] and c.calibration is None:
+        pasted.append(f"f_px = {c.f_px * found.focal:.1f}")
+        if c.fy_px is not None:
+            pasted.append(f"fy_px = {c.fy_px * found.focal:.1f}")
+    if len(pasted) < 5 + (c.fy_px is not None) - (c.calibration is not None):
+        lines.append("what is missing is not known well enough: turn, roll and pitch more, behind a calm leader")
+    return lines + (pasted if len(pasted) > 2 else [])
+
+
+def _rms(residuals: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(residuals))))
+
+
+def picture(found: Calibration) -> str:
+    """The residuals of right and down over time, in sigmas, as configured (grey) and corrected (blue): SVG."""
+    t = found.t
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{WIDTH}" height="{2 * HEIGHT}" font-family="sans-serif">'
+    ]
+    for i, name in enumerate(("right", "down")):
+        top = i * HEIGHT
+        parts.append(f'<text x="{MARGIN}" y="{top + 20}">{name}: residual, sigmas (grey: as configured)</text>')
+        for level in (-3, 0, 3):
+            y = _y(level, top)
+            parts.append(f'<line x1="{MARGIN}" x2="{WIDTH}" y1="{y}" y2="{y}" stroke="#ccc"/>')
+            parts.append(f'<text x="10" y="{y + 4}" font-size="12">{level:+d}</text>')
+        for residuals, colour in ((found.before, "#999"), (found.after, "#2060c0")):
+            x = MARGIN + (WIDTH - MARGIN) * (t - t[0]) / max(t[-1] - t[0], 1e-9)
+            parts += [
+                f'<circle cx="{a:.1f}" cy="{_y(b, top):.1f}" r="1.5" fill="{colour}"/>'
+                for a, b in zip(x.tolist(), residuals[:, i].tolist(), strict=True)
+            ]
+    return "\n".join([*parts, "</svg>\n"])
+
+
+def _y(value: float, top: int) -> float:
+    return top + HEIGHT / 2 - min(max(value, -SHOWN), SHOWN) / SHOWN * (HEIGHT / 2 - 30)
