@@ -1,0 +1,277 @@
+"""The fault matrix: a row a fault, and what must be true while it lasts and after it.
+
+All rows share one flight of 6 s: own motion at 25 Hz, images at 12.5 Hz, and the fault from 2 s to 3.5 s. Whatever
+the fault, no exception is counted, every estimate is sane, and a valid one is right. Other rows have files of
+their own: reboots (`tests/unit/test_reboot.py`), floods (`tests/unit/estimators/leader/test_leader_floods.py`), a
+link that is late without TIMESYNC (`test_held_up.py`), sinks, the recorder and the wall clock (beside this file).
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.messages import (
+    Attitude,
+    Datagram,
+    EstimatorStatus,
+    Lifecycle,
+    LocalPosition,
+    Message,
+    TargetPoints,
+)
+from onboard.pipeline import Pipeline
+from tests.support.streams import (
+    CIRCLE,
+    EPOCH,
+    MS,
+    Item,
+    Run,
+    S,
+    Stream,
+    assert_sane,
+    encode,
+    make_config,
+    position_error,
+)
+
+T0, BEGINS, ENDS, T1 = 40.0, 42.0, 43.5, 46.0
+RIGHT = 3.0  # m; what is valid is right so nearly
+QUIET = 1.2  # m; the same of the flight without faults
+ITEMS = [i for i in Stream(t0=T0, t1=T1, seed=21).items() if i.message.t_ns % (40 * MS) == 0]
+ITEMS = [i for i in ITEMS if not isinstance(i.message, TargetPoints) or i.message.t_ns % (80 * MS) == 0]
+Fault = Callable[[list[Item], np.random.Generator], Sequence[Item | Datagram]]
+
+
+class Row(NamedTuple):
+    """A fault, and what must be true: whether estimates stay valid or not while it lasts, from `noticed` seconds
+    after its beginning; a part of the reason then; what is counted as rejected; and within how many seconds after
+    its end all is valid again."""
+
+    name: str
+    fault: Fault
+    valid: bool = True
+    reason: str = ""
+    rejected: str = ""
+    recovers: float = 0.2
+    noticed: float = 0.7
+
+
+def lasts(item: Item) -> bool:
+    """Whether a message is sent while the fault lasts."""
+    return BEGINS * S <= item.message.t_ns < ENDS * S
+
+
+def each(change: Callable[[Any], Message], *kinds: type[Message], share: float = 1.0) -> Fault:
+    """A fault that changes that share of the messages of these kinds."""
+
+    def fault(items: list[Item], rng: np.random.Generator) -> list[Item]:
+        hit = lambda i: isinstance(i.message, kinds) and lasts(i) and rng.random() < share  # noqa: E731
+        return [Item(i.t_recv_ns, change(i.message)) if hit(i) else i for i in items]
+
+    return fault
+
+
+def without(*kinds: type[Message], share: float = 1.0) -> Fault:
+    """A fault that takes that share of the messages of these kinds away."""
+    return lambda items, rng: [
+        i for i in items if not (isinstance(i.message, kinds) and lasts(i) and rng.random() < share)
+    ]
+
+
+def twice(share: float) -> Fault:
+    return lambda items, rng: [i for i in items for _ in range(1 + (lasts(i) and rng.random() < share))]
+
+
+def late(ms: float, share: float = 1.0) -> Fault:
+    """Some messages arrive up to so much later, and so in another order."""
+
+    def fault(items: list[Item], rng: np.random.Generator) -> list[Item]:
+        by = [round(ms * MS * rng.random()) * (lasts(i) and rng.random() < share) for i in items]
+        delayed = [Item(i.t_recv_ns + ns, i.message) for i, ns in zip(items, by, strict=True)]
+        return sorted(delayed, key=lambda i: i.t_recv_ns)
+
+    return fault
+
+
+def held(ms: float) -> Fault:
+    """The link stalls, then sends all at once."""
+    until = EPOCH + round(BEGINS * S + ms * MS)
+    return lambda items, _: sorted(
+        (Item(max(i.t_recv_ns, until), i.message) if lasts(i) and i.t_recv_ns < until else i for i in items),
+        key=lambda i: i.t_recv_ns,
+    )
+
+
+def corrupt(share: float) -> Fault:
+    """One byte of that share of the datagrams is another one."""
+
+    def fault(items: list[Item], rng: np.random.Generator) -> Iterator[Item | Datagram]:
+        for item, datagram in zip(items, encode(items), strict=True):
+            if lasts(item) and rng.random() < share:
+                data = bytearray(datagram.data)
+                data[rng.integers(len(data))] ^= int(rng.integers(1, 256))
+                yield replace(datagram, data=bytes(data))
+            else:
+                yield datagram
+
+    return lambda items, rng: list(fault(items, rng))
+
+
+def host_clock_set(by_s: float) -> Fault:
+    """Arrivals are stamped by a clock that is set, and stays so."""
+    return lambda items, _: [
+        Item(i.t_recv_ns + (round(by_s * S) if i.message.t_ns >= BEGINS * S else 0), i.message) for i in items
+    ]
+
+
+def fields(kind: type[Message], value: float, *names: str) -> Fault:
+    """All numbers of these fields are `value`, in one field after the other."""
+    turn = iter(range(1_000_000))
+
+    def change(m: Any) -> Message:
+        name = names[next(turn) % len(names)]
+        changed: Message = replace(m, **{name: (value,) * len(getattr(m, name))})
+        return changed
+
+    return each(change, kind)
+
+
+def blob(m: TargetPoints) -> TargetPoints:
+    return replace(m, center=(0.3, -0.2), left=(0.25, -0.2), right=(0.35, -0.2))
+
+
+def no_velocity(items: list[Item], _: np.random.Generator) -> list[Item]:
+    """The autopilot says that its filter has lost the horizontal velocity, then that it has it again."""
+    said = []
+    for tenth in range(round(T0 * 10), round(T1 * 10)):
+        t_ns, known = tenth * 100 * MS, not BEGINS <= tenth / 10 < ENDS
+        status = EstimatorStatus(
+            t_ns=t_ns, t_recv_ns=EPOCH + t_ns, horizontal_velocity=known, horizontal_position=known
+        )
+        said.append(Item(EPOCH + t_ns + MS, status))
+    return sorted([*items, *said], key=lambda i: i.t_recv_ns)
+
+
+def another(apart_s: float, **ids: int) -> Fault:
+    """The same messages again, of another sender or boot clock."""
+    return lambda items, _: [
+        each
+        for i in items
+        for each in (
+            (i, Item(i.t_recv_ns, replace(i.message, t_ns=i.message.t_ns + round(apart_s * S), **ids)))
+            if lasts(i) and not isinstance(i.message, TargetPoints)
+            else (i,)
+        )
+    ]
+
+
+HUNG = CIRCLE.image(round(BEGINS * S), np.random.default_rng(5))
+Q, R = CIRCLE.attitude(round(BEGINS * S)).q_nb, CIRCLE.position(round(BEGINS * S)).r_OF_n
+SHARES = (0.01, 0.1, 0.5)
+VALUES = (math.nan, -math.inf, 3.4e38)
+RACE = (60.0, 0.0, 0.0)  # m/s
+LEAPT = 1.7  # s: it leaps back, which is in doubt for a second, too
+AGREE = 1.3  # s: a second in doubt, then three images must agree
+SILENT = "our own motion is not known"
+IMAGE = ("center", "left", "right")
+
+ROWS = (
+    *(Row(f"drop {s:.0%}", without(Attitude, LocalPosition, TargetPoints, share=s)) for s in SHARES),
+    *(Row(f"duplicate {s:.0%}", twice(s)) for s in SHARES),
+    *(Row(f"reorder {s:.0%}", late(60.0, s)) for s in SHARES),
+    *(Row(f"corrupt {s:.0%}", corrupt(s)) for s in SHARES),
+    *(Row(f"delay up to {ms} ms", late(ms), recovers=0.4) for ms in (100, 300)),
+    *(Row(f"stall of {ms} ms", held(ms), recovers=0.4) for ms in (200, 900)),
+    *(Row(f"host clock set by {s} s", host_clock_set(s)) for s in (-3600.0, -0.3, 0.3, 3600.0)),
+    *(
+        Row(f"attitude of {v}", fields(Attitude, v, "q_nb", "omega_b"), rejected="attitude_unusable")
+        for v in VALUES
+    ),
+    *(
+        Row(
+            f"position of {v}",
+            fields(LocalPosition, v, "r_OF_n", "v_F_n"),
+            False,
+            SILENT,
+            "position_unusable",
+            noticed=1.1,
+        )
+        for v in VALUES
+    ),
+    *(Row(f"image of {v}", fields(TargetPoints, v, *IMAGE)) for v in VALUES),
+    Row("no attitude", without(Attitude)),
+    Row("no position", without(LocalPosition), False, SILENT, noticed=1.1),
+    Row("no image", without(TargetPoints)),
+    Row("GPS lost", no_velocity, False, SILENT, "filter_has_no_velocity"),
+    Row("GPS jumps", each(lambda m: replace(m, r_OF_n=(m.r_OF_n[0] + 80.0, *m.r_OF_n[1:])), LocalPosition)),
+    Row("velocity jumps", each(lambda m: replace(m, v_F_n=RACE), LocalPosition), False, "doubt", recovers=LEAPT),
+    Row("attitude hangs", each(lambda m: replace(m, q_nb=Q), Attitude), False, "attitude hangs", recovers=AGREE),
+    Row(
+        "position hangs",
+        each(lambda m: replace(m, r_OF_n=R), LocalPosition),
+        False,
+        "position hangs",
+        recovers=AGREE,
+    ),
+    Row(
+        "camera hangs",
+        each(lambda m: replace(m, center=HUNG.center, left=HUNG.left, right=HUNG.right), TargetPoints),
+        False,
+        "camera hangs",
+        recovers=0.5,
+    ),
+    Row("wingtips swapped", each(lambda m: replace(m, left=m.right, right=m.left), TargetPoints, share=0.5)),
+    *(Row(f"wrong blob {s:.0%}", each(blob, TargetPoints, share=s)) for s in SHARES),
+    Row("two autopilots", another(1000.0, system=2), rejected="other_system"),
+    Row("two autopilots of one id", another(0.31), rejected="odd_stamp"),
+    Row("a gimbal's attitude", another(0.001, component=154), rejected="other_component"),
+)
+
+
+def flown(row: Row, seed: int = 61) -> Run:
+    """The flight with the row's fault, through a pipeline with its defaults."""
+    pipeline, outputs = Pipeline(make_config()), []
+    for sent in row.fault(ITEMS, np.random.default_rng(seed)):
+        if isinstance(sent, Datagram):
+            outputs.extend(pipeline.feed(sent))
+        else:
+            outputs.extend(pipeline.advance([replace(sent.message, t_recv_ns=sent.t_recv_ns)]))
+    assert not pipeline.errors
+    run = Run(pipeline, outputs)
+    assert_sane(run.estimates)
+    return run
+
+
+def assert_row(row: Row, run: Run) -> None:
+    faulty = [e for e in run.estimates if BEGINS * S <= e.t_ns < ENDS * S]
+    noticed = [e for e in run.estimates if (BEGINS + row.noticed) * S <= e.t_ns < ENDS * S]
+    after = [e for e in run.estimates if e.t_ns >= (ENDS + row.recovers) * S]
+    assert all(e.valid for e in noticed) if row.valid else not any(e.valid for e in noticed)
+    assert all(row.reason in e.reason for e in noticed)
+    assert row.rejected in {"", *run.rejected}
+    assert after
+    assert all(e.valid and e.state is Lifecycle.TRACKING for e in after)
+    assert max(position_error(e) for e in (*faulty, *after) if e.valid) < RIGHT
+
+
+@pytest.mark.parametrize("row", ROWS, ids=[row.name for row in ROWS])
+def test_a_row_with_seed_61(row: Row) -> None:
+    assert_row(row, flown(row))
+
+
+def test_the_flight_without_faults() -> None:
+    run = flown(Row("none", lambda items, _: items))
+    assert all(e.valid for e in run.estimates if e.t_ns > (T0 + 0.5) * S)
+    assert max(position_error(e) for e in run.estimates if e.t_ns > BEGINS * S) < QUIET
+    assert run.rejected == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [62, 63, 64])
+@pytest.mark.parametrize("row", ROWS, ids=[row.name for row in ROWS])
+def test_the_grid_with_seed(row: Row, seed: int) -> None:
+    assert_row(row, flown(row, seed))
