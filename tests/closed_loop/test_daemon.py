@@ -128,16 +128,18 @@ def assert_good_citizen(frames: list[Any]) -> None:
     """The daemon's messages. When it sends which, tests/unit/autopilot says on a clock of its own: here rates sag
     when the machine is busy, and it requests them again."""
     kinds = Counter(m.get_type() for m in frames)
-    assert set(kinds) == {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG"}
+    assert set(kinds) == {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG", "STATUSTEXT"}
+    assert "leader tracked" in {m.text for m in frames if m.get_type() == "STATUSTEXT"}
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in frames} == {(1, 191)}
     beats = [m for m in frames if m.get_type() == "HEARTBEAT"]
     assert {(m.type, m.autopilot) for m in beats} == {(18, 8)}
     assert len(beats) >= 6
     assert kinds["TIMESYNC"] > len(beats)
     commands = [m for m in frames if m.get_type() == "COMMAND_LONG"]
-    assert {m.command for m in commands} == {511}
+    assert {m.command for m in commands} == {511, 512}
+    assert {m.param1 for m in commands if m.command == 512} == {dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN}
     assert {(m.target_system, m.target_component) for m in commands} == {(1, 1)}
-    intervals = {int(m.param1): m.param2 for m in commands}
+    intervals = {int(m.param1): m.param2 for m in commands if m.command == 511}
     assert intervals[dialect.MAVLINK_MSG_ID_GPS_RAW_INT] == pytest.approx(50_000)
     assert intervals[dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED] == pytest.approx(10_000)
 
