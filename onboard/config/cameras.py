@@ -42,6 +42,7 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     calibration: str | None = None  # a camera_info file of ROS, instead of the keys above from f_px on
     sigma_px: Positive = 1.0  # standard deviation of each image coordinate
     min_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.3  # of a detection that says how sure it is
+    classes: tuple[str, ...] = ()  # what is followed, by the names that the detector gives; none: anything
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
     delay_s: float | None = None  # how much older than its stamp an image is; None: `delay.camera_s`
@@ -146,4 +147,4 @@ def _camera(c: CameraConfig) -> Camera:
 
 def camera_inputs(cameras: list[CameraConfig]) -> dict[str, CameraInput]:
     """What decoding needs of each camera, by name."""
-    return {c.name: CameraInput(c.name, lens_of(c), c.sigma_px, c.min_confidence) for c in cameras}
+    return {c.name: CameraInput(c.name, lens_of(c), c.sigma_px, c.min_confidence, c.classes) for c in cameras}

@@ -115,9 +115,9 @@ class Box(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
 class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
     """One aircraft in an image: named points (`center`, `left`, `right`), any of them, or a `box`, or both. All
     else is optional. `target` names the aircraft: "leader", or any other id; empty: it goes to the track that it
-    fits best. `class`: what the detector takes it for. `id`: the detector's own track number, which is not used
-    yet. `confidence`: 0 to 1; below the camera's `min_confidence` the detection is refused, and the lower it is,
-    the larger is the noise of points that bring no sigma."""
+    fits best. `class`: what the detector takes it for; see `classes` of `[camera]`. `id`: the detector's own track
+    number, which is not used yet. `confidence`: 0 to 1; below the camera's `min_confidence` the detection is
+    refused, and the lower it is, the larger is the noise of points that bring no sigma."""
 
     points: dict[str, DetectedPoint] = msgspec.field(default_factory=dict)
     box: Box | None = None

@@ -9,12 +9,13 @@ from onboard.wire.document import BadDocumentError
 
 class CameraInput(NamedTuple):
     """A camera whose detections may come: its lens, the noise of an image coordinate without a sigma of its own,
-    and the confidence below which a detection is refused."""
+    the confidence below which a detection is refused, and the classes that are followed (none: any)."""
 
     name: str
     lens: Lens
     sigma_px: float
     min_confidence: float
+    classes: tuple[str, ...] = ()
 
 
 Cameras = Mapping[str, CameraInput]  # the first is meant where none is named

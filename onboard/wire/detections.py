@@ -73,6 +73,9 @@ def decode_detections(
 def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, lens: Lens, at: str) -> TargetImage:
     """The message of one detection. Raises BadDocumentError."""
     check_target(detection.target, f"{at}.target")
+    if camera.classes and detection.class_name not in ("", *camera.classes):
+        followed = f"`classes` of camera {camera.name} are {', '.join(camera.classes)}"
+        raise BadDocumentError(f"`{detection.class_name}` is not followed; {followed} - at `$.{at}.class`")
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
     points, box = detection.points, detection.box
     named = {name: points[name] for name in POINTS if name in points}

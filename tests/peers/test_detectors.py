@@ -18,9 +18,12 @@ from onboard.messages import Box, Datagram, Detection, Encoding, TargetDetection
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 from onboard.wire.datagrams import DatagramDecoder
 from tests.support import documents
-from tests.support.programs import PATIENCE, free_endpoint
+from tests.support.programs import PATIENCE, free_endpoint, free_ports
 
-EXAMPLES = documents.blocks(documents.text("fly-it"), "python")
+
+def example(k: int) -> str:
+    """The k-th Python example of the page on flying."""
+    return documents.blocks(documents.text("fly-it"), "python")[k]
 
 
 @pytest.fixture
@@ -66,9 +69,9 @@ def decoded(datagram: Datagram) -> list[Any]:
 
 
 def test_the_page_s_python_example_sends_a_pair_of_wingtips(session: Any, endpoint: str) -> None:
-    example = EXAMPLES[0].replace("Camera()", f"Camera(endpoint={endpoint!r})")
+    code = example(0).replace("Camera()", f"Camera(endpoint={endpoint!r})")
     link = ZenohLink(session, "onboard/1", camera="front")
-    datagram = received(link, lambda: exec(example, {}))  # noqa: S102 - what a reader would paste
+    datagram = received(link, lambda: exec(code, {}))  # noqa: S102 - what a reader would paste
     assert (datagram.channel, datagram.encoding) == ("onboard/1/camera/any/detections", Encoding.DETECTIONS)
     (message,) = decoded(datagram)
     assert isinstance(message, TargetDetection)
@@ -78,15 +81,22 @@ def test_the_page_s_python_example_sends_a_pair_of_wingtips(session: Any, endpoi
 
 
 def test_the_page_s_udp_example_sends_a_box() -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    example = re.sub(r"14570", str(port), EXAMPLES[1])
-    datagram = received(parse_link(f"json:127.0.0.1:{port}", "detector"), lambda: exec(example, {}))  # noqa: S102
+    (port,) = free_ports(socket.SOCK_DGRAM)
+    code = re.sub(r"14570", str(port), example(1))
+    datagram = received(parse_link(f"json:127.0.0.1:{port}", "detector"), lambda: exec(code, {}))  # noqa: S102
     assert datagram.channel == "detector"
     (message,) = decoded(datagram)
     assert message.features[0].name == "box"
     assert message.t_ns <= datagram.t_recv_ns
+
+
+def test_a_datagram_of_a_json_link_is_a_document() -> None:
+    (port,) = free_ports(socket.SOCK_DGRAM)
+    data = b'{"t_ns": 1, "clock": "boot"}'
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        link = parse_link(f"json:127.0.0.1:{port}", "detector")
+        datagram = received(link, lambda: udp.sendto(data, ("127.0.0.1", port)) and None)
+    assert (datagram.data, datagram.encoding) == (data, Encoding.DETECTIONS)
 
 
 def test_a_camera_sends_all_aircraft_of_an_image_at_once(session: Any, endpoint: str) -> None:

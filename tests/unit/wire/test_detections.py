@@ -16,6 +16,7 @@ LENS = Lens(fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, width_px=640.0, 
 CAMERAS = {
     "front": CameraInput("front", LENS, sigma_px=1.0, min_confidence=0.3),
     "tele": CameraInput("tele", LENS, sigma_px=2.0, min_confidence=0.0),
+    "picky": CameraInput("picky", LENS, sigma_px=1.0, min_confidence=0.0, classes=("drone", "plane")),
 }
 CENTER, LEFT, RIGHT = ({"u_px": u, "v_px": 240.0} for u in (370.0, 320.0, 420.0))
 BOX = {"u_px": 370.0, "v_px": 190.0, "width_px": 100.0, "height_px": 40.0}
@@ -135,7 +136,7 @@ def with_detection(**detection: Any) -> dict[str, Any]:
     ("document", "expected"),
     [
         ({"t_ns": 1}, "missing required field `clock`; the fields of CameraDetections are t_ns, clock, came"),
-        ({**HEAD, "camera": "rear"}, "no camera is called `rear`; known: front, tele - at `$.camera`"),
+        ({**HEAD, "camera": "rear"}, "no camera is called `rear`; known: front, tele, picky - at `$.camera`"),
         (
             {**HEAD, "intrinsics": {"fx_px": 0, "fy_px": 1, "cx_px": 1, "cy_px": 1}},
             "must be positive - at `$.in",
@@ -164,6 +165,17 @@ def test_what_cannot_be_used_is_refused_by_its_field(document: dict[str, Any], e
     decoded = Decoded(document)
     assert decoded.messages == []
     assert expected in decoded.reasons[0]
+
+
+def test_other_classes_than_those_that_are_followed_are_refused() -> None:
+    def reasons(class_name: str) -> list[str]:
+        return Decoded({**HEAD, "camera": "picky", "detections": [{"box": BOX, "class": class_name}]}).reasons
+
+    assert reasons("bird") == [
+        "`bird` is not followed; `classes` of camera picky are drone, plane - at `$.detections[0].class`"
+    ]
+    assert reasons("plane") == reasons("") == []
+    assert one(box=BOX, **{"class": "bird"}).camera == "front"
 
 
 def test_an_image_in_which_nothing_was_found_is_no_refusal() -> None:
