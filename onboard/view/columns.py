@@ -35,8 +35,9 @@ class ImagePoints(NamedTuple):
 
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
-# a scale of zero: an entity without a position yet must not be drawn at the origin
-HIDDEN = Pose((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, 0.0))
+# An entity without a position must not be drawn at the origin. The viewer ignores a scale of zero, which has no
+# inverse, and draws such an entity as if it had none: a scale of a micrometre.
+HIDDEN = Pose((0.0, 0.0, 0.0), LEVEL, (1e-6, 1e-6, 1e-6))
 
 
 def scalars(values: Sequence[ArrayLike]) -> Any:

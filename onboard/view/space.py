@@ -124,7 +124,7 @@ def draw_leader(columns: Columns, memory: Memory, estimate: Estimate, leader: Le
     columns.add(poses, scene.AROUND_LEADER, t_ns, Pose(r, q_heading, ONE))
     columns.add(lines_3d, scene.SIGHT_LINE, t_ns, np.array([np.zeros(3), r]))
     columns.add(lines_3d, scene.DROP_LINE, t_ns, np.array([r, [r[0], r[1], 0.0]]))
-    if memory.own is not None:
+    if memory.own is not None and not ends:
         extend_trail(columns, memory, "estimate", t_ns, own_position(memory.own, t_ns) + r)
 
 
@@ -143,5 +143,7 @@ def draw_open_range(columns: Columns, t_ns: int, body: Pose, ends: tuple[float, 
 
 
 def draw_tag(columns: Columns, t_ns: int, leader: LeaderState, colour: palette.Colour, text: str) -> None:
-    """A label above the leader."""
-    columns.add(tags, scene.TAG, t_ns, (leader.r - np.array([0.0, 0.0, TAG_ABOVE]), colour, text))
+    """A label above the leader, or above the nearest place where its range is open."""
+    ends = open_interval(leader)
+    place = leader.r if ends is None else leader.r * ends[0] / max(float(np.linalg.norm(leader.r)), 1e-6)
+    columns.add(tags, scene.TAG, t_ns, (place - np.array([0.0, 0.0, TAG_ABOVE]), colour, text))

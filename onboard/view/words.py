@@ -46,7 +46,8 @@ def headline(estimate: Estimate, leader: LeaderState | None, report: Measurement
 def tag(estimate: Estimate, leader: LeaderState) -> str:
     """The label of the leader in the 3-D view."""
     words = f"{estimate.state.upper()}  {_range(leader, range_estimate(leader))}"
-    return f"{words} · {plain(estimate.reason)}" if open_interval(leader) and estimate.reason else words
+    why = plain(estimate.reason).split("; ")[-1]  # what is open comes last
+    return f"{words} · {why}" if open_interval(leader) and why else words
 
 
 def verdict_label(report: MeasurementReport) -> str:

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.messages import Estimate
+from onboard.messages import Estimate, OwnPose
 from onboard.view import words
 from onboard.view.motion import LeaderState, leader_state, open_interval
 from tests.support.view_flight import NEEDS_RERUN, flight
@@ -19,7 +19,7 @@ def estimate_with(sigma_range: float) -> Estimate:
     P: Array = np.diag([sigma_range, 0.3, 0.3, *[0.2] * 3, 0.05, 0.1, 0.1]) ** 2
     mean = (24.0, 0.0, 0.0, *(estimate.mean or ())[3:])
     covariance = tuple(tuple(row) for row in P.tolist())
-    return replace(estimate, mean=mean, covariance=covariance, reason="heading not resolved")
+    return replace(estimate, mean=mean, covariance=covariance, reason="images fused; heading not resolved")
 
 
 def state(estimate: Estimate) -> LeaderState:
@@ -53,7 +53,12 @@ def test_an_open_range_has_two_ends_and_no_aircraft_between() -> None:
 
     def drawn(sigma: float) -> dict[str, Any]:
         columns, estimate = Columns(), estimate_with(sigma)
-        space.draw_leader(columns, Memory(), estimate, state(estimate))
+        memory = Memory()
+        memory.own = next(r for r in flight(3.0) if isinstance(r, OwnPose))
+        for _ in range(2):  # a trail needs two places
+            memory.drawn_ns.clear()
+            space.draw_leader(columns, memory, estimate, state(estimate))
+        space.draw_tag(columns, estimate.t_ns, state(estimate), (0, 0, 0), "tag")
         return {entity: rows[-1][1] for (_, entity), rows in columns._rows.items()}
 
     wide, sharp = drawn(6.0), drawn(1.0)
@@ -61,6 +66,10 @@ def test_an_open_range_has_two_ends_and_no_aircraft_between() -> None:
     np.testing.assert_allclose([near, far], [[12.0, 0, 0], [36.0, 0, 0]])
     np.testing.assert_allclose(wide[scene.OPEN_RANGE], [near, far])
     assert wide[scene.LEADER] is HIDDEN
+    assert 0.0 < max(np.asarray(HIDDEN.scale)) < 1e-5  # the viewer ignores a scale of zero
+    assert np.allclose(wide[scene.TAG][0], [12.0, 0.0, -space.TAG_ABOVE])
+    assert scene.TRAILS["estimate"] not in wide
+    assert scene.TRAILS["estimate"] in sharp
     assert wide[scene.LEADER_VELOCITY] is HIDDEN
     half_axes = np.sort(np.asarray(wide[f"{scene.UNCERTAINTY}/ellipsoid"]))
     np.testing.assert_allclose(half_axes, [0.9, 0.9, 18.0])  # three sigma
