@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
@@ -124,11 +124,13 @@ def daemon(environment: dict[str, str] | None = None) -> Iterator[Daemon]:
 def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None) -> Figures:
     """Latency (ms) from exposure and from arrival, the daemon's share of a core (percent) and its memory (MB),
     beside `busy` busy loops. `on_core`: the daemon and the busy loops all share this core."""
-    with daemon() as one, busy_loops(busy, on_core):
+    with ExitStack() as stack:
+        one = stack.enter_context(daemon())
+        stack.enter_context(busy_loops(busy, on_core))
         one.wait_for("link autopilot")
         if on_core is not None:
             one.process.cpu_affinity([on_core])
-        subscriber = Subscriber(one.endpoint)
+        subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
         load = _load("--udp", str(one.udp), "--zenoh", one.endpoint, "--seconds", str(SETTLE_S + seconds))
         one.wait_for("leader: ")
         time.sleep(SETTLE_S)
@@ -137,7 +139,6 @@ def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None) -> Fi
         share = 100 * (one.cpu_s() - before) / (time.monotonic() - since)
         memory = one.process.memory_info().rss / 1e6
         health = subscriber.health()
-        subscriber.close()
     arrivals = subscriber.arrivals()
     images = json.loads(out)["images"]
     counted = [image for image in images[SETTLE_S * 30 :] if image[0] in arrivals]
@@ -162,9 +163,10 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
     """For each rate of messages that was asked for: what was sent, and what the kernel and the daemon dropped."""
     found = []
     for rate in rates:
-        with daemon() as one:
+        with ExitStack() as stack:
+            one = stack.enter_context(daemon())
             one.wait_for("link autopilot")
-            subscriber = Subscriber(one.endpoint)
+            subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
             warm = _load("--udp", str(one.udp), "--seconds", "1")
             warm.communicate(timeout=PATIENCE_S)
             before = subscriber.health().links["autopilot"]
@@ -175,7 +177,6 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
             share = (one.cpu_s() - cpu) / (time.monotonic() - since)
             subscriber.health()
             after = subscriber.health().links["autopilot"]
-            subscriber.close()
         sent = json.loads(out)
         received = after.received - before.received
         found.append(
