@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.commands.calibration import Calibration, Images, OwnMotion, calibrate
+from onboard.commands.calibration import CALM, Calibration, Images, OwnMotion, calibrate
 from onboard.commands.files import check_targets
 from onboard.commands.log_replay import check_log, read_log
 from onboard.config import Config, load_config
@@ -24,6 +24,7 @@ ENOUGH: Final = {
     "mount_deg": 0.5,
     "focal": 0.02,
 }  # sigmas: one known worse is not offered
+LARGEST_DEG, LARGEST_S = 20.0, 0.3  # of a correction; a larger one is rather the leader's own motion
 WIDTH, HEIGHT, MARGIN = 900, 260, 40  # of a panel of the picture, px
 SHOWN: Final = 5.0  # sigmas: the picture's scale
 LEADER: Final = ("leader", "")  # ids of its images
@@ -107,6 +108,11 @@ def described(found: Calibration, config: Config) -> list[str]:
         f"focal length   {100 * (found.focal - 1):+8.2f} %   +- {100 * found.focal_sigma:.2f}",
         f"residuals      {_rms(found.before):.2f} sigmas as configured, {_rms(found.after):.2f} corrected",
     ]
+    if found.calm >= max(CALM) or np.abs(angles).max() > LARGEST_DEG or abs(found.delay) > LARGEST_S:
+        return [
+            *lines,
+            "not to be trusted: the leader did not fly calmly, straight and at one speed; nothing is offered",
+        ]
     pasted = ["", "[camera]"]
     c, camera = config.camera, config.camera_model()
     if found.delay_sigma < ENOUGH["delay_s"]:

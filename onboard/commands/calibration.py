@@ -21,6 +21,7 @@ from onboard.geometry.rotations import matrix_from_euler
 KNOTS_S: Final = 1.0  # between the knots of the leader's path
 CALM: Final = (0.15, 0.05, 0.02, 0.5)  # m/s^2: the leader's acceleration, new every second; the likeliest is taken
 SPAN_NOISE: Final = 0.3  # of the range by the wing's apparent length, for the whole flight: its heading is open
+LONGEST_DELAY_S: Final = 0.45  # the path reaches half a second beyond the images
 HUBER: Final = 3.0  # sigmas
 ITERATIONS: Final = 30
 PARAMETERS: Final = 5  # delay, three angles of the mount, logarithm of the focal length
@@ -62,8 +63,10 @@ class Images(NamedTuple):
 class Calibration(NamedTuple):
     """Corrections to the configuration, and their standard deviations: the delay in s, the mount as a rotation
     vector (3,) in rad about the camera's axes, the factor of the focal length. `before` and `after` (k, 2):
-    residuals in sigmas as configured and corrected, of images at `t` (k,) s."""
+    residuals in sigmas as configured and corrected, of images at `t` (k,) s. `calm`: the leader's acceleration,
+    m/s^2."""
 
+    calm: float
     t: Array
     delay: float
     delay_sigma: float
@@ -91,7 +94,16 @@ def calibrate(images: Images, own: OwnMotion, camera: Camera, size: float) -> Ca
     worse = max(1.0, float(np.sum(problem.weights(after)[:, None] * after**2)) / (2 * len(after)))
     sigma = np.sqrt(worse * np.diag(np.linalg.inv(information))[:PARAMETERS])
     return Calibration(
-        images.t, float(x[0]), float(sigma[0]), x[1:4], sigma[1:4], math.exp(x[4]), float(sigma[4]), before, after
+        problem.calm,
+        images.t,
+        float(x[0]),
+        float(sigma[0]),
+        x[1:4],
+        sigma[1:4],
+        math.exp(x[4]),
+        float(sigma[4]),
+        before,
+        after,
     )
 
 
@@ -147,7 +159,7 @@ class Problem:
                 information[:PARAMETERS, :PARAMETERS] += np.eye(PARAMETERS) * 1e15
             step = -np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
             trial = self._cost(x + step)
-            if trial > cost:
+            if not trial <= cost:
                 damping *= 10.0
                 continue
             done = cost - trial < 1e-6 * cost
@@ -184,6 +196,8 @@ class Problem:
         return np.asarray(np.minimum(1.0, HUBER / np.maximum(np.linalg.norm(residuals, axis=1), 1e-9)))
 
     def _cost(self, x: Array) -> float:
+        if abs(x[0]) > LONGEST_DELAY_S or float(np.abs(x[1:PARAMETERS]).max()) > 1.0:
+            return math.inf  # beyond the path's ends, or no mount or lens at all
         points, ranges, *_ = self.residuals(x)
         n = np.linalg.norm(points, axis=1)
         huber = np.where(n < HUBER, 0.5 * n**2, HUBER * (n - 0.5 * HUBER))

@@ -9,7 +9,9 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.commands import cli
+from onboard.commands.calibrate import described
 from onboard.commands.calibration import Calibration, Images, OwnMotion, calibrate
+from onboard.config import load_config
 from onboard.errors import UserError
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
@@ -101,6 +103,20 @@ def test_outliers_do_not_turn_the_result_seed_2() -> None:
 def test_a_straight_flight_does_not_determine_them_and_says_so_seed_1() -> None:
     found = calibrate(*flight(1, weave=0.2), CAMERA, SIZE)
     assert found.delay_sigma > 0.02 or np.degrees(found.mount_sigma).max() > 0.5
+
+
+def test_a_leader_that_is_far_from_calm_ends_in_no_error_seed_3() -> None:
+    images, own = flight(3, seconds=25.0)
+    swerving = images._replace(center=images.center + 0.3 * np.sin(np.arange(len(images.t)) / 3.0)[:, None])
+    found = calibrate(swerving, own, CAMERA, SIZE)
+    assert abs(found.delay) <= 0.45
+    restless = described(found._replace(calm=0.5), load_config(None))
+    assert restless[-1].startswith("not to be trusted: the leader did not fly calmly")
+    assert (
+        described(found._replace(calm=0.05, mount=np.array([0.0, 0.9, 0.0])), load_config(None))[-1]
+        == restless[-1]
+    )
+    assert np.isfinite([found.delay_sigma, found.focal_sigma, *found.mount_sigma]).all()
 
 
 def test_too_few_images_are_refused() -> None:
