@@ -152,9 +152,9 @@ def test_a_tcp_client_says_why_it_is_not_connected_and_stops_saying_so_once_it_i
         assert health_of(link).error == ""
         await until(lambda: link.trouble)
         assert health_of(link).error == f"tcp:127.0.0.1:{port}: cannot connect (Connection refused)"
-        server = await asyncio.start_server(lambda *_: None, "127.0.0.1", port)
-        await until(lambda: not link.trouble)
-        assert health_of(link).error == ""
-        server.close()
+        server = await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", port)
+        async with server:
+            await until(lambda: not link.trouble)
+            assert health_of(link).error == ""
 
     with_link(f"tcp:127.0.0.1:{port}", check)

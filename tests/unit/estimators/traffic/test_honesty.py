@@ -128,6 +128,7 @@ def test_what_passes_above_us_has_a_positive_vertical_distance_in_the_record_and
     assert approach.vertical == pytest.approx(-down, abs=0.5)
     assert approach.horizontal == pytest.approx(100.0, abs=0.5)
     estimate = replace(TRAFFIC, intruder=replace(INTRUDER, approach=approach))
-    (message,) = TrafficOutput(TrafficOutConfig(link="gcs"), 191)._messages(estimate, estimate.intruder)
+    ((name, message),) = TrafficOutput(TrafficOutConfig(link="gcs"), 191)._messages(estimate, estimate.intruder)
+    assert name == "COLLISION"
     assert isinstance(message, Collision)
     assert message.vertical == pytest.approx(-down, abs=0.5)
