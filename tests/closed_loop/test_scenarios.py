@@ -41,10 +41,11 @@ BOUNDS = {
     "formation-old-stamps": (4.0, 85, CHANCE),
     "formation-nav-error": (4.0, 70, 40),
     "formation-speed-change": (4.0, 85, CHANCE),
-    "formation-from-the-side": (4.0, 85, CHANCE),
-    # 3.1 % while the nose was taken to be on the course; 5.4 % now that a hovering leader may face anywhere; 6.2 %
-    # since nobody tells the daemon that the errors of our own state are none
-    "formation-hover": (7.0, 85, CHANCE),
+    # The price of an estimate that is honest from any side: 4.8 %, 3.7 % while fewer noses were thought possible
+    "formation-from-the-side": (5.5, 85, CHANCE),
+    # and 21 % while the leader hovers, with an ellipsoid that holds it. It was 3.1 % with the nose taken to be on the
+    # course, and 6.2 % with a mixture that was confidently wrong of one hovering leader in three
+    "formation-hover": (24.0, 85, CHANCE),
     "formation-out-of-view": (10.0, 55, CHANCE),  # two parts: to 30 m ahead and back, with a gap
 }
 
@@ -64,7 +65,7 @@ def test_scenario_seed_1_keeps_its_bounds(replay: Flights, scenario: str) -> Non
     assert score.verdicts.get("gated", 0) <= gated
     # six numbers per image, whose noise is drawn; the daemon supposes a pixel
     sigma_px = drawn(load_scenario(scenario), SEED).camera.sigma_px
-    assert 4.5 < score.nis_mean / sigma_px**2 < 7.5
+    assert 4.5 < score.nis_mean / sigma_px**2 < 7.8
 
 
 def test_the_command_line_seed_1_gives_the_same_rows_and_the_documented_keys(
@@ -151,7 +152,7 @@ def test_stamps_80_ms_late_seed_1_are_corrected_when_the_delay_is_estimated(repl
     ignored = replay("formation-late-stamp", *exact).score
     estimated = replay("formation-late-stamp", "estimator.leader.delay_sigma_s=0.15", *exact).score
     in_time = replay("formation-late-image", *exact).score  # the same flight
-    assert ignored.inside_95_percent < 50
+    assert ignored.inside_95_percent < 65
     assert estimated.inside_95_percent > 85
     assert estimated.velocity_rmse_m_s < 1.15 * in_time.velocity_rmse_m_s < ignored.velocity_rmse_m_s
 

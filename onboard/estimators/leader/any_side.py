@@ -1,11 +1,11 @@
 """The filter we fly: the wing-line filter, believed only as far as a second filter that assumes less agrees.
 
 The wing-line filter is sharp, but it takes the nose to be on the course: seen from any other side it is sure of a
-wrong range. The nose mixture assumes nothing of the kind. Both follow the same images. Where the mixture knows the
-range and both agree, the estimate is the wing-line filter's, no surer of the range than the mixture is. Elsewhere
-the estimate is mean and covariance of the whole mixture, and the reason says what is open.
+wrong range. The cloud of noses assumes nothing of the kind. Both follow the same images. Where the cloud knows the
+range and both agree, the estimate is the wing-line filter's, no surer of the range than the cloud is. Elsewhere
+the estimate is mean and covariance of the whole cloud, and the reason says what is open.
 
-The mixture takes an image every 90 ms at most: what it has to find out changes slowly, and it costs more.
+The cloud takes an image every 90 ms at most: what it has to find out changes slowly, and it costs more.
 """
 
 import math
@@ -14,29 +14,30 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import nose_mixture
+from onboard.estimators.leader import nose_particles
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import LeaderFilter, Measurement
-from onboard.estimators.leader.nose_cells import Mixture
+from onboard.estimators.leader.nose_particles import Cloud
 from onboard.estimators.leader.nose_summary import Summary, as_leader, summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.models.relative_motion import R
 from onboard.ownship import Step
 
-PERIOD_S: Final = 0.09  # between images that the mixture takes
-LONGEST_S: Final = 0.25  # of a prediction of the mixture
-RESOLVED: Final = 0.15  # of the range: a mixture that is less certain leaves it open
-SHARP: Final = 0.08  # of the range: a mixture that is less certain cannot confirm the wing-line filter
-AGREE: Final = 1.0  # sigmas of the mixture's range: it confirms a wing-line range that is no farther off
+PERIOD_S: Final = 0.09  # between images that the cloud takes
+LONGEST_S: Final = 0.25  # of a prediction of the cloud
+RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open
+SHARP: Final = 0.08  # of the range: a cloud that is less certain cannot confirm the wing-line filter
+AGREE: Final = 1.0  # sigmas of the cloud's range: it confirms a wing-line range that is no farther off
 AGREE_AT_LEAST: Final = 0.025  # of the range: so near a range is confirmed in any case
 ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
+TOO_WIDE: Final = 0.2  # rad, of the direction: a cloud that is less certain starts again
 PATIENCE: Final = 10  # images in a row that the wing-line filter may reject before it starts again
 MOTION: Final = slice(0, 6)  # position and velocity
 
 
 class Pending(NamedTuple):
-    """Our own motion since the mixture's time: seconds, displacement (3,) in m and newest velocity (3,), in n."""
+    """Our own motion since the cloud's time: seconds, displacement (3,) in m and newest velocity (3,), in n."""
 
     dt: float
     moved: Array
@@ -44,14 +45,15 @@ class Pending(NamedTuple):
 
 
 class AnySide(NamedTuple):
-    """Both filters' states, a `summary` of the mixture at its time, and how many images the wing-line filter has
-    rejected in a row: it is not believed meanwhile."""
+    """Both filters' states, a `summary` of the cloud at its time, how many images the wing-line filter has
+    rejected in a row: it is not believed meanwhile; and how long ago, s, the cloud last confirmed it."""
 
     wing_line: Any
-    mixture: Mixture
+    cloud: Cloud
     summary: Summary
     pending: Pending
     rejected: int
+    unconfirmed: float
 
 
 class AnySideFilter:
@@ -68,19 +70,21 @@ class AnySideFilter:
         return self._wing_line.measure(points, sigmas)
 
     def start(self, measurement: Measurement, pose: CameraPose, before: AnySide | None) -> AnySide:
-        """Both filters start; the mixture, which does not depend on what was believed before, anew."""
+        """Both filters start. The cloud keeps of what was believed before only the noses."""
         earlier = None if before is None or not self._agree(before) else before.wing_line
         wing_line = self._wing_line.start(measurement, pose, earlier)
-        mixture = nose_mixture.start(self._settings, measurement, pose)
-        return AnySide(
-            wing_line, mixture, summarise(self._settings, mixture), Pending(0.0, np.zeros(3), pose.v_F_n), 0
-        )
+        noses = None if before is None else self._caught_up(before).cloud
+        cloud = nose_particles.start(self._settings, measurement, pose, noses)
+        unconfirmed = math.inf if before is None else before.unconfirmed
+        pending = Pending(0.0, np.zeros(3), pose.v_F_n)
+        return AnySide(wing_line, cloud, summarise(self._settings, cloud), pending, 0, unconfirmed)
 
     def advance(self, state: AnySide, step: Step) -> AnySide:
-        """The wing-line filter's prediction; the mixture is predicted when it takes an image, or after a while."""
+        """The wing-line filter's prediction; the cloud is predicted when it takes an image, or after a while."""
         moved = state.pending.moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a
         pending = Pending(state.pending.dt + step.dt, moved, step.v1)
-        advanced = state._replace(wing_line=self._wing_line.advance(state.wing_line, step), pending=pending)
+        wing_line, unconfirmed = self._wing_line.advance(state.wing_line, step), state.unconfirmed + step.dt
+        advanced = state._replace(wing_line=wing_line, pending=pending, unconfirmed=unconfirmed)
         return self._caught_up(advanced) if pending.dt > LONGEST_S else advanced
 
     def fuse(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Update:
@@ -95,7 +99,8 @@ class AnySideFilter:
             update = self._wing_line.fuse(self._wing_line.start(measurement, pose, None), measurement, pose)
             passes, wing_line = False, None
         rejected = 0 if passes else state.rejected + 1
-        if rejected > PATIENCE:
+        shows_wing = math.isfinite(measurement.span_sigma)  # else it is a direction, and nothing starts from it
+        if rejected > PATIENCE and shows_wing:
             wing_line, rejected = self._wing_line.start(measurement, pose, None), 0
         elif not passes:
             wing_line = state.wing_line
@@ -103,22 +108,33 @@ class AnySideFilter:
         if state.pending.dt < PERIOD_S and passes and not state.rejected:
             return update._replace(belief=after)
         predicted = self._caught_up(after)
-        mixture, nis = nose_mixture.update(self._settings, predicted.mixture, measurement, pose)
+        if passes and shows_wing and predicted.summary.direction_sigma() > TOO_WIDE:
+            cloud, nis = nose_particles.start(self._settings, measurement, pose, predicted.cloud), update.nis
+        else:
+            cloud, nis = nose_particles.update(self._settings, predicted.cloud, measurement, pose)
         if nis > self._settings.gate:
             return update._replace(belief=predicted)
-        after = predicted._replace(mixture=mixture, summary=summarise(self._settings, mixture))
+        after = predicted._replace(cloud=cloud, summary=summarise(self._settings, cloud))
+        if self._agree(after):
+            after = after._replace(unconfirmed=0.0)
         return update._replace(belief=after, nis=min(update.nis, gate))
 
     def belief(self, state: AnySide) -> Belief:
-        """The wing-line filter's belief, no surer of the range than the mixture; or that of the whole mixture."""
+        """The wing-line filter's belief, no surer of the range than the cloud; or that of the whole cloud.
+
+        A wing-line filter that the cloud has confirmed stays right while a leader that stops keeps its nose, so it
+        counts with the probability that it does."""
         sharp = self._wing_line.belief(state.wing_line)
         known = state.summary.after(state.pending.dt, state.pending.moved)
-        if not self._agree(state):
-            return as_leader(known, state.pending.v_F_n, sharp)
         whole = as_leader(known, state.pending.v_F_n, sharp)
-        off = sharp.mean[MOTION] - whole.mean[MOTION]
+        off = sharp.mean - whole.mean
+        if not self._agree(state):
+            kept = self._keeps_its_nose(state)
+            spread = kept * (1.0 - kept) * np.outer(off, off)
+            covariance = kept * sharp.covariance + (1.0 - kept) * whole.covariance + spread
+            return Belief(whole.mean + kept * off, covariance)
         covariance = sharp.covariance.copy()
-        covariance[MOTION, MOTION] = whole.covariance[MOTION, MOTION] + off[:, None] * off
+        covariance[MOTION, MOTION] = whole.covariance[MOTION, MOTION] + off[MOTION, None] * off[MOTION]
         covariance[MOTION, 6:], covariance[6:, MOTION] = 0.0, 0.0
         return Belief(sharp.mean, covariance)
 
@@ -136,11 +152,13 @@ class AnySideFilter:
         return "" if self._agree(state) else "the nose is not on the course"
 
     def is_too_wide(self, state: AnySide, share: float) -> bool:
-        """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
-        return state.summary.after(state.pending.dt, state.pending.moved).direction_sigma() > share
+        """Whether the direction is less certain than `share` to both; an uncertain range is no obstacle to it.
+        A cloud that alone is too wide starts again with an image that the wing-line filter expected."""
+        known = state.summary.after(state.pending.dt, state.pending.moved)
+        return known.direction_sigma() > share and self._wing_line.is_too_wide(state.wing_line, share)
 
     def _agree(self, state: AnySide) -> bool:
-        """Whether the mixture knows the range, and the wing-line filter has the same one."""
+        """Whether the cloud knows the range, and the wing-line filter has the same one."""
         known, sigma = state.summary, state.summary.range_sigma()
         if state.rejected or sigma > SHARP or not known.is_on_course(ON_COURSE):
             return False
@@ -149,12 +167,18 @@ class AnySideFilter:
         ratio = math.log(float(np.linalg.norm(sharp)) / float(np.linalg.norm(now)))
         return abs(ratio) < max(AGREE * sigma, AGREE_AT_LEAST)
 
+    def _keeps_its_nose(self, state: AnySide) -> float:
+        """The probability that a leader which has stopped still has the nose with which it flew."""
+        if state.rejected or state.summary.flies():
+            return 0.0
+        return math.exp(-state.unconfirmed / self._settings.still_for)
+
     def _caught_up(self, state: AnySide) -> AnySide:
-        """The mixture predicted to the wing-line filter's time."""
+        """The cloud predicted to the wing-line filter's time."""
         dt, moved, v_F_n = state.pending
         if dt <= 0.0:
             return state
-        mixture = nose_mixture.predict(self._settings, state.mixture, dt, moved)
+        cloud = nose_particles.predict(self._settings, state.cloud, dt, moved)
         return state._replace(
-            mixture=mixture, summary=summarise(self._settings, mixture), pending=Pending(0.0, np.zeros(3), v_F_n)
+            cloud=cloud, summary=summarise(self._settings, cloud), pending=Pending(0.0, np.zeros(3), v_F_n)
         )

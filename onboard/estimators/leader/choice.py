@@ -27,6 +27,9 @@ from onboard.ownship import Step
 
 WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
 CRAB: Final = math.radians(12.0)  # rad, of a fixed wing's nose: wind of a fifth of its speed, at one sigma
+UNSURE: Final = (
+    1.4  # times the configured errors of our attitude: an error's sigma is itself known to a factor of 1.6
+)
 SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
 
 
@@ -58,7 +61,7 @@ def make_filter(config: Config) -> LeaderFilter:
 
 def _nose_model(config: Config, size: float, size_sigma: float) -> NoseModel:
     known = config.own_tilt_sigma_deg, config.own_yaw_sigma_deg
-    tilt, yaw = (max(math.radians(sigma), SMALLEST_SIGMA) for sigma in known)
+    tilt, yaw = (max(UNSURE * math.radians(sigma), SMALLEST_SIGMA) for sigma in known)
     model = NoseModel(
         size=size,
         size_sigma=size_sigma,
@@ -67,7 +70,15 @@ def _nose_model(config: Config, size: float, size_sigma: float) -> NoseModel:
         own_velocity=max(config.own_velocity_sigma_m_s, SMALLEST_SIGMA),
     )
     if config.leader_class == "fixed_wing":
-        return model._replace(crab=CRAB, follows=1.0, nose_about_course=CRAB)
+        return model._replace(
+            drag=0.0,
+            drag_sigma=0.0,
+            wind=0.0,
+            lean_random_walk=0.0,
+            crab=CRAB,
+            follows=1.0,
+            nose_about_course=CRAB,
+        )
     return model
 
 

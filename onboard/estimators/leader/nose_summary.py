@@ -1,4 +1,4 @@
-"""Mean and covariance of a whole nose mixture in Cartesian coordinates, and what they come to a moment later."""
+"""Mean and covariance of a whole cloud of noses, and what they come to a moment later."""
 
 import math
 from typing import Final, NamedTuple
@@ -6,8 +6,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import nose_mixture
-from onboard.estimators.leader.nose_cells import Mixture
+from onboard.estimators.leader import nose_particles
+from onboard.estimators.leader.nose_particles import Cloud
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing as model
@@ -50,12 +50,16 @@ class Summary(NamedTuple):
         square = float(r @ r)
         return math.sqrt(max(float(r @ self.covariance[R_FL, R_FL] @ r), 0.0)) / square
 
+    def flies(self) -> bool:
+        """Whether the leader is faster than one that hovers."""
+        return math.hypot(self.mean[3], self.mean[4]) > FLIES
+
     def is_on_course(self, within: float) -> bool:
         """Whether the leader flies, with its nose within an angle (rad) of its course."""
         v, nose = self.mean[V_L], self.mean[NOSE]
         aside = nose - math.atan2(v[1], v[0])
         aside -= math.pi * round(aside / math.pi)
-        return math.hypot(v[0], v[1]) > FLIES and abs(aside) < within
+        return self.flies() and abs(aside) < within
 
     def direction_sigma(self) -> float:
         """The standard deviation of the direction where it is least certain, rad."""
@@ -65,30 +69,30 @@ class Summary(NamedTuple):
         return math.sqrt(max(largest, 0.0)) / float(np.linalg.norm(r))
 
 
-def summarise(settings: NoseModel, mixture: Mixture) -> Summary:
-    """The mixture as one Gaussian, by central differences of each of its Gaussians."""
-    w, means, covariances = nose_mixture.with_course(settings, mixture)
-    mean, D = nose_mixture.mapped(means, covariances, lambda rows: _cartesian(rows, mixture.axes))
-    mean[:, NOSE] -= math.pi * np.round((mean[:, NOSE] - mean[int(np.argmax(w)), NOSE]) / math.pi)
-    whole = w @ mean
-    off = mean - whole
-    covariance = np.tensordot(w, np.swapaxes(D, -1, -2) @ D, 1) + (off * w[:, None]).T @ off
-    return Summary(whole, 0.5 * (covariance + covariance.T))
-
-
-def _cartesian(rows: Array, axes: Array) -> Array:
-    """Rows (k, 15) of a summary, of state rows (k, N)."""
-    return np.column_stack(
-        [
-            model.positions(rows, axes),
-            rows[:, model.V],
-            rows[:, model.A],
-            rows[:, model.OWN_VELOCITY],
-            rows[:, model.LOG_SIZE],
-            rows[:, model.NOSE],
-            rows[:, model.BANK_ERROR],
-        ]
-    )
+def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
+    """The cloud as one Gaussian, with the errors that are ours: of our attitude, our velocity and the size."""
+    w = nose_particles.with_course(settings, cloud)
+    k = len(w)
+    rows = np.zeros((k, N))
+    rows[:, R_FL], rows[:, V_L], rows[:, A_L] = (cloud.means[:, part] for part in (model.R, model.V, model.A))
+    rows[:, NOSE], rows[:, BANK] = cloud.noses, cloud.means[:, model.BANK_ERROR]
+    rows[:, NOSE] -= math.pi * np.round((rows[:, NOSE] - rows[int(np.argmax(w)), NOSE]) / math.pi)
+    mean = w @ rows
+    off = rows - mean
+    covariance = (off * w[:, None]).T @ off
+    within = np.tensordot(w, cloud.covariances, 1)
+    covariance[:9, :9] += within[:9, :9]
+    covariance[BANK, BANK] += within[model.BANK_ERROR, model.BANK_ERROR]
+    mean[LOG_SIZE] = math.log(settings.size)
+    # the size scales the range; our attitude turns the direction
+    by_size = np.zeros(N)
+    by_size[R_FL], by_size[LOG_SIZE] = mean[R_FL], 1.0
+    covariance += (settings.size_sigma / settings.size) ** 2 * np.outer(by_size, by_size)
+    turned = np.cross(np.eye(3), mean[R_FL])
+    covariance[R_FL, R_FL] += turned.T @ np.diag(np.square(settings.misalignment)) @ turned
+    covariance[V_L, V_L] += settings.own_velocity**2 * np.eye(3)
+    covariance[NOSE, NOSE] += settings.misalignment[2] ** 2
+    return Summary(mean, 0.5 * (covariance + covariance.T))
 
 
 def as_leader(known: Summary, v_F_n: Array, template: Belief) -> Belief:
@@ -101,7 +105,6 @@ def as_leader(known: Summary, v_F_n: Array, template: Belief) -> Belief:
     size = math.exp(x[LOG_SIZE])
     along, right = _course(x[V_L], x[NOSE])
     J[R, R_FL] = J[V, V_L] = np.eye(3)
-    J[V, OWN_VELOCITY] = -np.eye(3)
     J[SIZE, LOG_SIZE] = size
     J[A_LAT, A_L], J[A_ALONG, A_L], J[A_LONG, 8] = right, along, -1.0
     J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0

@@ -27,13 +27,17 @@ RENAMED: Final = {
 
 
 class NoseModel(NamedTuple):
-    """What the nose mixture assumes: how a leader of unknown nose flies, and our own errors.
+    """What the cloud of noses assumes: how a leader of unknown nose flies, and our own errors.
 
     Values are standard deviations, unless they are named otherwise. A `_random_walk` is a process noise density:
     the state's variance grows by its square each second. A state with a `_time` is a Gauss-Markov process with
-    that correlation time. Tuples have a value for each manoeuvre: calm, accelerating, turning the nose. Speeds and
-    accelerations are those of a leader at the largest possible range, and proportionally less for nearer ones.
-    """
+    that correlation time. A `_for` is a mean duration. Speeds, accelerations and banks are those of a leader at
+    the largest possible range, and proportionally less for nearer ones.
+
+    The reasons: a copter leaned by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
+    (../shared/data/formation-copter), and others differ; winds of 3 m/s along an axis are a gentle breeze.
+    `temper` is below 1 because errors of images and of flight are correlated from one image to the next. A
+    hovering copter sways at few frequencies, where its acceleration is ten times denser than on average."""
 
     size: float  # m, the value itself
     size_sigma: float  # m
@@ -46,28 +50,35 @@ class NoseModel(NamedTuple):
     on_course: float = 0.3  # the prior probability that it does, if we fly
     follows: float = 0.7  # the probability that a leader that flies fast has its nose about its course
     nose_about_course: float = math.radians(5.0)  # rad, of such a nose
-    cells: int = 12  # over the half circle, of a nose that may point anywhere
+    particles: int = 600
     speed: float = 8.0  # m/s, relative to us, at first
-    acceleration: float = 1.0  # m/s^2, at first
+    acceleration: float = 1.5  # m/s^2, at first
     acceleration_time: float = 4.0  # s
     velocity_random_walk: float = 0.03  # m/s / sqrt(s)
-    acceleration_random_walk: tuple[float, ...] = (0.15, 1.5, 0.15)  # m/s^2 / sqrt(s)
-    nose_random_walk: tuple[float, ...] = (
-        math.radians(1.5),
-        math.radians(4.0),
-        math.radians(4.0),
-    )  # rad / sqrt(s)
-    nose_rate: tuple[float, ...] = (0.01, 0.02, 0.4)  # rad/s
-    nose_rate_time: tuple[float, ...] = (0.5, 0.5, 4.0)  # s
-    first_nose_rate: float = 0.1  # rad/s
-    lasts: tuple[float, ...] = (15.0, 3.0, 4.0)  # s, the mean duration of a manoeuvre
-    bank: float = math.radians(3.0)  # rad, about the bank of a coordinated turn
+    acceleration_random_walk: tuple[float, float] = (
+        0.6,
+        3.0,
+    )  # m/s^2 / sqrt(s), of steady and accelerating leaders
+    accelerating: float = 0.25  # the probability that a leader accelerates at first
+    steady_for: float = 10.0  # s
+    accelerates_for: float = 3.0  # s
+    turning: float = 0.15  # the probability that it turns its nose at first, beside the turn of its course
+    still_for: float = 30.0  # s
+    turns_for: float = 4.0  # s
+    nose_rate: float = 0.2  # rad/s, of a nose that is turned
+    nose_random_walk: float = math.radians(0.7)  # rad / sqrt(s)
+    bank: float = math.radians(5.0)  # rad, about the bank of its thrust
     bank_time: float = 1.0  # s
+    stretch: float = 0.03  # of the apparent length: a nose that wobbles, a tip that is misplaced
+    stretch_time: float = 3.0  # s
+    drag: float = 0.16  # 1/s, the value itself: deceleration by the air, per m/s of airspeed
+    drag_sigma: float = 0.06  # 1/s
+    wind: float = 3.0  # m/s, along each axis
+    lean_random_walk: float = 0.05  # m/s^2 / sqrt(s)
+    temper: float = 0.4  # the share of a logarithm of a likelihood ratio that is believed
+    doubted_after: float = 60.0  # s, the mean time after which a particle takes another nose
+    resample: float = 0.35  # of the particles: with fewer effective ones they are drawn anew
     gate: float = 25.0  # NIS above which no Gaussian expected an image
-    split: float = math.radians(10.0)  # rad: a cell whose nose is less certain is split
-    same_nose: float = math.radians(1.5)  # rad, and
-    same_range: float = 0.03  # of the range: cells nearer than this to each other are one
-    most_cells: int = 16
 
 
 class ManoeuvreModel(NamedTuple):

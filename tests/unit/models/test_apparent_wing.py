@@ -1,4 +1,4 @@
-"""The coordinates in which an image is linear: against plain geometry, done by hand here."""
+"""A leader with a given nose: its image and its motion, against plain geometry and a plain Kalman filter."""
 
 import math
 
@@ -10,65 +10,113 @@ from onboard.geometry.rotations import matrix_from_euler
 from onboard.models import apparent_wing as model
 from onboard.models.wing_line import from_points
 
-SIZE = 2.0
-F_PX = 500.0
+SIZE, F_PX = 2.0, 500.0
+NOISE = np.diag([1.0, 1.0, 2.0, 2.0, 1.5, 1.5]) / F_PX**2
 
 
-def state(r_FL_n: Array, v_L: Array, a_L: Array, nose: float, axes: Array) -> Array:
-    """The state row of a leader with a coordinated bank, from its position."""
-    row = np.zeros(model.N)
-    direction = r_FL_n / np.linalg.norm(r_FL_n)
-    row[:2] = 2.0 * axes[1:] @ direction / (1.0 + axes[0] @ direction)
-    row[model.V], row[model.A], row[model.NOSE] = v_L, a_L, nose
-    row[model.LOG_SIZE] = math.log(SIZE)
-    seen = math.sqrt(1.0 - (wing(a_L, nose) @ direction) ** 2 + model.LEAST_VISIBLE**2)
-    row[model.LOG_LENGTH] = math.log(SIZE * seen / np.linalg.norm(r_FL_n))
-    return row
-
-
-def wing(a_L: Array, nose: float) -> Array:
-    """From the left wingtip to the right one, of an aircraft whose lift carries its acceleration."""
+def wing(force: Array, nose: float, error: float) -> Array:
+    """From the left wingtip to the right one, of a wing square to the thrust, which has this `force` against the
+    weight and acceleration (3,) in n, m/s^2."""
     right = np.array([-math.sin(nose), math.cos(nose), 0.0])
-    bank = math.atan2(float(a_L @ right), model.G - a_L[2])
+    bank = math.atan2(float(force @ right), model.G - force[2]) + error
     return math.cos(bank) * right + np.array([0.0, 0.0, math.sin(bank)])
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_position_and_image_are_those_of_plain_geometry_seed_0_to_4(seed: int) -> None:
+def seen(x: Array, nose: float, R_cn: Array, *, exchanged: bool = False) -> tuple[Array, Array]:
+    """The measurement (6,) of a state (N,), without noise, and its axes."""
+    force = x[model.A] + np.append(x[model.LEAN], 0.0)
+    half = 0.5 * SIZE * math.exp(x[model.STRETCH]) * wing(force, nose, x[model.BANK_ERROR])
+    signs = (0.0, 1.0, -1.0) if exchanged else (0.0, -1.0, 1.0)
+    points = np.array([p[1:] / p[0] for p in (R_cn @ (x[model.R] + k * half) for k in signs)])
+    y, _, axes = from_points(points[None], np.full((1, 3), 1.0 / F_PX), 6)
+    return y[0], axes[0]
+
+
+def drawn(seed: int) -> tuple[Array, Array, float, Array]:
+    """A state, its covariance, its nose and an attitude of the camera."""
     rng = np.random.default_rng(seed)
-    r, v, a = np.array([25.0, 4.0, -3.0]) + rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
-    nose, R_cn = rng.uniform(-3, 3), matrix_from_euler(0.05, -0.1, 0.2).T
-    axes = model.axes_about(np.array([0.97, 0.2, -0.1]) / np.linalg.norm([0.97, 0.2, -0.1]))
-    row = state(r, v, a, nose, axes)
-    assert model.positions(row[None], axes)[0] == pytest.approx(r, abs=1e-9)
-    half = 0.5 * SIZE * wing(a, nose)
-    points = np.array([p[1:] / p[0] for p in (R_cn @ (r + k * half) for k in (0.0, -1.0, 1.0))])
-    y, _, seen = from_points(points[None], np.full((1, 3), 1.0 / F_PX), 6)
-    predicted = model.measure(row[None], axes, R_cn, np.zeros(3), seen[0], 6)[0]
-    assert predicted == pytest.approx(y[0], abs=1e-9)
+    x = rng.normal(size=model.N) * np.repeat([1.0, 3.0, 1.0, 0.05, 1.0, 0.02], [3, 3, 3, 1, 2, 1])
+    x[model.R] += [25.0, 4.0, -3.0]
+    L = 0.1 * np.tril(rng.normal(size=(model.N, model.N))) + 0.1 * np.eye(model.N)
+    return x, L @ L.T, rng.uniform(-0.8, 0.8), matrix_from_euler(0.05, -0.1, 0.2).T
+
+
+def corrected(x: Array, P: Array, nose: float, y: Array, axes: Array, R_cn: Array) -> tuple[Array, Array, float]:
+    """Mean, covariance and NIS of one particle after an image."""
+    means, covariances = x[None].copy(), P[None].copy()
+    nis, _ = model.update(
+        means, covariances, np.array([nose]), SIZE, y, NOISE[: len(y), : len(y)], R_cn, np.zeros(3), axes
+    )
+    return means[0], covariances[0], float(nis[0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_image_as_predicted_has_no_nis_and_exchanged_tips_are_no_difference_seed_0_to_4(seed: int) -> None:
+    x, P, nose, R_cn = drawn(seed)
+    for exchanged in (False, True):
+        mean, _, nis = corrected(x, P, nose, *seen(x, nose, R_cn, exchanged=exchanged), R_cn)
+        assert nis == pytest.approx(0.0, abs=1e-9)
+        assert mean == pytest.approx(x, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_update_is_that_of_a_plain_kalman_filter_seed_0_to_4(seed: int) -> None:
+    x, P, nose, R_cn = drawn(seed)
+    predicted, axes = seen(x, nose, R_cn)
+    y = predicted + np.random.default_rng(seed).normal(size=6) / F_PX
+    J = np.empty((6, model.N))
+    for i, step in enumerate(1e-5 * np.eye(model.N)):
+        J[:, i] = (shown(x + step, nose, R_cn, axes) - shown(x - step, nose, R_cn, axes)) / 2e-5
+    S = J @ P @ J.T + NOISE
+    gain = P @ J.T @ np.linalg.inv(S)
+    mean, covariance, nis = corrected(x, P, nose, y, axes, R_cn)
+    e = y - predicted
+    assert nis == pytest.approx(e @ np.linalg.solve(S, e), rel=1e-3)
+    assert mean == pytest.approx(x + gain @ e, abs=5e-4)
+    assert covariance == pytest.approx(P - gain @ S @ gain.T, abs=5e-4)
+
+
+def shown(x: Array, nose: float, R_cn: Array, axes: Array) -> Array:
+    """The measurement (6,) of a state about given axes."""
+    force = x[model.A] + np.append(x[model.LEAN], 0.0)
+    half = 0.5 * SIZE * math.exp(x[model.STRETCH]) * wing(force, nose, x[model.BANK_ERROR])
+    at = []
+    for k in (0.0, -1.0, 1.0):
+        p = R_cn @ (x[model.R] + k * half)
+        at.append(2.0 * axes[1:] @ p / (np.linalg.norm(p) + axes[0] @ p))
+    center, left, right = at
+    return np.concatenate([center, right - left, 0.5 * (right + left)])
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    r, v, a = np.array([25.0, 4.0, -3.0]), 6.0 * rng.normal(size=3), rng.normal(size=3)
-    moved, own_error, dt = rng.normal(size=3), 0.1 * rng.normal(size=3), 1e-3
-    axes = model.axes_about(r / np.linalg.norm(r))
-    new_axes = model.axes_about(np.array([0.99, 0.1, 0.0]) / math.hypot(0.99, 0.1))
-    row = state(r, v, a, 0.4, axes)
-    row[model.OWN_VELOCITY] = own_error
-    decay = model.Decay(1.0, 1.0, 1.0, 1.0, np.ones(1))
-    after = model.process(row[None], dt, moved, axes, new_axes, decay)
-    expected = r + dt * (v - own_error) - moved + 0.5 * dt * dt * a
-    assert model.positions(after, new_axes)[0] == pytest.approx(expected, abs=1e-7)
-    assert after[0, model.V] == pytest.approx(v + dt * a, abs=1e-4)
+    x, P, nose, _ = drawn(seed)
+    moved, dt = np.array([0.3, -0.2, 0.1]), 1e-3
+    after, covariance, noses = x[None].copy(), P[None].copy(), np.array([nose])
+    model.predict(after, covariance, noses, dt, moved, np.zeros((1, model.N)), np.ones(3), 0.2)
+    assert after[0, model.R] == pytest.approx(
+        x[model.R] + dt * x[model.V] + 0.5 * dt**2 * x[model.A] - moved, abs=1e-9
+    )
+    assert after[0, model.V] == pytest.approx(x[model.V] + dt * x[model.A], abs=1e-9)
+    assert after[0, model.LEAN] == pytest.approx(x[model.LEAN] + 0.2 * dt * x[6:8], abs=1e-9)
+    F = np.eye(model.N)
+    F[model.R, model.V] = F[model.V, model.A] = dt * np.eye(3)
+    F[model.LEAN, 6:8] = 0.2 * dt * np.eye(2)
+    assert covariance[0] == pytest.approx(F @ P @ F.T, abs=3e-5)
 
 
-def test_a_misalignment_rotates_what_is_seen() -> None:
-    """The believed attitude is yawed by 10 mrad to the right of the true one: the leader is seen to the left."""
-    r = np.array([30.0, 0.0, 0.0])
-    axes = model.axes_about(np.array([1.0, 0.0, 0.0]))
-    row = state(r, np.zeros(3), np.zeros(3), 0.0, axes)
-    row[model.MISALIGNMENT] = [0.0, 0.0, 0.01]
-    seen = model.measure(row[None], axes, np.eye(3), np.zeros(3), np.eye(3), 4)[0]
-    assert seen[0] == pytest.approx(0.01, abs=1e-5)
+def test_a_fast_leader_turns_its_nose_with_its_course_and_a_slow_one_does_not() -> None:
+    for speed, turned in ((12.0, 0.1), (0.5, 0.0)):
+        x = np.zeros((1, model.N))
+        x[0, :3], x[0, 3], x[0, 7] = [30.0, 0.0, 0.0], speed, 0.1 * speed  # 0.1 rad/s
+        noses = np.zeros(1)
+        for _ in range(10):
+            model.predict(
+                x, np.eye(model.N)[None].copy(), noses, 0.1, np.zeros(3), np.zeros((1, model.N)), np.ones(3), 0.0
+            )
+        assert noses[0] == pytest.approx(turned, abs=0.01)
+
+
+def test_a_wing_seen_along_itself_still_shows_a_tip() -> None:
+    found = model.visible(np.array([0.0, 0.5 * math.pi]), np.tile([1.0, 0.0, 0.0], (2, 1)))
+    assert found == pytest.approx([1.0, model.LEAST_VISIBLE], abs=2e-3)

@@ -125,8 +125,8 @@ def test_a_direction_far_off_is_gated_and_never_restarts_the_track_seed_1() -> N
     def aside(m: TargetPoints) -> TargetDetection:
         return less(replace(m, center=(m.center[0] + 0.3, m.center[1])), "center")
 
-    run = flown(aside, t1=9.9, after=8.0)
-    assert run.verdicts()[Verdict.GATED] > 40
+    run = flown(aside, t1=9.5, after=8.0)  # two seconds later a leader that accelerates could be there
+    assert run.verdicts()[Verdict.GATED] > 30
     assert run.estimates[-1].reset_count == 0
     assert run.estimates[-1].state is Lifecycle.COASTING
 

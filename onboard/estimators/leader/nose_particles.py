@@ -1,0 +1,233 @@
+"""Where the leader may be when its nose may point anywhere: particles over its nose, with a Gaussian each.
+
+One image leaves the nose open, and with it the range. Each particle supposes a nose, and whether the leader
+turns it or changes its speed; given those, the rest is nearly linear (`models.apparent_wing`). A new cloud has
+noses over half a circle: a wing looks the same from the front and from behind. A particle loses weight only by
+evidence.
+
+Smoothness is no evidence. A near leader that flies calmly and a far one that flies twice as boldly look alike, and
+how boldly a leader flies is not known. So all noise is proportional to the range that a particle's nose
+implies, and no nose fits smooth motion better than another. Evidence is our own known motion, and a line of
+sight that turns while the nose does not.
+
+Random numbers are a fixed function of the count of steps, so the same images give the same cloud.
+"""
+
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filter import Measurement
+from onboard.estimators.leader.settings import NoseModel
+from onboard.filters.belief import FilterError
+from onboard.models import apparent_wing as model
+from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
+
+EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
+FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
+MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one image
+MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
+HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
+DIAGONAL: Final = np.arange(N)
+
+
+class Cloud(NamedTuple):
+    """K particles: noses (K,) in rad from north, not wrapped; rates (K,) at which they are turned, rad/s, 0 for
+    those that are not; whether each leader accelerates (K,), 0 or 1; means (K, N) and covariances (K, N, N) of
+    `models.apparent_wing`; logarithms of the weights (K,); and the number of random draws so far."""
+
+    noses: Array
+    rates: Array
+    accelerates: Array
+    means: Array
+    covariances: Array
+    log_weights: Array
+    draws: int
+
+
+def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Cloud | None = None) -> Cloud:
+    """The cloud after one image. Of what was known `before` of the same leader only the noses are kept, of all but
+    each FORGETS-th particle; where it is and how it moves may have changed while it was not seen."""
+    direction = seen.axes[0] @ pose.R_cn
+    noses, prior = _first_noses(settings, math.atan2(direction[1], direction[0]), pose.v_F_n)
+    if before is not None:
+        kept = np.arange(len(noses)) % FORGETS > 0
+        known = _resampled(before, np.exp(before.log_weights)).noses
+        noses, prior = np.where(kept, known, noses), np.full(len(noses), 1.0 / len(noses))
+    k = len(noses)
+    broad = model.visible(noses, np.tile(direction, (k, 1)))  # about the range, as a share of the largest possible
+    range_ = settings.size * broad / seen.span
+    means, P = np.zeros((k, N)), np.zeros((k, N, N))
+    means[:, R], means[:, V] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
+    line = np.outer(direction, direction)
+    along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
+    across = seen.R[0, 0] * range_**2
+    P[:, R, R] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
+    speed = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
+    diagonal = np.zeros((k, N))
+    diagonal[:, V], diagonal[:, A] = speed, (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
+    diagonal[:, BANK_ERROR], diagonal[:, STRETCH] = (broad * settings.bank) ** 2, settings.stretch**2
+    P[:, DIAGONAL, DIAGONAL] += diagonal
+    _lean(settings, means, P, pose.v_F_n)
+    turns = _uniform(0, k) < settings.turning
+    rates = np.where(turns, settings.nose_rate * _normal(1, k), 0.0)
+    accelerates = (_uniform(3, k) < settings.accelerating).astype(float)
+    return Cloud(noses, rates, accelerates, means, P, np.log(prior), 4)
+
+
+def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:
+    """What is known of a lean against the air: drag times an airspeed, with an unknown wind."""
+    level = v_F_n[:2]
+    means[:, LEAN] = settings.drag * level
+    speeds = P[:, 3:5, 3:5]
+    known = settings.drag_sigma**2 * (np.outer(level, level) + speeds) + (
+        settings.drag * settings.wind
+    ) ** 2 * np.eye(2)
+    P[:, LEAN, LEAN] = settings.drag**2 * speeds + known + 1e-8 * np.eye(2)
+    P[:, LEAN, 3:5] = P[:, 3:5, LEAN] = settings.drag * speeds
+
+
+def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any, Any]:
+    """Noses (K,) and their prior probabilities: all noses alike, and those along our own course more likely if we
+    fly; for a fixed wing only noses about our course."""
+    k = settings.particles
+    moving = math.hypot(v_F_n[0], v_F_n[1]) > MOVING
+    course = math.atan2(v_F_n[1], v_F_n[0])
+    if moving and settings.crab > 0:
+        apart = 2.5 * (2.0 * (np.arange(k) + 0.5) / k - 1.0)  # standard deviations of the crab
+        prior = np.exp(-0.5 * apart**2)
+        return course + apart * settings.crab, prior / prior.sum()
+    few = k // 4 if moving else 0
+    noses = bearing + math.pi * (np.arange(k - few) + 0.5) / (k - few)
+    prior = np.full(k - few, 1.0 / (k - few))
+    if few:
+        apart = 2.5 * (2.0 * (np.arange(few) + 0.5) / few - 1.0)
+        likely = np.exp(-0.5 * apart**2)
+        noses = np.append(noses, course + apart * settings.heading)
+        prior = np.append(prior * (1.0 - settings.on_course), likely * settings.on_course / likely.sum())
+    return noses, prior
+
+
+def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
+    """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n."""
+    s, k = settings, len(cloud.noses)
+    draws = cloud.draws
+    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
+    change = _uniform(draws, k)
+    begins = (cloud.rates == 0.0) & (change < -math.expm1(-dt / s.still_for))
+    ends = (cloud.rates != 0.0) & (change < -math.expm1(-dt / s.turns_for))
+    rates = np.where(begins, s.nose_rate * _normal(draws + 1, k), np.where(ends, 0.0, cloud.rates))
+    change = _uniform(draws + 3, k)
+    to_bold = (cloud.accelerates == 0.0) & (change < -math.expm1(-dt / s.steady_for))
+    to_calm = (cloud.accelerates == 1.0) & (change < -math.expm1(-dt / s.accelerates_for))
+    accelerates = np.where(to_bold, 1.0, np.where(to_calm, 0.0, cloud.accelerates))
+    _doubt(s, draws + 6, dt, moved, noses, means, P)
+    range_ = np.linalg.norm(means[:, R], axis=1)
+    direction = means[:, R] / range_[:, None]
+    broad = model.visible(noses, direction)
+    still = s.nose_random_walk * np.minimum(1.0, broad / np.sqrt(np.maximum(1.0 - broad**2, 1e-9)))
+    noses += dt * rates + still * math.sqrt(dt) * _normal(draws + 4, k)
+    broad = model.visible(noses, direction)
+    q = np.zeros((k, N))
+    drift = 2.0 * dt / s.misalignment_time * np.square(s.misalignment[::-1])
+    q[:, R] = range_[:, None] ** 2 * np.array([drift[0], drift[0], drift[2]]) + 1e-8
+    q[:, V] = ((broad * s.velocity_random_walk) ** 2 * dt + 2.0 * dt / s.own_velocity_time * s.own_velocity**2)[
+        :, None
+    ]
+    density = np.where(accelerates > 0, s.acceleration_random_walk[1], s.acceleration_random_walk[0])
+    q[:, A] = ((broad * density) ** 2 * dt)[:, None] * HORIZONTAL**2
+    q[:, BANK_ERROR] = (broad * s.bank) ** 2 * -math.expm1(-2.0 * dt / s.bank_time)
+    steep = np.sum(means[:, 6:8] ** 2, 1)
+    q[:, LEAN] = (dt * (2.0 * s.drag_sigma**2 * steep + (broad * s.lean_random_walk) ** 2))[:, None] + 1e-10
+    q[:, STRETCH] = s.stretch**2 * -math.expm1(-2.0 * dt / s.stretch_time)
+    times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
+    model.predict(means, P, noses, dt, moved, q, np.exp(-dt / times), s.drag)
+    return Cloud(noses, rates, accelerates, means, P, cloud.log_weights, draws + 8)
+
+
+def _doubt(settings: NoseModel, draw: int, dt: float, moved: Array, noses: Array, means: Array, P: Array) -> None:
+    """Give a few particles another nose, in place: the one that is supposed may be wrong after all. Seen so,
+    the same images are those of a leader that is nearer or farther, and moves in proportion."""
+    k = len(noses)
+    chosen = np.flatnonzero(_uniform(draw, k) < -math.expm1(-dt / settings.doubted_after))
+    if not len(chosen):
+        return
+    other = noses[chosen] + math.pi * _uniform(draw + 1, k)[chosen]
+    x, v_F_n = means[chosen], moved / dt
+    direction = x[:, R] / np.linalg.norm(x[:, R], axis=1)[:, None]
+    ratio = (model.visible(other, direction) / model.visible(noses[chosen], direction))[:, None]
+    scale = np.where(DIAGONAL <= BANK_ERROR, ratio, 1.0)
+    x = x * scale
+    x[:, V] += (1.0 - ratio) * v_F_n
+    noses[chosen], means[chosen] = other, x
+    P[chosen] *= scale[:, :, None] * scale[:, None, :]
+
+
+def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Cloud, float]:
+    """The cloud after an image, and the NIS that EXPECTING of its weight have at most. If that exceeds the
+    gate, too few expected the image, and the cloud is returned as it was. Raises FilterError."""
+    means, P = cloud.means.copy(), cloud.covariances.copy()
+    arguments = seen.y, seen.R, pose.R_cn, pose.r_FC_n, seen.axes
+    nis, log_l = model.update(means, P, cloud.noses, settings.size, *map(np.ascontiguousarray, arguments))
+    order = np.argsort(nis)
+    least = float(nis[order][np.searchsorted(np.cumsum(np.exp(cloud.log_weights[order])), EXPECTING)])
+    if not math.isfinite(least):
+        raise FilterError("the cloud of noses has lost its numbers")
+    if least > settings.gate:
+        return cloud, least
+    log_weights = cloud.log_weights + settings.temper * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
+    log_weights -= log_weights.max()
+    log_weights -= math.log(np.exp(log_weights).sum())
+    after = cloud._replace(means=means, covariances=P, log_weights=log_weights)
+    w = np.exp(log_weights)
+    if 1.0 / np.sum(w * w) > settings.resample * len(w):
+        return after, least
+    return _resampled(after, w), least
+
+
+def _resampled(cloud: Cloud, w: Array) -> Cloud:
+    """Particles drawn by their weights, which become alike: systematic resampling."""
+    k = len(w)
+    at = (np.arange(k) + _uniform(cloud.draws, 1)[0]) / k
+    chosen = np.minimum(np.searchsorted(np.cumsum(w), at), k - 1)
+    noses, rates, accelerates, means, P = (array[chosen] for array in cloud[:5])
+    return Cloud(noses, rates, accelerates, means, P, np.full(k, -math.log(k)), cloud.draws + 1)
+
+
+def with_course(settings: NoseModel, cloud: Cloud) -> Array:
+    """Weights (K,) of the particles, with what is likely of a nose and its course: most leaders that fly fast
+    point their nose along their course.
+
+    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the cloud
+    itself, where each image would count it again."""
+    x, P = cloud.means, cloud.covariances
+    u, v = x[:, 3], x[:, 4]
+    speed2 = u * u + v * v + 1e-6
+    aside = cloud.noses - np.arctan2(v, u)
+    aside -= math.pi * np.round(aside / math.pi)
+    a, b = v / speed2, -u / speed2
+    S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
+    share = settings.follows * speed2**2 / (speed2**2 + model.FOLLOWS4)
+    likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
+    w = np.exp(cloud.log_weights) * ((1.0 - share) / math.pi + share * likely)
+    return np.asarray(w / w.sum())
+
+
+def _uniform(draw: int, count: int) -> Array:
+    """Numbers (count,) in (0, 1), a fixed function of `draw`: splitmix64."""
+    z = np.arange(1, count + 1, dtype=np.uint64) + np.uint64((draw * 0x632BE59BD9B4E019) % 2**64)
+    z *= np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z ^= z >> np.uint64(31)
+    return ((z >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
+
+
+def _normal(draw: int, count: int) -> Array:
+    """Standard normal numbers (count,), a fixed function of `draw` and `draw + 1`: Box and Muller."""
+    return np.asarray(
+        np.sqrt(-2.0 * np.log(_uniform(draw, count))) * np.cos(2.0 * math.pi * _uniform(draw + 1, count))
+    )
