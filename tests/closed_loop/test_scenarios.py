@@ -43,8 +43,8 @@ BOUNDS = {
     "formation-speed-change": (4.0, 85, CHANCE),
     # The price of an estimate that is honest from any side: 4.8 %, 3.7 % while fewer noses were thought possible
     "formation-from-the-side": (5.5, 85, CHANCE),
-    # and 21 % while the leader hovers, with an ellipsoid that holds it. It was 3.1 % with the nose taken to be on the
-    # course, and 6.2 % with a mixture that was confidently wrong of one hovering leader in three
+    # and 21 % while the leader hovers, with an ellipsoid that holds it. It was 3.1 % with the nose taken to be on
+    # the course, and 6.2 % with a mixture that was confidently wrong of one hovering leader in three
     "formation-hover": (24.0, 85, CHANCE),
     "formation-out-of-view": (10.0, 55, CHANCE),  # two parts: to 30 m ahead and back, with a gap
 }
