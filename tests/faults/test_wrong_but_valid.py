@@ -142,7 +142,8 @@ def test_what_was_estimated_from_doubtful_motion_is_forgotten() -> None:
     assert_on_target(run, 1.0)
     after = [e for e in run.estimates if e.valid and e.t_ns > BEGINS + S]
     assert after[0].t_ns > BEGINS + 2.9 * S
-    assert max(position_error(e) for e in after if e.t_ns > BEGINS + 4 * S) < 1.5
+    assert max(position_error(e) for e in after if e.t_ns > BEGINS + 4 * S) < 3.0  # the track is new, and says so
+    assert position_error(run.estimates[-1]) < 1.5
     assert run.estimates[-1].reset_count > CLEAN.estimates[-1].reset_count
 
 
