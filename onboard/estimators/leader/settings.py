@@ -36,8 +36,9 @@ class NoseModel(NamedTuple):
 
     The reasons: a copter leaned by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
     (../shared/data/formation-copter), and others differ; winds of 3 m/s along an axis are a gentle breeze.
-    `temper` is below 1 because errors of images and of flight are correlated from one image to the next. A
-    hovering copter sways at few frequencies, where its acceleration is ten times denser than on average."""
+    `temper` is below 1 because errors of images and of flight are correlated from one image to the next. It,
+    `stretch`, `bank`, the turning and the doubt were chosen on simulated encounters: no measurement of real
+    leaders stands behind them."""
 
     size: float  # m, the value itself
     size_sigma: float  # m
@@ -55,10 +56,7 @@ class NoseModel(NamedTuple):
     acceleration: float = 1.5  # m/s^2, at first
     acceleration_time: float = 4.0  # s
     velocity_random_walk: float = 0.03  # m/s / sqrt(s)
-    acceleration_random_walk: tuple[float, float] = (
-        0.6,
-        3.0,
-    )  # m/s^2 / sqrt(s), of steady and accelerating leaders
+    acceleration_random_walk: tuple[float, float] = (0.6, 3.0)  # m/s^2 / sqrt(s): steady, accelerating
     accelerating: float = 0.25  # the probability that a leader accelerates at first
     steady_for: float = 10.0  # s
     accelerates_for: float = 3.0  # s
