@@ -39,7 +39,7 @@ velocity {copter_velocity_m_s} m/s; {copter_inside_percent} % inside |
 {own_motor_delay_median_s} s (median) |
 | traffic, 20 aircraft, {traffic_minutes} minutes | `onboard study traffic --seeds {traffic_seeds}` | \
 {traffic_swaps} tracks changed aircraft; 95 % ellipsoids hold {traffic_inside_percent} % of the truth |
-| 100 leaders at 30 images a second | `make bench` | {bench_leaders_cores} of one core |
+| 100 leaders at 30 images a second | `make bench` | {bench_leaders_cores} cores |
 | one step of a nine-state unscented filter | `make bench` | {bench_radar_us} µs; filterpy takes \
 {bench_radar_filterpy} times as long |"""
 
