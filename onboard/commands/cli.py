@@ -1,4 +1,4 @@
-"""The command line: `onboard run`, `demo`, `replay`, `calibrate`, `recover`, `view`, `study`,
+"""The command line: `onboard run`, `demo`, `replay`, `calibrate`, `router`, `recover`, `view`, `study`,
 `schema`, `compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
@@ -20,7 +20,6 @@ from onboard.commands import examples
 from onboard.errors import UserError
 
 USER_ERROR: Final = 2
-DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
 STARTS_PROCESSES: Final = ("compile", "demo", "view")
 
@@ -76,6 +75,7 @@ def parser() -> argparse.ArgumentParser:
     _add_demo(add("demo", "simulator, daemon and view together, and a scorecard", examples.DEMO))
     _add_replay(add("replay", "a recorded flight through the same pipeline", examples.REPLAY))
     _add_calibrate(add("calibrate", "a camera's delay, mount and focal length from a flight", examples.CALIBRATE))
+    _add_router(add("router", "let vehicles and ground stations of a fleet meet", examples.ROUTER))
     _add_recover(add("recover", "a recording of a killed daemon, for other programs' readers", examples.RECOVER))
     _add_view(add("view", "watch a running daemon, or open a recorded view", examples.VIEW))
     _add_study(add("study", "a paper's claims, measured", examples.STUDY))
@@ -87,6 +87,11 @@ def parser() -> argparse.ArgumentParser:
 def _add_run(run: argparse.ArgumentParser) -> None:
     run.add_argument("config", nargs="?", type=Path, help="TOML file (none: simlink's ports on this computer)")
     _add_set(run)
+
+
+def _add_router(router: argparse.ArgumentParser) -> None:
+    router.add_argument("config", type=Path, help="TOML file with a section [router]")
+    _add_set(router)
 
 
 def _add_demo(demo: argparse.ArgumentParser) -> None:
@@ -126,8 +131,9 @@ def _add_view(view: argparse.ArgumentParser) -> None:
     view.add_argument("recording", nargs="?", type=Path, help=".rrd to open instead of a running daemon")
     view.add_argument("--png", type=Path, help="with a recording: draw it to a picture, without a screen")
     view.add_argument("--at", type=_seconds, metavar="S", help="with --png: the time shown, s since boot")
-    view.add_argument("--connect", default=DEFAULT_ENDPOINT, help="the daemon's Zenoh (default: %(default)s)")
-    view.add_argument("--vehicle", default="1", help="its vehicle id (default: %(default)s)")
+    view.add_argument("--connect", help="a daemon's or router's Zenoh (default: the file's, or this computer's)")
+    view.add_argument("--vehicle", help="its id, or all (default: 1, with a file: all)")
+    view.add_argument("--config", type=Path, metavar="C", help="TOML file: camera, and certificates for a router")
     view.add_argument("--rrd", type=Path, help="record what is watched")
     _add_set(view)
 

@@ -52,10 +52,19 @@ example:
 A daemon that is killed, or loses its power, leaves a recording without an index. `onboard replay` reads it as it
 is; other programs want the index, which this adds.
 """
+ROUTER: Final = """\
+example:
+  configs/make-test-certificates.sh certs uav-1 uav-2 ground
+  onboard router configs/router.toml
+
+Each vehicle proves its name by a certificate and a password, and may use its own keys only. What is refused is
+reported and counted. Ctrl-C or SIGTERM stops it; vehicles and views connect again when it comes back.
+"""
 VIEW: Final = """\
 examples:
   onboard view                                            of a daemon on this computer
   onboard view --connect tcp/192.168.1.20:7447 --rrd flight.rrd
+  onboard view --config configs/ground.toml               all vehicles of a fleet, through their router
   onboard view out/formation-1.rrd
   onboard view out/formation-1.rrd --png view.png --at 60
 """

@@ -6,13 +6,15 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from onboard.config import load_config
+from onboard.config import Config, load_config
 from onboard.errors import UserError
 from onboard.view.client import Client
-from onboard.view.view import View
+from onboard.view.fleet import Views
 from onboard.view.viewer import has_display, screenshot, viewer_path
 
 MAGIC: Final = b"RRF"
+DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+ALL: Final = "all"
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -20,22 +22,26 @@ def main(arguments: argparse.Namespace) -> int:
     a = arguments
     if a.recording is not None:
         return open_recording(a.recording, png=a.png, at=a.at)
-    return watch(a.connect, a.vehicle, rrd=a.rrd, overrides=tuple(a.set))
+    config = load_config(a.config, tuple(a.set))
+    endpoint = a.connect or next(iter(config.zenoh.connect), DEFAULT_ENDPOINT)
+    vehicle = a.vehicle or (ALL if a.config is not None else "1")
+    return watch(config, endpoint, None if vehicle == ALL else vehicle, rrd=a.rrd)
 
 
-def watch(endpoint: str, vehicle: str, *, rrd: Path | None, overrides: tuple[str, ...]) -> int:
-    """Show what a daemon publishes, until interrupted. `overrides` give the camera as the daemon has it."""
+def watch(config: Config, endpoint: str, vehicle: str | None, *, rrd: Path | None) -> int:
+    """Show what a daemon publishes (None: all vehicles' daemons), until interrupted. `config` has the camera as
+    the daemon has it, and what a router asks for."""
     if rrd is None and not has_display():
         raise UserError("no display here: record the view with --rrd FILE.rrd")
-    config = load_config(None, overrides)
-    client = Client(endpoint, vehicle)
+    client = Client(endpoint, vehicle, config.zenoh)
     try:
-        with View(camera=config.camera_model(), rrd=rrd, spawn=has_display()) as view:
-            print(f"watching {endpoint}, vehicle {vehicle}; Ctrl-C ends", file=sys.stderr, flush=True)
-            while view.viewer is None or view.viewer.poll() is None:
+        with Views(camera=config.camera_model(), rrd=rrd, spawn=has_display(), apart=vehicle is None) as views:
+            whose = "all vehicles" if vehicle is None else f"vehicle {vehicle}"
+            print(f"watching {endpoint}, {whose}; Ctrl-C ends", file=sys.stderr, flush=True)
+            while not views.is_closed_by_user():
                 received = client.take(0.5)
                 if received is not None:
-                    view.show(received.record)
+                    views.show(received.vehicle, received.record)
     finally:
         client.close()
     return 0

@@ -20,6 +20,7 @@ from onboard.messages import (
     TargetDetection,
     TargetPoints,
 )
+from onboard.sinks.zenoh_router import RouterConfig
 from onboard.sinks.zenoh_session import ZenohConfig
 from onboard.wire.cameras import CameraInput
 
@@ -159,6 +160,7 @@ class Config(Record, frozen=True, kw_only=True):
     ownship: OwnshipConfig = OwnshipConfig()
     estimator: dict[str, Any] = msgspec.field(default_factory=dict)
     zenoh: ZenohConfig = ZenohConfig()
+    router: RouterConfig = RouterConfig()
     recorder: RecorderConfig = RecorderConfig()
     traffic_out: TrafficOutConfig = TrafficOutConfig()
     leader_out: tuple[LeaderOutConfig, ...] = ()

@@ -1,6 +1,7 @@
 """The one Zenoh session of a program: configuration, opening and closing."""
 
 import queue
+import stat
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -22,6 +23,7 @@ CLOSE_TIMEOUT_S: Final = 2.0
 class ZenohConfig(Record, frozen=True, kw_only=True):
     """Configuration of Zenoh. By default the program is a router on this computer's loopback interface only.
 
+    The files of certificates and keys (PEM) and the password are for the endpoints of `connect`.
     `config_file` is a Zenoh JSON5 file for further settings (TLS, passwords, access control). It takes precedence;
     settings that it does not contain keep our defaults, `mode`, `listen` and `connect` included.
     """
@@ -32,6 +34,11 @@ class ZenohConfig(Record, frozen=True, kw_only=True):
     listen: tuple[str, ...] | None = None  # None: `DEFAULT_LISTEN`, but nothing where TLS is used
     connect: tuple[str, ...] = ()
     max_message_size: int = 262_144  # bytes; Zenoh's own default would let a peer send us 1 GiB
+    ca_file: str | None = None  # whose certificates are trusted
+    certificate_file: str | None = None  # ours; its common name is `user`
+    private_key_file: str | None = None
+    user: str | None = None  # None: `vehicle`
+    password_file: str | None = None
     config_file: str | None = None
 
     def __post_init__(self) -> None:
@@ -122,12 +129,31 @@ def open_session(config: ZenohConfig) -> ZenohSession:
         raise SinkError(_explanation(config, str(error))) from error
 
 
+def secret(path: str, key: str) -> str:
+    """The text of a private file that the configuration's `key` names, without the white space around it.
+
+    Raises SinkError if it cannot be read or is empty, or if others can read it.
+    """
+    file = Path(path)
+    try:
+        mode, text = file.stat().st_mode, file.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "is not text"
+        raise SinkError(f"{key} {path}: {reason}") from error
+    if not stat.S_ISREG(mode) or mode & 0o077:
+        raise SinkError(f"{key} {path}: others can read it; chmod 600 it")
+    if not text:
+        raise SinkError(f"{key} {path}: is empty")
+    return text
+
+
 def _explanation(config: ZenohConfig, error: str) -> str:
     """Zenoh's error in one line."""
     if "Address already in use" in error:
         return f"zenoh: {', '.join(config.listens())} is in use: is another router, or another onboard, running?"
     if config.mode == "client":
-        return f"zenoh: no router answers at {', '.join(config.connect) or 'any address: set connect'}"
+        refuses = " or it refuses us (certificate, user, password)" if config.ca_file else ""
+        return f"zenoh: no router answers at {', '.join(config.connect) or 'any address: set connect'}{refuses}"
     reason = error.splitlines()[0].split(" at /")[0]  # the rest are places in Zenoh's sources
     return f"zenoh: cannot open a session ({reason})"
 
@@ -142,11 +168,15 @@ def _zenoh_config(config: ZenohConfig) -> Any:
     except zenoh.ZError as error:
         problem = "cannot be read as Zenoh JSON5" if Path(str(config.config_file)).exists() else "does not exist"
         raise SinkError(f"zenoh: config_file {config.config_file} {problem}") from error
+    for key, value in _credentials(config).items():
+        result.insert_json5(key, msgspec.json.encode(value).decode())
     in_file = [e for key in ("listen", "connect") for e in _endpoints(result, key)]
     ours = {
         "mode": config.mode,
         "listen/endpoints": [] if config.mode == "client" else list(config.listens(in_file)),
         "connect/endpoints": list(config.connect),
+        # a router that comes back is found within 2 s; the default waits up to 4
+        "connect/retry": {"period_init_ms": 500, "period_max_ms": 2000, "period_increase_factor": 2},
         "scouting/delay": 0,  # else opening would wait half a second for replies to scouting, which is off
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -163,6 +193,29 @@ def _zenoh_config(config: ZenohConfig) -> Any:
         if result.get_json(key) == untouched.get_json(key):
             result.insert_json5(key, msgspec.json.encode(value).decode())
     return result
+
+
+def _credentials(config: ZenohConfig) -> dict[str, object]:
+    """The settings that prove who we are to a router, and the router to us. Raises SinkError for a file that
+    cannot be used."""
+    settings: dict[str, object] = {}
+    if config.private_key_file is not None:
+        secret(config.private_key_file, "zenoh.private_key_file")
+    for key, file in (
+        ("root_ca_certificate", config.ca_file),
+        ("connect_certificate", config.certificate_file),
+        ("connect_private_key", config.private_key_file),
+    ):
+        if file is not None:
+            if not Path(file).is_file():
+                raise SinkError(f"zenoh: {file}: no such file")
+            settings[f"transport/link/tls/{key}"] = file
+    if config.certificate_file is not None:
+        settings["transport/link/tls/enable_mtls"] = True
+    if config.password_file is not None:
+        settings["transport/auth/usrpwd/user"] = config.user or config.vehicle
+        settings["transport/auth/usrpwd/password"] = secret(config.password_file, "zenoh.password_file")
+    return settings
 
 
 def _endpoints(config: Any, key: str) -> list[str]:

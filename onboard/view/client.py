@@ -8,6 +8,7 @@ import threading
 from typing import Any, Final, NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from onboard.messages import Estimate, Health, NavState, OwnPose, Record, SimStatus, Truth
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
@@ -23,31 +24,38 @@ KINDS: Final[dict[str, type[Record]]] = {
 
 
 class Received(NamedTuple):
-    """A record, and the time of its publication (ns, this computer's clock; None if the publisher sent none)."""
+    """A record, the time of its publication (ns, this computer's clock; None if the publisher sent none), and the
+    vehicle in its key."""
 
     record: Any
     t_publish_ns: int | None
+    vehicle: str = ""
 
 
 class Client:
-    """A subscription to one vehicle's daemon, and to the simulator's truth.
+    """A subscription to one vehicle's daemon (None: to all vehicles'), and to the simulator's truth. `credentials`
+    prove to a router who we are; of them, mode and endpoints are not used. `alive` is set while the vehicle, or
+    the one that came or went last, runs.
 
     Raises SinkError when no daemon answers at `endpoint`.
     """
 
-    def __init__(self, endpoint: str, vehicle: str) -> None:
-        config = ZenohConfig(vehicle=vehicle, mode="client", listen=(), connect=(endpoint,))
+    def __init__(self, endpoint: str, vehicle: str | None, credentials: ZenohConfig | None = None) -> None:
+        config = replace(credentials or ZenohConfig(), mode="client", listen=(), connect=(endpoint,))
+        if vehicle is not None:
+            config = replace(config, vehicle=vehicle, user=config.user or config.vehicle)
+        of = vehicle or "*"
         self.alive = threading.Event()
         self.undecodable = 0
         self._records: queue.SimpleQueue[Received] = queue.SimpleQueue()
         self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in KINDS.items()}
         self._session = open_session(config)
         keys = (
-            *(f"{config.prefix}/{name}" for name in ("estimate/**", "own_state", "ownship", "health")),
-            *(f"simlink/{vehicle}/{name}" for name in ("truth", "status")),
+            *(f"onboard/{of}/{name}" for name in ("estimate/**", "own_state", "ownship", "health")),
+            *(f"simlink/{of}/{name}" for name in ("truth", "status")),
         )
         self._subscribers = [self._session.declare_subscriber(key, self._receive) for key in keys]
-        self._subscribers.append(self._session.watch_liveliness(f"{config.prefix}/alive", self._update_alive))
+        self._subscribers.append(self._session.watch_liveliness(f"onboard/{of}/alive", self._update_alive))
 
     def take(self, timeout: float) -> Received | None:
         """The next record, None if none comes within `timeout` seconds."""
@@ -71,7 +79,7 @@ class Client:
         except (msgspec.DecodeError, ValueError):
             self.undecodable += 1
             return
-        self._records.put(Received(record, t_publish_ns))
+        self._records.put(Received(record, t_publish_ns, parts[1]))
 
     def _update_alive(self, sample: Any) -> None:
         import zenoh  # noqa: PLC0415 - loaded already: there is a session

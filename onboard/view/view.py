@@ -30,9 +30,11 @@ class View:
     """Draws records as they come. Not for the daemon's own process: Rerun may block its caller.
 
     `rrd` names a recording to write; `grpc_port` a port on 127.0.0.1 to serve viewers from (0: any free one);
-    `spawn` opens the packaged viewer if there is a display, and the user closes it. `url` is the server's address.
+    `spawn` opens the packaged viewer if there is a display, and the user closes it. `server` is the `url` of
+    another view, which serves this one as well, as a recording with a `name` of its own. `url` is the server's
+    address.
     `memory_limit` bounds what the server keeps for viewers that connect later.
-    Raises `ValueError` without any of `rrd`, `grpc_port` and `spawn`, `OSError` if the port is taken.
+    Raises `ValueError` without any of `rrd`, `grpc_port`, `spawn` and `server`, `OSError` if the port is taken.
     """
 
     def __init__(
@@ -42,12 +44,14 @@ class View:
         rrd: Path | None = None,
         grpc_port: int | None = None,
         spawn: bool = False,
+        server: str | None = None,
+        name: str | None = None,
         memory_limit: str = "256MiB",
         application_id: str = "onboard",
         estimator: str = "leader",
     ) -> None:
-        if rrd is None and grpc_port is None and not spawn:
-            raise ValueError("a view needs somewhere to draw to: rrd, grpc_port or spawn")
+        if rrd is None and grpc_port is None and not spawn and server is None:
+            raise ValueError("a view needs somewhere to draw to: rrd, grpc_port, spawn or server")
         self._camera, self._estimator = camera, estimator
         self._columns, self._memory = Columns(), Memory()
         self._t_first_ns: int | None = None
@@ -56,21 +60,26 @@ class View:
         self._closed = False
         self.url: str | None = None
         self.viewer: subprocess.Popen[bytes] | None = None
-        sinks: list[rr.GrpcServerSink | rr.FileSink] = []
+        sinks: list[rr.GrpcServerSink | rr.GrpcSink | rr.FileSink] = []
         if rrd is not None:
             rrd.parent.mkdir(parents=True, exist_ok=True)
             sinks.append(rr.FileSink(os.fspath(rrd)))
-        if grpc_port is not None or spawn:
+        if server is not None:
+            self.url = server
+            sinks.append(rr.GrpcSink(server))
+        elif grpc_port is not None or spawn:
             # 127.0.0.1 and nothing else: what Rerun serves, anybody who reaches the port may read
-            server = rr.GrpcServerSink("127.0.0.1", free_port(grpc_port or 0), server_memory_limit=memory_limit)
-            self.url = str(server.uri)
-            sinks.append(server)
+            ours = rr.GrpcServerSink("127.0.0.1", free_port(grpc_port or 0), server_memory_limit=memory_limit)
+            self.url = str(ours.uri)
+            sinks.append(ours)
         self._batch_ns = BATCH_FILE_NS if self.url is None else BATCH_NS
         self._stream = rr.RecordingStream(application_id)
         self._stream.set_sinks(*sinks, default_blueprint=blueprint(camera))
+        if name is not None:
+            self._stream.send_recording_name(name)
         scene.log_static(self._stream, camera)
         traffic.log_static(self._stream)
-        if spawn and self.url is not None:
+        if spawn and server is None and self.url is not None:
             self.viewer = start_viewer(self.url)
 
     def show(self, record: Estimate | OwnPose | Truth | Health) -> None:

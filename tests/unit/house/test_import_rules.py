@@ -39,7 +39,7 @@ PURE = {"pipeline", "filters", "models", "estimators", "geometry", "ownship", "c
 RIM = {"asyncio", "socket", "time", "threading", "zenoh", "rerun", "selectors", "multiprocessing", "serial"}
 PRIVATE_TO = {"onboard.filters.kernels": "onboard.filters"}
 MOST_PARTS = 26
-MOST_ARROWS = 95
+MOST_ARROWS = 96
 
 
 class Import(NamedTuple):

@@ -37,3 +37,8 @@ def test_a_file_with_tls_closes_the_plain_listener(tmp_path: Path) -> None:
     assert listens(ZenohConfig(config_file=str(path))) == []
     path.write_text('{listen: {endpoints: ["tls/0.0.0.0:7447"]}}')
     assert listens(ZenohConfig(config_file=str(path))) == ["tls/0.0.0.0:7447"]
+
+
+def test_a_router_that_comes_back_is_found_within_5_s() -> None:
+    config = _zenoh_config(ZenohConfig(mode="peer", connect=("tcp/192.168.1.20:7447",)))
+    assert json.loads(config.get_json("connect/retry"))["period_max_ms"] <= 2000
