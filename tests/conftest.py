@@ -1,4 +1,5 @@
-"""What every run of the tests does first: kernels that fit their sources, and the longest files in front."""
+"""What every run of the tests does first: kernels that fit their sources, one thread of linear algebra to each of
+several processes, and the longest files in front."""
 
 import os
 
@@ -10,8 +11,11 @@ SOURCES = pytest.StashKey[dict[str, str]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    several = bool(config.getoption("numprocesses", None))
+    if several:  # where all cores are busy, the threads of OpenBLAS wait for each other in loops
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
     if _leads(config):
-        kernels.prepare(all_at_once=bool(config.getoption("numprocesses", None)))
+        kernels.prepare(all_at_once=several)
         config.stash[SOURCES] = kernels.digests()
 
 

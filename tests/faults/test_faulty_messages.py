@@ -8,7 +8,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.messages import Attitude, LocalPosition, Message, TargetPoints, TimeSync, Verdict
-from tests.support.faulty_flight import CLEAN, IMAGES, ITEMS, T0, T1, assert_on_target, flown
+from tests.support.faulty_flight import IMAGES, ITEMS, T0, T1, assert_on_target, clean, flown
 from tests.support.streams import EPOCH, MS, Item, Run, S, encode, heartbeat
 
 
@@ -42,8 +42,8 @@ def test_nan_in_all_images_for_five_seconds() -> None:
 def test_swapped_wingtips_change_nothing() -> None:
     """The span has no sign: a detector that mixes up left and right does no harm."""
     run = flown_with(TargetPoints, lambda t: t % (80 * MS) == 0, lambda m: replace(m, left=m.right, right=m.left))
-    np.testing.assert_allclose(run.estimates[-1].mean, CLEAN.estimates[-1].mean, rtol=1e-9, atol=1e-9)
-    assert run.verdicts() == CLEAN.verdicts()
+    np.testing.assert_allclose(run.estimates[-1].mean, clean().estimates[-1].mean, rtol=1e-9, atol=1e-9)
+    assert run.verdicts() == clean().verdicts()
 
 
 def test_wingtips_that_coincide_are_degenerate() -> None:
@@ -61,7 +61,7 @@ def test_traffic_of_other_systems_mixed_in_changes_nothing() -> None:
         foreign.append(Item(i.t_recv_ns + 1000, m))
     mixed = sorted([*ITEMS, *foreign], key=lambda i: i.t_recv_ns)
     run = flown(encode(mixed))
-    assert run.estimates[-1].mean == CLEAN.estimates[-1].mean
+    assert run.estimates[-1].mean == clean().estimates[-1].mean
     assert run.rejected == {"other_system": len(foreign)}
     assert run.pipeline.health(0).autopilot_reboots == 0
 
@@ -69,7 +69,7 @@ def test_traffic_of_other_systems_mixed_in_changes_nothing() -> None:
 def test_a_flood_of_another_systems_heartbeats_changes_nothing() -> None:
     flood = [Item(EPOCH + round(t * S), heartbeat(0, system=7)) for t in np.arange(T0 + 0.1, T1, 0.001)]
     run = flown(encode(sorted([*ITEMS, *flood], key=lambda i: i.t_recv_ns)))
-    assert run.estimates[-1].mean == CLEAN.estimates[-1].mean
+    assert run.estimates[-1].mean == clean().estimates[-1].mean
     assert run.rejected == {"other_system": len(flood)}
     assert run.pipeline.autopilot is not None
     assert run.pipeline.autopilot.system == 1
@@ -85,7 +85,7 @@ def test_foreign_and_forged_timesync_replies_do_not_bend_the_time_base() -> None
     others = [reply(round(t * S), 154, EPOCH + round(t * S) - MS) for t in np.arange(T0 + 0.1, T1, 0.1)]
     stale = [reply(round(t * S), 1, round(t * S)) for t in np.arange(T0 + 0.15, T1, 0.1)]
     run = flown(encode(sorted([*ITEMS, *others, *stale], key=lambda i: i.t_recv_ns)))
-    assert run.estimates[-1].mean == CLEAN.estimates[-1].mean
+    assert run.estimates[-1].mean == clean().estimates[-1].mean
     assert run.pipeline.health(0).clock_offset_ns == EPOCH + 2 * MS
     assert run.rejected == {"other_component": len(others), "timesync_not_ours": len(stale)}
 

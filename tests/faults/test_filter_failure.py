@@ -8,10 +8,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.estimators.own_state.sources import _origin
 from onboard.messages import Datagram, Encoding, Estimate, GlobalPosition, LocalPosition, OwnPose
 from onboard.ownship import Ownship
-from tests.support.faulty_flight import ITEMS, T1, assert_on_target
+from tests.support.faulty_flight import ITEMS, T0, T1, assert_on_target
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, Run, S, encode, feed
 
 FAILS = 46.0
+SECONDS = range(round(T0), round(T1))
 HEALTHY, NO_VELOCITY = 831, 165  # as in recorded flights; the second in constant-position mode
 
 
@@ -54,7 +55,7 @@ def valid_after(run: Run, t_s: float) -> list[Estimate]:
 @pytest.mark.parametrize("px4", [False, True])
 @pytest.mark.parametrize("flags", [NO_VELOCITY, 128 + HEALTHY, 0])
 def test_zeros_of_a_failed_filter_are_not_our_velocity(flags: int, px4: bool) -> None:
-    statuses = [status(t, HEALTHY if t < FAILS else flags, px4=px4) for t in range(40, 52)]
+    statuses = [status(t, HEALTHY if t < FAILS else flags, px4=px4) for t in SECONDS]
     run = flight(local_until=FAILS, v=(0.0, 0.0, 0.0), statuses=statuses)
     assert valid_after(run, 45.9)
     assert valid_after(run, FAILS + 0.1) == []
@@ -69,7 +70,7 @@ def test_zeros_without_any_status_are_not_our_velocity() -> None:
 
 
 def test_zeros_of_a_healthy_filter_are_standing_still() -> None:
-    own = flown_ownship(v=(0.0, 0.0, 0.0), statuses=[status(t, HEALTHY, px4=False) for t in range(40, 52)])
+    own = flown_ownship(v=(0.0, 0.0, 0.0), statuses=[status(t, HEALTHY, px4=False) for t in SECONDS])
     assert own.nav_times[-1] > (T1 - 0.2) * S
 
 
@@ -84,14 +85,14 @@ def flown_ownship(*, v: tuple[float, float, float], statuses: list[Datagram]) ->
 
 @pytest.mark.parametrize("px4", [False, True])
 def test_a_local_velocity_that_the_filter_disowns_is_not_used_until_it_recovers(px4: bool) -> None:
-    statuses = [status(t, NO_VELOCITY if 45 <= t < 46 else HEALTHY, px4=px4) for t in range(40, 52)]
+    statuses = [status(t, NO_VELOCITY if 45 <= t < 46 else HEALTHY, px4=px4) for t in SECONDS]
     run = feed(sorted([*encode(ITEMS), *statuses], key=lambda d: d.t_recv_ns))
     assert not [e for e in run.estimates if e.valid and 45.1 * S < e.t_ns < 45.9 * S]
     assert_on_target(run)
 
 
 def test_an_old_status_does_not_count_for_ever() -> None:
-    run = feed(sorted([*encode(ITEMS), status(41, NO_VELOCITY, px4=False)], key=lambda d: d.t_recv_ns))
+    run = feed(sorted([*encode(ITEMS), status(T0 + 1, NO_VELOCITY, px4=False)], key=lambda d: d.t_recv_ns))
     assert_on_target(run)
 
 
@@ -99,12 +100,11 @@ def test_another_components_status_does_not_count() -> None:
     stranger = dialect.MAVLink(None, srcSystem=1, srcComponent=154)
     data = dialect.MAVLink_ekf_status_report_message(0, *[0.1] * 5).pack(stranger)
     bad = [
-        Datagram(channel="gimbal", encoding=Encoding.MAVLINK, t_recv_ns=EPOCH + t * S, data=data)
-        for t in range(40, 52)
+        Datagram(channel="gimbal", encoding=Encoding.MAVLINK, t_recv_ns=EPOCH + t * S, data=data) for t in SECONDS
     ]
     run = feed(sorted([*encode(ITEMS), *bad], key=lambda d: d.t_recv_ns))
     assert_on_target(run)
-    assert run.rejected["other_component"] >= 11
+    assert run.rejected["other_component"] >= len(SECONDS) - 1
 
 
 def test_an_unknown_horizontal_position_is_published_as_unknown() -> None:

@@ -15,7 +15,7 @@ from onboard.links import tcp, udp
 from onboard.links.udp import Budget
 from onboard.messages import Datagram, Encoding, Estimate, Heartbeat
 from onboard.wire.mavlink_encode import MavlinkEncoder
-from tests.support.faulty_flight import CLEAN, DATAGRAMS, assert_on_target
+from tests.support.faulty_flight import DATAGRAMS, assert_on_target, clean
 from tests.support.running_link import until, with_link
 from tests.support.streams import MS, feed, heartbeat, make_config
 
@@ -52,7 +52,7 @@ def test_heartbeats_at_0_9_mb_a_second_and_rubbish_change_no_estimate_with_seed_
     datagrams, beats = flooded_with_seed_51()
     run = feed(datagrams)
     assert_on_target(run, 1.0)
-    assert [e for e in run.outputs if isinstance(e, Estimate)] == CLEAN.estimates
+    assert [e for e in run.outputs if isinstance(e, Estimate)] == clean().estimates
     assert run.rejected["other_system"] == beats > 40_000
     assert run.rejected["bad_frame"] > 1000
     assert not run.pipeline.errors

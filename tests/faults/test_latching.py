@@ -7,10 +7,10 @@ from msgspec.structs import replace
 
 from onboard.messages import Datagram, Heartbeat
 from tests.faults.test_silence import flying
-from tests.support.faulty_flight import DATAGRAMS, T1, assert_on_target, flown
+from tests.support.faulty_flight import DATAGRAMS, T0, T1, assert_on_target, flown
 from tests.support.streams import EPOCH, Item, Run, S, Stream, encode, feed, heartbeat, make_config
 
-GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID = 26, 30, 18, 6, 27, 34
+NO_VEHICLES = GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID = 26, 30, 18, 6, 27, 34
 
 
 def beat(t_s: float, *, system: int = 1, component: int = 154, kind: int, autopilot: int = 0) -> Datagram:
@@ -19,10 +19,15 @@ def beat(t_s: float, *, system: int = 1, component: int = 154, kind: int, autopi
     return encode([Item(EPOCH + t_ns, message)])[0]
 
 
-@pytest.mark.parametrize("kind", [GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID])
+@pytest.mark.parametrize("kind", NO_VEHICLES)
 @pytest.mark.parametrize("system", [1, 7])
 def test_a_heartbeat_of_no_vehicle_is_not_latched(kind: int, system: int) -> None:
-    run = flown([beat(39.9, system=system, kind=kind), *DATAGRAMS])
+    assert feed([beat(39.9, system=system, kind=kind)]).pipeline.autopilot is None
+
+
+def test_the_autopilot_is_latched_after_all_that_are_none() -> None:
+    others = [beat(T0 - 0.1, system=system, kind=kind) for kind in NO_VEHICLES for system in (1, 7)]
+    run = flown([*others, *DATAGRAMS])
     assert_on_target(run, 1.0)
     assert run.pipeline.autopilot is not None
     assert (run.pipeline.autopilot.system, run.pipeline.autopilot.component) == (1, 1)
@@ -80,7 +85,7 @@ def test_an_autopilot_that_returns_with_another_id_is_latched_after_silence(syst
 
 
 def test_another_autopilot_is_not_latched_while_ours_talks() -> None:
-    strangers = [beat(t, system=9, component=1, kind=2, autopilot=12) for t in range(41, 52)]
+    strangers = [beat(t, system=9, component=1, kind=2, autopilot=12) for t in range(round(T0) + 1, 52)]
     run = flown(sorted([*DATAGRAMS, *strangers], key=lambda d: d.t_recv_ns))
     assert_on_target(run, 1.0)
     assert run.pipeline.autopilot is not None
@@ -89,7 +94,7 @@ def test_another_autopilot_is_not_latched_while_ours_talks() -> None:
 
 def test_a_wingman_heard_beside_ours_is_not_latched_when_ours_falls_silent() -> None:
     """It is another vehicle: its motion is not ours."""
-    strangers = [beat(t, system=9, component=1, kind=2, autopilot=12) for t in range(41, 100)]
+    strangers = [beat(t, system=9, component=1, kind=2, autopilot=12) for t in range(round(T0) + 1, 100)]
     run = feed(sorted([*DATAGRAMS, *strangers], key=lambda d: d.t_recv_ns))
     assert run.pipeline.autopilot is not None
     assert run.pipeline.autopilot.system == 1

@@ -1,5 +1,6 @@
 """The wall clock is set during a flight: arrivals and timers do not notice, and images keep their time."""
 
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from onboard.messages import Datagram, TargetPoints, Verdict
 from onboard.sinks.recorder import Recorder
 from onboard.wire.recording import read_recording
 from tests.support.faulty_flight import ITEMS, assert_on_target, flown
-from tests.support.streams import EPOCH, MS, Item, S, encode
+from tests.support.streams import EPOCH, MS, Item, Run, S, encode
 from tests.unit.links.test_host_clock import STEPS
 
 SET_NS = 46 * S + 10 * MS  # on the boot clock
@@ -30,12 +31,18 @@ def flight(step: float, *, jitter: int = 0) -> list[Datagram]:
     return [replace(d, wall_step_ns=step_ns if d.t_recv_ns > EPOCH + SET_NS else 0) for d in datagrams]
 
 
+@cache
+def calm() -> Run:
+    """The flight in which the clock is not set."""
+    return flown(flight(0.0))
+
+
 @pytest.mark.parametrize("step", STEPS)
 def test_images_keep_their_time_when_the_wall_clock_is_set(step: float) -> None:
-    run, calm = flown(flight(step)), flown(flight(0.0))
+    run = flown(flight(step))
     assert run.rejected == {"host_clock_steps": 1}
-    assert [e.mean for e in run.estimates] == [e.mean for e in calm.estimates]
-    assert run.verdicts() == calm.verdicts()
+    assert [e.mean for e in run.estimates] == [e.mean for e in calm().estimates]
+    assert run.verdicts() == calm().verdicts()
 
 
 @pytest.mark.parametrize("step", STEPS)

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_euler, quaternion_product
 from onboard.messages import Attitude, Estimate, Imu, LocalPosition, Message, TargetPoints
-from tests.support.faulty_flight import CLEAN, ITEMS, T0, T1, assert_on_target, flown
+from tests.support.faulty_flight import ITEMS, T0, T1, assert_on_target, clean, flown
 from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, Item, Run, S, encode, position_error
 
 BEGINS = 46 * S  # boot time of the fault
@@ -53,7 +53,7 @@ def assert_noticed(run: Run, why: str) -> None:
 
 def test_the_flight_with_an_accelerometer_is_as_without() -> None:
     run = flown(encode(INERTIAL))
-    assert [e.mean for e in run.estimates] == [e.mean for e in CLEAN.estimates]
+    assert [e.mean for e in run.estimates] == [e.mean for e in clean().estimates]
     assert run.rejected == {}
 
 
@@ -144,7 +144,7 @@ def test_what_was_estimated_from_doubtful_motion_is_forgotten() -> None:
     assert after[0].t_ns > BEGINS + 2.9 * S
     assert max(position_error(e) for e in after if e.t_ns > BEGINS + 4 * S) < 3.0  # the track is new, and says so
     assert position_error(run.estimates[-1]) < 1.5
-    assert run.estimates[-1].reset_count > CLEAN.estimates[-1].reset_count
+    assert run.estimates[-1].reset_count > clean().estimates[-1].reset_count
 
 
 def shown(points: np.ndarray) -> dict[str, tuple[float, float]]:

@@ -15,7 +15,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import Estimate, Health
 from onboard.view.client import Client
-from tests.support.programs import PATIENCE, Program, free_ports, run, started, until
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import load_scenario
+from tests.support.programs import PATIENCE, Program, free_ports, started, until
 
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 
@@ -122,7 +124,7 @@ class Setup:
         self.tcp, self.zenoh = free_ports(TCP, TCP)
         self.endpoint = f"tcp/127.0.0.1:{self.zenoh}"
         self.config = folder / "formation.toml"
-        self.config.write_text(run("simlink", "config", "formation").stdout)
+        self.config.write_text(daemon_config(load_scenario("formation")), encoding="utf-8")
 
     def observer(self) -> Observer:
         """A client of the daemon, closed after the test."""

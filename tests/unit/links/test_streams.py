@@ -146,15 +146,23 @@ def test_a_serial_port_unplugged_and_plugged_in_again_goes_on(tmp_path: Any) -> 
 
 
 def test_a_tcp_client_says_why_it_is_not_connected_and_stops_saying_so_once_it_is() -> None:
-    port = free_ports(socket.SOCK_STREAM)[0]
+    """The port is bound, so that nobody else takes it, but does not listen at first."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.bind(("127.0.0.1", 0))
+    port = listener.getsockname()[1]
 
     async def check(link: Any, _: list[Datagram]) -> None:
         assert health_of(link).error == ""
         await until(lambda: link.trouble)
         assert health_of(link).error == f"tcp:127.0.0.1:{port}: cannot connect (Connection refused)"
-        server = await asyncio.start_server(lambda _, writer: writer.close(), "127.0.0.1", port)
+        writers: list[asyncio.StreamWriter] = []  # a connection that is kept: "no trouble" stays, too
+        server = await asyncio.start_server(lambda _, writer: writers.append(writer), sock=listener)
         async with server:
             await until(lambda: not link.trouble)
             assert health_of(link).error == ""
+            for writer in writers:
+                writer.close()
+                await writer.wait_closed()
 
-    with_link(f"tcp:127.0.0.1:{port}", check)
+    with listener:
+        with_link(f"tcp:127.0.0.1:{port}", check)

@@ -12,7 +12,7 @@ STRAIGHT, TIGHT = Flight(radius=None, gap=25.0), Flight(radius=60.0, gap=15.0)
 SIDE = 0.15  # rad
 
 
-def unnamed(flight: Flight, seed: int, t1: float = 40.0) -> list[Message]:
+def unnamed(flight: Flight, seed: int, t1: float) -> list[Message]:
     messages = (i.message for i in Stream(flight=flight, t1=t1, seed=seed).items())
     return [replace(m, target="") if isinstance(m, TargetPoints) else m for m in messages]
 
@@ -23,23 +23,35 @@ def fused(messages: list[Message]) -> Counter[str]:
     return Counter(e.target for e in estimates if e.measurement and e.measurement.verdict.startswith("fused"))
 
 
+def one_track(flight: Flight, seed: int, seconds: float) -> None:
+    messages = unnamed(flight, seed, 5.0 + seconds)
+    found = fused(messages)
+    assert set(found) == {"leader"}
+    assert found["leader"] > 0.97 * sum(isinstance(m, TargetPoints) for m in messages)
+
+
+@pytest.mark.parametrize(
+    ("flight", "seed"), [(CIRCLE, 1), (STRAIGHT, 1), (TIGHT, 3)], ids=["1", "straight-1", "tight-3"]
+)
+def test_one_aircraft_without_an_id_is_one_track_seeds_1_and_3(flight: Flight, seed: int) -> None:
+    one_track(flight, seed, 15.0)
+
+
+@pytest.mark.slow  # more images, of which one in a thousand lies beyond a gate by chance
 @pytest.mark.parametrize(
     ("flight", "seed"),
     [(CIRCLE, 1), (CIRCLE, 2), (STRAIGHT, 1), (TIGHT, 3)],
     ids=["1", "2", "straight-1", "tight-3"],
 )
-def test_one_aircraft_without_an_id_is_one_track_seeds_1_to_3(flight: Flight, seed: int) -> None:
-    messages = unnamed(flight, seed)
-    found = fused(messages)
-    assert set(found) == {"leader"}
-    assert found["leader"] > 0.97 * sum(isinstance(m, TargetPoints) for m in messages)
+def test_one_aircraft_without_an_id_stays_one_track_seeds_1_to_3(flight: Flight, seed: int) -> None:
+    one_track(flight, seed, 35.0)
 
 
 @pytest.mark.parametrize("leader_id", ["", "leader"])
 @pytest.mark.parametrize("first", [True, False])
 def test_two_aircraft_are_two_tracks_seed_2(first: bool, leader_id: str) -> None:
     messages: list[Message] = []
-    for m in unnamed(CIRCLE, 2):
+    for m in unnamed(CIRCLE, 2, 18.0):
         messages.append(m)
         if isinstance(m, TargetPoints) and m.t_ns > 8 * S:
             center, left, right = ((u + SIDE, v) for u, v in (m.center, m.left, m.right))
