@@ -1,0 +1,77 @@
+"""Everything that the daemon sends over MAVLink, as its own code makes it."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from onboard.autopilot.output import AutopilotOutput, Outgoing
+from onboard.autopilot.parameters import Parameters
+from onboard.config import parse_config
+from onboard.messages import Clock, Command, Message, ParamAction, ParamRequest, Ping, TimeSync
+from tests.support.leader import AUTOPILOT, S, T, estimate, origin, own_pose
+from tests.support.vehicle_records import TRAFFIC, nav_state
+
+NOW: Final = 1_800_000_000 * S
+LINK: Final = "gcs"
+LEADER: Final = (
+    "FOLLOW_TARGET",
+    "GLOBAL_POSITION_INT",
+    "TARGET_RELATIVE",
+    "LANDING_TARGET",
+    "ADSB_VEHICLE",
+    "CAMERA_TRACKING_IMAGE_STATUS",
+    "CAMERA_TRACKING_GEO_STATUS",
+)
+STREAMS: Final = frozenset({*LEADER, "ODOMETRY", "COLLISION", "HEARTBEAT", "TIMESYNC"})
+ON_REQUEST: Final = frozenset({"AUTOPILOT_VERSION"})
+# Answers and events, which are nobody's to request: what they answer is requested instead.
+ANSWERS: Final = frozenset(
+    {
+        *("COMMAND_ACK", "MESSAGE_INTERVAL", "PING", "PARAM_VALUE", "PARAM_EXT_VALUE", "PARAM_EXT_ACK"),
+        *("COMMAND_LONG", "STATUSTEXT"),
+    }
+)
+
+
+def everything(keys: dict[str, bytes] | None = None) -> AutopilotOutput:
+    """An output that sends all it can on one link, with a leader and an autopilot."""
+    config = parse_config(
+        {
+            "link": [{"name": LINK, "url": "udpin:127.0.0.1:0"}],
+            "odometry": {"link": LINK},
+            "traffic_out": {"link": LINK, "adsb_vehicle": "all"},
+            "leader_out": [{"link": LINK, "system": 99, "rates_hz": dict.fromkeys(LEADER, 20.0)}],
+            "estimator": {"leader": {}},
+        }
+    )
+    out = AutopilotOutput(config, Parameters(config, lambda _: None), keys)
+    out.connect(AUTOPILOT)
+    for record in (own_pose(), estimate()):
+        list(out.publish(record))
+    out.respond(LINK, [origin()], NOW)
+    return out
+
+
+def sent(out: AutopilotOutput, now_ns: int = NOW) -> list[bytes]:
+    """The frames of one tick and of one record of each kind."""
+    ticked = list(out.tick(now_ns, healthy=True, rates={}, boot_ns=T))
+    published = [o for record in (nav_state(T // 1_000_000), TRAFFIC) for o in out.publish(record)]
+    return frames([*ticked, *published])
+
+
+def answered(out: AutopilotOutput) -> list[bytes]:
+    """The frames that answer one request of each kind."""
+    sender: dict[str, Any] = {"t_ns": NOW, "t_recv_ns": NOW, "clock": Clock.NONE, "system": 255, "component": 190}
+    to_us = {"target_system": 7, "target_component": 191}
+    messages: list[Message] = [
+        Ping(**sender, time_us=1, number=2, target_system=0, target_component=0),
+        TimeSync(**sender, tc1_ns=0, ts1_ns=7),
+        ParamRequest(**sender, **to_us, action=ParamAction.LIST, extended=False),
+        ParamRequest(**sender, **to_us, action=ParamAction.LIST, extended=True),
+        ParamRequest(**sender, **to_us, action=ParamAction.SET, extended=True, name="CAM_SIGMA_PX", value=2.0),
+        *(Command(**sender, **to_us, command=c, params=(n, *[0.0] * 6)) for c, n in ((510, 144.0), (512, 148.0))),
+    ]
+    return out.respond(LINK, messages, NOW).frames
+
+
+def frames(outgoing: Iterable[Outgoing]) -> list[bytes]:
+    return [frame for o in outgoing for frame in o.frames]
