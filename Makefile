@@ -71,5 +71,5 @@ $(READY_DOCS): $(READY)
 	@touch $@
 
 $(COMPILED): $(READY) $(KERNELS)
-	$(BIN)/onboard compile
+	$(BIN)/python -m tests.support.kernels  # stamps it, so that the tests take it over
 	@touch $@

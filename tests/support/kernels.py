@@ -5,6 +5,8 @@ file and changes there. So a module's machine code is kept only if all of it was
 sources: of the module, and of all that it imports. A file in onboard/__pycache__ holds the digests of the sources,
 module by module, and is as new as the newest machine code that the tests made. Code that is newer was made by
 another program, perhaps while a source was another.
+
+`python -m tests.support.kernels` compiles all kernels so that the tests take them over; `make install` does it.
 """
 
 import hashlib
@@ -16,8 +18,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from onboard.commands import compiling
-from tests.support.programs import ROOT
 
+ROOT = Path(__file__).parents[2]
 STAMP = ROOT / "onboard" / "__pycache__" / "kernels-tested.json"
 
 
@@ -70,3 +72,7 @@ def keep(before: Mapping[str, str]) -> None:
 
 def _digest(files: Iterable[Path]) -> str:
     return hashlib.sha256(b"\0".join(path.read_bytes() for path in files)).hexdigest()
+
+
+if __name__ == "__main__":
+    prepare(all_at_once=True)

@@ -78,6 +78,16 @@ def test_traffic_is_forgotten_with_our_own_place(filter_: str) -> None:
     assert sky.verdicts["no_pose"] == 1  # where we are is not known any more
 
 
+def test_reports_that_wait_at_a_reboot_are_dropped() -> None:
+    """They are of a clock that is no longer ours."""
+    sky = Sky()
+    fly_with_reports(sky, 4)
+    sky.receive(sky.adsb((2000.0, 0.0, -100.0), (-30.0, 0.0, 0.0), icao=0xABC001))
+    sky.estimator.reset("the autopilot has rebooted")
+    sky.fly(1.0)
+    assert sky.estimator._tracker.tracks == []
+
+
 def test_every_estimator_of_the_pipeline_is_told_of_the_reboot_seed_1() -> None:
     everything = {"leader": LEADER, "own_state": {}, "traffic": {}}
     pipeline = Pipeline(parse_config({"estimator": everything}))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import common
 
@@ -94,6 +95,13 @@ def test_nothing_is_sent_of_an_estimate_that_is_not_valid_but_that_it_is_not() -
     assert sent[0].system_status == 3  # standby
     assert all(math.isnan(x) for x in (sent[1].point_x, sent[2].alt, sent[2].dist))
     assert parsed(output(*ALL).frames(None, None, NOW))[1:] == []
+
+
+def test_numbers_of_an_estimate_that_is_not_valid_are_not_sent() -> None:
+    """Predicted beyond what is valid, it still has all of them."""
+    state = replace(leader_state(), valid=False)
+    names = {m.get_type() for m in parsed(output(*ALL).frames(state, VIEW, NOW))}
+    assert names <= {"HEARTBEAT", "CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"}
 
 
 def test_without_the_origin_nothing_that_has_degrees_is_sent() -> None:

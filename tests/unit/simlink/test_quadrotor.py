@@ -135,6 +135,7 @@ def test_outliers_come_as_often_and_as_large_as_asked_seed_7() -> None:
     wrong = np.abs(rates[10 * HZ :]) > 0.1
     assert wrong.mean() == pytest.approx(0.02, abs=0.003)
     assert np.abs(rates[10 * HZ :])[wrong].mean() == pytest.approx(0.2, rel=0.05)
+    assert np.mean(rates[10 * HZ :][wrong] > 0) == pytest.approx(0.5, abs=0.1)  # of 360: four sigmas
 
 
 def test_a_log_with_the_vehicles_own_truth_seed_1(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator as leader
-from onboard.estimators.leader.image import Image, prepare
+from onboard.estimators.leader.image import Image, in_view, prepare
 from onboard.geometry.camera import make_camera
 from onboard.messages import Attitude, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship
@@ -112,6 +112,7 @@ def test_a_target_long_gone_is_forgotten() -> None:
     items = [i for i in two_aircraft("leader", "target/1", 22.0) if stays(i.message)]
     ownship = play(one, sorted(items, key=lambda i: i.message.t_ns))
     assert [e.target for e in one.tick(ownship)] == ["leader"]
+    assert list(one._tracks) == ["leader"]
 
 
 def test_a_camera_that_hangs_is_not_taken_for_an_aircraft() -> None:
@@ -137,6 +138,16 @@ def test_points_at_the_edge_of_the_image_are_rejected() -> None:
         encode(Stream(flight=NEAR, t1=6.0).items()), make_config("camera.width_px=40", "camera.height_px=400")
     )
     assert set(run.verdicts()) == {Verdict.OUT_OF_VIEW}
+
+
+@pytest.mark.parametrize(("u", "v"), [(-1.0, 0.0), (1.0, 0.0), (0.0, -0.5), (0.0, 0.5)])
+def test_a_point_within_the_margin_of_any_edge_is_out_of_view(u: float, v: float) -> None:
+    """Of a frame of 2 x 1 focal lengths: 5 px count as outside, and 6 px do not."""
+    camera = make_camera(f_px=100.0, width_px=200.0, height_px=100.0)
+    for view in (None, (-1.0, -0.5, 1.0, 0.5)):
+        for inside_px, expected in ((-1.0, False), (4.0, False), (6.0, True)):
+            shrunk = 1.0 - inside_px / (100.0 * max(abs(u), abs(v)))
+            assert in_view([(u * shrunk, v * shrunk)], camera, view, 5.0) is expected
 
 
 def test_a_lost_leader_out_of_view_gives_that_as_the_reason() -> None:

@@ -81,6 +81,7 @@ def walks(model: ManoeuvreModel, size: float) -> dict[int, float]:
 @pytest.mark.parametrize("model", [FIXED_WING, MULTIROTOR])
 def test_process_noise_is_what_the_settings_say(model: ManoeuvreModel) -> None:
     """Random walks grow with time; what dies out ends at its own variance and begins with 2 sigma^2 / T."""
+    model = model._replace(size_random_walk=0.01)
     bias = (0.01, 0.02, 0.03)
     extras = Extras(delay=0.1, bias=bias, bias_time=40.0)
     moment, long = (noise.process_noise(model, extras, 2.5, dt) for dt in (1e-3, 1e9))
@@ -100,3 +101,30 @@ def test_process_noise_is_what_the_settings_say(model: ManoeuvreModel) -> None:
             assert moment[mode][i, i] == pytest.approx(2 * sigma**2 / time * 1e-3, rel=2e-3)
         assert moment[mode][flight.BASE, flight.BASE] == pytest.approx(noise.DELAY_RANDOM_WALK**2 * 1e-3)
         assert np.array_equal(moment[mode], np.diag(np.diag(moment[mode])))
+
+
+def test_modes_last_as_long_as_the_settings_say() -> None:
+    """In the long run each mode has its share of the time; in a moment a mode is left once in its duration."""
+    model = MULTIROTOR._replace(steady_for=20.0, accelerating_for=5.0)
+    moment, long = (noise.transition_probabilities(model, Extras(), dt) for dt in (1e-3, 1e4))
+    np.testing.assert_allclose(long, [[0.8, 0.2]] * 2, rtol=1e-6)
+    np.testing.assert_allclose(moment, [[1 - 5e-5, 5e-5], [2e-4, 1 - 2e-4]], rtol=1e-3)
+    hovers = model._replace(hovers_for=8.0, flies_for=40.0, straight_for=10.0, turns_for=2.0)
+    rates = noise.transition_probabilities(hovers, Extras(middle=True), 1e-3) / 1e-3
+    expected = [
+        [1 / 20, 1 / 40, 0, 0],
+        [1 / 5, 1 / 40, 0, 0],
+        [0.5 / 8, 0.5 / 8, 0.5 / 10, 0.5 / 10],
+        [0, 1 / 8, 1 / 2, 0],
+        [0, 1 / 8, 1 / 2, 0],
+    ]
+    off_diagonal = rates[~np.eye(5, dtype=bool)].reshape(5, 4)
+    np.testing.assert_allclose(off_diagonal, expected, rtol=2e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("filter_", ["wing-line", "any-side"])
+def test_a_size_without_a_sigma_is_uncertain_by_2_percent_seed_0(filter_: str) -> None:
+    """One flight's images say nothing of it: the sigma stays."""
+    config = settings(filter_, *EXACT)
+    _, covariance = error_at_the_end(0, None, config)
+    assert np.sqrt(covariance[SIZE, SIZE]) == pytest.approx(0.02 * 2.0, rel=0.05)

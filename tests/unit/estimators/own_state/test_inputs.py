@@ -24,6 +24,15 @@ def test_the_mean_of_samples_is_that_of_the_line_through_them() -> None:
     assert not s.add(5 * MS, np.array([1.0]))
 
 
+def test_the_density_of_scatter_is_that_of_white_noise_seed_1() -> None:
+    """Variance times the interval, on a course that bends slowly."""
+    rng, s, found = np.random.default_rng(1), Samples(1), []
+    for k in range(20_000):
+        s.add(k * 10 * MS, 3.0 * np.sin([k * 1e-3]) + 0.2 * rng.normal(size=1))
+        found.append(float(s.density(k * 10 * MS)[0]))
+    assert np.mean(found[1000:]) == pytest.approx(0.2**2 * 0.01, rel=0.05)
+
+
 def manoeuvres(acceleration: float, seconds: int, roll: float = 0.0) -> Manoeuvres:
     """After fixes five times a second that gather speed to the east, at a steady bank."""
     flown = Manoeuvres()

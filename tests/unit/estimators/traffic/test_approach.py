@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from onboard.estimators.traffic.approach import closest, closest_in_turns
-from onboard.estimators.traffic.publication import curvature
+from onboard.estimators.traffic.config import Config
+from onboard.estimators.traffic.publication import _threat, curvature
 from onboard.geometry.geodesy import geodetic_from_ecef, geodetic_rows
+from onboard.messages import ThreatLevel
 
 
 def test_closest_approach_by_hand() -> None:
@@ -18,6 +20,23 @@ def test_closest_approach_by_hand() -> None:
     np.testing.assert_allclose(a.distance, [50.0, 100.0, math.hypot(10, 20)])
     np.testing.assert_allclose(a.miss[0], [0.0, 30.0, -40.0])
     assert np.isfinite(a.time_sigma).all()
+
+
+@pytest.mark.parametrize(
+    ("time", "distance", "sigma", "threat"),
+    [
+        (29.0, 99.0, 1.0, ThreatLevel.HIGH),
+        (31.0, 99.0, 1.0, ThreatLevel.NONE),
+        (29.0, 119.0, 10.0, ThreatLevel.LOW),
+        (29.0, 121.0, 10.0, ThreatLevel.NONE),
+        (31.0, 119.0, 10.0, ThreatLevel.NONE),
+    ],
+)
+def test_a_threat_is_soon_and_near_within_two_sigmas(
+    time: float, distance: float, sigma: float, threat: ThreatLevel
+) -> None:
+    config = Config(threat_time_s=30.0, threat_distance_m=100.0)
+    assert _threat(time, distance, sigma, config) is threat
 
 
 @pytest.mark.parametrize("miss", [300.0, 60.0])

@@ -53,6 +53,28 @@ def test_without_our_own_position_nothing_is_tracked() -> None:
     assert fresh.tick(sky.ownship) == []
 
 
+def test_a_report_later_than_the_horizon_is_not_fused() -> None:
+    sky = Sky()
+    fly_with_reports(sky, 15)
+    for late_s, verdicts in ((7.5, {}), (8.5, {"too_old": 1})):
+        report = sky.adsb(R0 + V0 * (sky.t - late_s), V0, icao=0xABC000 + round(late_s))
+        sky.receive(replace(report, t_ns=round((sky.t - late_s) * NS_PER_S)))
+        sky.fly(0.2)
+        assert {k: n for k, n in sky.verdicts.items() if k not in {"fused", "initialising"}} == verdicts
+
+
+def test_a_report_of_uncertain_age_is_uncertain_along_its_velocity() -> None:
+    covariances = []
+    for sigma in (0.0, 2.0):
+        sky = Sky(adsb_latency_sigma_s=sigma)
+        fly_with_reports(sky, 3)
+        (track,) = sky.estimator._tracker.tracks
+        assert track.last_report is not None
+        covariances.append(track.last_report.R[:3, :3])
+    # in our frame, which is turned by two kilometres of the Earth
+    np.testing.assert_allclose(covariances[1] - covariances[0], 4.0 * np.outer(V0, V0), atol=3.0)
+
+
 def test_a_repeated_report_is_not_fused() -> None:
     sky = Sky()
     fly_with_reports(sky, 5)
