@@ -195,7 +195,7 @@ def _missing(truth: _Truth, k: int, times: Array) -> tuple[float, float]:
         if t - since > BEGIN_S:
             total += t - truth.t[i - 1]
             missing += 0.0 if tracked else t - truth.t[i - 1]
-    return missing, total
+    return float(missing), float(total)  # a report must be written
 
 
 def _encounters(truth: _Truth, k: int, tracks: _Tracks) -> Iterator[Encounter]:

@@ -1,7 +1,7 @@
 """simlink's scenarios flown in this process: each is simulated once, however many settings it is replayed with."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.config import load_config
 from onboard.messages import Datagram, Encoding, Estimate, Truth
@@ -11,6 +11,13 @@ from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import boot_ns_of, datagrams
+
+SECONDS: Final = {  # of flight, where it matters: the first is in view again after 42 s
+    "formation-out-of-view": 60.0,
+    "formation-hover": 60.0,
+    "formation-speed-change": 60.0,
+}
+SHORT: Final = 42.0  # the others
 
 
 class Recorded(NamedTuple):
@@ -30,6 +37,11 @@ class Replayed(NamedTuple):
     def at(self, begin: float, end: float) -> list[Estimate]:
         """Estimates between two times of flight, s."""
         return [e for e in self.estimates if begin <= (e.t_ns - self.boot_ns) * 1e-9 < end]
+
+
+def seconds(scenario: str) -> float:
+    """How long a scenario is flown here."""
+    return SECONDS.get(scenario, SHORT)
 
 
 class Flights:
@@ -63,7 +75,7 @@ class Flights:
     def _flight(self, scenario: str) -> Recorded:
         if scenario not in self._recorded:
             loaded = load_scenario(scenario)
-            items = [*datagrams(loaded, self.seed, loaded.duration, camera="mavlink")]
+            items = [*datagrams(loaded, self.seed, seconds(scenario), camera="mavlink")]
             arriving = [i for i in items if isinstance(i, Datagram) and i.encoding is not Encoding.RADAR]
             self._recorded[scenario] = Recorded(arriving, [i for i in items if isinstance(i, Truth)])
         return self._recorded[scenario]

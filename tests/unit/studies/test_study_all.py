@@ -10,7 +10,7 @@ from onboard.commands import study as command
 from onboard.commands.cli import main
 
 SHORT = {"cwpa-kalman-tracker-3d"}
-WITHOUT_FIGURES = {"encounters", "own-state", "traffic"}
+WITHOUT_FIGURES = {"own-state", "traffic"}
 
 
 @pytest.mark.parametrize(

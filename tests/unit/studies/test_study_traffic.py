@@ -1,8 +1,12 @@
 """The study of traffic: one short flight, and its verdicts on flights made up by hand."""
 
+import json
+from pathlib import Path
+
 import pytest
 
 from onboard.scoring.traffic import AircraftScore, Encounter, TrafficScore
+from onboard.studies.report.workers import write
 from onboard.studies.traffic import study as traffic
 from simlink.scenarios.scenario import load_scenario
 
@@ -61,8 +65,10 @@ def test_the_share_of_time_with_a_valid_track_stands_beside_accuracy() -> None:
     assert [row[-1] for row in rows] == [87.5, 100.0]
 
 
-def test_a_flight_is_scored_seed_101() -> None:
+def test_a_flight_is_scored_and_written_seed_101(tmp_path: Path) -> None:
     found = traffic.findings([traffic.fly(101, "ekf", 12.0)], 101)
+    write(found, tmp_path)
+    assert json.loads((tmp_path / "result.json").read_bytes())["study"] == "traffic"
     assert len(found.tables[0].rows) == 20
     assert found.claims[0].verdict == "holds"
     assert {c.unit for c in found.checks} == {"", "s", "%"}
