@@ -171,12 +171,12 @@ class SinkRunner(Generic[T]):
             while True:
                 stopping = self._stop.is_set()  # read before `take`: records put before the stop are written
                 records = self._queue.take(BATCH, 0.0 if stopping else IDLE_S)
-                important = self._queue.important(records)
-                self._lost += len(records)
-                self._lost_important += important
-                sink.write(records)
-                self._lost -= len(records)
-                self._lost_important -= important
+                try:
+                    sink.write(records)
+                except BaseException:  # a panic in a Rust library is no Exception
+                    self._lost += len(records)
+                    self._lost_important += self._queue.important(records)
+                    raise
                 self._sent += len(records)
                 if stopping and not records:
                     return

@@ -58,7 +58,7 @@ def test_recorded_flight_seed_1_replays_bit_for_bit(setup: Setup, kind: str) -> 
     assert "Traceback" not in daemon.output()
     assert health.verdicts.get("leader.fused", 0) > 100
     assert health.clock_source == "timesync"
-    assert health.sinks["recorder"].dropped == 0  # others may lose what a busy machine delays
+    assert all(sink.dropped == 0 for sink in health.sinks.values())
     assert not health.rejected, health.rejected
     assert health.links["autopilot"].received > 500
     assert all(link.dropped == 0 for link in health.links.values())

@@ -158,6 +158,21 @@ def test_a_blocked_sink_delays_nobody_drops_the_oldest_and_lets_the_program_end(
     sink.gate.set()
 
 
+def test_a_record_that_is_being_written_is_not_dropped() -> None:
+    sink = Collector()
+    sink.gate.clear()
+
+    async def check(runner: SinkRunner[int]) -> None:
+        runner.put(1)
+        await until(lambda: runner._queue._items.empty())  # it is in `write`
+        during = runner.health()
+        assert (during.sent, during.dropped, during.dropped_important) == (0, 0, 0)
+        sink.gate.set()
+        await until(lambda: runner.health().sent == 1)
+
+    with_runner(sink, check)
+
+
 def test_a_sink_that_recovers_from_being_blocked_goes_on_with_the_newest() -> None:
     sink = Collector()
     sink.gate.clear()
