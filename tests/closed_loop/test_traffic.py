@@ -2,41 +2,25 @@
 were chosen on seeds 1 to 4; this is seed 21. `onboard study traffic` has more of them."""
 
 import tomllib
-from collections.abc import Iterator
 
 import pytest
 
 from onboard.config import parse_config
-from onboard.messages import Estimate, TrafficTruth, Truth
+from onboard.messages import TrafficTruth, Truth
 from onboard.pipeline import Pipeline
-from onboard.scoring.traffic import TrafficScore, score_traffic
+from onboard.scoring.traffic import TrafficScore
+from onboard.studies.traffic.study import flight
 from simlink.scenarios.describe import daemon_config
-from simlink.scenarios.scenario import Scenario, load_scenario
+from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
 
 SEED = 21
 DURATION = 135.0  # both crossings, the jammed interval, and a while after it
 
 
-def fly(scenario: Scenario, seed: int, duration: float) -> tuple[TrafficScore, Pipeline]:
-    config = tomllib.loads(daemon_config(scenario))
-    del config["estimator"]["leader"]
-    pipeline = Pipeline(parse_config(config))
-    truth: list[TrafficTruth] = []
-
-    def estimates() -> Iterator[Estimate]:
-        for item in datagrams(scenario, seed, duration, "none"):
-            if isinstance(item, TrafficTruth):
-                truth.append(item)
-            elif not isinstance(item, Truth):
-                yield from (e for e in pipeline.feed(item) if isinstance(e, Estimate))
-
-    return score_traffic(list(estimates()), truth), pipeline
-
-
 @pytest.fixture(scope="module")
 def flown() -> tuple[TrafficScore, Pipeline]:
-    return fly(load_scenario("traffic"), SEED, DURATION)
+    return flight(SEED, "imm", DURATION)
 
 
 def test_no_track_changes_its_aircraft_and_none_is_false_seed_21(

@@ -49,6 +49,11 @@ class Totals(NamedTuple):
 
 def fly(seed: int, filter_: FilterName = "imm", duration: float | None = None) -> TrafficScore:
     """Score one flight, computed faster than real time."""
+    return flight(seed, filter_, duration)[0]
+
+
+def flight(seed: int, filter_: FilterName, duration: float | None) -> tuple[TrafficScore, Pipeline]:
+    """The score of one flight, and the pipeline at its end."""
     scenario = load_scenario(SCENARIO)
     config = tomllib.loads(daemon_config(scenario))
     config["estimator"] = {"traffic": config["estimator"]["traffic"] | {"filter": filter_}}
@@ -62,7 +67,7 @@ def fly(seed: int, filter_: FilterName = "imm", duration: float | None = None) -
             elif not isinstance(item, Truth):
                 yield from (e for e in pipeline.feed(item) if isinstance(e, Estimate))
 
-    return score_traffic(list(estimates()), truth)
+    return score_traffic(list(estimates()), truth), pipeline
 
 
 def run(

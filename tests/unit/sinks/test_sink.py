@@ -164,7 +164,7 @@ def test_a_record_that_is_being_written_is_not_dropped() -> None:
 
     async def check(runner: SinkRunner[int]) -> None:
         runner.put(1)
-        await until(lambda: runner._queue._items.empty())  # it is in `write`
+        await until(runner._queue._items.empty)  # it is in `write`
         during = runner.health()
         assert (during.sent, during.dropped, during.dropped_important) == (0, 0, 0)
         sink.gate.set()
