@@ -45,13 +45,20 @@ def unknown(stamp: Path, of_sources: Mapping[str, str], code: Mapping[str, Itera
     ]
 
 
+def older(files: Iterable[Path], code: Iterable[Path]) -> bool:
+    """Whether machine code is older than a source. Numba then compiles it again, also if the source is the same:
+    each process on its own."""
+    newest = max(path.stat().st_mtime_ns for path in files)
+    return any(path.stat().st_mtime_ns < newest for path in code)
+
+
 def prepare(*, all_at_once: bool) -> None:
     """Delete machine code unless it is known. Then compile all kernels if `all_at_once`: several processes are to
     run tests, and must not write the same index at the same time."""
     before = digests()
     assert compiling.knows_folders(), "this Numba does not say where its machine code is"
     code = {name: compiling.machine_code(name) for name in before}
-    stale = unknown(STAMP, before, code)
+    stale = {*unknown(STAMP, before, code), *(name for name in before if older(sources(name), code[name]))}
     if not stale:
         return
     STAMP.unlink(missing_ok=True)

@@ -88,6 +88,15 @@ def test_machine_code_of_another_program_of_a_new_module_or_without_a_stamp_is_u
     assert kernels.unknown(stamp.with_name("none"), {"a": "these"}, code(stamp, 9.0)) == ["a"]
 
 
+def test_machine_code_older_than_a_source_is_made_before_the_tests(stamp: Path) -> None:
+    """Git gives a file that it writes again a new time."""
+    (compiled,) = code(stamp, 9.0)["a"]
+    assert kernels.older([stamp], [compiled])
+    os.utime(stamp, (8.0, 8.0))
+    assert not kernels.older([stamp], [compiled])
+    assert not kernels.older([stamp], [])
+
+
 def test_the_digest_is_of_every_source_that_machine_code_may_hold() -> None:
     """A constant's module too, which has no kernels of its own."""
     sources = {path.relative_to(ROOT).as_posix() for path in kernels.sources("onboard.models.camera_angles")}
