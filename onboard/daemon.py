@@ -22,6 +22,7 @@ from onboard.autopilot.stream import Stream
 from onboard.config import Config, check_storable, read_stored, signing_key, store
 from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
+from onboard.links.host_computer import HostComputer
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Estimate, Health, Lifecycle, LinkHealth, Output, Refusal, SinkHealth
 from onboard.pipeline import Pipeline
@@ -44,6 +45,7 @@ class Daemon:
     def __init__(self, config: Config, *, report: Callable[[str], None], clock: HostClock | None = None) -> None:
         self._clock = clock or HostClock()
         self._now_ns = self._clock.now_ns
+        self._computer = HostComputer()
         self._report = report
         self._config = config
         keys = {link.name: key for link in config.link if (key := signing_key(link)) is not None}
@@ -168,6 +170,7 @@ class Daemon:
             sinks = {name: sink.health() for name, sink in self._sinks.items()}
             self._console.show_sinks(sinks)
             self._console.show_silence(is_silent=heard_ns is not None and not is_heard)
+            self._output.show_computer(self._computer.read(now_ns))
             links = {link.channel: health_of(link) for link in self._links}
             self._console.show_links(links)
             health = replace(self._pipeline.health(now_ns, sinks), links=links)

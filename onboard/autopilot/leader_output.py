@@ -1,17 +1,26 @@
-"""The leader over MAVLink: a virtual leader that autopilots follow, and reports for ground stations. Sans-IO; off
-unless the configuration names a link. Nothing is sent of an estimate that is not valid, except that it is not."""
+"""The leader over MAVLink: a virtual leader that autopilots follow, and reports for ground stations. Those about
+tracking come from a camera component. Sans-IO; off unless the configuration names a link. Nothing is sent of an
+estimate that is not valid, except that it is not."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Final
 
+from onboard import __version__
+from onboard.autopilot.component import Component
 from onboard.autopilot.leader_messages import MAKE, OWN_SYSTEM, View
+from onboard.autopilot.requests import Requests, stamp
 from onboard.autopilot.stream import Stream
 from onboard.config import LeaderOutConfig
-from onboard.geometry.units import NS_PER_S
-from onboard.messages import Clock, Heartbeat, LeaderState
+from onboard.geometry.camera import Camera
+from onboard.messages import CameraInformation, Clock, Command, Heartbeat, LeaderState, Message
 from onboard.wire.mavlink_encode import MavlinkEncoder
 
-ONBOARD_CONTROLLER, INVALID = 18, 8  # MAV_TYPE, MAV_AUTOPILOT: no ground station takes it for a vehicle to command
+ONBOARD_CONTROLLER, CAMERA, INVALID = (
+    18,
+    30,
+    8,
+)  # MAV_TYPE, MAV_AUTOPILOT: no ground station takes it for a vehicle to command
 STANDBY, ACTIVE = 3, 4  # MAV_STATE
 TELLS_IDLE: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"})
 
@@ -25,14 +34,37 @@ class LeaderOutput:
         self._is_leader = not OWN_SYSTEM.isdisjoint(self.streams)
         self._us = MavlinkEncoder(system, component)
         self._virtual = MavlinkEncoder(config.system, config.component)
-        self._next_heartbeat_ns = 0
+        self._heartbeats, self._camera_heartbeats = Stream(1.0), Stream(1.0, fixed=True)
+        self._requests_of_camera = Requests()
+        self._camera: Component | None = None
+        if not TELLS_IDLE.isdisjoint(self.streams):
+            self._camera = Component(system, config.camera_component, self.link, self._requests_of_camera)
+
+    def offer(
+        self, requests: Requests, camera: Camera, name: str, can_send: Callable[["LeaderOutput", str], bool]
+    ) -> None:
+        """Let all that is sent be requested, of us or of the camera of that name."""
+        for kind, stream in self.streams.items():
+            of = self._requests_of_camera if kind in TELLS_IDLE else requests
+            of.offer_stream(self.link, kind, stream, partial(can_send, self, kind))
+        self._requests_of_camera.offer_stream(self.link, "HEARTBEAT", self._camera_heartbeats, lambda: True)
+        self._requests_of_camera.offer("CAMERA_INFORMATION", partial(_information, camera, name))
+
+    def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
+        """Answers of the camera to commands."""
+        camera = self._camera
+        if camera is None:
+            return []
+        commands = [m for m in messages if isinstance(m, Command) and camera.is_target(m)]
+        return [frame for m in commands for frame in camera.answer(m, now_ns)]
 
     def frames(self, state: LeaderState | None, view: View | None, now_ns: int) -> list[bytes]:
         """Frames due at a time on this computer's clock."""
         frames = []
-        if self._is_leader and now_ns >= self._next_heartbeat_ns:
-            self._next_heartbeat_ns = now_ns + NS_PER_S
+        if self._is_leader and self._heartbeats.is_due(now_ns):
             frames.append(self._virtual.encode(_heartbeat(is_valid=state is not None and state.valid)))
+        if self._camera is not None and self._camera_heartbeats.is_due(now_ns):
+            frames.append(self._camera.encode(_heartbeat(is_valid=True, kind=CAMERA)))
         if state is not None and view is not None:
             frames.extend(self._reports(state, view, now_ns))
         return frames
@@ -49,12 +81,26 @@ class LeaderOutput:
                 continue
             message = MAKE[name](state, view)
             if message is not None:
-                yield (self._virtual if name in OWN_SYSTEM else self._us).encode(message)
+                yield self._sender(name).encode(message)
+
+    def _sender(self, name: str) -> MavlinkEncoder | Component:
+        if name in OWN_SYSTEM:
+            return self._virtual
+        return self._camera if name in TELLS_IDLE and self._camera is not None else self._us
 
 
-def _heartbeat(*, is_valid: bool) -> Heartbeat:
+def _information(camera: Camera, name: str, now_ns: int) -> CameraInformation:
+    major, minor, patch = (int(part) for part in __version__.split(".")[:3])
+    return CameraInformation(
+        **stamp(now_ns),
+        name=name,
+        width_px=round(camera.width_px),
+        height_px=round(camera.height_px),
+        version=(major, minor, patch),
+    )
+
+
+def _heartbeat(*, is_valid: bool, kind: int = ONBOARD_CONTROLLER) -> Heartbeat:
     status = ACTIVE if is_valid else STANDBY
     times = {"t_ns": 0, "t_recv_ns": 0}
-    return Heartbeat(
-        **times, clock=Clock.NONE, vehicle_type=ONBOARD_CONTROLLER, autopilot=INVALID, armed=False, status=status
-    )
+    return Heartbeat(**times, clock=Clock.NONE, vehicle_type=kind, autopilot=INVALID, armed=False, status=status)

@@ -2,7 +2,6 @@
 traffic."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
 from typing import NamedTuple
 
 from onboard.autopilot.leader_messages import View
@@ -15,7 +14,16 @@ from onboard.autopilot.requests import Requests, version
 from onboard.autopilot.session import Session
 from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import Config, source_delays_ns
-from onboard.messages import Estimate, GlobalPosition, Heartbeat, LeaderState, Message, NavState, Output
+from onboard.messages import (
+    ComputerStatus,
+    Estimate,
+    GlobalPosition,
+    Heartbeat,
+    LeaderState,
+    Message,
+    NavState,
+    Output,
+)
 from onboard.wire.signing import Signer
 
 PX4 = 12  # MAV_AUTOPILOT
@@ -76,6 +84,7 @@ class AutopilotOutput:
         lines for a person."""
         config, ids = self._config, (autopilot.system, self._config.autopilot.component)
         self._autopilot = autopilot
+        self._requests.clear_streams()
         for session in self._sessions.values():
             session.connect(autopilot)
         self._traffic.connect(autopilot.system)
@@ -84,7 +93,6 @@ class AutopilotOutput:
         self._leader_outputs = [LeaderOutput(out, *ids) for out in usable]
         self._leader_states.restart()
         self._leader_states.delay_ns = source_delays_ns(config.delay, autopilot.autopilot)[GlobalPosition]
-        self._requests.clear_streams()
         self._offer()
         return [
             f"leader_out on {out.link}: not sent, since system {out.system} is the autopilot's own"
@@ -102,8 +110,7 @@ class AutopilotOutput:
             for name, stream in traffic.streams.items():
                 offer(traffic.link, name, stream, lambda: True)
         for out in self._leader_outputs:
-            for name, stream in out.streams.items():
-                offer(out.link, name, stream, partial(self._can_send, out, name))
+            out.offer(self._requests, self._camera, self._config.camera.name, self._can_send)
 
     def _can_send(self, out: LeaderOutput, name: str) -> bool:
         return out.can_send(name, self.leader, self._view())
@@ -129,7 +136,16 @@ class AutopilotOutput:
         """Answers to the messages of a channel, on the same channel."""
         if self._autopilot is not None:
             self._leader_states.receive(messages, self._autopilot.system, self._autopilot.component)
-        return Outgoing(channel, self._sessions[channel].respond(messages, now_ns))
+        frames = self._sessions[channel].respond(messages, now_ns)
+        for out in self._leader_outputs:
+            if out.link == channel:
+                frames.extend(out.respond(messages, now_ns))
+        return Outgoing(channel, frames)
+
+    def show_computer(self, status: ComputerStatus) -> None:
+        """Take the state of this computer, to be sent."""
+        for session in self._sessions.values():
+            session.computer = status
 
     def tick(
         self,

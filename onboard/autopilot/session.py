@@ -10,14 +10,26 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from onboard.autopilot.component import Component
 from onboard.autopilot.parameters import Parameters
-from onboard.autopilot.requests import ACCEPTED, UNSUPPORTED, Answer, Requests, stamp
+from onboard.autopilot.requests import Requests, stamp
+from onboard.autopilot.stream import Stream
 from onboard.config import AutopilotConfig, Config
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Command, CommandAck, Heartbeat, Message, ParamRequest, Ping, TimeSync, tagged
-from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
+from onboard.messages import (
+    Command,
+    CommandAck,
+    ComputerStatus,
+    Heartbeat,
+    Message,
+    ParamRequest,
+    Ping,
+    TimeSync,
+    tagged,
+)
+from onboard.wire.mavlink_encode import message_number
 
-TIMESYNC_PERIOD_NS: Final = NS_PER_S // 5
+TIMESYNC_HZ: Final = 5.0
 ASK_AGAIN_NS: Final = 5 * NS_PER_S
 STATUS_HZ: Final = 5.0
 ARDUPILOT: Final = 3
@@ -27,12 +39,12 @@ INVALID: Final = 8
 ACTIVE: Final = 4
 CRITICAL: Final = 5
 DONE: Final = frozenset({0, 5})  # MAV_RESULT accepted, in progress
-TO_ALL: Final = 0  # as a target component
 ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
 
 
 class Session:
-    """The conversation on one link. Nothing is sent before an autopilot is heard."""
+    """The conversation on one link. Nothing is sent before an autopilot is heard. `computer` is the state of this
+    computer, if it is known."""
 
     def __init__(
         self,
@@ -45,10 +57,11 @@ class Session:
         self._config, self._channel, self._requests_of_us = config, channel, requests or Requests()
         self._parameters = parameters or Parameters(Config())
         self._refusals = self._status_requests = 0
-        self._encoder: MavlinkEncoder | None = None
+        self.computer: ComputerStatus | None = None
+        self._us: Component | None = None
         self._autopilot: Heartbeat | None = None
-        self._next_heartbeat = 0
-        self._next_timesync = 0
+        self._heartbeats, self._timesyncs = Stream(1.0, fixed=True), Stream(TIMESYNC_HZ, fixed=True)
+        self._computer_statuses = Stream(1.0)
         self._next_request = 0
         self._has_asked_status = False  # once per boot: not every autopilot has it
         self._next_origin = 0
@@ -56,7 +69,11 @@ class Session:
     def connect(self, autopilot: Heartbeat) -> None:
         """An autopilot was heard: we are a component of its system."""
         self._autopilot = autopilot
-        self._encoder = MavlinkEncoder(autopilot.system, self._config.component)
+        self._us = Component(autopilot.system, self._config.component, self._channel, self._requests_of_us)
+        offer = self._requests_of_us.offer_stream
+        offer(self._channel, "HEARTBEAT", self._heartbeats, lambda: True)
+        offer(self._channel, "TIMESYNC", self._timesyncs, lambda: True)
+        offer(self._channel, "ONBOARD_COMPUTER_STATUS", self._computer_statuses, lambda: self.computer is not None)
         self.reboot()
 
     def reboot(self) -> None:
@@ -73,11 +90,11 @@ class Session:
         if self._autopilot is None:
             return []
         frames = []
-        if now_ns >= self._next_heartbeat:
-            self._next_heartbeat = now_ns + NS_PER_S
+        if self._heartbeats.is_due(now_ns):
             frames.append(self._heartbeat(healthy=healthy))
-        if now_ns >= self._next_timesync:
-            self._next_timesync = now_ns + TIMESYNC_PERIOD_NS
+        if self.computer is not None and self._computer_statuses.is_due(now_ns):
+            frames.append(self._pack(self.computer))
+        if self._timesyncs.is_due(now_ns):
             frames.append(self._pack(TimeSync(**stamp(now_ns), tc1_ns=0, ts1_ns=tagged(now_ns))))
         if self._config.request_rates and now_ns >= self._next_request:
             self._next_request = now_ns + ASK_AGAIN_NS
@@ -93,25 +110,26 @@ class Session:
 
     def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
         """Answers to requests of the autopilot, and of others through it or beside it."""
-        if self._autopilot is None:
+        us = self._us
+        if us is None:
             return []
         frames = []
         for m in messages:
-            if (m.system, m.component) == (self._autopilot.system, self._config.component):
-                continue  # our own, come back by another way
+            if us.is_sender(m):
+                continue
             if isinstance(m, TimeSync) and m.tc1_ns == 0:
                 frames.append(self._pack(TimeSync(**stamp(now_ns), tc1_ns=now_ns, ts1_ns=m.ts1_ns)))
             elif isinstance(m, Ping) and m.target_system == m.target_component == 0:
                 frames.append(self._pack(_pong(m, now_ns)))
-            elif isinstance(m, ParamRequest) and self._is_us(m):
+            elif isinstance(m, ParamRequest) and us.is_target(m):
                 replies, refusal = self._parameters.answer(m, now_ns)
                 frames.extend(map(self._pack, replies))
                 if refusal:
                     self.lines.append(f"parameter refused: {refusal}")
-            elif isinstance(m, CommandAck) and self._is_us(m):
+            elif isinstance(m, CommandAck) and us.is_target(m):
                 self._read_ack(m)
-            elif isinstance(m, Command) and self._is_us(m):
-                frames.extend(self._answer(m, now_ns))
+            elif isinstance(m, Command) and us.is_target(m):
+                frames.extend(us.answer(m, now_ns))
         return frames
 
     def _read_ack(self, m: CommandAck) -> None:
@@ -122,28 +140,6 @@ class Session:
         self._refusals += 1
         if self._refusals == self._status_requests + 1:
             self.lines.append(f"the autopilot refuses a message rate (MAV_RESULT {m.result})")
-
-    def _is_us(self, m: Command | CommandAck | ParamRequest) -> bool:
-        system = self._autopilot.system if self._autopilot else 0
-        return m.target_system == system and m.target_component in {self._config.component, TO_ALL}
-
-    def _answer(self, m: Command, now_ns: int) -> list[bytes]:
-        """COMMAND_ACK and what was requested. What all components are asked for and we do not have is left to the
-        others."""
-        answer = self._requests_of_us.answer(self._channel, m, now_ns)
-        if m.command == dialect.MAV_CMD_REQUEST_MESSAGE and m.params[0] == dialect.MAVLINK_MSG_ID_HEARTBEAT:
-            self._next_heartbeat = 0
-            answer = Answer(ACCEPTED)
-        if answer.result == UNSUPPORTED and m.target_component == TO_ALL:
-            return []
-        ack = CommandAck(
-            **stamp(now_ns),
-            target_system=m.system,
-            target_component=m.component,
-            command=m.command,
-            result=answer.result,
-        )
-        return [self._pack(ack), *map(self._pack, answer.messages)]
 
     def _heartbeat(self, *, healthy: bool) -> bytes:
         return self._pack(
@@ -192,8 +188,8 @@ class Session:
         return self._pack(message)
 
     def _pack(self, message: Message) -> bytes:
-        assert self._encoder is not None  # noqa: S101 - connect() comes before anything is packed
-        return self._encoder.encode(message)
+        assert self._us is not None  # noqa: S101 - connect() comes before anything is packed
+        return self._us.encode(message)
 
 
 def _pong(m: Ping, now_ns: int) -> Ping:

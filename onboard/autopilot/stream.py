@@ -10,9 +10,11 @@ DEFAULT: Final = 0
 
 
 class Stream:
-    """One message on one link. `interval_ns`: 0 if it is off."""
+    """One message on one link. `interval_ns`: 0 if it is off. A `fixed` interval is not changed: others rely on
+    it."""
 
-    def __init__(self, rate_hz: float) -> None:
+    def __init__(self, rate_hz: float, *, fixed: bool = False) -> None:
+        self._is_fixed = fixed
         self.interval_ns = self._default_ns = round(NS_PER_S / rate_hz)
         self._due_ns: int | None = None
         self._is_requested = False
@@ -42,7 +44,10 @@ class Stream:
         return is_requested
 
     def set_interval(self, interval_us: float, fastest_hz: float) -> bool:
-        """Take the interval of a SET_MESSAGE_INTERVAL. False for one that is not finite or too short."""
+        """Take the interval of a SET_MESSAGE_INTERVAL. False for one that is not finite, is too short, or may not
+        be changed."""
+        if self._is_fixed:
+            return interval_us in {DEFAULT, self._default_ns // 1000}
         if interval_us == OFF:
             self.interval_ns = 0
         elif interval_us == DEFAULT:

@@ -144,6 +144,7 @@ class LeaderOutConfig(Record, frozen=True, kw_only=True):
     rates_hz: dict[LeaderMessage, OutRate] = msgspec.field(default_factory=lambda: {"FOLLOW_TARGET": 20.0})
     system: Annotated[int, msgspec.Meta(ge=1, le=254)] = 200  # of the virtual leader: FOLL_SYSID
     component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 191  # of the virtual leader
+    camera_component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 100  # sends CAMERA_TRACKING_*; a free one
 
 
 class Config(Record, frozen=True, kw_only=True):

@@ -55,7 +55,16 @@ from onboard.messages.guidance import (
     TargetRelative,
 )
 from onboard.messages.health import Health, LinkHealth, Refusal, SinkHealth, StreamHealth
-from onboard.messages.parameters import ParamAck, ParamAction, ParamRequest, ParamValue, Ping, Version
+from onboard.messages.parameters import (
+    CameraInformation,
+    ComputerStatus,
+    ParamAck,
+    ParamAction,
+    ParamRequest,
+    ParamValue,
+    Ping,
+    Version,
+)
 from onboard.messages.surveillance import (
     AdsbVehicle,
     AltitudeType,
@@ -98,6 +107,7 @@ __all__ = [
     "Barometer",
     "Box",
     "CameraDetections",
+    "CameraInformation",
     "CameraPoints",
     "CameraTracking",
     "CameraTrackingGeo",
@@ -106,6 +116,7 @@ __all__ = [
     "Collision",
     "Command",
     "CommandAck",
+    "ComputerStatus",
     "Datagram",
     "DetectedPoint",
     "Detection",

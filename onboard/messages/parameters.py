@@ -58,3 +58,25 @@ class Version(Message, frozen=True, kw_only=True):
 
     capabilities: int
     version: tuple[int, int, int]
+
+
+class ComputerStatus(Message, frozen=True, kw_only=True):
+    """ONBOARD_COMPUTER_STATUS: seconds since boot, load of each core in percent, bytes of memory and storage,
+    deg C. None or empty: not known."""
+
+    uptime: float
+    cpu_percent: tuple[float, ...]
+    memory_used: int | None
+    memory_total: int | None
+    storage_used: int | None
+    storage_total: int | None
+    temperature: float | None
+
+
+class CameraInformation(Message, frozen=True, kw_only=True):
+    """CAMERA_INFORMATION of a camera in which we track the leader, and which takes no commands."""
+
+    name: str
+    width_px: int
+    height_px: int
+    version: tuple[int, int, int]

@@ -28,7 +28,7 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
-from onboard.wire import guidance, parameters
+from onboard.wire import companion, guidance, parameters
 from onboard.wire.mavlink_frame import TARGET_RELATIVE
 
 BODY_FRD: Final = 12
@@ -220,6 +220,7 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     AdsbVehicle: _adsb_vehicle,
     Collision: _collision,
     Odometry: _odometry,
+    **companion.ENCODE,
     **guidance.ENCODE,
     **parameters.ENCODE,
 }

@@ -6,8 +6,23 @@ const load = createRequire(folder + '/')
 const { MavLinkPacketSplitter, MavLinkPacketParser, MavLinkProtocolV2, minimal, standard, common, ardupilotmega,
   development } = load('node-mavlink')
 
+const { MavLinkData, MavLinkPacketField } = load('mavlink-mappings/dist/lib/mavlink')
+
+// Newer than the package's dialects; TARGET_RELATIVE is in its development dialect.
+class OnboardComputerStatus extends MavLinkData {}
+OnboardComputerStatus.MSG_ID = 390
+OnboardComputerStatus.MSG_NAME = 'ONBOARD_COMPUTER_STATUS'
+OnboardComputerStatus.MAGIC_NUMBER = 156
+OnboardComputerStatus.FIELDS = [
+  new MavLinkPacketField('time_usec', 'timeUsec', 0, false, 8, 'uint64_t', 'us'),
+  new MavLinkPacketField('uptime', 'uptime', 8, false, 4, 'uint32_t', 'ms'),
+  new MavLinkPacketField('ram_usage', 'ramUsage', 12, false, 4, 'uint32_t', 'MiB'),
+  new MavLinkPacketField('ram_total', 'ramTotal', 16, false, 4, 'uint32_t', 'MiB'),
+  new MavLinkPacketField('cpu_cores', 'cpuCores', 197, false, 1, 'uint8_t[]', '%', 8),
+]
+
 const registry = { ...minimal.REGISTRY, ...standard?.REGISTRY, ...common.REGISTRY, ...ardupilotmega.REGISTRY,
-  ...development.REGISTRY }
+  ...development.REGISTRY, 390: OnboardComputerStatus }
 const secret = Buffer.from(key, 'hex')
 const found = []
 const plain = (_, value) => typeof value === 'bigint' ? Number(value) : value

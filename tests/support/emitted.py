@@ -6,7 +6,8 @@ from typing import Any, Final
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import Parameters
 from onboard.config import parse_config
-from onboard.messages import Clock, Command, Message, ParamAction, ParamRequest, Ping, TimeSync
+from onboard.messages import Clock, Command, ComputerStatus, Message, ParamAction, ParamRequest, Ping, TimeSync
+from onboard.wire.mavlink_encode import message_number
 from tests.support.leader import AUTOPILOT, S, T, estimate, origin, own_pose
 from tests.support.vehicle_records import TRAFFIC, nav_state
 
@@ -21,8 +22,11 @@ LEADER: Final = (
     "CAMERA_TRACKING_IMAGE_STATUS",
     "CAMERA_TRACKING_GEO_STATUS",
 )
-STREAMS: Final = frozenset({*LEADER, "ODOMETRY", "COLLISION", "HEARTBEAT", "TIMESYNC"})
-ON_REQUEST: Final = frozenset({"AUTOPILOT_VERSION"})
+STREAMS: Final = frozenset({*LEADER, "ODOMETRY", "COLLISION", "HEARTBEAT", "TIMESYNC", "ONBOARD_COMPUTER_STATUS"})
+CAMERA: Final = 100  # the component that sends what a camera does
+OF_CAMERA: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS", "CAMERA_INFORMATION"})
+FIXED: Final = frozenset({"HEARTBEAT", "TIMESYNC"})  # whose rates others rely on
+ON_REQUEST: Final = frozenset({"AUTOPILOT_VERSION", "CAMERA_INFORMATION"})
 # Answers and events, which are nobody's to request: what they answer is requested instead.
 ANSWERS: Final = frozenset(
     {
@@ -48,7 +52,25 @@ def everything(keys: dict[str, bytes] | None = None) -> AutopilotOutput:
     for record in (own_pose(), estimate()):
         list(out.publish(record))
     out.respond(LINK, [origin()], NOW)
+    out.show_computer(computer())
     return out
+
+
+def computer() -> ComputerStatus:
+    """Two cores, 1 of 4 GiB, 8 of 32 GiB, 61.4 deg C."""
+    gib = 2**30
+    return ComputerStatus(
+        t_ns=NOW,
+        t_recv_ns=NOW,
+        clock=Clock.HOST,
+        uptime=100.5,
+        cpu_percent=(12.4, 100.0),
+        memory_used=gib,
+        memory_total=4 * gib,
+        storage_used=8 * gib,
+        storage_total=32 * gib,
+        temperature=61.4,
+    )
 
 
 def sent(out: AutopilotOutput, now_ns: int = NOW) -> list[bytes]:
@@ -68,9 +90,25 @@ def answered(out: AutopilotOutput) -> list[bytes]:
         ParamRequest(**sender, **to_us, action=ParamAction.LIST, extended=False),
         ParamRequest(**sender, **to_us, action=ParamAction.LIST, extended=True),
         ParamRequest(**sender, **to_us, action=ParamAction.SET, extended=True, name="CAM_SIGMA_PX", value=2.0),
-        *(Command(**sender, **to_us, command=c, params=(n, *[0.0] * 6)) for c, n in ((510, 144.0), (512, 148.0))),
     ]
-    return out.respond(LINK, messages, NOW).frames
+    asked = ((510, "FOLLOW_TARGET"), (512, "AUTOPILOT_VERSION"), (512, "CAMERA_INFORMATION"))
+    commands: list[Message] = [command(name, number) for number, name in asked]
+    return out.respond(LINK, [*messages, *commands], NOW).frames
+
+
+def command(name: str, number: int, *params: float, component: int | None = None) -> Command:
+    """A command about a message, to the component that sends it."""
+    return Command(
+        t_ns=NOW,
+        t_recv_ns=NOW,
+        clock=Clock.NONE,
+        system=255,
+        component=190,
+        target_system=7,
+        target_component=(CAMERA if name in OF_CAMERA else 191) if component is None else component,
+        command=number,
+        params=tuple([float(message_number(name)), *params, *(0.0,) * 7][:7]),
+    )
 
 
 def frames(outgoing: Iterable[Outgoing]) -> list[bytes]:

@@ -87,14 +87,15 @@ def test_a_rate_is_kept_by_a_timer_that_does_not_divide_it() -> None:
 def test_nothing_is_sent_of_an_estimate_that_is_not_valid_but_that_it_is_not() -> None:
     sent = parsed(output(*ALL).frames(lost_state(), VIEW, NOW))
     assert [m.get_type() for m in sent] == [
-        "HEARTBEAT",
+        *("HEARTBEAT", "HEARTBEAT"),  # of the virtual leader and of the camera
         "CAMERA_TRACKING_IMAGE_STATUS",
         "CAMERA_TRACKING_GEO_STATUS",
     ]
-    assert [m.tracking_status for m in sent[1:]] == [0, 0]
+    assert [m.tracking_status for m in sent[2:]] == [0, 0]
+    assert (sent[1].get_srcComponent(), sent[1].type) == (100, 30)
     assert sent[0].system_status == 3  # standby
-    assert all(math.isnan(x) for x in (sent[1].point_x, sent[2].alt, sent[2].dist))
-    assert parsed(output(*ALL).frames(None, None, NOW))[1:] == []
+    assert all(math.isnan(x) for x in (sent[2].point_x, sent[3].alt, sent[3].dist))
+    assert parsed(output(*ALL).frames(None, None, NOW))[2:] == []
 
 
 def test_numbers_of_an_estimate_that_is_not_valid_are_not_sent() -> None:

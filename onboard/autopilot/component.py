@@ -1,0 +1,45 @@
+"""One MAVLink component of ours on one link: it packs its messages, and answers commands addressed to it."""
+
+from typing import Final
+
+from onboard.autopilot.requests import UNSUPPORTED, Requests, stamp
+from onboard.messages import Command, CommandAck, Message, ParamRequest
+from onboard.wire.mavlink_encode import MavlinkEncoder
+
+TO_ALL: Final = 0  # as a target component
+
+
+class Component:
+    """(system, component) and what may be requested of it."""
+
+    def __init__(self, system: int, component: int, channel: str, requests: Requests) -> None:
+        self._system, self._component, self._channel = system, component, channel
+        self._requests = requests
+        self._encoder = MavlinkEncoder(system, component)
+
+    def encode(self, message: Message) -> bytes:
+        """A message of ours as a frame."""
+        return self._encoder.encode(message)
+
+    def is_sender(self, m: Message) -> bool:
+        """Whether a message is our own, come back by another way."""
+        return (m.system, m.component) == (self._system, self._component)
+
+    def is_target(self, m: Command | CommandAck | ParamRequest) -> bool:
+        """Whether a message is addressed to us, or to all components of our system."""
+        return m.target_system == self._system and m.target_component in {self._component, TO_ALL}
+
+    def answer(self, m: Command, now_ns: int) -> list[bytes]:
+        """COMMAND_ACK and what was requested. What all components are asked for and we do not have is left to the
+        others."""
+        answer = self._requests.answer(self._channel, m, now_ns)
+        if answer.result == UNSUPPORTED and m.target_component == TO_ALL:
+            return []
+        ack = CommandAck(
+            **stamp(now_ns),
+            target_system=m.system,
+            target_component=m.component,
+            command=m.command,
+            result=answer.result,
+        )
+        return [self.encode(ack), *map(self.encode, answer.messages)]

@@ -1,0 +1,82 @@
+"""MAVSDK's camera plugin finds the camera in which we track the leader, by our heartbeat and our answers."""
+
+import importlib.util
+import json
+import socket
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from onboard.messages import Datagram, Encoding
+from onboard.wire.datagrams import DatagramDecoder
+from onboard.wire.mavlink_encode import MavlinkEncoder
+from tests.support.emitted import LINK, NOW, everything, sent
+from tests.support.leader import AUTOPILOT, S
+from tests.support.programs import PATIENCE, free_ports
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("mavsdk") is None, reason="MAVSDK's Python package (mavsdk) is not installed"
+)
+CLIENT = """
+import json, sys, time
+from mavsdk import ComponentType, Configuration, Mavsdk
+from mavsdk.plugins.camera import Camera
+
+mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
+mavsdk.add_any_connection(sys.argv[1])
+system = mavsdk.first_autopilot(30.0)
+assert system is not None, "no autopilot"
+camera = Camera(system)
+deadline = time.monotonic() + 60
+while not (cameras := camera.camera_list().cameras) and time.monotonic() < deadline:
+    time.sleep(0.05)
+found = []
+for c in cameras:
+    size = [c.horizontal_resolution_px, c.vertical_resolution_px]
+    found.append([c.component_id, c.vendor_name, c.model_name, *size])
+print("FOUND " + json.dumps(found), flush=True)
+"""
+
+
+def test_mavsdk_finds_the_camera_in_which_we_track() -> None:
+    (port,) = free_ports(socket.SOCK_DGRAM)
+    out, autopilot, decoder = everything(), MavlinkEncoder(7, 1), DatagramDecoder()
+    command = [sys.executable, "-c", CLIENT, f"udpin://127.0.0.1:{port}"]
+    client = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
+            ours.connect(("127.0.0.1", port))
+            ours.settimeout(0.05)
+            for k in range(round(PATIENCE / 0.05)):
+                for frame in (autopilot.encode(AUTOPILOT), *sent(out, NOW + k * S // 20)):
+                    exchange(ours, frame)
+                for frame in answers(ours, out, decoder):
+                    exchange(ours, frame)
+                if client.poll() is not None:
+                    break
+        text, _ = client.communicate(timeout=PATIENCE)
+    finally:
+        client.kill()
+        client.wait()
+    found: list[Any] = json.loads(text.split("FOUND ")[1].splitlines()[0])
+    assert found == [[100, "wingline", "front", 640, 480]], text
+
+
+def exchange(ours: socket.socket, frame: bytes) -> None:
+    try:
+        ours.send(frame)
+    except ConnectionRefusedError:  # it does not listen yet
+        return
+
+
+def answers(ours: socket.socket, out: Any, decoder: DatagramDecoder) -> list[bytes]:
+    """Frames that answer what comes next, if anything comes."""
+    try:
+        data = ours.recv(65_536)
+    except (TimeoutError, ConnectionRefusedError):
+        return []
+    received = Datagram(channel=LINK, encoding=Encoding.MAVLINK, t_recv_ns=NOW, data=data)
+    frames: list[bytes] = out.respond(LINK, decoder.decode(received), NOW).frames
+    return frames
