@@ -128,7 +128,7 @@ def assert_good_citizen(frames: list[Any]) -> None:
     """The daemon's messages. When it sends which, tests/unit/autopilot says on a clock of its own: here rates sag
     when the machine is busy, and it requests them again."""
     kinds = Counter(m.get_type() for m in frames)
-    assert set(kinds) == {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG", "STATUSTEXT"}
+    assert set(kinds) == {"HEARTBEAT", "TIMESYNC", "COMMAND_LONG", "STATUSTEXT", "ONBOARD_COMPUTER_STATUS"}
     assert "leader tracked" in {m.text for m in frames if m.get_type() == "STATUSTEXT"}
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in frames} == {(1, 191)}
     beats = [m for m in frames if m.get_type() == "HEARTBEAT"]

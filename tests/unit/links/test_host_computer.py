@@ -10,7 +10,8 @@ from onboard.wire.mavlink_encode import MavlinkEncoder
 
 
 def write(folder: Path, busy: int, idle: int) -> None:
-    (folder / "stat").write_text(f"cpu  9 9 9 9 9 9 9 9 0 0\ncpu0 {busy} 0 0 {idle // 2} {idle // 2} 0 0 0 0 0\nintr 5\n")
+    core = f"cpu0 {busy} 0 0 {idle // 2} {idle // 2} 0 0 0 0 0"
+    (folder / "stat").write_text(f"cpu  9 9 9 9 9 9 9 9 0 0\n{core}\nintr 5\n")
     (folder / "meminfo").write_text("MemTotal:  4194304 kB\nMemFree: 1 kB\nMemAvailable: 1048576 kB\n")
     (folder / "uptime").write_text("12.50 20.00\n")
     for k, milli in enumerate((45_000, 61_400)):
