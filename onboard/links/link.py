@@ -12,7 +12,7 @@ Deliver = Callable[[Datagram], None]
 NowNs = Callable[[], int]
 
 FIRST_RETRY_S: Final = 0.1
-LONGEST_RETRY_S: Final = 5.0
+LONGEST_RETRY_S: Final = 1.0  # a peer that comes back must not wait
 
 
 class LinkError(UserError):
