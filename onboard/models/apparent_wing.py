@@ -14,7 +14,7 @@ The follower's own errors are no states. An error of our velocity moves the lead
 attitude turns the whole scene; both are added to what is reported.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -34,8 +34,6 @@ LEAST_VISIBLE: Final = 0.05  # of the wing: seen exactly along itself, it still 
 SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided by
 TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
 FOLLOWS4: Final = 81.0  # (m/s)^4: a leader faster than its fourth root turns its nose with its course
-STEP_M: Final = 1e-3  # of differences, as a share of the range
-STEP_RAD: Final = 1e-3
 TINY: Final = 1e-12
 
 NUMBER: Final = types.float64
@@ -43,14 +41,34 @@ NOSES: Final = out(types.float64, 1)
 COVARIANCES: Final = out(types.float64, 3)
 
 
+class Noise(NamedTuple):
+    """The variances (N,) that a step adds: `fixed`; `broad`, times the square of the fraction that is seen of the
+    wing, of a steady leader and of one that accelerates (2, N); `range_`, times the square of the range; that of
+    `lean` by a drag that is not known, times the square of the acceleration; and that of `stretch` by a nose that
+    wobbles, times the square of the share by which a radian shortens the wing."""
+
+    fixed: Array
+    broad: Array
+    range_: Array
+    drag: float
+    wobble: float
+
+
 def predict(
-    means: Array, P: Array, noses: Array, dt: float, moved: Array, q: Array, decay: Array, drag: float
+    means: Array,
+    P: Array,
+    noses: Array,
+    dt: float,
+    moved: Array,
+    accelerates: Array,
+    noise: Noise,
+    decay: Array,
+    drag: float,
 ) -> None:
     """Means (K, N) and covariances (K, N, N), in place, after `dt` seconds in which the follower moves by `moved`
-    (3,) m, in n; the noses (K,) turn with the course. `q` (K, N) are the variances that the step adds; `decay`
-    (3,) is what it leaves of the acceleration along the track, the bank's error and the stretch; `drag` is in
-    1/s."""
-    _predict(means, P, noses, dt, moved, q, decay, drag)
+    (3,) m, in n; the noses (K,) turn with the course. `accelerates` (K,) is 0 or 1; `decay` (3,) is what the step
+    leaves of the acceleration along the track, the bank's error and the stretch; `drag` is in 1/s."""
+    _predict(means, P, noses, dt, moved, accelerates, *noise, decay, drag)
 
 
 def update(
@@ -59,23 +77,15 @@ def update(
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of an image: y (m,) of
     `models.wing_line` with noise R_y (m, m), by a camera at r_FC_n (3,) m with attitude R_cn (3, 3), about the
     measured axes `seen` (3, 3) in c. Means (K, N) and covariances (K, N, N) are corrected in place."""
-    nis, log_l = _update(means, P, noses, size, y, R_y, R_cn, r_FC, seen)
+    nis, log_l = _update(means, P, noses, size, y, R_y, r_FC, seen @ R_cn)
     return nis, log_l
 
 
 @njit(cache=True, error_model="numpy")
-def _wing(nose, bank):  # type: ignore[no-untyped-def]
-    """The direction in n from the left wingtip to the right one."""
-    level = np.cos(bank)
-    return -np.sin(nose) * level, np.cos(nose) * level, np.sin(bank)
-
-
-@njit(cache=True, error_model="numpy")
-def _bank(x, c, s):  # type: ignore[no-untyped-def]
-    """The bank of a wing square to the thrust, which carries the weight, accelerates, and leans against the
-    air."""
-    across = (x[7] + x[11]) * c - (x[6] + x[10]) * s
-    return np.arctan2(across, G - x[8])
+def _visible2(nose, x, y, square):  # type: ignore[no-untyped-def]
+    """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
+    along = np.cos(nose) * y - np.sin(nose) * x
+    return max(1.0 - along * along / square, 0.0) + LEAST_VISIBLE * LEAST_VISIBLE
 
 
 @njit(cache=True, error_model="numpy")
@@ -96,12 +106,22 @@ def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):  # ty
     w[12] *= decay[2]
 
 
-@njit((OUT, COVARIANCES, NOSES, NUMBER, VECTOR, ROWS, VECTOR, NUMBER), cache=True, error_model="numpy")
-def _predict(means, P, noses, dt, moved, q, decay, drag):  # type: ignore[no-untyped-def]
+@njit(
+    (OUT, COVARIANCES, NOSES, NUMBER, VECTOR, VECTOR, VECTOR, ROWS, VECTOR, NUMBER, NUMBER, VECTOR, NUMBER),
+    cache=True,
+    error_model="numpy",
+)
+def _predict(  # type: ignore[no-untyped-def]
+    means, P, noses, dt, moved, accelerates, fixed, broad, range_, by_drag, wobble, decay, drag
+):
     half = 0.5 * dt * dt
     for k in range(means.shape[0]):
         x, S = means[k], P[k]
         u, v, a, b = x[3], x[4], x[6], x[7]
+        square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
+        seen2 = _visible2(noses[k], x[0], x[1], square)
+        mode = int(accelerates[k])
+        lean = by_drag * (a * a + b * b)
         speed2 = u * u + v * v
         rate = (u * b - v * a) / (speed2 + SLOW2)
         noses[k] += speed2 * speed2 / (speed2 * speed2 + FOLLOWS4) * rate * dt
@@ -119,9 +139,12 @@ def _predict(means, P, noses, dt, moved, q, decay, drag):  # type: ignore[no-unt
             for j in range(N):
                 _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay)
         for i in range(N):
-            S[i, i] += q[k, i]
+            S[i, i] += fixed[i] + seen2 * broad[mode, i] + square * range_[i]
             for j in range(i):
                 S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
+        S[10, 10] += lean
+        S[11, 11] += lean
+        S[12, 12] += wobble * max(1.0 - seen2, 0.0) / seen2
         for i in range(3):
             x[i] += dt * x[3 + i] + half * x[6 + i] - moved[i]
             x[3 + i] += dt * x[6 + i]
@@ -133,134 +156,124 @@ def _predict(means, P, noses, dt, moved, q, decay, drag):  # type: ignore[no-unt
 
 
 @njit(cache=True, error_model="numpy")
-def _image(x, y, z, nose, bank, half, R_cn, seen, m, out):  # type: ignore[no-untyped-def]
-    """What an image shows of a leader at (x, y, z) from the camera, into `out` (m,)."""
-    w0, w1, w2 = _wing(nose, bank)
-    for k in range(3):
-        sign = (0.0, -half, half)[k]
-        a, b, c = x + sign * w0, y + sign * w1, z + sign * w2
-        p0 = R_cn[0, 0] * a + R_cn[0, 1] * b + R_cn[0, 2] * c
-        p1 = R_cn[1, 0] * a + R_cn[1, 1] * b + R_cn[1, 2] * c
-        p2 = R_cn[2, 0] * a + R_cn[2, 1] * b + R_cn[2, 2] * c
-        length = np.sqrt(p0 * p0 + p1 * p1 + p2 * p2)
-        twice = 2.0 / max(length + seen[0, 0] * p0 + seen[0, 1] * p1 + seen[0, 2] * p2, 1e-9 * length)
-        right = twice * (seen[1, 0] * p0 + seen[1, 1] * p1 + seen[1, 2] * p2)
-        down = twice * (seen[2, 0] * p0 + seen[2, 1] * p1 + seen[2, 2] * p2)
-        if k == 0:
-            out[0], out[1] = right, down
-        elif k == 1:
-            out[2], out[3] = -right, -down
-            if m > 4:
-                out[4], out[5] = 0.5 * right, 0.5 * down
-        else:
-            out[2] += right
-            out[3] += down
-            if m > 4:
-                out[4] += 0.5 * right
-                out[5] += 0.5 * down
-
-
-@njit(cache=True, error_model="numpy")
-def _linearised(x, nose, size, R_cn, r_FC, seen, m, h, J, up, low):  # type: ignore[no-untyped-def]
-    """The predicted measurement into h (m,), its derivatives by the state into J (m, N)."""
+def _linearised(x, nose, size, axes, r_FC, m, h, J):  # type: ignore[no-untyped-def]
+    """The predicted measurement into h (m,), its derivatives by the state into J (m, N); `axes` (3, 3) in n."""
     c, s = np.cos(nose), np.sin(nose)
-    bank = _bank(x, c, s) + x[9]
-    p = (x[0] - r_FC[0], x[1] - r_FC[1], x[2] - r_FC[2])
-    half = 0.5 * size * np.exp(x[12])
-    _image(p[0], p[1], p[2], nose, bank, half, R_cn, seen, m, h)
-    J[:] = 0.0
-    step = STEP_M * np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-    for i in range(3):
-        d0, d1, d2 = step * (i == 0), step * (i == 1), step * (i == 2)
-        _image(p[0] + d0, p[1] + d1, p[2] + d2, nose, bank, half, R_cn, seen, m, up)
-        _image(p[0] - d0, p[1] - d1, p[2] - d2, nose, bank, half, R_cn, seen, m, low)
-        for j in range(m):
-            J[j, i] = (up[j] - low[j]) / (2.0 * step)
-    _image(p[0], p[1], p[2], nose, bank + STEP_RAD, half, R_cn, seen, m, up)
-    _image(p[0], p[1], p[2], nose, bank - STEP_RAD, half, R_cn, seen, m, low)
     across, weight = (x[7] + x[11]) * c - (x[6] + x[10]) * s, G - x[8]
+    bank = np.arctan2(across, weight) + x[9]
+    half = 0.5 * size * np.exp(x[12])
+    level, steep = half * np.cos(bank), half * np.sin(bank)
+    wing = (-s * level, c * level, steep)
+    by_bank = (s * steep, -c * steep, level)
+    h[:] = 0.0
+    J[:] = 0.0
+    for point in range(3):  # the centre, the left and the right wingtip
+        side = (0.0, -1.0, 1.0)[point]
+        p0, p1, p2 = (
+            x[0] - r_FC[0] + side * wing[0],
+            x[1] - r_FC[1] + side * wing[1],
+            x[2] - r_FC[2] + side * wing[2],
+        )
+        length = np.sqrt(p0 * p0 + p1 * p1 + p2 * p2)
+        twice = 2.0 / max(length + axes[0, 0] * p0 + axes[0, 1] * p1 + axes[0, 2] * p2, 1e-9 * length)
+        u = (p0 / length + axes[0, 0], p1 / length + axes[0, 1], p2 / length + axes[0, 2])
+        for k in range(2):  # to the right, and down
+            e = axes[1 + k]
+            seen = twice * (e[0] * p0 + e[1] * p1 + e[2] * p2)
+            turned = 0.0
+            row, share = (k, 1.0) if point == 0 else (2 + k, side)
+            h[row] += share * seen
+            for i in range(3):
+                gradient = twice * (e[i] - 0.5 * seen * u[i])
+                J[row, i] += share * gradient
+                turned += gradient * side * by_bank[i]
+                if m > 4 and point > 0:
+                    J[4 + k, i] += 0.5 * gradient
+            J[row, 9] += share * turned
+            if m > 4 and point > 0:
+                h[4 + k] += 0.5 * seen
+                J[4 + k, 9] += 0.5 * turned
     square = across * across + weight * weight
     for j in range(m):
-        by_bank = (up[j] - low[j]) / (2.0 * STEP_RAD)
-        J[j, 6], J[j, 7], J[j, 8] = (
-            -s * weight / square * by_bank,
-            c * weight / square * by_bank,
-            across / square * by_bank,
-        )
-        J[j, 10], J[j, 11] = J[j, 6], J[j, 7]
-        J[j, 9] = by_bank
+        J[j, 6] = J[j, 10] = -s * weight / square * J[j, 9]
+        J[j, 7] = J[j, 11] = c * weight / square * J[j, 9]
+        J[j, 8] = across / square * J[j, 9]
     J[2, 12], J[3, 12] = h[2], h[3]
     if m > 4:
         J[4, 12], J[5, 12] = 2.0 * (h[4] - h[0]), 2.0 * (h[5] - h[1])  # it grows with the wing's square
 
 
 @njit(cache=True, error_model="numpy")
-def _innovation_factor(P, J, R_y, S, C, m):  # type: ignore[no-untyped-def]
-    """C = P J^T, and into S the Cholesky factor of J P J^T + R_y."""
-    for i in range(N):
-        for j in range(m):
-            total = 0.0
-            for n in range(N):
-                total += P[i, n] * J[j, n]
-            C[i, j] = total
+def _factor(R):  # type: ignore[no-untyped-def]
+    """The lower Cholesky factor of the measurement's noise (m, m)."""
+    m = R.shape[0]
+    L = np.zeros((m, m))
     for i in range(m):
         for j in range(i + 1):
-            total = R_y[i, j]
-            for n in range(N):
-                total += J[i, n] * C[n, j]
+            total = R[i, j]
             for n in range(j):
-                total -= S[i, n] * S[j, n]
-            S[i, j] = np.sqrt(max(total, TINY * TINY)) if i == j else total / S[j, j]
+                total -= L[i, n] * L[j, n]
+            L[i, j] = np.sqrt(max(total, TINY * TINY)) if i == j else total / L[j, j]
+    return L
 
 
 @njit(cache=True, error_model="numpy")
-def _whiten(e, S, C, K, m):  # type: ignore[no-untyped-def]
-    """e becomes S^-1 e, and K becomes C S^-T, with S a Cholesky factor; NIS and the determinant's logarithm."""
-    nis, log_det = 0.0, 0.0
-    for i in range(m):
-        for n in range(i):
-            e[i] -= S[i, n] * e[n]
-        e[i] /= S[i, i]
-        nis += e[i] * e[i]
-        log_det += 2.0 * np.log(S[i, i])
-    for i in range(N):
-        for j in range(m):
-            total = C[i, j]
-            for n in range(j):
-                total -= K[i, n] * S[j, n]
-            K[i, j] = total / S[j, j]
-    return nis, log_det
+def _whiten(L, e, J):  # type: ignore[no-untyped-def]
+    """Innovation and derivatives in units of the noise with factor L, in place."""
+    for i in range(e.shape[0]):
+        for j in range(i):
+            e[i] -= L[i, j] * e[j]
+            for n in range(N):
+                J[i, n] -= L[i, j] * J[j, n]
+        e[i] /= L[i, i]
+        for n in range(N):
+            J[i, n] /= L[i, i]
 
 
 @njit(cache=True, error_model="numpy")
-def _correct(x, P, e, K, m):  # type: ignore[no-untyped-def]
-    """Mean and covariance of one particle by a whitened innovation and its gain, in place."""
-    for i in range(N):
-        for j in range(m):
-            x[i] += K[i, j] * e[j]
-        for j in range(i + 1):
-            total = P[i, j]
-            for n in range(m):
-                total -= K[i, n] * K[j, n]
-            P[i, j] = P[j, i] = total
+def _correct(x, P, e, J, c, dx):  # type: ignore[no-untyped-def]
+    """Mean and covariance of one particle by one whitened component after another, in place: row operations, which
+    the compiler vectorises. The NIS, and the determinant of the innovation's covariance over that of the noise."""
+    nis, det = 0.0, 1.0
+    dx[:] = 0.0
+    for j in range(e.shape[0]):
+        c[:] = 0.0
+        for i in range(N):
+            if i < 3 or i > 5:  # no image shows a velocity
+                for n in range(N):
+                    c[n] += J[j, i] * P[i, n]
+        s, r = 1.0, e[j]
+        for n in range(N):
+            s += J[j, n] * c[n]
+            r -= J[j, n] * dx[n]
+        s = max(s, TINY)
+        nis += r * r / s
+        det *= s
+        g = 1.0 / s
+        for i in range(N):
+            dx[i] += c[i] * (r * g)
+            for n in range(N):
+                P[i, n] -= c[i] * c[n] * g
+    for n in range(N):
+        x[n] += dx[n]
+    return nis, det
 
 
-@njit((OUT, COVARIANCES, VECTOR, NUMBER, VECTOR, ROWS, ROWS, VECTOR, ROWS), cache=True, error_model="numpy")
-def _update(means, P, noses, size, y, R_y, R_cn, r_FC, seen):  # type: ignore[no-untyped-def]
+@njit((OUT, COVARIANCES, VECTOR, NUMBER, VECTOR, ROWS, VECTOR, ROWS), cache=True, error_model="numpy")
+def _update(means, P, noses, size, y, R_y, r_FC, axes):  # type: ignore[no-untyped-def]
     m, count = y.shape[0], means.shape[0]
     nis, log_l = np.empty(count), np.empty(count)
-    h, up, low, e = np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    J, S, C, K = np.empty((m, N)), np.empty((m, m)), np.empty((N, m)), np.empty((N, m))
+    h, e, J, L = np.empty(m), np.empty(m), np.empty((m, N)), _factor(R_y)
+    c, dx = np.empty(N), np.empty(N)
     for k in range(count):
-        _linearised(means[k], noses[k], size, R_cn, r_FC, seen, m, h, J, up, low)
+        _linearised(means[k], noses[k], size, axes, r_FC, m, h, J)
         # detectors name tips by their side
         sign = -1.0 if h[2] * y[2] + h[3] * y[3] < 0 else 1.0
         for i in range(m):
             e[i] = (sign if 2 <= i < 4 else 1.0) * y[i] - h[i]
-        _innovation_factor(P[k], J, R_y, S, C, m)
-        nis[k], log_det = _whiten(e, S, C, K, m)
-        _correct(means[k], P[k], e, K, m)
-        log_l[k] = -0.5 * (nis[k] + log_det)
+        _whiten(L, e, J)
+        nis[k], det = _correct(means[k], P[k], e, J, c, dx)
+        log_l[k] = -0.5 * (nis[k] + np.log(det))
     return nis, log_l
 
 
@@ -274,6 +287,13 @@ def axes_about(direction: Array) -> Array:
 def visible(noses: Array, directions: Array) -> Array:
     """The fraction (k,) that is seen of a level wing's length: its nose at `noses` (k,), the leader in the unit
     `directions` (k, 3)."""
-    along = np.cos(noses) * directions[:, 1] - np.sin(noses) * directions[:, 0]
-    found: Array = np.sqrt(np.maximum(1.0 - along * along, 0.0) + LEAST_VISIBLE * LEAST_VISIBLE)
+    found: Array = np.sqrt(_all_visible2(noses, directions))
+    return found
+
+
+@njit(types.float64[::1](VECTOR, ROWS), cache=True, error_model="numpy")
+def _all_visible2(noses, directions):  # type: ignore[no-untyped-def]
+    found = np.empty(noses.shape[0])
+    for k in range(noses.shape[0]):
+        found[k] = _visible2(noses[k], directions[k, 0], directions[k, 1], 1.0)
     return found

@@ -41,8 +41,8 @@ BOUNDS = {
     "formation-old-stamps": (4.0, 85, CHANCE),
     "formation-nav-error": (4.0, 70, 40),
     "formation-speed-change": (4.0, 85, CHANCE),
-    # The price of an estimate that is honest from any side: 4.8 %, 3.7 % while fewer noses were thought possible
-    "formation-from-the-side": (5.5, 85, CHANCE),
+    # The price of an estimate that is honest from any side: 6.0 %, 3.7 % while fewer noses were thought possible
+    "formation-from-the-side": (6.5, 85, CHANCE),
     # and 21 % while the leader hovers, with an ellipsoid that holds it. It was 3.1 % with the nose taken to be on
     # the course, and 6.2 % with a mixture that was confidently wrong of one hovering leader in three
     "formation-hover": (24.0, 85, CHANCE),
@@ -152,8 +152,8 @@ def test_stamps_80_ms_late_seed_1_are_corrected_when_the_delay_is_estimated(repl
     ignored = replay("formation-late-stamp", *exact).score
     estimated = replay("formation-late-stamp", "estimator.leader.delay_sigma_s=0.15", *exact).score
     in_time = replay("formation-late-image", *exact).score  # the same flight
-    assert ignored.inside_95_percent < 65
     assert estimated.inside_95_percent > 85
+    assert ignored.inside_95_percent < estimated.inside_95_percent - 15
     assert estimated.velocity_rmse_m_s < 1.15 * in_time.velocity_rmse_m_s < ignored.velocity_rmse_m_s
 
 

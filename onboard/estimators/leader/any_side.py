@@ -5,7 +5,7 @@ wrong range. The cloud of noses assumes nothing of the kind. Both follow the sam
 range and both agree, the estimate is the wing-line filter's, no surer of the range than the cloud is. Elsewhere
 the estimate is mean and covariance of the whole cloud, and the reason says what is open.
 
-The cloud takes an image every 90 ms at most: what it has to find out changes slowly, and it costs more.
+The cloud takes an image every 150 ms at most: what it has to find out changes slowly, and it costs more.
 """
 
 import math
@@ -24,10 +24,10 @@ from onboard.filters.belief import Belief, FilterError, Update
 from onboard.models.relative_motion import R
 from onboard.ownship import Step
 
-PERIOD_S: Final = 0.09  # between images that the cloud takes
+PERIOD_S: Final = 0.15  # between images that the cloud takes
 LONGEST_S: Final = 0.25  # of a prediction of the cloud
 RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open
-SHARP: Final = 0.08  # of the range: a cloud that is less certain cannot confirm the wing-line filter
+SHARP: Final = 0.15  # of the range: a cloud that is less certain cannot confirm the wing-line filter
 AGREE: Final = 1.0  # sigmas of the cloud's range: it confirms a wing-line range that is no farther off
 AGREE_AT_LEAST: Final = 0.025  # of the range: so near a range is confirmed in any case
 ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
@@ -45,15 +45,14 @@ class Pending(NamedTuple):
 
 
 class AnySide(NamedTuple):
-    """Both filters' states, a `summary` of the cloud at its time, how many images the wing-line filter has
-    rejected in a row: it is not believed meanwhile; and how long ago, s, the cloud last confirmed it."""
+    """Both filters' states, a `summary` of the cloud at its time (of a little earlier, and carried on), and how
+    many images the wing-line filter has rejected in a row: it is not believed meanwhile."""
 
     wing_line: Any
     cloud: Cloud
     summary: Summary
     pending: Pending
     rejected: int
-    unconfirmed: float
 
 
 class AnySideFilter:
@@ -75,16 +74,14 @@ class AnySideFilter:
         wing_line = self._wing_line.start(measurement, pose, earlier)
         noses = None if before is None else self._caught_up(before).cloud
         cloud = nose_particles.start(self._settings, measurement, pose, noses)
-        unconfirmed = math.inf if before is None else before.unconfirmed
         pending = Pending(0.0, np.zeros(3), pose.v_F_n)
-        return AnySide(wing_line, cloud, summarise(self._settings, cloud), pending, 0, unconfirmed)
+        return AnySide(wing_line, cloud, summarise(self._settings, cloud), pending, 0)
 
     def advance(self, state: AnySide, step: Step) -> AnySide:
         """The wing-line filter's prediction; the cloud is predicted when it takes an image, or after a while."""
         moved = state.pending.moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a
         pending = Pending(state.pending.dt + step.dt, moved, step.v1)
-        wing_line, unconfirmed = self._wing_line.advance(state.wing_line, step), state.unconfirmed + step.dt
-        advanced = state._replace(wing_line=wing_line, pending=pending, unconfirmed=unconfirmed)
+        advanced = state._replace(wing_line=self._wing_line.advance(state.wing_line, step), pending=pending)
         return self._caught_up(advanced) if pending.dt > LONGEST_S else advanced
 
     def fuse(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Update:
@@ -115,24 +112,16 @@ class AnySideFilter:
         if nis > self._settings.gate:
             return update._replace(belief=predicted)
         after = predicted._replace(cloud=cloud, summary=summarise(self._settings, cloud))
-        if self._agree(after):
-            after = after._replace(unconfirmed=0.0)
         return update._replace(belief=after, nis=min(update.nis, gate))
 
     def belief(self, state: AnySide) -> Belief:
-        """The wing-line filter's belief, no surer of the range than the cloud; or that of the whole cloud.
-
-        A wing-line filter that the cloud has confirmed stays right while a leader that stops keeps its nose, so it
-        counts with the probability that it does."""
+        """The wing-line filter's belief, no surer of the range than the cloud; or that of the whole cloud."""
         sharp = self._wing_line.belief(state.wing_line)
         known = state.summary.after(state.pending.dt, state.pending.moved)
         whole = as_leader(known, state.pending.v_F_n, sharp)
-        off = sharp.mean - whole.mean
         if not self._agree(state):
-            kept = self._keeps_its_nose(state)
-            spread = kept * (1.0 - kept) * np.outer(off, off)
-            covariance = kept * sharp.covariance + (1.0 - kept) * whole.covariance + spread
-            return Belief(whole.mean + kept * off, covariance)
+            return whole
+        off = sharp.mean - whole.mean
         covariance = sharp.covariance.copy()
         covariance[MOTION, MOTION] = whole.covariance[MOTION, MOTION] + off[MOTION, None] * off[MOTION]
         covariance[MOTION, 6:], covariance[6:, MOTION] = 0.0, 0.0
@@ -167,18 +156,13 @@ class AnySideFilter:
         ratio = math.log(float(np.linalg.norm(sharp)) / float(np.linalg.norm(now)))
         return abs(ratio) < max(AGREE * sigma, AGREE_AT_LEAST)
 
-    def _keeps_its_nose(self, state: AnySide) -> float:
-        """The probability that a leader which has stopped still has the nose with which it flew."""
-        if state.rejected or state.summary.flies():
-            return 0.0
-        return math.exp(-state.unconfirmed / self._settings.still_for)
-
     def _caught_up(self, state: AnySide) -> AnySide:
         """The cloud predicted to the wing-line filter's time."""
         dt, moved, v_F_n = state.pending
         if dt <= 0.0:
             return state
         cloud = nose_particles.predict(self._settings, state.cloud, dt, moved)
-        return state._replace(
-            cloud=cloud, summary=summarise(self._settings, cloud), pending=Pending(0.0, np.zeros(3), v_F_n)
-        )
+        pending = Pending(0.0, np.zeros(3), v_F_n)
+        if dt > LONGEST_S:  # no image corrects it soon
+            return state._replace(cloud=cloud, summary=summarise(self._settings, cloud), pending=pending)
+        return state._replace(cloud=cloud, summary=state.summary.after(dt, moved), pending=pending)

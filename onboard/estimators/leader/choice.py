@@ -26,7 +26,7 @@ from onboard.models.relative_motion import R
 from onboard.ownship import Step
 
 WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
-CRAB: Final = math.radians(12.0)  # rad, of a fixed wing's nose: wind of a fifth of its speed, at one sigma
+CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's nose: wind of a quarter of its speed, at one sigma
 UNSURE: Final = 1.4  # times the configured errors of our attitude: their sigmas are guesses, too
 SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
 

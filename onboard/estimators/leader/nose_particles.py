@@ -20,6 +20,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.draws import normal, uniform
 from onboard.estimators.leader.filter import Measurement
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError
@@ -31,6 +32,7 @@ FORGETS: Final = 5  # of so many particles one has a new nose when a track start
 MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one image
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
+MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its course
 DIAGONAL: Final = np.arange(N)
 
 
@@ -69,12 +71,14 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     speed = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
     diagonal = np.zeros((k, N))
     diagonal[:, V], diagonal[:, A] = speed, (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
-    diagonal[:, BANK_ERROR], diagonal[:, STRETCH] = (broad * settings.bank) ** 2, settings.stretch**2
+    diagonal[:, BANK_ERROR] = (broad * settings.bank) ** 2
+    shortens = np.maximum(1.0 - broad**2, 0.0) / broad**2
+    diagonal[:, STRETCH] = settings.stretch**2 + settings.nose_wobble**2 * shortens
     P[:, DIAGONAL, DIAGONAL] += diagonal
     _lean(settings, means, P, pose.v_F_n)
-    turns = _uniform(0, k) < settings.turning
-    rates = np.where(turns, settings.nose_rate * _normal(1, k), 0.0)
-    accelerates = (_uniform(3, k) < settings.accelerating).astype(float)
+    turns = uniform(0, k) < settings.turning
+    rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
+    accelerates = (uniform(3, k) < settings.accelerating).astype(float)
     return Cloud(noses, rates, accelerates, means, P, np.log(prior), 4)
 
 
@@ -97,9 +101,8 @@ def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any
     moving = math.hypot(v_F_n[0], v_F_n[1]) > MOVING
     course = math.atan2(v_F_n[1], v_F_n[0])
     if moving and settings.crab > 0:
-        apart = 2.5 * (2.0 * (np.arange(k) + 0.5) / k - 1.0)  # standard deviations of the crab
-        prior = np.exp(-0.5 * apart**2)
-        return course + apart * settings.crab, prior / prior.sum()
+        apart = MOST_CRAB * (2.0 * (np.arange(k) + 0.5) / k - 1.0)
+        return course + apart * settings.crab, np.full(k, 1.0 / k)  # `with_course` says which are likely
     few = k // 4 if moving else 0
     noses = bearing + math.pi * (np.arange(k - few) + 0.5) / (k - few)
     prior = np.full(k - few, 1.0 / (k - few))
@@ -116,47 +119,51 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     s, k = settings, len(cloud.noses)
     draws = cloud.draws
     noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-    change = _uniform(draws, k)
-    begins = (cloud.rates == 0.0) & (change < -math.expm1(-dt / s.still_for))
-    ends = (cloud.rates != 0.0) & (change < -math.expm1(-dt / s.turns_for))
-    rates = np.where(begins, s.nose_rate * _normal(draws + 1, k), np.where(ends, 0.0, cloud.rates))
-    change = _uniform(draws + 3, k)
-    to_bold = (cloud.accelerates == 0.0) & (change < -math.expm1(-dt / s.steady_for))
-    to_calm = (cloud.accelerates == 1.0) & (change < -math.expm1(-dt / s.accelerates_for))
-    accelerates = np.where(to_bold, 1.0, np.where(to_calm, 0.0, cloud.accelerates))
+    rates, accelerates = cloud.rates.copy(), cloud.accelerates.copy()
+    still, change = rates == 0.0, uniform(draws, k)
+    rates[~still & (change < -math.expm1(-dt / s.turns_for))] = 0.0
+    begins = still & (change < -math.expm1(-dt / s.still_for))
+    if begins.any():
+        rates[begins] = s.nose_rate * normal(draws + 1, k)[begins]
+    calm, change = accelerates == 0.0, uniform(draws + 3, k)
+    accelerates[~calm & (change < -math.expm1(-dt / s.accelerates_for))] = 0.0
+    accelerates[calm & (change < -math.expm1(-dt / s.steady_for))] = 1.0
     _doubt(s, draws + 6, dt, moved, noses, means, P)
-    range_ = np.linalg.norm(means[:, R], axis=1)
-    direction = means[:, R] / range_[:, None]
-    broad = model.visible(noses, direction)
-    still = s.nose_random_walk * np.minimum(1.0, broad / np.sqrt(np.maximum(1.0 - broad**2, 1e-9)))
-    noses += dt * rates + still * math.sqrt(dt) * _normal(draws + 4, k)
-    broad = model.visible(noses, direction)
-    q = np.zeros((k, N))
-    drift = 2.0 * dt / s.misalignment_time * np.square(s.misalignment[::-1])
-    q[:, R] = range_[:, None] ** 2 * np.array([drift[0], drift[0], drift[2]]) + 1e-8
-    q[:, V] = ((broad * s.velocity_random_walk) ** 2 * dt + 2.0 * dt / s.own_velocity_time * s.own_velocity**2)[
-        :, None
-    ]
-    density = np.where(accelerates > 0, s.acceleration_random_walk[1], s.acceleration_random_walk[0])
-    q[:, A] = ((broad * density) ** 2 * dt)[:, None] * HORIZONTAL**2
-    q[:, BANK_ERROR] = (broad * s.bank) ** 2 * -math.expm1(-2.0 * dt / s.bank_time)
-    steep = np.sum(means[:, 6:8] ** 2, 1)
-    q[:, LEAN] = (dt * (2.0 * s.drag_sigma**2 * steep + (broad * s.lean_random_walk) ** 2))[:, None] + 1e-10
-    q[:, STRETCH] = s.stretch**2 * -math.expm1(-2.0 * dt / s.stretch_time)
+    broad = model.visible(noses, means[:, R] / np.linalg.norm(means[:, R], axis=1)[:, None])
+    wobble = s.nose_random_walk * np.minimum(1.0, broad / np.sqrt(np.maximum(1.0 - broad**2, 1e-9)))
+    noses += dt * rates + wobble * math.sqrt(dt) * normal(draws + 4, k)
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
-    model.predict(means, P, noses, dt, moved, q, np.exp(-dt / times), s.drag)
+    model.predict(means, P, noses, dt, moved, accelerates, _noise(s, dt), np.exp(-dt / times), s.drag)
     return Cloud(noses, rates, accelerates, means, P, cloud.log_weights, draws + 8)
+
+
+def _noise(s: NoseModel, dt: float) -> model.Noise:
+    """What `dt` seconds add, in proportion to the range that a nose implies where that is said above."""
+    fixed, broad, range_ = np.zeros(N), np.zeros((2, N)), np.zeros(N)
+    range_[R] = 2.0 * dt / s.misalignment_time * np.square(s.misalignment)[[2, 2, 0]]
+    fixed[R], fixed[V], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10
+    new = -math.expm1(-2.0 * dt / s.stretch_time)
+    fixed[STRETCH] = s.stretch**2 * new
+    broad[:, V], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
+    broad[:, A] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
+    broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
+    return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new)
 
 
 def _doubt(settings: NoseModel, draw: int, dt: float, moved: Array, noses: Array, means: Array, P: Array) -> None:
     """Give a few particles another nose, in place: the one that is supposed may be wrong after all. Seen so,
-    the same images are those of a leader that is nearer or farther, and moves in proportion."""
+    the same images are those of a leader that is nearer or farther, and moves in proportion. A fixed wing's nose
+    stays about its course."""
     k = len(noses)
-    chosen = np.flatnonzero(_uniform(draw, k) < -math.expm1(-dt / settings.doubted_after))
+    chosen = np.flatnonzero(uniform(draw, k) < -math.expm1(-dt / settings.doubted_after))
     if not len(chosen):
         return
-    other = noses[chosen] + math.pi * _uniform(draw + 1, k)[chosen]
     x, v_F_n = means[chosen], moved / dt
+    if settings.crab > 0:
+        apart = MOST_CRAB * (2.0 * uniform(draw + 1, k)[chosen] - 1.0)
+        other = np.arctan2(x[:, 4], x[:, 3]) + settings.crab * apart
+    else:
+        other = noses[chosen] + math.pi * uniform(draw + 1, k)[chosen]
     direction = x[:, R] / np.linalg.norm(x[:, R], axis=1)[:, None]
     ratio = (model.visible(other, direction) / model.visible(noses[chosen], direction))[:, None]
     scale = np.where(DIAGONAL <= BANK_ERROR, ratio, 1.0)
@@ -191,7 +198,7 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
 def _resampled(cloud: Cloud, w: Array) -> Cloud:
     """Particles drawn by their weights, which become alike: systematic resampling."""
     k = len(w)
-    at = (np.arange(k) + _uniform(cloud.draws, 1)[0]) / k
+    at = (np.arange(k) + uniform(cloud.draws, 1)[0]) / k
     chosen = np.minimum(np.searchsorted(np.cumsum(w), at), k - 1)
     noses, rates, accelerates, means, P = (array[chosen] for array in cloud[:5])
     return Cloud(noses, rates, accelerates, means, P, np.full(k, -math.log(k)), cloud.draws + 1)
@@ -214,20 +221,3 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
     likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
     w = np.exp(cloud.log_weights) * ((1.0 - share) / math.pi + share * likely)
     return np.asarray(w / w.sum())
-
-
-def _uniform(draw: int, count: int) -> Array:
-    """Numbers (count,) in (0, 1), a fixed function of `draw`: splitmix64."""
-    z = np.arange(1, count + 1, dtype=np.uint64) + np.uint64((draw * 0x632BE59BD9B4E019) % 2**64)
-    z *= np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z ^= z >> np.uint64(31)
-    return ((z >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
-
-
-def _normal(draw: int, count: int) -> Array:
-    """Standard normal numbers (count,), a fixed function of `draw` and `draw + 1`: Box and Muller."""
-    return np.asarray(
-        np.sqrt(-2.0 * np.log(_uniform(draw, count))) * np.cos(2.0 * math.pi * _uniform(draw + 1, count))
-    )

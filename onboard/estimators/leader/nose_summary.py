@@ -23,7 +23,7 @@ NOSE: Final = 13
 BANK: Final = 14
 N: Final = 15
 SLOW: Final = 1.0  # m/s, of a course
-FLIES: Final = 3.0  # m/s
+FLIES: Final = 3.0  # m/s: faster than one that hovers
 
 
 class Summary(NamedTuple):
@@ -50,16 +50,12 @@ class Summary(NamedTuple):
         square = float(r @ r)
         return math.sqrt(max(float(r @ self.covariance[R_FL, R_FL] @ r), 0.0)) / square
 
-    def flies(self) -> bool:
-        """Whether the leader is faster than one that hovers."""
-        return math.hypot(self.mean[3], self.mean[4]) > FLIES
-
     def is_on_course(self, within: float) -> bool:
         """Whether the leader flies, with its nose within an angle (rad) of its course."""
         v, nose = self.mean[V_L], self.mean[NOSE]
         aside = nose - math.atan2(v[1], v[0])
         aside -= math.pi * round(aside / math.pi)
-        return self.flies() and abs(aside) < within
+        return math.hypot(v[0], v[1]) > FLIES and abs(aside) < within
 
     def direction_sigma(self) -> float:
         """The standard deviation of the direction where it is least certain, rad."""

@@ -36,22 +36,23 @@ class NoseModel(NamedTuple):
 
     The reasons: a copter leaned by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
     (../shared/data/formation-copter), and others differ; winds of 3 m/s along an axis are a gentle breeze.
-    `temper` is below 1 because errors of images and of flight are correlated from one image to the next. It,
-    `stretch`, `bank`, the turning and the doubt were chosen on simulated encounters: no measurement of real
-    leaders stands behind them."""
+    The nose wobbles by 2 degrees in the reference flight of Oh & Johnson. Errors of our velocity last some seconds
+    (a receiver's noise, filtered) to a minute (multipath): 20 s. `temper` is below 1 because errors of images and of
+    flight are correlated from one image to the next. It, `stretch`, `bank`, the turning and the doubt were chosen on
+    simulated encounters: no measurement of real leaders stands behind them."""
 
     size: float  # m, the value itself
     size_sigma: float  # m
     misalignment: tuple[float, float, float]  # rad, of our attitude, in n
     misalignment_time: float  # s
     own_velocity: float  # m/s, of our velocity
-    own_velocity_time: float = 60.0  # s
+    own_velocity_time: float = 20.0  # s
     crab: float = 0.0  # rad, of the nose about the course, of a fixed wing; 0: the nose may point anywhere
     heading: float = math.radians(5.0)  # rad, of the nose about our own course, of one that flies along with us
     on_course: float = 0.3  # the prior probability that it does, if we fly
     follows: float = 0.7  # the probability that a leader that flies fast has its nose about its course
     nose_about_course: float = math.radians(5.0)  # rad, of such a nose
-    particles: int = 600
+    particles: int = 900
     speed: float = 8.0  # m/s, relative to us, at first
     acceleration: float = 1.5  # m/s^2, at first
     acceleration_time: float = 4.0  # s
@@ -67,14 +68,15 @@ class NoseModel(NamedTuple):
     nose_random_walk: float = math.radians(0.7)  # rad / sqrt(s)
     bank: float = math.radians(5.0)  # rad, about the bank of its thrust
     bank_time: float = 1.0  # s
-    stretch: float = 0.03  # of the apparent length: a nose that wobbles, a tip that is misplaced
-    stretch_time: float = 3.0  # s
+    stretch: float = 0.02  # of the apparent length: a tip that is misplaced
+    nose_wobble: float = math.radians(2.0)  # rad: it stretches a wing the more, the less is seen of it
+    stretch_time: float = 3.0  # s, of both
     drag: float = 0.16  # 1/s, the value itself: deceleration by the air, per m/s of airspeed
     drag_sigma: float = 0.06  # 1/s
     wind: float = 3.0  # m/s, along each axis
     lean_random_walk: float = 0.05  # m/s^2 / sqrt(s)
-    temper: float = 0.4  # the share of a logarithm of a likelihood ratio that is believed
-    doubted_after: float = 60.0  # s, the mean time after which a particle takes another nose
+    temper: float = 0.3  # the share of a logarithm of a likelihood ratio that is believed
+    doubted_after: float = 10.0  # s, the mean time after which a particle takes another nose
     resample: float = 0.35  # of the particles: with fewer effective ones they are drawn anew
     gate: float = 25.0  # NIS above which no Gaussian expected an image
 

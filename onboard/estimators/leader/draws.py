@@ -1,0 +1,44 @@
+"""Random numbers that are a fixed function of a number: the same images give the same estimate."""
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit, types
+
+from onboard.arrays import Array
+
+COUNT: Final = types.int64
+DRAW: Final = types.uint64
+WEYL: Final = np.uint64(0x632BE59BD9B4E019)  # odd, to keep the streams of successive draws apart
+MIX: Final = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
+SHIFTS: Final = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
+
+
+def uniform(draw: int, count: int) -> Array:
+    """Numbers (count,) in (0, 1), a fixed function of `draw`, by the generator splitmix64."""
+    found: Array = _uniform(draw, count)
+    return found
+
+
+def normal(draw: int, count: int) -> Array:
+    """Standard normal numbers (count,), a fixed function of `draw` and `draw + 1`, by Box and Muller."""
+    found: Array = _normal(draw, count)
+    return found
+
+
+@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
+def _uniform(draw, count):  # type: ignore[no-untyped-def]
+    z = np.full(count, draw, np.uint64) * WEYL + np.arange(1, count + 1).astype(np.uint64)
+    z *= MIX[0]
+    z = (z ^ (z >> SHIFTS[0])) * MIX[1]
+    z = (z ^ (z >> SHIFTS[1])) * MIX[2]
+    z ^= z >> SHIFTS[2]
+    return ((z >> SHIFTS[3]).astype(np.float64) + 0.5) * 2.0**-53
+
+
+@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
+def _normal(draw, count):  # type: ignore[no-untyped-def]
+    return np.sqrt(-2.0 * np.log(_uniform(draw, count))) * np.cos(
+        2.0 * math.pi * _uniform(np.uint64(draw + 1), count)
+    )
