@@ -36,10 +36,10 @@ class NoseModel(NamedTuple):
 
     The reasons: a copter leaned by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
     (../shared/data/formation-copter), and others differ; winds of 3 m/s along an axis are a gentle breeze.
-    The nose wobbles by 2 degrees in the reference flight of Oh & Johnson. Errors of our velocity last some seconds
-    (a receiver's noise, filtered) to a minute (multipath): 20 s. `temper` is below 1 because errors of images and of
-    flight are correlated from one image to the next. It, `stretch`, `bank`, the turning and the doubt were chosen on
-    simulated encounters: no measurement of real leaders stands behind them."""
+    The nose wobbles by 2 degrees in the reference flight of Oh & Johnson. Errors of our velocity last some
+    seconds (a receiver's noise, filtered) to a minute (multipath): 20 s. `temper` is below 1 because errors of
+    images and of flight are correlated from one image to the next. It, `stretch`, `bank`, the turning and the
+    doubt were chosen on simulated encounters: no measurement of real leaders stands behind them."""
 
     size: float  # m, the value itself
     size_sigma: float  # m
