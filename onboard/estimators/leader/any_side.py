@@ -26,8 +26,7 @@ from onboard.ownship import Step
 
 PERIOD_S: Final = 0.15  # between images that the cloud takes
 LONGEST_S: Final = 0.25  # of a prediction of the cloud
-RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open
-SHARP: Final = 0.15  # of the range: a cloud that is less certain cannot confirm the wing-line filter
+RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
 AGREE: Final = 1.0  # sigmas of the cloud's range: it confirms a wing-line range that is no farther off
 AGREE_AT_LEAST: Final = 0.025  # of the range: so near a range is confirmed in any case
 ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
@@ -45,14 +44,16 @@ class Pending(NamedTuple):
 
 
 class AnySide(NamedTuple):
-    """Both filters' states, a `summary` of the cloud at its time (of a little earlier, and carried on), and how
-    many images the wing-line filter has rejected in a row: it is not believed meanwhile."""
+    """Both filters' states, a `summary` of the cloud at its time (of a little earlier, and carried on), how many
+    images the wing-line filter has rejected in a row: it is not believed meanwhile; and whether the cloud, at its
+    last image, confirmed it."""
 
     wing_line: Any
     cloud: Cloud
     summary: Summary
     pending: Pending
     rejected: int
+    confirmed: bool
 
 
 class AnySideFilter:
@@ -70,12 +71,12 @@ class AnySideFilter:
 
     def start(self, measurement: Measurement, pose: CameraPose, before: AnySide | None) -> AnySide:
         """Both filters start. The cloud keeps of what was believed before only the noses."""
-        earlier = None if before is None or not self._agree(before) else before.wing_line
+        earlier = None if before is None or not before.confirmed else before.wing_line
         wing_line = self._wing_line.start(measurement, pose, earlier)
         noses = None if before is None else self._caught_up(before).cloud
         cloud = nose_particles.start(self._settings, measurement, pose, noses)
         pending = Pending(0.0, np.zeros(3), pose.v_F_n)
-        return AnySide(wing_line, cloud, summarise(self._settings, cloud), pending, 0)
+        return AnySide(wing_line, cloud, summarise(self._settings, cloud), pending, 0, False)
 
     def advance(self, state: AnySide, step: Step) -> AnySide:
         """The wing-line filter's prediction; the cloud is predicted when it takes an image, or after a while."""
@@ -110,8 +111,9 @@ class AnySideFilter:
         else:
             cloud, nis = nose_particles.update(self._settings, predicted.cloud, measurement, pose)
         if nis > self._settings.gate:
-            return update._replace(belief=predicted)
+            return update._replace(belief=predicted._replace(confirmed=self._agree(predicted)))
         after = predicted._replace(cloud=cloud, summary=summarise(self._settings, cloud))
+        after = after._replace(confirmed=self._agree(after))
         return update._replace(belief=after, nis=min(update.nis, gate))
 
     def belief(self, state: AnySide) -> Belief:
@@ -119,7 +121,7 @@ class AnySideFilter:
         sharp = self._wing_line.belief(state.wing_line)
         known = state.summary.after(state.pending.dt, state.pending.moved)
         whole = as_leader(known, state.pending.v_F_n, sharp)
-        if not self._agree(state):
+        if not state.confirmed:
             return whole
         off = sharp.mean - whole.mean
         covariance = sharp.covariance.copy()
@@ -138,7 +140,7 @@ class AnySideFilter:
         known = state.summary
         if known.range_sigma() > RESOLVED:
             return "heading not resolved: the range is uncertain"
-        return "" if self._agree(state) else "the nose is not on the course"
+        return "" if state.confirmed else "the nose is not on the course"
 
     def is_too_wide(self, state: AnySide, share: float) -> bool:
         """Whether the direction is less certain than `share` to both; an uncertain range is no obstacle to it.
@@ -147,12 +149,11 @@ class AnySideFilter:
         return known.direction_sigma() > share and self._wing_line.is_too_wide(state.wing_line, share)
 
     def _agree(self, state: AnySide) -> bool:
-        """Whether the cloud knows the range, and the wing-line filter has the same one."""
+        """Whether the cloud, caught up, knows the range, and the wing-line filter has the same one."""
         known, sigma = state.summary, state.summary.range_sigma()
-        if state.rejected or sigma > SHARP or not known.is_on_course(ON_COURSE):
+        if state.rejected or sigma > RESOLVED or not known.is_on_course(ON_COURSE):
             return False
-        sharp = self._wing_line.belief(state.wing_line).mean[R]
-        now = known.after(state.pending.dt, state.pending.moved).mean[R]
+        sharp, now = self._wing_line.belief(state.wing_line).mean[R], known.mean[R]
         ratio = math.log(float(np.linalg.norm(sharp)) / float(np.linalg.norm(now)))
         return abs(ratio) < max(AGREE * sigma, AGREE_AT_LEAST)
 

@@ -26,6 +26,14 @@ SLOW: Final = 1.0  # m/s, of a course
 FLIES: Final = 3.0  # m/s: faster than one that hovers
 
 
+STAYS: Final = np.eye(N)
+MOVES: Final = np.zeros((N, N))
+MOVES[R_FL, V_L] = MOVES[V_L, A_L] = np.eye(3)
+MOVES[R_FL, OWN_VELOCITY] = -np.eye(3)
+CURVES: Final = np.zeros((N, N))
+CURVES[R_FL, A_L] = np.eye(3)
+
+
 class Summary(NamedTuple):
     """Mean (15,) and covariance (15, 15) of [r_FL_n, v_L, a_L, own velocity's error, log of the size, nose, bank's
     error], vectors in n."""
@@ -37,9 +45,7 @@ class Summary(NamedTuple):
         """`dt` seconds later, at constant acceleration; we have moved by `moved` (3,) m, in n."""
         if dt <= 0.0:
             return self
-        F = np.eye(N)
-        for i in range(3):
-            F[i, 3 + i], F[i, 6 + i], F[i, 9 + i], F[3 + i, 6 + i] = dt, 0.5 * dt * dt, -dt, dt
+        F = STAYS + dt * MOVES + 0.5 * dt * dt * CURVES
         mean = F @ self.mean
         mean[R_FL] -= moved
         return Summary(mean, F @ self.covariance @ F.T)
