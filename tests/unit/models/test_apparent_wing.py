@@ -125,7 +125,7 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
     expected = noise.fixed + seen_of_it * noise.broad[accelerates] + (x[model.R] @ x[model.R]) * noise.range_
     expected[model.LEAN] += noise.drag * (x[6:8] @ x[6:8])
     expected[model.STRETCH] += noise.wobble * (1.0 - seen_of_it) / seen_of_it
-    assert both[1][1] - both[1][0] == pytest.approx(np.diag(expected), rel=1e-3, abs=2e-4)
+    assert both[1][1] - both[1][0] == pytest.approx(np.diag(expected), rel=1e-9, abs=1e-9)
 
 
 def test_a_fast_leader_turns_its_nose_with_its_course_and_a_slow_one_does_not() -> None:
