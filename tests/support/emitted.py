@@ -1,11 +1,12 @@
 """Everything that the daemon sends over MAVLink, as its own code makes it."""
 
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import Parameters
 from onboard.config import parse_config
+from onboard.config.sections import LeaderMessage
 from onboard.messages import Clock, Command, ComputerStatus, Message, ParamAction, ParamRequest, Ping, TimeSync
 from onboard.wire.mavlink_encode import message_number
 from tests.support.leader import AUTOPILOT, S, T, estimate, origin, own_pose
@@ -13,15 +14,7 @@ from tests.support.vehicle_records import TRAFFIC, nav_state
 
 NOW: Final = 1_800_000_000 * S
 LINK: Final = "gcs"
-LEADER: Final = (
-    "FOLLOW_TARGET",
-    "GLOBAL_POSITION_INT",
-    "TARGET_RELATIVE",
-    "LANDING_TARGET",
-    "ADSB_VEHICLE",
-    "CAMERA_TRACKING_IMAGE_STATUS",
-    "CAMERA_TRACKING_GEO_STATUS",
-)
+LEADER: Final[tuple[str, ...]] = get_args(LeaderMessage)
 STREAMS: Final = frozenset({*LEADER, "ODOMETRY", "COLLISION", "HEARTBEAT", "TIMESYNC", "ONBOARD_COMPUTER_STATUS"})
 CAMERA: Final = 100  # the component that sends what a camera does
 OF_CAMERA: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS", "CAMERA_INFORMATION"})
@@ -98,16 +91,22 @@ def answered(out: AutopilotOutput) -> list[bytes]:
 
 def command(name: str, number: int, *params: float, component: int | None = None) -> Command:
     """A command about a message, to the component that sends it."""
+    to = (CAMERA if name in OF_CAMERA else 191) if component is None else component
+    return command_long(number, float(message_number(name)), *params, component=to)
+
+
+def command_long(number: int, *params: float, t_ns: int = NOW, system: int = 7, component: int = 191) -> Command:
+    """A ground station's command to a system and component; parameters that are not given are 0."""
     return Command(
-        t_ns=NOW,
-        t_recv_ns=NOW,
+        t_ns=t_ns,
+        t_recv_ns=t_ns,
         clock=Clock.NONE,
         system=255,
         component=190,
-        target_system=7,
-        target_component=(CAMERA if name in OF_CAMERA else 191) if component is None else component,
+        target_system=system,
+        target_component=component,
         command=number,
-        params=tuple([float(message_number(name)), *params, *(0.0,) * 7][:7]),
+        params=tuple([*params, *(0.0,) * 7][:7]),
     )
 
 

@@ -17,6 +17,7 @@ from onboard.geometry.camera import make_camera
 from onboard.messages import Datagram, Encoding
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_encode import MavlinkEncoder
+from tests.support.emitted import LEADER
 from tests.support.leader import AUTOPILOT, S, T, leader_state, lost_state
 from tests.support.mavlink_frames import crc_x25
 from tests.support.vehicle_records import EAST
@@ -24,15 +25,6 @@ from tests.support.vehicle_records import EAST
 NOW = 1_800_000_000 * S
 CAMERA = make_camera(f_px=500.0, width_px=640.0, height_px=480.0)
 VIEW = View((1.0, 0.0, 0.0, 0.0), CAMERA, is_px4=False)
-ALL = (
-    "FOLLOW_TARGET",
-    "GLOBAL_POSITION_INT",
-    "TARGET_RELATIVE",
-    "LANDING_TARGET",
-    "ADSB_VEHICLE",
-    "CAMERA_TRACKING_IMAGE_STATUS",
-    "CAMERA_TRACKING_GEO_STATUS",
-)
 
 
 def output(*names: Any, rate: float = 20.0) -> LeaderOutput:
@@ -85,7 +77,7 @@ def test_a_rate_is_kept_by_a_timer_that_does_not_divide_it() -> None:
 
 
 def test_nothing_is_sent_of_an_estimate_that_is_not_valid_but_that_it_is_not() -> None:
-    sent = parsed(output(*ALL).frames(lost_state(), VIEW, NOW))
+    sent = parsed(output(*LEADER).frames(lost_state(), VIEW, NOW))
     assert [m.get_type() for m in sent] == [
         *("HEARTBEAT", "HEARTBEAT"),  # of the virtual leader and of the camera
         "CAMERA_TRACKING_IMAGE_STATUS",
@@ -95,13 +87,13 @@ def test_nothing_is_sent_of_an_estimate_that_is_not_valid_but_that_it_is_not() -
     assert (sent[1].get_srcComponent(), sent[1].type) == (100, 30)
     assert sent[0].system_status == 3  # standby
     assert all(math.isnan(x) for x in (sent[2].point_x, sent[3].alt, sent[3].dist))
-    assert parsed(output(*ALL).frames(None, None, NOW))[2:] == []
+    assert parsed(output(*LEADER).frames(None, None, NOW))[2:] == []
 
 
 def test_numbers_of_an_estimate_that_is_not_valid_are_not_sent() -> None:
     """Predicted beyond what is valid, it still has all of them."""
     state = replace(leader_state(), valid=False)
-    names = {m.get_type() for m in parsed(output(*ALL).frames(state, VIEW, NOW))}
+    names = {m.get_type() for m in parsed(output(*LEADER).frames(state, VIEW, NOW))}
     assert names <= {"HEARTBEAT", "CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"}
 
 

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.output import AutopilotOutput
 from onboard.config import parse_config
-from onboard.messages import Clock, Command
+from tests.support.emitted import command_long
 from tests.support.leader import AUTOPILOT, S, T, estimate, origin, own_pose
 from tests.support.vehicle_records import TRAFFIC, nav_state
 
@@ -47,17 +47,7 @@ def tick(out: AutopilotOutput, ms: int) -> list[tuple[str, int]]:
 def ask(
     out: AutopilotOutput, command: int, *params: float, channel: str = "gcs", component: int = 191
 ) -> list[Any]:
-    message = Command(
-        t_ns=NOW,
-        t_recv_ns=NOW,
-        clock=Clock.NONE,
-        system=255,
-        component=190,
-        target_system=7,
-        target_component=component,
-        command=command,
-        params=tuple([*params, *(0.0,) * 7][:7]),
-    )
+    message = command_long(command, *params, component=component)
     parser = dialect.MAVLink(None)
     frames = out.respond(channel, [message], NOW).frames
     return [m for frame in frames for m in parser.parse_buffer(frame) or []]

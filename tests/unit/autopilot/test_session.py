@@ -13,6 +13,7 @@ from onboard.autopilot.session import Session
 from onboard.config import AutopilotConfig, Config
 from onboard.messages import Clock, Command, CommandAck, Heartbeat, Ping, TimeSync
 from onboard.messages.vehicle import OUR_TAG
+from tests.support.emitted import command_long
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -56,17 +57,7 @@ def talk(
 
 
 def command(number: int, *params: float, system: int = 42, component: int = 191) -> Command:
-    return Command(
-        t_ns=T0,
-        t_recv_ns=T0,
-        clock=Clock.NONE,
-        system=255,
-        component=190,
-        target_system=system,
-        target_component=component,
-        command=number,
-        params=tuple([*params, *(0.0,) * 7][:7]),
-    )
+    return command_long(number, *params, t_ns=T0, system=system, component=component)
 
 
 def request(t_recv_ns: int, *, system: int = 42) -> TimeSync:
