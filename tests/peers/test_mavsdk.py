@@ -1,6 +1,5 @@
 """simlink as MAVSDK sees it: an independent client, in a process of its own since its core is native code."""
 
-import importlib.util
 import json
 import math
 import socket
@@ -10,21 +9,16 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.mavsdk_client import CONNECT, NEEDS_MAVSDK
 from tests.support.programs import PATIENCE, free_ports, started
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("mavsdk") is None, reason="MAVSDK's Python package (mavsdk) is not installed"
-)
+pytestmark = NEEDS_MAVSDK
 
-CLIENT = """
-import json, sys, time
-from mavsdk import ComponentType, Configuration, Mavsdk
+CLIENT = (
+    CONNECT
+    + """\
 from mavsdk.plugins.telemetry import Telemetry
 
-mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-mavsdk.add_any_connection(sys.argv[1])
-system = mavsdk.first_autopilot(30.0)
-assert system is not None, "no autopilot"
 telemetry = Telemetry(system)
 telemetry.set_rate_position(20.0)  # SET_MESSAGE_INTERVAL; raises when it is refused
 
@@ -55,6 +49,7 @@ print(json.dumps([first, look()]), flush=True)
 telemetry.destroy()
 mavsdk.destroy()
 """
+)
 ORIGIN = (47.397742, 8.545594)
 
 

@@ -1,33 +1,25 @@
 """MAVSDK's camera plugin finds the camera in which we track the leader, by our heartbeat and our answers."""
 
-import importlib.util
 import json
 import socket
 import subprocess
 import sys
 from typing import Any
 
-import pytest
-
 from onboard.messages import Datagram, Encoding
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support.emitted import LINK, NOW, everything, sent
 from tests.support.leader import AUTOPILOT, S
+from tests.support.mavsdk_client import CONNECT, NEEDS_MAVSDK
 from tests.support.programs import PATIENCE, free_ports
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("mavsdk") is None, reason="MAVSDK's Python package (mavsdk) is not installed"
-)
-CLIENT = """
-import json, sys, time
-from mavsdk import ComponentType, Configuration, Mavsdk
+pytestmark = NEEDS_MAVSDK
+CLIENT = (
+    CONNECT
+    + """\
 from mavsdk.plugins.camera import Camera
 
-mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-mavsdk.add_any_connection(sys.argv[1])
-system = mavsdk.first_autopilot(30.0)
-assert system is not None, "no autopilot"
 camera = Camera(system)
 deadline = time.monotonic() + 60
 while not (cameras := camera.camera_list().cameras) and time.monotonic() < deadline:
@@ -38,6 +30,7 @@ for c in cameras:
     found.append([c.component_id, c.vendor_name, c.model_name, *size])
 print("FOUND " + json.dumps(found), flush=True)
 """
+)
 
 
 def test_mavsdk_finds_the_camera_in_which_we_track() -> None:
