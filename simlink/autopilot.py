@@ -12,6 +12,7 @@ from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import (
     ActuatorOutputs,
     Attitude,
+    Battery,
     Clock,
     Command,
     CommandAck,
@@ -43,7 +44,7 @@ NO_FIX, FIX_3D = 1, 3  # GPS_FIX_TYPE
 HOVER_PWM_US: Final = 1500
 PWM_PER_G: Final = 400
 
-HEARTBEAT, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 2, 24, 31
+HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 1, 2, 24, 31
 LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, GPS_GLOBAL_ORIGIN, HIGHRES_IMU = 32, 33, 36, 49, 105
 
 
@@ -57,7 +58,7 @@ class Autopilot:
         self._interval = dict(self._default)  # ns by message number; 0: not sent
         self._due = dict.fromkeys(self._interval, 0)
         self._latest: Reading | None = None
-        self._make: dict[int, Callable[[int, Reading], Message]] = {
+        self._make: dict[int, Callable[[int, Reading], Message | None]] = {
             GPS_RAW_INT: self._gps,
             ATTITUDE_QUATERNION: _attitude,
             LOCAL_POSITION_NED: _local_position,
@@ -65,6 +66,7 @@ class Autopilot:
             SERVO_OUTPUT_RAW: _servo,
             GPS_GLOBAL_ORIGIN: self._origin,
             HIGHRES_IMU: _imu,
+            SYS_STATUS: _battery,
         }
 
     def due(self, t_ns: int, reading: Reading | None) -> list[Message]:
@@ -207,6 +209,7 @@ def _default_intervals(vehicle: Vehicle) -> dict[int, int]:
         GLOBAL_POSITION_INT: rates.global_position,
         GPS_RAW_INT: rates.gps,
         SERVO_OUTPUT_RAW: rates.servo,
+        SYS_STATUS: rates.battery,
         GPS_GLOBAL_ORIGIN: 0,  # on request
     }
     return {number: round(1e9 / rate) if rate > 0 else 0 for number, rate in table.items()}
@@ -228,6 +231,11 @@ def _imu(t_ns: int, reading: Reading) -> Message:
         omega_b=reading.imu_omega_b,
         pressure_altitude=reading.pressure_altitude,
     )
+
+
+def _battery(t_ns: int, reading: Reading) -> Message | None:
+    volts = reading.voltage_v
+    return None if volts is None else Battery(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.NONE, voltage_v=volts)
 
 
 def _servo(t_ns: int, reading: Reading) -> Message:

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from onboard.messages.base import Message, Quaternion, Vec3
+from onboard.messages.base import Message, Positive, Quaternion, Vec3
 
 OUR_TAG: Final = 191  # the last three digits of the ts1_ns in our own TIMESYNC requests
 
@@ -116,6 +116,12 @@ class ActuatorOutputs(Message, frozen=True, kw_only=True):
     """SERVO_OUTPUT_RAW: pulse widths in microseconds, 0 where unused."""
 
     pwm_us: tuple[int, ...]
+
+
+class Battery(Message, frozen=True, kw_only=True):
+    """BATTERY_STATUS of the first battery, or SYS_STATUS: its voltage under load, V."""
+
+    voltage_v: Positive
 
 
 class Command(Message, frozen=True, kw_only=True):

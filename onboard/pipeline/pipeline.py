@@ -15,6 +15,7 @@ from onboard.estimators import CountsVerdicts, EstimatorProtocol, load
 from onboard.health import Monitor, autopilot_name, total
 from onboard.messages import (
     Attitude,
+    Battery,
     Clock,
     Datagram,
     Estimate,
@@ -119,8 +120,8 @@ class Pipeline:
             if not self.ownship.receive_status(admitted):  # as if own motion had stopped long ago
                 self._own_recv_ns = min(self._own_recv_ns, admitted.t_recv_ns - TIMEOUT_NS - 1)
             return []
-        if isinstance(admitted, GlobalOrigin):
-            return self._observe(admitted)  # often without a stamp: it holds from its arrival
+        if isinstance(admitted, GlobalOrigin | Battery):
+            return self._observe(admitted)  # often without a stamp: they hold from their arrival
         return self._align(admitted)
 
     def _latch(self, heartbeat: Heartbeat) -> None:

@@ -12,6 +12,7 @@ from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
     Attitude,
+    Battery,
     Collision,
     Command,
     CommandAck,
@@ -210,6 +211,9 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
         dialect.MAVLink_servo_output_raw_message(_usec(m) % 2**32, 0, *m.pwm_us, *[0] * (16 - len(m.pwm_us)))
     ],
     TargetPoints: _target_points,
+    Battery: lambda m: [
+        dialect.MAVLink_sys_status_message(0, 0, 0, 0, round(m.voltage_v * 1000), -1, -1, *[0] * 6)
+    ],
     Command: lambda m: [
         dialect.MAVLink_command_long_message(m.target_system, m.target_component, m.command, 0, *m.params)
     ],

@@ -16,6 +16,7 @@ from onboard.messages import (
     AltitudeType,
     Attitude,
     Barometer,
+    Battery,
     Clock,
     Collision,
     Command,
@@ -52,6 +53,8 @@ VALID_SQUAWK: Final = 32
 SIMULATED: Final = 64
 VALID_CLIMB: Final = 128
 
+NO_VOLTAGE: Final = (0, 65535)  # mV: nobody measures it, or there is no such cell
+FIRST_BATTERY: Final = 0
 MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
 SEA_LEVEL_HPA: Final = 1013.25
@@ -187,6 +190,16 @@ def _servo_output(f: Fields, h: Header) -> Message | None:
     return ActuatorOutputs(**h, pwm_us=f[1:9] + f[10:18])
 
 
+def _battery(millivolts: int, h: Header) -> Message | None:
+    return None if millivolts in NO_VOLTAGE else Battery(**h, voltage_v=millivolts * 1e-3)
+
+
+def _battery_status(f: Fields, h: Header) -> Message | None:
+    """The first battery's cells; a voltage beyond 65.5 V is told in several of them. Others may drive no motor."""
+    cells = [mv for mv in (*f[3:13], *f[20:24]) if mv not in NO_VOLTAGE]
+    return _battery(sum(cells), h) if f[14] == FIRST_BATTERY else None
+
+
 def _command_long(f: Fields, h: Header) -> Message:
     command, system, component, _ = f[7:]
     return Command(**h, target_system=system, target_component=component, command=command, params=f[:7])
@@ -263,6 +276,8 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "RAW_IMU": (Layout("<Q9hBh", usec=0), _scaled_imu),
     "SCALED_PRESSURE": (Layout("<I2f2h", boot_ms=0), _scaled_pressure),
     "SERVO_OUTPUT_RAW": (Layout("<I8HB8H", usec=0), _servo_output),
+    "SYS_STATUS": (Layout("<3I2Hh6Hb3I"), lambda f, h: _battery(f[4], h)),
+    "BATTERY_STATUS": (Layout("<2ih10Hh3BbiB4HBI"), _battery_status),
     "COMMAND_LONG": (Layout("<7fH3B"), _command_long),
     "COMMAND_INT": (Layout("<4f2ifH5B"), _command_int),
     "COMMAND_ACK": (Layout("<H2Bi2B"), _command_ack),

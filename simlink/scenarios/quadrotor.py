@@ -28,6 +28,15 @@ class Gust(Record, frozen=True, kw_only=True):
     wobble: GaussMarkov = GaussMarkov(time=0.5)
 
 
+class Battery(Record, frozen=True, kw_only=True):
+    """Its voltage falls evenly from `full` to `empty` (V) within `minutes` of flight, and thrust with its square.
+    0 minutes: it stays full."""
+
+    minutes: NotNegative = 0.0
+    full: Positive = 12.6
+    empty: Positive = 10.54
+
+
 class Quadrotor(Record, frozen=True, kw_only=True):
     """A rigid body under four rotors. Each rotor: place forward and right of the centre (m), and the sense (+1,
     -1) of its drag torque about b's z axis. `mass` in kg; `thrust_max` of one rotor in N.
@@ -51,3 +60,4 @@ class Quadrotor(Record, frozen=True, kw_only=True):
     turbulence: GaussMarkov = GaussMarkov(sigma=0.1, time=1.0)  # m/s^2 per axis
     gust: Gust = Gust()
     fault: QuadrotorFault = QuadrotorFault()
+    battery: Battery = Battery()

@@ -73,6 +73,7 @@ class Rates(Record, frozen=True, kw_only=True):
     gps: Rate = 5.0
     imu: Rate = 100.0
     servo: Rate = 10.0
+    battery: Rate = 0.0
 
 
 class Vehicle(Record, frozen=True, kw_only=True):

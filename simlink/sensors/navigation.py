@@ -35,6 +35,7 @@ class Reading(NamedTuple):
     gps_v_F_n: Vec3
     gps_fix: bool = True
     pwm_us: tuple[int, ...] | None = None
+    voltage_v: float | None = None  # of the battery; None: nobody measures it
     pressure_altitude: float | None = None  # m; None between the barometer's samples
 
 
@@ -81,6 +82,7 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
                 gps_v_F_n=add(add(v_gps, next(gps_speed_white)), on_gps_velocity),
                 gps_fix=not is_within(state.t, gps.outages),
                 pwm_us=state.pwm_us,
+                voltage_v=state.voltage_v,
                 pressure_altitude=altitude_at(state),
             ),
         )

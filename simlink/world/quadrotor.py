@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from onboard.messages import Quaternion, Vec3
 from simlink.scenarios.profiles import is_within
-from simlink.scenarios.quadrotor import Quadrotor, QuadrotorFault
+from simlink.scenarios.quadrotor import Battery, Quadrotor, QuadrotorFault
 from simlink.world import attitude
 from simlink.world.constants import G
 from simlink.world.motion import Row, runge_kutta
@@ -46,6 +46,7 @@ class QuadrotorState(NamedTuple):
     f_b: Vec3
     pwm_us: tuple[int, ...]
     fault: str
+    voltage_v: float
 
 
 def derivative(craft: Quadrotor, forces: Forces, command: Body, y: Body) -> tuple[Body, Vec3]:
@@ -121,6 +122,7 @@ def quadrotor_states(
             f_b,
             tuple(round(PWM_US[0] + (PWM_US[1] - PWM_US[0]) * c) for c in command),
             active_faults(craft, t),
+            voltage_at(craft.battery, t),
         )
         y = advance(craft, forces, command, y, dt)
 
@@ -128,12 +130,19 @@ def quadrotor_states(
 def forces_at(craft: Quadrotor, t: float, wind_n: Vec3) -> Forces:
     """The forces' parameters at time `t` (s), with the scenario's fault from its onset on."""
     fault = craft.fault if t >= craft.fault.at else QuadrotorFault()
-    full = [craft.thrust_max * fault.inputs] * 4
+    share = voltage_at(craft.battery, t) / craft.battery.full
+    full = [craft.thrust_max * fault.inputs * share * share] * 4
     if fault.motor:
         full[fault.motor - 1] *= 1.0 - fault.motor_loss
     i, j, k = craft.inertia
     inertia = (i * fault.inertia, j * fault.inertia, k * fault.inertia)
     return Forces((full[0], full[1], full[2], full[3]), craft.mass * fault.mass, inertia, wind_n)
+
+
+def voltage_at(battery: Battery, t: float) -> float:
+    """The battery's voltage at time `t` (s), V."""
+    used = min(t / (60.0 * battery.minutes), 1.0) if battery.minutes else 0.0
+    return battery.full + used * (battery.empty - battery.full)
 
 
 def active_faults(craft: Quadrotor, t: float) -> str:

@@ -43,6 +43,7 @@ class State(NamedTuple):
     f_b: Vec3  # specific force R_bn (a_F_n - g_n)
     pwm_us: tuple[int, ...] | None = None  # commands to a quadrotor's motors
     fault: str = ""  # the active faults of the follower
+    voltage_v: float | None = None  # of a quadrotor's battery
 
 
 def true_size(scenario: Scenario, seed: int) -> float:
@@ -75,6 +76,7 @@ def _with_quadrotor(craft: Quadrotor, seed: int, formation: Iterator[State]) -> 
             f_b=m.f_b,
             pwm_us=m.pwm_us,
             fault=m.fault,
+            voltage_v=m.voltage_v,
         )
         q_before = m.q_nb
 

@@ -15,6 +15,7 @@ from onboard.messages import (
     AltitudeType,
     Attitude,
     Barometer,
+    Battery,
     Clock,
     Collision,
     Command,
@@ -152,6 +153,15 @@ def _servo_output(m: Any, h: dict[str, Any]) -> Message | None:
     return ActuatorOutputs(**h, pwm_us=tuple(getattr(m, f"servo{i}_raw") for i in range(1, 17)))
 
 
+def _battery(millivolts: int, h: dict[str, Any]) -> Message | None:
+    return Battery(**h, voltage_v=millivolts * 1e-3) if millivolts not in {0, 65535} else None
+
+
+def _battery_status(m: Any, h: dict[str, Any]) -> Message | None:
+    cells = [mv for mv in (*m.voltages, *m.voltages_ext) if mv not in {0, 65535}]
+    return _battery(sum(cells), h) if m.id == 0 else None
+
+
 def _command(m: Any, h: dict[str, Any], x: float, y: float, z: float) -> Message:
     params = (m.param1, m.param2, m.param3, m.param4, x, y, z)
     return Command(**h, **_addressee(m), command=m.command, params=params)
@@ -260,6 +270,8 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "RAW_IMU": _scaled_imu,
     "SCALED_PRESSURE": _scaled_pressure,
     "SERVO_OUTPUT_RAW": _servo_output,
+    "SYS_STATUS": lambda m, h: _battery(m.voltage_battery, h),
+    "BATTERY_STATUS": _battery_status,
     "COMMAND_LONG": lambda m, h: _command(m, h, m.param5, m.param6, m.param7),
     "COMMAND_INT": lambda m, h: _command(m, h, float(m.x), float(m.y), m.z),
     "COMMAND_ACK": lambda m, h: CommandAck(**h, **_addressee(m), command=m.command, result=m.result),

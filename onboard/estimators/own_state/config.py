@@ -25,7 +25,8 @@ class Airframe(Record, frozen=True, kw_only=True):
     """Constants of a multirotor. Each of `rotors` has its place forward and right of the centre (m), and the sign
     of the torque about b's z axis that its drag gives: +1 where it turns counter-clockwise seen from above.
     A rotor gives no thrust at the first of `pwm_us` and `thrust_max_n` at the second; between them thrust grows
-    with the square of the command."""
+    with the square of the command. With `full_voltage_v`, `thrust_max_n` is that at this voltage of the battery,
+    and grows with its square; without, the rotors' speed is governed, or nobody knows."""
 
     mass_kg: Positive
     inertia_kg_m2: Positive3
@@ -35,6 +36,7 @@ class Airframe(Record, frozen=True, kw_only=True):
     motor_time_s: NotNegative = 0.02
     pwm_us: tuple[float, float] = (1000.0, 2000.0)
     drag_per_s: NotNegative = 0.0
+    full_voltage_v: Positive | None = None
 
     def __post_init__(self) -> None:
         """Raises ValueError for rotors that cannot hold a vehicle, or a PWM range without a width."""
@@ -53,6 +55,7 @@ AIRFRAMES: Final = {
         thrust_max_n=3.0,
         torque_per_thrust_m=0.03826,
         drag_per_s=0.1,
+        full_voltage_v=12.6,  # simlink's
     ),
     # PX4's Gazebo model x500: motorConstant 8.54858e-06, 1000 rad/s, momentConstant .016; outputs are rad/s
     "x500": Airframe(

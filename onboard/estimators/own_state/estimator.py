@@ -27,6 +27,7 @@ from onboard.messages import (
     ActuatorOutputs,
     Attitude,
     Barometer,
+    Battery,
     Estimate,
     GlobalOrigin,
     GlobalPosition,
@@ -40,7 +41,7 @@ from onboard.ownship import Ownship
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 
-LISTENS: Final = (Attitude, Imu, Barometer, GpsFix, GlobalOrigin, GlobalPosition, ActuatorOutputs)
+LISTENS: Final = (Attitude, Imu, Barometer, GpsFix, GlobalOrigin, GlobalPosition, ActuatorOutputs, Battery)
 
 
 class Estimator:
@@ -75,6 +76,8 @@ class Estimator:
                 return self._receive_pressure(message, message.pressure_altitude)
             case ActuatorOutputs():
                 self._vehicle.receive_outputs(message)
+            case Battery():
+                self._vehicle.receive_voltage(message.voltage_v)
             case GlobalOrigin():
                 if self._sources.move_origin(message):
                     self._drop_track("the autopilot has moved its origin")

@@ -1,9 +1,10 @@
 """Faults of our own vehicle, found by comparing its motors' commands with its motion.
 
 Over a third of a second, the commands should have given a thrust and an angular momentum; accelerometer and gyro
-measure what they gave. The difference is compared with what each fault would leave: one weak motor takes thrust
-and a torque about its own place; another mass (or all motors weaker, which in hover looks the same) takes thrust
-and no torque; a gust pushes sideways, where no rotor can.
+measure what they gave. What a command is worth changes with the battery (`thrust`). The difference is compared
+with what each fault would leave: one weak motor takes thrust and a torque about its own place; another mass (or
+all motors weaker, which in hover looks the same) takes thrust and no torque; a gust pushes sideways, where no
+rotor can.
 """
 
 from collections import deque
@@ -13,6 +14,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Airframe
+from onboard.estimators.own_state.thrust import ThrustScale
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu
 from onboard.models.own_motion import GRAVITY
@@ -42,6 +44,11 @@ class Alarm:
         self._last_ns = 0
         self._part = ""
         self.fault: Fault | None = None
+
+    @property
+    def is_suspected(self) -> bool:
+        """Whether it is named, or may soon be."""
+        return self._since_ns is not None
 
     def judge(self, t_ns: int, present: bool, magnitude: float, threshold: float, part: str = "") -> None:
         """Whether at `t_ns` the mean over the window exceeds its threshold."""
@@ -91,6 +98,7 @@ class FaultMonitor:
             spin = places[:, 2] * airframe.torque_per_thrust_m
             self._mixing = np.stack([np.ones(len(places)), -places[:, 1], places[:, 0], spin])  # (4, rotors)
             self._arms = np.abs(self._mixing).max(axis=1)
+        self._scale = ThrustScale(None if airframe is None else airframe.full_voltage_v)
         self._commands: Array | None = None  # shares of the range, (rotors,)
         self._commands_ns = 0
         self._shares: Array | None = None  # the commands as the motors follow them
@@ -115,6 +123,10 @@ class FaultMonitor:
         commands = (np.array(message.pwm_us[: len(a.rotors)], float) - low) / (high - low)
         self._commands, self._commands_ns = np.clip(commands, 0.0, 1.0), message.t_ns
 
+    def receive_voltage(self, voltage_v: float) -> None:
+        """The battery's voltage under load, V."""
+        self._scale.receive_voltage(voltage_v)
+
     def receive_imu(self, message: Imu, velocity_b: Array | None) -> Array | None:
         """Compare; the vehicle's angular acceleration (3,) by its motors' torque and the missing torque, a mean
         over the window. None where the commands are unknown. `velocity_b` is for the drag."""
@@ -132,7 +144,7 @@ class FaultMonitor:
             self._shares = self._commands
         fading = np.exp(-dt / a.motor_time_s) if a.motor_time_s > 0 else 0.0
         self._shares = self._commands + (self._shares - self._commands) * fading
-        thrusts = a.thrust_max_n * self._shares**2
+        thrusts = a.thrust_max_n * self._scale.factor * self._shares**2
         wrench = self._mixing @ thrusts
         f_b, omega = np.array(message.f_b), np.array(message.omega_b)
         momentum = self._inertia * omega
@@ -154,16 +166,25 @@ class FaultMonitor:
         span = (now.t_ns - then.t_ns) / NS_PER_S
         thrusts = (now.thrusts - then.thrusts) / span
         if not self._is_flying(a, now.t_ns, float(thrusts.sum())):
-            for alarm in (self._motor, self._mass, self._gust):
-                alarm.absent(now.t_ns)
+            self._absent(now.t_ns)
+            self._scale.rest(now.t_ns)
             return
         missing = np.empty(4)
         missing[0] = (now.force - then.force) / span
         missing[1:] = (now.momentum - then.momentum - (now.torque - then.torque)) / span
         self._missing_torque = missing[1:]
         push = float(np.linalg.norm((now.lateral - then.lateral) / span))
-        self._judge_motors(missing, thrusts, push, now.t_ns)
-        self._gust.judge(now.t_ns, push > PUSH, push, PUSH)
+        if self._scale.settles(now.t_ns):
+            self._absent(now.t_ns)
+        else:
+            self._judge_motors(missing, thrusts, push, now.t_ns)
+            self._gust.judge(now.t_ns, push > PUSH, push, PUSH)
+        if push < PUSH and not any(alarm.is_suspected for alarm in (self._motor, self._mass, self._gust)):
+            self._scale.learn(now.t_ns, 1.0 + float(missing[0] / thrusts.sum()))
+
+    def _absent(self, t_ns: int) -> None:
+        for alarm in (self._motor, self._mass, self._gust):
+            alarm.absent(t_ns)
 
     def _is_flying(self, a: Airframe, t_ns: int, thrust: float) -> bool:
         """Whether the thrust (N) has carried the vehicle for a second."""

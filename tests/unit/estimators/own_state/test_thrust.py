@@ -1,0 +1,98 @@
+"""What a command to the motors is worth: a battery that empties is no fault, a load that falls off is one."""
+
+from collections.abc import Callable
+
+import pytest
+
+from onboard.estimators.own_state.config import AIRFRAMES, Airframe
+from onboard.estimators.own_state.faults import FaultMonitor
+from onboard.messages import ActuatorOutputs, FaultKind, Imu
+from onboard.models.own_motion import GRAVITY
+
+CRAFT: Airframe = AIRFRAMES["csvsf"]
+S = 1_000_000_000
+STEP_NS = S // 10
+FULL_V = 12.6
+EMPTY = 0.7  # of the thrust
+MINUTES = 2.5
+
+
+def emptying(t: float) -> float:
+    """Thrust for a command, as a share of that of a full battery."""
+    return 1.0 - (1.0 - EMPTY) * min(t / (60.0 * MINUTES), 1.0)
+
+
+def heavier_after_5_s(t: float) -> float:
+    return 1.3 if t > 5.0 else 1.0
+
+
+def hover(
+    monitor: FaultMonitor,
+    seconds: float,
+    *,
+    worth: Callable[[float], float],
+    told: bool = False,
+    mass: Callable[[float], float] = lambda _: 1.0,
+    begin: float = 0.0,
+) -> dict[FaultKind, float]:
+    """Hover, with `worth` of a command and `mass` times the known one; when each fault was first named, s."""
+    named: dict[FaultKind, float] = {}
+    for k in range(round(seconds * S / STEP_NS)):
+        t_ns = round(begin * S) + k * STEP_NS
+        t = t_ns / S - begin
+        weight = CRAFT.mass_kg * mass(t) * GRAVITY
+        share = (weight / (4 * CRAFT.thrust_max_n * worth(t))) ** 0.5 if weight else 0.0
+        if told and k % 10 == 0:
+            monitor.receive_voltage(FULL_V * worth(t) ** 0.5)
+        at, f_z = {"t_ns": t_ns, "t_recv_ns": t_ns}, -GRAVITY if weight else -0.01
+        monitor.receive_outputs(ActuatorOutputs(**at, pwm_us=(round(1000 + 1000 * share),) * 4))
+        monitor.receive_imu(Imu(**at, f_b=(0.0, 0.0, f_z), omega_b=(0.0, 0.0, 0.0)), None)
+        for fault in monitor.faults():
+            named.setdefault(fault.kind, t)
+    return named
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_battery_that_empties_is_no_fault(told: bool) -> None:
+    assert hover(FaultMonitor(CRAFT), 60.0 * MINUTES, worth=emptying, told=told) == {}
+
+
+def test_a_sag_within_seconds_is_no_fault_if_the_voltage_is_told() -> None:
+    def sags(t: float) -> float:
+        return 0.75 if t >= 10.0 else 1.0
+
+    assert hover(FaultMonitor(CRAFT), 15.0, worth=sags, told=True) == {}
+    named = hover(FaultMonitor(CRAFT), 15.0, worth=sags)
+    assert set(named) == {FaultKind.MASS}
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_another_mass_is_named_and_stays_so_also_when_the_battery_is_low(told: bool) -> None:
+    monitor = FaultMonitor(CRAFT)
+    hover(monitor, 60.0, worth=emptying, told=told)
+    low = emptying(60.0)
+    named = hover(monitor, 60.0, worth=lambda _: low, mass=heavier_after_5_s, told=told, begin=60.0)
+    assert 5.0 < named[FaultKind.MASS] < 6.0
+    (fault,) = monitor.faults()
+    assert fault.magnitude == pytest.approx(1.3, abs=0.08)
+
+
+def test_a_mass_that_is_wrong_from_the_start_is_named() -> None:
+    assert set(hover(FaultMonitor(CRAFT), 5.0, worth=lambda _: 1.0, mass=lambda _: 1.3)) == {FaultKind.MASS}
+
+
+def test_a_battery_that_was_charged_on_the_ground_is_no_fault() -> None:
+    monitor = FaultMonitor(CRAFT)
+    assert hover(monitor, 60.0 * MINUTES, worth=emptying) == {}
+    assert hover(monitor, 10.0, worth=lambda _: EMPTY, mass=lambda _: 0.0, begin=150.0) == {}
+    assert hover(monitor, 20.0, worth=lambda _: 1.0, begin=160.0) == {}
+    named = hover(monitor, 10.0, worth=lambda _: 1.0, mass=heavier_after_5_s, begin=180.0)
+    assert set(named) == {FaultKind.MASS}
+
+
+def test_the_voltage_of_another_battery_changes_nothing() -> None:
+    monitor = FaultMonitor(CRAFT)
+    monitor.receive_voltage(5.1)
+    assert hover(monitor, 5.0, worth=lambda _: 1.0) == {}
+    monitor.receive_voltage(50.0)
+    assert hover(monitor, 5.0, worth=lambda _: 1.0, begin=5.0) == {}
