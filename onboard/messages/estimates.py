@@ -102,6 +102,15 @@ class Intruder(Record, frozen=True, kw_only=True):
     approach: ClosestApproach
 
 
+class Mode(Record, frozen=True, kw_only=True):
+    """One of several places where a target may be: its probability, and mean (6) and covariance (6 x 6) of the
+    estimate's first six components, relative position (m) and velocity (m/s)."""
+
+    weight: float
+    mean: tuple[float, ...]
+    covariance: tuple[tuple[float, ...], ...]
+
+
 class Estimate(Record, frozen=True, kw_only=True):
     """One estimate of one target by one estimator. `mean` and `covariance` have `components` and `units` and are
     None before a track exists. Use an estimate only if it is `valid`; `reason` explains why it is not. `frame`:
@@ -125,6 +134,7 @@ class Estimate(Record, frozen=True, kw_only=True):
     state_since_ns: int = 0
     measurement: MeasurementReport | None = None
     intruder: Intruder | None = None  # for traffic only
+    modes: tuple[Mode, ...] = ()  # of the leader, nearest first, where its range is open; else none
 
     @property
     def is_primary(self) -> bool:

@@ -3,7 +3,7 @@
 import math
 from typing import Final
 
-from onboard.messages import Estimate, Health, MeasurementReport
+from onboard.messages import Estimate, Health, MeasurementReport, Mode
 from onboard.view.motion import LeaderState, RangeEstimate, open_interval, range_estimate
 
 REFUSALS: Final = 5  # of the kinds of refused messages, the latest
@@ -70,6 +70,8 @@ def status(
             f"| {_direction(r)} | **{abs(r.closing):.1f} m/s** |",
             f"| wingspan | **{leader.mean[6]:.2f} ± {leader.sigma[6]:.2f} m** |",
         ]
+        if len(estimate.modes) > 1:
+            rows.append(f"| may be at | {' or '.join(map(_place, estimate.modes))} |")
         if error is not None:
             rows.append(f"| off the truth | {error:.2f} m |")
     age = "–" if estimate.age is None else f"{estimate.age:.2f} s ago"
@@ -103,6 +105,10 @@ def _range(leader: LeaderState, r: RangeEstimate) -> str:
     """Where the range is open, from where to where: a mean would look like a place."""
     ends = open_interval(leader)
     return f"{r.range:.1f} ± {r.sigma:.1f} m" if ends is None else f"OPEN: {ends[0]:.0f} to {ends[1]:.0f} m"
+
+
+def _place(mode: Mode) -> str:
+    return f"{math.hypot(*mode.mean[:3]):.0f} m ({mode.weight:.0%})"
 
 
 def _direction(r: RangeEstimate) -> str:

@@ -16,9 +16,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader import nose_particles
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.filter import LeaderFilter, Measurement, Open
 from onboard.estimators.leader.nose_particles import Cloud
-from onboard.estimators.leader.nose_summary import Summary, as_leader, summarise
+from onboard.estimators.leader.nose_summary import MOTION, RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.models.relative_motion import R
@@ -26,13 +26,11 @@ from onboard.ownship import Step
 
 PERIOD_S: Final = 0.15  # between images that the cloud takes
 LONGEST_S: Final = 0.25  # of a prediction of the cloud
-RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
 AGREE: Final = 1.0  # sigmas of the cloud's range: it confirms a wing-line range that is no farther off
 AGREE_AT_LEAST: Final = 0.025  # of the range: so near a range is confirmed in any case
 ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
 TOO_WIDE: Final = 0.2  # rad, of the direction: a cloud that is less certain starts again
 PATIENCE: Final = 10  # images in a row that the wing-line filter may reject before it starts again
-MOTION: Final = slice(0, 6)  # position and velocity
 
 
 class Pending(NamedTuple):
@@ -135,12 +133,14 @@ class AnySideFilter:
         """As the wing-line filter."""
         return self._wing_line.predicted_points(state.wing_line, measurement, update, pose)
 
-    def open_question(self, state: AnySide) -> str:
-        """What the images leave open, for a person; "" if nothing."""
+    def open_question(self, state: AnySide) -> Open:
+        """What the images leave open, and if it is the range, the modes of the cloud."""
         known = state.summary
         if known.range_sigma() > RESOLVED:
-            return "heading not resolved: the range is uncertain"
-        return "" if state.confirmed else "the nose is not on the course"
+            dt, moved, v_F_n = state.pending
+            places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)
+            return Open("heading not resolved: the range is uncertain", places)
+        return Open("" if state.confirmed else "the nose is not on the course")
 
     def is_too_wide(self, state: AnySide, share: float) -> bool:
         """Whether the direction is less certain than `share` to both; an uncertain range is no obstacle to it.

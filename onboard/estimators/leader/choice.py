@@ -15,7 +15,7 @@ from onboard.estimators.leader import modes, wing_line
 from onboard.estimators.leader.any_side import AnySideFilter
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.filter import LeaderFilter, Measurement, Open
 from onboard.estimators.leader.modes import Modes
 from onboard.estimators.leader.settings import ManoeuvreModel, NoseModel, settings_for
 from onboard.estimators.leader.wing_line_noise import Extras
@@ -120,9 +120,9 @@ class _WingLine:
         mean, covariance = modes.mixture(state)
         return Belief(mean[0], covariance[0])
 
-    def open_question(self, state: Modes) -> str:
+    def open_question(self, state: Modes) -> Open:
         del state
-        return ""
+        return Open()
 
     def is_too_wide(self, state: Modes, share: float) -> bool:
         return is_wide(self.belief(state), share)

@@ -4,6 +4,7 @@ from typing import Any, NamedTuple, Protocol
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.places import Place
 from onboard.filters.belief import Belief, Update
 from onboard.ownship import Step
 
@@ -17,6 +18,14 @@ class Measurement(NamedTuple):
     span: float
     span_sigma: float
     axes: Array
+
+
+class Open(NamedTuple):
+    """What the images leave open, for a person, "" if nothing; and the places where the leader may be, as the
+    belief's first six components, if the range is open."""
+
+    reason: str = ""
+    places: tuple[Place, ...] = ()
 
 
 class LeaderFilter(Protocol):
@@ -48,8 +57,8 @@ class LeaderFilter(Protocol):
     def predicted_points(self, state: Any, measurement: Measurement, update: Update, pose: CameraPose) -> Array:
         """Image points (3, 2) that `state` predicts, in focal lengths; NaN for a point behind the camera."""
 
-    def open_question(self, state: Any) -> str:
-        """What the images leave open, for a person; "" if nothing."""
+    def open_question(self, state: Any) -> Open:
+        """What the images leave open."""
 
     def is_too_wide(self, state: Any, share: float) -> bool:
         """Whether the position is less certain than this share of the range: an image cannot correct it."""

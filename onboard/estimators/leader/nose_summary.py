@@ -8,6 +8,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader import nose_particles
 from onboard.estimators.leader.nose_particles import Cloud
+from onboard.estimators.leader.places import Place, places
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing as model
@@ -24,7 +25,8 @@ BANK: Final = 14
 N: Final = 15
 SLOW: Final = 1.0  # m/s, of a course
 FLIES: Final = 3.0  # m/s: faster than one that hovers
-
+RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
+MOTION: Final = slice(0, 6)  # position and velocity
 
 STAYS: Final = np.eye(N)
 MOVES: Final = np.zeros((N, N))
@@ -36,10 +38,11 @@ CURVES[R_FL, A_L] = np.eye(3)
 
 class Summary(NamedTuple):
     """Mean (15,) and covariance (15, 15) of [r_FL_n, v_L, a_L, own velocity's error, log of the size, nose, bank's
-    error], vectors in n."""
+    error], vectors in n. Where the range is open, also the places where the leader may be."""
 
     mean: Array
     covariance: Array
+    places: tuple[Place, ...] = ()
 
     def after(self, dt: float, moved: Array) -> "Summary":
         """`dt` seconds later, at constant acceleration; we have moved by `moved` (3,) m, in n."""
@@ -48,7 +51,7 @@ class Summary(NamedTuple):
         F = STAYS + dt * MOVES + 0.5 * dt * dt * CURVES
         mean = F @ self.mean
         mean[R_FL] -= moved
-        return Summary(mean, F @ self.covariance @ F.T)
+        return Summary(mean, F @ self.covariance @ F.T, tuple(p.after(dt, moved) for p in self.places))
 
     def range_sigma(self) -> float:
         """The standard deviation of the range, as a share of it."""
@@ -72,7 +75,8 @@ class Summary(NamedTuple):
 
 
 def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
-    """The cloud as one Gaussian, with the errors that are ours: of our attitude, our velocity and the size."""
+    """The cloud as one Gaussian about its geometric mean range, with the errors that are ours: of our attitude,
+    our velocity and the size."""
     w = nose_particles.with_course(settings, cloud)
     k = len(w)
     rows = np.zeros((k, N))
@@ -85,16 +89,47 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     within = np.tensordot(w, cloud.covariances, 1)
     covariance[:9, :9] += within[:9, :9]
     covariance[BANK, BANK] += within[model.BANK_ERROR, model.BANK_ERROR]
+    geometric = math.exp(w @ np.log(np.linalg.norm(rows[:, R_FL], axis=1)))
+    mean, covariance = _about(mean, covariance, geometric)
     mean[LOG_SIZE] = math.log(settings.size)
-    # the size scales the range; our attitude turns the direction
+    # the size scales the range
     by_size = np.zeros(N)
     by_size[R_FL], by_size[LOG_SIZE] = mean[R_FL], 1.0
     covariance += (settings.size_sigma / settings.size) ** 2 * np.outer(by_size, by_size)
-    turned = np.cross(np.eye(3), mean[R_FL])
-    covariance[R_FL, R_FL] += turned.T @ np.diag(np.square(settings.misalignment)) @ turned
-    covariance[V_L, V_L] += settings.own_velocity**2 * np.eye(3)
+    covariance[MOTION, MOTION] += _by_pose(settings, mean[R_FL])
     covariance[NOSE, NOSE] += settings.misalignment[2] ** 2
-    return Summary(mean, 0.5 * (covariance + covariance.T))
+
+    def ours(r_FL_n: Array) -> Array:
+        by_pose = _by_pose(settings, r_FL_n)
+        by_pose[:3, :3] += (settings.size_sigma / settings.size) ** 2 * np.outer(r_FL_n, r_FL_n)
+        return by_pose
+
+    whole = Summary(mean, 0.5 * (covariance + covariance.T))
+    if whole.range_sigma() <= RESOLVED:
+        return whole
+    return whole._replace(places=places(w, rows[:, MOTION], cloud.covariances[:, MOTION, MOTION], ours))
+
+
+def _by_pose(settings: NoseModel, r_FL_n: Array) -> Array:
+    """The covariance (6, 6) of position and velocity that errors of our attitude and velocity cause."""
+    turned = np.cross(np.eye(3), r_FL_n)
+    P = np.zeros((6, 6))
+    P[:3, :3] = turned.T @ np.diag(np.square(settings.misalignment)) @ turned
+    P[3:, 3:] = settings.own_velocity**2 * np.eye(3)
+    return P
+
+
+def _about(mean: Array, covariance: Array, range_: float) -> tuple[Array, Array]:
+    """The mean moved to another range, m, and what goes with it, and the second moments about it there.
+
+    An open range has a long tail to the far side, which drags a mean with it. The geometric mean is about as
+    likely to be twice too far as twice too near."""
+    r = mean[R_FL]
+    distance = float(np.linalg.norm(r))
+    along = covariance[:, R_FL] @ (r / distance)
+    variance = float(along[R_FL] @ r) / distance
+    step = (range_ - distance) / variance * along
+    return mean + step, covariance + np.outer(step, step)
 
 
 def as_leader(known: Summary, v_F_n: Array, template: Belief) -> Belief:

@@ -8,7 +8,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader import oh_johnson_noise
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filter import Measurement
+from onboard.estimators.leader.filter import Measurement, Open
 from onboard.estimators.leader.settings import Noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, Update
@@ -89,10 +89,10 @@ class OhJohnson:
         wing = measurement.axes[1, 1:]
         return np.array([center, center - half * wing, center + half * wing])
 
-    def open_question(self, state: Belief) -> str:
+    def open_question(self, state: Belief) -> Open:
         """Nothing: this filter knows of no other answer."""
         del state
-        return ""
+        return Open()
 
     def is_too_wide(self, state: Belief, share: float) -> bool:
         """Whether the position's largest standard deviation exceeds this share of the range."""

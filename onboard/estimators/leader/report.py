@@ -1,13 +1,15 @@
 """Reports on single images: what was measured, what was predicted, and the verdict."""
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import LeaderFilter
 from onboard.estimators.leader.image import Image
+from onboard.estimators.leader.places import Place
 from onboard.filters.belief import Update
-from onboard.messages import ImagePoint, MeasurementReport, TargetImage, Verdict
+from onboard.messages import ImagePoint, MeasurementReport, Mode, TargetImage, Verdict
 
 
 class Outcome(NamedTuple):
@@ -49,6 +51,18 @@ def report(
         gate=filter_.gate,
         points=message.image_points,
         **fields,
+    )
+
+
+def modes_of(places: Iterable[Place]) -> tuple[Mode, ...]:
+    """Places as records."""
+    return tuple(
+        Mode(
+            weight=place.weight,
+            mean=tuple(place.mean.tolist()),
+            covariance=tuple(map(tuple, place.covariance.tolist())),
+        )
+        for place in places
     )
 
 

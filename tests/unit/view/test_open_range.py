@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.messages import Estimate, OwnPose
+from onboard.messages import Estimate, Mode, OwnPose
 from onboard.view import words
 from onboard.view.motion import LeaderState, leader_state, open_interval
 from tests.support.view_flight import NEEDS_RERUN, flight
@@ -76,3 +76,11 @@ def test_an_open_range_has_two_ends_and_no_aircraft_between() -> None:
     assert sharp[scene.LEADER] is not HIDDEN
     assert all(sharp[end] is HIDDEN for end in scene.OPEN_ENDS)
     assert len(sharp[scene.OPEN_RANGE]) == 0
+
+
+def test_words_say_where_it_may_be() -> None:
+    one = Mode(weight=0.7, mean=(12.0, 0.0, 0.0, 0.0, 0.0, 0.0), covariance=((1.0,) * 6,) * 6)
+    wide = replace(estimate_with(6.0), modes=(one, replace(one, weight=0.3, mean=(25.0, *one.mean[1:]))))
+    assert "| may be at | 12 m (70%) or 25 m (30%) |" in words.status(wide, state(wide), None, None)
+    single = replace(wide, modes=(one,))
+    assert "may be at" not in words.status(single, state(single), None, None)

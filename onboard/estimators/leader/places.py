@@ -1,0 +1,96 @@
+"""The places where a leader may be: the modes of a cloud of noses along its line of sight.
+
+A mean with its covariance cannot say "at 12 m or at 25 m". Where the range is open, the modes can.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+
+BIN: Final = 0.04  # of the logarithm of the range
+SMOOTHING: Final = 2.5  # bins, standard deviation
+VALLEY: Final = 0.6  # of the lower of two peaks: they are apart where the density between them is less
+LEAST: Final = 0.05  # of the weight: less is no place of its own
+KERNEL: Final = np.exp(-0.5 * (np.arange(-8, 9) / SMOOTHING) ** 2)
+
+
+class Place(NamedTuple):
+    """A mode: its share of the probability, and mean (6,) and covariance (6, 6) of r_FL_n in m and v_L in m/s."""
+
+    weight: float
+    mean: Array
+    covariance: Array
+
+    def after(self, dt: float, moved: Array) -> "Place":
+        """`dt` seconds later, at constant velocity; we have moved by `moved` (3,) m, in n."""
+        if dt <= 0.0:
+            return self
+        F = np.eye(6)
+        F[:3, 3:] = dt * np.eye(3)
+        mean = F @ self.mean
+        mean[:3] -= moved
+        return Place(self.weight, mean, F @ self.covariance @ F.T)
+
+    def relative_to(self, v_F_n: Array) -> "Place":
+        """With the velocity relative to ours (3,), in n."""
+        mean = self.mean.copy()
+        mean[3:] -= v_F_n
+        return self._replace(mean=mean)
+
+
+def places(w: Array, means: Array, covariances: Array, ours: Callable[[Array], Array]) -> tuple[Place, ...]:
+    """The modes, nearest first, of particles with weights w (K,), means (K, 6) and covariances (K, 6, 6).
+    `ours` gives the covariance (6, 6) of errors that all particles share, of a leader at r_FL_n (3,)."""
+    log_range = np.log(np.linalg.norm(means[:, :3], axis=1))
+    found = []
+    for part in _apart(log_range, w):
+        weight = float(w[part].sum())
+        share = w[part] / weight
+        mean = share @ means[part]
+        off = means[part] - mean
+        spread = (off * share[:, None]).T @ off + np.tensordot(share, covariances[part], 1)
+        found.append(Place(weight, mean, spread + ours(mean[:3])))
+    return tuple(found)
+
+
+def _apart(x: Array, w: Array) -> list[Array]:
+    """Masks (K,) of the groups of numbers x (K,) with weights w (K,) that valleys of their density keep apart."""
+    first, last = math.floor(x.min() / BIN), math.floor(x.max() / BIN)
+    bins = np.clip(np.floor(x / BIN).astype(int) - first, 0, last - first)
+    density = np.convolve(np.bincount(bins, w, last - first + 1), KERNEL)[8:-8]
+    groups = _joined(_split(density, 0, len(density)), np.bincount(bins, w))
+    return [(bins >= a) & (bins < b) for a, b in groups]
+
+
+def _split(density: Array, begin: int, end: int) -> list[tuple[int, int]]:
+    """The ranges of bins, from `begin` to `end`, between which there are valleys."""
+    at = _valley(density, begin, end)
+    return [(begin, end)] if at is None else _split(density, begin, at) + _split(density, at, end)
+
+
+def _valley(density: Array, begin: int, end: int) -> int | None:
+    """Where a density is least between two peaks, from `begin` to `end`; None if it has one peak."""
+    best, at = VALLEY, None
+    left = np.maximum.accumulate(density[begin:end])
+    right = np.maximum.accumulate(density[begin:end][::-1])[::-1]
+    for i in range(1, end - begin - 1):
+        share = density[begin + i] / max(min(left[i], right[i]), 1e-300)
+        if share < best:
+            best, at = share, begin + i
+    return at
+
+
+def _joined(groups: list[tuple[int, int]], weight: Any) -> list[tuple[int, int]]:
+    """The groups of bins without those of little weight, which join a neighbour."""
+    kept: list[tuple[int, int]] = []
+    for begin, end in groups:
+        small = weight[begin:end].sum() < LEAST
+        if kept and (small or weight[kept[-1][0] : kept[-1][1]].sum() < LEAST):
+            kept[-1] = kept[-1][0], end
+        else:
+            kept.append((begin, end))
+    return kept
