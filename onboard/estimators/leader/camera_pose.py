@@ -44,6 +44,18 @@ class CameraPoses:
             self._poses[key] = _pose(camera, t_ns, ownship)
         return self._poses[key]
 
+    def see(self, r_FL_n: Array, t_ns: int, ownship: Ownship) -> bool:
+        """Whether what is at r_FL_n (3,) m should be in the image of a camera; where a pose is unknown, it may."""
+        for camera in (self.camera, *self.camera.others):
+            pose = self.at(t_ns, ownship, camera)
+            if pose is None:
+                return True
+            ahead, right, down = (pose.R_cn @ (r_FL_n - pose.r_FC_n)).tolist()
+            half = 0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px
+            if ahead > 0 and abs(right) <= half[0] * ahead and abs(down) <= half[1] * ahead:
+                return True
+        return False
+
 
 def _pose(camera: Camera, t_ns: int, ownship: Ownship) -> CameraPose | None:
     pose, before = ownship.pose_at(t_ns), ownship.pose_at(t_ns - RATE_NS)

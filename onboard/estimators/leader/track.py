@@ -11,21 +11,21 @@ from collections import deque
 from functools import partial
 from typing import Any, Final
 
-from onboard.arrays import Array
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.exchange import Exchange
-from onboard.estimators.leader.filter import LeaderFilter
-from onboard.estimators.leader.image import Image, agree, in_view, prepare
+from onboard.estimators.leader.filter import LeaderFilter, Open
+from onboard.estimators.leader.guard import Guard
+from onboard.estimators.leader.image import Image, agree, prepare
 from onboard.estimators.leader.partial import refused
 from onboard.estimators.leader.repeats import Repeats
-from onboard.estimators.leader.report import Outcome, report
+from onboard.estimators.leader.report import Outcome, modes_of, report
 from onboard.estimators.leader.status import Status
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Estimate, Lifecycle, MeasurementReport, TargetImage, Verdict
+from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.models import relative_motion
 from onboard.models.relative_motion import R
 from onboard.ownship import Ownship
@@ -58,6 +58,8 @@ class Track:
         self._held: deque[Image] = deque(maxlen=self._images)
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
+        self._guard = Guard(config.size_prior_m)
+        self._guarded = config.filter in {"any-side", "wing-line"}  # the paper's covariances are far too small
         self._report = partial(report, filter_)
         self._sequence = 0
         reason = "as many targets are followed as may be" if full else "no image yet"
@@ -161,6 +163,8 @@ class Track:
                 self._start(image, ownship, None)
             return self._report(message, Verdict.GATED, image, outcome)
         self._exchange.fused(image)
+        if image.has_wing:
+            self._guard.seen(image.measurement.span, image.measurement.span_sigma)
         self._status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_wing)
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
@@ -205,6 +209,7 @@ class Track:
 
     def _forget(self, reason: str) -> None:
         self._status.forgotten(reason, had_track=self._history is not None)
+        self._guard.clear()
         self._history = None
 
     def _advance(self, state: Any, t0_ns: int, t1_ns: int, ownship: Ownship) -> Any:
@@ -228,19 +233,7 @@ class Track:
 
     # ---------------------------------------------------------------------------------- estimates
 
-    def _should_be_in_view(self, mean: Array, t_ns: int, ownship: Ownship) -> bool:
-        """Whether the target's center should be in the image of a camera now."""
-        first = self._poses.camera
-        for camera in (first, *first.others):
-            pose = self._poses.at(t_ns, ownship, camera)
-            if pose is None:
-                return True
-            ahead, right, down = (pose.R_cn @ (mean[R] - pose.r_FC_n)).tolist()
-            if ahead > 0 and in_view([(right / ahead, down / ahead)], camera, None, 0.0):
-                return True
-        return False
-
-    def _belief(self, ownship: Ownship) -> tuple[int, Belief, str] | None:
+    def _belief(self, ownship: Ownship) -> tuple[int, Belief, Open] | None:
         """The belief now, its time, and what is open. A covariance without a Cholesky factor ends the track."""
         if self._history is None:
             return None
@@ -258,17 +251,21 @@ class Track:
         found = self._belief(ownship)
         t_ns, mean, covariance = ownship.now_ns, None, None
         state, reason = Lifecycle.INITIALISING if self._held else Lifecycle.SEARCHING, self._status.reason
+        modes: tuple[Mode, ...] = ()
         self.direction_n = None
         if found is not None:
-            t_ns, belief, question = found
+            t_ns, belief, left = found
             mean = tuple(belief.mean.tolist())
             covariance = tuple(map(tuple, belief.covariance.tolist()))
             coasting = self._status.is_coasting(t_ns)
-            in_view = not coasting or self._should_be_in_view(belief.mean, t_ns, ownship)
+            in_view = not coasting or self._poses.see(belief.mean[R], t_ns, ownship)
             state, reason = self._status.state(t_ns, in_view=in_view)
             if self._exchange.is_in_question(t_ns):
                 state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
-            reason = f"{reason}; {question}" if question and state is not Lifecycle.LOST else reason
+            elif self._guarded and (contradiction := self._guard.contradiction(t_ns, belief, ownship)):
+                state, reason = Lifecycle.LOST, contradiction
+            if left.reason and state is not Lifecycle.LOST:
+                reason, modes = f"{reason}; {left.reason}", modes_of(left.places)
             range_ = math.hypot(*mean[R])
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
             if not coasting:
@@ -292,4 +289,5 @@ class Track:
             age=None if age == math.inf else age,
             reset_count=self._status.resets,
             measurement=measurement,
+            modes=modes,
         )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from onboard.estimators.leader.guard import Guard
 from onboard.messages import Datagram, Lifecycle, TargetPoints, Verdict
 from tests.support.streams import (
     CIRCLE,
@@ -210,3 +211,13 @@ def test_images_that_waited_when_the_autopilot_rebooted_are_forgotten() -> None:
     assert run.pipeline.clocks.reboots == 1
     rebooted = next(i for i, e in enumerate(run.estimates) if e.t_ns < 10 * S)
     assert all(e.measurement is None for e in run.estimates[rebooted:])
+
+
+@pytest.mark.parametrize(("filter_", "valid"), [("any-side", False), ("paper", True)])
+def test_what_the_last_check_contradicts_is_not_valid(
+    monkeypatch: pytest.MonkeyPatch, filter_: str, valid: bool
+) -> None:
+    monkeypatch.setattr(Guard, "contradiction", lambda *_: "contradicted")
+    last = fly(lambda t: t >= 6.0, 6.6, CIRCLE, f"estimator.leader.filter={filter_}").estimates[-1]
+    assert last.mean is not None
+    assert (last.valid, last.reason == "contradicted") == (valid, not valid)

@@ -1,0 +1,106 @@
+"""A last check of what is published as valid, which no filter makes of itself.
+
+A filter that is sure of a wrong range does not notice it by its own innovations. Two things can still contradict
+it. A wing cannot look larger than it does broadside: whoever claims a range at which it would have to is wrong.
+And what was published some seconds ago, carried on by our known motion alone, must agree with what is published
+now: a range that moved farther than both covariances and a manoeuvre allow was wrong then, or is wrong now.
+
+It cannot see a range that is wrong and stays so. docs/measurements.md says how much it finds.
+"""
+
+import math
+from collections import deque
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters.belief import Belief
+from onboard.geometry.units import NS_PER_S
+from onboard.models.relative_motion import R, V
+from onboard.ownship import Ownship
+
+PERIOD_NS: Final = 100_000_000  # between checks
+LOOKS_BACK_S: Final = 3.0
+ACCELERATION: Final = 1.5  # m/s^2, one standard deviation, of a leader that is not known to accelerate
+SIGMAS: Final = 3.0
+SPANS: Final = 5  # images whose median apparent size counts
+TOO_LARGE: Final = 0.06  # of the apparent size: three standard deviations of the wing's size, as it is configured
+
+
+class Published(NamedTuple):
+    """What was published: r_FL_n and v_L_n (6,), their covariance (6, 6), and how far we had moved (3,) m."""
+
+    t_ns: int
+    motion: Array
+    covariance: Array
+    moved: Array
+
+
+class Guard:
+    """The check of one track, of a leader with a wing of `size` m."""
+
+    def __init__(self, size: float) -> None:
+        self._size = size
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all: another track begins."""
+        self._spans: deque[tuple[float, float]] = deque(maxlen=SPANS)
+        self._published: deque[Published] = deque()
+        self._moved, self._until_ns, self._found = np.zeros(3), 0, ""
+
+    def seen(self, span: float, sigma: float) -> None:
+        """An image was fused in which the wing appears this long, rad."""
+        self._spans.append((span, sigma))
+
+    def contradiction(self, t_ns: int, belief: Belief, ownship: Ownship) -> str:
+        """What contradicts a belief that is to be published, "" if nothing does."""
+        if t_ns - self._until_ns < PERIOD_NS:
+            return self._found
+        if not 0 < t_ns - self._until_ns < NS_PER_S:  # the first of a track, or after a gap
+            self._published.clear()
+        v_F_n = self._go(t_ns, ownship)
+        if v_F_n is None:
+            return self._found
+        motion = np.concatenate([belief.mean[R], belief.mean[V] + v_F_n])
+        now = Published(t_ns, motion, belief.covariance[:6, :6], self._moved)
+        while self._published and t_ns - self._published[0].t_ns > LOOKS_BACK_S * NS_PER_S:
+            before = self._published.popleft()
+            self._found = ""
+            if disagree(before, now):
+                self._found = f"the range contradicts what was published {LOOKS_BACK_S:g} s ago"
+        self._published.append(now)
+        if self._looks_too_large(belief):
+            return "the wing looks too large for its range"
+        return self._found
+
+    def _go(self, t_ns: int, ownship: Ownship) -> Array | None:
+        """Our motion up to t_ns is added; our velocity then, None if it is not known."""
+        steps = ownship.steps(self._until_ns if self._published else t_ns - PERIOD_NS, t_ns)
+        self._until_ns = t_ns
+        if not steps:
+            return None
+        self._moved = self._moved + sum(step.dt * step.v0 + 0.5 * step.dt**2 * step.a for step in steps)
+        return steps[-1].v1
+
+    def _looks_too_large(self, belief: Belief) -> bool:
+        """Whether the wing, of the size that the belief has, looks longer than broadside at its range."""
+        if len(self._spans) < SPANS:
+            return False
+        span, sigma = sorted(self._spans)[SPANS // 2]
+        r = belief.mean[R]
+        distance = float(np.linalg.norm(r))
+        along = math.sqrt(max(float(r @ belief.covariance[R, R] @ r), 0.0)) / distance**2
+        allowed = TOO_LARGE + SIGMAS * (along + sigma / span)
+        return math.log(span * distance / self._size) > allowed
+
+
+def disagree(before: Published, now: Published) -> bool:
+    """Whether a range is not what an earlier one becomes, at constant velocity of the leader and by our motion."""
+    dt = (now.t_ns - before.t_ns) / NS_PER_S
+    predicted = before.motion[:3] + dt * before.motion[3:] - (now.moved - before.moved)
+    line = now.motion[:3] / np.linalg.norm(now.motion[:3])
+    F = np.concatenate([line, dt * line])
+    variance = F @ before.covariance @ F + line @ now.covariance[:3, :3] @ line + (0.5 * ACCELERATION * dt**2) ** 2
+    return bool(abs(line @ (now.motion[:3] - predicted)) > SIGMAS * math.sqrt(variance))
