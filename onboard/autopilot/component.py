@@ -3,7 +3,7 @@
 from typing import Final
 
 from onboard.autopilot.requests import UNSUPPORTED, Requests, stamp
-from onboard.messages import Command, CommandAck, Message, ParamRequest
+from onboard.messages import Command, CommandAck, FileRequest, Message, ParamRequest
 from onboard.wire.mavlink_encode import MavlinkEncoder
 
 TO_ALL: Final = 0  # as a target component
@@ -25,7 +25,7 @@ class Component:
         """Whether a message is our own, come back by another way."""
         return (m.system, m.component) == (self._system, self._component)
 
-    def is_target(self, m: Command | CommandAck | ParamRequest) -> bool:
+    def is_target(self, m: Command | CommandAck | FileRequest | ParamRequest) -> bool:
         """Whether a message is addressed to us, or to all components of our system."""
         return m.target_system == self._system and m.target_component in {self._component, TO_ALL}
 

@@ -4,9 +4,11 @@ traffic."""
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from onboard.autopilot.files import Files
 from onboard.autopilot.leader_messages import View
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.autopilot.leader_state import LeaderStates
+from onboard.autopilot.metadata import Metadata
 from onboard.autopilot.notices import WARNING, Notices
 from onboard.autopilot.odometry import OdometryStream
 from onboard.autopilot.parameters import Parameters
@@ -51,8 +53,11 @@ class AutopilotOutput:
         self._requests = Requests()
         self._requests.offer("AUTOPILOT_VERSION", version)
         parameters = parameters or Parameters(config)
+        metadata = Metadata(parameters.names, config.autopilot.component)
+        self._requests.offer("COMPONENT_METADATA", metadata.message)
+        files = Files(metadata.files)
         self._sessions = {
-            link.name: Session(config.autopilot, link.name, self._requests, parameters)
+            link.name: Session(config.autopilot, link.name, self._requests, parameters, files)
             for link in config.link
             if link.is_autopilot
         }

@@ -10,7 +10,8 @@ from typing import Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.autopilot.component import Component
+from onboard.autopilot.component import TO_ALL, Component
+from onboard.autopilot.files import Files
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.requests import Requests, stamp
 from onboard.autopilot.stream import Stream
@@ -20,6 +21,7 @@ from onboard.messages import (
     Command,
     CommandAck,
     ComputerStatus,
+    FileRequest,
     Heartbeat,
     Message,
     ParamRequest,
@@ -52,10 +54,11 @@ class Session:
         channel: str = "",
         requests: Requests | None = None,
         parameters: Parameters | None = None,
+        files: Files | None = None,
     ) -> None:
         self.lines: list[str] = []  # for a person, since the start
         self._config, self._channel, self._requests_of_us = config, channel, requests or Requests()
-        self._parameters = parameters or Parameters(Config())
+        self._parameters, self._files = parameters or Parameters(Config()), files or Files({})
         self._refusals = self._status_requests = 0
         self.computer: ComputerStatus | None = None
         self._us: Component | None = None
@@ -126,6 +129,8 @@ class Session:
                 frames.extend(map(self._pack, replies))
                 if refusal:
                     self.lines.append(f"parameter refused: {refusal}")
+            elif isinstance(m, FileRequest) and us.is_target(m) and m.target_component != TO_ALL:
+                frames.extend(map(self._pack, self._files.answer(m, now_ns)))
             elif isinstance(m, CommandAck) and us.is_target(m):
                 self._read_ack(m)
             elif isinstance(m, Command) and us.is_target(m):

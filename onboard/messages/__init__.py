@@ -46,6 +46,7 @@ from onboard.messages.estimates import (
     ThreatLevel,
     Verdict,
 )
+from onboard.messages.files import ComponentMetadata, FileError, FileReply, FileRequest
 from onboard.messages.guidance import (
     CameraTracking,
     CameraTrackingGeo,
@@ -119,6 +120,7 @@ __all__ = [
     "Collision",
     "Command",
     "CommandAck",
+    "ComponentMetadata",
     "ComputerStatus",
     "Datagram",
     "DetectedPoint",
@@ -128,6 +130,9 @@ __all__ = [
     "EstimatorStatus",
     "Fault",
     "FaultKind",
+    "FileError",
+    "FileReply",
+    "FileRequest",
     "FollowTarget",
     "GlobalOrigin",
     "GlobalPosition",

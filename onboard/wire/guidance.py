@@ -21,7 +21,8 @@ from onboard.messages import (
     Quaternion,
     TargetRelative,
 )
-from onboard.wire.mavlink_frame import TARGET_RELATIVE, TARGET_RELATIVE_EXTRA
+from onboard.wire.mavlink_frame import TARGET_RELATIVE
+from onboard.wire.unlisted import UnlistedMessage
 
 POSITION, VELOCITY, ATTITUDE = 1, 2, 8  # bits of est_capabilities
 LOCAL_OFFSET_NED: Final = 2  # TARGET_OBS_FRAME: NED, travels with the vehicle
@@ -34,24 +35,13 @@ NAN: Final = math.nan
 UNKNOWN: Final = 2**31 - 1  # of a latitude or longitude
 
 
-class TargetRelativeMessage(dialect.MAVLink_message):  # type: ignore[misc]  # pymavlink has no types
-    """TARGET_RELATIVE as pymavlink's messages are made."""
+class TargetRelativeMessage(UnlistedMessage):
+    """TARGET_RELATIVE."""
 
     id = TARGET_RELATIVE
     msgname = "TARGET_RELATIVE"
-    crc_extra = TARGET_RELATIVE_EXTRA
-    layout: Final = struct.Struct(
-        "<Q3f3ff4f4f3B"
-    )  # timestamp, r, pos_std, yaw_std, q_target, q_sensor; id, frame, type
-
-    def __init__(self, *fields: Any) -> None:
-        super().__init__(TARGET_RELATIVE, self.msgname)
-        self._fields = fields
-
-    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
-        """The frame."""
-        payload = self.layout.pack(*self._fields)
-        return cast(bytes, self._pack(mav, self.crc_extra, payload, force_mavlink1=force_mavlink1))
+    # timestamp, r, pos_std, yaw_std, q_target, q_sensor; id, frame, type
+    layout = struct.Struct("<Q3f3ff4f4f3B")
 
 
 def _target_relative(m: Any) -> list[Any]:

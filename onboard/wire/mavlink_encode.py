@@ -29,8 +29,7 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
-from onboard.wire import companion, guidance, parameters
-from onboard.wire.mavlink_frame import TARGET_RELATIVE
+from onboard.wire import companion, files, guidance, parameters
 
 BODY_FRD: Final = 12
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -64,8 +63,9 @@ class MavlinkEncoder:
 
 def message_number(name: str) -> int:
     """The number of a MAVLink message. Raises KeyError for an unknown name."""
-    if name == guidance.TargetRelativeMessage.msgname:
-        return TARGET_RELATIVE
+    for unlisted in (guidance.TargetRelativeMessage, files.ComponentMetadataMessage):
+        if name == unlisted.msgname:
+            return unlisted.id
     number = getattr(dialect, f"MAVLINK_MSG_ID_{name}", None)
     if not isinstance(number, int):
         raise KeyError(name)
@@ -225,6 +225,7 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Collision: _collision,
     Odometry: _odometry,
     **companion.ENCODE,
+    **files.ENCODE,
     **guidance.ENCODE,
     **parameters.ENCODE,
 }

@@ -33,7 +33,7 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
 )
-from onboard.wire import guidance, parameters
+from onboard.wire import files, guidance, parameters
 
 SAFETY_ARMED: Final = 128  # MAV_MODE_FLAG of the base mode
 PRESSURE_ALT_UPDATED: Final = 2048  # HIGHRES_IMU_UPDATED_PRESSURE_ALT
@@ -285,5 +285,8 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "ADSB_VEHICLE": (Layout("<I3i2Hh2HB9s2B"), _adsb_vehicle),
     "COLLISION": (Layout("<I3f3B"), _collision),
     "FOLLOW_TARGET": (Layout("<2Q2i17fB"), guidance.follow_target),
-    **{name: (Layout(form), convert) for name, (form, convert) in parameters.CONVERT.items()},
+    **{
+        name: (Layout(form), convert)
+        for name, (form, convert) in [*parameters.CONVERT.items(), *files.CONVERT.items()]
+    },
 }

@@ -15,8 +15,7 @@ from onboard.wire.mavlink_frame import (
     MIRRORED,
     SIGNATURE,
     SIGNED,
-    TARGET_RELATIVE,
-    TARGET_RELATIVE_EXTRA,
+    UNLISTED_EXTRA,
     V2,
     V2_HEAD,
 )
@@ -29,8 +28,7 @@ UNIT_NS: Final = 10_000
 NEW_STREAM: Final = 6_000_000  # 60 s: a stream that is new may be this much older than now
 KEY_BYTES: Final = 32
 MOST_STREAMS: Final = 256
-EXTRA: Final = {number: extra for number, (_, extra) in MESSAGES.items()}
-EXTRA[TARGET_RELATIVE] = TARGET_RELATIVE_EXTRA
+EXTRA: Final = {number: extra for number, (_, extra) in MESSAGES.items()} | UNLISTED_EXTRA
 
 
 class Verifier:

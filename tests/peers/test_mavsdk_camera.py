@@ -1,11 +1,15 @@
-"""MAVSDK's camera plugin finds the camera in which we track the leader, by our heartbeat and our answers."""
+"""MAVSDK's camera plugin finds the camera in which we track the leader, by our heartbeat and our answers. Its
+plugin for component metadata reads that of our parameters over MAVLink FTP."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
+from onboard.autopilot.parameters import KEYS
 from onboard.messages import Datagram, Encoding
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
@@ -18,7 +22,9 @@ pytestmark = NEEDS_MAVSDK
 CLIENT = (
     CONNECT
     + """\
+import threading
 from mavsdk.plugins.camera import Camera
+from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
 
 camera = Camera(system)
 deadline = time.monotonic() + 60
@@ -29,15 +35,32 @@ for c in cameras:
     size = [c.horizontal_resolution_px, c.vertical_resolution_px]
     found.append([c.component_id, c.vendor_name, c.model_name, *size])
 print("FOUND " + json.dumps(found), flush=True)
+received, done = [], threading.Event()
+metadata = ComponentMetadata(system)
+
+
+def take(update, _):
+    if update.type == MetadataType.PARAMETER:
+        received.append([update.compid, json.loads(update.json_metadata)])
+        done.set()
+
+
+metadata.subscribe_metadata_available(take)
+metadata.request_component(191)
+done.wait(60)
+print("METADATA " + json.dumps(received), flush=True)
 """
 )
 
 
-def test_mavsdk_finds_the_camera_in_which_we_track() -> None:
+def test_mavsdk_finds_the_camera_in_which_we_track_and_reads_the_metadata_of_our_parameters(
+    tmp_path: Path,
+) -> None:
     (port,) = free_ports(socket.SOCK_DGRAM)
     out, autopilot, decoder = everything(), MavlinkEncoder(7, 1), DatagramDecoder()
     command = [sys.executable, "-c", CLIENT, f"udpin://127.0.0.1:{port}"]
-    client = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    home = {**os.environ, "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}  # it keeps the files it has read
+    client = subprocess.Popen(command, env=home, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
             ours.connect(("127.0.0.1", port))
@@ -55,6 +78,8 @@ def test_mavsdk_finds_the_camera_in_which_we_track() -> None:
         client.wait()
     found: list[Any] = json.loads(text.split("FOUND ")[1].splitlines()[0])
     assert found == [[100, "wingline", "front", 640, 480]], text
+    ((component, described),) = json.loads(text.split("METADATA ")[1].splitlines()[0])
+    assert (component, [p["name"] for p in described["parameters"]]) == (191, list(KEYS)), text
 
 
 def exchange(ours: socket.socket, frame: bytes) -> None:

@@ -21,6 +21,7 @@ from onboard.messages import (
     Command,
     CommandAck,
     EstimatorStatus,
+    FileRequest,
     FollowTarget,
     GlobalOrigin,
     GlobalPosition,
@@ -251,6 +252,21 @@ def _ping(m: Any, h: dict[str, Any]) -> Message:
     return Ping(**unstamped, **targets, time_us=m.time_usec, number=m.seq)
 
 
+def _file_request(m: Any, h: dict[str, Any]) -> Message:
+    payload = bytes(m.payload)
+    return FileRequest(
+        **h,
+        target_system=m.target_system,
+        target_component=m.target_component,
+        number=payload[0] | payload[1] << 8,
+        session=payload[2],
+        opcode=payload[3],
+        size=payload[4],
+        offset=int.from_bytes(payload[8:12], "little"),
+        data=payload[12 : 12 + payload[4]],
+    )
+
+
 CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
@@ -269,6 +285,7 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "SCALED_IMU": _scaled_imu,
     "RAW_IMU": _scaled_imu,
     "SCALED_PRESSURE": _scaled_pressure,
+    "FILE_TRANSFER_PROTOCOL": _file_request,
     "SERVO_OUTPUT_RAW": _servo_output,
     "SYS_STATUS": lambda m, h: _battery(m.voltage_battery, h),
     "BATTERY_STATUS": _battery_status,
