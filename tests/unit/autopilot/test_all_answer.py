@@ -28,7 +28,7 @@ SET, GET, REQUEST = 511, 510, 512
 ACCEPTED, DENIED = 0, 2
 OF_SIMULATORS = {  # what only a simulated autopilot sends with our encoder
     *("SYSTEM_TIME", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GPS_GLOBAL_ORIGIN", "GPS_RAW_INT"),
-    *("HIGHRES_IMU", "SERVO_OUTPUT_RAW"),
+    *("HIGHRES_IMU", "SERVO_OUTPUT_RAW", "SYS_STATUS"),
 }
 
 
