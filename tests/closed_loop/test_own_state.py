@@ -9,7 +9,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import Health, NavState, Truth
 from onboard.view.client import Client
-from tests.support.programs import free_ports, run, started, until
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import load_scenario
+from tests.support.programs import free_ports, started, until
 
 NEAR_NS = 25_000_000
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
@@ -19,7 +21,7 @@ def test_a_weak_motor_is_named_over_zenoh_and_mavlink_seed_2(tmp_path: Path) -> 
     autopilot, ground, zenoh = free_ports(UDP, UDP, TCP)
     endpoint = f"tcp/127.0.0.1:{zenoh}"
     config = tmp_path / "q.toml"
-    config.write_text(run("simlink", "config", "quadrotor-motor").stdout)
+    config.write_text(daemon_config(load_scenario("quadrotor-motor")), encoding="utf-8")
     links = f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot}'}}, "
     links += f"{{name='ground', url='udpout:127.0.0.1:{ground}', autopilot=false}}]"
     settings = [links, f"zenoh.listen=['{endpoint}']", "odometry.link='ground'"]

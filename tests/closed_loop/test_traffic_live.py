@@ -12,7 +12,9 @@ from pymavlink.dialects.v20 import common
 
 from onboard.messages import Estimate, Health
 from onboard.view.client import Client
-from tests.support.programs import PATIENCE, free_ports, run, started, until
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import load_scenario
+from tests.support.programs import PATIENCE, free_ports, started, until
 
 UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 
@@ -81,7 +83,7 @@ def test_all_the_traffic_is_tracked_published_and_sent_to_a_ground_station(tmp_p
     station.setblocking(False)
     endpoint = f"tcp/127.0.0.1:{router}"
     config = tmp_path / "traffic.toml"
-    config.write_text(run("simlink", "config", "traffic").stdout)
+    config.write_text(daemon_config(load_scenario("traffic")), encoding="utf-8")
     overrides = settings(autopilot, station.getsockname()[1], endpoint)
     fly = ("simlink", "run", "traffic", "--mavlink", f"udpout:127.0.0.1:{autopilot}", "--tcp", "none")
     with started(tmp_path / "daemon", "onboard", "run", config, *overrides) as daemon:

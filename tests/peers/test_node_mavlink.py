@@ -1,11 +1,12 @@
 """All that we send, as node-mavlink decodes it: its signatures too, and those that it makes.
 
-Needs npm, which installs node-mavlink into a folder of its own, and is skipped without."""
+Needs npm, which installs node-mavlink into the virtual environment, and is skipped without."""
 
 import json
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -26,16 +27,21 @@ pytestmark = pytest.mark.skipif(
 
 
 @pytest.fixture(scope="module")
-def modules(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder with node-mavlink: that of WINGLINE_NODE_MODULES, or one that npm fills."""
+def modules() -> Path:
+    """The folder with node-mavlink: that of WINGLINE_NODE_MODULES, or one in the virtual environment, which npm
+    fills once."""
     if given := os.environ.get("WINGLINE_NODE_MODULES"):
         return Path(given)
-    folder = tmp_path_factory.mktemp("node")
+    folder = Path(sys.prefix) / PACKAGE
+    if (folder / "installed").exists():
+        return folder / "node_modules"
+    folder.mkdir(exist_ok=True)
     (folder / "package.json").write_text("{}")
     command = ["npm", "install", "--no-audit", "--no-fund", "--ignore-scripts", "--prefix", str(folder), PACKAGE]
     done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
     if done.returncode != 0:
         pytest.skip(f"npm cannot install {PACKAGE}: {done.stderr.strip().splitlines()[-1:]}")
+    (folder / "installed").touch()
     return folder / "node_modules"
 
 

@@ -12,12 +12,13 @@ from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import boot_ns_of, datagrams
 
-SECONDS: Final = {  # of flight, where it matters: the first is in view again after 42 s
-    "formation-out-of-view": 60.0,
+SECONDS: Final = {  # of flight, where it matters
+    "formation-drop-out": 38.0,  # without images from 30 to 35 s
+    "formation-out-of-view": 48.0,  # in view again after 42 s
     "formation-hover": 60.0,
     "formation-speed-change": 60.0,
 }
-SHORT: Final = 42.0  # the others
+SHORT: Final = 30.0  # the others: half of it is scored
 
 
 class Recorded(NamedTuple):
