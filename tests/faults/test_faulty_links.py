@@ -5,7 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Datagram, Encoding, TargetPoints, Verdict
-from tests.support.faulty_flight import DATAGRAMS, IMAGES, ITEMS, T0, T1, assert_on_target, clean, flown
+from tests.support.faulty_flight import DATAGRAMS, IMAGES, ITEMS, OWN_HZ, T0, T1, assert_on_target, clean, flown
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode
 
 
@@ -26,7 +26,7 @@ def test_drop_30_percent_with_seed(seed: int) -> None:
     run = flown(kept)
     assert_on_target(run)
     assert run.rejected == {}
-    assert run.pipeline.health(0).streams["Attitude"].count < 0.8 * (T1 - T0) * 50
+    assert run.pipeline.health(0).streams["Attitude"].count < 0.8 * (T1 - T0) * OWN_HZ
 
 
 @pytest.mark.parametrize("seed", [33, 34])
@@ -50,11 +50,11 @@ def test_drop_30_percent_of_frames_within_datagrams_with_seed(seed: int) -> None
 @pytest.mark.parametrize("seed", [35, 36])
 def test_reorder_with_seed(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    order = np.argsort([d.t_recv_ns + rng.uniform(0, 50 * MS) for d in DATAGRAMS])
+    order = np.argsort([d.t_recv_ns + rng.uniform(0, 100 * MS) for d in DATAGRAMS])
     run = flown([DATAGRAMS[i] for i in order])
     assert_on_target(run)
-    assert run.rejected["attitude_out_of_order"] > 50
-    assert run.rejected["position_out_of_order"] > 50
+    assert run.rejected["attitude_out_of_order"] > 20
+    assert run.rejected["position_out_of_order"] > 20
     assert run.pipeline.clocks.reboots == 0
 
 
@@ -62,7 +62,7 @@ def test_duplicate_every_datagram() -> None:
     run = flown([d for d in DATAGRAMS for _ in range(2)])
     assert run.estimates[-1].mean == clean().estimates[-1].mean
     assert run.verdicts()[Verdict.DUPLICATE] == IMAGES
-    assert run.rejected == {"position_out_of_order": round(50 * (T1 - T0))}
+    assert run.rejected == {"position_out_of_order": round(OWN_HZ * (T1 - T0))}
 
 
 @pytest.mark.parametrize("stream", [False, True])

@@ -123,8 +123,8 @@ def test_the_health_of_a_flooded_stream_is_that_of_its_last_seconds() -> None:
     run = feed(DATAGRAMS, make_config("estimator={}"))
     last = DATAGRAMS[-1].t_recv_ns
     streams = run.pipeline.health(last).streams
-    assert streams["Attitude"].rate == pytest.approx(50, abs=1)
-    assert run.pipeline.health(last + 1_500 * MS).streams["Attitude"].rate == pytest.approx(12.5, abs=1)
+    assert streams["Attitude"].rate == pytest.approx(25, abs=1)
+    assert run.pipeline.health(last + 1_500 * MS).streams["Attitude"].rate == pytest.approx(6.25, abs=1)
     later = run.pipeline.health(last + 5_000 * MS).streams["Attitude"]
     assert (later.rate, later.count) == (0.0, streams["Attitude"].count)
     assert later.age == pytest.approx(5.0, abs=0.05)

@@ -24,6 +24,7 @@ from onboard.messages import (
     TargetPoints,
 )
 from onboard.pipeline import Pipeline
+from tests.support.faulty_flight import every_second
 from tests.support.streams import (
     CIRCLE,
     EPOCH,
@@ -41,8 +42,7 @@ from tests.support.streams import (
 T0, BEGINS, ENDS, T1 = 40.0, 42.0, 43.5, 46.0
 RIGHT = 3.0  # m; what is valid is right so nearly
 QUIET = 1.2  # m; the same of the flight without faults
-ITEMS = [i for i in Stream(t0=T0, t1=T1, seed=21).items() if i.message.t_ns % (40 * MS) == 0]
-ITEMS = [i for i in ITEMS if not isinstance(i.message, TargetPoints) or i.message.t_ns % (80 * MS) == 0]
+ITEMS = every_second(Stream(t0=T0, t1=T1, seed=21).items())
 Fault = Callable[[list[Item], np.random.Generator], Sequence[Item | Datagram]]
 
 

@@ -1,12 +1,22 @@
-"""A synthetic flight of 9 s as messages and bytes, to which faults are applied."""
+"""A synthetic flight of 9 s as messages and bytes, to which faults are applied: own motion at 25 Hz, images at
+12.5 Hz. Half of what flies costs half, and a fault shows as well."""
 
 from functools import cache
 
 from onboard.messages import Datagram, Lifecycle, TargetPoints
-from tests.support.streams import Run, Stream, assert_sane, encode, feed, position_error
+from tests.support.streams import MS, Item, Run, Stream, assert_sane, encode, feed, position_error
 
 T0, T1 = 43.0, 52.0
-ITEMS = Stream(t0=T0, t1=T1, seed=21).items()
+OWN_HZ = 25
+
+
+def every_second(items: list[Item]) -> list[Item]:
+    """Every second message of each kind."""
+    period = lambda m: 80 * MS if isinstance(m, TargetPoints) else 40 * MS  # noqa: E731
+    return [i for i in items if i.message.t_ns % period(i.message) == 0]
+
+
+ITEMS = every_second(Stream(t0=T0, t1=T1, seed=21).items())
 DATAGRAMS = encode(ITEMS)
 IMAGES = sum(isinstance(i.message, TargetPoints) for i in ITEMS)
 
