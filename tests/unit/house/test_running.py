@@ -40,7 +40,7 @@ def azimuth_by_pytest(copy: Path) -> float:
 
 def test_a_kernel_changed_under_another_file_s_machine_code_is_compiled_anew(tmp_path: Path) -> None:
     for part in ("onboard", "tests/support"):
-        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("*.pyc"))
+        shutil.copytree(ROOT / part, tmp_path / part, ignore=shutil.ignore_patterns("*.pyc.*"))
     for file in ("pyproject.toml", "tests/conftest.py"):
         shutil.copy2(ROOT / file, tmp_path / file)
     (tmp_path / "tests/test_angle.py").write_text(ANGLE, encoding="utf-8")

@@ -48,13 +48,13 @@ def velocity_rmse(
         for t in truths
         if t.t_ns in at and t.t_ns - truths[0].t_ns > after * 1e9
     ]
-    assert len(errors) > 100
+    assert len(errors) > 50
     return float(np.sqrt(np.mean(np.sum(np.square(errors)[:, axes], axis=1))))
 
 
 def test_a_barometer_steadies_the_vertical_velocity_seed_3() -> None:
     """MAVLink's fixes have no vertical velocity."""
-    with_it, without = (flown("quadrotor", 3, 14.0, pressure_rate_hz=r)[1:] for r in (20.0, 0.0))
+    with_it, without = (flown("quadrotor", 3, 11.0, pressure_rate_hz=r)[1:] for r in (20.0, 0.0))
     vertical = velocity_rmse(*with_it, after=8.0, axes=[2])
     assert vertical < 0.5 * velocity_rmse(*without, after=8.0, axes=[2])
     assert vertical < 0.05
@@ -62,7 +62,7 @@ def test_a_barometer_steadies_the_vertical_velocity_seed_3() -> None:
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_every_filter_flies_seed_11(name: str) -> None:
-    _, states, truths = flown("quadrotor", 11, 12.0, filter=name)
+    _, states, truths = flown("quadrotor", 11, 9.0, filter=name)
     assert states[-1].reset_count == 0
     assert states[-1].valid
     limit = 0.2 if name not in {"svsf", "csvsf-printed"} else 0.6  # whose gains are not the optimal ones
@@ -88,7 +88,7 @@ def test_the_same_bytes_give_the_same_states_seed_12() -> None:
 def test_faults_are_named_with_their_onset_and_the_velocity_holds_seed_13(
     name: str, kind: FaultKind, part: str | None
 ) -> None:
-    p, states, truths = flown(name, 13, 14.5)
+    p, states, truths = flown(name, 13, 14.5 if kind is FaultKind.GUST else 12.5)  # until the gust has passed
     begin = 50_000_000_000
     assert all(not s.faults for s in states if s.t_ns < begin)
     named = [(s.t_ns, f) for s in states for f in s.faults]
@@ -104,7 +104,7 @@ def test_faults_are_named_with_their_onset_and_the_velocity_holds_seed_13(
 
 @pytest.mark.parametrize(
     ("name", "seconds"),
-    [("quadrotor-inertia-half", 20.0), ("quadrotor-gps-loss", 24.0)],  # without fixes from 20 s on
+    [("quadrotor-inertia-half", 14.0), ("quadrotor-gps-loss", 23.0)],  # without fixes from 20 s on
 )
 def test_nothing_is_named_where_nothing_is_wrong_or_only_the_inertia_seed_14(name: str, seconds: float) -> None:
     _, states, _ = flown(name, 14, seconds)
