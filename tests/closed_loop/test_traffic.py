@@ -59,7 +59,7 @@ def test_the_closest_approach_of_straight_flight_is_predicted_seed_21(
 
 def test_health_counts_the_verdicts_of_reports_and_echoes_seed_21(flown: tuple[TrafficScore, Pipeline]) -> None:
     health = flown[1].health(0)
-    assert health.verdicts["traffic.fused"] > 13_000
+    assert health.verdicts["traffic.fused"] > 12_500
     assert health.verdicts["traffic.duplicate"] > 10
     assert health.verdicts["traffic.stale"] > 0
     assert "other_system" not in health.rejected
