@@ -12,6 +12,8 @@ from numba import types
 
 from onboard.filters import numba_internals
 
+numba_internals.load_without_scipy()
+
 
 def array(dtype: Any, ndim: int, *, readonly: bool = True) -> Any:
     """An array of any stride."""

@@ -24,6 +24,30 @@ def without_reference_counts() -> dict[str, Any]:
     return {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
 
 
+def load_without_scipy() -> bool:
+    """Load Numba's array functions without SciPy's BLAS, which takes a fifth of a second and 20 MB that no flight
+    needs. Kernels with a matrix product or a decomposition load it when they are first called. False, with nothing
+    changed, if this Numba loads them in another way; all is then as without this call."""
+    try:
+        from numba.np import linalg  # noqa: PLC0415 - an internal, which may be gone
+    except ImportError:
+        return False
+    found: Any = linalg
+    ensure = getattr(found, "ensure_blas", None)
+    if ensure is None:
+        return False
+    found.ensure_blas = _no_blas
+    try:
+        from numba.np import arraymath  # noqa: PLC0415, F401 - asks once, when it is loaded
+    finally:
+        found.ensure_blas = ensure
+    return True
+
+
+def _no_blas() -> None:
+    raise ImportError("not loaded yet")
+
+
 def lock_cache_files(lock: Any) -> bool:
     """Let this process read and write Numba's cache files only while it holds `lock` (a context manager), from now
     on. False, with nothing changed, if Numba's cache cannot be locked: then only one process may compile.

@@ -24,7 +24,8 @@ Recorded = Datagram | Estimate | OwnPose | LeaderState | Health
 # of a channel whose messages' publish time is the wall clock's; their log time is of a clock that is never set
 STEPPED: Final[Mapping[str, str]] = {"publish_time": "wall clock"}
 NONE: Final[Mapping[str, str]] = {}
-FLUSH_S: Final = 1.0  # a crash loses at most this much
+GATHERS_S: Final = 0.1  # records are written so often at most
+FLUSH_S: Final = 0.85  # a crash loses at most a second: this, what is being gathered, and the writing
 FILE_MODE: Final = 0o600  # where somebody flew is nobody else's business
 FOLDER_MODE: Final = 0o700
 CHUNK_BYTES: Final = 1 << 20
@@ -168,7 +169,11 @@ class Recorder:
 
 def runner(recorder: Recorder) -> SinkRunner[Recorded]:
     """The recorder behind its queue, in which computed records give way to datagrams."""
-    return SinkRunner("recorder", recorder, CAPACITY, gives_way=lambda record: not isinstance(record, Datagram))
+
+    def gives_way(record: Recorded) -> bool:
+        return not isinstance(record, Datagram)
+
+    return SinkRunner("recorder", recorder, CAPACITY, gives_way=gives_way, gathers_s=GATHERS_S)
 
 
 def create(wanted: Path) -> tuple[Path, IO[bytes]]:

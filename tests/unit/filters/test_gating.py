@@ -10,7 +10,13 @@ from onboard.filters.gating import chi_square_threshold, mean_bounds, normalised
 @pytest.mark.parametrize("degrees", [1, 2, 3, 4, 6, 9, 450])
 @pytest.mark.parametrize("probability", [0.025, 0.5, 0.95, 0.99, 0.999, 0.999999])
 def test_threshold_is_the_quantile(probability: float, degrees: int) -> None:
-    assert chi_square_threshold(probability, degrees) == pytest.approx(chi2.ppf(probability, degrees), rel=1e-9)
+    assert chi_square_threshold(probability, degrees) == pytest.approx(chi2.ppf(probability, degrees), rel=1e-10)
+
+
+@pytest.mark.parametrize(("probability", "degrees"), [(0.0, 3), (1.0, 3), (1.5, 3), (np.nan, 3), (0.5, 0)])
+def test_what_has_no_quantile_is_refused(probability: float, degrees: int) -> None:
+    with pytest.raises(ValueError, match="no quantile"):
+        chi_square_threshold(probability, degrees)
 
 
 def test_thresholds_from_the_tables() -> None:

@@ -11,6 +11,7 @@ from numba.core import caching, options
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.errors import NumbaError
 from numba.core.options import DefaultOptions
+from numba.np import linalg
 
 from onboard.filters import numba_internals
 from onboard.filters.compiled import FILLING, MAKING
@@ -36,6 +37,15 @@ def test_this_numba_has_them_all() -> None:
     assert numba_internals.without_reference_counts() == {"_nrt": False}
     assert numba_internals.can_lock_cache_files()
     assert numba_internals.cache_folder(Path(__file__)) is not None
+
+
+def test_numba_loads_without_blas_and_finds_it_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert numba_internals.load_without_scipy()
+    linalg.ensure_blas()  # as it was: else it raises
+    product = njit(lambda a: np.dot(a, a))
+    np.testing.assert_allclose(product(2.0 * np.eye(3)), 4.0 * np.eye(3))
+    monkeypatch.delattr(linalg, "ensure_blas")
+    assert not numba_internals.load_without_scipy()
 
 
 def test_a_kernel_that_makes_an_array_is_refused() -> None:

@@ -102,8 +102,8 @@ def test_nothing_but_the_latest_second_is_unflushed(tmp_path: Path) -> None:
     for n, datagram in enumerate(wanted):
         now[0] = n * 0.1
         recorder.write([datagram])
-    assert read(recorder.path) == [*wanted[:21], None]  # at 1 s and 2 s; the file has no end yet
-    now[0] = 3.5
+    assert read(recorder.path) == [*wanted[:28], None]  # at 0.9, 1.8 and 2.7 s; the file has no end yet
+    now[0] = 3.6
     recorder.write([])
     assert read(recorder.path) == [*wanted, None]
     recorder.close()

@@ -110,6 +110,23 @@ def test_what_is_put_is_written_in_order_and_counted() -> None:
     assert sink.calls == ["open", "close"]
 
 
+def test_a_sink_that_gathers_writes_all_at_once_and_also_at_the_end() -> None:
+    sink = Collector()
+    batches: list[list[int]] = []
+    write = sink.write
+    sink.write = lambda records: (batches.append([*records]), write(records))[1]  # type: ignore[method-assign,func-returns-value]
+
+    async def check(runner: SinkRunner[int]) -> None:
+        await until(lambda: "open" in sink.calls)
+        for n in range(3):
+            runner.put(n)
+            await asyncio.sleep(0.01)
+
+    runner = with_runner(sink, check, gathers_s=3600.0)
+    assert batches == [[0, 1, 2], []]
+    assert runner.health().sent == 3
+
+
 def test_what_is_queued_at_the_end_is_still_written() -> None:
     sink = Collector()
 
