@@ -23,6 +23,7 @@ HISTORY_NS: Final = 5_000_000_000
 FASTEST: Final = 1e4  # m/s; what is stated beyond these is no motion of a vehicle
 FARTHEST: Final = 1e7  # m
 QUICKEST: Final = 1e3  # rad/s
+HARDEST: Final = 1e3  # m/s^2, of a specific force; accelerometers end at a third of it
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
 STATUS_NS: Final = 5_000_000_000  # the autopilot's word on its filter holds for so long after its arrival
 FALLBACK_NS: Final = 1_000_000_000  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
@@ -271,6 +272,12 @@ class Ownship:
         i = min(max(bisect_right(self.nav_times, (a_ns + b_ns) // 2) - 1, 0), len(self._nav) - 2)
         dt = (self.nav_times[i + 1] - self.nav_times[i]) * 1e-9
         return np.asarray((self._nav[i + 1].v - self._nav[i].v) / dt)
+
+
+def is_usable(imu: Imu) -> bool:
+    """Whether a vehicle can have moved so. What follows from samples is added up, so a single one that is not a
+    number, or as large as any number, would stay in all that comes after it."""
+    return _within(np.array(imu.f_b), HARDEST) and _within(np.array(imu.omega_b), QUICKEST)
 
 
 def _within(values: Array, limit: float) -> bool:

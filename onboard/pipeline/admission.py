@@ -9,12 +9,14 @@ from onboard.messages import (
     Clock,
     GlobalPosition,
     Heartbeat,
+    Imu,
     Message,
     PeerPosition,
     PeerRanges,
     RadarScan,
     TargetImage,
 )
+from onboard.ownship import is_usable
 
 MAV_AUTOPILOT_INVALID: Final = 8
 # MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
@@ -75,6 +77,8 @@ class Admission:
             self.heard_ns = message.t_recv_ns
         elif not isinstance(message, ANY_COMPONENT):
             return "other_component"  # a gimbal's attitude, a peer's clock: not our own motion
+        if isinstance(message, Imu) and not is_usable(message):
+            return "imu_unusable"
         if isinstance(message, AdsbVehicle) and message.component == self._config.component:
             return "our_own"  # our own report of other traffic, come back by another way
         return message

@@ -6,6 +6,7 @@ their own: reboots (`tests/unit/test_reboot.py`), floods (`tests/unit/estimators
 link that is late without TIMESYNC (`test_held_up.py`), sinks, the recorder and the wall clock (beside this file).
 """
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -144,6 +145,25 @@ def blob(m: TargetPoints) -> TargetPoints:
     return replace(m, center=(0.3, -0.2), left=(0.25, -0.2), right=(0.35, -0.2))
 
 
+def accelerometer(*values: float) -> Fault:
+    """There is an IMU; while the fault lasts, each of its samples has one of these values in one field."""
+
+    def fault(items: list[Item], _: np.random.Generator) -> list[Item]:
+        turn = itertools.cycle(itertools.product(values, ("f_b", "omega_b"), range(3)))
+        samples = []
+        for t_ns in range(round(T0 * S), round(T1 * S), 40 * MS):
+            item = Item(EPOCH + t_ns + MS, CIRCLE.imu(t_ns))
+            if lasts(item):
+                value, name, axis = next(turn)
+                vector = [*getattr(item.message, name)]
+                vector[axis] = value
+                item = Item(item.t_recv_ns, replace(item.message, **{name: tuple(vector)}))
+            samples.append(item)
+        return sorted([*items, *samples], key=lambda i: i.t_recv_ns)
+
+    return fault
+
+
 def no_velocity(items: list[Item], _: np.random.Generator) -> list[Item]:
     """The autopilot says that its filter has lost the horizontal velocity, then that it has it again."""
     said = []
@@ -185,7 +205,8 @@ ROWS = (
     *(Row(f"reorder {s:.0%}", late(60.0, s)) for s in SHARES),
     *(Row(f"corrupt {s:.0%}", corrupt(s)) for s in SHARES),
     *(Row(f"delay up to {ms} ms", late(ms), recovers=0.4) for ms in (100, 300)),
-    *(Row(f"stall of {ms} ms", held(ms), recovers=0.4) for ms in (200, 900)),
+    Row("delay up to 2 s", late(2000), rejected="odd_stamp", recovers=2.0),
+    *(Row(f"stall of {ms} ms", held(ms), recovers=0.4) for ms in (200, 900, 1500)),
     *(Row(f"host clock set by {s} s", host_clock_set(s)) for s in (-3600.0, -0.3, 0.3, 3600.0)),
     *(
         Row(f"attitude of {v}", fields(Attitude, v, "q_nb", "omega_b"), rejected="attitude_unusable")
@@ -203,6 +224,7 @@ ROWS = (
         for v in VALUES
     ),
     *(Row(f"image of {v}", fields(TargetPoints, v, *IMAGE)) for v in VALUES),
+    *(Row(f"accelerometer of {v}", accelerometer(v), rejected="imu_unusable") for v in VALUES),
     Row("no attitude", without(Attitude)),
     Row("no position", without(LocalPosition), False, SILENT, noticed=1.1),
     Row("no image", without(TargetPoints)),

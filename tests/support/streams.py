@@ -21,6 +21,7 @@ from onboard.messages import (
     Encoding,
     Estimate,
     Heartbeat,
+    Imu,
     LocalPosition,
     MeasurementReport,
     Message,
@@ -108,6 +109,12 @@ class Flight:
         return LocalPosition(
             t_ns=t_ns, t_recv_ns=EPOCH + t_ns, r_OF_n=tuple(k.r.tolist()), v_F_n=tuple(k.v.tolist())
         )
+
+    def imu(self, t_ns: int) -> Imu:
+        """The accelerometer and gyro at a boot time."""
+        k, attitude = self.at(t_ns / S), self.attitude(t_ns)
+        f_b = matrix_from_euler(*k.rpy).T @ (k.a - np.array([0.0, 0.0, 9.80665]))
+        return Imu(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, f_b=tuple(f_b.tolist()), omega_b=attitude.omega_b)
 
     def image(self, t_ns: int, rng: np.random.Generator | None = None, latency: int = LATENCY) -> TargetPoints:
         """One image, with 1 px of noise if `rng` is given."""
