@@ -69,7 +69,8 @@ def from_attitude(m: Attitude, config: Config) -> Measurement | Verdict:
 
 def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measurement | Verdict:
     """Position from O (`origin`: latitude, longitude, altitude) and as much of the velocity as the fix has."""
-    if not all(math.isfinite(x) for x in (m.lat_deg, m.lon_deg, m.alt_msl)):
+    optional = (m.ground_speed, m.course_rad, m.v_down)
+    if not all(x is None or math.isfinite(x) for x in (m.lat_deg, m.lon_deg, m.alt_msl, *optional)):
         return Verdict.NOT_FINITE
     place = ned_from_geodetic((m.lat_deg, m.lon_deg, m.alt_msl), origin)
     velocity: list[float] = []

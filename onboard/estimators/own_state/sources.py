@@ -15,6 +15,8 @@ ATTITUDES: Final = 200  # kept for the start of a track
 NEAREST_NS: Final = NS_PER_S // 2  # of an attitude to the fix at which a track starts
 ORIGIN_WAIT_NS: Final = 2 * NS_PER_S  # for a GLOBAL_POSITION_INT, which shows where the autopilot's origin is
 FIX_3D: Final = 3
+NO_ORIGIN: Final = (0.0, 0.0, 0.0)  # for a fix that is refused in any case
+HIGHEST: Final = 1e5  # m
 ORIGIN_MOVED: Final = 1.0  # m; less is rounding
 
 
@@ -69,16 +71,18 @@ class Sources:
         self._last_fix_ns = message.t_ns
         if self.first_fix_ns is None:
             self.first_fix_ns = message.t_ns
-        if self.origin is None:
+        if self.origin is None and is_place(_place(message)):
             if message.t_ns - self.first_fix_ns < ORIGIN_WAIT_NS:
                 return None
-            self.origin = _origin(message, ownship) or (message.lat_deg, message.lon_deg, message.alt_msl)
-        return from_fix(message, self.origin, self._config)
+            self.origin = _origin(message, ownship) or _place(message)
+        return from_fix(message, self.origin or NO_ORIGIN, self._config)
 
     def move_origin(self, message: GlobalOrigin) -> bool:
         """Take the autopilot's word on its origin. True if it has moved since the last word: positions from it
         then mean something else."""
-        before, now = self._stated_origin, (message.lat_deg, message.lon_deg, message.alt_msl)
+        before, now = self._stated_origin, _place(message)
+        if not is_place(now):
+            return False
         if before is not None and distance(now, before) <= ORIGIN_MOVED:
             return False
         self._stated_origin = now
@@ -89,7 +93,7 @@ class Sources:
 
     def learn_origin(self, message: GlobalPosition, ownship: Ownship) -> None:
         """Find the autopilot's own origin, so that positions can be compared with its own."""
-        if self.origin is None:
+        if self.origin is None and is_place(_place(message)):
             self.origin = _origin(message, ownship)
 
 
@@ -108,4 +112,15 @@ def _origin(message: GlobalPosition | GpsFix, ownship: Ownship) -> Vec3 | None:
     pose = ownship.pose_at(message.t_ns)
     if pose is None or not math.isfinite(pose.r_OF_n.sum()):
         return None
-    return geodetic_from_ned(-pose.r_OF_n, (message.lat_deg, message.lon_deg, message.alt_msl))
+    return geodetic_from_ned(-pose.r_OF_n, _place(message))
+
+
+def _place(message: GlobalOrigin | GlobalPosition | GpsFix) -> Vec3:
+    return message.lat_deg, message.lon_deg, message.alt_msl
+
+
+def is_place(where: Vec3) -> bool:
+    """Whether there is such a place (degrees, degrees, metres) on or above the Earth: all later positions are
+    relative to the first."""
+    lat, lon, alt = where
+    return abs(lat) <= 90.0 and abs(lon) <= 180.0 and abs(alt) < HIGHEST

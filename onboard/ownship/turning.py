@@ -1,0 +1,44 @@
+"""Attitudes between and beyond the samples, in plain numbers: four at a time, arrays cost more than they save.
+
+`onboard.geometry.rotations` has the same of arrays; a test holds both to the same numbers.
+"""
+
+import math
+from typing import Final
+
+from onboard.messages import Quaternion, Vec3
+
+STRAIGHT: Final = 1e-12  # of one less the cosine: so near, the great circle is a straight line to double precision
+SMALL: Final = 1e-8  # rad; sin(x/2)/x is 1/2 to double precision
+
+
+def turned(q: Quaternion, omega: Vec3, dt: float) -> Quaternion:
+    """q_nb after `dt` seconds of constant rates omega_b, rad/s."""
+    w, x, y, z = q
+    a, b, c = omega
+    rate = math.sqrt(a * a + b * b + c * c)
+    half = 0.5 * rate * dt
+    scale = 0.5 * dt if abs(half) < SMALL else math.sin(half) / rate
+    s, a, b, c = math.cos(half), scale * a, scale * b, scale * c
+    return (
+        w * s - x * a - y * b - z * c,
+        w * a + x * s + y * c - z * b,
+        w * b - x * c + y * s + z * a,
+        w * c + x * b - y * a + z * s,
+    )
+
+
+def between(q0: Quaternion, q1: Quaternion, fraction: float) -> Quaternion:
+    """The attitude at a `fraction` of the shorter way from q0 to q1."""
+    cosine = q0[0] * q1[0] + q0[1] * q1[1] + q0[2] * q1[2] + q0[3] * q1[3]
+    sign = -1.0 if cosine < 0.0 else 1.0
+    cosine = min(abs(cosine), 1.0)
+    if cosine > 1.0 - STRAIGHT:
+        first, second = 1.0 - fraction, fraction
+    else:
+        angle = math.acos(cosine)
+        first, second = math.sin((1.0 - fraction) * angle), math.sin(fraction * angle)
+    second *= sign
+    w, x, y, z = (first * a + second * b for a, b in zip(q0, q1, strict=True))
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / length, x / length, y / length, z / length
