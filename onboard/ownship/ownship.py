@@ -15,17 +15,26 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_vector, quaternion_product, slerp
-from onboard.messages import Attitude, EstimatorStatus, GlobalPosition, Imu, LocalPosition, Message, OwnPose
+from onboard.geometry.rotations import matrix_from_quaternion
+from onboard.messages import (
+    Attitude,
+    EstimatorStatus,
+    GlobalPosition,
+    Imu,
+    LocalPosition,
+    Message,
+    OwnPose,
+    Quaternion,
+    Vec3,
+)
 from onboard.ownship.contradictions import ANOTHER_WAY, ELSEWHERE, Contradictions, turn
+from onboard.ownship.limits import FARTHEST, FASTEST, QUICKEST, within
+from onboard.ownship.turning import between, turned, unit
 
 HISTORY_NS: Final = 5_000_000_000
-FASTEST: Final = 1e4  # m/s; what is stated beyond these is no motion of a vehicle
-FARTHEST: Final = 1e7  # m
-QUICKEST: Final = 1e3  # rad/s
-HARDEST: Final = 1e3  # m/s^2, of a specific force; accelerometers end at a third of it
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
 STATUS_NS: Final = 5_000_000_000  # the autopilot's word on its filter holds for so long after its arrival
+UNKNOWN: Final = np.array([math.nan, math.nan, 0.0])  # added to a position that is known in height only
 FALLBACK_NS: Final = 1_000_000_000  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
 
 
@@ -66,7 +75,7 @@ class Ownship:
         self._max_extrapolation_ns = round(max_extrapolation * 1e9)
         self._nav: list[NavSample] = []
         self._attitude_times: list[int] = []
-        self._attitudes: list[tuple[Array, Array]] = []
+        self._attitudes: list[tuple[Quaternion, Vec3]] = []
         self._last_local_ns = -FALLBACK_NS
         self._status: EstimatorStatus | None = None
         self._contradictions = Contradictions()
@@ -80,16 +89,16 @@ class Ownship:
             self._add_attitude(message, stamp_ns)
             return False
         if isinstance(message, Imu):
-            q = self._attitude_at(message.t_ns)
-            self._contradictions.add_imu(message.t_ns, message.f_b, None if q is None else q.tolist())
+            self._contradictions.add_imu(message.t_ns, message.f_b, self._attitude_at(message.t_ns))
             return False
         if isinstance(message, LocalPosition):
             if self._status_at(message) is False:
                 return self._reject("filter_has_no_velocity")
-            r, v = np.array(message.r_OF_n), np.array(message.v_F_n)
-            if _within(r, FARTHEST) and _within(v, FASTEST):  # also if a global position of this stamp came first
+            if within(message.r_OF_n, FARTHEST) and within(
+                message.v_F_n, FASTEST
+            ):  # also if a global position of this stamp came first
                 self._last_local_ns = max(self._last_local_ns, stamp_ns)
-            return self._add_nav(message, r, v, stamp_ns)
+            return self._add_nav(message, message.r_OF_n, message.v_F_n, stamp_ns)
         if isinstance(message, GlobalPosition) and stamp_ns - self._last_local_ns > FALLBACK_NS:
             # no local origin: velocity and height are known, horizontal position is not needed
             known = self._status_at(message)
@@ -97,9 +106,7 @@ class Ownship:
                 known = any(message.v_F_n)  # a filter without velocity sends zeros
             if not known:
                 return self._reject("filter_has_no_velocity")
-            height = np.array([0.0, 0.0, -message.height])
-            unknown = np.array([math.nan, math.nan, 0.0])
-            return self._add_nav(message, height, np.array(message.v_F_n), stamp_ns, unknown)
+            return self._add_nav(message, (0.0, 0.0, -message.height), message.v_F_n, stamp_ns, UNKNOWN)
         return False
 
     def receive_status(self, status: EstimatorStatus) -> bool:
@@ -125,7 +132,7 @@ class Ownship:
         nav = self._nav_at(t_ns)
         if q is None or nav is None:
             return None
-        return Pose(matrix_from_quaternion(q), q, nav.r, nav.v)
+        return Pose(matrix_from_quaternion(q), np.array(q), nav.r, nav.v)
 
     def knows(self, t_ns: int) -> bool:
         """Whether pose and motion at a time are interpolated, so that nothing to come can change them."""
@@ -176,17 +183,17 @@ class Ownship:
         return False
 
     def _add_attitude(self, m: Attitude, stamp_ns: int) -> bool:
-        q, omega = np.array(m.q_nb), np.array(m.omega_b)
-        if not (_within(q, 2.0) and _within(omega, QUICKEST)) or q @ q < 0.25:
+        q, omega = m.q_nb, m.omega_b
+        if not (within(q, 2.0) and within(omega, QUICKEST)) or sum(x * x for x in q) < 0.25:
             return self._reject("attitude_unusable")
+        q = unit(q)
         if self._attitude_times and m.t_ns <= self._attitude_times[-1]:
             # ATTITUDE and ATTITUDE_QUATERNION of one instant are the same attitude: not an error
             self._compare_attitude(m.t_ns, q)
             return m.t_ns == self._attitude_times[-1] or self._reject("attitude_out_of_order")
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
-        q /= math.sqrt(float(q @ q))
-        self._contradictions.add_attitude(m.t_ns, q.tolist(), m.omega_b)
+        self._contradictions.add_attitude(m.t_ns, q, omega)
         self._attitude_times.append(m.t_ns)
         self._attitudes.append((q, omega))
         _trim(self._attitude_times, self._attitudes)
@@ -199,29 +206,30 @@ class Ownship:
             return None
         return status.horizontal_velocity
 
-    def _add_nav(self, m: Message, r: Array, v: Array, stamp_ns: int, unknown: Array | None = None) -> bool:
+    def _add_nav(self, m: Message, r_n: Vec3, v_n: Vec3, stamp_ns: int, unknown: Array | float = 0.0) -> bool:
         """Take a sample. What is not known of the position is NaN in `unknown`, added after the checks."""
-        if not (_within(r, FARTHEST) and _within(v, FASTEST)):
+        if not (within(r_n, FARTHEST) and within(v_n, FASTEST)):
             return self._reject("position_unusable")
         if self.nav_times and m.t_ns <= self.nav_times[-1]:
-            self._compare_position(m.t_ns, r if unknown is None else r + unknown)
+            self._compare_position(m.t_ns, np.array(r_n) + unknown)
             return self._reject("position_out_of_order")
-        if self._contradictions.leaps(m.t_ns, v.tolist()):
+        if self._contradictions.leaps(m.t_ns, v_n):
             return self._reject("velocity_leaps")
-        self._contradictions.add_nav(m.t_ns, (r if unknown is None else r + unknown).tolist(), v.tolist())
+        r = np.array(r_n) + unknown
+        self._contradictions.add_nav(m.t_ns, r.tolist(), v_n)
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
         self._ways.clear()
         self.nav_times.append(m.t_ns)
-        self._nav.append(NavSample(r if unknown is None else r + unknown, v))
+        self._nav.append(NavSample(r, np.array(v_n)))
         _trim(self.nav_times, self._nav)
         return True
 
-    def _compare_attitude(self, t_ns: int, q: Array) -> None:
+    def _compare_attitude(self, t_ns: int, q: Quaternion) -> None:
         """An attitude that comes late beside the history's."""
         known = self._attitude_at(t_ns)
         if known is not None:
-            off = turn(known.tolist(), (q / math.sqrt(float(q @ q))).tolist())
+            off = turn(known, q)
             self._contradictions.add_other(self.now_ns, off=math.hypot(*off), limit=ANOTHER_WAY)
 
     def _compare_position(self, t_ns: int, r: Array) -> None:
@@ -230,20 +238,20 @@ class Ownship:
         if known is not None:
             self._contradictions.add_other(self.now_ns, off=float(np.linalg.norm(known.r - r)), limit=ELSEWHERE)
 
-    def _attitude_at(self, t_ns: int) -> Array | None:
+    def _attitude_at(self, t_ns: int) -> Quaternion | None:
         times = self._attitude_times
         i = bisect_left(times, t_ns)
         if i == len(times):
             if not times or t_ns - times[-1] > self._max_extrapolation_ns:
                 return None
             q, omega = self._attitudes[-1]
-            return quaternion_product(q, quaternion_from_vector(omega * ((t_ns - times[-1]) * 1e-9)))
+            return turned(q, omega, (t_ns - times[-1]) * 1e-9)
         if times[i] == t_ns:
             return self._attitudes[i][0]
         if i == 0:
             return None
         fraction = (t_ns - times[i - 1]) / (times[i] - times[i - 1])
-        return slerp(self._attitudes[i - 1][0], self._attitudes[i][0], fraction)
+        return between(self._attitudes[i - 1][0], self._attitudes[i][0], fraction)
 
     def _nav_at(self, t_ns: int) -> NavSample | None:
         times = self.nav_times
@@ -272,17 +280,6 @@ class Ownship:
         i = min(max(bisect_right(self.nav_times, (a_ns + b_ns) // 2) - 1, 0), len(self._nav) - 2)
         dt = (self.nav_times[i + 1] - self.nav_times[i]) * 1e-9
         return np.asarray((self._nav[i + 1].v - self._nav[i].v) / dt)
-
-
-def is_usable(imu: Imu) -> bool:
-    """Whether a vehicle can have moved so. What follows from samples is added up, so a single one that is not a
-    number, or as large as any number, would stay in all that comes after it."""
-    return _within(np.array(imu.f_b), HARDEST) and _within(np.array(imu.omega_b), QUICKEST)
-
-
-def _within(values: Array, limit: float) -> bool:
-    """Whether all are smaller than the limit; NaN is not."""
-    return bool(np.abs(values).max() < limit)
 
 
 def _trim(times: list[int], values: list[Any]) -> None:

@@ -40,5 +40,11 @@ def between(q0: Quaternion, q1: Quaternion, fraction: float) -> Quaternion:
         first, second = math.sin((1.0 - fraction) * angle), math.sin(fraction * angle)
     second *= sign
     w, x, y, z = (first * a + second * b for a, b in zip(q0, q1, strict=True))
+    return unit((w, x, y, z))
+
+
+def unit(q: Quaternion) -> Quaternion:
+    """The same attitude as a quaternion of unit length."""
+    w, x, y, z = q
     length = math.sqrt(w * w + x * x + y * y + z * z)
     return w / length, x / length, y / length, z / length
