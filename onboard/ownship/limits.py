@@ -1,5 +1,6 @@
 """What no vehicle does, so that whatever states it is wrong."""
 
+import math
 from collections.abc import Sequence
 from typing import Final
 
@@ -18,5 +19,5 @@ def is_usable(imu: Imu) -> bool:
 
 
 def within(values: Sequence[float], limit: float) -> bool:
-    """Whether all are smaller than the limit; NaN is not."""
-    return all(-limit < x < limit for x in values)
+    """Whether their norm is smaller than the limit; that of anything with a NaN is not."""
+    return math.hypot(*values) < limit
