@@ -13,12 +13,11 @@ from typing import NamedTuple
 from onboard.messages import Vec3
 from simlink.scenarios.formation import Follow
 from simlink.scenarios.scenario import Scenario
-from simlink.world import attitude
 from simlink.world.attitude import add, difference
-from simlink.world.constants import DT, STEPS_PER_SECOND, G
+from simlink.world.constants import DT, STEPS_PER_SECOND
 from simlink.world.motion import advance, make_motion
 from simlink.world.noise import uniforms
-from simlink.world.truth import State, body_rate, hovering, leader_attitudes
+from simlink.world.truth import State, hovering, leader_attitudes, state_of
 
 
 class Target(NamedTuple):
@@ -92,23 +91,8 @@ def following_states(scenario: Scenario, seed: int, mode: FollowMode) -> Iterato
             a_F, wanted_yaw = mode.acceleration(t, r_F, v_F), mode.heading
         yaw = _slewed(yaw, yaw if wanted_yaw is None else wanted_yaw, mode.yaw_step)
         q_nF = hovering(a_F, yaw)
-        specific = (a_F[0], a_F[1], a_F[2] - G)
-        yield State(
-            step=step,
-            t=t,
-            r_OL_n=(y[2], y[3], y[4]),
-            v_L_n=rates.v_L_n,
-            a_L_n=rates.a_L_n,
-            q_nL=leader_attitude(t, y, rates),
-            a_lat=rates.a_lat,
-            a_long=rates.a_long,
-            r_OF_n=r_F,
-            v_F_n=v_F,
-            a_F_n=a_F,
-            q_nF=q_nF,
-            omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, q_nF),
-            f_b=attitude.to_b(q_nF, specific),
-        )
+        q_nL = leader_attitude(t, y, rates)
+        yield state_of(step, (y[2], y[3], y[4]), rates, q_nL, (r_F, v_F, a_F), q_nF, q_before)
         r_F = add(add(r_F, _scaled(v_F, DT)), _scaled(a_F, 0.5 * DT * DT))
         v_F = add(v_F, _scaled(a_F, DT))
         y = advance(f, t, y, rates, DT)

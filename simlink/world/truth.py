@@ -87,6 +87,36 @@ def _as_reference(state: State) -> Reference:
     return Reference(state.r_OF_n, state.v_F_n, state.a_F_n, course)
 
 
+def state_of(
+    step: int,
+    r_OL_n: Vec3,
+    rates: Derivative,
+    q_nL: Quaternion,
+    follower: tuple[Vec3, Vec3, Vec3],
+    q_nF: Quaternion,
+    q_before: Quaternion | None,
+) -> State:
+    """The world after `step` steps: the leader by its place, derivatives and attitude, the follower by its place,
+    velocity and acceleration in n, its attitude, and that of the step before (None: there was none)."""
+    r_F_n, v_F_n, a_F_n = follower
+    return State(
+        step=step,
+        t=step / STEPS_PER_SECOND,
+        r_OL_n=r_OL_n,
+        v_L_n=rates.v_L_n,
+        a_L_n=rates.a_L_n,
+        q_nL=q_nL,
+        a_lat=rates.a_lat,
+        a_long=rates.a_long,
+        r_OF_n=r_F_n,
+        v_F_n=v_F_n,
+        a_F_n=a_F_n,
+        q_nF=q_nF,
+        omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, q_nF),
+        f_b=attitude.to_b(q_nF, (a_F_n[0], a_F_n[1], a_F_n[2] - G)),
+    )
+
+
 def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
     """Leader and follower as point masses with an attitude."""
     phase = uniforms(seed, "follower.wander")
@@ -100,23 +130,8 @@ def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
         rates = f(t, y)
         r_F_n, v_F_n = (y[5], y[6], y[7]), (y[8], y[9], y[10])
         q_nF = hovering(rates.a_F_n, y[0]) if hovers else coordinated(v_F_n, rates.a_F_n)
-        specific = (rates.a_F_n[0], rates.a_F_n[1], rates.a_F_n[2] - G)
-        yield State(
-            step=step,
-            t=t,
-            r_OL_n=(y[2], y[3], y[4]),
-            v_L_n=rates.v_L_n,
-            a_L_n=rates.a_L_n,
-            q_nL=leader_attitude(t, y, rates),
-            a_lat=rates.a_lat,
-            a_long=rates.a_long,
-            r_OF_n=r_F_n,
-            v_F_n=v_F_n,
-            a_F_n=rates.a_F_n,
-            q_nF=q_nF,
-            omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, q_nF),
-            f_b=attitude.to_b(q_nF, specific),
-        )
+        q_nL = leader_attitude(t, y, rates)
+        yield state_of(step, (y[2], y[3], y[4]), rates, q_nL, (r_F_n, v_F_n, rates.a_F_n), q_nF, q_before)
         y = advance(f, t, y, rates, DT)
         step, q_before = step + 1, q_nF
 
