@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from onboard.geometry.camera import Camera, make_camera
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import Positive, Record, Vec3
+from onboard.messages.target import WING_POINTS
 from onboard.wire.cameras import CameraInput
 
 Model = Literal["radial-tangential", "fisheye"]
@@ -145,6 +146,10 @@ def _camera(c: CameraConfig) -> Camera:
     )
 
 
-def camera_inputs(cameras: list[CameraConfig]) -> dict[str, CameraInput]:
-    """What decoding needs of each camera, by name."""
-    return {c.name: CameraInput(c.name, lens_of(c), c.sigma_px, c.min_confidence, c.classes) for c in cameras}
+def camera_inputs(cameras: list[CameraConfig], points: tuple[str, ...]) -> dict[str, CameraInput]:
+    """What decoding needs of each camera, by name. `points`: the names of points beyond the wing's."""
+    named_points = *WING_POINTS, *points
+    return {
+        c.name: CameraInput(c.name, lens_of(c), c.sigma_px, c.min_confidence, c.classes, named_points)
+        for c in cameras
+    }

@@ -16,13 +16,17 @@ from onboard.config.cameras import CameraConfig
 from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.errors import UserError
 from onboard.estimators import config_type, known, module_name
-from onboard.messages import Record
+from onboard.messages import Record, TargetClass
 from onboard.wire.document import NAME
 from onboard.wire.mavlink_encode import message_number
 
 ROWS: Final[dict[Any, type[Record]]] = {  # arrays of tables
     tuple[LinkConfig, ...]: LinkConfig,
     tuple[LeaderOutConfig, ...]: LeaderOutConfig,
+}
+NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
+    dict[str, CameraConfig]: CameraConfig,
+    dict[str, TargetClass]: TargetClass,
 }
 
 
@@ -106,7 +110,7 @@ def parse_config(table: dict[str, Any]) -> Config:
     sections = {}
     for name, section in named_estimators(table).items():
         kind = config_type(name)
-        given = _own_errors(config.ownship.errors, kind) | section if isinstance(section, dict) else section
+        given = _shared(config, kind) | section if isinstance(section, dict) else section
         sections[name] = _convert(given, kind, f"estimator.{name}")
     return msgspec.structs.replace(config, estimator=sections)
 
@@ -120,6 +124,13 @@ def _check_cameras(config: Config) -> None:
             raise ConfigError(f"cameras.{name}.name: the section is its name")
         if not NAME.fullmatch(name):
             raise ConfigError(f"cameras.{name}: a name is of letters, digits and -_., 64 at most")
+
+
+def _shared(config: Config, kind: type[Record]) -> dict[str, Any]:
+    """The keys of an estimator's section that other sections have: `[target]`, and the errors of our own state."""
+    classes = {"target": msgspec.to_builtins(config.target)}
+    takes_classes = any(field.name == "target" for field in msgspec.structs.fields(kind))
+    return _own_errors(config.ownship.errors, kind) | (classes if takes_classes else {})
 
 
 def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:
@@ -182,10 +193,9 @@ def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
             raise ConfigError(f"unknown key {path}{_among(key, tuple(fields))}")
         if isinstance(value, dict) and isinstance(fields[key], type) and issubclass(fields[key], Record):
             _check_keys(value, fields[key], path)
-        if isinstance(value, dict) and fields[key] == dict[str, CameraConfig]:
+        if isinstance(value, dict) and fields[key] in NAMED:
             for name, item in value.items():
-                if isinstance(item, dict):
-                    _check_keys(item, CameraConfig, f"{path}.{name}")
+                _convert(item, NAMED[fields[key]], f"{path}.{name}")  # its errors name the whole path
         rows = ROWS.get(fields[key])
         if isinstance(value, list) and rows is not None:
             for i, item in enumerate(value):

@@ -17,6 +17,7 @@ from onboard.messages import (
     NotNegative,
     Positive,
     Record,
+    TargetClass,
     TargetDetection,
     TargetPoints,
 )
@@ -157,6 +158,7 @@ class Config(Record, frozen=True, kw_only=True):
     autopilot: AutopilotConfig = AutopilotConfig()
     camera: CameraConfig = CameraConfig()
     cameras: dict[str, CameraConfig] = msgspec.field(default_factory=dict)  # further ones, by name
+    target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes of targets, by name
     delay: DelayConfig = DelayConfig()
     ownship: OwnshipConfig = OwnshipConfig()
     estimator: dict[str, Any] = msgspec.field(default_factory=dict)
@@ -174,7 +176,9 @@ class Config(Record, frozen=True, kw_only=True):
 
     def camera_inputs(self) -> dict[str, CameraInput]:
         """What decoding needs of each camera, by name."""
-        return camera_inputs(self._cameras())
+        shapes = [self.estimator.get("leader"), *self.target.values()]
+        points = (name for shape in shapes for name in getattr(shape, "points_m", ()))
+        return camera_inputs(self._cameras(), tuple(dict.fromkeys(points)))
 
     def camera_delays_ns(self) -> dict[str, int]:
         """The delay of each camera that has one of its own, by name."""

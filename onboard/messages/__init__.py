@@ -80,6 +80,7 @@ from onboard.messages.surveillance import (
     RadarScan,
     SatelliteRange,
 )
+from onboard.messages.target import TargetClass
 from onboard.messages.truth import IntruderTruth, SimStatus, TrafficTruth, Truth
 from onboard.messages.vehicle import (
     ActuatorOutputs,
@@ -182,6 +183,7 @@ __all__ = [
     "StatusText",
     "StreamHealth",
     "SystemTime",
+    "TargetClass",
     "TargetDetection",
     "TargetImage",
     "TargetPoints",

@@ -10,32 +10,19 @@ class TargetImage(Message, frozen=True, kw_only=True):
 
     Image points are (Y_c/X_c, Z_c/X_c): the image plane of a pinhole camera with unit focal length, lens
     distortion removed, positive right and positive down. `target` is empty if the vision process does not identify
-    aircraft. `view`: left, upper, right and lower edge of the image in that unit; None: as configured.
+    aircraft; `class_name` is the detector's class, empty without one. `view`: left, upper, right and lower edge of
+    the image in that unit; None: as configured.
     """
 
     camera: str
     target: str = "leader"
+    class_name: str = ""
     view: tuple[float, float, float, float] | None = None
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:
         """The points that were seen, the center first if it was."""
         raise NotImplementedError
-
-
-class TargetPoints(TargetImage, frozen=True, kw_only=True):
-    """All three points of one aircraft. `sigma`: standard deviation of each coordinate of the center, left and
-    right point, in focal lengths; None: the configured pixel noise."""
-
-    center: ImagePoint
-    left: ImagePoint
-    right: ImagePoint
-    sigma: Vec3 | None = None
-
-    @property
-    def image_points(self) -> tuple[ImagePoint, ...]:
-        """Center, left and right point."""
-        return self.center, self.left, self.right
 
 
 class ImageFeature(Record, frozen=True, kw_only=True):
@@ -46,12 +33,30 @@ class ImageFeature(Record, frozen=True, kw_only=True):
     sigma: float
 
 
+class TargetPoints(TargetImage, frozen=True, kw_only=True):
+    """All three points of one aircraft. `sigma`: standard deviation of each coordinate of the center, left and
+    right point, in focal lengths; None: the configured pixel noise. `others`: further points of the class."""
+
+    center: ImagePoint
+    left: ImagePoint
+    right: ImagePoint
+    sigma: Vec3 | None = None
+    others: tuple[ImageFeature, ...] = ()
+
+    @property
+    def image_points(self) -> tuple[ImagePoint, ...]:
+        """Center, left and right point, and the others."""
+        return self.center, self.left, self.right, *(feature.point for feature in self.others)
+
+
 class TargetDetection(TargetImage, frozen=True, kw_only=True):
-    """Less than all three points: some of `center`, `left` and `right`, or `box` alone, the middle of a box. A box
-    reaches `half_width` to each side, in focal lengths; None: there is none."""
+    """Less than all three points: some of `center`, `left`, `right` and further points of the class, and `box`,
+    the middle of a box. A box reaches `half_width` to each side, or up and down if it is higher than wide, and
+    `half_sides` to the right and down, in focal lengths; None: there is none."""
 
     features: tuple[ImageFeature, ...]
     half_width: float | None = None
+    half_sides: ImagePoint | None = None
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:
@@ -113,11 +118,12 @@ class Box(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
 
 
 class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """One aircraft in an image: named points (`center`, `left`, `right`), any of them, or a `box`, or both. All
-    else is optional. `target` names the aircraft: "leader", or any other id; empty: it goes to the track that it
-    fits best. `class`: what the detector takes it for; see `classes` of `[camera]`. `id`: the detector's own track
-    number, which is not used yet. `confidence`: 0 to 1; below the camera's `min_confidence` the detection is
-    refused, and the lower it is, the larger is the noise of points that bring no sigma."""
+    """One aircraft in an image: named points (`center`, `left`, `right`, and those of its class), any of them, or
+    a `box`, or both. All else is optional. `target` names the aircraft: "leader", or any other id; empty: it goes
+    to the track that it fits best. `class`: what the detector takes it for; see `classes` of `[camera]` and
+    `[target.CLASS]`. `id`: the detector's own track number, which is not used yet. `confidence`: 0 to 1; below the
+    camera's `min_confidence` the detection is refused, and the lower it is, the larger is the noise of points that
+    bring no sigma."""
 
     points: dict[str, DetectedPoint] = msgspec.field(default_factory=dict)
     box: Box | None = None

@@ -64,11 +64,13 @@ def predict(
     noise: Noise,
     decay: Array,
     drag: float,
+    edge_on: float = LEAST_VISIBLE,
 ) -> None:
     """Means (K, N) and covariances (K, N, N), in place, after `dt` seconds in which the follower moves by `moved`
     (3,) m, in n; the noses (K,) turn with the course. `accelerates` (K,) is 0 or 1; `decay` (3,) is what the step
-    leaves of the acceleration along the track, the bank's error and the stretch; `drag` is in 1/s."""
-    _predict(means, P, noses, dt, moved, accelerates, *noise, decay, drag)
+    leaves of the acceleration along the track, the bank's error and the stretch; `drag` is in 1/s; `edge_on` as in
+    `visible`."""
+    _predict(means, P, noses, dt, moved, accelerates, *noise, decay, drag, edge_on)
 
 
 def update(
@@ -82,10 +84,10 @@ def update(
 
 
 @njit(cache=True, error_model="numpy")
-def _visible2(nose, x, y, square):  # type: ignore[no-untyped-def]
+def _visible2(nose, x, y, square, edge_on):  # type: ignore[no-untyped-def]
     """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
     along = np.cos(nose) * y - np.sin(nose) * x
-    return max(1.0 - along * along / square, 0.0) + LEAST_VISIBLE * LEAST_VISIBLE
+    return max(1.0 - along * along / square, 0.0) + edge_on * edge_on
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,19 +109,19 @@ def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):  # ty
 
 
 @njit(
-    (OUT, COVARIANCES, NOSES, NUMBER, VECTOR, VECTOR, VECTOR, ROWS, VECTOR, NUMBER, NUMBER, VECTOR, NUMBER),
+    (OUT, COVARIANCES, NOSES, NUMBER, *[VECTOR] * 3, ROWS, VECTOR, NUMBER, NUMBER, VECTOR, NUMBER, NUMBER),
     cache=True,
     error_model="numpy",
 )
 def _predict(  # type: ignore[no-untyped-def]
-    means, P, noses, dt, moved, accelerates, fixed, broad, range_, by_drag, wobble, decay, drag
+    means, P, noses, dt, moved, accelerates, fixed, broad, range_, by_drag, wobble, decay, drag, edge_on
 ):
     half = 0.5 * dt * dt
     for k in range(means.shape[0]):
         x, S = means[k], P[k]
         u, v, a, b = x[3], x[4], x[6], x[7]
         square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
-        seen2 = _visible2(noses[k], x[0], x[1], square)
+        seen2 = _visible2(noses[k], x[0], x[1], square, edge_on)
         mode = int(accelerates[k])
         lean = by_drag * (a * a + b * b)
         speed2 = u * u + v * v
@@ -204,7 +206,7 @@ def _linearised(x, nose, size, axes, r_FC, m, h, J):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, error_model="numpy")
-def _factor(R):  # type: ignore[no-untyped-def]
+def factor(R):  # type: ignore[no-untyped-def]
     """The lower Cholesky factor of the measurement's noise (m, m)."""
     m = R.shape[0]
     L = np.zeros((m, m))
@@ -218,7 +220,7 @@ def _factor(R):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _whiten(L, e, J):  # type: ignore[no-untyped-def]
+def whiten(L, e, J):  # type: ignore[no-untyped-def]
     """Innovation and derivatives in units of the noise with factor L, in place."""
     for i in range(e.shape[0]):
         for j in range(i):
@@ -231,7 +233,7 @@ def _whiten(L, e, J):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _correct(x, P, e, J, c, dx):  # type: ignore[no-untyped-def]
+def correct(x, P, e, J, c, dx):  # type: ignore[no-untyped-def]
     """Mean and covariance of one particle by one whitened component after another, in place: row operations, which
     the compiler vectorises. The NIS, and the determinant of the innovation's covariance over that of the noise."""
     nis, det = 0.0, 1.0
@@ -263,7 +265,7 @@ def _correct(x, P, e, J, c, dx):  # type: ignore[no-untyped-def]
 def _update(means, P, noses, size, y, R_y, r_FC, axes):  # type: ignore[no-untyped-def]
     m, count = y.shape[0], means.shape[0]
     nis, log_l = np.empty(count), np.empty(count)
-    h, e, J, L = np.empty(m), np.empty(m), np.empty((m, N)), _factor(R_y)
+    h, e, J, L = np.empty(m), np.empty(m), np.empty((m, N)), factor(R_y)
     c, dx = np.empty(N), np.empty(N)
     for k in range(count):
         _linearised(means[k], noses[k], size, axes, r_FC, m, h, J)
@@ -271,8 +273,8 @@ def _update(means, P, noses, size, y, R_y, r_FC, axes):  # type: ignore[no-untyp
         sign = -1.0 if h[2] * y[2] + h[3] * y[3] < 0 else 1.0
         for i in range(m):
             e[i] = (sign if 2 <= i < 4 else 1.0) * y[i] - h[i]
-        _whiten(L, e, J)
-        nis[k], det = _correct(means[k], P[k], e, J, c, dx)
+        whiten(L, e, J)
+        nis[k], det = correct(means[k], P[k], e, J, c, dx)
         log_l[k] = -0.5 * (nis[k] + np.log(det))
     return nis, log_l
 
@@ -284,16 +286,16 @@ def axes_about(direction: Array) -> Array:
     return np.array([direction, right, np.cross(direction, right)])
 
 
-def visible(noses: Array, directions: Array) -> Array:
+def visible(noses: Array, directions: Array, edge_on: float = LEAST_VISIBLE) -> Array:
     """The fraction (k,) that is seen of a level wing's length: its nose at `noses` (k,), the leader in the unit
-    `directions` (k, 3)."""
-    found: Array = np.sqrt(_all_visible2(noses, directions))
+    `directions` (k, 3). Seen along the wing, it shows `edge_on` of it: a tip, or its fuselage."""
+    found: Array = np.sqrt(_all_visible2(noses, directions, edge_on))
     return found
 
 
-@njit(types.float64[::1](VECTOR, ROWS), cache=True, error_model="numpy")
-def _all_visible2(noses, directions):  # type: ignore[no-untyped-def]
+@njit(types.float64[::1](VECTOR, ROWS, NUMBER), cache=True, error_model="numpy")
+def _all_visible2(noses, directions, edge_on):  # type: ignore[no-untyped-def]
     found = np.empty(noses.shape[0])
     for k in range(noses.shape[0]):
-        found[k] = _visible2(noses[k], directions[k, 0], directions[k, 1], 1.0)
+        found[k] = _visible2(noses[k], directions[k, 0], directions[k, 1], 1.0, edge_on)
     return found

@@ -1,7 +1,7 @@
 """Detections as JSON -> messages: pixels outside, image points inside.
 
-A detection may have all three points, some of them, or only a box. What it lacks is never made up: all three
-points become TargetPoints, anything less a TargetDetection.
+A detection may have all three points of the wing, some of them, further points of its class, or only a box. What
+it lacks is never made up: all three points become TargetPoints, anything less a TargetDetection.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,11 +21,11 @@ from onboard.messages import (
     TargetImage,
     TargetPoints,
 )
+from onboard.messages.target import WING_POINTS
 from onboard.wire.cameras import CameraInput, Cameras, find
 from onboard.wire.document import BadDocumentError, parse
 from onboard.wire.points import check_target, lens_of
 
-POINTS: Final = ("center", "left", "right")
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 BOX_NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
 
@@ -59,14 +59,15 @@ def decode_detections(
             "component": 0,
             "camera": camera.name,
             "target": detection.target,
+            "class_name": detection.class_name,
             "view": lens.view,
         }
         try:
             found.append(_message(detection, head, camera, lens, f"detections[{i}]"))
         except BadDocumentError as error:
             refuse(str(error))
-        for name in detection.points.keys() - POINTS:
-            ignore(f"the point `{name}`; the points that are used are {', '.join(POINTS)}")
+        for name in detection.points.keys() - camera.points:
+            ignore(f"the point `{name}`; the points that are used are {', '.join(camera.points)}")
     return found
 
 
@@ -78,22 +79,34 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
         raise BadDocumentError(f"`{detection.class_name}` is not followed; {followed} - at `$.{at}.class`")
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
     points, box = detection.points, detection.box
-    named = {name: points[name] for name in POINTS if name in points}
+    named = {name: points[name] for name in camera.points if name in points}
     features = tuple(_feature(name, p, sigma_px, lens, f"{at}.points.{name}") for name, p in named.items())
-    if len(features) == len(POINTS):
-        center, left, right = (f.point for f in features)
-        sigmas: Any = tuple(f.sigma for f in features)
-        return TargetPoints(**head, center=center, left=left, right=right, sigma=sigmas)
-    if features:
-        return TargetDetection(**head, features=features)
+    if points.keys() >= set(WING_POINTS):
+        (center, left, right), others = features[:3], features[3:]
+        return TargetPoints(
+            **head,
+            center=center.point,
+            left=left.point,
+            right=right.point,
+            sigma=(center.sigma, left.sigma, right.sigma),
+            others=others,
+        )
+    if box is None and not features:
+        known = ", ".join(camera.points)
+        raise BadDocumentError(f"expected `points` with some of {known}, or a `box` - at `$.{at}`")
     if box is None:
-        raise BadDocumentError(f"expected `points` with some of {', '.join(POINTS)}, or a `box` - at `$.{at}`")
+        return TargetDetection(**head, features=features)
     if not (box.width_px > 0 and box.height_px > 0):
         raise BadDocumentError(f"width and height must be positive - at `$.{at}.box`")
     side_px = max(box.width_px, box.height_px)
     middle = _feature("box", box, max(sigma_px, BOX_NOISE * side_px), lens, f"{at}.box")
-    half_width = 0.5 * side_px * lens.scale(box.u_px, box.v_px)
-    return TargetDetection(**head, features=(middle,), half_width=half_width)
+    half = 0.5 * lens.scale(box.u_px, box.v_px)
+    return TargetDetection(
+        **head,
+        features=(*features, middle),
+        half_width=half * side_px,
+        half_sides=(half * box.width_px, half * box.height_px),
+    )
 
 
 def _feature(name: str, p: DetectedPoint | Box, sigma_px: float, lens: Lens, at: str) -> ImageFeature:

@@ -10,6 +10,7 @@ from simlink.encounters.conditions import Conditions, draw_conditions
 from simlink.encounters.curves import wobble
 from simlink.encounters.families import FAMILIES, LeaderClass
 from simlink.encounters.reports import received
+from simlink.encounters.shapes import SEES, Sees
 from simlink.encounters.truth import EncounterTruth
 from simlink.sensors.arrays import Array
 from simlink.world.constants import DT, steps_of
@@ -29,11 +30,13 @@ class Encounter(NamedTuple):
     messages: tuple[Message, ...]
 
 
-def make_encounter(family: str, seed: int, seconds: float = SECONDS) -> Encounter:
-    """The encounter `seed` (>= 0) of a family.
+def make_encounter(family: str, seed: int, seconds: float = SECONDS, sees: Sees = "wing") -> Encounter:
+    """The encounter `seed` (>= 0) of a family. The flight is the same whatever the detector `sees` of the leader.
 
-    Raises ValueError for a family that is none of FAMILIES.
+    Raises ValueError for a family that is none of FAMILIES, and for `sees` that is none of SEES.
     """
+    if sees not in SEES:
+        raise ValueError(f"no detector sees {sees!r}; known: {', '.join(SEES)}")
     if family not in FAMILIES:
         raise ValueError(f"no family {family!r}; known: {', '.join(FAMILIES)}")
     own_seed = _seed_of(family, seed)
@@ -55,7 +58,7 @@ def make_encounter(family: str, seed: int, seconds: float = SECONDS) -> Encounte
         follower=follower,
         euler_F=follower_attitude(rng, own_seed, t, follower, r_FL_n, mount),
     )
-    return Encounter(family, seed, leader_class, conditions, truth, received(truth, conditions, own_seed))
+    return Encounter(family, seed, leader_class, conditions, truth, received(truth, conditions, own_seed, sees))
 
 
 def _seed_of(family: str, seed: int) -> int:

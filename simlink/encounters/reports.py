@@ -5,12 +5,25 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
+import msgspec
 import numpy as np
 
-from onboard.messages import Attitude, Clock, Heartbeat, LocalPosition, Message, Quaternion, TargetPoints, Vec3
+from onboard.messages import (
+    Attitude,
+    Clock,
+    Heartbeat,
+    ImageFeature,
+    LocalPosition,
+    Message,
+    Quaternion,
+    TargetDetection,
+    TargetPoints,
+    Vec3,
+)
 from simlink.encounters.attitudes import body_rates
 from simlink.encounters.conditions import JITTER_S, Conditions
 from simlink.encounters.curves import wobble
+from simlink.encounters.shapes import Place, Sees, Shape, box_around, draw_shape, projected
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.sensors.arrays import Array
 from simlink.sensors.camera import Points, in_camera, is_inside, leader_points_n, mount_quaternion, registrations
@@ -18,6 +31,8 @@ from simlink.world import attitude
 from simlink.world.noise import stream
 
 BOOT_NS: Final = 20_000_000_000  # boot clock when the encounter begins
+ASSUMED_PX: Final = 1.0  # what is stated of a point's noise, whatever it is
+BOX_SIGMA: Final = 0.05  # the same of a box's, as a share of its larger side
 EPOCH_NS: Final = 1_735_689_600 * 10**9  # Unix time at boot
 VISION: Final = 191  # component that sends image points
 MULTIROTOR, ARDUPILOT, ACTIVE = 2, 3, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
@@ -28,13 +43,13 @@ def boot_ns(t: float) -> int:
     return BOOT_NS + round(t * 1e9)
 
 
-def received(truth: EncounterTruth, conditions: Conditions, seed: int) -> tuple[Message, ...]:
-    """All messages, in the order of their arrival."""
+def received(truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees = "wing") -> tuple[Message, ...]:
+    """All messages, in the order of their arrival. The detector `sees` as much of the leader."""
     messages = [
         *_heartbeats(truth),
         *_attitudes(truth, conditions, seed),
         *_positions(truth, conditions, seed),
-        *_images(truth, conditions, seed),
+        *_images(truth, conditions, seed, sees),
     ]
     return tuple(sorted(messages, key=lambda m: m.t_recv_ns))
 
@@ -91,24 +106,26 @@ def _positions(truth: EncounterTruth, conditions: Conditions, seed: int) -> Iter
         )
 
 
-def _images(truth: EncounterTruth, conditions: Conditions, seed: int) -> Iterator[Message]:
-    """The points of each image in which the leader is found."""
+def _images(truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees) -> Iterator[Message]:
+    """What is found of the leader in each image in which it is."""
     camera, rng = conditions.camera, stream(seed, "encounters.images")
     q_bc, found = mount_quaternion(camera), registrations(camera, seed)
     when = _samples(truth, rng, camera.rate)
     noise = camera.sigma_px / camera.f_px * rng.standard_normal((len(when), 3, 2))
     late = camera.latency + JITTER_S * rng.random(len(when))
+    shape_rng = stream(seed, "encounters.shape")
+    shape, beyond = draw_shape(shape_rng), shape_rng.standard_normal((len(when), 4))
     rows = at(truth.t, np.hstack([truth.r_FL_n, truth.euler_L, truth.euler_F]), when).tolist()
-    for t, row, off, delay, is_found in zip(
-        when.tolist(), rows, noise.tolist(), late.tolist(), found, strict=False
+    for t, row, off, more, delay, is_found in zip(
+        when.tolist(), rows, noise.tolist(), beyond, late.tolist(), found, strict=False
     ):
         r_FL_n: Vec3 = (row[0], row[1], row[2])
         q_nL, q_nF = attitude.from_euler(*row[3:6]), attitude.from_euler(*row[6:9])
         points = image_points(r_FL_n, q_nL, q_nF, conditions, q_bc)
         if is_found and points is not None:
-            center, left, right = named_by_side(points, off)
+            center, left, right = named_by_side(points, off) if sees == "wing" else noisy(points, off)
             ns = boot_ns(t)
-            yield TargetPoints(
+            whole = TargetPoints(
                 t_ns=ns,
                 t_recv_ns=_arrival(ns, delay),
                 component=VISION,
@@ -117,6 +134,39 @@ def _images(truth: EncounterTruth, conditions: Conditions, seed: int) -> Iterato
                 left=left,
                 right=right,
             )
+            place = conditions.size, r_FL_n, q_nL, q_nF, camera, q_bc
+            yield whole if sees == "wing" else _more_or_less(whole, sees, shape, place, more, conditions)
+
+
+def _more_or_less(
+    whole: TargetPoints, sees: Sees, shape: Shape, place: Place, noise: Array, conditions: Conditions
+) -> Message:
+    """The image with nose and tail, or with a box in place of the wing; `noise` (4,) is standard normal."""
+    sigma = conditions.camera.sigma_px / conditions.camera.f_px
+    if sees == "points":
+        points = projected(tuple(shape.named.values()), *place)
+        off = (sigma * noise.reshape(2, 2)).tolist()
+        others = tuple(
+            ImageFeature(name=name, point=(u + du, v + dv), sigma=ASSUMED_PX / conditions.camera.f_px)
+            for name, (u, v), (du, dv) in zip(shape.named, points, off, strict=True)
+        )
+        return msgspec.structs.replace(whole, others=others)
+    middle, half = box_around(projected(shape.bounds, *place), shape, noise)
+    side = 2.0 * max(half)
+    least = ASSUMED_PX / conditions.camera.f_px
+    features = [ImageFeature(name="box", point=middle, sigma=max(least, BOX_SIGMA * side))]
+    if sees == "center_box":
+        features.insert(0, ImageFeature(name="center", point=whole.center, sigma=least))
+    return TargetDetection(
+        t_ns=whole.t_ns,
+        t_recv_ns=whole.t_recv_ns,
+        component=whole.component,
+        camera=whole.camera,
+        target=whole.target,
+        features=tuple(features),
+        half_width=max(half),
+        half_sides=half,
+    )
 
 
 def image_points(
@@ -137,9 +187,15 @@ def image_points(
 
 def named_by_side(points: Points, noise: list[list[float]]) -> Points:
     """Points with noise. A detector knows no wing from the other: left is the tip that it finds further left."""
-    noisy = [(y + dy, z + dz) for (y, z), (dy, dz) in zip(points, noise, strict=True)]
-    first, second = sorted(noisy[1:])
-    return noisy[0], first, second
+    center, *tips = noisy(points, noise)
+    first, second = sorted(tips)
+    return center, first, second
+
+
+def noisy(points: Points, noise: list[list[float]]) -> Points:
+    """Points with noise, as a detector of named points gives them."""
+    center, left, right = ((y + dy, z + dz) for (y, z), (dy, dz) in zip(points, noise, strict=True))
+    return center, left, right
 
 
 def _arrival(t_ns: int, delay: float) -> int:

@@ -19,7 +19,9 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import LeaderFilter, Measurement, Open
 from onboard.estimators.leader.nose_particles import Cloud
 from onboard.estimators.leader.nose_summary import MOTION, RESOLVED, Summary, as_leader, summarise
+from onboard.estimators.leader.partial import with_wing
 from onboard.estimators.leader.settings import NoseModel
+from onboard.estimators.leader.shape import Shape
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.models.relative_motion import R
 from onboard.ownship import Step
@@ -57,7 +59,8 @@ class AnySide(NamedTuple):
 class AnySideFilter:
     """See `filter.LeaderFilter`."""
 
-    def __init__(self, wing_line: LeaderFilter, settings: NoseModel) -> None:
+    def __init__(self, wing_line: LeaderFilter, settings: NoseModel, shape: Shape) -> None:
+        self.shape: Shape | None = shape
         self.components, self.units = wing_line.components, wing_line.units
         self.measured_components, self.measured_units = wing_line.measured_components, wing_line.measured_units
         self.gate, self.images = wing_line.gate, wing_line.images
@@ -70,7 +73,7 @@ class AnySideFilter:
     def start(self, measurement: Measurement, pose: CameraPose, before: AnySide | None) -> AnySide:
         """Both filters start. The cloud keeps of what was believed before only the noses."""
         earlier = None if before is None or not before.confirmed else before.wing_line
-        wing_line = self._wing_line.start(measurement, pose, earlier)
+        wing_line = self._wing_line.start(with_wing(measurement), pose, earlier)
         noses = None if before is None else self._caught_up(before).cloud
         cloud = nose_particles.start(self._settings, measurement, pose, noses)
         pending = Pending(0.0, np.zeros(3), pose.v_F_n)
@@ -92,19 +95,21 @@ class AnySideFilter:
         except FilterError:
             if not state.rejected:
                 raise
-            update = self._wing_line.fuse(self._wing_line.start(measurement, pose, None), measurement, pose)
+            update = self._wing_line.fuse(
+                self._wing_line.start(with_wing(measurement), pose, None), measurement, pose
+            )
             passes, wing_line = False, None
         rejected = 0 if passes else state.rejected + 1
-        shows_wing = math.isfinite(measurement.span_sigma)  # else it is a direction, and nothing starts from it
-        if rejected > PATIENCE and shows_wing:
-            wing_line, rejected = self._wing_line.start(measurement, pose, None), 0
+        has_extent = measurement.has_extent  # else it is a direction, and nothing starts from it
+        if rejected > PATIENCE and has_extent:
+            wing_line, rejected = self._wing_line.start(with_wing(measurement), pose, None), 0
         elif not passes:
             wing_line = state.wing_line
         after = state._replace(wing_line=wing_line, rejected=rejected)
         if state.pending.dt < PERIOD_S and passes and not state.rejected:
             return update._replace(belief=after)
         predicted = self._caught_up(after)
-        if passes and shows_wing and predicted.summary.direction_sigma() > TOO_WIDE:
+        if passes and has_extent and predicted.summary.direction_sigma() > TOO_WIDE:
             cloud, nis = nose_particles.start(self._settings, measurement, pose, predicted.cloud), update.nis
         else:
             cloud, nis = nose_particles.update(self._settings, predicted.cloud, measurement, pose)

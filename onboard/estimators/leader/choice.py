@@ -18,6 +18,7 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filter import LeaderFilter, Measurement, Open
 from onboard.estimators.leader.modes import Modes
 from onboard.estimators.leader.settings import ManoeuvreModel, NoseModel, settings_for
+from onboard.estimators.leader.shape import Shape, shape_of
 from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.filters.belief import Belief, Update
 from onboard.models import wing_line as measurement_model
@@ -50,7 +51,7 @@ def make_filter(config: Config) -> LeaderFilter:
         sharp = _WingLine(wing_line.Filter(size, size_sigma, settings, extras))
         if config.filter == "wing-line":
             return sharp
-        return AnySideFilter(sharp, _nose_model(config, size, size_sigma))
+        return AnySideFilter(sharp, _nose_model(config, size, size_sigma), shape_of(config))
     from onboard.estimators.leader import oh_johnson  # noqa: PLC0415 - machine code that few flights need
 
     # the paper takes its own attitude as known, so its settings stay as printed
@@ -95,6 +96,7 @@ class _WingLine:
         self.measured_units: tuple[str, ...] = measurement_model.UNITS[: filter_.m]
         self.gate: float | None = filter_.gate
         self.images: int | None = None
+        self.shape: Shape | None = None
         self._filter = filter_
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:

@@ -5,7 +5,8 @@ from typing import Annotated, Literal
 import msgspec
 
 from onboard.estimators.leader.settings import settings_for
-from onboard.messages import NotNegative, Positive, Record
+from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
+from onboard.messages.target import check_points
 
 
 class Config(Record, frozen=True, kw_only=True):
@@ -18,6 +19,11 @@ class Config(Record, frozen=True, kw_only=True):
     size_prior_m: Positive = 2.0  # the leader's wingspan
     size_prior_sigma_m: Positive | None = None  # None: 2 % of the wingspan
     leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # how freely it changes its speed
+    named_wingtips: bool = False  # the detector tells the left wingtip from the right one, seen from anywhere
+    points_m: dict[str, Vec3] = msgspec.field(
+        default_factory=dict
+    )  # its further points: body FRD, from the center
+    target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes: written as [target.CLASS]
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
     process_noise: dict[str, float] = msgspec.field(default_factory=dict)  # overrides the filter's `settings`
     initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = 3  # that must agree to start (paper: 1)
@@ -41,3 +47,11 @@ class Config(Record, frozen=True, kw_only=True):
         if not self.coast_after_s <= self.validity_timeout_s <= self.reset_timeout_s:
             raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
         settings_for(self.filter, self.leader_class, self.process_noise)
+        check_points(self.points_m, self.size_prior_m)
+
+    def of_class(self, name: str) -> "Config":
+        """The settings for a class of targets: these, if no such class is configured."""
+        known = self.target.get(name)
+        if known is None:
+            return self
+        return msgspec.structs.replace(self, **{key: getattr(known, key) for key in known.__struct_fields__})

@@ -16,6 +16,7 @@ from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.choice import make_filter
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.exposures import Exposures
+from onboard.estimators.leader.filter import LeaderFilter
 from onboard.estimators.leader.image import Image, prepare
 from onboard.estimators.leader.track import Track
 from onboard.geometry.camera import Camera
@@ -39,6 +40,9 @@ class Estimator:
         self.verdicts: Counter[str] = Counter()
         self._config, self._poses = config, CameraPoses(camera)
         self._filter = make_filter(config)
+        self._classes = {
+            name: (make_filter(config.of_class(name)), config.of_class(name)) for name in config.target
+        }
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._next_refusal_ns = 0
@@ -56,6 +60,7 @@ class Estimator:
             return self._refuse(message, ownship)
         if track.is_followed and message.target != NO_ID:
             self._exposures.add(message)
+        track.set_class(*self._class_of(message))
         estimate = track.observe(message, ownship)
         if estimate.measurement is not None:
             self.verdicts[estimate.measurement.verdict] += 1
@@ -83,6 +88,10 @@ class Estimator:
     def _track(self, target: str, *, full: bool = False) -> Track:
         return Track(NAME, target, self._filter, self._poses, self._config, full=full)
 
+    def _class_of(self, message: TargetImage) -> tuple[LeaderFilter, Config]:
+        """The filter and the settings for what the detector takes the target for."""
+        return self._classes.get(message.class_name, (self._filter, self._config))
+
     def _refuse(self, message: TargetImage, ownship: Ownship) -> list[Estimate]:
         """An image that is of one target too many."""
         self.verdicts[Verdict.FULL] += 1
@@ -105,13 +114,13 @@ class Estimator:
     def _nearest(self, message: TargetImage, ownship: Ownship) -> Track | None:
         """The track whose prediction an image without an id fits best, or a new one; None with too many tracks."""
         half_wing = max(track.half_wing for track in self._tracks.values())
-        image = prepare(message, ownship, self._poses, self._filter, self._config, half_wing)
+        image = prepare(message, ownship, self._poses, *self._class_of(message), half_wing)
         if isinstance(image, Verdict):
             return self._tracks[NAME]  # which reports the verdict
         distances = {track.target: track.distance(image, ownship) for track in self._candidates(image)}
         nearest = min(distances, key=lambda target: distances[target])
         self._exposures.add(message)
-        if distances[nearest] <= 1.0 or not image.has_wing:
+        if distances[nearest] <= 1.0 or not image.has_extent:
             return self._tracks[nearest]
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]

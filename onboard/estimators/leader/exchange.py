@@ -72,10 +72,14 @@ def leaps(before: Image, after: Image) -> bool:
     if not 0.0 < dt < LONGEST_S:
         return False
     angle = math.acos(float(np.clip(before.direction_n @ after.direction_n, -1.0, 1.0)))
-    return angle > LEAP + SWIFTEST * dt or (before.has_wing and after.has_wing and not _is_as_big(before, after))
+    return angle > LEAP + SWIFTEST * dt or (
+        before.has_extent and after.has_extent and not _is_as_big(before, after)
+    )
 
 
 def _is_as_big(a: Image, b: Image) -> bool:
     a_, b_ = a.measurement, b.measurement
+    if a_.has_wing != b_.has_wing:  # a wing and a box cannot be compared
+        return True
     noise = SIGMAS * math.hypot(a_.span_sigma / a_.span, b_.span_sigma / b_.span)
     return abs(math.log(a_.span / b_.span)) < max(math.log(RATIO), noise)

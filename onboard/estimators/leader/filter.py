@@ -1,23 +1,34 @@
 """What a track needs of a filter of one target: a protocol, and the measurement that all filters share."""
 
+import math
 from typing import Any, NamedTuple, Protocol
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.places import Place
+from onboard.estimators.leader.shape import Seen, Shape
 from onboard.filters.belief import Belief, Update
 from onboard.ownship import Step
 
 
 class Measurement(NamedTuple):
-    """What an image measures: y (m,) and its noise R (m, m); the wing's span and its standard deviation, rad; and
-    `axes` (3, 3), unit vectors in c: the direction of the center, and the two that the wing is measured along."""
+    """What an image measures: y (m,) and its noise R (m, m); the wing's span and its standard deviation, rad;
+    `axes` (3, 3), unit vectors in c: the direction of the center, and the two that the wing is measured along; and
+    what it shows beyond center and wing. Where the wing was not seen (`has_wing`), the span is the spread of
+    that, and its sigma infinite if nothing shows the range."""
 
     y: Array
     R: Array
     span: float
     span_sigma: float
     axes: Array
+    shows: Seen | None = None
+    has_wing: bool = True
+
+    @property
+    def has_extent(self) -> bool:
+        """Whether it says something of the range."""
+        return math.isfinite(self.span_sigma)
 
 
 class Open(NamedTuple):
@@ -36,6 +47,7 @@ class LeaderFilter(Protocol):
     measured_components: tuple[str, ...]
     measured_units: tuple[str, ...]
     gate: float | None  # NIS above which an image is not fused; None: all are
+    shape: Shape | None  # of what it follows; None: the filter uses nothing but center and wing
     images: int | None  # that must agree before a track starts; None: as configured
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:

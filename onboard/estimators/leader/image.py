@@ -11,11 +11,10 @@ from onboard.estimators.leader import partial
 from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.partial import Edges
 from onboard.geometry.camera import Camera
 from onboard.messages import ImagePoint, TargetImage, Verdict
 from onboard.ownship import Ownship
-
-Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
 
 AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
 AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
@@ -26,11 +25,11 @@ SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
 
 class Image(NamedTuple):
     """A usable image, with the camera's pose when it was taken. The pose is `final` if it was interpolated; an
-    extrapolated one is computed again when the image is fused. Without the wing (`has_wing`) it shows a direction
-    alone (see `partial`)."""
+    extrapolated one is computed again when the image is fused. Without an extent (`has_extent`) it shows a
+    direction alone (see `partial`)."""
 
     message: TargetImage
-    has_wing: bool
+    has_extent: bool
     measurement: Measurement
     pose: CameraPose
     final: bool
@@ -54,7 +53,9 @@ def prepare(
     image's edge count as outside: the edge may cut an aircraft off, and then they are not its wingtips."""
     camera = poses.camera.named(message.camera)
     saw = partial.seen(message, camera.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
-    sigmas, numbers = saw.sigmas, [x for point in saw.points for x in point]  # a few: Python's arithmetic is fast
+    # a few: Python's arithmetic is fast
+    sigmas = *saw.sigmas, *(feature.sigma for feature in saw.named)
+    numbers = [x for points in (saw.points, saw.named_points) for point in points for x in point]
     if not (all(map(math.isfinite, numbers)) and all(map(math.isfinite, sigmas))):
         return Verdict.NOT_FINITE
     pose = poses.at(message.t_ns, ownship, camera)
@@ -64,26 +65,39 @@ def prepare(
     if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
     points = saw.points if saw.has_wing else saw.points[:1]
-    if not in_view(points, camera, message.view, config.edge_px):
+    view = visible_part(camera, message.view, config.edge_px)
+    if not is_inside(points, view):
         return Verdict.OUT_OF_VIEW
-    measurement = partial.measure(filter_, saw)
+    measurement = partial.measure(filter_, saw, view)
     if saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
         return Verdict.DEGENERATE
-    return Image(message, saw.has_wing, measurement, pose, ownship.knows(message.t_ns))
+    return Image(message, measurement.has_extent, measurement, pose, ownship.knows(message.t_ns))
 
 
 def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, edge_px: float) -> bool:
     """Whether all points are inside the image, of the given edges or the configured camera's."""
+    return is_inside(points, visible_part(camera, view, edge_px))
+
+
+def visible_part(camera: Camera, view: Edges | None, edge_px: float) -> Edges:
+    """The edges of the image, the given ones or the configured camera's, `edge_px` inside."""
     if view is None:
         half = 0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px
         view = -half[0], -half[1], half[0], half[1]
     edge = edge_px / camera.f_px
-    left, upper, right, lower = view[0] + edge, view[1] + edge, view[2] - edge, view[3] - edge
+    return view[0] + edge, view[1] + edge, view[2] - edge, view[3] - edge
+
+
+def is_inside(points: Iterable[ImagePoint], view: Edges) -> bool:
+    """Whether all points are inside these edges."""
+    left, upper, right, lower = view
     return all(left <= u <= right and upper <= v <= lower for u, v in points)
 
 
 def agree(a: Image, b: Image) -> bool:
-    """Whether two images could be of one aircraft a moment apart: same direction in n, same span."""
-    ratio = a.measurement.span / b.measurement.span
+    """Whether two images could be of one aircraft a moment apart: same direction in n, and same span, where both
+    show the wing or neither does."""
+    a_, b_ = a.measurement, b.measurement
+    ratio = a_.span / b_.span if a_.has_wing == b_.has_wing else 1.0
     near = float(a.direction_n @ b.direction_n) > np.cos(AGREE_RAD)
     return bool(near and 1 / AGREE_RATIO < ratio < AGREE_RATIO)

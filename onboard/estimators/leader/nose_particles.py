@@ -23,11 +23,18 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.draws import normal, uniform
 from onboard.estimators.leader.filter import Measurement
 from onboard.estimators.leader.settings import NoseModel
+from onboard.estimators.leader.shape import Seen
 from onboard.filters.belief import FilterError
+from onboard.models import apparent_shape
 from onboard.models import apparent_wing as model
 from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
+PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
+LASTING: Final = 4.0  # noise that lasts counts as often
+LEAST_RANGE: Final = (
+    0.05  # of the largest range at which a first image may be: points in a row may hide each other
+)
 FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
 MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one image
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
@@ -39,7 +46,9 @@ DIAGONAL: Final = np.arange(N)
 class Cloud(NamedTuple):
     """K particles: noses (K,) in rad from north, not wrapped; rates (K,) at which they are turned, rad/s, 0 for
     those that are not; whether each leader accelerates (K,), 0 or 1; means (K, N) and covariances (K, N, N) of
-    `models.apparent_wing`; logarithms of the weights (K,); and the number of random draws so far."""
+    `models.apparent_wing`; logarithms of the weights (K,); the number of random draws so far; the share of the
+    wing's length that the edge-on aircraft shows in what started the cloud; and by how much of the size that
+    lastingly misleads: a box does, points do not."""
 
     noses: Array
     rates: Array
@@ -48,6 +57,8 @@ class Cloud(NamedTuple):
     covariances: Array
     log_weights: Array
     draws: int
+    edge_on: float = model.LEAST_VISIBLE
+    lasting: float = 0.0
 
 
 def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Cloud | None = None) -> Cloud:
@@ -60,8 +71,16 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         known = _resampled(before, np.exp(before.log_weights)).noses
         noses, prior = np.where(kept, known, noses), np.full(len(noses), 1.0 / len(noses))
     k = len(noses)
-    broad = model.visible(noses, np.tile(direction, (k, 1)))  # about the range, as a share of the largest possible
+    edge_on, lasting = model.LEAST_VISIBLE, 0.0
+    shows = None if seen.has_wing else seen.shows
+    if shows is not None:
+        edge_on, lasting = shows.edge_on, shows.lasting
+    # about the range, as a share of the largest possible
+    broad = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
     range_ = settings.size * broad / seen.span
+    if shows is not None:
+        range_ = settings.size * apparent_shape.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
+        range_ = np.maximum(range_, LEAST_RANGE * range_.max())
     means, P = np.zeros((k, N)), np.zeros((k, N, N))
     means[:, R], means[:, V] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
     line = np.outer(direction, direction)
@@ -79,7 +98,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     turns = uniform(0, k) < settings.turning
     rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
     accelerates = (uniform(3, k) < settings.accelerating).astype(float)
-    return Cloud(noses, rates, accelerates, means, P, np.log(prior), 4)
+    return Cloud(noses, rates, accelerates, means, P, np.log(prior), 4, edge_on, lasting)
 
 
 def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:
@@ -128,13 +147,17 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     calm, change = accelerates == 0.0, uniform(draws + 3, k)
     accelerates[~calm & (change < -math.expm1(-dt / s.accelerates_for))] = 0.0
     accelerates[calm & (change < -math.expm1(-dt / s.steady_for))] = 1.0
-    _doubt(s, draws + 6, dt, moved, noses, means, P)
-    broad = model.visible(noses, means[:, R] / np.linalg.norm(means[:, R], axis=1)[:, None])
+    _doubt(s, draws + 6, dt, moved, noses, means, P, cloud.edge_on)
+    directions = means[:, R] / np.linalg.norm(means[:, R], axis=1)[:, None]
+    broad = model.visible(noses, directions, cloud.edge_on)
     wobble = s.nose_random_walk * np.minimum(1.0, broad / np.sqrt(np.maximum(1.0 - broad**2, 1e-9)))
     noses += dt * rates + wobble * math.sqrt(dt) * normal(draws + 4, k)
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
-    model.predict(means, P, noses, dt, moved, accelerates, _noise(s, dt), np.exp(-dt / times), s.drag)
-    return Cloud(noses, rates, accelerates, means, P, cloud.log_weights, draws + 8)
+    noise, decay = _noise(s, dt), np.exp(-dt / times)
+    model.predict(means, P, noses, dt, moved, accelerates, noise, decay, s.drag, cloud.edge_on)
+    return cloud._replace(
+        noses=noses, rates=rates, accelerates=accelerates, means=means, covariances=P, draws=draws + 8
+    )
 
 
 def _noise(s: NoseModel, dt: float) -> model.Noise:
@@ -150,7 +173,16 @@ def _noise(s: NoseModel, dt: float) -> model.Noise:
     return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new)
 
 
-def _doubt(settings: NoseModel, draw: int, dt: float, moved: Array, noses: Array, means: Array, P: Array) -> None:
+def _doubt(
+    settings: NoseModel,
+    draw: int,
+    dt: float,
+    moved: Array,
+    noses: Array,
+    means: Array,
+    P: Array,
+    edge_on: float,
+) -> None:
     """Give a few particles another nose, in place: the one that is supposed may be wrong after all. Seen so,
     the same images are those of a leader that is nearer or farther, and moves in proportion. A fixed wing's nose
     stays about its course."""
@@ -165,7 +197,8 @@ def _doubt(settings: NoseModel, draw: int, dt: float, moved: Array, noses: Array
     else:
         other = noses[chosen] + math.pi * uniform(draw + 1, k)[chosen]
     direction = x[:, R] / np.linalg.norm(x[:, R], axis=1)[:, None]
-    ratio = (model.visible(other, direction) / model.visible(noses[chosen], direction))[:, None]
+    before = model.visible(noses[chosen], direction, edge_on)
+    ratio = (model.visible(other, direction, edge_on) / before)[:, None]
     scale = np.where(DIAGONAL <= BANK_ERROR, ratio, 1.0)
     x = x * scale
     x[:, V] += (1.0 - ratio) * v_F_n
@@ -175,24 +208,66 @@ def _doubt(settings: NoseModel, draw: int, dt: float, moved: Array, noses: Array
 
 def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Cloud, float]:
     """The cloud after an image, and the NIS that EXPECTING of its weight have at most. If that exceeds the
-    gate, too few expected the image, and the cloud is returned as it was. Raises FilterError."""
-    means, P = cloud.means.copy(), cloud.covariances.copy()
-    arguments = seen.y, seen.R, pose.R_cn, pose.r_FC_n, seen.axes
-    nis, log_l = model.update(means, P, cloud.noses, settings.size, *map(np.ascontiguousarray, arguments))
-    order = np.argsort(nis)
-    least = float(nis[order][np.searchsorted(np.cumsum(np.exp(cloud.log_weights[order])), EXPECTING)])
-    if not math.isfinite(least):
-        raise FilterError("the cloud of noses has lost its numbers")
-    if least > settings.gate:
-        return cloud, least
+    gate, too few expected the image, and the cloud is returned as it was. What an image shows beyond center and
+    wing has a gate of its own. Raises FilterError."""
+    shows = seen.shows
+    if cloud.lasting > 0.0 and (seen.has_wing or (shows is not None and not shows.is_box)):
+        cloud = _without_box(cloud)
+    after, log_l, least = cloud, np.zeros(len(cloud.noses)), 0.0
+    if shows is None or not shows.is_box:
+        means, P = cloud.means.copy(), cloud.covariances.copy()
+        arguments = seen.y, seen.R, pose.R_cn, pose.r_FC_n, seen.axes
+        nis, log_l = model.update(means, P, cloud.noses, settings.size, *map(np.ascontiguousarray, arguments))
+        least = _expected(cloud, nis)
+        if least > settings.gate:
+            return cloud, least
+        after = cloud._replace(means=means, covariances=P)
+    if shows is not None:
+        shaped, shape_nis, more = _shaped(settings, after, shows, seen.axes, pose)
+        beyond = _expected(cloud, shape_nis)
+        if beyond <= settings.gate + PER_ROW * len(shows.rows.y):
+            after, log_l = shaped, log_l + more
+        elif shows.is_box:
+            return cloud, beyond
     log_weights = cloud.log_weights + settings.temper * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
     log_weights -= log_weights.max()
     log_weights -= math.log(np.exp(log_weights).sum())
-    after = cloud._replace(means=means, covariances=P, log_weights=log_weights)
+    after = after._replace(log_weights=log_weights)
     w = np.exp(log_weights)
     if 1.0 / np.sum(w * w) > settings.resample * len(w):
         return after, least
     return _resampled(after, w), least
+
+
+def _expected(cloud: Cloud, nis: Array) -> float:
+    """The NIS that EXPECTING of the weight have at most. Raises FilterError."""
+    order = np.argsort(nis)
+    least = float(nis[order][np.searchsorted(np.cumsum(np.exp(cloud.log_weights[order])), EXPECTING)])
+    if not math.isfinite(least):
+        raise FilterError("the cloud of noses has lost its numbers")
+    return least
+
+
+def _shaped(
+    settings: NoseModel, cloud: Cloud, shows: Seen, axes: Array, pose: CameraPose
+) -> tuple[Cloud, Array, Array]:
+    """The cloud after what an image shows of the leader's shape, with each particle's NIS and log likelihood. In a
+    cloud that points have made sharp, a box counts as far as what lasts of its error allows."""
+    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
+    rows, camera = shows.rows, (pose.R_cn, pose.r_FC_n, axes)
+    if shows.is_box and cloud.lasting == 0.0:
+        doubt = LASTING * shows.lasting * float(np.ptp(rows.y))
+        rows = rows._replace(sigma=np.hypot(rows.sigma, doubt))
+    nis, log_l = apparent_shape.update(means, P, noses, settings.size, rows, shows.posture, camera)
+    return cloud._replace(noses=noses, means=means, covariances=P), nis, log_l
+
+
+def _without_box(cloud: Cloud) -> Cloud:
+    """The cloud before the first image that shows points: how far boxes mislead becomes uncertainty of each range,
+    and points reduce it."""
+    r, P = cloud.means[:, R], cloud.covariances.copy()
+    P[:, R, R] += cloud.lasting**2 * r[:, :, None] * r[:, None, :]
+    return cloud._replace(covariances=P, edge_on=model.LEAST_VISIBLE, lasting=0.0)
 
 
 def _resampled(cloud: Cloud, w: Array) -> Cloud:
@@ -201,7 +276,8 @@ def _resampled(cloud: Cloud, w: Array) -> Cloud:
     at = (np.arange(k) + uniform(cloud.draws, 1)[0]) / k
     chosen = np.minimum(np.searchsorted(np.cumsum(w), at), k - 1)
     noses, rates, accelerates, means, P = (array[chosen] for array in cloud[:5])
-    return Cloud(noses, rates, accelerates, means, P, np.full(k, -math.log(k)), cloud.draws + 1)
+    drawn = Cloud(noses, rates, accelerates, means, P, np.full(k, -math.log(k)), cloud.draws + 1)
+    return drawn._replace(edge_on=cloud.edge_on, lasting=cloud.lasting)
 
 
 def with_course(settings: NoseModel, cloud: Cloud) -> Array:

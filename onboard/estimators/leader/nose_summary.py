@@ -95,13 +95,14 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     # the size scales the range
     by_size = np.zeros(N)
     by_size[R_FL], by_size[LOG_SIZE] = mean[R_FL], 1.0
-    covariance += (settings.size_sigma / settings.size) ** 2 * np.outer(by_size, by_size)
+    of_size = (settings.size_sigma / settings.size) ** 2 + cloud.lasting**2
+    covariance += of_size * np.outer(by_size, by_size)
     covariance[MOTION, MOTION] += _by_pose(settings, mean[R_FL])
     covariance[NOSE, NOSE] += settings.misalignment[2] ** 2
 
     def ours(r_FL_n: Array) -> Array:
         by_pose = _by_pose(settings, r_FL_n)
-        by_pose[:3, :3] += (settings.size_sigma / settings.size) ** 2 * np.outer(r_FL_n, r_FL_n)
+        by_pose[:3, :3] += of_size * np.outer(r_FL_n, r_FL_n)
         return by_pose
 
     whole = Summary(mean, 0.5 * (covariance + covariance.T))

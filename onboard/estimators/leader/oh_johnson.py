@@ -10,6 +10,7 @@ from onboard.estimators.leader import oh_johnson_noise
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import Measurement, Open
 from onboard.estimators.leader.settings import Noise
+from onboard.estimators.leader.shape import Shape
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
@@ -38,6 +39,7 @@ class OhJohnson:
             None if probability is None else chi_square_threshold(probability, camera_angles.M)
         )
         self.images: int | None = noise.initialise_images
+        self.shape: Shape | None = None
         self._noise, self._size, self._size_sigma = noise, size, size_sigma
         self._attitude_sigma = attitude_sigma
         self._Q = oh_johnson_noise.process_noise(noise, size)

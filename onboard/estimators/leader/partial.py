@@ -1,10 +1,11 @@
-"""What a detection without all three points measures.
+"""What a detection measures that has not all three points of the wing, or has more.
 
 - Both wingtips without the center: the wing as ever. The center is near the wing's middle, but not on it, unless
   `center_on_wing` says so: its direction is that of the middle, with noise in proportion to the wing.
-- The center, one wingtip, or a box: a direction alone. A wingtip is half a wing off the center, and the middle of
-  a box may be a tenth of the box off. Such an offset lasts, so images do not average it out, and it counts
-  `LASTING` times.
+- The center, one wingtip, another point, or a box: a direction. A wingtip is half a wing off the center, and the
+  middle of a box may be a tenth of the box off. Such an offset lasts, so images do not average it out, and it
+  counts `LASTING` times.
+- Further points of the class, and, where the wing was not seen, the sides of a box: see `shape`.
 
 A direction alone starts no track: it says nothing of the range.
 """
@@ -15,33 +16,50 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.estimators.leader.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.shape import of_box, of_points
 from onboard.filters.belief import Update
-from onboard.messages import ImagePoint, TargetDetection, TargetImage, TargetPoints, Vec3
+from onboard.messages import ImageFeature, ImagePoint, TargetDetection, TargetImage, TargetPoints, Vec3
 
 UNKNOWN: Final = 100.0  # rad: the noise of what is not measured. A minute of images with it says nothing
 LASTING: Final = 4.0  # noise that lasts counts as often: a filter averages some sixteen images
 OFF_WING: Final = 0.1  # of the wing: the center from the wing's middle, where nothing is known of it
 ON_WING: Final = 0.02  # the same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer
 OFF_BOX: Final = 0.1  # of the box's side: the center from the box's middle
+TIPS: Final = 0.3  # of the wing: noise of tips that are to say only which one is left ...
+SIDES: Final = 3.0  # ... and of their own at least
+NO_WING: Final = 0.3  # of what was seen, taken for the wing
 FAKE: Final = 1e-3  # focal lengths: half the wing of an image that shows none; its noise is UNKNOWN
+
+
+Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
 
 
 class Seen(NamedTuple):
     """Center, left and right point with their sigmas, in focal lengths; how far off the center may lastingly be;
-    and whether the center and the wing were seen, or stand for what was not."""
+    whether the center and the wing were seen, or stand for what was not; all points that have names, and a box's
+    middle and its half sides."""
 
     points: tuple[ImagePoint, ImagePoint, ImagePoint]
     sigmas: Vec3
     offset: float = 0.0
     has_center: bool = True
     has_wing: bool = True
+    named: tuple[ImageFeature, ...] = ()
+    box: tuple[ImageFeature, ImagePoint] | None = None
+
+    @property
+    def named_points(self) -> tuple[ImagePoint, ...]:
+        """Where the named points are."""
+        return tuple(feature.point for feature in self.named)
 
 
 def seen(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, half_wing: float) -> Seen:
     """What a message shows. `camera_sigma`: of a point without its own; `half_wing`: half the wing as it appears
     at most, where one wingtip is all that is seen. All in focal lengths."""
     if isinstance(message, TargetPoints):
-        return Seen((message.center, message.left, message.right), message.sigma or (camera_sigma,) * 3)
+        points = message.center, message.left, message.right
+        sigmas = message.sigma or (camera_sigma,) * 3
+        return Seen(points, sigmas, named=(*message.others, *_tips(points[1], points[2], sigmas[1:])))
     if not isinstance(message, TargetDetection):
         raise TypeError(f"{type(message).__name__} is not an image of a target")
     features = {f.name: f for f in message.features}
@@ -51,16 +69,34 @@ def seen(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, hal
         sigma = 0.5 * math.hypot(left.sigma, right.sigma)
         off = ON_WING if center_on_wing else OFF_WING
         points = ((a + c) / 2, (b + d) / 2), left.point, right.point
-        return Seen(points, (sigma, left.sigma, right.sigma), off * math.dist(*points[1:]), has_center=False)
+        offset = off * math.dist(*points[1:])
+        sigmas = sigma, left.sigma, right.sigma
+        others = tuple(f for name, f in features.items() if name not in ("left", "right"))
+        tips = _tips(left.point, right.point, (left.sigma, right.sigma))
+        return Seen(points, sigmas, offset, has_center=False, named=(*others, *tips))
     one = features.get("center", message.features[0])
     offset = {"center": 0.0, "box": 2.0 * OFF_BOX * (message.half_width or 0.0)}.get(one.name, half_wing)
     u, v = one.point
-    return Seen((one.point, (u - FAKE, v), (u + FAKE, v)), (one.sigma,) * 3, offset, has_wing=False)
+    points = one.point, (u - FAKE, v), (u + FAKE, v)
+    has_center = one.name == "center"
+    box = (features["box"], message.half_sides) if "box" in features and message.half_sides else None
+    return Seen(points, (one.sigma,) * 3, offset, has_center, False, message.features, box)
 
 
-def measure(filter_: LeaderFilter, saw: Seen) -> Measurement:
-    """The filter's measurement of it: what was not seen has noise without bound."""
+def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tuple[ImageFeature, ImageFeature]:
+    """Both wingtips as points that say no more than which one is which: the wing itself is measured apart."""
+    at_least = TIPS * math.dist(left, right)
+    a, b = (max(SIDES * sigma, at_least) for sigma in sigmas)
+    return ImageFeature(name="left", point=left, sigma=a), ImageFeature(name="right", point=right, sigma=b)
+
+
+def measure(filter_: LeaderFilter, saw: Seen, view: Edges | None = None) -> Measurement:
+    """The filter's measurement of it: what was not seen has noise without bound. A box that reaches the edge of
+    the `view` is cut off: it shows a direction at most."""
     measured = filter_.measure(np.array(saw.points), np.array(saw.sigmas))
+    if filter_.shape is not None and saw.named:
+        shows = of_points(filter_.shape, saw.named, measured.axes, has_center=saw.has_center)
+        measured = measured._replace(shows=shows)
     if saw.has_center and saw.has_wing:
         return measured
     y, R = measured.y.copy(), measured.R.copy()
@@ -69,9 +105,36 @@ def measure(filter_: LeaderFilter, saw: Seen) -> Measurement:
     for i in range(first, len(y)):
         y[i], R[i, :], R[:, i] = 0.0, 0.0, 0.0
         R[i, i] = UNKNOWN**2
+    measured = measured._replace(y=y, R=R)
     if saw.has_wing:
-        return measured._replace(y=y, R=R)
-    return measured._replace(y=y, R=R, span_sigma=math.inf)
+        return measured
+    shows = measured.shows
+    shape, box = filter_.shape, saw.box
+    if shows and shows.has_extent:
+        box = None
+    if shape is not None and box is not None and not is_cut(*box, view):
+        shows = of_box(shape, *box, measured.axes)
+    extent = (shows.spread, shows.spread_sigma) if shows and shows.has_extent else (measured.span, math.inf)
+    return measured._replace(span=extent[0], span_sigma=extent[1], shows=shows, has_wing=False)
+
+
+def is_cut(middle: ImageFeature, half: ImagePoint, view: Edges | None) -> bool:
+    """Whether a box reaches the image's edge, or beyond."""
+    if view is None:
+        return False
+    (u, v), (a, b), (left, upper, right, lower) = middle.point, half, view
+    return u - a <= left or u + a >= right or v - b <= upper or v + b >= lower
+
+
+def with_wing(measurement: Measurement) -> Measurement:
+    """The measurement to start from: in place of a wing that was not seen, a level one as long as what was seen,
+    with the doubt that it is none."""
+    if measurement.has_wing:
+        return measurement
+    y, R = measurement.y.copy(), measurement.R.copy()
+    y[2], y[3] = measurement.span, 0.0
+    R[2, 2] = R[3, 3] = (NO_WING * measurement.span) ** 2
+    return measurement._replace(y=y, R=R)
 
 
 def refused(measurement: Measurement, state: Any) -> Update:

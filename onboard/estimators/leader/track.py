@@ -85,6 +85,11 @@ class Track:
             self._forget("no image for longer than the reset timeout")
         return self._estimate(ownship, None)
 
+    def set_class(self, filter_: LeaderFilter, config: Config) -> None:
+        """Images of a class of targets come. A track stays what it started as."""
+        if self._history is None and not self._held:
+            self._filter, self._config, self._report = filter_, config, partial(report, filter_)
+
     def reset(self, reason: str) -> None:
         """Forget the track and all times."""
         self._forget(reason)
@@ -110,7 +115,7 @@ class Track:
     def distance(self, image: Image, ownship: Ownship) -> float:
         """How far an image is from what this track predicts: its NIS over the gate, or infinity. Pure."""
         if self._history is None:
-            near = image.has_wing and bool(self._held) and agree(self._held[-1], image)
+            near = image.has_extent and bool(self._held) and agree(self._held[-1], image)
             return 1.0 if near else math.inf
         try:
             _, state = self._history.belief_at(image.message.t_ns, ownship)
@@ -134,7 +139,7 @@ class Track:
             if self._history is not None:  # which has taken some of the same images
                 self._forget("the camera hangs: its image stays although we turn")
             return self._report(message, Verdict.STALE, image)
-        if self._history is None and not image.has_wing:
+        if self._history is None and not image.has_extent:
             return self._report(message, Verdict.DIRECTION_ONLY, image)
         if self._history is None:
             self._start(image, ownship, None)
@@ -142,7 +147,7 @@ class Track:
         if not self._history.reaches(message.t_ns):
             return self._report(message, Verdict.TOO_OLD, image)
         if self._is_wide(self._history, message.t_ns, ownship):
-            if not image.has_wing:
+            if not image.has_extent:
                 return self._report(message, Verdict.DIRECTION_ONLY, image)
             self._start(image, ownship, self._history)
             return self._report(message, Verdict.INITIALISING, image)
@@ -157,15 +162,15 @@ class Track:
         self._settle(history, ownship, inserted=True)
         if not outcome.fused:
             self._exchange.gated(image)
-            if image.has_wing and self._status.gated(message.t_ns):
+            if image.has_extent and self._status.gated(message.t_ns):
                 self._exchange.ended()
                 self._forget("every image was gated")
                 self._start(image, ownship, None)
             return self._report(message, Verdict.GATED, image, outcome)
         self._exchange.fused(image)
-        if image.has_wing:
+        if image.measurement.has_wing:
             self._guard.seen(image.measurement.span, image.measurement.span_sigma)
-        self._status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_wing)
+        self._status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
     def _is_wide(self, history: History[Any, Ownship], t_ns: int, ownship: Ownship) -> bool:
@@ -225,7 +230,7 @@ class Track:
         try:
             update = self._filter.fuse(state, image.measurement, pose)
         except FilterError:
-            if image.has_wing:
+            if image.has_extent:
                 raise
             return state, Outcome(False, refused(image.measurement, state), state, pose)
         fused = self._filter.gate is None or update.nis <= self._filter.gate

@@ -10,7 +10,7 @@ import pytest
 
 from onboard.config import Config, LeaderOutConfig, LinkConfig, OwnErrors, load_config, parse_config
 from onboard.estimators import config_type, known, load
-from onboard.messages import Record
+from onboard.messages import Record, TargetClass
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario, scenario_names
 from tests.support import documents
@@ -23,13 +23,14 @@ UNSET = "–"
 
 def sections() -> dict[str, type[Record]]:
     """Each section of the configuration, by its heading, with its record."""
-    special = {"link", "leader_out", "estimator", "cameras"}
+    special = {"link", "leader_out", "estimator", "cameras", "target"}
     plain = {f.name: f.type for f in msgspec.structs.fields(Config) if f.name not in special}
     (custom,) = (f.type for f in msgspec.structs.fields(config_type("own_state")) if f.name == "custom")
     return {
         "`[[link]]`": LinkConfig,
         "`[[leader_out]]`": LeaderOutConfig,
         **{f"`[{name}]`": record for name, record in plain.items()},
+        "`[target.CLASS]`": TargetClass,
         "`[ownship.errors]`": OwnErrors,
         **{f"`[estimator.{name}]`": config_type(name) for name in known()},
         "`[estimator.own_state.custom]`": get_args(custom)[0],
@@ -142,6 +143,7 @@ def test_there_are_the_configuration_files() -> None:
     assert [p.name for p in CONFIGS] == [
         "companion.toml",
         "demo.toml",
+        "detector.toml",
         "fleet.toml",
         "ground.toml",
         "router.toml",

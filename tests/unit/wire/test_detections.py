@@ -16,6 +16,7 @@ LENS = Lens(fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, width_px=640.0, 
 CAMERAS = {
     "front": CameraInput("front", LENS, sigma_px=1.0, min_confidence=0.3),
     "tele": CameraInput("tele", LENS, sigma_px=2.0, min_confidence=0.0),
+    "shaped": CameraInput("shaped", LENS, 1.0, 0.0, points=("center", "left", "right", "nose", "tail")),
     "picky": CameraInput("picky", LENS, sigma_px=1.0, min_confidence=0.0, classes=("drone", "plane")),
 }
 CENTER, LEFT, RIGHT = ({"u_px": u, "v_px": 240.0} for u in (370.0, 320.0, 420.0))
@@ -59,9 +60,10 @@ def test_fewer_points_stay_what_they_are(names: tuple[str, ...]) -> None:
     every = {"center": CENTER, "left": LEFT, "right": RIGHT}
     m = one(points={name: every[name] for name in names}, box=BOX)
     assert isinstance(m, TargetDetection)
-    assert tuple(f.name for f in m.features) == names
-    assert [f.point[0] * 500 + 320 for f in m.features] == pytest.approx([every[n]["u_px"] for n in names])
-    assert m.half_width is None
+    assert tuple(f.name for f in m.features) == (*names, "box")
+    assert [f.point[0] * 500 + 320 for f in m.features[:-1]] == pytest.approx([every[n]["u_px"] for n in names])
+    assert m.half_width == pytest.approx(50 / 500)
+    assert one(points={names[0]: every[names[0]]}).half_width is None
 
 
 def test_a_box_alone_is_its_middle_with_the_noise_of_boxes() -> None:
@@ -71,6 +73,7 @@ def test_a_box_alone_is_its_middle_with_the_noise_of_boxes() -> None:
     assert (feature.name, feature.point) == ("box", pytest.approx((0.1, -0.1)))
     assert feature.sigma == pytest.approx(BOX_NOISE * 100 / 500)
     assert m.half_width == pytest.approx(50 / 500)
+    assert m.half_sides == pytest.approx((50 / 500, 20 / 500))
     assert one(box=BOX | {"sigma_px": 3.0}).features[0].sigma == pytest.approx(3 / 500)
 
 
@@ -136,7 +139,10 @@ def with_detection(**detection: Any) -> dict[str, Any]:
     ("document", "expected"),
     [
         ({"t_ns": 1}, "missing required field `clock`; the fields of CameraDetections are t_ns, clock, came"),
-        ({**HEAD, "camera": "rear"}, "no camera is called `rear`; known: front, tele, picky - at `$.camera`"),
+        (
+            {**HEAD, "camera": "rear"},
+            "no camera is called `rear`; known: front, tele, shaped, picky - at `$.camera`",
+        ),
         (
             {**HEAD, "intrinsics": {"fx_px": 0, "fy_px": 1, "cx_px": 1, "cy_px": 1}},
             "must be positive - at `$.in",
@@ -176,6 +182,21 @@ def test_other_classes_than_those_that_are_followed_are_refused() -> None:
     ]
     assert reasons("plane") == reasons("") == []
     assert one(box=BOX, **{"class": "bird"}).camera == "front"
+
+
+def test_points_of_a_class_come_along_with_the_wing_or_without_it() -> None:
+    points = {"tail": CENTER | {"sigma_px": 3.0}, "nose": LEFT, "center": CENTER, "left": LEFT, "right": RIGHT}
+    document = {**HEAD, "camera": "shaped", "detections": [{"points": points, "class": "plane"}]}
+    decoded = Decoded(document)
+    (m,) = decoded.messages
+    assert isinstance(m, TargetPoints)
+    assert (m.class_name, decoded.reasons) == ("plane", [])
+    assert [(f.name, round(f.sigma * 500, 6)) for f in m.others] == [("nose", 1.0), ("tail", 3.0)]
+    assert m.image_points[3:] == ((0.0, 0.0), pytest.approx((0.1, 0.0)))
+    del points["center"]
+    (m,) = Decoded(document).messages
+    assert isinstance(m, TargetDetection)
+    assert [f.name for f in m.features] == ["left", "right", "nose", "tail"]
 
 
 def test_an_image_in_which_nothing_was_found_is_no_refusal() -> None:

@@ -1,0 +1,73 @@
+"""What a detector finds of a leader beyond its wing: nose and tail, and a box around it, with their errors."""
+
+from collections.abc import Mapping
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from onboard.messages import ImagePoint, Quaternion, Vec3
+from simlink.scenarios.camera import Camera
+from simlink.sensors.arrays import Array
+from simlink.sensors.camera import in_camera
+from simlink.world import attitude
+from simlink.world.drawn import Range
+
+Sees = Literal["wing", "points", "box", "center_box"]  # the wing; also nose and tail; a box; a box and the center
+SEES: Final[tuple[Sees, ...]] = ("wing", "points", "box", "center_box")
+
+# the leader's wingspan, r_FL_n, q_nL, q_nF, and the camera with its q_bc
+Place = tuple[float, Vec3, Quaternion, Quaternion, Camera, Quaternion]
+NAMED: Final[Mapping[str, Vec3]] = {"nose": (0.36, 0.0, 0.0), "tail": (-0.40, 0.0, -0.03)}  # wingspans, body FRD
+MISPLACED: Final = 0.02  # wingspans, along each axis: how far the true points are from those that are known
+TOP: Final[Range] = (0.03, 0.12)  # wingspans, of a fin or a canopy above the center
+BOTTOM: Final[Range] = (0.02, 0.08)
+# Detectors place the sides of a box to some percent of it, and are lastingly generous or mean: 0.05 of its size
+# still counts as nearly right among the usual scores (an overlap of 0.9).
+BOX_LASTING: Final = 0.05  # of the box's size
+BOX_NOISE: Final[Range] = (0.02, 0.05)  # of its larger side, each side
+
+
+class Shape(NamedTuple):
+    """Of one leader, in b for a wingspan of 1: its nose and tail, and how far it reaches up and down; how much too
+    large boxes around it lastingly are, and their noise."""
+
+    named: Mapping[str, Vec3]
+    bounds: tuple[Vec3, ...]
+    too_large: float
+    noise: float
+
+
+def draw_shape(rng: np.random.Generator) -> Shape:
+    """The shape of one leader."""
+    named = {name: _near(point, rng) for name, point in NAMED.items()}
+    top, bottom = -float(rng.uniform(*TOP)), float(rng.uniform(*BOTTOM))
+    wing: tuple[Vec3, ...] = (0.0, -0.5, 0.0), (0.0, 0.5, 0.0)
+    bounds = *wing, *named.values(), (0.0, 0.0, top), (0.0, 0.0, bottom)
+    return Shape(named, bounds, float(rng.normal(0.0, BOX_LASTING)), float(rng.uniform(*BOX_NOISE)))
+
+
+def _near(point: Vec3, rng: np.random.Generator) -> Vec3:
+    x, y, z = (np.array(point) + MISPLACED * rng.standard_normal(3)).tolist()
+    return x, y, z
+
+
+def projected(points: tuple[Vec3, ...], *place: *Place) -> list[ImagePoint]:
+    """Image points of a leader's points, in b for a wingspan of 1."""
+    size, r_FL_n, q_nL, q_nF, camera, q_bc = place
+    found = []
+    for px, py, pz in points:
+        x, y, z = attitude.to_n(q_nL, (size * px, size * py, size * pz))
+        ahead, right, down = in_camera((r_FL_n[0] + x, r_FL_n[1] + y, r_FL_n[2] + z), q_nF, camera, q_bc)
+        found.append((right / ahead, down / ahead))
+    return found
+
+
+def box_around(points: list[ImagePoint], shape: Shape, noise: Array) -> tuple[ImagePoint, ImagePoint]:
+    """Middle and half sides of the box that a detector draws around image points; `noise` (4,) is standard
+    normal."""
+    (left, upper), (right, lower) = np.min(points, axis=0).tolist(), np.max(points, axis=0).tolist()
+    a, b = 0.5 * (1.0 + shape.too_large) * (right - left), 0.5 * (1.0 + shape.too_large) * (lower - upper)
+    off = (shape.noise * 2.0 * max(a, b) * noise).tolist()
+    u, v = 0.5 * (left + right) + 0.5 * (off[0] + off[1]), 0.5 * (upper + lower) + 0.5 * (off[2] + off[3])
+    least = 0.1 * max(a, b)
+    return (u, v), (max(a + 0.5 * (off[1] - off[0]), least), max(b + 0.5 * (off[3] - off[2]), least))

@@ -1,0 +1,211 @@
+"""Classes of targets: named points, boxes, and what both do for a track."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.config import ConfigError, parse_config
+from onboard.estimators.leader.choice import make_filter
+from onboard.estimators.leader.partial import UNKNOWN, measure, seen, with_wing
+from onboard.messages import Estimate, ImageFeature, Lifecycle, TargetDetection, TargetPoints, Verdict
+from onboard.models.apparent_shape import HIGHEST, LOWEST
+from onboard.pipeline import Pipeline
+from onboard.studies.encounters.flights import known
+from simlink.encounters.encounter import Encounter, make_encounter
+from simlink.encounters.reports import BOOT_NS
+from simlink.encounters.shapes import NAMED, Sees
+from tests.support.streams import CIRCLE, F_PX, S, Stream, advance, make_config
+
+SIGMA = 1 / F_PX
+PLANE = {"size_prior_m": 2.0, "points_m": {"nose": [0.7, 0.0, 0.0], "tail": [-0.8, 0.0, -0.1]}}
+IMAGE = CIRCLE.image(6 * S)
+VIEW = (-0.5, -0.4, 0.5, 0.4)
+
+
+def leader(**section: Any) -> Any:
+    return parse_config({"estimator": {"leader": section}}).estimator["leader"]
+
+
+def feature(name: str, u: float, v: float, sigma: float = SIGMA) -> ImageFeature:
+    return ImageFeature(name=name, point=(u, v), sigma=sigma)
+
+
+def detection(*features: ImageFeature, half: tuple[float, float] | None = None) -> TargetDetection:
+    fields = {name: getattr(IMAGE, name) for name in ("t_ns", "t_recv_ns", "system", "component", "camera")}
+    width = None if half is None else max(half)
+    return TargetDetection(**fields, target="leader", features=features, half_width=width, half_sides=half)
+
+
+def measured(image: Any, **section: Any) -> Any:
+    saw = seen(image, SIGMA, center_on_wing=False, half_wing=0.04)
+    return measure(make_filter(leader(**section)), saw, VIEW)
+
+
+def test_a_box_measures_its_sides_and_no_wing() -> None:
+    m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)))
+    rows = m.shows.rows
+    assert (m.has_wing, m.has_extent, m.shows.is_box, rows.named) == (False, True, True, False)
+    assert rows.which.tolist() == [LOWEST, HIGHEST, LOWEST, HIGHEST]
+    assert rows.y == pytest.approx([-0.04, 0.04, -0.01, 0.01], rel=0.03)
+    assert rows.sigma == pytest.approx(np.full(4, 0.05 * 0.08), rel=0.03)
+    assert m.span == pytest.approx(math.hypot(0.04, 0.01) * math.sqrt(2.0), rel=0.02)
+    assert np.sqrt(np.diag(m.R)[2:4]).tolist() == [UNKNOWN] * 2
+    assert with_wing(m).y[2:4].tolist() == [m.span, 0.0]
+
+
+@pytest.mark.parametrize("where", [(0.47, 0.0), (-0.47, 0.0), (0.0, 0.395), (0.0, -0.395)])
+def test_a_box_that_the_edge_cuts_off_is_a_direction(where: tuple[float, float]) -> None:
+    m = measured(detection(feature("box", *where), half=(0.04, 0.01)))
+    assert (m.shows, m.has_extent) == (None, False)
+
+
+@pytest.mark.parametrize("name", ["wing-line", "subtended"])
+def test_a_filter_that_knows_no_shape_takes_a_box_for_a_direction(name: str) -> None:
+    assert not measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), filter=name).has_extent
+
+
+def test_a_box_beside_points_that_show_the_range_is_not_used() -> None:
+    box = feature("box", 0.1, 0.05)
+    tips = feature("left", 0.06, 0.05), feature("right", 0.14, 0.05)
+    with_tips = measured(detection(*tips, box, half=(0.04, 0.01)))
+    assert (with_tips.shows, with_tips.has_wing, with_tips.has_extent) == (None, True, True)
+    ends = feature("nose", 0.06, 0.05), feature("tail", 0.14, 0.05)
+    with_ends = measured(detection(*ends, box, half=(0.04, 0.01)), **PLANE)
+    assert (with_ends.shows.is_box, with_ends.has_wing) == (False, False)
+    assert with_ends.span == pytest.approx(0.08 / math.sqrt(2.0), rel=0.03)
+    assert measured(detection(feature("center", 0.1, 0.05), box, half=(0.04, 0.01))).shows.is_box
+
+
+def test_points_too_near_to_each_other_show_no_range() -> None:
+    ends = feature("center", 0.1, 0.05), feature("tail", 0.1 + SIGMA, 0.05)
+    assert not measured(detection(*ends), **PLANE).has_extent
+
+
+def test_named_wingtips_say_which_one_is_left_and_nothing_of_their_distance() -> None:
+    plain, sided = measured(IMAGE, **PLANE), measured(IMAGE, **PLANE, named_wingtips=True)
+    assert plain.shows is None
+    span = math.dist(IMAGE.left, IMAGE.right)
+    assert sided.shows.rows.points[:, 1].tolist() == [-0.5, 0.5]
+    assert sided.shows.rows.sigma == pytest.approx(np.full(4, 0.3 * span))
+    assert sided.y.tolist() == plain.y.tolist()
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        ({"target": {"plane": {}}}, "target.plane: object missing required field `size_prior_m`"),
+        ({"target": {"plane": {"size": 1}}}, "unknown key target.plane.size"),
+        ({"target": {"plane": {"size_prior_m": 0.0}}}, "target.plane.size_prior_m: expected `float` > 0.0"),
+        (
+            {"target": {"plane": {"size_prior_m": 2.0, "points_m": {"left": [0, -1, 0]}}}},
+            "points_m.left: every class",
+        ),
+        (
+            {"target": {"plane": {"size_prior_m": 2.0, "points_m": {"box": [0, -1, 0]}}}},
+            "no point can be called so",
+        ),
+        (
+            {"target": {"plane": {"size_prior_m": 2.0, "points_m": {"fin": [0, 0, -7]}}}},
+            "points_m.fin: farther than 3",
+        ),
+        ({"target": {"plane": {"size_prior_m": 2.0, "points_m": {"fin": [0, 0]}}}}, "of length 3, got 2"),
+        (
+            {"estimator": {"leader": {"points_m": {"center": [0, 0, 0]}}}},
+            "estimator.leader: points_m.center: every",
+        ),
+        (
+            {"target": {"plane": {"size_prior_m": 2.0, "points_m": {f"p{i}": [0, 0, 0] for i in range(33)}}}},
+            "32 points at most, not 33",
+        ),
+    ],
+)
+def test_a_class_that_cannot_be_used_is_refused_by_its_key(table: dict[str, Any], expected: str) -> None:
+    with pytest.raises(ConfigError) as error:
+        parse_config({"estimator": {"leader": {}}, **table})
+    assert expected in str(error.value)
+
+
+def test_points_that_any_class_names_are_used_by_every_camera() -> None:
+    config = parse_config(
+        {
+            "cameras": {"tele": {}},
+            "target": {"plane": PLANE},
+            "estimator": {"leader": {"points_m": {"tail": [-0.5, 0, 0], "rotor": [0.4, 0.4, 0]}}},
+        }
+    )
+    for camera in config.camera_inputs().values():
+        assert camera.points == ("center", "left", "right", "tail", "rotor", "nose")
+
+
+def test_each_class_has_its_own_size_seed_1() -> None:
+    config = parse_config(
+        {"target": {"big": {"size_prior_m": 4.0}}, "estimator": {"leader": {"size_prior_m": 2.0}}}
+    )
+
+    def size(class_name: str) -> float:
+        images = (item.message for item in Stream(t1=6.5).items())
+        named = [_named(m, class_name) if isinstance(m, TargetPoints) else m for m in images]
+        newest = advance(named, config).estimates[-1]
+        assert newest.mean is not None, newest.reason
+        return newest.mean[newest.components.index("size")]
+
+    assert size("big") == pytest.approx(4.0, rel=0.01)
+    assert size("") == size("small") == pytest.approx(2.0, rel=0.01)
+
+
+def _named(m: TargetPoints, class_name: str) -> TargetPoints:
+    from msgspec.structs import replace  # noqa: PLC0415
+
+    return replace(m, class_name=class_name)
+
+
+def flown(family: str, seed: int, seconds: float, sees: Sees, *settings: str) -> tuple[Encounter, list[Estimate]]:
+    """An encounter, and the leader's estimates."""
+    encounter = make_encounter(family, seed, seconds, sees)
+    pipeline = Pipeline(make_config(*known(encounter), *settings))
+    outputs = (output for message in encounter.messages for output in pipeline.advance((message,)))
+    return encounter, [o for o in outputs if isinstance(o, Estimate) and o.name == "leader"]
+
+
+def test_boxes_alone_start_a_track_and_hold_it_seed_3() -> None:
+    encounter, estimates = flown("hover", 3, 8.0, "box")
+    assert estimates[-1].state is Lifecycle.TRACKING
+    newest = estimates[-1]
+    assert newest.mean is not None
+    assert newest.covariance is not None
+    truth = encounter.truth.r_FL_n[np.searchsorted(encounter.truth.t, (newest.t_ns - BOOT_NS) * 1e-9) - 1]
+    off, P = np.array(newest.mean[:3]) - truth, np.array(newest.covariance)[:3, :3]
+    assert off @ np.linalg.solve(P, off) < 7.8  # 95 %
+    range_ = float(np.linalg.norm(truth))
+    sigma = math.sqrt(truth @ P @ truth) / range_**2
+    assert 0.12 < sigma < 0.5  # what boxes lastingly are off by, and no more than half the range
+
+
+def test_boxes_alone_start_no_track_of_a_filter_that_knows_no_shape_seed_3() -> None:
+    _, estimates = flown("hover", 3, 2.0, "box", "estimator.leader.filter=wing-line")
+    verdicts = {e.measurement.verdict for e in estimates if e.measurement is not None}
+    assert verdicts == {Verdict.DIRECTION_ONLY}
+
+
+def test_nose_and_tail_resolve_the_heading_of_a_leader_that_hovers_seed_3() -> None:
+    points = tuple(f"estimator.leader.points_m.{name}={[2.0 * x for x in p]}" for name, p in NAMED.items())
+    encounter, with_points = flown("hover", 3, 4.0, "points", *points, "estimator.leader.named_wingtips=true")
+    _, without = flown("hover", 3, 4.0, "wing")
+
+    def heading(estimates: list[Estimate]) -> tuple[float, float]:
+        newest = estimates[-1]
+        assert newest.mean is not None
+        assert newest.covariance is not None
+        at = newest.components.index("heading")
+        off = newest.mean[at] - encounter.truth.euler_L[-1, 2]
+        return math.degrees((off + math.pi) % (2 * math.pi) - math.pi), math.degrees(
+            newest.covariance[at][at] ** 0.5
+        )
+
+    off, sigma = heading(with_points)
+    assert abs(off) < 10.0
+    assert sigma < 10.0
+    assert "not resolved" not in with_points[-1].reason
+    assert heading(without)[1] > 20.0

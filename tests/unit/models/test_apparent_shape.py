@@ -1,0 +1,145 @@
+"""What an image shows of a leader's shape, against plain geometry and a plain Kalman filter."""
+
+import math
+
+import numpy as np
+import pytest
+
+from onboard.arrays import Array
+from onboard.geometry.rotations import matrix_from_euler
+from onboard.models import apparent_shape as model
+from onboard.models.apparent_shape import HIGHEST, LOWEST, Posture, Rows
+from onboard.models.apparent_wing import LEAN, A, G, N, R
+
+SIZE = 2.0
+POINTS = np.array([[0.36, 0.0, 0.02], [-0.4, 0.05, -0.1], [0.0, -0.5, 0.0], [0.0, 0.5, 0.0]])
+SIGMA = 1 / 500
+EXACT = Posture(1.0, 0.0, 0.0)
+
+
+def drawn(seed: int) -> tuple[Array, Array, float, Array]:
+    """A state, its covariance, its nose and an attitude of the camera."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=N) * np.repeat([1.0, 3.0, 1.0, 0.05, 1.0, 0.02], [3, 3, 3, 1, 2, 1])
+    x[R] += [25.0, 4.0, -3.0]
+    L = 0.1 * np.tril(rng.normal(size=(N, N))) + 0.1 * np.eye(N)
+    L[12] = L[:, 12] = 0.0  # the stretch is of the wing alone
+    return x, L @ L.T, rng.uniform(-0.8, 0.8), matrix_from_euler(0.05, -0.1, 0.2).T
+
+
+def coordinates(x: Array, nose: float, axes_n: Array) -> Array:
+    """Coordinates (k, 2) of POINTS of a multirotor that leans as its thrust demands."""
+    force = x[A] + np.append(x[LEAN], 0.0)
+    c, s = math.cos(nose), math.sin(nose)
+    bank = math.atan2(c * force[1] - s * force[0], G - x[8]) + x[9]
+    pitch = math.atan2(-c * force[0] - s * force[1], G - x[8])
+    q = x[R] + SIZE * POINTS @ matrix_from_euler(bank, pitch, nose).T
+    return 2.0 * q @ axes_n[1:].T / (np.linalg.norm(q, axis=1) + q @ axes_n[0])[:, None]
+
+
+def axes_of(x: Array, R_cn: Array) -> Array:
+    """Axes (3, 3) in c about the direction of the center."""
+    ahead, right, down = R_cn @ x[R]
+    u, v = right / ahead, down / ahead
+    first = np.array([1.0, u, v]) / math.sqrt(1 + u * u + v * v)
+    second = np.array([-u, 1.0, 0.0]) / math.sqrt(1 + u * u)
+    return np.array([first, second, np.cross(first, second)])
+
+
+def named(y: Array, *, named: bool = True) -> Rows:
+    """The rows of all points at coordinates (k, 2)."""
+    k = len(POINTS)
+    return Rows(
+        POINTS, np.repeat(np.arange(float(k)), 2), np.tile([0.0, 1.0], k), y.ravel(), SIGMA * np.ones(2 * k), named
+    )
+
+
+def corrected(
+    x: Array, P: Array, nose: float, rows: Rows, R_cn: Array, posture: Posture = EXACT
+) -> tuple[Array, Array, float, float]:
+    """Mean, covariance, nose and NIS of one particle after an image."""
+    means, covariances, noses = x[None].copy(), P[None].copy(), np.array([nose])
+    camera = R_cn, np.zeros(3), axes_of(x, R_cn)
+    nis, _ = model.update(means, covariances, noses, SIZE, rows, posture, camera)
+    return means[0], covariances[0], float(noses[0]), float(nis[0])
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_an_update_is_that_of_a_plain_kalman_filter_seed_0_to_4(seed: int) -> None:
+    x, P, nose, R_cn = drawn(seed)
+    axes_n = axes_of(x, R_cn) @ R_cn
+    predicted = coordinates(x, nose, axes_n).ravel()
+    e = SIGMA * np.random.default_rng(seed).normal(size=len(predicted))
+    J = np.empty((len(e), N))
+    for i, step in enumerate(1e-5 * np.eye(N)):
+        ahead, back = coordinates(x + step, nose, axes_n), coordinates(x - step, nose, axes_n)
+        J[:, i] = (ahead - back).ravel() / 2e-5
+    S = J @ P @ J.T + SIGMA**2 * np.eye(len(e))
+    gain = P @ J.T @ np.linalg.inv(S)
+    rows = named((predicted + e).reshape(-1, 2))
+    mean, covariance, after, nis = corrected(x, P, nose, rows, R_cn)
+    assert nis == pytest.approx(e @ np.linalg.solve(S, e), rel=1e-3)
+    assert mean == pytest.approx(x + gain @ e, abs=2e-4)
+    assert covariance == pytest.approx(P - gain @ S @ gain.T, abs=2e-4)
+    assert after == nose
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_nose_where_the_tail_is_turns_round_and_the_bank_with_it_seed_0_to_4(seed: int) -> None:
+    x, P, nose, R_cn = drawn(seed)
+    rows = named(coordinates(x, nose, axes_of(x, R_cn) @ R_cn))
+    right = corrected(x, P, nose, rows, R_cn)
+    other, mirror = x.copy(), np.ones(N)
+    other[9], mirror[9] = -x[9], -1.0
+    turned = corrected(other, P * np.outer(mirror, mirror), nose - math.pi, rows, R_cn)
+    assert turned[2] == pytest.approx(nose)
+    assert turned[0] == pytest.approx(right[0], abs=1e-9)
+    assert turned[1] == pytest.approx(right[1], abs=1e-9)
+    unnamed = corrected(other, P, nose - math.pi, rows._replace(named=False), R_cn)
+    assert unnamed[2] == nose - math.pi
+    assert unnamed[3] > 100.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_sides_of_a_box_are_those_points_that_reach_farthest_seed_0_to_4(seed: int) -> None:
+    x, P, nose, R_cn = drawn(seed)
+    at = coordinates(x, nose, axes_of(x, R_cn) @ R_cn)
+    y = np.array([at[:, 0].min(), at[:, 0].max(), at[:, 1].min(), at[:, 1].max()])
+    which, axis = np.array([LOWEST, HIGHEST, LOWEST, HIGHEST]), np.array([0.0, 0.0, 1.0, 1.0])
+    box = Rows(POINTS, which, axis, y, np.full(4, SIGMA), named=False)
+    assert corrected(x, P, nose, box, R_cn)[3] == pytest.approx(0.0, abs=1e-9)
+    ends = np.array([at[:, 0].argmin(), at[:, 0].argmax(), at[:, 1].argmin(), at[:, 1].argmax()], dtype=float)
+    off = y + SIGMA * np.array([-2.0, 1.0, 0.5, 1.5])
+    as_box, as_points = (corrected(x, P, nose, box._replace(y=off, which=w), R_cn) for w in (which, ends))
+    assert as_box[0] == pytest.approx(as_points[0])
+    assert as_box[3] == pytest.approx(as_points[3])
+
+
+def test_a_pitch_that_is_open_leaves_up_and_down_open_and_a_misplaced_point_all() -> None:
+    x, P, _, R_cn = drawn(1)
+    x[A], x[LEAN], x[9] = 0.0, 0.0, 0.0
+    nose = math.atan2(x[1], x[0]) + 0.5 * math.pi  # seen from the side
+    at = coordinates(x, nose, axes_of(x, R_cn) @ R_cn)
+    up = at.copy()
+    up[:2, 1] += np.radians(12.0) * SIZE * np.array([-0.36, 0.4]) / np.linalg.norm(x[R])
+
+    def nis(y: Array, pitch: float, misplaced: float) -> float:
+        return corrected(x, 1e-6 * P, nose, named(y), R_cn, Posture(1.0, pitch, misplaced))[3]
+
+    assert nis(up, 0.0, 0.0) > 8.0
+    assert nis(up, np.radians(12.0), 0.0) < 2.0
+    aside = at + 0.05 * SIZE / np.linalg.norm(x[R])
+    share = 0.05 * SIZE / float(np.linalg.norm(x[R])) / SIGMA
+    assert nis(aside, 0.0, 0.0) / nis(aside, 0.0, 0.05) == pytest.approx(1.0 + share**2, rel=0.03)
+
+
+def test_the_spread_of_a_distant_leader_is_what_its_coordinates_show() -> None:
+    x, _, _, R_cn = drawn(2)
+    x[R] = [200.0, 10.0, -3.0]
+    x[A], x[LEAN], x[9] = 0.0, 0.0, 0.0
+    axes_n = axes_of(x, R_cn) @ R_cn
+    noses = np.linspace(0.0, 3.0, 7)
+    rows = named(np.zeros_like(POINTS[:, :2]))
+    expected = [model.measured_spread(rows, coordinates(x, nose, axes_n).ravel()) for nose in noses]
+    found = model.spread(rows, noses, axes_n) * SIZE / np.linalg.norm(x[R])
+    assert found == pytest.approx(expected, rel=0.01)
