@@ -18,11 +18,12 @@ from onboard.estimators.leader import nose_particles
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import LeaderFilter, Measurement, Open
 from onboard.estimators.leader.nose_particles import Cloud
-from onboard.estimators.leader.nose_summary import MOTION, RESOLVED, Summary, as_leader, summarise
+from onboard.estimators.leader.nose_summary import MOTION, NOSE, RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.partial import with_wing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
 from onboard.filters.belief import Belief, FilterError, Update
+from onboard.models.leader_flight import HEADING
 from onboard.models.relative_motion import R
 from onboard.ownship import Step
 
@@ -158,8 +159,10 @@ class AnySideFilter:
         known, sigma = state.summary, state.summary.range_sigma()
         if state.rejected or sigma > RESOLVED or not known.is_on_course(ON_COURSE):
             return False
-        sharp, now = self._wing_line.belief(state.wing_line).mean[R], known.mean[R]
-        ratio = math.log(float(np.linalg.norm(sharp)) / float(np.linalg.norm(now)))
+        sharp, now = self._wing_line.belief(state.wing_line).mean, known.mean
+        if state.cloud.sided and math.cos(sharp[HEADING] - now[NOSE]) < 0.0:  # it takes the tail for the nose
+            return False
+        ratio = math.log(float(np.linalg.norm(sharp[R])) / float(np.linalg.norm(now[R])))
         return abs(ratio) < max(AGREE * sigma, AGREE_AT_LEAST)
 
     def _caught_up(self, state: AnySide) -> AnySide:

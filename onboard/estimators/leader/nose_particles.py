@@ -30,6 +30,8 @@ from onboard.models import apparent_wing as model
 from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
+OF_SHAPE: Final = 0.02  # the same for a shape, which only particles with the right nose expect
+SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
 LASTING: Final = 4.0  # noise that lasts counts as often
 LEAST_RANGE: Final = (
@@ -47,8 +49,8 @@ class Cloud(NamedTuple):
     """K particles: noses (K,) in rad from north, not wrapped; rates (K,) at which they are turned, rad/s, 0 for
     those that are not; whether each leader accelerates (K,), 0 or 1; means (K, N) and covariances (K, N, N) of
     `models.apparent_wing`; logarithms of the weights (K,); the number of random draws so far; the share of the
-    wing's length that the edge-on aircraft shows in what started the cloud; and by how much of the size that
-    lastingly misleads: a box does, points do not."""
+    wing's length that the edge-on aircraft shows in what started the cloud; by how much of the size that lastingly
+    misleads: a box does, points do not; and whether points have told the nose from the tail."""
 
     noses: Array
     rates: Array
@@ -59,6 +61,7 @@ class Cloud(NamedTuple):
     draws: int
     edge_on: float = model.LEAST_VISIBLE
     lasting: float = 0.0
+    sided: bool = False
 
 
 def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Cloud | None = None) -> Cloud:
@@ -147,7 +150,8 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     calm, change = accelerates == 0.0, uniform(draws + 3, k)
     accelerates[~calm & (change < -math.expm1(-dt / s.accelerates_for))] = 0.0
     accelerates[calm & (change < -math.expm1(-dt / s.steady_for))] = 1.0
-    _doubt(s, draws + 6, dt, moved, noses, means, P, cloud.edge_on)
+    sure = SURE if cloud.sided else 1.0
+    _doubt(s._replace(doubted_after=sure * s.doubted_after), draws + 6, dt, moved, noses, means, P, cloud.edge_on)
     directions = means[:, R] / np.linalg.norm(means[:, R], axis=1)[:, None]
     broad = model.visible(noses, directions, cloud.edge_on)
     wobble = s.nose_random_walk * np.minimum(1.0, broad / np.sqrt(np.maximum(1.0 - broad**2, 1e-9)))
@@ -174,14 +178,7 @@ def _noise(s: NoseModel, dt: float) -> model.Noise:
 
 
 def _doubt(
-    settings: NoseModel,
-    draw: int,
-    dt: float,
-    moved: Array,
-    noses: Array,
-    means: Array,
-    P: Array,
-    edge_on: float,
+    settings: NoseModel, draw: int, dt: float, moved: Array, noses: Array, means: Array, P: Array, edge_on: float
 ) -> None:
     """Give a few particles another nose, in place: the one that is supposed may be wrong after all. Seen so,
     the same images are those of a leader that is nearer or farther, and moves in proportion. A fixed wing's nose
@@ -218,15 +215,15 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
         means, P = cloud.means.copy(), cloud.covariances.copy()
         arguments = seen.y, seen.R, pose.R_cn, pose.r_FC_n, seen.axes
         nis, log_l = model.update(means, P, cloud.noses, settings.size, *map(np.ascontiguousarray, arguments))
-        least = _expected(cloud, nis)
+        least = _expected(cloud, nis, EXPECTING)
         if least > settings.gate:
             return cloud, least
         after = cloud._replace(means=means, covariances=P)
     if shows is not None:
         shaped, shape_nis, more = _shaped(settings, after, shows, seen.axes, pose)
-        beyond = _expected(cloud, shape_nis)
+        beyond = _expected(cloud, shape_nis, OF_SHAPE)
         if beyond <= settings.gate + PER_ROW * len(shows.rows.y):
-            after, log_l = shaped, log_l + more
+            after, log_l = shaped._replace(sided=cloud.sided or shows.rows.named), log_l + more
         elif shows.is_box:
             return cloud, beyond
     log_weights = cloud.log_weights + settings.temper * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
@@ -239,10 +236,10 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
     return _resampled(after, w), least
 
 
-def _expected(cloud: Cloud, nis: Array) -> float:
-    """The NIS that EXPECTING of the weight have at most. Raises FilterError."""
+def _expected(cloud: Cloud, nis: Array, share: float) -> float:
+    """The NIS that a share of the weight has at most. Raises FilterError."""
     order = np.argsort(nis)
-    least = float(nis[order][np.searchsorted(np.cumsum(np.exp(cloud.log_weights[order])), EXPECTING)])
+    least = float(nis[order][np.searchsorted(np.cumsum(np.exp(cloud.log_weights[order])), share)])
     if not math.isfinite(least):
         raise FilterError("the cloud of noses has lost its numbers")
     return least
@@ -276,8 +273,8 @@ def _resampled(cloud: Cloud, w: Array) -> Cloud:
     at = (np.arange(k) + uniform(cloud.draws, 1)[0]) / k
     chosen = np.minimum(np.searchsorted(np.cumsum(w), at), k - 1)
     noses, rates, accelerates, means, P = (array[chosen] for array in cloud[:5])
-    drawn = Cloud(noses, rates, accelerates, means, P, np.full(k, -math.log(k)), cloud.draws + 1)
-    return drawn._replace(edge_on=cloud.edge_on, lasting=cloud.lasting)
+    log_weights = np.full(k, -math.log(k))
+    return Cloud(noses, rates, accelerates, means, P, log_weights, cloud.draws + 1, *cloud[7:])
 
 
 def with_course(settings: NoseModel, cloud: Cloud) -> Array:

@@ -82,7 +82,8 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     rows = np.zeros((k, N))
     rows[:, R_FL], rows[:, V_L], rows[:, A_L] = (cloud.means[:, part] for part in (model.R, model.V, model.A))
     rows[:, NOSE], rows[:, BANK] = cloud.noses, cloud.means[:, model.BANK_ERROR]
-    rows[:, NOSE] -= math.pi * np.round((rows[:, NOSE] - rows[int(np.argmax(w)), NOSE]) / math.pi)
+    about, period = _middle(cloud.noses, w) if cloud.sided else (cloud.noses[int(np.argmax(w))], math.pi)
+    rows[:, NOSE] -= period * np.round((rows[:, NOSE] - about) / period)
     mean = w @ rows
     off = rows - mean
     covariance = (off * w[:, None]).T @ off
@@ -131,6 +132,12 @@ def _about(mean: Array, covariance: Array, range_: float) -> tuple[Array, Array]
     variance = float(along[R_FL] @ r) / distance
     step = (range_ - distance) / variance * along
     return mean + step, covariance + np.outer(step, step)
+
+
+def _middle(noses: Array, w: Array) -> tuple[float, float]:
+    """The middle of noses (K,) with weights (K,) that are told from tails, and after how much of a turn they
+    repeat."""
+    return math.atan2(float(w @ np.sin(noses)), float(w @ np.cos(noses))), 2.0 * math.pi
 
 
 def as_leader(known: Summary, v_F_n: Array, template: Belief) -> Belief:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
 from onboard.estimators.leader.choice import make_filter
@@ -156,8 +157,6 @@ def test_each_class_has_its_own_size_seed_1() -> None:
 
 
 def _named(m: TargetPoints, class_name: str) -> TargetPoints:
-    from msgspec.structs import replace  # noqa: PLC0415
-
     return replace(m, class_name=class_name)
 
 
@@ -209,3 +208,12 @@ def test_nose_and_tail_resolve_the_heading_of_a_leader_that_hovers_seed_3() -> N
     assert sigma < 10.0
     assert "not resolved" not in with_points[-1].reason
     assert heading(without)[1] > 20.0
+
+
+def test_the_nose_is_told_from_the_tail_of_a_leader_that_comes_head_on_seed_3() -> None:
+    points = tuple(f"estimator.leader.points_m.{name}={[2.0 * x for x in p]}" for name, p in NAMED.items())
+    encounter, estimates = flown("head_on", 3, 3.0, "points", *points, "estimator.leader.named_wingtips=true")
+    newest = estimates[-1]
+    assert newest.mean is not None
+    off = newest.mean[newest.components.index("heading")] - encounter.truth.euler_L[-1, 2]
+    assert math.cos(off) > 0.8
