@@ -89,6 +89,7 @@ class Track:
         """Images of a class of targets come. A track stays what it started as."""
         if self._history is None and not self._held:
             self._filter, self._config, self._report = filter_, config, partial(report, filter_)
+            self._guard = Guard(config.size_prior_m)
 
     def reset(self, reason: str) -> None:
         """Forget the track and all times."""
