@@ -11,9 +11,11 @@ from msgspec.structs import replace
 
 from onboard.geometry.camera import Camera, make_camera
 from onboard.geometry.lens import Lens, LensError
-from onboard.messages import Positive, Record, Vec3
+from onboard.messages import NotNegative, Positive, Record, Vec3
 from onboard.wire.cameras import CameraInput
 
+GIMBAL_SIGMA_DEG: Final = 0.5  # of what gimbals say of their attitude, where nothing is configured
+GimbalId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 Model = Literal["radial-tangential", "fisheye"]
 ROS_MODELS: Final[dict[str, Model]] = {
     "plumb_bob": "radial-tangential",
@@ -45,6 +47,8 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     classes: tuple[str, ...] = ()  # what is followed, by the names that the detector gives; none: anything
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
+    gimbal: GimbalId | None = None  # of a moving mount: gimbal_device_id (1 to 6), or the gimbal's component
+    mount_sigma_deg: NotNegative | None = None  # lasting error of the mount's attitude; None: 0.5 with a gimbal
     delay_s: float | None = None  # how much older than its stamp an image is; None: `delay.camera_s`
 
     def __post_init__(self) -> None:
@@ -142,7 +146,17 @@ def _camera(c: CameraConfig) -> Camera:
         mount_rpy_deg=c.mount_rpy_deg,
         mount_offset=c.mount_offset_m,
         sigma_px=c.sigma_px,
+        gimbal=c.gimbal,
     )
+
+
+def mount_sigma_deg(cameras: list[CameraConfig]) -> float:
+    """The lasting error of the mount that is known worst: one track is seen by all cameras."""
+    return max(c.mount_sigma_deg if c.mount_sigma_deg is not None else _default_sigma(c) for c in cameras)
+
+
+def _default_sigma(c: CameraConfig) -> float:
+    return 0.0 if c.gimbal is None else GIMBAL_SIGMA_DEG
 
 
 def camera_inputs(cameras: list[CameraConfig]) -> dict[str, CameraInput]:

@@ -26,6 +26,11 @@ ROWS: Final[dict[Any, type[Record]]] = {  # arrays of tables
 }
 
 
+GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
+GIMBAL_HZ: Final = 25.0
+SEES: Final = "leader"  # the estimator that follows what the cameras see
+
+
 class ConfigError(UserError, ValueError):
     """The configuration cannot be used; the message is one line that says where and why."""
 
@@ -89,6 +94,7 @@ def parse_config(table: dict[str, Any]) -> Config:
     """The configuration of a table as TOML gives it. Raises ConfigError."""
     config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
     _check_cameras(config)
+    config = _with_gimbals(config)
     for name, rate in config.autopilot.rates_hz.items():
         if not _is_message(name):
             raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
@@ -106,7 +112,8 @@ def parse_config(table: dict[str, Any]) -> Config:
     sections = {}
     for name, section in named_estimators(table).items():
         kind = config_type(name)
-        given = _own_errors(config.ownship.errors, kind) | section if isinstance(section, dict) else section
+        errors = config.leader_errors() if name == SEES else config.ownship.errors
+        given = _own_errors(errors, kind) | section if isinstance(section, dict) else section
         sections[name] = _convert(given, kind, f"estimator.{name}")
     return msgspec.structs.replace(config, estimator=sections)
 
@@ -120,6 +127,16 @@ def _check_cameras(config: Config) -> None:
             raise ConfigError(f"cameras.{name}.name: the section is its name")
         if not NAME.fullmatch(name):
             raise ConfigError(f"cameras.{name}: a name is of letters, digits and -_., 64 at most")
+
+
+def _with_gimbals(config: Config) -> Config:
+    """With a request for the attitude of gimbals, if a camera is on one and nothing else is configured."""
+    cameras = (config.camera, *config.cameras.values())
+    rates = config.autopilot.rates_hz
+    if GIMBAL in rates or all(camera.gimbal is None for camera in cameras):
+        return config
+    autopilot = msgspec.structs.replace(config.autopilot, rates_hz={**rates, GIMBAL: GIMBAL_HZ})
+    return msgspec.structs.replace(config, autopilot=autopilot)
 
 
 def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:

@@ -4,6 +4,7 @@ A detection may have all three points, some of them, or only a box. What it lack
 points become TargetPoints, anything less a TargetDetection.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from onboard.messages import (
     DetectedPoint,
     Detection,
     ImageFeature,
+    MountAttitude,
     Record,
     TargetDetection,
     TargetImage,
@@ -29,7 +31,12 @@ POINTS: Final = ("center", "left", "right")
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 BOX_NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
 
-INSIDE: Final[dict[str, type[Record]]] = {"detections": Detection, "points": DetectedPoint, "box": Box}
+INSIDE: Final[dict[str, type[Record]]] = {
+    "detections": Detection,
+    "points": DetectedPoint,
+    "box": Box,
+    "attitude": MountAttitude,
+}
 
 Refuse = Callable[[str], None]
 _decoder = msgspec.json.Decoder(CameraDetections)
@@ -47,6 +54,9 @@ def decode_detections(
     document = parse(_decoder, data)
     camera = find(cameras, document.camera)
     lens = camera.lens if document.intrinsics is None else lens_of(document.intrinsics)
+    mount = document.attitude
+    if mount is not None and not 0.5 < math.hypot(*mount.q) < 2.0:
+        raise BadDocumentError("expected a quaternion w, x, y, z of length 1 - at `$.attitude.q`")
     for field in _unknown(msgspec.json.decode(data), CameraDetections, ""):
         ignore(field)
     found: list[TargetImage] = []
@@ -60,6 +70,7 @@ def decode_detections(
             "camera": camera.name,
             "target": detection.target,
             "view": lens.view,
+            "mount": mount,
         }
         try:
             found.append(_message(detection, head, camera, lens, f"detections[{i}]"))
