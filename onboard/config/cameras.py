@@ -15,8 +15,10 @@ from onboard.messages import NotNegative, Positive, Record, Vec3
 from onboard.wire.cameras import CameraInput
 
 GIMBAL_SIGMA_DEG: Final = 0.5  # of what gimbals say of their attitude, where nothing is configured
+ComponentId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 GimbalId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 Model = Literal["radial-tangential", "fisheye"]
+TOPIC: Final = re.compile(r"(\w+(/\w+)*)?", re.ASCII)
 ROS_MODELS: Final[dict[str, Model]] = {
     "plumb_bob": "radial-tangential",
     "rational_polynomial": "radial-tangential",
@@ -49,10 +51,15 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
     gimbal: GimbalId | None = None  # of a moving mount: gimbal_device_id (1 to 6), or the gimbal's component
     mount_sigma_deg: NotNegative | None = None  # lasting error of the mount's attitude; None: 0.5 with a gimbal
+    tracker: ComponentId | None = None  # MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
+    landing_target: Literal["points", "aircraft"] = "points"  # what one LANDING_TARGET is
+    ros_topic: str = ""  # of vision_msgs/Detection2DArray, such as "detector/detections"
     delay_s: float | None = None  # how much older than its stamp an image is; None: `delay.camera_s`
 
     def __post_init__(self) -> None:
         lens_of(self)
+        if not TOPIC.fullmatch(self.ros_topic):
+            raise ValueError(f"ros_topic: {self.ros_topic!r} is no topic; use its name without the first slash")
 
 
 def lens_of(c: CameraConfig) -> Lens:
@@ -161,4 +168,17 @@ def _default_sigma(c: CameraConfig) -> float:
 
 def camera_inputs(cameras: list[CameraConfig]) -> dict[str, CameraInput]:
     """What decoding needs of each camera, by name."""
-    return {c.name: CameraInput(c.name, lens_of(c), c.sigma_px, c.min_confidence, c.classes) for c in cameras}
+    return {
+        c.name: CameraInput(
+            name=c.name,
+            lens=lens_of(c),
+            sigma_px=c.sigma_px,
+            min_confidence=c.min_confidence,
+            classes=c.classes,
+            tracker=c.tracker,
+            is_landing_target=c.landing_target == "aircraft",
+            mount=_camera(c),
+            ros_topic=c.ros_topic,
+        )
+        for c in cameras
+    }

@@ -94,6 +94,7 @@ def parse_config(table: dict[str, Any]) -> Config:
     """The configuration of a table as TOML gives it. Raises ConfigError."""
     config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
     _check_cameras(config)
+    _check_own_reports(config)
     config = _with_gimbals(config)
     for name, rate in config.autopilot.rates_hz.items():
         if not _is_message(name):
@@ -127,6 +128,16 @@ def _check_cameras(config: Config) -> None:
             raise ConfigError(f"cameras.{name}.name: the section is its name")
         if not NAME.fullmatch(name):
             raise ConfigError(f"cameras.{name}: a name is of letters, digits and -_., 64 at most")
+
+
+def _check_own_reports(config: Config) -> None:
+    """Raise ConfigError where what we send of the leader would come back as an image of it."""
+    sent = {out.camera_component for out in config.leader_out if "CAMERA_TRACKING_IMAGE_STATUS" in out.rates_hz}
+    for camera in (config.camera, *config.cameras.values()):
+        if camera.tracker in sent:
+            raise ConfigError(f"camera {camera.name}: tracker: [[leader_out]] sends as component {camera.tracker}")
+        if camera.landing_target == "aircraft" and any("LANDING_TARGET" in o.rates_hz for o in config.leader_out):
+            raise ConfigError(f"camera {camera.name}: landing_target: [[leader_out]] sends LANDING_TARGET itself")
 
 
 def _with_gimbals(config: Config) -> Config:

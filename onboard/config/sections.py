@@ -24,6 +24,7 @@ from onboard.messages import (
 from onboard.sinks.zenoh_router import RouterConfig
 from onboard.sinks.zenoh_session import ZenohConfig
 from onboard.wire.cameras import CameraInput
+from onboard.wire.ros import TYPE as DETECTIONS_TYPE
 
 ARDUPILOT: Final = 3
 SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
@@ -186,6 +187,11 @@ class Config(Record, frozen=True, kw_only=True):
         errors, mount = self.ownship.errors, mount_sigma_deg(self._cameras())
         tilt, yaw = (math.hypot(sigma, mount) for sigma in (errors.tilt_sigma_deg, errors.yaw_sigma_deg))
         return msgspec.structs.replace(errors, tilt_sigma_deg=tilt, yaw_sigma_deg=yaw)
+
+    def ros_keys(self) -> list[str]:
+        """The keys of the cameras' topics in ROS: rmw_zenoh's in any domain, and zenoh-bridge-ros2dds's."""
+        topics = [camera.ros_topic for camera in self._cameras() if camera.ros_topic]
+        return [key for topic in topics for key in (f"*/{topic}/{DETECTIONS_TYPE}/*", topic)]
 
     def _cameras(self) -> list[CameraConfig]:
         return named(self.camera, self.cameras)

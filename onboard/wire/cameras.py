@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from onboard.geometry.camera import Camera
 from onboard.geometry.lens import Lens
 from onboard.wire.document import BadDocumentError
 
@@ -16,6 +17,10 @@ class CameraInput(NamedTuple):
     sigma_px: float
     min_confidence: float
     classes: tuple[str, ...] = ()
+    tracker: int | None = None  # the MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
+    is_landing_target: bool = False  # each LANDING_TARGET is a whole aircraft, seen by this camera
+    mount: Camera | None = None
+    ros_topic: str = ""  # of its detections in ROS
 
 
 Cameras = Mapping[str, CameraInput]  # the first is meant where none is named
@@ -27,3 +32,13 @@ def find(cameras: Cameras, name: str) -> CameraInput:
     if camera is None:
         raise BadDocumentError(f"no camera is called `{name}`; known: {', '.join(cameras)} - at `$.camera`")
     return camera
+
+
+def of_topic(cameras: Cameras, key: str) -> CameraInput:
+    """The camera whose topic in ROS has this key: `domain/topic/type/hash` (rmw_zenoh), or the topic alone
+    (zenoh-bridge-ros2dds). Raises BadDocumentError, which names all topics."""
+    for camera in cameras.values():
+        if camera.ros_topic and camera.ros_topic in (key, "/".join(key.split("/")[1:-2])):
+            return camera
+    known = ", ".join(camera.ros_topic for camera in cameras.values() if camera.ros_topic)
+    raise BadDocumentError(f"no camera has this `ros_topic`; known: {known or 'none'}")

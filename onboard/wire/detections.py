@@ -52,13 +52,20 @@ def decode_detections(
     document that cannot be used at all.
     """
     document = parse(_decoder, data)
-    camera = find(cameras, document.camera)
-    lens = camera.lens if document.intrinsics is None else lens_of(document.intrinsics)
     mount = document.attitude
     if mount is not None and not 0.5 < math.hypot(*mount.q) < 2.0:
         raise BadDocumentError("expected a quaternion w, x, y, z of length 1 - at `$.attitude.q`")
     for field in _unknown(msgspec.json.decode(data), CameraDetections, ""):
         ignore(field)
+    camera = find(cameras, document.camera)
+    lens = camera.lens if document.intrinsics is None else lens_of(document.intrinsics)
+    return images_of(document, t_recv_ns, camera, lens, refuse, ignore)
+
+
+def images_of(
+    document: CameraDetections, t_recv_ns: int, camera: CameraInput, lens: Lens, refuse: Refuse, ignore: Refuse
+) -> list[TargetImage]:
+    """A message for each detection of a document, whose pixels are those of `lens`; see `decode_detections`."""
     found: list[TargetImage] = []
     for i, detection in enumerate(document.detections):
         head = {
@@ -70,7 +77,7 @@ def decode_detections(
             "camera": camera.name,
             "target": detection.target,
             "view": lens.view,
-            "mount": mount,
+            "mount": document.attitude,
         }
         try:
             found.append(_message(detection, head, camera, lens, f"detections[{i}]"))

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from onboard.client import Camera
-from onboard.config import load_config
+from onboard.config import load_config, parse_config
 from onboard.links import Link, parse_link
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Box, Datagram, Detection, Encoding, TargetDetection
@@ -19,6 +19,8 @@ from onboard.sinks.zenoh_session import ZenohConfig, open_session
 from onboard.wire.datagrams import DatagramDecoder
 from tests.support import documents
 from tests.support.programs import PATIENCE, free_endpoint, free_ports
+from tests.unit.wire.test_ros import KEY as ROS_KEY
+from tests.unit.wire.test_ros import golden
 
 
 def example(k: int) -> str:
@@ -115,3 +117,11 @@ def test_a_camera_sends_all_aircraft_of_an_image_at_once(session: Any, endpoint:
 def test_nothing_is_sent_to_a_detector() -> None:
     (link,) = load_config(None, ("link=[{name='d', url='json:127.0.0.1:14570'}]",)).link
     assert not link.is_autopilot
+
+
+def test_a_topic_of_ros_is_heard_under_the_keys_of_rmw_zenoh_and_of_the_bridge(session: Any) -> None:
+    settings = parse_config({"camera": {"ros_topic": "detector/boxes"}})
+    for key in (ROS_KEY, "detector/boxes"):
+        link = ZenohLink(session, "onboard/1", camera="front", ros=settings.ros_keys())
+        datagram = received(link, lambda key=key: session.put(key, golden()))
+        assert (datagram.channel, datagram.encoding, datagram.data) == (key, Encoding.ROS, golden())
