@@ -83,7 +83,7 @@ from onboard.messages.surveillance import (
     RadarScan,
     SatelliteRange,
 )
-from onboard.messages.truth import IntruderTruth, SimStatus, TrafficTruth, Truth
+from onboard.messages.truth import IntruderTruth, Picture, SimStatus, TrafficTruth, Truth
 from onboard.messages.vehicle import (
     ActuatorOutputs,
     Attitude,
@@ -171,6 +171,7 @@ __all__ = [
     "ParamValue",
     "PeerPosition",
     "PeerRanges",
+    "Picture",
     "Ping",
     "Pixel",
     "Positive",

@@ -1,6 +1,6 @@
 """The camera of a scenario."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -27,3 +27,4 @@ class Camera(Record, frozen=True, kw_only=True):
     wrong_blob: Probability = 0.0  # per registered image
     blob_span_px: tuple[Positive, Positive] = (10.0, 150.0)
     blackouts: tuple[Interval, ...] = ()
+    pictures: Literal["none", "aircraft", "tag"] = "none"  # drawn and published instead of points
