@@ -14,7 +14,7 @@ import numpy.typing as npt
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Clock, Picture
 from simlink.scenarios.camera import Camera
-from simlink.sensors.camera import mount_quaternion
+from simlink.sensors.camera import Mount, mount_quaternion
 from simlink.world.truth import State
 
 Grey = npt.NDArray[np.uint8]
@@ -47,16 +47,17 @@ class PictureError(Exception):
 
 
 class Painter:
-    """Pictures of one run: `paint` each, in order. `size`: the leader's wingspan, or the side of its tag, m."""
+    """Pictures of one run: `paint` each, in order. `size`: the leader's wingspan, or the side of its tag, m;
+    `mount`: q_bc of a moving mount."""
 
-    def __init__(self, camera: Camera, size: float, seed: int) -> None:
+    def __init__(self, camera: Camera, size: float, seed: int, mount: Mount | None = None) -> None:
         try:
             import cv2  # noqa: PLC0415 - an extra
         except ImportError as error:
             raise PictureError("pictures need OpenCV: pip install opencv-python-headless") from error
         self._cv2, self._camera, self._size = cv2, camera, size
         self._random = np.random.default_rng((seed, 0x71C))
-        self._R_bc = matrix_from_quaternion(mount_quaternion(camera))
+        self._mount = mount or (lambda _: mount_quaternion(camera))
         width, height = round(camera.width_px), round(camera.height_px)
         u, v = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
         rays = np.stack([np.full(u.shape, camera.f_px), u - width / 2, v - height / 2])
@@ -66,7 +67,7 @@ class Painter:
 
     def paint(self, state: State) -> Grey:
         """What the camera sees of a state of the world."""
-        R_nc = matrix_from_quaternion(state.q_nF) @ self._R_bc
+        R_nc = matrix_from_quaternion(state.q_nF) @ matrix_from_quaternion(self._mount(state))
         eye = np.array(state.r_OF_n) + matrix_from_quaternion(state.q_nF) @ np.array(self._camera.mount_offset)
         grey = self._background(R_nc)
         r_c = R_nc.T @ (np.array(state.r_OL_n) - eye)

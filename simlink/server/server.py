@@ -15,13 +15,13 @@ from onboard.wire.mavlink_encode import MavlinkEncoder
 from simlink.autopilot import AutopilotLink
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import Image, camera_points, target_points
+from simlink.sensors.gimbal import make_gimbal
 from simlink.sensors.navigation import Reading
 from simlink.sensors.pictures import Painter
 from simlink.server.links import LinkError, TcpServer, UdpLink, parse_udp
 from simlink.server.publish import Published, ZenohPublisher, check_vehicle
 from simlink.simulation import CAMERA_COMPONENT, Tick, boot_ns_of, ticks
 from simlink.traffic.reports import sender
-from simlink.traffic.traffic import TrafficOutput
 from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
 from simlink.world.drawn import drawn
 from simlink.world.follow import FollowMode, following_states
@@ -103,7 +103,9 @@ class Server:
         self._painting: asyncio.Task[None] | None = None  # the picture that is being drawn
         if options.scenario.camera.pictures != "none":
             flown = drawn(options.scenario, options.seed)
-            self._painter = Painter(flown.camera, true_size(flown, options.seed), options.seed)
+            gimbal = make_gimbal(flown.camera, options.seed)
+            mount = None if gimbal is None else gimbal.mount
+            self._painter = Painter(flown.camera, true_size(flown, options.seed), options.seed, mount)
         self._zenoh: ZenohPublisher | None = None
         self.udp: UdpLink | None = None
         self.camera: UdpLink | None = None
@@ -207,7 +209,7 @@ class Server:
             self._painting = asyncio.create_task(self._send_picture(self._painter, tick))
         if tick.truth is not None:
             self._publish(tick.truth)
-        self._send_traffic(tick.traffic)
+        self._send_others(tick)
         if tick.state.step % STATUS_STEPS == 0:
             self._status(tick.t_ns, finished=False)
 
@@ -218,11 +220,13 @@ class Server:
             sent = self.tcp.send(t_ns, reading)
             self.frames += sent if self.udp is None else 0
 
-    def _send_traffic(self, traffic: TrafficOutput) -> None:
-        """Reports go out on the autopilot's link, which forwards them; ranges, scans and truth go out over
-        Zenoh."""
-        for report in traffic.reports:
-            key = sender(report, self._vehicle.system)
+    def _send_others(self, tick: Tick) -> None:
+        """Reports of traffic and the gimbal's go out on the autopilot's link, which forwards them; ranges, scans
+        and truth go out over Zenoh."""
+        traffic, gimbal = tick.traffic, tick.gimbal
+        reports = [(report, sender(report, self._vehicle.system)) for report in traffic.reports]
+        said = [] if gimbal is None else [(gimbal, (gimbal.system, gimbal.component))]
+        for report, key in (*reports, *said):
             encoder = self._traffic.setdefault(key, MavlinkEncoder(*key))
             frame = encoder.encode(report)
             if self.udp is not None:
