@@ -5,6 +5,7 @@ import struct
 import zlib
 from typing import Any
 
+import numpy as np
 import pytest
 
 from onboard.config import Config, ConfigError, parse_config
@@ -88,6 +89,17 @@ def test_what_is_no_such_message_is_refused(data: bytes, expected: str) -> None:
 def test_a_message_that_is_cut_anywhere_is_refused(cut: int) -> None:
     with pytest.raises(BadDocumentError):
         decode_ros(golden()[:cut])
+
+
+def test_a_message_with_wrong_bytes_costs_itself_at_most_seed_1() -> None:
+    rng, pipeline = np.random.default_rng(1), feed([], config()).pipeline
+    for _ in range(500):
+        data = bytearray(golden())
+        for at in rng.integers(0, len(data), size=rng.integers(1, 6)):
+            data[at] = rng.integers(0, 256)
+        pipeline.feed(sent(bytes(data)))
+    assert pipeline.errors == []
+    assert pipeline.health(EPOCH).rejected["bad_ros"] > 20
 
 
 def test_a_topic_that_no_camera_has_is_refused_by_name() -> None:
