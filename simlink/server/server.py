@@ -186,6 +186,8 @@ class Server:
                 break
             t_ns = tick.t_ns
             self._send(tick)
+        if self._painting is not None:
+            await self._painting  # so that the last picture is counted
         self._status(t_ns, finished=True)
         self._report(
             f"sent {self.frames} MAVLink frames and {self.images} images in {(t_ns - boot_ns) * 1e-9:.1f} s"
