@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 
 import msgspec
 
-from onboard.messages import Box, CameraDetections, Clock, DetectedPoint, Detection, Intrinsics
+from onboard.messages import Box, CameraDetections, Clock, DetectedPoint, Detection, Intrinsics, MountAttitude
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
@@ -43,29 +43,38 @@ class Camera:
         class_name: str = "",
         confidence: float | None = None,
         intrinsics: Intrinsics | None = None,
+        attitude: MountAttitude | None = None,
+        clock: Clock = Clock.HOST,
     ) -> None:
         """Send one aircraft in one image: any of the points `center`, `left` and `right`, each (u, v) or (u, v,
-        sigma) in pixels, or a box (u, v of its middle, width, height), or both. `t_ns`: the time of exposure, Unix
-        time in ns; None: now, which is late by as long as detection takes. The rest is as in
-        `messages.Detection`."""
+        sigma) in pixels, or a box (u, v of its middle, width, height), or both. `t_ns`: the time of exposure on
+        `clock`, in ns, by default Unix time; None: now, which is late by as long as detection takes. `attitude`:
+        where a moving mount pointed. The rest is as in `messages.Detection`."""
         detection = Detection(
             points={name: _point(p) for name, p in (points or {}).items()},
-            box=None if box is None else Box(u_px=box[0], v_px=box[1], width_px=box[2], height_px=box[3]),
+            box=None if box is None else _box(box),
             target=target,
             class_name=class_name,
-            confidence=confidence,
+            confidence=None if confidence is None else float(confidence),
         )
-        self.send_all([detection], t_ns=t_ns, intrinsics=intrinsics)
+        self.send_all([detection], t_ns=t_ns, intrinsics=intrinsics, attitude=attitude, clock=clock)
 
     def send_all(
-        self, detections: Iterable[Detection], *, t_ns: int | None = None, intrinsics: Intrinsics | None = None
+        self,
+        detections: Iterable[Detection],
+        *,
+        t_ns: int | None = None,
+        intrinsics: Intrinsics | None = None,
+        attitude: MountAttitude | None = None,
+        clock: Clock = Clock.HOST,
     ) -> None:
         """Send all aircraft of one image at once."""
         document = CameraDetections(
-            t_ns=time.time_ns() if t_ns is None else t_ns,
-            clock=Clock.HOST,
+            t_ns=time.time_ns() if t_ns is None else int(t_ns),
+            clock=Clock.HOST if t_ns is None else clock,
             camera=self._name,
             intrinsics=intrinsics,
+            attitude=attitude,
             detections=tuple(detections),
         )
         self._session.put(self._key, msgspec.json.encode(document))
@@ -84,5 +93,10 @@ class Camera:
 
 
 def _point(p: Any) -> DetectedPoint:
-    u_px, v_px, *sigma = p
+    u_px, v_px, *sigma = map(float, p)  # also of NumPy's numbers
     return DetectedPoint(u_px=u_px, v_px=v_px, sigma_px=sigma[0] if sigma else None)
+
+
+def _box(sides: Iterable[float]) -> Box:
+    u_px, v_px, width_px, height_px = map(float, sides)
+    return Box(u_px=u_px, v_px=v_px, width_px=width_px, height_px=height_px)

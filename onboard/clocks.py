@@ -19,7 +19,16 @@ from typing import Final
 
 import msgspec
 
-from onboard.messages import ActuatorOutputs, Clock, Message, PeerRanges, RadarScan, TargetImage, TimeSync
+from onboard.messages import (
+    ActuatorOutputs,
+    Clock,
+    GimbalAttitude,
+    Message,
+    PeerRanges,
+    RadarScan,
+    TargetImage,
+    TimeSync,
+)
 
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
 BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
@@ -33,6 +42,7 @@ DRIFT: Final = 300e-6  # the most by which two clocks drift apart; simulated aut
 AHEAD_NS: Final = 250_000_000  # of a stamp before its arrival; streams of one real autopilot are 140 ms apart
 STEP_LASTS_NS: Final = 3_000_000_000  # a link that is held up for longer is taken for a clock that was set
 CORRECTED_NS: Final = 50_000_000  # stamps of this computer were converted so wrongly that estimates suffer
+MOST_GIMBALS: Final = 8
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
 
 
@@ -60,6 +70,7 @@ class Clocks:
         self._tagged: list[int] = []  # arrivals of the last replies with our tag
         self._own_replies = False
         self._fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), the lower envelope, the lowest first
+        self._gimbals: dict[tuple[int, int], list[tuple[int, int]]] = {}  # the same, of each gimbal's own clock
         self._late_since: int | None = None  # arrival since which messages are late by a second or more
         self._used: int | None = None  # the offset by which a stamp of this computer was converted last
         self._synced: list[tuple[int, int, int]] = []  # (round trip, t_recv, host - boot)
@@ -81,6 +92,8 @@ class Clocks:
     def align(self, message: Message, delay_ns: int = 0) -> Message | None:
         """The message with `t_ns` on the boot clock, less its delay; None, and counted, where that is unknown."""
         t_ns = message.t_ns
+        if isinstance(message, GimbalAttitude):
+            return self._align_gimbal(message)
         if message.clock is Clock.BOOT:
             if isinstance(message, TargetImage | RadarScan | PeerRanges):
                 if self._newest_stamp is None:
@@ -102,6 +115,20 @@ class Clocks:
             self._used = offset
             t_ns = self._unset(message) - offset
         return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
+
+    def _align_gimbal(self, message: GimbalAttitude) -> Message | None:
+        """A gimbal's stamp on the boot clock. It counts from its own start: its clock's offset is that of its
+        fastest messages."""
+        offset, key = self.offset_ns, (message.component, message.device)
+        if offset is None or (key not in self._gimbals and len(self._gimbals) >= MOST_GIMBALS):
+            self.rejected["no_time_base"] += 1
+            return None
+        own = message.t_recv_ns - message.t_ns
+        fastest = self._gimbals.setdefault(key, [])
+        if fastest and abs(own - fastest[0][1]) > JUMP_NS:  # it has started anew
+            fastest.clear()
+        _lower(fastest, own, message.t_recv_ns)
+        return msgspec.structs.replace(message, t_ns=message.t_ns + fastest[0][1] - offset)
 
     def compare(self, t_recv_ns: int, wall_step_ns: int | None) -> None:
         """Learn how far the wall clock has been set, if arrivals are stamped by a clock that is never set."""
@@ -178,7 +205,7 @@ class Clocks:
         self._last_arrival = t_recv
         while self._synced and t_recv - self._synced[0][1] >= WINDOW_NS:
             self._synced.pop(0)
-        self._lower(offset, t_recv)
+        _lower(self._fastest, offset, t_recv)
         if not self._synced:
             self.source = "arrival"
         return True
@@ -196,20 +223,6 @@ class Clocks:
             self._synced.clear()
             self._late_since = None
             self.rejected["host_clock_steps"] += 1
-
-    def _lower(self, offset: int, t_recv: int) -> None:
-        """Add a message to the lower envelope: by arrival, and each slower than all before it. What was fastest is
-        carried on, as far as the clocks may have drifted apart meanwhile."""
-        fastest = self._fastest
-        while fastest and fastest[-1][1] >= offset:
-            fastest.pop()
-        if fastest and t_recv - fastest[0][0] >= WINDOW_NS:
-            carried = fastest[0][1] + round(DRIFT * (t_recv - fastest[0][0]))
-            while fastest and t_recv - fastest[0][0] >= WINDOW_NS:
-                fastest.pop(0)
-            if carried < (fastest[0][1] if fastest else offset):
-                fastest.insert(0, (t_recv, carried))
-        fastest.append((t_recv, offset))
 
     def _unwrapped(self, stamp: int, t_recv: int) -> int:
         """A boot stamp on the time base, which goes on when stamps of 32 bits begin anew. Where the time base
@@ -241,3 +254,17 @@ class Clocks:
         self._late_since = self._used = None
         self.round_trip_ns = None
         self.source = "arrival"
+
+
+def _lower(fastest: list[tuple[int, int]], offset: int, t_recv: int) -> None:
+    """Add a message to the lower envelope: by arrival, and each slower than all before it. What was fastest is
+    carried on, as far as the clocks may have drifted apart meanwhile."""
+    while fastest and fastest[-1][1] >= offset:
+        fastest.pop()
+    if fastest and t_recv - fastest[0][0] >= WINDOW_NS:
+        carried = fastest[0][1] + round(DRIFT * (t_recv - fastest[0][0]))
+        while fastest and t_recv - fastest[0][0] >= WINDOW_NS:
+            fastest.pop(0)
+        if carried < (fastest[0][1] if fastest else offset):
+            fastest.insert(0, (t_recv, carried))
+    fastest.append((t_recv, offset))

@@ -84,7 +84,8 @@ class Daemon:
             self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
             sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix)
             self._sinks["zenoh"] = publishing.runner(sink)
-            self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix, camera=config.camera.name))
+            camera, ros = config.camera.name, config.ros_keys()
+            self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix, camera=camera, ros=ros))
             where = ", ".join(config.zenoh.listens()) or "no plain listener"
             self._report(f"zenoh: {config.zenoh.mode} at {where}, {config.zenoh.prefix}/**")
         if config.recorder.path is not None:

@@ -12,6 +12,7 @@ from typing import NoReturn
 from simlink.log import write_log
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario, scenario_names
+from simlink.sensors.pictures import PictureError
 from simlink.server.links import LinkError
 from simlink.server.server import Options, Server, serve
 
@@ -54,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], int] = arguments.command
     try:
         return command(arguments)
-    except (ScenarioError, LinkError) as error:
+    except (ScenarioError, LinkError, PictureError) as error:
         print(f"simlink: {error}", file=sys.stderr)
         return USER_ERROR
     except KeyboardInterrupt:

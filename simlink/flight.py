@@ -53,6 +53,8 @@ class Flight(NamedTuple):
 def fly(scenario: Scenario, seed: int, duration: float | None = None) -> Flight:
     """The arrays of one run over `duration` s (None: the scenario's), both ends included."""
     size = true_size(scenario, seed)
+    if scenario.camera.gimbal is not None:
+        raise ValueError("fly knows no gimbal: use simlink.simulation")
     camera = CameraSensor(scenario, seed, size)
     errors = scenario.nav
     acceleration = white(seed, "nav.acceleration", errors.acceleration_white, errors.acceleration_bias)

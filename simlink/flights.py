@@ -114,8 +114,8 @@ def fly_many(
 
 
 def _check(s: Scenario) -> None:
-    if s.quadrotor is not None or any(s.nav.attitude_white) or s.outliers.probability > 0.0:
-        raise ValueError("fly_many supports no quadrotor, no white attitude noise and no outliers: use fly")
+    if s.quadrotor is not None or any(s.nav.attitude_white) or s.outliers.probability > 0.0 or s.camera.gimbal:
+        raise ValueError("fly_many supports no quadrotor, gimbal, white attitude noise or outliers: use fly")
 
 
 # ----------------------------------------------------------------------------------------------- truth

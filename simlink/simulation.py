@@ -17,6 +17,7 @@ from onboard.messages import (
     CameraPoints,
     Datagram,
     Encoding,
+    GimbalAttitude,
     Message,
     Pseudoranges,
     RadarDetections,
@@ -32,6 +33,7 @@ from onboard.wire.tlog import frame_length
 from simlink.autopilot import Autopilot, AutopilotLink
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import CameraSensor, Image, camera_points, is_exposure, target_points
+from simlink.sensors.gimbal import GimbalSensor, make_gimbal
 from simlink.sensors.navigation import Reading, readings
 from simlink.traffic.reports import sender
 from simlink.traffic.traffic import Traffic, TrafficOutput
@@ -57,6 +59,7 @@ class Tick(NamedTuple):
     truth: Truth | None
     images: tuple[Image, ...]
     traffic: TrafficOutput = TrafficOutput()
+    gimbal: GimbalAttitude | None = None
 
 
 class Event(NamedTuple):
@@ -78,7 +81,8 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
     if not those that follow from scenario and seed alone."""
     scenario = drawn(scenario, seed)
     size = true_size(scenario, seed)
-    camera = CameraSensor(scenario, seed, size)
+    gimbal = make_gimbal(scenario.camera, seed)
+    camera = CameraSensor(scenario, seed, size, None if gimbal is None else gimbal.mount)
     rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)
     stamp_late_ns = round(scenario.camera.stamp_late * 1e9)
     in_transit: deque[Image] = deque()
@@ -94,7 +98,16 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
         delivered = []
         while in_transit and in_transit[0].t_ns - stamp_late_ns + latency_ns <= t_ns:
             delivered.append(in_transit.popleft())
-        yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns))
+        said = _said(gimbal, scenario, state, t_ns)
+        yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns), said)
+
+
+def _said(gimbal: GimbalSensor | None, scenario: Scenario, state: State, t_ns: int) -> GimbalAttitude | None:
+    """What the gimbal says at this step, if it speaks."""
+    settings = scenario.camera.gimbal
+    if gimbal is None or settings is None or not is_exposure(state.step, settings.rate):
+        return None
+    return gimbal.attitude(state, t_ns, scenario.vehicle.system)
 
 
 def simulate(
@@ -112,6 +125,8 @@ def simulate(
             yield Event(tick.t_ns, tick.truth)
         for message in autopilot.due(tick.t_ns, tick.reading):
             yield Event(tick.t_ns, message)
+        if tick.gimbal is not None:
+            yield Event(tick.t_ns, tick.gimbal, (tick.gimbal.system, tick.gimbal.component))
         for image in tick.images:
             if camera == "zenoh":
                 yield Event(tick.t_ns, camera_points(image, scenario.camera))

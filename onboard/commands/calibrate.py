@@ -56,6 +56,8 @@ def collect(log: Path, config: Config) -> tuple[Images, OwnMotion]:
     poses: list[OwnPose] = []
     images: list[TargetPoints] = []
     camera = config.camera_model()
+    if camera.gimbal is not None:
+        raise UserError(f"camera {camera.name} is on a gimbal: calibrate it held still, without `gimbal`")
     names = {other.name for other in camera.others}
     try:
         for item, _ in read_log(log):
@@ -65,6 +67,8 @@ def collect(log: Path, config: Config) -> tuple[Images, OwnMotion]:
             poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose) and o.r_OF_n[0] is not None]
             for message in messages:
                 if isinstance(message, TargetPoints) and message.target in LEADER and message.camera not in names:
+                    if message.mount is not None:
+                        raise UserError(f"{log}: images with `attitude`: calibrate the camera held still")
                     aligned = pipeline.clocks.align(message, pipeline.delay_ns(message))
                     images += [aligned] if isinstance(aligned, TargetPoints) else []
     except NotALogError as error:

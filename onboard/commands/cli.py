@@ -98,6 +98,8 @@ def _add_demo(demo: argparse.ArgumentParser) -> None:
     demo.add_argument("--scenario", default="formation", help="see `simlink list` (default: %(default)s)")
     demo.add_argument("--seed", type=_count, default=1, metavar="N", help="(default: %(default)s)")
     demo.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="s (default: %(default)s)")
+    found = "program that finds the leader in the pictures of scenario `pictures`, such as examples/contour.py"
+    demo.add_argument("--detector", type=Path, metavar="FILE.py", help=found)
     demo.add_argument("--headless", action="store_true", help="no window: only write the recording (.rrd)")
     demo.add_argument("--out", type=Path, default=Path("out"), metavar="DIR", help="(default: %(default)s)")
     demo.add_argument("--json", type=Path, metavar="FILE", help="write the scorecard's numbers here as well")

@@ -48,6 +48,7 @@ def main(arguments: argparse.Namespace) -> int:
             duration=a.duration,
             directory=a.out,
             overrides=tuple(a.set),
+            detector=a.detector,
             prepare=prepare,
             view=lambda config: open_view(config, rrd, console, headless=a.headless),
             on_progress=on_progress,

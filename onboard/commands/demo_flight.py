@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from onboard.view.view import View
 
 WAIT_FOR_DAEMON_S: Final = 15
+EXAMPLES: Final = {"pictures": "contour.py", "pictures-tag": "tag.py"}
 LINGER_S: Final = 0.5
 
 
@@ -69,15 +70,18 @@ def run_demo(
     duration: float,
     directory: Path,
     overrides: tuple[str, ...],
+    detector: Path | None,
     prepare: Callable[[Iterable[str]], object],
     view: "Callable[[Config], View | None]",
     on_progress: Callable[[float, Estimate | None], None],
 ) -> Report:
     """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the names of
-    the estimators before any is loaded; `on_progress` the seconds flown and the newest estimate.
+    the estimators before any is loaded; `on_progress` the seconds flown and the newest estimate. `detector` is a
+    program that finds the leader in pictures: it runs beside, as `python FILE --connect ENDPOINT`.
 
     Raises DemoError, and ConfigError for bad overrides.
     """
+    detector = detector or _example(scenario)
     name = flight_name(scenario, seed)
     described = directory / f"{name}.toml"
     described.write_bytes(_described(scenario))
@@ -98,6 +102,7 @@ def run_demo(
         *("--mavlink", f"udpout:127.0.0.1:{autopilot_port}"),
         *("--camera-mavlink", f"udpout:127.0.0.1:{camera_port}"),
     ]
+    beside: tuple[Process, ...] = ()
     with contextlib.ExitStack() as stack:
         heed = stack.enter_context(interruptions())
         daemon = stack.enter_context(process(daemon_command, directory / f"{name}.daemon.log"))
@@ -106,9 +111,22 @@ def run_demo(
         shown = view(config)
         if shown is not None:
             stack.callback(shown.close)
+        if detector is not None:
+            finder = [str(detector), "--connect", endpoint, "--vehicle", config.zenoh.vehicle]
+            beside = (stack.enter_context(process(finder, directory / f"{name}.detector.log")),)
         simlink = stack.enter_context(process(simlink_command, directory / f"{name}.simlink.log"))
-        flight = _watch(client, shown, (daemon, simlink), on_progress, heed)
+        flight = _watch(client, shown, (daemon, simlink), beside, on_progress, heed)
     return _report(flight, scenario, seed, duration)
+
+
+def _example(scenario: str) -> Path | None:
+    """The example detector of a scenario with pictures, None for others. Raises DemoError where it is not here."""
+    if scenario not in EXAMPLES:
+        return None
+    file = Path(__file__).parents[2] / "examples" / EXAMPLES[scenario]
+    if not file.exists():
+        raise DemoError(f"scenario {scenario} needs --detector, such as examples/contour.py of the sources")
+    return file
 
 
 def flight_name(scenario: str, seed: int) -> str:
@@ -133,6 +151,7 @@ def _watch(
     client: Client,
     view: "View | None",
     processes: "tuple[Process, Process]",
+    beside: "tuple[Process, ...]",
     on_progress: Callable[[float, Estimate | None], None],
     heed: Callable[[], None],
 ) -> Flight:
@@ -146,7 +165,8 @@ def _watch(
         received = client.take(0.1)
         heed()
         if received is None:
-            daemon.check()
+            for one in (daemon, *beside):
+                one.check()
             if simlink.popen.poll() is not None and finished_at is None:
                 simlink.check()
                 finished_at = time.monotonic()

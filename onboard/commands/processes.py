@@ -78,9 +78,10 @@ def process(command: list[str], log: Path) -> Iterator[Process]:
 
 
 def _start(command: list[str], out: IO[bytes]) -> "subprocess.Popen[bytes]":
-    module, *arguments = command
-    return subprocess.Popen(  # noqa: S603 - our own program, with arguments made above
-        [sys.executable, "-m", module, *arguments],
+    program, *arguments = command
+    how = [program] if program.endswith(".py") else ["-m", program]
+    return subprocess.Popen(  # noqa: S603 - our own program, or the user's, with arguments made above
+        [sys.executable, *how, *arguments],
         stdout=out,
         stderr=subprocess.STDOUT,
         stdin=subprocess.DEVNULL,

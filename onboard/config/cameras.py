@@ -11,11 +11,15 @@ from msgspec.structs import replace
 
 from onboard.geometry.camera import Camera, make_camera
 from onboard.geometry.lens import Lens, LensError
-from onboard.messages import Positive, Record, Vec3
+from onboard.messages import NotNegative, Positive, Record, Vec3
 from onboard.messages.target import WING_POINTS
 from onboard.wire.cameras import CameraInput
 
+GIMBAL_SIGMA_DEG: Final = 0.5  # of what gimbals say of their attitude, where nothing is configured
+ComponentId = Annotated[int, msgspec.Meta(ge=1, le=255)]
+GimbalId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 Model = Literal["radial-tangential", "fisheye"]
+TOPIC: Final = re.compile(r"(\w+(/\w+)*)?", re.ASCII)
 ROS_MODELS: Final[dict[str, Model]] = {
     "plumb_bob": "radial-tangential",
     "rational_polynomial": "radial-tangential",
@@ -46,10 +50,17 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     classes: tuple[str, ...] = ()  # what is followed, by the names that the detector gives; none: anything
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
+    gimbal: GimbalId | None = None  # of a moving mount: gimbal_device_id (1 to 6), or the gimbal's component
+    mount_sigma_deg: NotNegative | None = None  # lasting error of the mount's attitude; None: 0.5 with a gimbal
+    tracker: ComponentId | None = None  # MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
+    landing_target: Literal["points", "aircraft"] = "points"  # what one LANDING_TARGET is
+    ros_topic: str = ""  # of vision_msgs/Detection2DArray, such as "detector/detections"
     delay_s: float | None = None  # how much older than its stamp an image is; None: `delay.camera_s`
 
     def __post_init__(self) -> None:
         lens_of(self)
+        if not TOPIC.fullmatch(self.ros_topic):
+            raise ValueError(f"ros_topic: {self.ros_topic!r} is no topic; use its name without the first slash")
 
 
 def lens_of(c: CameraConfig) -> Lens:
@@ -143,13 +154,33 @@ def _camera(c: CameraConfig) -> Camera:
         mount_rpy_deg=c.mount_rpy_deg,
         mount_offset=c.mount_offset_m,
         sigma_px=c.sigma_px,
+        gimbal=c.gimbal,
     )
+
+
+def mount_sigma_deg(cameras: list[CameraConfig]) -> float:
+    """The lasting error of the mount that is known worst: one track is seen by all cameras."""
+    return max(c.mount_sigma_deg if c.mount_sigma_deg is not None else _default_sigma(c) for c in cameras)
+
+
+def _default_sigma(c: CameraConfig) -> float:
+    return 0.0 if c.gimbal is None else GIMBAL_SIGMA_DEG
 
 
 def camera_inputs(cameras: list[CameraConfig], points: tuple[str, ...]) -> dict[str, CameraInput]:
     """What decoding needs of each camera, by name. `points`: the names of points beyond the wing's."""
-    named_points = *WING_POINTS, *points
     return {
-        c.name: CameraInput(c.name, lens_of(c), c.sigma_px, c.min_confidence, c.classes, named_points)
+        c.name: CameraInput(
+            name=c.name,
+            lens=lens_of(c),
+            sigma_px=c.sigma_px,
+            min_confidence=c.min_confidence,
+            classes=c.classes,
+            points=(*WING_POINTS, *points),
+            tracker=c.tracker,
+            is_landing_target=c.landing_target == "aircraft",
+            mount=_camera(c),
+            ros_topic=c.ros_topic,
+        )
         for c in cameras
     }

@@ -30,6 +30,11 @@ NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
 }
 
 
+GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
+GIMBAL_HZ: Final = 25.0
+SEES: Final = "leader"  # the estimator that follows what the cameras see
+
+
 class ConfigError(UserError, ValueError):
     """The configuration cannot be used; the message is one line that says where and why."""
 
@@ -93,6 +98,8 @@ def parse_config(table: dict[str, Any]) -> Config:
     """The configuration of a table as TOML gives it. Raises ConfigError."""
     config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
     _check_cameras(config)
+    _check_own_reports(config)
+    config = _with_gimbals(config)
     for name, rate in config.autopilot.rates_hz.items():
         if not _is_message(name):
             raise ConfigError(f"autopilot.rates_hz.{name}: there is no MAVLink message of this name")
@@ -110,7 +117,8 @@ def parse_config(table: dict[str, Any]) -> Config:
     sections = {}
     for name, section in named_estimators(table).items():
         kind = config_type(name)
-        given = _shared(config, kind) | section if isinstance(section, dict) else section
+        errors = config.leader_errors() if name == SEES else config.ownship.errors
+        given = _shared(config, errors, kind) | section if isinstance(section, dict) else section
         sections[name] = _convert(given, kind, f"estimator.{name}")
     return msgspec.structs.replace(config, estimator=sections)
 
@@ -126,11 +134,31 @@ def _check_cameras(config: Config) -> None:
             raise ConfigError(f"cameras.{name}: a name is of letters, digits and -_., 64 at most")
 
 
-def _shared(config: Config, kind: type[Record]) -> dict[str, Any]:
+def _shared(config: Config, errors: OwnErrors, kind: type[Record]) -> dict[str, Any]:
     """The keys of an estimator's section that other sections have: `[target]`, and the errors of our own state."""
     classes = {"target": msgspec.to_builtins(config.target)}
     takes_classes = any(field.name == "target" for field in msgspec.structs.fields(kind))
-    return _own_errors(config.ownship.errors, kind) | (classes if takes_classes else {})
+    return _own_errors(errors, kind) | (classes if takes_classes else {})
+
+
+def _check_own_reports(config: Config) -> None:
+    """Raise ConfigError where what we send of the leader would come back as an image of it."""
+    sent = {out.camera_component for out in config.leader_out if "CAMERA_TRACKING_IMAGE_STATUS" in out.rates_hz}
+    for camera in (config.camera, *config.cameras.values()):
+        if camera.tracker in sent:
+            raise ConfigError(f"camera {camera.name}: tracker: [[leader_out]] sends as component {camera.tracker}")
+        if camera.landing_target == "aircraft" and any("LANDING_TARGET" in o.rates_hz for o in config.leader_out):
+            raise ConfigError(f"camera {camera.name}: landing_target: [[leader_out]] sends LANDING_TARGET itself")
+
+
+def _with_gimbals(config: Config) -> Config:
+    """With a request for the attitude of gimbals, if a camera is on one and nothing else is configured."""
+    cameras = (config.camera, *config.cameras.values())
+    rates = config.autopilot.rates_hz
+    if GIMBAL in rates or all(camera.gimbal is None for camera in cameras):
+        return config
+    autopilot = msgspec.structs.replace(config.autopilot, rates_hz={**rates, GIMBAL: GIMBAL_HZ})
+    return msgspec.structs.replace(config, autopilot=autopilot)
 
 
 def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:

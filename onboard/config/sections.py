@@ -1,10 +1,11 @@
 """Configuration as frozen records: one for each section of the TOML file. Keys carry their units."""
 
+import math
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
-from onboard.config.cameras import CameraConfig, camera_inputs, camera_model, named
+from onboard.config.cameras import CameraConfig, camera_inputs, camera_model, mount_sigma_deg, named
 from onboard.geometry.camera import Camera
 from onboard.messages import (
     Attitude,
@@ -24,6 +25,7 @@ from onboard.messages import (
 from onboard.sinks.zenoh_router import RouterConfig
 from onboard.sinks.zenoh_session import ZenohConfig
 from onboard.wire.cameras import CameraInput
+from onboard.wire.ros import TYPE as DETECTIONS_TYPE
 
 ARDUPILOT: Final = 3
 SystemId = Annotated[int, msgspec.Meta(ge=0, le=255)]
@@ -183,6 +185,17 @@ class Config(Record, frozen=True, kw_only=True):
     def camera_delays_ns(self) -> dict[str, int]:
         """The delay of each camera that has one of its own, by name."""
         return {c.name: round(c.delay_s * 1e9) for c in self._cameras() if c.delay_s is not None}
+
+    def leader_errors(self) -> OwnErrors:
+        """The lasting errors of what the cameras point by: of our own attitude, and of their mounts."""
+        errors, mount = self.ownship.errors, mount_sigma_deg(self._cameras())
+        tilt, yaw = (math.hypot(sigma, mount) for sigma in (errors.tilt_sigma_deg, errors.yaw_sigma_deg))
+        return msgspec.structs.replace(errors, tilt_sigma_deg=tilt, yaw_sigma_deg=yaw)
+
+    def ros_keys(self) -> list[str]:
+        """The keys of the cameras' topics in ROS: rmw_zenoh's in any domain, and zenoh-bridge-ros2dds's."""
+        topics = [camera.ros_topic for camera in self._cameras() if camera.ros_topic]
+        return [key for topic in topics for key in (f"*/{topic}/{DETECTIONS_TYPE}/*", topic)]
 
     def _cameras(self) -> list[CameraConfig]:
         return named(self.camera, self.cameras)

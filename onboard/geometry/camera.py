@@ -16,7 +16,8 @@ from onboard.geometry.rotations import matrix_from_euler
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Camera:
     """A camera on a vehicle. `R_bc` (3, 3) camera to body; `r_FC_b` (3,) m; intrinsics in pixels; `sigma_px` the
-    standard deviation of one image coordinate."""
+    standard deviation of one image coordinate. `gimbal`: the id of the moving mount that it is on; `R_bc` is then
+    camera to the mount's head."""
 
     name: str
     f_px: float
@@ -25,6 +26,7 @@ class Camera:
     R_bc: Array
     r_FC_b: Array
     sigma_px: float = 1.0
+    gimbal: int | None = None
     others: "tuple[Camera, ...]" = ()  # further cameras on the same vehicle
 
     def named(self, name: str) -> "Camera":
@@ -46,6 +48,7 @@ def make_camera(
     mount_rpy_deg: ArrayLike = (0.0, 0.0, 0.0),
     mount_offset: ArrayLike = (0.0, 0.0, 0.0),
     sigma_px: float = 1.0,
+    gimbal: int | None = None,
 ) -> Camera:
     """Camera from its mount: ZYX angles body to camera in degrees ([0, 15, 0] looks 15 degrees UP), offset in
     metres, body FRD."""
@@ -58,6 +61,7 @@ def make_camera(
         R_bc=matrix_from_euler(roll, pitch, yaw),
         r_FC_b=np.asarray(mount_offset, dtype=float),
         sigma_px=sigma_px,
+        gimbal=gimbal,
     )
 
 

@@ -27,7 +27,8 @@ VERDICTS: Final = {
     "`rewind_horizon_s`",
     Verdict.TOO_NEW: "`t_ns` is {lead:.2f} s after the autopilot's newest message; expected a time of exposure on "
     "the clock that `clock` names",
-    Verdict.NO_POSE: "our own attitude at `t_ns`, {age:.2f} s before the autopilot's newest message, is not known",
+    Verdict.NO_POSE: "our own attitude at `t_ns`, {age:.2f} s before the autopilot's newest message, is not known"
+    ", or not that of the camera's gimbal",
     Verdict.DIRECTION_ONLY: "it shows no wing, and a direction alone starts no track; expected `left` and "
     "`right` in the first images",
     Verdict.FULL: "as many targets are followed as `max_targets` allows",

@@ -8,6 +8,7 @@ cameras', radars', receivers'. A flood of one never drops a sample of another.""
 
 import asyncio
 import threading
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
@@ -21,9 +22,12 @@ WAITING: Final = 256  # samples of one source: in a flood the newest are dropped
 
 class ZenohLink:
     """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh_session`), which it does
-    not close. The channel of a datagram is its key. `camera` is the name of our own camera."""
+    not close. The channel of a datagram is its key. `camera` is the name of our own camera; `ros` are the keys of
+    detections in ROS."""
 
-    def __init__(self, session: Any, prefix: str, *, camera: str, channel: str = "zenoh") -> None:
+    def __init__(
+        self, session: Any, prefix: str, *, camera: str, channel: str = "zenoh", ros: Iterable[str] = ()
+    ) -> None:
         self.channel = channel
         self.received = 0
         self.sent = 0
@@ -34,6 +38,7 @@ class ZenohLink:
             f"{prefix}/camera/*/detections": Encoding.DETECTIONS,
             f"{prefix}/radar/*/detections": Encoding.RADAR,
             f"{prefix}/gnss/*/pseudoranges": Encoding.RANGES,
+            **dict.fromkeys(ros, Encoding.ROS),
         }
         self._camera = f"{prefix}/camera/{camera}/"
 

@@ -24,8 +24,11 @@ from onboard.messages.camera import (
     CameraPoints,
     DetectedPoint,
     Detection,
+    GimbalAttitude,
     ImageFeature,
     Intrinsics,
+    MountAttitude,
+    MountFrame,
     Pixel,
     TargetDetection,
     TargetImage,
@@ -81,7 +84,7 @@ from onboard.messages.surveillance import (
     SatelliteRange,
 )
 from onboard.messages.target import TargetClass
-from onboard.messages.truth import IntruderTruth, SimStatus, TrafficTruth, Truth
+from onboard.messages.truth import IntruderTruth, Picture, SimStatus, TrafficTruth, Truth
 from onboard.messages.vehicle import (
     ActuatorOutputs,
     Attitude,
@@ -135,6 +138,7 @@ __all__ = [
     "FileReply",
     "FileRequest",
     "FollowTarget",
+    "GimbalAttitude",
     "GlobalOrigin",
     "GlobalPosition",
     "GpsFix",
@@ -155,6 +159,8 @@ __all__ = [
     "Message",
     "MessageInterval",
     "Mode",
+    "MountAttitude",
+    "MountFrame",
     "NavState",
     "NotNegative",
     "Odometry",
@@ -166,6 +172,7 @@ __all__ = [
     "ParamValue",
     "PeerPosition",
     "PeerRanges",
+    "Picture",
     "Ping",
     "Pixel",
     "Positive",

@@ -31,6 +31,7 @@ class Encoding(StrEnum):
     MAVLINK_STREAM = "mavlink_stream"  # MAVLink frames cut anywhere (TCP, serial)
     POINTS = "points"  # one JSON `CameraPoints` (Zenoh)
     DETECTIONS = "detections"  # one JSON `CameraDetections` (Zenoh)
+    ROS = "ros"  # one vision_msgs/Detection2DArray in CDR (Zenoh)
     RADAR = "radar"  # one JSON `RadarDetections` (Zenoh)
     RANGES = "ranges"  # one JSON `Pseudoranges` (Zenoh)
 

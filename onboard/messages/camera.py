@@ -1,8 +1,28 @@
-"""What a camera sees of a target: as detectors send it, and as image points."""
+"""What a camera sees of a target: as detectors send it, and as image points; and where a moving mount points."""
+
+from typing import Literal
 
 import msgspec
 
-from onboard.messages.base import Clock, ImagePoint, Message, Record, Vec3
+from onboard.messages.base import Clock, ImagePoint, Message, Quaternion, Record, Vec3
+
+MountFrame = Literal["earth", "heading", "body"]
+
+
+class MountAttitude(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """Where the head of a moving mount points: `q` (Hamilton, scalar first) from the head's axes (forward, right,
+    down) to those of `frame`. That is NED (`earth`), NED turned to our own heading (`heading`), or our body
+    (`body`). The camera is on the head as `mount_rpy_deg` says."""
+
+    q: Quaternion
+    frame: MountFrame
+
+
+class GimbalAttitude(Message, frozen=True, kw_only=True):
+    """GIMBAL_DEVICE_ATTITUDE_STATUS. `device`: gimbal_device_id, or without one the component that sends it."""
+
+    device: int
+    mount: MountAttitude
 
 
 class TargetImage(Message, frozen=True, kw_only=True):
@@ -11,13 +31,15 @@ class TargetImage(Message, frozen=True, kw_only=True):
     Image points are (Y_c/X_c, Z_c/X_c): the image plane of a pinhole camera with unit focal length, lens
     distortion removed, positive right and positive down. `target` is empty if the vision process does not identify
     aircraft; `class_name` is the detector's class, empty without one. `view`: left, upper, right and lower edge of
-    the image in that unit; None: as configured.
+    the image in that unit; None: as configured. `mount`: where a moving mount pointed at exposure; None: as the
+    camera is configured.
     """
 
     camera: str
     target: str = "leader"
     class_name: str = ""
     view: tuple[float, float, float, float] | None = None
+    mount: MountAttitude | None = None
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:
@@ -136,10 +158,12 @@ class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
 class CameraDetections(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
     """Output of a detector, one per image: as much of each aircraft as it has found. `t_ns` is the time of
     exposure on `clock`. Without `camera` it is the first that is configured, and without `intrinsics` the camera's
-    own hold. Fields that are not known are ignored, and each is named once."""
+    own hold. `attitude`: where a moving mount pointed at exposure. Fields that are not known are ignored, and each
+    is named once."""
 
     t_ns: int
     clock: Clock
     camera: str = ""
     intrinsics: Intrinsics | None = None
+    attitude: MountAttitude | None = None
     detections: tuple[Detection, ...] = ()

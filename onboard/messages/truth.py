@@ -1,6 +1,6 @@
-"""The simulator's truth."""
+"""The simulator's truth, and its pictures."""
 
-from onboard.messages.base import Quaternion, Record, Vec3
+from onboard.messages.base import Clock, Quaternion, Record, Vec3
 
 
 class Truth(Record, frozen=True, kw_only=True):
@@ -50,3 +50,12 @@ class SimStatus(Record, frozen=True, kw_only=True):
     images: int
     frames: int
     finished: bool
+
+
+class Picture(Record, frozen=True, kw_only=True):
+    """What the simulated camera sees, as JPEG, exposed at `t_ns` on `clock`."""
+
+    t_ns: int
+    clock: Clock
+    camera: str
+    jpeg: bytes

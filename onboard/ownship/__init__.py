@@ -1,7 +1,8 @@
-"""Our own vehicle: its pose and motion over the last seconds (`ownship`), and whether they can be true
-(`contradictions`)."""
+"""Our own vehicle: its pose and motion over the last seconds (`ownship`), where its gimbals point (`gimbals`), and
+whether what is said of them can be true (`contradictions`)."""
 
+from onboard.ownship.gimbals import head_attitude
 from onboard.ownship.limits import is_usable
 from onboard.ownship.ownship import NavSample, Ownship, Pose, Step
 
-__all__ = ["NavSample", "Ownship", "Pose", "Step", "is_usable"]
+__all__ = ["NavSample", "Ownship", "Pose", "Step", "head_attitude", "is_usable"]

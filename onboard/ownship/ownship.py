@@ -19,6 +19,7 @@ from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import (
     Attitude,
     EstimatorStatus,
+    GimbalAttitude,
     GlobalPosition,
     Imu,
     LocalPosition,
@@ -28,6 +29,7 @@ from onboard.messages import (
     Vec3,
 )
 from onboard.ownship.contradictions import ANOTHER_WAY, ELSEWHERE, Contradictions, turn
+from onboard.ownship.gimbals import Gimbals
 from onboard.ownship.limits import FARTHEST, FASTEST, QUICKEST, within
 from onboard.ownship.turning import between, turned, unit
 
@@ -72,6 +74,7 @@ class Ownship:
         self.now_ns = 0
         self.samples = 0
         self.nav_times: list[int] = []
+        self.gimbals = Gimbals(max_extrapolation)
         self._max_extrapolation_ns = round(max_extrapolation * 1e9)
         self._nav: list[NavSample] = []
         self._attitude_times: list[int] = []
@@ -88,6 +91,8 @@ class Ownship:
         if isinstance(message, Attitude):
             self._add_attitude(message, stamp_ns)
             return False
+        if isinstance(message, GimbalAttitude):
+            return self._reject(reason) if (reason := self.gimbals.receive(message)) else False
         if isinstance(message, Imu):
             self._contradictions.add_imu(message.t_ns, message.f_b, self._attitude_at(message.t_ns))
             return False

@@ -7,6 +7,7 @@ from onboard.config import AutopilotConfig
 from onboard.messages import (
     AdsbVehicle,
     Clock,
+    GimbalAttitude,
     GlobalPosition,
     Heartbeat,
     Imu,
@@ -27,7 +28,8 @@ LATCH_AGAIN_NS: Final = 5_000_000_000  # silence after which another autopilot m
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 # A sensor stamps these, and they can be used once our own pose at that time is known.
 SENSED: Final = (TargetImage, RadarScan, PeerRanges)
-ANY_COMPONENT: Final = (*SENSED, AdsbVehicle)  # not of our own motion: any component of our vehicle may send them
+# Not of our own motion: any component of our vehicle may send them.
+ANY_COMPONENT: Final = (*SENSED, AdsbVehicle, GimbalAttitude)
 UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # carry no time of a clock we know: taken as true at arrival
 
 
@@ -76,7 +78,7 @@ class Admission:
         if self._is_from_autopilot(message):
             self.heard_ns = message.t_recv_ns
         elif not isinstance(message, ANY_COMPONENT):
-            return "other_component"  # a gimbal's attitude, a peer's clock: not our own motion
+            return "other_component"  # a gimbal's own pose, a peer's clock: not our own motion
         if isinstance(message, Imu) and not is_usable(message):
             return "imu_unusable"
         if isinstance(message, AdsbVehicle) and message.component == self._config.component:

@@ -50,7 +50,8 @@ class Pipeline:
             for name, section in config.estimator.items()
         }
         self._config = config
-        self._waiting = Waiting(config.ownship)
+        camera = config.camera_model()
+        self._waiting = Waiting(config.ownship, lambda name: camera.named(name).gimbal)
         self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
         for name in self.estimators:
             for kind in load(name).LISTENS:

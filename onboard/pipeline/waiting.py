@@ -1,6 +1,7 @@
 """Images that wait until our own pose at their time is known."""
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Final
 
 from onboard.config import OwnshipConfig
@@ -8,14 +9,17 @@ from onboard.messages import Message, TargetImage
 from onboard.ownship import Ownship
 
 MAX_WAITING: Final = 256  # of each source
+GIMBAL_NS: Final = 350_000_000  # an image waits so long for the attitude of its camera's gimbal
 FIRST: Final = ("leader", "")  # targets whose images have room of their own; "" is a target without an id
 
 
 class Waiting:
     """What a sensor stamped ahead of our own motion, in the order of arrival. A camera's clock may lead (in some
-    recordings by half a second): an image that waits is not lost."""
+    recordings by half a second), and a gimbal's attitude may come seldom: an image that waits is not lost.
+    `gimbal_of`: the gimbal that the camera of this name is on, if any."""
 
-    def __init__(self, config: OwnshipConfig) -> None:
+    def __init__(self, config: OwnshipConfig, gimbal_of: Callable[[str], int | None]) -> None:
+        self._gimbal_of = gimbal_of
         self._longest_ns = config.max_lead_s * 1e9
         self._shortest_ns = 0.5 * config.max_extrapolation_s * 1e9
         self._waiting: list[Message] = []
@@ -28,7 +32,7 @@ class Waiting:
         """Whether an image waits: our own motion at its time is not known yet, but may soon be."""
         lead_ns, source = image.t_ns - ownship.now_ns, _source(image)
         waits = ownship.now_ns > 0 and self._longest_ns >= lead_ns > self._shortest_ns
-        if not waits or self._places[source] >= MAX_WAITING:
+        if not (waits or self._awaits_gimbal(image, ownship)) or self._places[source] >= MAX_WAITING:
             return False
         self._waiting.append(image)
         self._places[source] += 1
@@ -49,7 +53,16 @@ class Waiting:
 
     def _is_ready(self, image: Message, ownship: Ownship) -> bool:
         """Whether our motion at its time is known, or has not become so for too long: a stream has stopped."""
-        return ownship.knows(image.t_ns) or ownship.now_ns - image.t_ns > self._longest_ns
+        is_known = ownship.knows(image.t_ns) and not self._awaits_gimbal(image, ownship)
+        return is_known or ownship.now_ns - image.t_ns > self._longest_ns
+
+    def _awaits_gimbal(self, image: Message, ownship: Ownship) -> bool:
+        """Whether an image is of a camera on a gimbal, whose attitude at its time may come soon."""
+        if not isinstance(image, TargetImage) or image.mount is not None:
+            return False
+        gimbal = self._gimbal_of(image.camera)
+        may_come = gimbal is not None and ownship.gimbals.may_know(gimbal, image.t_ns)
+        return may_come and ownship.now_ns - image.t_ns <= GIMBAL_NS
 
 
 def _source(message: Message) -> tuple[type[Message], bool]:

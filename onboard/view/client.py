@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from onboard.messages import Estimate, Health, NavState, OwnPose, Record, SimStatus, Truth
+from onboard.messages import Estimate, Health, NavState, OwnPose, Picture, Record, SimStatus, Truth
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 KINDS: Final[dict[str, type[Record]]] = {
@@ -20,6 +20,7 @@ KINDS: Final[dict[str, type[Record]]] = {
     "health": Health,
     "truth": Truth,
     "status": SimStatus,
+    "picture": Picture,
 }
 
 
@@ -52,7 +53,7 @@ class Client:
         self._session = open_session(config)
         keys = (
             *(f"onboard/{of}/{name}" for name in ("estimate/**", "own_state", "ownship", "health")),
-            *(f"simlink/{of}/{name}" for name in ("truth", "status")),
+            *(f"simlink/{of}/{name}" for name in ("truth", "status", "picture")),
         )
         self._subscribers = [self._session.declare_subscriber(key, self._receive) for key in keys]
         self._subscribers.append(self._session.watch_liveliness(f"onboard/{of}/alive", self._update_alive))

@@ -76,6 +76,11 @@ def labels(values: Sequence[ImagePoints]) -> Any:
     )
 
 
+def pictures(values: Sequence[bytes]) -> Any:
+    """Columns of JPEG files."""
+    return rr.EncodedImage.columns(blob=list(values), media_type=["image/jpeg"] * len(values))
+
+
 def circles(values: Sequence[tuple[Array, float]]) -> Any:
     """Columns of circles in the image: centres (n, 2) px and one radius px."""
     lengths = [len(centres) for centres, _ in values]

@@ -9,9 +9,9 @@ from typing import Self
 import numpy as np
 
 from onboard.geometry.camera import Camera
-from onboard.messages import Estimate, Health, NavState, OwnPose, Truth
+from onboard.messages import Estimate, Health, NavState, OwnPose, Picture, Truth
 from onboard.view import image, own, palette, plots, scene, space, traffic, words
-from onboard.view.columns import Columns, ImagePoints, colours_2d, labels, texts
+from onboard.view.columns import Columns, ImagePoints, colours_2d, labels, pictures, texts
 from onboard.view.layout import blueprint
 from onboard.view.memory import Memory
 from onboard.view.motion import LeaderState, leader_state
@@ -82,11 +82,11 @@ class View:
         if spawn and server is None and self.url is not None:
             self.viewer = start_viewer(self.url)
 
-    def show(self, record: Estimate | OwnPose | Truth | Health) -> None:
+    def show(self, record: Estimate | OwnPose | Truth | Health | Picture) -> None:
         """Draw one record; those of other kinds and estimators are ignored. Raises `ValueError` once closed."""
         if self._closed:
             raise ValueError("this view is closed")
-        if not isinstance(record, Estimate | OwnPose | Truth | Health):
+        if not isinstance(record, Estimate | OwnPose | Truth | Health | Picture):
             return
         self._keep_time(record.t_ns)
         match record:
@@ -106,6 +106,8 @@ class View:
                 plots.plot_truth(self._columns, record)
                 own.plot_truth(self._columns, self._memory, record)
                 plots.plot_errors(self._columns, self._memory)
+            case Picture():
+                self._columns.add(pictures, f"{scene.CAMERA}/picture", record.t_ns, record.jpeg)
             case Health():
                 plots.plot_health(self._columns, self._memory, record, self._stream)
                 self._columns.add(texts, "health", record.t_ns, words.health(record))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from onboard.geometry.camera import Camera
 from onboard.geometry.lens import Lens
 from onboard.messages.target import WING_POINTS
 from onboard.wire.document import BadDocumentError
@@ -19,6 +20,10 @@ class CameraInput(NamedTuple):
     min_confidence: float
     classes: tuple[str, ...] = ()
     points: tuple[str, ...] = WING_POINTS
+    tracker: int | None = None  # the MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
+    is_landing_target: bool = False  # each LANDING_TARGET is a whole aircraft, seen by this camera
+    mount: Camera | None = None
+    ros_topic: str = ""  # of its detections in ROS
 
 
 Cameras = Mapping[str, CameraInput]  # the first is meant where none is named
@@ -30,3 +35,13 @@ def find(cameras: Cameras, name: str) -> CameraInput:
     if camera is None:
         raise BadDocumentError(f"no camera is called `{name}`; known: {', '.join(cameras)} - at `$.camera`")
     return camera
+
+
+def of_topic(cameras: Cameras, key: str) -> CameraInput:
+    """The camera whose topic in ROS has this key: `domain/topic/type/hash` (rmw_zenoh), or the topic alone
+    (zenoh-bridge-ros2dds). Raises BadDocumentError, which names all topics."""
+    for camera in cameras.values():
+        if camera.ros_topic and camera.ros_topic in (key, "/".join(key.split("/")[1:-2])):
+            return camera
+    known = ", ".join(camera.ros_topic for camera in cameras.values() if camera.ros_topic)
+    raise BadDocumentError(f"no camera has this `ros_topic`; known: {known or 'none'}")

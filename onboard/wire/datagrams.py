@@ -6,14 +6,16 @@ from functools import partial
 from typing import Final
 
 from onboard.messages import Datagram, Encoding, Message, TargetImage
-from onboard.wire.cameras import Cameras, find
-from onboard.wire.detections import decode_detections
+from onboard.wire.cameras import Cameras, find, of_topic
+from onboard.wire.detections import decode_detections, images_of
 from onboard.wire.document import BadDocumentError
 from onboard.wire.mavlink_decode import MavlinkDecoder, OnError, raise_error
 from onboard.wire.points import decode_points
 from onboard.wire.radar import decode_radar
 from onboard.wire.ranges import decode_ranges
+from onboard.wire.ros import decode_ros
 from onboard.wire.signing import Verifier
+from onboard.wire.tracking import TrackerDecoder
 
 DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
     Encoding.POINTS: decode_points,
@@ -72,24 +74,32 @@ class DatagramDecoder:
                 stream=datagram.encoding is Encoding.MAVLINK_STREAM,
                 on_error=self._on_error,
                 verifier=None if key is None else Verifier(key),
+                trackers=TrackerDecoder(self._cameras, partial(self._refuse_tracker, datagram.channel)),
             )
             self._mavlink[datagram.channel] = decoder
         return decoder
 
     def _document(self, datagram: Datagram) -> list[Message]:
-        """The messages of one JSON document. Raises BadDocumentError."""
+        """The messages of one document. Raises BadDocumentError."""
         data, t_recv_ns = datagram.data, datagram.t_recv_ns
+        refuse, ignored = partial(self._refuse, datagram), partial(self._ignore, datagram)
+        if datagram.encoding is Encoding.ROS:
+            camera = of_topic(self._cameras, datagram.channel)
+            return [*images_of(decode_ros(data), t_recv_ns, camera, camera.lens, refuse, ignored)]
         if datagram.encoding is not Encoding.DETECTIONS:
             message = DOCUMENTS[datagram.encoding](data, t_recv_ns)
             if isinstance(message, TargetImage) and self._cameras:
                 find(self._cameras, message.camera)
             return [message]
-        refuse, ignored = partial(self._refuse, datagram), partial(self._ignore, datagram)
         return [*decode_detections(data, t_recv_ns, self._cameras, refuse, ignored)]
 
     def _refuse(self, datagram: Datagram, reason: str) -> None:
         self._bad[f"bad_{datagram.encoding}"] += 1
         self._on_refused(datagram.channel, reason, datagram.t_recv_ns)
+
+    def _refuse_tracker(self, channel: str, reason: str, t_recv_ns: int) -> None:
+        self._bad["bad_tracking"] += 1
+        self._on_refused(channel, reason, t_recv_ns)
 
     def _ignore(self, datagram: Datagram, what: str) -> None:
         """Name what is ignored once: detectors send much that is of no use here."""

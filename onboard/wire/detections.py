@@ -4,6 +4,7 @@ A detection may have all three points of the wing, some of them, further points 
 it lacks is never made up: all three points become TargetPoints, anything less a TargetDetection.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from onboard.messages import (
     DetectedPoint,
     Detection,
     ImageFeature,
+    MountAttitude,
     Record,
     TargetDetection,
     TargetImage,
@@ -29,7 +31,12 @@ from onboard.wire.points import check_target, lens_of
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 BOX_NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
 
-INSIDE: Final[dict[str, type[Record]]] = {"detections": Detection, "points": DetectedPoint, "box": Box}
+INSIDE: Final[dict[str, type[Record]]] = {
+    "detections": Detection,
+    "points": DetectedPoint,
+    "box": Box,
+    "attitude": MountAttitude,
+}
 
 Refuse = Callable[[str], None]
 _decoder = msgspec.json.Decoder(CameraDetections)
@@ -45,10 +52,20 @@ def decode_detections(
     document that cannot be used at all.
     """
     document = parse(_decoder, data)
-    camera = find(cameras, document.camera)
-    lens = camera.lens if document.intrinsics is None else lens_of(document.intrinsics)
+    mount = document.attitude
+    if mount is not None and not 0.5 < math.hypot(*mount.q) < 2.0:
+        raise BadDocumentError("expected a quaternion w, x, y, z of length 1 - at `$.attitude.q`")
     for field in _unknown(msgspec.json.decode(data), CameraDetections, ""):
         ignore(field)
+    camera = find(cameras, document.camera)
+    lens = camera.lens if document.intrinsics is None else lens_of(document.intrinsics)
+    return images_of(document, t_recv_ns, camera, lens, refuse, ignore)
+
+
+def images_of(
+    document: CameraDetections, t_recv_ns: int, camera: CameraInput, lens: Lens, refuse: Refuse, ignore: Refuse
+) -> list[TargetImage]:
+    """A message for each detection of a document, whose pixels are those of `lens`; see `decode_detections`."""
     found: list[TargetImage] = []
     for i, detection in enumerate(document.detections):
         head = {
@@ -61,6 +78,7 @@ def decode_detections(
             "target": detection.target,
             "class_name": detection.class_name,
             "view": lens.view,
+            "mount": document.attitude,
         }
         try:
             found.append(_message(detection, head, camera, lens, f"detections[{i}]"))

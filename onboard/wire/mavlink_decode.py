@@ -15,12 +15,14 @@ from typing import Final
 from onboard.messages import Message
 from onboard.wire.landing_target import LANDING_TARGET, PointAssembler
 from onboard.wire.mavlink_frame import CHECKSUM, MIRRORED, SIGNATURE, SIGNED, V1, V1_HEAD, V2, V2_HEAD
-from onboard.wire.mavlink_records import CONVERT
+from onboard.wire.mavlink_records import CONVERT, Layout
 from onboard.wire.mavlink_table import MESSAGES
 from onboard.wire.signing import Verifier
+from onboard.wire.tracking import TrackerDecoder
 
 START: Final = re.compile(b"[\xfd\xfe]")
 NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
+TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
 OnError = Callable[[str, Exception], None]
 
 
@@ -32,9 +34,17 @@ def raise_error(_place: str, error: Exception) -> None:
 class MavlinkDecoder:
     """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
     counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
-    that it caused; the other frames are decoded. With a `verifier`, only frames that it lets pass."""
+    that it caused; the other frames are decoded. With a `verifier`, only frames that it lets pass. `trackers`
+    read what is of whole aircraft."""
 
-    def __init__(self, *, stream: bool, on_error: OnError = raise_error, verifier: Verifier | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        stream: bool,
+        on_error: OnError = raise_error,
+        verifier: Verifier | None = None,
+        trackers: TrackerDecoder | None = None,
+    ) -> None:
         self.rejected: Counter[str] = Counter()
         self.names: Counter[str] = Counter()
         self._stream = stream
@@ -42,6 +52,7 @@ class MavlinkDecoder:
         self._verifier = verifier
         self._rest = b""  # of a stream: the frame that is not complete yet
         self._points = PointAssembler(self.rejected)
+        self._trackers = trackers or TrackerDecoder({})
 
     def decode(self, data: bytes, t_recv_ns: int) -> list[Message]:
         """Messages in `data`, in order. `t_recv_ns` is when the bytes arrived."""
@@ -100,7 +111,13 @@ class MavlinkDecoder:
     def _record(self, name: str, payload: bytes, t_recv_ns: int, system: int, component: int) -> Message | None:
         if name == "LANDING_TARGET":
             fields = LANDING_TARGET.fields(payload)
-            return self._points.add(fields, LANDING_TARGET.header(fields, t_recv_ns, system, component))
+            header = LANDING_TARGET.header(fields, t_recv_ns, system, component)
+            trackers = self._trackers
+            is_whole = trackers.takes_landing_targets
+            return trackers.landing_target(fields, header) if is_whole else self._points.add(fields, header)
+        if name == "CAMERA_TRACKING_IMAGE_STATUS":
+            fields = TRACKING.fields(payload)
+            return self._trackers.tracking(fields, TRACKING.header(fields, t_recv_ns, system, component))
         read = CONVERT.get(name)
         if read is None:
             return None

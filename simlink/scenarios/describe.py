@@ -19,6 +19,8 @@ def daemon_config(scenario: Scenario) -> str:
         f"mount_rpy_deg = {list(camera.mount_rpy_deg)}",
         f"mount_offset_m = {list(camera.mount_offset)}",
     ]
+    if camera.gimbal is not None:
+        lines.append(f"gimbal = {camera.gimbal.component}")
     kind = "multirotor" if scenario.follower.attitude == "hover" else "fixed_wing"
     lines += ["", "[estimator.leader]", f"size_prior_m = {leader.size}", f'leader_class = "{kind}"']
     lines.append("center_on_wing = true")

@@ -4,7 +4,7 @@ A point is (Y_c/X_c, Z_c/X_c), positive right and down, as in `onboard.geometry.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from onboard.geometry.rotations import quaternion_from_euler
@@ -19,6 +19,7 @@ from simlink.world.motion import Real
 from simlink.world.noise import normals, uniforms
 from simlink.world.truth import State
 
+Mount = Callable[[State], Quaternion]
 Points = tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left wing, right wing of the leader
 
 
@@ -103,13 +104,13 @@ def blob(camera: Camera, u: Real, v: Real, w: Real) -> Points:
 
 
 class CameraSensor:
-    """The camera of one run: `expose` once per image, in order."""
+    """The camera of one run: `expose` once per image, in order. `mount`: q_bc of a moving mount."""
 
-    def __init__(self, scenario: Scenario, seed: int, size: float) -> None:
-        self._camera = scenario.camera
+    def __init__(self, scenario: Scenario, seed: int, size: float, mount: Mount | None = None) -> None:
+        self._camera, fixed = scenario.camera, mount_quaternion(scenario.camera)
         self._repeat = scenario.repeat
         self._size = size
-        self._q_bc = mount_quaternion(scenario.camera)
+        self._mount = mount or (lambda _: fixed)
         self._registered = registrations(scenario.camera, seed)
         self._noise = normals(seed, "camera.noise")
         self._wrong = uniforms(seed, "camera.wrong")
@@ -120,7 +121,7 @@ class CameraSensor:
         registered = next(self._registered) and not is_within(t, camera.blackouts)
         wrong = next(self._wrong) < camera.wrong_blob
         other = blob(camera, next(self._wrong), next(self._wrong), next(self._wrong))
-        truth = project(state, self._size, camera, self._q_bc)
+        truth = project(state, self._size, camera, self._mount(state))
         noisy = _noisy(truth or other, self._noise, camera.sigma_px / camera.f_px)
         if not registered or truth is None:
             return None

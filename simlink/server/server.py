@@ -15,14 +15,17 @@ from onboard.wire.mavlink_encode import MavlinkEncoder
 from simlink.autopilot import AutopilotLink
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import Image, camera_points, target_points
+from simlink.sensors.gimbal import make_gimbal
 from simlink.sensors.navigation import Reading
+from simlink.sensors.pictures import Painter
 from simlink.server.links import LinkError, TcpServer, UdpLink, parse_udp
 from simlink.server.publish import Published, ZenohPublisher, check_vehicle
 from simlink.simulation import CAMERA_COMPONENT, Tick, boot_ns_of, ticks
 from simlink.traffic.reports import sender
-from simlink.traffic.traffic import TrafficOutput
 from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
+from simlink.world.drawn import drawn
 from simlink.world.follow import FollowMode, following_states
+from simlink.world.truth import true_size
 
 MOST_BEHIND: Final = 0.25  # s of wall time; beyond that the boot clock is set back
 STATUS_STEPS: Final = STEPS_PER_SECOND // 5
@@ -96,6 +99,13 @@ class Server:
         self._session = self._make_session(stream=False)
         self._vision = MavlinkEncoder(self._vehicle.system, CAMERA_COMPONENT)
         self._traffic: dict[tuple[int, int], MavlinkEncoder] = {}  # by system and component
+        self._painter: Painter | None = None
+        self._painting: asyncio.Task[None] | None = None  # the picture that is being drawn
+        if options.scenario.camera.pictures != "none":
+            flown = drawn(options.scenario, options.seed)
+            gimbal = make_gimbal(flown.camera, options.seed)
+            mount = None if gimbal is None else gimbal.mount
+            self._painter = Painter(flown.camera, true_size(flown, options.seed), options.seed, mount)
         self._zenoh: ZenohPublisher | None = None
         self.udp: UdpLink | None = None
         self.camera: UdpLink | None = None
@@ -176,6 +186,8 @@ class Server:
                 break
             t_ns = tick.t_ns
             self._send(tick)
+        if self._painting is not None:
+            await self._painting  # so that the last picture is counted
         self._status(t_ns, finished=True)
         self._report(
             f"sent {self.frames} MAVLink frames and {self.images} images in {(t_ns - boot_ns) * 1e-9:.1f} s"
@@ -193,11 +205,13 @@ class Server:
     def _send(self, tick: Tick) -> None:
         """Send the messages and records of one tick."""
         self._send_frames(tick.t_ns, tick.reading)
-        for image in tick.images:
+        for image in tick.images if self._painter is None else ():
             self._send_image(image)
+        if tick.truth is not None and self._painter is not None and (not self._painting or self._painting.done()):
+            self._painting = asyncio.create_task(self._send_picture(self._painter, tick))
         if tick.truth is not None:
             self._publish(tick.truth)
-        self._send_traffic(tick.traffic)
+        self._send_others(tick)
         if tick.state.step % STATUS_STEPS == 0:
             self._status(tick.t_ns, finished=False)
 
@@ -208,11 +222,13 @@ class Server:
             sent = self.tcp.send(t_ns, reading)
             self.frames += sent if self.udp is None else 0
 
-    def _send_traffic(self, traffic: TrafficOutput) -> None:
-        """Reports go out on the autopilot's link, which forwards them; ranges, scans and truth go out over
-        Zenoh."""
-        for report in traffic.reports:
-            key = sender(report, self._vehicle.system)
+    def _send_others(self, tick: Tick) -> None:
+        """Reports of traffic and the gimbal's go out on the autopilot's link, which forwards them; ranges, scans
+        and truth go out over Zenoh."""
+        traffic, gimbal = tick.traffic, tick.gimbal
+        reports = [(report, sender(report, self._vehicle.system)) for report in traffic.reports]
+        said = [] if gimbal is None else [(gimbal, (gimbal.system, gimbal.component))]
+        for report, key in (*reports, *said):
             encoder = self._traffic.setdefault(key, MavlinkEncoder(*key))
             frame = encoder.encode(report)
             if self.udp is not None:
@@ -231,6 +247,11 @@ class Server:
         if self.camera is not None:
             self.camera.send(self._vision.encode(target_points(image, camera)))
         self.images += self._options.camera != "none"
+
+    async def _send_picture(self, painter: Painter, tick: Tick) -> None:
+        """Draw and publish what the camera sees; while it takes too long, exposures are left out."""
+        self._publish(await asyncio.to_thread(painter.picture, tick.state, tick.t_ns))
+        self.images += 1
 
     def _status(self, t_ns: int, *, finished: bool) -> None:
         self._publish(SimStatus(t_ns=t_ns, images=self.images, frames=self.frames, finished=finished))

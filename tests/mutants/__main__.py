@@ -25,7 +25,7 @@ from typing import Final, NamedTuple
 from tests.mutants.table import ROOT, Mutant, MutantError, read
 
 KILLED, ENDLESS, SURVIVED, BROKEN = "killed", "endless", "survived", "BROKEN"
-PARTS: Final = ("onboard", "simlink", "benchmarks", "tests", "pyproject.toml")
+PARTS: Final = ("onboard", "simlink", "benchmarks", "examples", "tests", "pyproject.toml")
 LIMIT_S: Final = 600.0  # then it is taken to run for ever, and counts as killed
 # pytest's exit code for failed tests, and ours for endless ones; 0 is success, any other: no tests were run
 TESTS_FAILED, TOO_LONG = 1, -1

@@ -8,17 +8,21 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
+import msgspec
+import numpy as np
 import pytest
 
 from onboard.client import Camera
-from onboard.config import load_config
+from onboard.config import load_config, parse_config
 from onboard.links import Link, parse_link
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Box, Datagram, Detection, Encoding, TargetDetection
+from onboard.messages import Box, CameraDetections, Clock, Datagram, Detection, Encoding, TargetDetection
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 from onboard.wire.datagrams import DatagramDecoder
 from tests.support import documents
 from tests.support.programs import PATIENCE, free_endpoint, free_ports
+from tests.unit.wire.test_ros import KEY as ROS_KEY
+from tests.unit.wire.test_ros import golden
 
 
 def example(k: int) -> str:
@@ -115,3 +119,25 @@ def test_a_camera_sends_all_aircraft_of_an_image_at_once(session: Any, endpoint:
 def test_nothing_is_sent_to_a_detector() -> None:
     (link,) = load_config(None, ("link=[{name='d', url='json:127.0.0.1:14570'}]",)).link
     assert not link.is_autopilot
+
+
+def test_a_topic_of_ros_is_heard_under_the_keys_of_rmw_zenoh_and_of_the_bridge(session: Any) -> None:
+    settings = parse_config({"camera": {"ros_topic": "detector/boxes"}})
+    for key in (ROS_KEY, "detector/boxes"):
+        link = ZenohLink(session, "onboard/1", camera="front", ros=settings.ros_keys())
+        datagram = received(link, lambda key=key: session.put(key, golden()))
+        assert (datagram.channel, datagram.encoding, datagram.data) == (key, Encoding.ROS, golden())
+
+
+def test_numbers_of_numpy_are_sent_as_numbers(session: Any, endpoint: str) -> None:
+    points = {"left": np.array([310.5, 226.0]), "right": (np.float32(352.5), np.float64(223.5), np.float32(0.5))}
+    box = np.array([330.0, 225.0, 44.0, 12.0], dtype=np.float32)
+    with Camera("front", endpoint=endpoint) as camera:
+        link = ZenohLink(session, "onboard/1", camera="front")
+        kinds = {"t_ns": np.int64(5), "confidence": np.float32(0.5), "clock": Clock.BOOT}
+        datagram = received(link, lambda: camera.send(points, box=box, **kinds))  # type: ignore[arg-type]
+    sent = msgspec.json.decode(datagram.data, type=CameraDetections)
+    assert (sent.t_ns, sent.clock) == (5, Clock.BOOT)
+    (detection,) = sent.detections
+    assert detection.box == Box(u_px=330.0, v_px=225.0, width_px=44.0, height_px=12.0)
+    assert detection.points["right"].sigma_px == 0.5

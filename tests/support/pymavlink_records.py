@@ -23,6 +23,7 @@ from onboard.messages import (
     EstimatorStatus,
     FileRequest,
     FollowTarget,
+    GimbalAttitude,
     GlobalOrigin,
     GlobalPosition,
     GpsFix,
@@ -30,6 +31,7 @@ from onboard.messages import (
     Imu,
     LocalPosition,
     Message,
+    MountAttitude,
     ParamAction,
     ParamRequest,
     Ping,
@@ -79,6 +81,13 @@ def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
 def _attitude(m: Any, h: dict[str, Any]) -> Message:
     w, x, y, z = quaternion_from_euler(m.roll, m.pitch, m.yaw).tolist()
     return Attitude(**h, q_nb=(w, x, y, z), omega_b=_rates(m))
+
+
+def _gimbal(m: Any, h: dict[str, Any]) -> Message:
+    vehicle, earth = m.flags & 32, m.flags & 64
+    north = bool(earth) if vehicle or earth else bool(m.flags & 16)
+    mount = MountAttitude(q=tuple(m.q), frame="earth" if north else "heading")
+    return GimbalAttitude(**h, device=m.gimbal_device_id or h["component"], mount=mount)
 
 
 def _global_position(m: Any, h: dict[str, Any]) -> Message:
@@ -277,6 +286,7 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "GLOBAL_POSITION_INT": _global_position,
     "EKF_STATUS_REPORT": _estimator_status,
     "ESTIMATOR_STATUS": _estimator_status,
+    "GIMBAL_DEVICE_ATTITUDE_STATUS": _gimbal,
     "GPS_GLOBAL_ORIGIN": lambda m, h: GlobalOrigin(
         **h, lat_deg=m.latitude * 1e-7, lon_deg=m.longitude * 1e-7, alt_msl=m.altitude * 1e-3
     ),

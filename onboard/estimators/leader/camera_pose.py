@@ -7,7 +7,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import S_PER_NS
-from onboard.ownship import Ownship
+from onboard.messages import MountAttitude
+from onboard.ownship import Ownship, Pose, head_attitude
 
 RATE_NS: Final = 40_000_000  # interval over which the camera's rates are computed
 MOST_POSES: Final = 64  # kept while no own motion arrives but images do
@@ -29,19 +30,22 @@ class CameraPoses:
 
     def __init__(self, camera: Camera) -> None:
         self.camera = camera
-        self._poses: dict[tuple[int, str], CameraPose | None] = {}
+        self._poses: dict[tuple[int, str, MountAttitude | None], CameraPose | None] = {}
         self._as_of: tuple[Ownship, int] | None = None
 
-    def at(self, t_ns: int, ownship: Ownship, camera: Camera | None = None) -> CameraPose | None:
-        """The pose of a camera, by default the first, at a time; None where our own pose is not known."""
+    def at(
+        self, t_ns: int, ownship: Ownship, camera: Camera | None = None, mount: MountAttitude | None = None
+    ) -> CameraPose | None:
+        """The pose of a camera, by default the first, at a time; None where our own pose, or where its gimbal
+        points, is not known. `mount`: where a moving mount pointed, where that came with the image."""
         camera = camera or self.camera
-        as_of = ownship, ownship.samples
+        as_of = ownship, ownship.samples + ownship.gimbals.count
         if self._as_of != as_of or len(self._poses) >= MOST_POSES:
             self._poses.clear()
             self._as_of = as_of
-        key = t_ns, camera.name
+        key = t_ns, camera.name, mount
         if key not in self._poses:
-            self._poses[key] = _pose(camera, t_ns, ownship)
+            self._poses[key] = _pose(camera, t_ns, ownship, mount)
         return self._poses[key]
 
     def see(self, r_FL_n: Array, t_ns: int, ownship: Ownship) -> bool:
@@ -56,13 +60,32 @@ class CameraPoses:
                 return True
         return False
 
+    def is_final(self, t_ns: int, ownship: Ownship, camera: Camera, mount: MountAttitude | None) -> bool:
+        """Whether nothing to come can change the pose of a camera at a time."""
+        is_fixed = camera.gimbal is None or mount is not None
+        return ownship.knows(t_ns) and (is_fixed or ownship.gimbals.knows(camera.gimbal or 0, t_ns))
 
-def _pose(camera: Camera, t_ns: int, ownship: Ownship) -> CameraPose | None:
+
+def _pose(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | None) -> CameraPose | None:
     pose, before = ownship.pose_at(t_ns), ownship.pose_at(t_ns - RATE_NS)
-    if pose is None:
+    R_nc = None if pose is None else _attitude(camera, t_ns, ownship, pose, mount)
+    if pose is None or R_nc is None:
         return None
-    R_cn = camera.R_bc.T @ pose.R_nb.T
+    R_cn = R_nc.T
+    # an attitude that came with the image is the head's at exposure, whenever that was: only its frame turns
+    R_nc_before = None if before is None else _attitude(camera, t_ns - RATE_NS, ownship, before, mount)
     # with the camera's axes c before and c' now, R_c'c = exp(-[rotation])
-    M = np.eye(3) if before is None else R_cn @ (before.R_nb @ camera.R_bc)
+    M = np.eye(3) if R_nc_before is None else R_cn @ R_nc_before
     rotation = np.array([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
     return CameraPose(R_cn, pose.R_nb @ camera.r_FC_b, pose.v_F_n, 0.5 * rotation / (RATE_NS * S_PER_NS))
+
+
+def _attitude(
+    camera: Camera, t_ns: int, ownship: Ownship, pose: Pose, mount: MountAttitude | None
+) -> Array | None:
+    """R_nc (3, 3) at a time; None where a gimbal's attitude is not known."""
+    if mount is None and camera.gimbal is None:
+        return np.asarray(pose.R_nb @ camera.R_bc)
+    if mount is None and camera.gimbal is not None:
+        mount = ownship.gimbals.at(camera.gimbal, t_ns)
+    return None if mount is None else np.asarray(head_attitude(mount, pose.R_nb) @ camera.R_bc)

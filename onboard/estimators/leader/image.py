@@ -58,7 +58,7 @@ def prepare(
     numbers = [x for points in (saw.points, saw.named_points) for point in points for x in point]
     if not (all(map(math.isfinite, numbers)) and all(map(math.isfinite, sigmas))):
         return Verdict.NOT_FINITE
-    pose = poses.at(message.t_ns, ownship, camera)
+    pose = poses.at(message.t_ns, ownship, camera, message.mount)
     if pose is None:
         newer = message.t_ns > ownship.now_ns and ownship.now_ns > 0
         return Verdict.TOO_NEW if newer else Verdict.NO_POSE
@@ -71,7 +71,8 @@ def prepare(
     measurement = partial.measure(filter_, saw, view)
     if saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
         return Verdict.DEGENERATE
-    return Image(message, measurement.has_extent, measurement, pose, ownship.knows(message.t_ns))
+    is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
+    return Image(message, measurement.has_extent, measurement, pose, is_final)
 
 
 def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, edge_px: float) -> bool:

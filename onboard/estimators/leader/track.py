@@ -227,7 +227,7 @@ class Track:
         pose = image.pose
         if not image.final:
             camera = self._poses.camera.named(image.message.camera)
-            pose = self._poses.at(image.message.t_ns, ownship, camera) or pose
+            pose = self._poses.at(image.message.t_ns, ownship, camera, image.message.mount) or pose
         try:
             update = self._filter.fuse(state, image.measurement, pose)
         except FilterError:

@@ -2,12 +2,14 @@
 
 import contextlib
 import signal
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from onboard.commands import demo_flight
 from onboard.commands.compiling import Module
-from onboard.commands.processes import interruptions
+from onboard.commands.processes import DemoError, interruptions
 from onboard.commands.progress import announce_once
 
 
@@ -37,3 +39,15 @@ def test_compiling_is_announced_once_and_only_if_there_was_something_to_compile(
     for _ in range(2):
         on_module(Module("new", loaded=0, compiled=3, seconds=9.0, folder=""))
     assert console.export_text().count("compiling what this flight needs (a minute on two cores, once)") == 1
+
+
+def test_a_scenario_with_pictures_flies_with_the_example_of_its_name_or_says_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = demo_flight._example("pictures-tag")
+    assert found is not None
+    assert found.name == "tag.py"
+    assert demo_flight._example("formation") is None
+    monkeypatch.setattr(demo_flight, "__file__", str(tmp_path / "onboard" / "commands" / "demo_flight.py"))
+    with pytest.raises(DemoError, match="scenario pictures needs --detector, such as"):
+        demo_flight._example("pictures")

@@ -42,7 +42,7 @@ def test_the_example_estimates_a_range() -> None:
 
 
 def test_the_camera_points_of_the_page_decode() -> None:
-    _, block = documents.blocks(documents.text("fly-it"), "json")
+    _, block, _ = documents.blocks(documents.text("fly-it"), "json")
     points = decode_points(block.encode(), 1)
     assert points.target == "leader"
     assert points.center == pytest.approx((11.2 / 600, -15.1 / 600))
@@ -66,7 +66,7 @@ def test_the_example_of_a_follower_uses_only_a_leader_that_it_may_fly_on() -> No
 
 
 def test_the_detections_of_the_page_decode() -> None:
-    block, _ = documents.blocks(documents.text("fly-it"), "json")
+    block, _, turned = documents.blocks(documents.text("fly-it"), "json")
     cameras, refused = load_config(None).camera_inputs(), []
     pair, box = decode_detections(block.encode(), 1, cameras, refused.append, refused.append)
     assert refused == []
@@ -74,3 +74,7 @@ def test_the_detections_of_the_page_decode() -> None:
     assert [f.name for f in pair.features] == ["left", "right"]
     assert pair.features[1].sigma == pytest.approx(2 / 554.256)
     assert (box.target, box.camera) == ("wingman", "front")
+    (direction,) = decode_detections(turned.encode(), 1, cameras, refused.append, refused.append)
+    assert refused == []
+    assert direction.mount is not None
+    assert direction.mount.frame == "body"

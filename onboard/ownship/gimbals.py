@@ -1,0 +1,96 @@
+"""Where moving mounts point, interpolated at any time: what gimbals say of their attitude, as a short history.
+
+MAVLink's vehicle frame is the earth's, turned to our heading: a gimbal's roll and pitch are always those against
+the horizon.
+"""
+
+import math
+from bisect import bisect_left
+from typing import Final
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.geometry.rotations import matrix_from_quaternion, slerp
+from onboard.messages import GimbalAttitude, MountAttitude
+
+HISTORY_NS: Final = 5_000_000_000
+APART_NS: Final = 500_000_000  # farther apart, two samples say nothing of the time between them
+MOST_DEVICES: Final = 8
+LONGEST_Q: Final = 2.0  # of a quaternion, which has length 1
+
+
+class Gimbals:
+    """The attitudes of each gimbal in its own frame, by time. `count` counts those taken."""
+
+    def __init__(self, max_extrapolation: float) -> None:
+        self.count = 0
+        self._max_extrapolation_ns = round(max_extrapolation * 1e9)
+        self._histories: dict[int, list[tuple[int, MountAttitude]]] = {}
+
+    def receive(self, message: GimbalAttitude) -> str:
+        """Take a sample; why it was not taken, "" if it was."""
+        q = message.mount.q
+        length = math.sqrt(sum(x * x for x in q))
+        if not 0.5 < length < LONGEST_Q:
+            return "gimbal_unusable"
+        if message.device not in self._histories and len(self._histories) >= MOST_DEVICES:
+            return "gimbal_too_many"
+        history = self._histories.setdefault(message.device, [])
+        if history and message.t_ns <= history[-1][0]:
+            return "gimbal_out_of_order"
+        w, x, y, z = (component / length for component in q)
+        history.append((message.t_ns, MountAttitude(q=(w, x, y, z), frame=message.mount.frame)))
+        if message.t_ns - history[0][0] > 2 * HISTORY_NS:
+            del history[: bisect_left(history, message.t_ns - HISTORY_NS, key=_time)]
+        self.count += 1
+        return ""
+
+    def at(self, device: int, t_ns: int) -> MountAttitude | None:
+        """Where a gimbal pointed at a time, interpolated; carried on for a short while after its newest sample;
+        None where that is not known."""
+        history = self._histories.get(device, [])
+        i = bisect_left(history, t_ns, key=_time)
+        if i < len(history) and history[i][0] == t_ns:
+            return history[i][1]
+        is_ahead = i == len(history)
+        if is_ahead:
+            if not history or t_ns - history[-1][0] > self._max_extrapolation_ns:
+                return None
+            i -= 1
+        if i == 0:
+            return history[0][1] if is_ahead else None
+        (t0_ns, first), (t1_ns, second) = history[i - 1], history[i]
+        if t1_ns - t0_ns > APART_NS or first.frame != second.frame:
+            return second if is_ahead else None
+        w, x, y, z = slerp(first.q, second.q, (t_ns - t0_ns) / (t1_ns - t0_ns)).tolist()
+        return MountAttitude(q=(w, x, y, z), frame=first.frame)
+
+    def knows(self, device: int, t_ns: int) -> bool:
+        """Whether the attitude at a time is interpolated, so that nothing to come can change it."""
+        history = self._histories.get(device, [])
+        return bool(history) and t_ns <= history[-1][0]
+
+    def may_know(self, device: int, t_ns: int) -> bool:
+        """Whether the attitude at a time is not known yet, but the next sample may tell it."""
+        history = self._histories.get(device, [])
+        return bool(history) and 0 < t_ns - history[-1][0] <= APART_NS
+
+
+def head_attitude(mount: MountAttitude, R_nb: Array) -> Array:
+    """R_nh (3, 3) of a mount's head, with our own attitude R_nb (3, 3)."""
+    R = matrix_from_quaternion(mount.q)
+    if mount.frame == "earth":
+        return R
+    if mount.frame == "body":
+        return np.asarray(R_nb @ R)
+    c, s = R_nb[0, 0], R_nb[1, 0]
+    length = math.hypot(c, s)
+    if length < 1e-6:  # our nose points straight up or down: there is no heading
+        return R
+    c, s = c / length, s / length
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+
+
+def _time(sample: tuple[int, MountAttitude]) -> int:
+    return sample[0]

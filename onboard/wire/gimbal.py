@@ -1,0 +1,40 @@
+"""GIMBAL_DEVICE_ATTITUDE_STATUS <-> GimbalAttitude.
+
+The quaternion is that of the gimbal's head against NED, or against NED turned to our heading; flags say which.
+Roll and pitch are against the horizon in both.
+"""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.messages import GimbalAttitude, Message, MountAttitude
+
+YAW_LOCK: Final = 16  # GIMBAL_DEVICE_FLAGS: yaw is the earth's, where neither of the next two is set
+VEHICLE_YAW: Final = 32
+EARTH_YAW: Final = 64
+FORM: Final = "<I7fIH2B2fB"  # time, q, rates, failures; flags, target; delta_yaw, its rate, device
+
+
+def attitude(f: tuple[Any, ...], h: dict[str, Any]) -> Message:
+    """The record of a payload's fields. A gimbal that is a component of its own has no device id but its own."""
+    flags, device = f[9], f[14]
+    is_earth = bool(flags & EARTH_YAW) if flags & (EARTH_YAW | VEHICLE_YAW) else bool(flags & YAW_LOCK)
+    mount = MountAttitude(q=f[1:5], frame="earth" if is_earth else "heading")
+    return GimbalAttitude(**h, device=device or h["component"], mount=mount)
+
+
+def _message(m: Any) -> list[Any]:
+    """The message of a record. Raises KeyError for the frame `body`, which MAVLink does not have."""
+    flags = {"earth": EARTH_YAW, "heading": VEHICLE_YAW}[m.mount.frame]
+    device = 0 if m.device == m.component else m.device
+    nan = float("nan")
+    return [
+        dialect.MAVLink_gimbal_device_attitude_status_message(
+            0, 0, m.t_ns // 1_000_000 % 2**32, flags, m.mount.q, nan, nan, nan, 0, nan, nan, device
+        )
+    ]
+
+
+ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {GimbalAttitude: _message}

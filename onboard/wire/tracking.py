@@ -1,0 +1,132 @@
+"""Whole aircraft in MAVLink, one message each: CAMERA_TRACKING_IMAGE_STATUS, and LANDING_TARGET where a camera's
+section says `landing_target = "aircraft"`. Both become detections, as if they had come as JSON.
+
+- CAMERA_TRACKING_IMAGE_STATUS: a rectangle is a box, and so is a point with a radius; a point alone is the center.
+  It has no time: its arrival counts, less the camera's `delay_s`.
+- LANDING_TARGET: with `size_x` or `size_y` it is a box, else the center, at `angle_x` and `angle_y`. With
+  `position_valid` the position's direction counts, in the body's axes.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from msgspec.structs import replace
+
+from onboard.geometry.lens import Lens
+from onboard.messages import Box, CameraDetections, Clock, DetectedPoint, Detection, TargetImage
+from onboard.wire.cameras import CameraInput, Cameras
+from onboard.wire.detections import images_of
+from onboard.wire.document import BadDocumentError
+
+ACTIVE, COASTING = 1, 8  # CAMERA_TRACKING_STATUS_FLAGS
+POINT, RECTANGLE = 1, 2  # CAMERA_TRACKING_MODE
+BODY_FRD: Final = 12  # MAV_FRAME
+Refuse = Callable[[str, int], None]
+
+
+def ignore(_reason: str, _t_recv_ns: int = 0) -> None:
+    """What cannot be used is left out."""
+
+
+class TrackerDecoder:
+    """Messages of trackers -> images of the cameras that they are configured for. `refuse` is called with the
+    reason and the arrival of each that cannot be used."""
+
+    def __init__(self, cameras: Cameras, refuse: Refuse = ignore) -> None:
+        self._refuse = refuse
+        self._trackers = {c.tracker: c for c in cameras.values() if c.tracker is not None}
+        self._landing = next((c for c in cameras.values() if c.is_landing_target), None)
+
+    @property
+    def takes_landing_targets(self) -> bool:
+        """Whether each LANDING_TARGET is an aircraft, not one of its points."""
+        return self._landing is not None
+
+    def tracking(self, fields: tuple[Any, ...], header: dict[str, Any]) -> TargetImage | None:
+        """The image of a CAMERA_TRACKING_IMAGE_STATUS, None where nothing is tracked or nobody listens."""
+        camera = self._trackers.get(header["component"])
+        status = fields[7]
+        if camera is None or not status & ACTIVE or status & COASTING:
+            return None
+        head = header | {"t_ns": header["t_recv_ns"], "clock": Clock.HOST}
+        return self._image(camera, camera.lens, head, lambda: _tracked(fields, camera.lens))
+
+    def landing_target(self, fields: tuple[Any, ...], header: dict[str, Any]) -> TargetImage | None:
+        """The image of a LANDING_TARGET that is a whole aircraft; target 0 is the leader."""
+        camera = self._landing
+        if camera is None:
+            return None
+        number = fields[6]
+        target = "leader" if number == 0 else f"target/{number}"
+        ideal = Lens(fx_px=camera.lens.f_px, fy_px=camera.lens.f_px, cx_px=0.0, cy_px=0.0)
+        image = self._image(camera, ideal, header, lambda: _landed(fields, camera, ideal.f_px))
+        return None if image is None else replace(image, target=target, view=camera.lens.view)
+
+    def _image(
+        self, camera: CameraInput, lens: Lens, header: dict[str, Any], detect: Callable[[], Detection]
+    ) -> TargetImage | None:
+        t_recv_ns = header["t_recv_ns"]
+        try:
+            document = CameraDetections(t_ns=header["t_ns"], clock=header["clock"], detections=(detect(),))
+        except BadDocumentError as error:
+            self._refuse(str(error), t_recv_ns)
+            return None
+        found = images_of(document, t_recv_ns, camera, lens, lambda text: self._refuse(text, t_recv_ns), ignore)
+        return replace(found[0], system=header["system"], component=header["component"]) if found else None
+
+
+def _tracked(f: tuple[Any, ...], lens: Lens) -> Detection:
+    """Shares of the image's width and height as pixels. Raises BadDocumentError."""
+    x, y, radius, left, top, right, bottom, _, mode, *_ = f
+    width, height = lens.width_px, lens.height_px
+    if mode == RECTANGLE:
+        if not (0.0 <= left < right <= 1.0 and 0.0 <= top < bottom <= 1.0):
+            raise BadDocumentError("CAMERA_TRACKING_IMAGE_STATUS: a rectangle from 0 to 1, its top left first")
+        return _box(
+            0.5 * (left + right) * width,
+            0.5 * (top + bottom) * height,
+            (right - left) * width,
+            (bottom - top) * height,
+        )
+    if mode != POINT or not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0):
+        raise BadDocumentError("CAMERA_TRACKING_IMAGE_STATUS: expected a point or rectangle from 0 to 1")
+    if radius > 0.0 and math.isfinite(radius):
+        return _box(x * width, y * height, 2 * radius * width, 2 * radius * width)
+    return Detection(points={"center": DetectedPoint(u_px=x * width, v_px=y * height)})
+
+
+def _landed(f: tuple[Any, ...], camera: CameraInput, f_px: float) -> Detection:
+    """Angles, or the direction of a position, as pixels from the principal point. Raises BadDocumentError."""
+    _, angle_x, angle_y, _, size_x, size_y, _, frame, x, y, z, *_, is_position = f
+    if is_position:
+        u, v = _direction(camera, frame, (x, y, z))
+        return Detection(points={"center": DetectedPoint(u_px=f_px * u, v_px=f_px * v)})
+    if not (size_x >= 0.0 and size_y >= 0.0):
+        raise BadDocumentError("LANDING_TARGET: size_x and size_y must be 0 (not known) or positive angles")
+    wide, high = size_x or size_y, size_y or size_x
+    edges = angle_x - wide / 2, angle_x + wide / 2, angle_y - high / 2, angle_y + high / 2
+    if not max(map(abs, edges)) < math.pi / 2:
+        raise BadDocumentError("LANDING_TARGET: angle_x and angle_y must be within 90 degrees of the axis")
+    left, right, upper, lower = (f_px * math.tan(edge) for edge in edges)
+    if wide > 0.0:
+        return _box(0.5 * (left + right), 0.5 * (upper + lower), right - left, lower - upper)
+    return Detection(points={"center": DetectedPoint(u_px=left, v_px=upper)})
+
+
+def _direction(camera: CameraInput, frame: int, r: tuple[float, float, float]) -> tuple[float, float]:
+    """The image point of a position in the body's axes. Raises BadDocumentError."""
+    mount = camera.mount
+    if frame != BODY_FRD or not all(map(math.isfinite, r)):
+        raise BadDocumentError(f"LANDING_TARGET: a position in frame {frame}; expected MAV_FRAME_BODY_FRD (12)")
+    if mount is None or mount.gimbal is not None:
+        raise BadDocumentError("LANDING_TARGET: a position needs a camera with a fixed mount")
+    forward, right, down = (mount.R_bc.T @ (np.array(r) - mount.r_FC_b)).tolist()
+    if not forward > 0.0:
+        raise BadDocumentError("LANDING_TARGET: the position x, y, z is behind the camera")
+    return right / forward, down / forward
+
+
+def _box(u: float, v: float, width: float, height: float) -> Detection:
+    return Detection(box=Box(u_px=u, v_px=v, width_px=width, height_px=height))

@@ -1,0 +1,56 @@
+"""A camera's gimbal: level, turned with our heading, sweeping to either side; and what it says of itself."""
+
+import math
+
+from onboard.messages import GimbalAttitude, MountAttitude, Quaternion
+from simlink.scenarios.camera import Camera, Gimbal
+from simlink.sensors.camera import mount_quaternion
+from simlink.world import attitude
+from simlink.world.noise import normals
+from simlink.world.truth import State
+
+
+class GimbalSensor:
+    """The gimbal of one run. Its word of its attitude has a constant error, drawn by seed."""
+
+    def __init__(self, camera: Camera, gimbal: Gimbal, seed: int) -> None:
+        self._gimbal, self._mount = gimbal, mount_quaternion(camera)
+        draw = normals(seed, "camera.gimbal")
+        x, y, z = (math.radians(gimbal.error_deg) * next(draw) for _ in range(3))
+        self._error = attitude.from_vector(x, y, z)
+
+    def head(self, t: float) -> Quaternion:
+        """q_hg at a time of flight: from the head's axes to NED turned to our heading."""
+        (yaw, pitch), (slow, fast) = self._gimbal.sweep_deg, self._gimbal.period
+        return attitude.from_euler(
+            0.0,
+            math.radians(pitch) * math.sin(2 * math.pi * t / fast),
+            math.radians(yaw) * math.sin(2 * math.pi * t / slow),
+        )
+
+    def mount(self, state: State) -> Quaternion:
+        """q_bc of the camera on the head."""
+        w, x, y, z = state.q_nF
+        heading = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+        q_nc = attitude.product(
+            attitude.from_euler(0.0, 0.0, heading), attitude.product(self.head(state.t), self._mount)
+        )
+        return attitude.product(attitude.conjugate(state.q_nF), q_nc)
+
+    def attitude(self, state: State, t_ns: int, system: int) -> GimbalAttitude:
+        """What it says now."""
+        q = attitude.product(self.head(state.t), self._error)
+        component = self._gimbal.component
+        return GimbalAttitude(
+            t_ns=t_ns,
+            t_recv_ns=t_ns,
+            system=system,
+            component=component,
+            device=component,
+            mount=MountAttitude(q=q, frame="heading"),
+        )
+
+
+def make_gimbal(camera: Camera, seed: int) -> GimbalSensor | None:
+    """The gimbal that a camera is on, if any."""
+    return None if camera.gimbal is None else GimbalSensor(camera, camera.gimbal, seed)

@@ -1,0 +1,66 @@
+"""From pixels to estimates: the example detectors on drawn pictures, through the pipeline as it ships."""
+
+import json
+import tomllib
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.config import parse_config
+from onboard.messages import Datagram, Encoding, Estimate, Truth
+from onboard.pipeline import Pipeline
+from onboard.scoring.leader import LeaderScore, score_leader
+from onboard.scoring.reference import reference_from_records
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import load_scenario
+from simlink.sensors.pictures import Painter
+from simlink.simulation import EPOCH_NS, boot_ns_of, datagrams, ticks
+from simlink.world.drawn import drawn
+from simlink.world.truth import true_size
+from tests.unit.simlink.test_pictures import example
+
+DETECTION_NS = 60_000_000  # from exposure to arrival
+
+
+def flown(name: str, detector: str, seed: int, seconds: float) -> LeaderScore:
+    """The score of a flight of scenario `name` on nothing but what a detector finds in its pictures."""
+    scenario, find = load_scenario(name), example(detector).find
+    flight = drawn(scenario, seed)
+    painter = Painter(flight.camera, true_size(flight, seed), seed)
+    timed, truths = [], []
+    for item in datagrams(scenario, seed, seconds, "none"):
+        if isinstance(item, Datagram):
+            timed.append((item.t_recv_ns, item))
+        elif isinstance(item, Truth):
+            truths.append(item)
+    boot_ns = boot_ns_of(scenario)
+    for tick in ticks(scenario, seed, boot_ns):
+        if tick.t_ns > boot_ns + seconds * 1e9:
+            break
+        found = None if tick.truth is None else find(painter.paint(tick.state))
+        if found is not None:
+            points = {n: {"u_px": float(u), "v_px": float(v), "sigma_px": s} for n, (u, v, s) in found.items()}
+            sent = {"t_ns": tick.t_ns, "clock": "boot", "detections": [{"points": points, "target": "leader"}]}
+            at, data = EPOCH_NS + tick.t_ns + DETECTION_NS, json.dumps(sent).encode()
+            timed.append((at, Datagram(channel="k", encoding=Encoding.DETECTIONS, t_recv_ns=at, data=data)))
+    pipeline, estimates = Pipeline(parse_config(tomllib.loads(daemon_config(scenario)))), []
+    for _, datagram in sorted(timed, key=lambda pair: pair[0]):
+        estimates += [o for o in pipeline.feed(datagram) if isinstance(o, Estimate) and o.name == "leader"]
+    return score_leader(estimates, reference_from_records(truths))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "detector"), [("pictures", "contour"), ("pictures-tag", "tag")])
+def test_the_truth_is_in_the_ellipsoid_on_pixels_alone_seeds_1_to_4(name: str, detector: str) -> None:
+    scores = [flown(name, detector, seed, 40.0) for seed in range(1, 5)]
+    inside = [s.inside_95_percent for s in scores if s.inside_95_percent is not None]
+    assert len(inside) == 4
+    assert sum(inside) / 4 >= 92.0
+    assert all(s.valid_percent is not None and s.valid_percent > 90.0 for s in scores)
+
+
+def test_a_painted_scenario_loads_with_its_detectors_seed_1() -> None:
+    for name, kind in (("pictures", "aircraft"), ("pictures-tag", "tag")):
+        scenario = load_scenario(name)
+        assert scenario.camera.pictures == kind
+        assert replace(scenario.camera, pictures="none", rate=25.0) == load_scenario("formation").camera
