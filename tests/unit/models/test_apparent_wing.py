@@ -77,6 +77,10 @@ def test_an_update_is_that_of_a_plain_kalman_filter_seed_0_to_4(seed: int) -> No
     assert nis == pytest.approx(e @ np.linalg.solve(S, e), rel=2e-4)
     assert mean == pytest.approx(x + gain @ e, abs=2e-4)
     assert covariance == pytest.approx(P - gain @ S @ gain.T, abs=2e-4)
+    arguments = np.array([nose]), SIZE, y, NOISE, R_cn, np.zeros(3), axes
+    _, log_l = model.update(x[None].copy(), P[None].copy(), *arguments)
+    determinants = np.linalg.slogdet(S)[1] - np.linalg.slogdet(NOISE)[1]
+    assert log_l[0] == pytest.approx(-0.5 * (nis + determinants), abs=0.01)
 
 
 def shown(x: Array, nose: float, R_cn: Array, axes: Array) -> Array:

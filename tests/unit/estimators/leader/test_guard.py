@@ -64,7 +64,11 @@ def test_a_range_that_moves_farther_than_its_covariances_allow_is_contradicted(e
 
 
 def test_a_range_that_was_open_may_move() -> None:
-    assert watched(lambda t: belief(float(np.interp(t, [2.0, 4.0], [30.0, 12.0])), 8.0), 5.0, span=0.01) == ""
+    def resolved(t: float) -> Belief:
+        range_, sigma = np.interp(t, [2.0, 4.0], [70.0, 20.0]), np.interp(t, [2.0, 4.0], [20.0, 0.5])
+        return belief(float(range_), float(sigma))
+
+    assert watched(resolved, 5.0, span=0.01) == ""
 
 
 def test_a_leader_that_brakes_passes() -> None:

@@ -1,0 +1,89 @@
+"""The cloud of noses beside a reference: a bootstrap particle filter of the same model, written on its own."""
+
+import math
+from typing import Final
+
+import numpy as np
+import pytest
+
+from onboard.arrays import Array
+from onboard.estimators.leader import nose_particles
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filter import Measurement
+from onboard.estimators.leader.nose_particles import Cloud
+from onboard.estimators.leader.settings import NoseModel
+from onboard.models.wing_line import from_points
+from tests.support import bootstrap
+
+# Slow and calm, nothing considered: what a bootstrap filter can follow with so many particles.
+CALM: Final = NoseModel(
+    size=2.0,
+    size_sigma=1e-6,
+    misalignment=(1e-6,) * 3,
+    misalignment_time=60.0,
+    own_velocity=1e-4,
+    speed=1.0,
+    acceleration=0.3,
+    acceleration_random_walk=(0.2, 0.2),
+    accelerating=0.0,
+    turning=0.0,
+    still_for=1e9,
+    nose_wobble=0.0,
+    bank=math.radians(2.0),
+    drag=0.0,
+    drag_sigma=0.0,
+    wind=0.0,
+    lean_random_walk=0.0,
+    follows=0.0,
+    temper=1.0,
+    doubted_after=1e9,
+)
+SIGMA: Final = 2.0 / 554.0
+STILL: Final = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+DT: Final = 0.1
+
+
+def image(aspect: float, east: float, rng: np.random.Generator) -> tuple[Array, Measurement]:
+    """The leader hovers 25 m to the north of where we began; its nose is `aspect` rad off the line of sight."""
+    wing = np.array([-math.sin(aspect), math.cos(aspect), 0.0])
+    ends = [np.array([25.0, -east, 0.0]) + side * wing for side in (0.0, -1.0, 1.0)]
+    points = np.array([p[1:] / p[0] for p in ends]) + SIGMA * rng.normal(size=(3, 2))
+    y, R, axes = from_points(points[None], np.full((1, 3), SIGMA), 4)
+    span = math.hypot(y[0, 2], y[0, 3])
+    seen = np.concatenate([points[0], points[2] - points[1]])
+    return seen, Measurement(y[0], R[0], span, math.sqrt(R[0, 2, 2]), axes[0])
+
+
+@pytest.mark.parametrize("aspect_deg", [20.0, 60.0])
+@pytest.mark.parametrize(
+    ("images", "draws"), [(3, 40_000), (5, 40_000), pytest.param(10, 400_000, marks=pytest.mark.slow)]
+)
+def test_the_cloud_is_as_sure_of_the_range_as_the_reference_seed_3(
+    aspect_deg: float, images: int, draws: int
+) -> None:
+    """We sway by 3 m. After more images the reference has too few draws left near any velocity."""
+    rng, noise = np.random.default_rng(3), np.random.default_rng(4)
+    seen, measured = image(math.radians(aspect_deg), 0.0, noise)
+    reference = bootstrap.start(CALM, seen, SIGMA, draws, rng)
+    cloud, east = nose_particles.start(CALM, measured, STILL), 0.0
+    for k in range(1, images + 1):
+        new = 3.0 * math.sin(2.0 * math.pi * k / 40.0)
+        moved, east = np.array([0.0, new - east, 0.0]), new
+        seen, measured = image(math.radians(aspect_deg), east, noise)
+        reference = bootstrap.predict(CALM, reference, DT, moved, rng)
+        reference = bootstrap.update(CALM, reference, seen, SIGMA, rng)
+        cloud = nose_particles.predict(CALM, cloud, DT, moved)
+        cloud, _ = nose_particles.update(CALM, cloud, measured, STILL)
+    theirs = np.log(np.linalg.norm(reference.r, axis=1))
+    mean, sigma = log_range(cloud)
+    assert 0.75 < sigma / theirs.std() < 1.4
+    assert abs(mean - theirs.mean()) < 0.5 * theirs.std()
+
+
+def log_range(cloud: Cloud) -> tuple[float, float]:
+    """Mean and standard deviation of the logarithm of the range, by the whole cloud."""
+    w, r = np.exp(cloud.log_weights), cloud.means[:, :3]
+    logs, line = np.log(np.linalg.norm(r, axis=1)), r / np.linalg.norm(r, axis=1)[:, None]
+    within = np.einsum("ki,kij,kj->k", line, cloud.covariances[:, :3, :3], line) / np.exp(2.0 * logs)
+    mean = float(w @ logs)
+    return mean, math.sqrt(w @ ((logs - mean) ** 2 + within))
