@@ -51,7 +51,14 @@ def exit_code(
 
     monkeypatch.setattr(demo, "run_demo", flown)
     arguments = argparse.Namespace(
-        scenario="formation", seed=1, duration=5.0, out=folder, set=[], json=folder / "score.json", headless=True
+        detector=None,
+        scenario="formation",
+        seed=1,
+        duration=5.0,
+        out=folder,
+        set=[],
+        json=folder / "score.json",
+        headless=True,
     )
     return demo.main(arguments)
 
