@@ -98,12 +98,14 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
         delivered = []
         while in_transit and in_transit[0].t_ns - stamp_late_ns + latency_ns <= t_ns:
             delivered.append(in_transit.popleft())
-        said = _said(gimbal, scenario, state, t_ns)
-        yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns), said)
+        attitude = _gimbal_attitude(gimbal, scenario, state, t_ns)
+        yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns), attitude)
 
 
-def _said(gimbal: GimbalSensor | None, scenario: Scenario, state: State, t_ns: int) -> GimbalAttitude | None:
-    """What the gimbal says at this step, if it speaks."""
+def _gimbal_attitude(
+    gimbal: GimbalSensor | None, scenario: Scenario, state: State, t_ns: int
+) -> GimbalAttitude | None:
+    """The attitude that the gimbal sends at this step, if it sends one."""
     settings = scenario.camera.gimbal
     if gimbal is None or settings is None or not is_exposure(state.step, settings.rate):
         return None

@@ -13,7 +13,7 @@ from onboard.config import load_config
 from onboard.sinks.zenoh_router import LOG_FILTER, open_router, refusal, users
 
 REPORT_S: Final = 10.0  # between reports of the same refusal
-MOST_KINDS: Final = 1000  # of refusals that are told apart: beyond, they are counted together
+MOST_KINDS: Final = 1000  # of refusals that are counted apart; further kinds are counted together
 
 
 def main(arguments: argparse.Namespace) -> int:

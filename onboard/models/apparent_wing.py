@@ -279,13 +279,6 @@ def _update(means, P, noses, size, y, R_y, r_FC, axes):  # type: ignore[no-untyp
     return nis, log_l
 
 
-def axes_about(direction: Array) -> Array:
-    """Unit vectors (3, 3) in n: a direction (3,), and to the right (level) and down of it."""
-    level = np.hypot(direction[0], direction[1])
-    right = np.array([-direction[1], direction[0], 0.0]) / level if level > 1e-6 else np.array([0.0, 1.0, 0.0])
-    return np.array([direction, right, np.cross(direction, right)])
-
-
 def visible(noses: Array, directions: Array, edge_on: float = LEAST_VISIBLE) -> Array:
     """The fraction (k,) that is seen of a level wing's length: its nose at `noses` (k,), the leader in the unit
     `directions` (k, 3). Seen along the wing, it shows `edge_on` of it: a tip, or its fuselage."""

@@ -1,5 +1,5 @@
 """Our own vehicle: its pose and motion over the last seconds (`ownship`), where its gimbals point (`gimbals`), and
-whether what is said of them can be true (`contradictions`)."""
+whether reports of them contradict each other (`contradictions`)."""
 
 from onboard.ownship.gimbals import head_attitude
 from onboard.ownship.limits import is_usable

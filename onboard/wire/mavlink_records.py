@@ -195,7 +195,7 @@ def _battery(millivolts: int, h: Header) -> Message | None:
 
 
 def _battery_status(f: Fields, h: Header) -> Message | None:
-    """The first battery's cells; a voltage beyond 65.5 V is told in several of them. Others may drive no motor."""
+    """The first battery's cells; a voltage beyond 65.5 V is split over several. Others may drive no motor."""
     cells = [mv for mv in (*f[3:13], *f[20:24]) if mv not in NO_VOLTAGE]
     return _battery(sum(cells), h) if f[14] == FIRST_BATTERY else None
 

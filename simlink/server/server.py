@@ -227,8 +227,8 @@ class Server:
         and truth go out over Zenoh."""
         traffic, gimbal = tick.traffic, tick.gimbal
         reports = [(report, sender(report, self._vehicle.system)) for report in traffic.reports]
-        said = [] if gimbal is None else [(gimbal, (gimbal.system, gimbal.component))]
-        for report, key in (*reports, *said):
+        gimbals = [] if gimbal is None else [(gimbal, (gimbal.system, gimbal.component))]
+        for report, key in (*reports, *gimbals):
             encoder = self._traffic.setdefault(key, MavlinkEncoder(*key))
             frame = encoder.encode(report)
             if self.udp is not None:

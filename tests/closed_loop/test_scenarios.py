@@ -148,8 +148,8 @@ def test_old_stamps_seed_1_are_corrected_by_the_known_delays_of_ardupilot(replay
 
 
 def test_stamps_80_ms_late_seed_1_are_corrected_when_the_delay_is_estimated(replay: Flights) -> None:
-    """Without an estimate of the delay the covariance is too small, if our own state is said to be exact; with it
-    the errors are those of correct stamps."""
+    """Without an estimate of the delay the covariance is too small, if our own state is configured as exact; with
+    it the errors are those of correct stamps."""
     exact = [f"estimator.leader.own_{key}=0" for key in ("tilt_sigma_deg", "yaw_sigma_deg", "velocity_sigma_m_s")]
     ignored = replay("formation-late-stamp", *exact).score
     estimated = replay("formation-late-stamp", "estimator.leader.delay_sigma_s=0.15", *exact).score

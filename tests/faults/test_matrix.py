@@ -166,14 +166,14 @@ def accelerometer(*values: float) -> Fault:
 
 def no_velocity(items: list[Item], _: np.random.Generator) -> list[Item]:
     """The autopilot says that its filter has lost the horizontal velocity, then that it has it again."""
-    said = []
+    reports = []
     for tenth in range(round(T0 * 10), round(T1 * 10)):
         t_ns, known = tenth * 100 * MS, not BEGINS <= tenth / 10 < ENDS
         status = EstimatorStatus(
             t_ns=t_ns, t_recv_ns=EPOCH + t_ns, horizontal_velocity=known, horizontal_position=known
         )
-        said.append(Item(EPOCH + t_ns + MS, status))
-    return sorted([*items, *said], key=lambda i: i.t_recv_ns)
+        reports.append(Item(EPOCH + t_ns + MS, status))
+    return sorted([*items, *reports], key=lambda i: i.t_recv_ns)
 
 
 def another(apart_s: float, **ids: int) -> Fault:

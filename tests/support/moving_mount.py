@@ -22,8 +22,8 @@ LOOP: Final = Flight(radius=300.0)
 
 
 class Mount(NamedTuple):
-    """How the head moves: amplitudes in degrees of yaw and pitch against our heading and the horizon; what is said
-    of it: in which frame, every so many ms, this much late, with a clock that is this far behind ours."""
+    """How the head moves: amplitudes in degrees of yaw and pitch against our heading and the horizon; and how the
+    gimbal reports it: in which frame, every so many ms, this late, with a clock that is this far behind ours."""
 
     yaw: float = 15.0
     pitch: float = 6.0
@@ -39,7 +39,7 @@ class Mount(NamedTuple):
         return matrix_from_euler(0.0, math.radians(pitch), math.radians(yaw))
 
     def attitude(self, t: float, flight: Flight) -> MountAttitude:
-        """What the gimbal says."""
+        """What the gimbal sends."""
         rpy = flight.at(t).rpy
         tilted = self.against_horizon(t) @ matrix_from_euler(0.0, *np.radians([self.error_deg, self.error_deg]))
         R_nh = matrix_from_euler(0.0, 0.0, rpy[2])
@@ -92,21 +92,21 @@ def flown(
             "detections": [{"points": points, "target": "leader"}],
         }
         if mount is not None and in_image:
-            said = mount.attitude(t, flight)
-            sent["attitude"] = {"q": said.q, "frame": said.frame}
+            attitude = mount.attitude(t, flight)
+            sent["attitude"] = {"q": attitude.q, "frame": attitude.frame}
         data = json.dumps(sent).encode()
         kind = Encoding.DETECTIONS
         timed.append((item.t_recv_ns, Datagram(channel="k", encoding=kind, t_recv_ns=item.t_recv_ns, data=data)))
     for ms in range(5000, round(1000 * (5.0 + seconds)), mount.period_ms) if mount and not in_image else ():
         arrival = EPOCH + (ms + mount.late_ms) * MS
-        said = GimbalAttitude(
+        report = GimbalAttitude(
             t_ns=(ms - mount.behind_ms) * MS,
             t_recv_ns=arrival,
             component=GIMBAL,
             device=GIMBAL,
             mount=mount.attitude(ms / 1000, flight),
         )
-        data = encoder.encode(said)
+        data = encoder.encode(report)
         timed.append((arrival, Datagram(channel="g", encoding=Encoding.MAVLINK, t_recv_ns=arrival, data=data)))
     return feed([d for _, d in sorted(timed, key=lambda pair: pair[0])], settings)
 

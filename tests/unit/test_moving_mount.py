@@ -72,7 +72,7 @@ def test_moving_mounts_of_all_kinds_are_as_good_as_a_fixed_one_seeds_2_to_5() ->
 # ---------------------------------------------------------------------------------------------- history
 
 
-def said(t_ns: int, yaw: float, frame_: MountFrame = "heading", device: int = GIMBAL) -> GimbalAttitude:
+def gimbal_report(t_ns: int, yaw: float, frame_: MountFrame = "heading", device: int = GIMBAL) -> GimbalAttitude:
     mount = MountAttitude(q=tuple(quaternion_from_euler(0.0, 0.0, yaw).tolist()), frame=frame_)
     return GimbalAttitude(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, component=GIMBAL, device=device, mount=mount)
 
@@ -90,7 +90,7 @@ def yaw_at(gimbals: Gimbals, t_ns: int) -> float | None:
 
 
 def test_an_attitude_is_interpolated_and_carried_on_for_a_short_while() -> None:
-    gimbals = known(said(S, 0.1), said(S + 100 * MS, 0.3))
+    gimbals = known(gimbal_report(S, 0.1), gimbal_report(S + 100 * MS, 0.3))
     assert yaw_at(gimbals, S + 25 * MS) == pytest.approx(0.15)
     assert yaw_at(gimbals, S + 150 * MS) == pytest.approx(0.4)
     assert yaw_at(gimbals, S + 201 * MS) is None
@@ -101,18 +101,18 @@ def test_an_attitude_is_interpolated_and_carried_on_for_a_short_while() -> None:
 
 
 def test_nothing_is_made_up_between_samples_that_are_far_apart_or_of_two_frames() -> None:
-    assert yaw_at(known(said(S, 0.1), said(S + 600 * MS, 0.3)), S + 300 * MS) is None
-    assert yaw_at(known(said(S, 0.1), said(S + 50 * MS, 0.3, "earth")), S + 25 * MS) is None
+    assert yaw_at(known(gimbal_report(S, 0.1), gimbal_report(S + 600 * MS, 0.3)), S + 300 * MS) is None
+    assert yaw_at(known(gimbal_report(S, 0.1), gimbal_report(S + 50 * MS, 0.3, "earth")), S + 25 * MS) is None
 
 
 def test_what_cannot_be_an_attitude_or_comes_late_is_not_taken() -> None:
-    gimbals = known(said(S, 0.1))
+    gimbals = known(gimbal_report(S, 0.1))
     nan, none = MountAttitude(q=(math.nan,) * 4, frame="earth"), MountAttitude(q=(0.0,) * 4, frame="earth")
     head = {"t_recv_ns": EPOCH, "component": GIMBAL, "device": GIMBAL}
     for mount in (nan, none):
         assert gimbals.receive(GimbalAttitude(t_ns=2 * S, mount=mount, **head)) == "gimbal_unusable"
-    assert gimbals.receive(said(S, 0.2)) == "gimbal_out_of_order"
-    others = [gimbals.receive(said(S, 0.1, device=k)) for k in range(1, 10)]
+    assert gimbals.receive(gimbal_report(S, 0.2)) == "gimbal_out_of_order"
+    others = [gimbals.receive(gimbal_report(S, 0.1, device=k)) for k in range(1, 10)]
     assert others == [""] * 7 + ["gimbal_too_many"] * 2
 
 
@@ -139,21 +139,21 @@ def test_flags_say_against_what_a_gimbal_s_yaw_is(flags: int, expected: str) -> 
 
 
 def test_a_gimbal_without_a_device_id_has_its_component_s() -> None:
-    m = one(MavlinkEncoder(1, GIMBAL).encode(said(5 * S, 0.1)))
+    m = one(MavlinkEncoder(1, GIMBAL).encode(gimbal_report(5 * S, 0.1)))
     assert m.device == GIMBAL
     assert_allclose(matrix_from_quaternion(m.mount.q), matrix_from_euler(0.0, 0.0, 0.1), atol=1e-7)
 
 
 def test_a_gimbal_s_clock_is_its_own_and_never_that_of_the_autopilot() -> None:
     clocks = Clocks()
-    assert clocks.align(said(5 * S, 0.0)) is None
+    assert clocks.align(gimbal_report(5 * S, 0.0)) is None
     q = (1.0, 0.0, 0.0, 0.0)
     for ms in range(0, 400, 20):
         own = Attitude(t_ns=100 * S + ms * MS, t_recv_ns=EPOCH + (ms + 2) * MS, q_nb=q, omega_b=(0.0, 0.0, 0.0))
         assert clocks.align(own) is not None
     for behind_ns in (0, 300 * S):  # the second time it has started anew
         for ms, late_ms in ((100, 9), (200, 2), (300, 30)):
-            m = said((1000 + ms) * MS - behind_ns, 0.0)
+            m = gimbal_report((1000 + ms) * MS - behind_ns, 0.0)
             m = GimbalAttitude(
                 t_ns=m.t_ns, t_recv_ns=EPOCH + (ms + late_ms) * MS, component=GIMBAL, device=GIMBAL, mount=m.mount
             )

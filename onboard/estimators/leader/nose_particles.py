@@ -50,7 +50,7 @@ class Cloud(NamedTuple):
     those that are not; whether each leader accelerates (K,), 0 or 1; means (K, N) and covariances (K, N, N) of
     `models.apparent_wing`; logarithms of the weights (K,); the number of random draws so far; the share of the
     wing's length that the edge-on aircraft shows in what started the cloud; by how much of the size that lastingly
-    misleads: a box does, points do not; and whether points have told the nose from the tail."""
+    misleads: a box does, points do not; and whether points have distinguished the nose from the tail."""
 
     noses: Array
     rates: Array
@@ -165,7 +165,7 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
 
 
 def _noise(s: NoseModel, dt: float) -> model.Noise:
-    """What `dt` seconds add, in proportion to the range that a nose implies where that is said above."""
+    """What `dt` seconds add, in proportion to the range that a nose implies (`models.apparent_wing.Noise`)."""
     fixed, broad, range_ = np.zeros(N), np.zeros((2, N)), np.zeros(N)
     range_[R] = 2.0 * dt / s.misalignment_time * np.square(s.misalignment)[[2, 2, 0]]
     fixed[R], fixed[V], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10

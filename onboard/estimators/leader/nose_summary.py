@@ -135,8 +135,8 @@ def _about(mean: Array, covariance: Array, range_: float) -> tuple[Array, Array]
 
 
 def _middle(noses: Array, w: Array) -> tuple[float, float]:
-    """The middle of noses (K,) with weights (K,) that are told from tails, and after how much of a turn they
-    repeat."""
+    """The middle of noses (K,) with weights (K,) that are distinguished from tails, and after what angle they
+    repeat, both in rad."""
     return math.atan2(float(w @ np.sin(noses)), float(w @ np.cos(noses))), 2.0 * math.pi
 
 

@@ -1,4 +1,4 @@
-"""What the pilot is told by STATUSTEXT, and how often."""
+"""What STATUSTEXT tells the pilot, and how often."""
 
 from onboard.autopilot.notices import Notices
 from onboard.messages import Lifecycle

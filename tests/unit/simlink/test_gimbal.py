@@ -25,12 +25,12 @@ def test_with_our_own_attitude_it_says_where_the_camera_points_seed_1() -> None:
     assert gimbal is not None
     yaws = []
     for state in islice(states(load_scenario("formation"), 1), 0, 1200, 100):
-        said = gimbal.attitude(state, state.step, 1)
+        sent = gimbal.attitude(state, state.step, 1)
         R_nb = matrix_from_quaternion(state.q_nF)
         R_hc = matrix_from_quaternion((math.cos(math.radians(5)), 0.0, math.sin(math.radians(5)), 0.0))
-        expected = head_attitude(said.mount, R_nb) @ R_hc
+        expected = head_attitude(sent.mount, R_nb) @ R_hc
         assert_allclose(R_nb @ matrix_from_quaternion(gimbal.mount(state)), expected, atol=1e-9)
-        yaws.append(math.degrees(2 * math.atan2(said.mount.q[3], said.mount.q[0])))
+        yaws.append(math.degrees(2 * math.atan2(sent.mount.q[3], sent.mount.q[0])))
     assert max(yaws) > 10.0
     assert min(yaws) < -10.0
 
@@ -47,8 +47,8 @@ def test_a_constant_error_is_in_its_word_alone() -> None:
 
 def test_it_is_sent_by_a_component_of_its_own_at_its_rate_seed_1() -> None:
     scenario = load_scenario("formation-gimbal")
-    said = [e for e in simulate(scenario, 1, 1.0) if isinstance(e.message, GimbalAttitude)]
-    assert [e.sender for e in said] == [(1, 154)] * 21
+    sent = [e for e in simulate(scenario, 1, 1.0) if isinstance(e.message, GimbalAttitude)]
+    assert [e.sender for e in sent] == [(1, 154)] * 21
     assert any(b"\x1d\x01\x00" in d.data[7:10] for d in datagrams(scenario, 1, 0.2) if isinstance(d, Datagram))
     assert "gimbal = 154" in daemon_config(scenario)
 

@@ -31,7 +31,7 @@ def hover(
     seconds: float,
     *,
     worth: Callable[[float], float],
-    told: bool = False,
+    has_voltage: bool = False,
     mass: Callable[[float], float] = lambda _: 1.0,
     begin: float = 0.0,
 ) -> dict[FaultKind, float]:
@@ -42,7 +42,7 @@ def hover(
         t = t_ns / S - begin
         weight = CRAFT.mass_kg * mass(t) * GRAVITY
         share = (weight / (4 * CRAFT.thrust_max_n * worth(t))) ** 0.5 if weight else 0.0
-        if told and k % 10 == 0:
+        if has_voltage and k % 10 == 0:
             monitor.receive_voltage(FULL_V * worth(t) ** 0.5)
         at, f_z = {"t_ns": t_ns, "t_recv_ns": t_ns}, -GRAVITY if weight else -0.01
         monitor.receive_outputs(ActuatorOutputs(**at, pwm_us=(round(1000 + 1000 * share),) * 4))
@@ -52,26 +52,26 @@ def hover(
     return named
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_battery_that_empties_is_no_fault(told: bool) -> None:
-    assert hover(FaultMonitor(CRAFT), 60.0 * MINUTES, worth=emptying, told=told) == {}
+@pytest.mark.parametrize("has_voltage", [True, False])
+def test_a_battery_that_empties_is_no_fault(has_voltage: bool) -> None:
+    assert hover(FaultMonitor(CRAFT), 60.0 * MINUTES, worth=emptying, has_voltage=has_voltage) == {}
 
 
 def test_a_sag_within_seconds_is_no_fault_if_the_voltage_is_told() -> None:
     def sags(t: float) -> float:
         return 0.75 if t >= 10.0 else 1.0
 
-    assert hover(FaultMonitor(CRAFT), 15.0, worth=sags, told=True) == {}
+    assert hover(FaultMonitor(CRAFT), 15.0, worth=sags, has_voltage=True) == {}
     named = hover(FaultMonitor(CRAFT), 15.0, worth=sags)
     assert set(named) == {FaultKind.MASS}
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_another_mass_is_named_and_stays_so_also_when_the_battery_is_low(told: bool) -> None:
+@pytest.mark.parametrize("has_voltage", [True, False])
+def test_another_mass_is_named_and_stays_so_also_when_the_battery_is_low(has_voltage: bool) -> None:
     monitor = FaultMonitor(CRAFT)
-    hover(monitor, 60.0, worth=emptying, told=told)
+    hover(monitor, 60.0, worth=emptying, has_voltage=has_voltage)
     low = emptying(60.0)
-    named = hover(monitor, 60.0, worth=lambda _: low, mass=heavier_after_5_s, told=told, begin=60.0)
+    named = hover(monitor, 60.0, worth=lambda _: low, mass=heavier_after_5_s, has_voltage=has_voltage, begin=60.0)
     assert 5.0 < named[FaultKind.MASS] < 6.0
     (fault,) = monitor.faults()
     assert fault.magnitude == pytest.approx(1.3, abs=0.08)
