@@ -11,6 +11,10 @@ READY_DOCS := $(VENV)/.ready-docs
 KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/geometry/*.py onboard/models/*.py \
 	onboard/estimators/*/*.py)
 
+# Some images for containers forbid Python to keep bytecode: each worker and each program that a test starts would
+# compile all sources anew.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: install demo test test-all lint mutants fuzz bench docs clean
 
 install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the filters compiled

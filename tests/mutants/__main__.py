@@ -1,8 +1,9 @@
 """`python -m tests.mutants [NAME ...]`: does a test see each wrong line?
 
-Every mutant is put into a copy of the tree, and the tests that are named for it run there. It is killed when one
-fails. The exit code is 1 when one survives that is not declared to, when one that is declared is killed, and when
-the tests fail without any mutant. Names may hold wildcards; `--from NAME` goes on with a run that was broken off.
+Every mutant is put into a copy of the tree, and the tests that are named for it run there, but for slow ones. It
+is killed when one fails. The exit code is 1 when one survives that is not declared to, when one that is declared
+is killed, and when the tests fail without any mutant. Names may hold wildcards; `--from NAME` goes on with a run
+that was broken off.
 
 Where the file has kernels, its tests run without Numba's compiler, so that no machine code of the right line can
 run in place of the wrong one.
@@ -25,7 +26,7 @@ from typing import Final, NamedTuple
 from tests.mutants.table import ROOT, Mutant, MutantError, read
 
 KILLED, ENDLESS, SURVIVED, BROKEN = "killed", "endless", "survived", "BROKEN"
-PARTS: Final = ("onboard", "simlink", "benchmarks", "examples", "tests", "pyproject.toml")
+PARTS: Final = ("onboard", "simlink", "benchmarks", "examples", "docs", "configs", "tests", "pyproject.toml")
 LIMIT_S: Final = 600.0  # then it is taken to run for ever, and counts as killed
 # pytest's exit code for failed tests, and ours for endless ones; 0 is success, any other: no tests were run
 TESTS_FAILED, TOO_LONG = 1, -1
@@ -172,7 +173,7 @@ def _pytest(copy: Path, tests: Sequence[str], *, compiled: bool, limit_s: float)
         "NUMBA_DISABLE_JIT": "0" if compiled else "1",
         "HYPOTHESIS_STORAGE_DIRECTORY": str(copy / ".hypothesis"),
     }
-    options = ("-q", "-x", "-rf", "--tb=line", "--timeout=0", "-p", "no:cacheprovider")
+    options = ("-q", "-x", "-m", "not slow", "-rf", "--tb=line", "--timeout=0", "-p", "no:cacheprovider")
     command = [sys.executable, "-m", "pytest", *options, *tests]
     with subprocess.Popen(
         command, cwd=copy, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT

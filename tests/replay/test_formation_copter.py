@@ -16,6 +16,7 @@ import pytest
 from onboard.messages import Estimate, Health, Lifecycle, Verdict
 from onboard.pipeline import Pipeline
 from onboard.wire.tlog import read_tlog
+from tests.support.honesty import nees
 from tests.support.streams import Run, assert_sane, make_config
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -49,21 +50,24 @@ def replay(log: bytes) -> tuple[Run, Health]:
 
 class Copter(NamedTuple):
     """The formation's flight, or 35 s of it; at least so many images are judged. `truth` is the relative position
-    (3,) at a boot time, s."""
+    (3,) at a boot time, s. The RMS errors of position (m) and range (relative) are at most a third above what is
+    measured."""
 
     run: Run
     health: Health
     images: int
     truth: Callable[[float], np.ndarray]
+    position_error: float
+    range_error: float
 
 
 @pytest.fixture(scope="module", params=["excerpt", WHOLE])
 def copter(request: pytest.FixtureRequest) -> Copter:
     if request.param == "excerpt":
         log = gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())
-        return Copter(*replay(log), 450, truth_of(EXCERPT / "copter_truth.csv.gz"))
+        return Copter(*replay(log), 450, truth_of(EXCERPT / "copter_truth.csv.gz"), 0.6, 0.0127)
     log, truth = (recording(f"formation-copter/{name}") for name in ("follower.tlog", "follower_truth.csv.gz"))
-    return Copter(*replay(log.read_bytes()), 4500, truth_of(truth))
+    return Copter(*replay(log.read_bytes()), 4500, truth_of(truth), 1.9, 0.058)
 
 
 def truth_of(path: Path) -> Callable[[float], np.ndarray]:
@@ -89,8 +93,18 @@ def test_position_and_range_are_right_while_valid(copter: Copter) -> None:
     true_range = np.linalg.norm(true, axis=1)
     relative = (np.linalg.norm(estimated, axis=1) - true_range) / true_range
     assert len(estimates) > copter.images
-    assert np.sqrt(np.mean(error**2)) <= 2.0
-    assert np.sqrt(np.mean(relative**2)) <= 0.05
+    assert np.sqrt(np.mean(error**2)) <= copter.position_error
+    assert np.sqrt(np.mean(relative**2)) <= copter.range_error
+
+
+def test_the_ellipsoid_is_larger_than_the_errors_by_so_much_and_no_more(copter: Copter) -> None:
+    """The NEES of three is 0.54 in the excerpt and 0.59 in the whole flight: the leader's nose is left open."""
+    found = [
+        nees(np.array(e.mean[:3]) - copter.truth(e.t_ns / S), np.array(e.covariance)[:3, :3])
+        for e in judged(copter.run)
+        if e.mean
+    ]
+    assert np.mean(found) == pytest.approx(0.56, rel=1 / 3)
 
 
 def test_it_is_valid_nearly_always_while_the_leader_is_in_view(copter: Copter) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.mutants.__main__ import choose
+from tests.mutants.__main__ import PARTS, choose
 from tests.mutants.table import ROOT, Mutant, MutantError, read
 
 MUTANTS = read()
@@ -23,6 +23,7 @@ def names_in(path: Path) -> set[str]:
 
 @pytest.mark.parametrize("mutant", MUTANTS.values(), ids=MUTANTS)
 def test_a_mutant_can_be_made_and_its_tests_are_there(mutant: Mutant) -> None:
+    assert mutant.file.partition("/")[0] in PARTS  # of the copy in which its tests run
     wrong = mutant.applied_to((ROOT / mutant.file).read_text(encoding="utf-8"))
     ast.parse(wrong)  # what is no Python is seen by every test
     for test in mutant.tests:

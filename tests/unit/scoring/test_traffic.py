@@ -121,6 +121,7 @@ def test_seconds_without_a_valid_track_are_missing_once_it_could_have_been_track
     gap = [t for t in TIMES.tolist() if not 20.0 < t < 25.0]
     found = score(reported(TARGETS[0], place(0), gap), both()[1])
     assert of(found, "one").missing_s == pytest.approx(5.0 - 0.5, abs=0.15)
+    assert of(found, "one").trackable_s == pytest.approx(SECONDS - 4.0, abs=0.2)
     assert of(found, "two").missing_s == 0.0
     never = score(both()[1])
     assert of(never, "one").missing_s == pytest.approx(SECONDS - 4.0, abs=0.2)  # it had four seconds to begin
@@ -132,6 +133,15 @@ def test_what_is_neither_heard_nor_seen_is_not_missing() -> None:
     silent = truths(lambda t, _k: 100 if t < 10.0 else 101)
     found = score_traffic(reported(TARGETS[1], place(1)), silent)
     assert of(found, "one").missing_s == 0.0
+
+
+def test_an_aircraft_that_was_silent_has_four_seconds_to_begin_again() -> None:
+    """Without a message from 10 to 20 s; its track ends while it is silent, and begins again at 23 s."""
+    heard = truths(lambda t, _k: 100 if 10.0 <= t < 20.0 else round(10 * t))
+    track = reported(TARGETS[0], place(0), [t for t in TIMES.tolist() if not 14.0 < t < 23.0])
+    found = of(score_traffic(track, heard), "one")
+    assert found.missing_s == 0.0
+    assert found.trackable_s == pytest.approx(13.0 - 4.0 + 20.0 - 4.0, abs=0.4)
 
 
 @pytest.mark.parametrize(("off_m", "share"), [(13.0, 1.0), (15.0, 0.0)])

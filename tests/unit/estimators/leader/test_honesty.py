@@ -2,17 +2,23 @@
 whose unknowns are drawn as the configuration says. Filters are named: a bound is one filter's."""
 
 from collections.abc import Iterable, Iterator
+from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from onboard.arrays import Array
+from onboard.autopilot.leader_messages import View, follow_target
+from onboard.autopilot.leader_state import LeaderStates
+from onboard.config import OwnErrors
 from onboard.estimators.leader import wing_line_noise as noise
 from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR, ManoeuvreModel
 from onboard.estimators.leader.wing_line_noise import Extras
+from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import quaternion_from_vector, quaternion_product
-from onboard.messages import Attitude, Message
+from onboard.messages import Attitude, FollowTarget, LeaderState, LocalPosition, Message
 from onboard.models import leader_flight as flight
 from onboard.models.leader_flight import A_ALONG, BANK_ERROR, HEADING
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
@@ -20,6 +26,10 @@ from tests.support.honesty import assert_honest, nees
 from tests.support.streams import Flight, S, Stream, advance, heartbeat, make_config
 
 SEEDS = range(20)
+LATER = 200_000_000  # ns, until the leader is flown on
+VIEW = View((1.0, 0.0, 0.0, 0.0), make_camera(f_px=554.0, width_px=640.0, height_px=480.0), is_px4=True)
+ERRORS = OwnErrors(position_sigma_m=0.5)  # else the leader's part would not show beside our own
+NO_ERRORS = OwnErrors(tilt_sigma_deg=0.0, yaw_sigma_deg=0.0, velocity_sigma_m_s=0.0, position_sigma_m=0.0)
 EXACT = ("own_tilt_sigma_deg=0.0", "own_yaw_sigma_deg=0.0", "own_velocity_sigma_m_s=0.0")
 
 
@@ -28,43 +38,97 @@ def settings(filter_: str, *more: str) -> tuple[str, ...]:
     return tuple(f"estimator.leader.{setting}" for setting in named)
 
 
-def error_at_the_end(
-    seed: int, radius: float | None, config: Iterable[str], bias_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> tuple[Array, Array]:
-    """Error (7,) of position, velocity and size after 4 s, and its covariance (7, 7). The leader's size and the
-    steady errors of our own attitude are drawn."""
+class End(NamedTuple):
+    """After 4 s: errors of position, velocity and size relative to us; 0.2 s later of the absolute position and
+    velocity; each with its covariance; and the absolute state itself."""
+
+    relative: Array  # (7,)
+    P: Array  # (7, 7)
+    absolute: Array  # (6,)
+    P_absolute: Array  # (6, 6)
+    state: LeaderState
+
+
+@cache
+def flown(seed: int, radius: float | None, config: tuple[str, ...], own: OwnErrors) -> End:
+    """A flight's end. The leader's size and the steady errors of our own state are drawn."""
     rng = np.random.default_rng(seed)
-    flown = Flight(radius=radius, size=2.0 * (1.0 + 0.02 * rng.normal()))
-    turned = np.radians(bias_deg) * rng.normal(size=3)
-    items = Stream(flight=flown, t1=9.0, seed=1000 + seed).items()
-    run = advance([heartbeat(5 * S), *misaligned((i.message for i in items), turned)], make_config(*config))
-    last = run.estimates[-1]
+    flight_ = Flight(radius=radius, size=2.0 * (1.0 + 0.02 * rng.normal()))
+    turned = np.radians([own.tilt_sigma_deg, own.tilt_sigma_deg, own.yaw_sigma_deg]) * rng.normal(size=3)
+    off_r, off_v = own.position_sigma_m * rng.normal(size=3), own.velocity_sigma_m_s * rng.normal(size=3)
+    items = Stream(flight=flight_, t1=9.0, seed=1000 + seed).items()
+    messages = erring((i.message for i in items), turned, off_r, off_v)
+    run = advance([heartbeat(5 * S), *messages], make_config(*config))
+    last, states = run.estimates[-1], LeaderStates(own)
     assert last.valid
-    r, v = flown.relative(last.t_ns / S)
-    return np.array(last.mean)[:7] - np.array([*r, *v, flown.size]), np.array(last.covariance)[:7, :7]
+    for output in run.outputs:
+        states.note(output)
+    state = states.at(last.t_ns + LATER, 0)
+    assert state is not None
+    r, v = flight_.relative(last.t_ns / S)
+    leader = flight_.at(state.t_ns / S, flight_.gap)
+    return End(
+        np.array(last.mean)[:7] - [*r, *v, flight_.size],
+        np.array(last.covariance)[:7, :7],
+        np.array([*(state.r_OL_n or ()), *(state.v_L_n or ())]) - [*leader.r, *leader.v],
+        np.array(state.covariance),
+        state,
+    )
 
 
-def misaligned(messages: Iterable[Message], turned: Array) -> Iterator[Message]:
-    """The autopilot's attitude, off by a rotation vector (3,) in body axes."""
+def erring(messages: Iterable[Message], turned: Array, off_r: Array, off_v: Array) -> Iterator[Message]:
+    """The autopilot's attitude, off by a rotation vector (3,) in body axes, and its position and velocity."""
     for m in messages:
         if isinstance(m, Attitude):
             q = quaternion_product(m.q_nb, quaternion_from_vector(turned))
             yield replace(m, q_nb=tuple(q.tolist()))
+        elif isinstance(m, LocalPosition):
+            r, v = (np.add(m.r_OF_n, off_r), np.add(m.v_F_n, off_v))
+            yield replace(m, r_OF_n=tuple(r.tolist()), v_F_n=tuple(v.tolist()))
         else:
             yield m
 
 
 @pytest.mark.parametrize("radius", [None, 100.0])
 def test_nees_with_our_own_state_exact_seeds_0_to_19(radius: float | None) -> None:
-    found = [error_at_the_end(seed, radius, settings("wing-line", *EXACT)) for seed in SEEDS]
-    assert_honest([nees(error, P) for error, P in found], 7)
+    found = [flown(seed, radius, settings("wing-line", *EXACT), NO_ERRORS) for seed in SEEDS]
+    assert_honest([nees(end.relative, end.P) for end in found], 7)
 
 
 @pytest.mark.parametrize("radius", [None, 100.0])
-def test_nees_with_our_own_attitude_in_error_seeds_0_to_19(radius: float | None) -> None:
-    config = settings("wing-line", "own_velocity_sigma_m_s=0.0")
-    found = [error_at_the_end(seed, radius, config, (0.3, 0.3, 1.0)) for seed in SEEDS]
-    assert_honest([nees(error, P) for error, P in found], 7)
+def test_nees_with_our_own_state_in_error_seeds_0_to_19(radius: float | None) -> None:
+    found = [flown(seed, radius, settings("wing-line"), ERRORS) for seed in SEEDS]
+    assert_honest([nees(end.relative, end.P) for end in found], 7)
+
+
+@pytest.mark.parametrize("radius", [None, 100.0])
+def test_nees_of_the_absolute_position_seeds_0_to_19(radius: float | None) -> None:
+    """With the errors of our own position in it, and carried on to the present."""
+    found = [flown(seed, radius, settings("wing-line"), ERRORS) for seed in SEEDS]
+    assert_honest([nees(end.absolute[:3], end.P_absolute[:3, :3]) for end in found], 3)
+    assert_honest([nees(end.absolute, end.P_absolute) for end in found], 6)
+
+
+def test_the_sigmas_of_follow_target_are_those_of_its_errors_seeds_0_to_19() -> None:
+    found = []
+    for seed in SEEDS:
+        end = flown(seed, 100.0, settings("wing-line"), ERRORS)
+        placed = replace(end.state, lat_deg=47.0, lon_deg=8.0, alt_msl=500.0)
+        sent = follow_target(placed, VIEW)
+        assert isinstance(sent, FollowTarget)
+        found.append(float(np.sum((end.absolute[:3] / sent.position_sigma) ** 2)))
+    assert_honest(found, 3)
+
+
+@pytest.mark.parametrize(("part", "measured"), [("relative", 1.81), ("absolute", 2.85)])
+def test_nees_of_what_we_fly_by_default_is_as_measured_seeds_0_to_19(part: str, measured: float) -> None:
+    """It leaves the nose open, which costs certainty: of six, by so much and no more."""
+    found = [flown(seed, 100.0, (), ERRORS) for seed in SEEDS]
+    each = [
+        nees(end.relative[:6], end.P[:6, :6]) if part == "relative" else nees(end.absolute, end.P_absolute)
+        for end in found
+    ]
+    assert np.mean(each) == pytest.approx(measured, rel=1 / 4)
 
 
 def walks(model: ManoeuvreModel, size: float) -> dict[int, float]:
@@ -126,5 +190,5 @@ def test_modes_last_as_long_as_the_settings_say() -> None:
 def test_a_size_without_a_sigma_is_uncertain_by_2_percent_seed_0(filter_: str) -> None:
     """One flight's images say nothing of it: the sigma stays."""
     config = settings(filter_, *EXACT)
-    _, covariance = error_at_the_end(0, None, config)
+    covariance = flown(0, None, config, NO_ERRORS).P
     assert np.sqrt(covariance[SIZE, SIZE]) == pytest.approx(0.02 * 2.0, rel=0.05)

@@ -19,7 +19,17 @@ from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
 from tests.support.own_vehicle import pipeline
 
-FILTERS = ("cubature", "unscented", "svsf", "csvsf-printed", "csvsf", "csvsf-robust", "csvsf-adaptive")
+# with the RMS error of the velocity (m/s), a third above what is measured. Most of it is vertical: of heights
+# alone, it has not settled yet. The gains of two are not the optimal ones.
+FILTERS = {
+    "cubature": 0.124,
+    "unscented": 0.124,
+    "svsf": 0.163,
+    "csvsf-printed": 0.206,
+    "csvsf": 0.128,
+    "csvsf-robust": 0.124,
+    "csvsf-adaptive": 0.124,
+}
 
 
 @cache
@@ -56,8 +66,8 @@ def test_a_barometer_steadies_the_vertical_velocity_seed_3() -> None:
     """MAVLink's fixes have no vertical velocity."""
     with_it, without = (flown("quadrotor", 3, 11.0, pressure_rate_hz=r)[1:] for r in (20.0, 0.0))
     vertical = velocity_rmse(*with_it, after=8.0, axes=[2])
-    assert vertical < 0.5 * velocity_rmse(*without, after=8.0, axes=[2])
-    assert vertical < 0.05
+    assert vertical < 0.28 * velocity_rmse(*without, after=8.0, axes=[2])
+    assert vertical < 0.043
 
 
 @pytest.mark.parametrize("name", FILTERS)
@@ -65,8 +75,7 @@ def test_every_filter_flies_seed_11(name: str) -> None:
     _, states, truths = flown("quadrotor", 11, 9.0, filter=name)
     assert states[-1].reset_count == 0
     assert states[-1].valid
-    limit = 0.2 if name not in {"svsf", "csvsf-printed"} else 0.6  # whose gains are not the optimal ones
-    assert velocity_rmse(states, truths, 5.0) < limit  # the vertical one, of heights alone, has not settled yet
+    assert velocity_rmse(states, truths, 5.0) < FILTERS[name]
 
 
 def test_the_same_bytes_give_the_same_states_seed_12() -> None:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.autopilot.odometry import odometry_of
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.track import process_noise
 from onboard.geometry.rotations import quaternion_from_vector
-from onboard.messages import GlobalPosition, LocalPosition, Message
+from onboard.messages import GlobalPosition, LocalPosition, Message, NavState, Quaternion
 from onboard.models.own_motion import DISTURBANCE, OFFSET
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 from tests.support import own_vehicle as own
@@ -50,17 +51,47 @@ def origin() -> Iterator[Message]:
 
 
 @cache
-def errors(filter_: str) -> list[tuple[Array, Array]]:
-    """Error (12,) and covariance (12, 12) at the end of each flight; the attitude's as a rotation vector in b."""
+def ends(filter_: str) -> list[NavState]:
+    """The last state of each flight."""
     found = []
     for seed in SEEDS:
         p = own.pipeline(filter=filter_)
-        last = own.states_of(p, [own.heartbeat(), *origin(), *hovering(seed)])[-1]
-        assert last.valid
-        w, *xyz = last.q_nb
-        rotation = 2.0 * np.sign(w) * np.array(xyz)
-        found.append((np.array([*last.mean[:6], *rotation, *last.omega_b]), np.array(last.covariance)))
+        found.append(own.states_of(p, [own.heartbeat(), *origin(), *hovering(seed)])[-1])
+    assert all(state.valid for state in found)
     return found
+
+
+def rotation(q: Quaternion | None) -> Array:
+    """A small rotation as a vector (3,)."""
+    assert q is not None
+    return np.asarray(2.0 * np.sign(q[0]) * np.array(q[1:]))
+
+
+def errors(filter_: str) -> list[tuple[Array, Array]]:
+    """Error (12,) and covariance (12, 12) at the end of each flight; the attitude's as a rotation vector in b."""
+    return [
+        (np.array([*(s.mean or ())[:6], *rotation(s.q_nb), *(s.omega_b or ())]), np.array(s.covariance))
+        for s in ends(filter_)
+    ]
+
+
+def sent(filter_: str) -> list[tuple[Array, Array, Array, Array]]:
+    """What ODOMETRY has at the end of each flight: error (6,) and covariance (6, 6) of the pose, the same of
+    velocity and rates in b."""
+    found = []
+    for state in ends(filter_):
+        m = odometry_of(state)
+        assert m is not None
+        pose, speed = np.array([*m.r_OF_n, *rotation(m.q_nb)]), np.array([*m.v_F_b, *m.omega_b])
+        found.append((pose, whole(m.pose_covariance), speed, whole(m.velocity_covariance)))
+    return found
+
+
+def whole(upper: tuple[float, ...]) -> Array:
+    """The symmetric matrix (6, 6) of its upper triangle (21)."""
+    matrix = np.zeros((6, 6))
+    matrix[np.triu_indices(6)] = upper
+    return matrix + np.triu(matrix, 1).T
 
 
 @pytest.mark.parametrize(("part", "dof"), [("position", 3), ("attitude", 3), ("rates", 3)])
@@ -80,6 +111,14 @@ def test_nees_of_the_velocity_is_as_measured_seeds_0_to_19(filter_: str) -> None
     """It is pessimistic at rest, by the manoeuvres that it has to expect: by so much and no more."""
     mean = np.mean([nees(error[3:6], P[3:6, 3:6]) for error, P in errors(filter_)])
     assert mean == pytest.approx(1.93, rel=1 / 4)
+
+
+@pytest.mark.parametrize("filter_", FILTERS)
+def test_nees_of_odometry_seeds_0_to_19(filter_: str) -> None:
+    assert_honest([nees(error, P) for error, P, _, _ in sent(filter_)], 6)
+    assert_honest([nees(error[3:], P[3:, 3:]) for _, _, error, P in sent(filter_)], 3)
+    velocity = np.mean([nees(error[:3], P[:3, :3]) for _, _, error, P in sent(filter_)])
+    assert velocity == pytest.approx(1.93, rel=1 / 4)  # as that of the state
 
 
 def test_process_noise_is_what_the_configuration_says() -> None:
