@@ -40,9 +40,7 @@ def is_known(seen):
     return all(x == x for x in numbers) and received
 
 
-deadline = time.monotonic() + 200
-while not is_known(look()) and time.monotonic() < deadline:
-    time.sleep(0.05)
+until(lambda: is_known(look()), 200.0)
 first = look()
 time.sleep(1.0)
 print(json.dumps([first, look()]), flush=True)

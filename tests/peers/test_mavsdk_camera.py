@@ -27,11 +27,9 @@ from mavsdk.plugins.camera import Camera
 from mavsdk.plugins.component_metadata import ComponentMetadata, MetadataType
 
 camera = Camera(system)
-deadline = time.monotonic() + 60
-while not (cameras := camera.camera_list().cameras) and time.monotonic() < deadline:
-    time.sleep(0.05)
+until(lambda: camera.camera_list().cameras)
 found = []
-for c in cameras:
+for c in camera.camera_list().cameras:
     size = [c.horizontal_resolution_px, c.vertical_resolution_px]
     found.append([c.component_id, c.vendor_name, c.model_name, *size])
 print("FOUND " + json.dumps(found), flush=True)

@@ -1,6 +1,5 @@
 """What we send of the leader, as MAVSDK decodes it: an independent codec, in a process of its own."""
 
-import importlib.util
 import json
 import socket
 import subprocess
@@ -15,12 +14,11 @@ from onboard.config import LeaderOutConfig
 from onboard.geometry.camera import make_camera
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support.leader import AUTOPILOT, S, leader_state
+from tests.support.mavsdk_client import LISTEN, NEEDS_MAVSDK
 from tests.support.programs import PATIENCE, free_ports
 from tests.support.vehicle_records import EAST
 
-pytestmark = pytest.mark.skipif(
-    importlib.util.find_spec("mavsdk") is None, reason="MAVSDK's Python package (mavsdk) is not installed"
-)
+pytestmark = NEEDS_MAVSDK
 
 NAMES = (
     "FOLLOW_TARGET",
@@ -31,9 +29,10 @@ NAMES = (
     "CAMERA_TRACKING_GEO_STATUS",
     "TARGET_RELATIVE",
 )
-CLIENT = """
-import json, sys, threading, time
-from mavsdk import ComponentType, Configuration, Mavsdk
+CLIENT = (
+    LISTEN
+    + """\
+import threading
 from mavsdk.plugins.mavlink_direct import MavlinkDirect
 
 names = sys.argv[2:]
@@ -44,8 +43,6 @@ xml = '''<mavlink><messages><message id="511" name="TARGET_RELATIVE"><descriptio
 <field type="float[3]" name="pos_std">s</field><field type="float" name="yaw_std">y</field>
 <field type="float[4]" name="q_target">q</field><field type="float[4]" name="q_sensor">q</field>
 <field type="uint8_t" name="type">t</field></message></messages></mavlink>'''
-mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
-mavsdk.add_any_connection(sys.argv[1])
 found, done, direct = {}, threading.Event(), []
 
 
@@ -56,9 +53,7 @@ def take(message, _):
         done.set()
 
 
-deadline = time.monotonic() + 60
-while len(mavsdk.get_systems()) < 2 and time.monotonic() < deadline:
-    time.sleep(0.05)
+until(lambda: len(mavsdk.get_systems()) >= 2)
 for system in mavsdk.get_systems():
     plugin = MavlinkDirect(system)
     plugin.load_custom_xml(xml)
@@ -67,6 +62,7 @@ for system in mavsdk.get_systems():
 done.wait(60)
 print("FOUND " + json.dumps(found), flush=True)
 """
+)
 
 
 def test_mavsdk_decodes_everything_that_we_send_of_the_leader() -> None:
