@@ -120,7 +120,18 @@ def parse_config(table: dict[str, Any]) -> Config:
         errors = config.leader_errors() if name == SEES else config.ownship.errors
         given = _shared(config, errors, kind) | section if isinstance(section, dict) else section
         sections[name] = _convert(given, kind, f"estimator.{name}")
+    _check_broadcast(config, sections.get(SEES))
     return msgspec.structs.replace(config, estimator=sections)
+
+
+def _check_broadcast(config: Config, leader: Any) -> None:
+    """Raise ConfigError for a leader that is to broadcast as we do."""
+    system = leader.broadcast.system if leader is not None else 0
+    key = f"estimator.{SEES}.broadcast.system"
+    if system and any(out.system == system for out in config.leader_out):
+        raise ConfigError(f"{key}: [[leader_out]] sends as system {system}")
+    if system and config.autopilot.system == system:
+        raise ConfigError(f"{key}: our own vehicle is system {system}")
 
 
 def _check_cameras(config: Config) -> None:

@@ -23,7 +23,7 @@ from onboard.messages import Estimate, Message, Record
 if TYPE_CHECKING:  # it loads numerics, which reading a configuration need not
     from onboard.ownship import Ownship
 
-SHARED: Final = ("history",)  # modules here that are not estimators
+SHARED: Final = ("frame", "history", "reported")  # modules here that are not estimators
 
 
 class EstimatorProtocol(Protocol):
@@ -37,6 +37,15 @@ class EstimatorProtocol(Protocol):
 
     def reset(self, reason: str) -> None:
         """Forget everything: the time base or the origin of our own motion has changed."""
+
+
+@runtime_checkable
+class Listens(Protocol):
+    """An estimator whose configuration decides what it listens for."""
+
+    @property
+    def listens(self) -> tuple[type[Message], ...]:
+        """In place of its module's LISTENS."""
 
 
 @runtime_checkable

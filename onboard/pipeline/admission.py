@@ -3,10 +3,13 @@
 from collections.abc import Collection, Container
 from typing import Final
 
+from msgspec.structs import replace
+
 from onboard.config import AutopilotConfig
 from onboard.messages import (
     AdsbVehicle,
     Clock,
+    FollowTarget,
     GimbalAttitude,
     GlobalPosition,
     Heartbeat,
@@ -30,7 +33,11 @@ NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 SENSED: Final = (TargetImage, RadarScan, PeerRanges)
 # Not of our own motion: any component of our vehicle may send them.
 ANY_COMPONENT: Final = (*SENSED, AdsbVehicle, GimbalAttitude)
-UNSTAMPED: Final = (AdsbVehicle, PeerPosition)  # carry no time of a clock we know: taken as true at arrival
+UNSTAMPED: Final = (
+    AdsbVehicle,
+    PeerPosition,
+    FollowTarget,
+)  # carry no time of a clock we know: taken as true at arrival
 
 
 class Admission:
@@ -90,7 +97,7 @@ class Admission:
         return mine is not None and (message.system, message.component) == (mine.system, mine.component)
 
     def _from_peer(self, message: Message) -> Message | None:
-        """A message of another system, if an estimator listens to it: its position, or its receiver's ranges."""
+        """A message of another system, if an estimator listens to it: its position, by whichever message."""
         if isinstance(message, GlobalPosition):
             message = PeerPosition(
                 t_ns=message.t_recv_ns,
@@ -103,6 +110,8 @@ class Admission:
                 alt_msl=message.alt_msl,
                 v_n=message.v_F_n,
             )
+        elif isinstance(message, FollowTarget):  # its stamp is of the other vehicle's clock, too
+            message = replace(message, t_ns=message.t_recv_ns, clock=Clock.NONE)
         is_wanted = self.autopilot is not None and isinstance(message, UNSTAMPED)
         return message if is_wanted and type(message) in self._listened else None
 

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
-from onboard.estimators import CountsVerdicts, EstimatorProtocol, load
+from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
 from onboard.health import Monitor, autopilot_name, total
 from onboard.messages import (
     Attitude,
@@ -53,8 +53,8 @@ class Pipeline:
         camera = config.camera_model()
         self._waiting = Waiting(config.ownship, lambda name: camera.named(name).gimbal)
         self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
-        for name in self.estimators:
-            for kind in load(name).LISTENS:
+        for name, estimator in self.estimators.items():
+            for kind in estimator.listens if isinstance(estimator, Listens) else load(name).LISTENS:
                 self._listeners.setdefault(kind, []).append(name)
         virtual = {out.system for out in config.leader_out}
         self._admission = Admission(config.autopilot, self._listeners, virtual)

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import AdsbVehicle, AltitudeType, Clock, GlobalPosition, Message, Pseudoranges, Vec3
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.traffic import Aircraft
+from simlink.scenarios.traffic import Aircraft, Reports
 from simlink.traffic.aircraft import Motion, level_at, rotate
 from simlink.traffic.peer_gnss import RangesSensor
 from simlink.world.attitude import add
@@ -24,16 +24,19 @@ METRES_PER_DEGREE: Final = 111_195.0
 
 
 class Transmitter:
-    """One aircraft's reports. `received` counts those that reach us."""
+    """One aircraft's reports. `received` counts those that reach us. `errors`: if they are not those of the
+    scenario's traffic."""
 
-    def __init__(self, aircraft: Aircraft, number: int, scenario: Scenario, seed: int) -> None:
+    def __init__(
+        self, aircraft: Aircraft, number: int, scenario: Scenario, seed: int, errors: Reports | None = None
+    ) -> None:
         self.aircraft = aircraft
         self.icao, self.system = FIRST_ICAO + number, FIRST_SYSTEM + number
         self.received = 0
         name, origin = f"traffic.{aircraft.name}", scenario.vehicle.origin
         self._origin = origin
         self._is_peer = aircraft.says == "peer"
-        self._errors = scenario.traffic.peer if self._is_peer else scenario.traffic.adsb
+        self._errors = errors or (scenario.traffic.peer if self._is_peer else scenario.traffic.adsb)
         self._u, self._z = uniforms(seed, f"{name}.link"), normals(seed, f"{name}.noise")
         self._period = 1.0 / self._errors.rate
         self._position_error = gauss_markov_vectors(seed, f"{name}.gnss", self._errors.position, self._period)

@@ -8,7 +8,8 @@ from typing import Final, NamedTuple
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import IntruderTruth, Message, Pseudoranges, RadarDetections, TrafficTruth, Vec3
 from simlink.scenarios.scenario import Scenario
-from simlink.traffic.aircraft import STRIDE, level_at, motions, rotate
+from simlink.scenarios.traffic import Aircraft
+from simlink.traffic.aircraft import STRIDE, Motion, level_at, motions, rotate
 from simlink.traffic.radar import RadarSensor
 from simlink.traffic.reports import Transmitter
 from simlink.world.attitude import difference
@@ -16,6 +17,7 @@ from simlink.world.constants import STEPS_PER_SECOND
 from simlink.world.truth import State
 
 TRUTH_STRIDE: Final = 20  # steps of the world: 10 Hz
+LEADER: Final = -1  # the number of the leader among other aircraft: system 100
 
 
 class TrafficOutput(NamedTuple):
@@ -35,6 +37,7 @@ class Traffic:
         self._origin = scenario.vehicle.origin
         aircraft = scenario.traffic.aircraft
         self._transmitters = [Transmitter(a, number, scenario, seed) for number, a in enumerate(aircraft)]
+        self._leader = _leader(scenario, seed)
         self._motions = [motions(a, seed) for a in aircraft]
         self._sensor = RadarSensor(self._radar, seed)
         self._detections = [0] * len(self._motions)
@@ -43,7 +46,17 @@ class Traffic:
 
     def step(self, state: State, t_ns: int) -> TrafficOutput:
         """The traffic's output at this state of the world, `t_ns` on the boot clock."""
-        if not self._motions or state.step % STRIDE:
+        if state.step % STRIDE:
+            return TrafficOutput()
+        if self._leader is None:
+            return self._others(state, t_ns)
+        reports = self._leader.step(state.t, Motion(state.r_OL_n, state.v_L_n))
+        others = self._others(state, t_ns)
+        return others._replace(reports=(*others.reports, *reports))
+
+    def _others(self, state: State, t_ns: int) -> TrafficOutput:
+        """The output of all but the leader."""
+        if not self._motions:
             return TrafficOutput()
         now = [next(m) for m in self._motions]
         pairs = list(zip(self._transmitters, now, strict=True))
@@ -78,3 +91,11 @@ class Traffic:
             for i, transmitter in enumerate(self._transmitters)
         )
         return TrafficTruth(t_ns=t_ns, intruders=intruders)
+
+
+def _leader(scenario: Scenario, seed: int) -> Transmitter | None:
+    """What sends the leader's own position, if anything does."""
+    if scenario.broadcast is None:
+        return None
+    aircraft = Aircraft(name="leader", says="peer", start=(0.0, 0.0, 0.0))
+    return Transmitter(aircraft, LEADER, scenario, seed, scenario.broadcast)

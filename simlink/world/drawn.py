@@ -57,6 +57,7 @@ def drawn(scenario: Scenario, seed: int) -> Scenario:
         camera=replace(scenario.camera, sigma_px=factor.of(scenario.camera.sigma_px)),
         quadrotor=None if craft is None else factor.craft(craft),
         traffic=factor.traffic(scenario.traffic),
+        broadcast=None if scenario.broadcast is None else factor.reports(scenario.broadcast),
     )
 
 

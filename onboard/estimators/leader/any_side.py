@@ -22,7 +22,9 @@ from onboard.estimators.leader.nose_summary import MOTION, NOSE, RESOLVED, Summa
 from onboard.estimators.leader.partial import with_wing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
+from onboard.estimators.leader.size import Size
 from onboard.filters.belief import Belief, FilterError, Update
+from onboard.models import apparent_wing
 from onboard.models.leader_flight import HEADING
 from onboard.models.relative_motion import R
 from onboard.ownship import Step
@@ -33,6 +35,7 @@ AGREE: Final = 1.0  # sigmas of the cloud's range: it confirms a wing-line range
 AGREE_AT_LEAST: Final = 0.025  # of the range: so near a range is confirmed in any case
 ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
 TOO_WIDE: Final = 0.2  # rad, of the direction: a cloud that is less certain starts again
+ANOTHER: Final = 0.05  # of the size: so wrong a one misleads the wing-line filter
 PATIENCE: Final = 10  # images in a row that the wing-line filter may reject before it starts again
 
 
@@ -46,8 +49,9 @@ class Pending(NamedTuple):
 
 class AnySide(NamedTuple):
     """Both filters' states, a `summary` of the cloud at its time (of a little earlier, and carried on), how many
-    images the wing-line filter has rejected in a row: it is not believed meanwhile; and whether the cloud, at its
-    last image, confirmed it."""
+    images the wing-line filter has rejected in a row: it is not believed meanwhile; whether the cloud, at its last
+    image, confirmed it; the size, if it is no longer the configured one; and whether the wing-line filter has
+    flown with quite another one, so that it starts again."""
 
     wing_line: Any
     cloud: Cloud
@@ -55,6 +59,8 @@ class AnySide(NamedTuple):
     pending: Pending
     rejected: int
     confirmed: bool
+    size: Size | None = None
+    outdated: bool = False
 
 
 class AnySideFilter:
@@ -89,36 +95,46 @@ class AnySideFilter:
 
     def fuse(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Update:
         """Both filters' updates. An image passes if either expected it; innovation and NIS are the wing-line's."""
-        gate = self.gate if self.gate is not None else math.inf
+        gate, settings = self.gate if self.gate is not None else math.inf, self._noses(state)
         try:
             update = self._wing_line.fuse(state.wing_line, measurement, pose)
             passes, wing_line = bool(update.nis <= gate), update.belief
         except FilterError:
             if not state.rejected:
                 raise
-            update = self._wing_line.fuse(
-                self._wing_line.start(with_wing(measurement), pose, None), measurement, pose
-            )
+            update = self._wing_line.fuse(self._anew(state, measurement, pose), measurement, pose)
             passes, wing_line = False, None
         rejected = 0 if passes else state.rejected + 1
         has_extent = measurement.has_extent  # else it is a direction, and nothing starts from it
-        if rejected > PATIENCE and has_extent:
-            wing_line, rejected = self._wing_line.start(with_wing(measurement), pose, None), 0
+        outdated = state.outdated and not has_extent
+        if (rejected > PATIENCE or state.outdated) and has_extent:
+            wing_line, rejected = self._anew(state, measurement, pose), 0
         elif not passes:
             wing_line = state.wing_line
-        after = state._replace(wing_line=wing_line, rejected=rejected)
+        after = state._replace(wing_line=wing_line, rejected=rejected, outdated=outdated)
         if state.pending.dt < PERIOD_S and passes and not state.rejected:
             return update._replace(belief=after)
         predicted = self._caught_up(after)
         if passes and has_extent and predicted.summary.direction_sigma() > TOO_WIDE:
-            cloud, nis = nose_particles.start(self._settings, measurement, pose, predicted.cloud), update.nis
+            cloud, nis = nose_particles.start(settings, measurement, pose, predicted.cloud), update.nis
         else:
-            cloud, nis = nose_particles.update(self._settings, predicted.cloud, measurement, pose)
-        if nis > self._settings.gate:
+            cloud, nis = nose_particles.update(settings, predicted.cloud, measurement, pose)
+        if nis > settings.gate:
             return update._replace(belief=predicted._replace(confirmed=self._agree(predicted)))
-        after = predicted._replace(cloud=cloud, summary=summarise(self._settings, cloud))
+        after = predicted._replace(cloud=cloud, summary=summarise(settings, cloud))
         after = after._replace(confirmed=self._agree(after))
         return update._replace(belief=after, nis=min(update.nis, gate))
+
+    def resized(self, state: AnySide, size: Size) -> AnySide:
+        """Both filters' states for another size."""
+        state = self._caught_up(state)
+        ratio = size.value / self._noses(state).size
+        cloud = rescaled(state.cloud, ratio, state.pending.v_F_n)
+        wing_line = self._wing_line.resized(state.wing_line, size)
+        outdated = state.outdated or abs(math.log(ratio)) > ANOTHER
+        after = state._replace(wing_line=wing_line, cloud=cloud, size=size, outdated=outdated)
+        after = after._replace(summary=summarise(self._noses(after), cloud))
+        return after._replace(confirmed=self._agree(after))
 
     def belief(self, state: AnySide) -> Belief:
         """The wing-line filter's belief, no surer of the range than the cloud; or that of the whole cloud."""
@@ -157,7 +173,7 @@ class AnySideFilter:
     def _agree(self, state: AnySide) -> bool:
         """Whether the cloud, caught up, knows the range, and the wing-line filter has the same one."""
         known, sigma = state.summary, state.summary.range_sigma()
-        if state.rejected or sigma > RESOLVED or not known.is_on_course(ON_COURSE):
+        if state.rejected or state.outdated or sigma > RESOLVED or not known.is_on_course(ON_COURSE):
             return False
         sharp, now = self._wing_line.belief(state.wing_line).mean, known.mean
         if state.cloud.sided and math.cos(sharp[HEADING] - now[NOSE]) < 0.0:  # it takes the tail for the nose
@@ -165,13 +181,34 @@ class AnySideFilter:
         ratio = math.log(float(np.linalg.norm(sharp[R])) / float(np.linalg.norm(now[R])))
         return abs(ratio) < max(AGREE * sigma, AGREE_AT_LEAST)
 
+    def _noses(self, state: AnySide) -> NoseModel:
+        """What the cloud assumes, with the size as it is known now."""
+        if state.size is None:
+            return self._settings
+        return self._settings._replace(size=state.size.value, size_sigma=state.size.sigma)
+
+    def _anew(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Any:
+        """The wing-line filter's state after a first image."""
+        started = self._wing_line.start(with_wing(measurement), pose, None)
+        return started if state.size is None else self._wing_line.resized(started, state.size)
+
     def _caught_up(self, state: AnySide) -> AnySide:
         """The cloud predicted to the wing-line filter's time."""
         dt, moved, v_F_n = state.pending
         if dt <= 0.0:
             return state
-        cloud = nose_particles.predict(self._settings, state.cloud, dt, moved)
+        settings = self._noses(state)
+        cloud = nose_particles.predict(settings, state.cloud, dt, moved)
         pending = Pending(0.0, np.zeros(3), v_F_n)
         if dt > LONGEST_S:  # no image corrects it soon
-            return state._replace(cloud=cloud, summary=summarise(self._settings, cloud), pending=pending)
+            return state._replace(cloud=cloud, summary=summarise(settings, cloud), pending=pending)
         return state._replace(cloud=cloud, summary=state.summary.after(dt, moved), pending=pending)
+
+
+def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:
+    """The cloud of a leader that is `ratio` times as large: as much farther away, and as much faster relative to
+    us, who fly with v_F_n (3,) m/s."""
+    scale = np.where(nose_particles.DIAGONAL < apparent_wing.BANK_ERROR, ratio, 1.0)
+    means = cloud.means * scale
+    means[:, apparent_wing.V] += (1.0 - ratio) * v_F_n
+    return cloud._replace(means=means, covariances=cloud.covariances * scale[:, None] * scale)

@@ -19,6 +19,7 @@ from onboard.estimators.leader.filter import LeaderFilter, Measurement, Open
 from onboard.estimators.leader.modes import Modes
 from onboard.estimators.leader.settings import ManoeuvreModel, NoseModel, settings_for
 from onboard.estimators.leader.shape import Shape, shape_of
+from onboard.estimators.leader.size import Size, with_size
 from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.filters.belief import Belief, Update
 from onboard.models import wing_line as measurement_model
@@ -117,6 +118,10 @@ class _WingLine:
     def fuse(self, state: Modes, measurement: Measurement, pose: CameraPose) -> Update:
         u = wing_line.fuse(self._filter, state, *_batch(measurement, pose))
         return Update(u.belief, u.innovation[0], u.innovation_covariance[0], u.predicted[0], float(u.nis[0]))
+
+    def resized(self, state: Modes, size: Size) -> Modes:
+        means, covariances = with_size(state.means, state.covariances, size)
+        return state._replace(means=means, covariances=covariances)
 
     def belief(self, state: Modes) -> Belief:
         mean, covariance = modes.mixture(state)

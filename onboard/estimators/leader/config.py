@@ -1,5 +1,6 @@
 """`[estimator.leader]`: the keys of its section, with their units."""
 
+import re
 from typing import Annotated, Literal
 
 import msgspec
@@ -7,6 +8,42 @@ import msgspec
 from onboard.estimators.leader.settings import settings_for
 from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
 from onboard.messages.target import check_points
+
+
+class BroadcastConfig(Record, frozen=True, kw_only=True):
+    """`[estimator.leader.broadcast]`: the position that the leader itself broadcasts. It is used with `system` or
+    `icao` alone.
+
+    Raises ValueError for both of them, for other keys without either, and for an `icao` that is none.
+    """
+
+    system: Annotated[int, msgspec.Meta(ge=0, le=255)] = 0  # sends GLOBAL_POSITION_INT, FOLLOW_TARGET; 0: nobody
+    icao: str = ""  # the leader's address in ADSB_VEHICLE, six hexadecimal digits
+    position_sigma_m: Positive = 2.0  # error on each axis that is new in each report
+    altitude_sigma_m: Positive | None = None  # the same of the height; None: as position_sigma_m
+    velocity_sigma_m_s: Positive = 0.3
+    bias_m: NotNegative = 2.0  # error of the position on each axis that lasts
+    altitude_bias_m: NotNegative | None = None  # the same of the height; None: as bias_m, of an `icao` 30 m
+    bias_time_s: Positive = 60.0  # correlation time of these
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.2  # age of a report when it arrives
+    latency_sigma_s: NotNegative = 0.1  # by which that is wrong, for long and anew in each report
+    geoid_undulation_m: float = 0.0  # of an `icao`: mean sea level = GNSS height - this
+    max_speed_m_s: Positive = 350.0  # faster reports are implausible
+    timeout_s: Annotated[float, msgspec.Meta(gt=0, le=4)] = 4.0  # without a report: it carries the track no more
+
+    @property
+    def is_used(self) -> bool:
+        """Whether the leader broadcasts."""
+        return bool(self.system or self.icao)
+
+    def __post_init__(self) -> None:
+        if self.system and self.icao:
+            raise ValueError("system and icao: one of them is the leader's, not both")
+        if self.icao and not re.fullmatch("[0-9a-fA-F]{6}", self.icao):
+            raise ValueError(f"icao: must be six hexadecimal digits, not {self.icao!r}")
+        is_changed = any(getattr(self, f.name) != f.default for f in msgspec.structs.fields(self))
+        if is_changed and not self.is_used:
+            raise ValueError("system or icao must say whose broadcasts are the leader's")
 
 
 class Config(Record, frozen=True, kw_only=True):
@@ -31,7 +68,10 @@ class Config(Record, frozen=True, kw_only=True):
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw; 0 for both: our attitude is exact
     own_attitude_time_s: Positive = 60.0  # correlation time of these errors
     own_velocity_sigma_m_s: NotNegative = 0.1  # error of our own velocity; a hovering leader seems to drift by it
+    own_position_sigma_m: NotNegative = 1.0  # error of our own position: matters with a broadcast only
+    own_position_time_s: Positive = 60.0  # correlation time of it
     estimate_bias: bool = True  # wing-line: estimate the attitude's errors (else they are ignored)
+    broadcast: BroadcastConfig = BroadcastConfig()
     delay_sigma_s: NotNegative = 0.0  # delay of the camera's stamps; 0: they are exact, the delay no state
     rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
     coast_after_s: NotNegative = 0.25  # without an image: coasting

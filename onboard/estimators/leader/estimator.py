@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from typing import Final
 
+from onboard.estimators.leader.broadcast import Broadcast
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.choice import make_filter
 from onboard.estimators.leader.config import Config
@@ -37,20 +38,33 @@ class Estimator:
     """See `onboard.estimators.EstimatorProtocol`. A track for each target, by its id; `verdicts` on all images."""
 
     def __init__(self, config: Config, camera: Camera) -> None:
-        self.verdicts: Counter[str] = Counter()
+        self._verdicts: Counter[str] = Counter()
         self._config, self._poses = config, CameraPoses(camera)
         self._filter = make_filter(config)
         self._classes = {
             name: (make_filter(config.of_class(name)), config.of_class(name)) for name in config.target
         }
+        self._broadcast = Broadcast(config) if config.broadcast.is_used else None
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._next_refusal_ns = 0
         self._exposures = Exposures()
 
+    @property
+    def verdicts(self) -> Counter[str]:
+        """Verdicts on all images, and on the reports of a leader that broadcasts."""
+        return self._verdicts if self._broadcast is None else self._verdicts + self._broadcast.verdicts
+
+    @property
+    def listens(self) -> tuple[type[Message], ...]:
+        """The messages it receives as it is configured."""
+        return LISTENS if self._broadcast is None else LISTENS + self._broadcast.listens
+
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Fuse one image of one target at the time it was taken."""
+        """Fuse one image of one target at the time it was taken; or take a report that the leader broadcasts."""
         if not isinstance(message, TargetImage):
+            if self._broadcast is not None and (size := self._broadcast.receive(message, ownship)) is not None:
+                self._tracks[NAME].set_size(size, ownship)
             return []
         if message.target == NO_ID:
             track = self._nearest(message, ownship)
@@ -63,15 +77,15 @@ class Estimator:
         track.set_class(*self._class_of(message))
         estimate = track.observe(message, ownship)
         if estimate.measurement is not None:
-            self.verdicts[estimate.measurement.verdict] += 1
-        return [estimate]
+            self._verdicts[estimate.measurement.verdict] += 1
+        return [self._with_broadcast(estimate, ownship)]
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict every track to the newest navigation sample. Drop idle targets, except the first."""
         estimates = []
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
-                estimates.append(track.tick(ownship))
+                estimates.append(self._with_broadcast(track.tick(ownship), ownship))
             elif track.is_idle(ownship.now_ns):
                 del self._tracks[target]
                 if track.state is not Lifecycle.SEARCHING:  # say the last word on it
@@ -83,7 +97,15 @@ class Estimator:
         """Forget all tracks and all times."""
         for track in self._tracks.values():
             track.reset(reason)
+        if self._broadcast is not None:
+            self._broadcast.clear()
         self._next_refusal_ns = 0
+
+    def _with_broadcast(self, estimate: Estimate, ownship: Ownship) -> Estimate:
+        """The estimate to publish of a target: the leader's broadcast may carry it."""
+        if self._broadcast is None or estimate.target != NAME:
+            return estimate
+        return self._broadcast.over(estimate, ownship)
 
     def _track(self, target: str, *, full: bool = False) -> Track:
         return Track(NAME, target, self._filter, self._poses, self._config, full=full)
@@ -94,7 +116,7 @@ class Estimator:
 
     def _refuse(self, message: TargetImage, ownship: Ownship) -> list[Estimate]:
         """An image that is of one target too many."""
-        self.verdicts[Verdict.FULL] += 1
+        self._verdicts[Verdict.FULL] += 1
         if ownship.now_ns < self._next_refusal_ns:
             return []
         self._next_refusal_ns = ownship.now_ns + REFUSAL_PERIOD_NS

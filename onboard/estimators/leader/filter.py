@@ -7,6 +7,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.places import Place
 from onboard.estimators.leader.shape import Seen, Shape
+from onboard.estimators.leader.size import Size
 from onboard.filters.belief import Belief, Update
 from onboard.ownship import Step
 
@@ -62,6 +63,9 @@ class LeaderFilter(Protocol):
 
     def fuse(self, state: Any, measurement: Measurement, pose: CameraPose) -> Update:
         """The update by an image; its belief is a state."""
+
+    def resized(self, state: Any, size: Size) -> Any:
+        """The state once the size is known better from elsewhere."""
 
     def belief(self, state: Any) -> Belief:
         """Mean (n,) and covariance (n, n), the first nine components those of `relative_motion`."""

@@ -50,6 +50,10 @@ class Guard:
         self._published: deque[Published] = deque()
         self._moved, self._until_ns, self._found = np.zeros(3), 0, ""
 
+    def set_size(self, size: float) -> None:
+        """The wing is known better now: `size` m."""
+        self._size = size
+
     def seen(self, span: float, sigma: float) -> None:
         """An image was fused in which the wing appears this long, rad."""
         self._spans.append((span, sigma))

@@ -11,6 +11,7 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import Measurement, Open
 from onboard.estimators.leader.settings import Noise
 from onboard.estimators.leader.shape import Shape
+from onboard.estimators.leader.size import Size, with_size
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
@@ -76,6 +77,10 @@ class OhJohnson:
         measure = partial(camera_angles.measure, R_cn=pose.R_cn, r_FC_n=pose.r_FC_n)
         y, R = measurement.y, measurement.R
         return unscented.update(state, y, measure, R, WEIGHTS, camera_angles.ANGULAR, self._considered)
+
+    def resized(self, state: Belief, size: Size) -> Belief:
+        """The belief with another marginal of the size."""
+        return Belief(*with_size(state.mean, state.covariance, size))
 
     def belief(self, state: Belief) -> Belief:
         """Mean (9,) and covariance (9, 9), with the error of our own attitude added."""

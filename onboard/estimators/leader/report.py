@@ -1,15 +1,17 @@
-"""Reports on single images: what was measured, what was predicted, and the verdict."""
+"""Reports on single images: what was measured, what was predicted, and the verdict; and the estimate."""
 
 import math
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filter import LeaderFilter
 from onboard.estimators.leader.image import Image
 from onboard.estimators.leader.places import Place
-from onboard.filters.belief import Update
-from onboard.messages import ImagePoint, MeasurementReport, Mode, TargetImage, Verdict
+from onboard.estimators.leader.status import Status
+from onboard.filters.belief import Belief, Update
+from onboard.messages import Estimate, ImagePoint, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
+from onboard.models import relative_motion
 
 
 class Outcome(NamedTuple):
@@ -19,6 +21,15 @@ class Outcome(NamedTuple):
     update: Update
     prior: Any
     pose: CameraPose
+
+
+class NoOutcome(NamedTuple):
+    """What was inserted was no image, and nothing that the gate could stop."""
+
+    fused: bool = False
+
+
+NO_OUTCOME: Final = NoOutcome()
 
 
 def report(
@@ -50,6 +61,24 @@ def report(
         units=filter_.measured_units,
         gate=filter_.gate,
         points=message.image_points,
+        **fields,
+    )
+
+
+def published(filter_: LeaderFilter, status: Status, belief: Belief | None, **fields: Any) -> Estimate:
+    """The estimate of a belief (None: there is none) in these fields, with what follows from them."""
+    t_ns, state = fields["t_ns"], fields["state"]
+    age = status.age(t_ns)
+    return Estimate(
+        state_since_ns=status.since(state, t_ns),
+        valid=state in (Lifecycle.TRACKING, Lifecycle.COASTING),
+        frame=relative_motion.FRAME,
+        components=filter_.components,
+        units=filter_.units,
+        mean=None if belief is None else tuple(belief.mean.tolist()),
+        covariance=None if belief is None else tuple(map(tuple, belief.covariance.tolist())),
+        age=None if age == math.inf else age,
+        reset_count=status.resets,
         **fields,
     )
 

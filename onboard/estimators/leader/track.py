@@ -20,13 +20,13 @@ from onboard.estimators.leader.guard import Guard
 from onboard.estimators.leader.image import Image, agree, prepare
 from onboard.estimators.leader.partial import refused
 from onboard.estimators.leader.repeats import Repeats
-from onboard.estimators.leader.report import Outcome, modes_of, report
+from onboard.estimators.leader.report import NO_OUTCOME, Outcome, modes_of, published, report
+from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.status import Status
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
-from onboard.models import relative_motion
 from onboard.models.relative_motion import R
 from onboard.ownship import Ownship
 
@@ -59,6 +59,7 @@ class Track:
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._guard = Guard(config.size_prior_m)
+        self._size: Size | None = None  # if it is known better than as configured
         self._guarded = config.filter in {"any-side", "wing-line"}  # the paper's covariances are far too small
         self._report = partial(report, filter_)
         self._sequence = 0
@@ -89,7 +90,18 @@ class Track:
         """Images of a class of targets come. A track stays what it started as."""
         if self._history is None and not self._held:
             self._filter, self._config, self._report = filter_, config, partial(report, filter_)
-            self._guard = Guard(config.size_prior_m)
+            self._guard = Guard(config.size_prior_m if self._size is None else self._size.value)
+
+    def set_size(self, size: Size, ownship: Ownship) -> None:
+        """The size is known better now, from elsewhere than the images."""
+        self._size = size
+        self._guard.set_size(size.value)
+        if self._history is None:
+            return
+        try:
+            self._history.insert(self._history.belief_at(0, ownship)[0], size, ownship)
+        except FilterError as error:
+            self._forget(f"the filter failed: {error}")
 
     def reset(self, reason: str) -> None:
         """Forget the track and all times."""
@@ -194,9 +206,10 @@ class Track:
         images = sorted(held, key=lambda i: i.message.t_ns)
         first = images[0]
         earlier = before.belief_at(first.message.t_ns, ownship)[1] if before else None
+        begun = self._filter.start(first.measurement, first.pose, earlier)
         self._history = History(
             first.message.t_ns,
-            self._filter.start(first.measurement, first.pose, earlier),
+            begun if self._size is None else self._filter.resized(begun, self._size),
             horizon_ns=round(self._config.rewind_horizon_s * NS_PER_S),
             advance=self._advance,
             fuse=self._fuse,
@@ -223,7 +236,9 @@ class Track:
             state = self._filter.advance(state, step)
         return state
 
-    def _fuse(self, state: Any, image: Image, ownship: Ownship) -> tuple[Any, Outcome]:
+    def _fuse(self, state: Any, image: Image | Size, ownship: Ownship) -> tuple[Any, Any]:
+        if isinstance(image, Size):
+            return self._filter.resized(state, image), NO_OUTCOME
         pose = image.pose
         if not image.final:
             camera = self._poses.camera.named(image.message.camera)
@@ -255,14 +270,12 @@ class Track:
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any."""
         found = self._belief(ownship)
-        t_ns, mean, covariance = ownship.now_ns, None, None
+        t_ns, belief = ownship.now_ns, None
         state, reason = Lifecycle.INITIALISING if self._held else Lifecycle.SEARCHING, self._status.reason
         modes: tuple[Mode, ...] = ()
         self.direction_n = None
         if found is not None:
             t_ns, belief, left = found
-            mean = tuple(belief.mean.tolist())
-            covariance = tuple(map(tuple, belief.covariance.tolist()))
             coasting = self._status.is_coasting(t_ns)
             in_view = not coasting or self._poses.see(belief.mean[R], t_ns, ownship)
             state, reason = self._status.state(t_ns, in_view=in_view)
@@ -272,28 +285,12 @@ class Track:
                 state, reason = Lifecycle.LOST, contradiction
             if left.reason and state is not Lifecycle.LOST:
                 reason, modes = f"{reason}; {left.reason}", modes_of(left.places)
-            range_ = math.hypot(*mean[R])
+            r = belief.mean[R].tolist()
+            range_ = math.hypot(*r)
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
             if not coasting:
-                self.direction_n = tuple(x / range_ for x in mean[R])
-        age = self._status.age(t_ns)
+                self.direction_n = tuple(x / range_ for x in r)
         self._sequence += 1
-        return Estimate(
-            name=self._name,
-            target=self.target,
-            sequence=self._sequence,
-            t_ns=t_ns,
-            state=state,
-            state_since_ns=self._status.since(state, t_ns),
-            valid=state in (Lifecycle.TRACKING, Lifecycle.COASTING),
-            reason=reason,
-            frame=relative_motion.FRAME,
-            components=self._filter.components,
-            units=self._filter.units,
-            mean=mean,
-            covariance=covariance,
-            age=None if age == math.inf else age,
-            reset_count=self._status.resets,
-            measurement=measurement,
-            modes=modes,
-        )
+        fields = {"name": self._name, "target": self.target, "sequence": self._sequence, "t_ns": t_ns}
+        fields |= {"state": state, "reason": reason, "measurement": measurement, "modes": modes}
+        return published(self._filter, self._status, belief, **fields)

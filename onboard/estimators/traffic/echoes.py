@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.frame import OwnMotion
 from onboard.estimators.traffic.batch import Radar
 from onboard.estimators.traffic.config import Config
-from onboard.estimators.traffic.frame import OwnMotion
 from onboard.filters.association import Places
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import RadarScan

@@ -8,8 +8,8 @@ both show the error of our own attitude (`registration`).
 from collections import Counter
 from typing import Final
 
+from onboard.estimators.frame import Frame
 from onboard.estimators.traffic.config import Config
-from onboard.estimators.traffic.frame import Frame
 from onboard.estimators.traffic.publication import estimates
 from onboard.estimators.traffic.tracker import Tracker
 from onboard.geometry.camera import Camera

@@ -6,10 +6,10 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.frame import Frame, OwnMotion
 from onboard.estimators.traffic.approach import closest_in_turns
 from onboard.estimators.traffic.batch import Updates
 from onboard.estimators.traffic.config import Config
-from onboard.estimators.traffic.frame import Frame, OwnMotion
 from onboard.estimators.traffic.track import Track
 from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold

@@ -9,10 +9,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from onboard.estimators.reported import is_repetition
 from onboard.estimators.traffic.batch import NO_ROWS, Batch, Updates
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.publication import measurement_report
-from onboard.estimators.traffic.reports import Key, Report, is_repetition
+from onboard.estimators.traffic.reports import Key, Report
 from onboard.estimators.traffic.track import Track
 from onboard.filters.association import Places
 from onboard.filters.gating import chi_square_threshold

@@ -7,18 +7,16 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.frame import Frame
+from onboard.estimators.reported import Reported, is_plausible, of_adsb, of_peer
 from onboard.estimators.traffic.config import Config
-from onboard.estimators.traffic.frame import Frame, on_earth
 from onboard.estimators.traffic.ranges import solve
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import AdsbVehicle, AltitudeType, PeerPosition, PeerRanges, Verdict
+from onboard.messages import AdsbVehicle, PeerPosition, PeerRanges, Verdict
 
-LOWEST: Final = -1000.0  # m
-HIGHEST: Final = 30_000.0  # m; no aircraft that flies by lift is higher
 UNKNOWN_SPEED_SIGMA: Final = 300.0  # m/s: of a velocity that is not reported
 ROUNDED_AGE: Final = 0.5  # s: mean error of an age that is given in whole seconds,
 ROUNDED_AGE_SIGMA: Final = 1 / math.sqrt(12)  # and its sigma
-STANDSTILL: Final = 1.0  # m/s; below it an aircraft may report the same position twice
 VAGUE: Final = 300.0  # m: a fix with a larger error begins no track
 
 Key = tuple[str, int]  # ("icao", address) or ("system", number)
@@ -58,60 +56,42 @@ def make_report(m: ReportMessage, frame: Frame, config: Config, near: Array | No
     return _from_adsb(m, frame, config) if isinstance(m, AdsbVehicle) else _from_peer(m, frame, config)
 
 
-def is_repetition(a: ReportMessage, b: ReportMessage | None) -> bool:
-    """Whether a receiver repeats an older report: the same position to the last digit, of an aircraft that
-    moves."""
-    return (
-        isinstance(a, AdsbVehicle)
-        and isinstance(b, AdsbVehicle)
-        and (a.lat_deg, a.lon_deg, a.altitude) == (b.lat_deg, b.lon_deg, b.altitude)
-        and (a.ground_speed or 0.0) > STANDSTILL
-    )
-
-
 def _from_adsb(m: AdsbVehicle, frame: Frame, config: Config) -> Report | Verdict:
     if config.own_icao and m.icao == int(config.own_icao, 16):
         return Verdict.OURSELVES
     if m.tslc > config.max_tslc_s:
         return Verdict.STALE
-    if m.lat_deg is None or m.lon_deg is None or m.altitude is None:
-        return Verdict.NO_POSITION
-    speed, course, climb = m.ground_speed, m.course, m.climb
-    height = m.altitude
-    if m.altitude_type is AltitudeType.GEOMETRIC:
-        height -= config.geoid_undulation_m
-    else:
-        height += config.pressure_altitude_offset_m
-    level = speed is not None and course is not None
-    along, direction = (speed, course) if speed is not None and course is not None else (0.0, 0.0)
-    v_l = along * math.cos(direction), along * math.sin(direction), -(climb or 0.0)
-    if not 0 < m.icao < 2**24 or not _is_plausible(m.lat_deg, m.lon_deg, height, v_l, config):
-        return Verdict.IMPLAUSIBLE
+    reported = of_adsb(
+        m,
+        geoid_undulation=config.geoid_undulation_m,
+        pressure_altitude_offset=config.pressure_altitude_offset_m,
+        fastest=config.max_speed_m_s,
+    )
+    if isinstance(reported, Verdict):
+        return reported
     age, age_sigma = config.adsb_latency_s + m.tslc, config.adsb_latency_sigma_s
     if m.tslc >= 1:
         age, age_sigma = age + ROUNDED_AGE, math.hypot(age_sigma, ROUNDED_AGE_SIGMA)
     sigma = (
         config.adsb_position_sigma_m,
         config.adsb_altitude_sigma_m,
-        config.adsb_velocity_sigma_m_s if level else UNKNOWN_SPEED_SIGMA,
-        config.adsb_velocity_sigma_m_s if climb is not None else UNKNOWN_SPEED_SIGMA,
+        config.adsb_velocity_sigma_m_s if reported.has_level else UNKNOWN_SPEED_SIGMA,
+        config.adsb_velocity_sigma_m_s if reported.has_climb else UNKNOWN_SPEED_SIGMA,
     )
     t_ns = m.t_ns - round(age * NS_PER_S)
     bias = (config.report_bias_m, config.report_bias_m, config.report_bias_altitude_m)
-    return _report(("icao", m.icao), t_ns, (m.lat_deg, m.lon_deg, height), v_l, sigma, bias, age_sigma, m, frame)
+    return _report(("icao", m.icao), t_ns, reported, sigma, bias, age_sigma, m, frame)
 
 
 def _from_peer(m: PeerPosition, frame: Frame, config: Config) -> Report | Verdict:
-    if (m.lat_deg, m.lon_deg) == (0.0, 0.0):
-        return Verdict.NO_POSITION  # what an autopilot without a position reports
-    if not _is_plausible(m.lat_deg, m.lon_deg, m.alt_msl, m.v_n, config):
-        return Verdict.IMPLAUSIBLE
+    reported = of_peer(m, fastest=config.max_speed_m_s)
+    if isinstance(reported, Verdict):
+        return reported
     position, speed = config.peer_position_sigma_m, config.peer_velocity_sigma_m_s
     sigma = (position, position, speed, speed)
     t_ns = m.t_ns - round(config.peer_latency_s * NS_PER_S)
-    place = (m.lat_deg, m.lon_deg, m.alt_msl)
     bias = (config.peer_bias_m,) * 3
-    return _report(("system", m.system), t_ns, place, m.v_n, sigma, bias, config.peer_latency_sigma_s, m, frame)
+    return _report(("system", m.system), t_ns, reported, sigma, bias, config.peer_latency_sigma_s, m, frame)
 
 
 def _from_ranges(m: PeerRanges, frame: Frame, config: Config, near: Array | None) -> Report | Verdict:
@@ -127,23 +107,16 @@ def _from_ranges(m: PeerRanges, frame: Frame, config: Config, near: Array | None
         return Verdict.IMPLAUSIBLE
     lat_deg, lon_deg, height = frame.geodetic(y[None, :3])[0].tolist()
     height -= config.geoid_undulation_m
-    if not _is_plausible(lat_deg, lon_deg, height, tuple(y[3:].tolist()), config):
+    if not is_plausible((lat_deg, lon_deg, height), tuple(y[3:].tolist()), config.max_speed_m_s):
         return Verdict.IMPLAUSIBLE
     y[:3] = frame.position(lat_deg, lon_deg, height)
     return Report(("system", m.peer), m.t_ns, y, R, np.full(3, config.gnss_bias_m), m)
 
 
-def _is_plausible(
-    lat_deg: float, lon_deg: float, height: float, v: tuple[float, float, float], config: Config
-) -> bool:
-    return on_earth(lat_deg, lon_deg) and LOWEST <= height <= HIGHEST and math.hypot(*v) <= config.max_speed_m_s
-
-
 def _report(
     key: Key,
     t_ns: int,
-    place: tuple[float, float, float],
-    v_l: tuple[float, float, float],
+    reported: Reported,
     sigma: tuple[float, float, float, float],
     bias_sigma: tuple[float, float, float],
     age_sigma: float,
@@ -152,8 +125,9 @@ def _report(
 ) -> Report:
     """`sigma`: of horizontal position and height, horizontal and vertical speed; `age_sigma`: of the age, s, which
     blurs the position along the velocity."""
+    place = reported.place
     R_nl = frame.rotation_nl(place[0], place[1])
-    v = R_nl @ np.array(v_l)
+    v = R_nl @ np.array(reported.v)
     horizontal, vertical, level, climb = sigma
     R = np.zeros((6, 6))
     R[:3, :3] = (R_nl * np.array([horizontal, horizontal, vertical]) ** 2) @ R_nl.T + age_sigma**2 * np.outer(v, v)

@@ -11,10 +11,10 @@ from typing import Final
 
 import numpy as np
 
+from onboard.estimators.frame import Frame, OwnMotion
 from onboard.estimators.traffic.batch import Batch, Radar
 from onboard.estimators.traffic.config import Config
 from onboard.estimators.traffic.echoes import Echoes, echoes_of, radar_of
-from onboard.estimators.traffic.frame import Frame, OwnMotion
 from onboard.estimators.traffic.motion import belief_from_echo, belief_from_report, configured_filter
 from onboard.estimators.traffic.publication import in_turn, last_estimate, measurement_report
 from onboard.estimators.traffic.radar_association import (

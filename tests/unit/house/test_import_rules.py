@@ -28,7 +28,7 @@ FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
 STRANGERS = {"estimators", "links", "sinks"}  # never see each other
 # Parts of parts, the lower first; those that stand on one floor do not see each other.
 INSIDE = {
-    "onboard.estimators": ({"history"}, {"leader", "own_state", "traffic"}),
+    "onboard.estimators": ({"frame", "history"}, {"reported"}, {"leader", "own_state", "traffic"}),
     "onboard.studies": ({"report"}, {"tracking"}, {"*"}, {"together"}),
     "simlink": (
         *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot", "encounters", "flight"}),
@@ -223,7 +223,7 @@ def test_all_parts_are_there_and_have_a_floor() -> None:
         ("onboard/models/bad.py", "from onboard.filters.kernels import linear"),
         ("onboard/models/bad.py", "from onboard.filters.belief import _refuse"),
         ("onboard/estimators/bad.py", "from onboard.links import link"),
-        ("onboard/estimators/leader/bad.py", "from onboard.estimators.traffic import frame"),
+        ("onboard/estimators/leader/bad.py", "from onboard.estimators.traffic import track"),
         ("onboard/sinks/bad.py", "import onboard.estimators.leader"),
         ("onboard/studies/tracking/bad.py", "from onboard.studies.traffic import study"),
         ("onboard/wire/bad.py", "from onboard.config import Config"),

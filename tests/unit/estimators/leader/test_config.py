@@ -105,3 +105,27 @@ def test_only_numbers_can_be_overridden() -> None:
 def test_angles_are_numpys_to_the_last_bit(degrees: float) -> None:
     """The settings were NumPy's once; recorded flights depend on them."""
     assert math.radians(degrees) == np.radians(degrees)
+
+
+@pytest.mark.parametrize(
+    ("section", "reason"),
+    [
+        ('{system = 3, icao = "4b1a00"}', "system and icao: one of them is the leader's, not both"),
+        ('{icao = "4b1a0"}', "icao: must be six hexadecimal digits, not '4b1a0'"),
+        ("{latency_s = 0.3}", "system or icao must say whose broadcasts are the leader's"),
+        ("{system = 256}", "estimator.leader.broadcast.system: expected `int` <= 255"),
+        ("{system = 3, latency_s = 2.0}", "estimator.leader.broadcast.latency_s: expected `float` <= 1.0"),
+        ("{sytem = 3}", "unknown key estimator.leader.broadcast.sytem (did you mean system?); known: system, "),
+    ],
+)
+def test_a_broadcast_that_cannot_be_is_refused(section: str, reason: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(reason)):
+        load_config(None, (f"estimator.leader.broadcast={section}",))
+
+
+def test_a_broadcast_of_what_we_send_or_are_is_refused() -> None:
+    ours = ('leader_out=[{link = "autopilot", system = 3}]', "estimator.leader.broadcast.system=3")
+    with pytest.raises(ConfigError, match=r"broadcast.system: \[\[leader_out\]\] sends as system 3"):
+        load_config(None, ours)
+    with pytest.raises(ConfigError, match=r"broadcast.system: our own vehicle is system 3"):
+        load_config(None, ("autopilot.system=3", "estimator.leader.broadcast.system=3"))

@@ -1,4 +1,5 @@
-"""The tracker's Cartesian frame n, NED at an anchor, our first known position; and our own motion in it.
+"""A Cartesian frame n for reported positions: NED at an anchor, our first known position;
+and our own motion in it.
 
 Everything goes through ECEF, so neither a pole nor the antimeridian is special, and the frame stays exact however
 far we fly from its anchor. Heights above mean sea level are treated as heights above the ellipsoid, for all

@@ -1,0 +1,175 @@
+"""Where a leader is that broadcasts its own position, and how large it is: a Kalman filter of both.
+
+A report is of the position, with an error that lasts (multipath, our own receiver's) and one that does not, and of
+a time that is off by a lasting delay. What the camera shows is the position for a metre of wingspan. The two agree
+for one size only. The lasting error is along the line of sight what a wrong size is, so how well the size becomes
+known follows from how much that line turns; the camera measures the other two axes of the error directly.
+
+State (N,): r_FL_n, v_L, a_L (Singer's model), the position's lasting error (3 each, in n), its delay in s, and the
+size in m. What the camera shows was filtered, so its errors last for some seconds: their noise is enlarged.
+"""
+
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters.belief import Belief, FilterError
+from onboard.filters.discretisation import Discrete, van_loan
+
+R: Final = slice(0, 3)
+V: Final = slice(3, 6)
+A: Final = slice(6, 9)
+BIAS: Final = slice(9, 12)
+DELAY: Final = 12
+SIZE: Final = 13
+N: Final = 14
+ACCELERATION: Final = (3.0, 3.0, 1.5)  # m/s^2, standard deviation, of aircraft that turn and brake
+ACCELERATION_TIME: Final = 3.0  # s
+DELAY_TIME: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
+SHOWN_LASTS: Final = 5.0  # s: correlation time of the errors of what the camera shows
+OPEN: Final = 0.15  # of the range: one that is less certain for a given size is not used, but its direction
+UNKNOWN: Final = 10.0  # of the range: the noise of such a range
+ITERATIONS: Final = 3  # of an update by what the camera shows
+LEAST: Final = (0.005, 0.003)  # of the range: the errors of what the camera shows, along and across, at least
+
+
+class Errors(NamedTuple):
+    """Standard deviations of a report's lasting errors: of its position (3,) m, with our own position's, and of
+    its delay, s; the correlation time of the former, s; and of our own velocity, m/s."""
+
+    bias: Array
+    delay: float
+    time: float
+    own_velocity: float
+
+
+class Shown(NamedTuple):
+    """What the camera shows: r_FL_n (3,) m of a leader of `size` m, and its covariance (3, 3) for that size."""
+
+    r: Array
+    P: Array
+    size: float
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the images leave the range open."""
+        return float(self.r @ self.P @ self.r) > (OPEN * float(self.r @ self.r)) ** 2
+
+
+def shown(r: Array, P: Array, size: float, size_sigma: float) -> Shown:
+    """What the camera shows, from a belief of r_FL_n (3,) with covariance P (3, 3) that includes an error of the
+    size: it scales the range."""
+    range_ = float(np.linalg.norm(r))
+    line = r / range_
+    along = float(line @ P @ line) - (size_sigma / size * range_) ** 2
+    along = max(along, (LEAST[0] * range_) ** 2)
+    flat = np.eye(3) - np.outer(line, line)
+    across = flat @ P @ flat + (LEAST[1] * range_) ** 2 * flat
+    return Shown(r, across + along * np.outer(line, line), size)
+
+
+def start(errors: Errors, seen: Shown, size: float, size_sigma: float, v: Array, v_sigma: float) -> Belief:
+    """The belief before the first report: what the camera shows of a leader of `size` m, which moves with v (3,)
+    m/s."""
+    mean, P = np.zeros(N), np.zeros((N, N))
+    y = seen.r / seen.size
+    mean[R], mean[V], mean[SIZE] = size * y, v, size
+    P[R, R] = _usable(seen) * (size / seen.size) ** 2 * _enlarged(SHOWN_LASTS) + size_sigma**2 * np.outer(y, y)
+    P[R, SIZE] = P[SIZE, R] = size_sigma**2 * y
+    P[SIZE, SIZE] = size_sigma**2
+    P[V, V] = v_sigma**2 * np.eye(3)
+    P[A, A] = np.diag(np.square(ACCELERATION))
+    P[BIAS, BIAS] = np.diag(np.square(errors.bias))
+    P[DELAY, DELAY] = errors.delay**2
+    return Belief(mean, P)
+
+
+def predict(errors: Errors, belief: Belief, dt: float, moved: Array) -> Belief:
+    """The belief after `dt` seconds, in which we move by `moved` (3,) m."""
+    if dt <= 0.0:
+        return belief
+    F, Q = _model(round(dt * 1e6), *errors.bias.tolist(), errors.delay, errors.time, errors.own_velocity)
+    mean = F @ belief.mean
+    mean[R] -= moved
+    return Belief(mean, F @ belief.covariance @ F.T + Q)
+
+
+def see(belief: Belief, seen: Shown, since: float) -> Belief:
+    """The belief after what the camera shows, `since` seconds after it was used last: r / size, linearised again
+    about each correction. Not as r - size y = 0, which is linear: where y itself is the slope, its noise is taken
+    for motion, and a size of nothing would explain that best. Raises FilterError."""
+    y, x = seen.r / seen.size, belief.mean
+    R_y = _usable(seen) / seen.size**2 * _enlarged(since)
+    H, after = np.zeros((3, N)), belief
+    for _ in range(ITERATIONS):
+        size = float(x[SIZE])
+        H[:, R], H[:, SIZE] = np.eye(3) / size, -x[R] / size**2
+        after, _nis = correct(belief, H, y - x[R] / size - H @ (belief.mean - x), R_y)
+        x = after.mean
+    return after
+
+
+def report(belief: Belief, r: Array, v: Array | None, R_y: Array) -> tuple[Belief, float]:
+    """The belief after a report of r_FL_n (3,) and v_L (3,), if that is known, with noise R_y (6, 6), and the NIS.
+    Raises FilterError."""
+    H = np.zeros((6, N))
+    H[:3, R] = H[:3, BIAS] = H[3:, V] = np.eye(3)
+    H[:3, DELAY] = -belief.mean[V]
+    predicted = np.concatenate(
+        [belief.mean[R] + belief.mean[BIAS] - belief.mean[DELAY] * belief.mean[V], belief.mean[V]]
+    )
+    if v is None:
+        return correct(belief, H[:3], r - predicted[:3], R_y[:3, :3])
+    return correct(belief, H, np.concatenate([r, v]) - predicted, R_y)
+
+
+def correct(belief: Belief, H: Array, innovation: Array, R_y: Array) -> tuple[Belief, float]:
+    """A Kalman update in Joseph's form, and its NIS. Raises FilterError."""
+    P = belief.covariance
+    S = H @ P @ H.T + R_y
+    try:
+        K = np.linalg.solve(S, H @ P).T
+        nis = float(innovation @ np.linalg.solve(S, innovation))
+    except np.linalg.LinAlgError as error:
+        raise FilterError("the innovation's covariance is singular") from error
+    mean = belief.mean + K @ innovation
+    left = np.eye(N) - K @ H
+    covariance = left @ P @ left.T + K @ R_y @ K.T
+    if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and mean[SIZE] > 0.0):
+        raise FilterError("the reference is not finite, or its size not positive")
+    return Belief(mean, 0.5 * (covariance + covariance.T)), nis
+
+
+def _usable(seen: Shown) -> Array:
+    """The noise of what the camera shows; without its range, if the images leave that open."""
+    if not seen.is_open:
+        return seen.P
+    return seen.P + UNKNOWN**2 * np.outer(seen.r, seen.r)
+
+
+def _enlarged(since: float) -> float:
+    """By how much a variance grows so that measurements of an error that lasts, `since` seconds apart, together
+    count as often as they are independent."""
+    return 1.0 + 2.0 * SHOWN_LASTS / max(since, 0.02)
+
+
+@lru_cache(maxsize=256)
+def _model(
+    dt_us: int, bias_n: float, bias_e: float, bias_d: float, delay: float, time: float, own_velocity: float
+) -> Discrete:
+    """Transition and process noise over so many microseconds."""
+    M, W = np.zeros((N, N)), np.zeros((N, N))
+    M[R, V] = M[V, A] = np.eye(3)
+    M[A, A] = -np.eye(3) / ACCELERATION_TIME
+    W[A, A] = np.diag(np.square(ACCELERATION)) * 2.0 / ACCELERATION_TIME
+    M[BIAS, BIAS] = -np.eye(3) / time
+    M[DELAY, DELAY] = -1.0 / DELAY_TIME
+    W[BIAS, BIAS] = np.diag(np.square([bias_n, bias_e, bias_d])) * 2.0 / time
+    W[DELAY, DELAY] = delay**2 * 2.0 / DELAY_TIME
+    W[R, R] = own_velocity**2 * np.eye(3)
+    F, Q = van_loan(M, W, dt_us * 1e-6)
+    for array in (F, Q):
+        array.flags.writeable = False
+    return Discrete(F, Q)

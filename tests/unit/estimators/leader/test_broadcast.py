@@ -1,0 +1,242 @@
+"""The leader's own broadcast position in the pipeline: what it teaches, what it carries, and what is rejected."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.config import Config
+from onboard.estimators.leader.broadcast import CARRIED
+from onboard.messages import AdsbVehicle, AltitudeType, Clock, Estimate, FollowTarget, GlobalPosition, Lifecycle
+from onboard.models.relative_motion import SIZE, R
+from tests.support.broadcast import LEADER, follow_target, leader_positions, merged, own_positions, white
+from tests.support.streams import (
+    CIRCLE,
+    Item,
+    Run,
+    S,
+    Stream,
+    assert_sane,
+    encode,
+    feed,
+    make_config,
+    position_error,
+)
+from tests.support.streams import SIZE as TRUE_SIZE
+
+TIP_95 = 7.815  # chi-square with three degrees of freedom
+
+
+def configured(*overrides: str, filter_: str = "wing-line") -> Config:
+    """With a size that is 25 % too large, at a standard deviation of 30 %."""
+    prior = ("size_prior_m=2.5", "size_prior_sigma_m=0.75", f"filter={filter_}", f"broadcast.system={LEADER}")
+    return make_config(*(f"estimator.leader.{key}" for key in prior), *overrides)
+
+
+def fly(
+    reports: list[Item], t1: float, images: Callable[[float], bool] = lambda _t: True, config: Config | None = None
+) -> Run:
+    items = merged(Stream(t1=t1, images=images).items(), own_positions(5.0, t1), reports)
+    return feed(encode(items), config or configured())
+
+
+def counts(run: Run) -> dict[str, int]:
+    """The verdicts on reports, counted."""
+    verdicts = run.pipeline.health(0).verdicts
+    return {key.removeprefix("leader.broadcast_"): n for key, n in verdicts.items() if "broadcast" in key}
+
+
+def inside(estimates: list[Estimate]) -> float:
+    """The share whose 95 % ellipsoid holds the true position."""
+    hits = []
+    for e in estimates:
+        off = np.array(e.mean)[R] - CIRCLE.relative(e.t_ns / S)[0]
+        hits.append(off @ np.linalg.solve(np.array(e.covariance)[R, R], off) < TIP_95)
+    return float(np.mean(hits))
+
+
+def between(run: Run, begin: float, end: float) -> list[Estimate]:
+    """Estimates between two times on the boot clock, s."""
+    return [e for e in run.estimates if begin <= e.t_ns / S < end]
+
+
+def size_of(estimate: Estimate) -> tuple[float, float]:
+    """The error of the size and its standard deviation, as shares of it."""
+    assert estimate.mean is not None
+    assert estimate.covariance is not None
+    return estimate.mean[SIZE] / TRUE_SIZE - 1.0, math.sqrt(estimate.covariance[SIZE][SIZE]) / TRUE_SIZE
+
+
+def test_a_broadcast_teaches_the_size_and_carries_the_track_for_20_s_seed_1() -> None:
+    """The shipped filter: 25 s of images and reports that are 1 m off, then 20 s of reports alone."""
+    reports = leader_positions(6.0, 52.0, error=white(1.0, 1))
+    run = fly(reports, 52.0, lambda t: not 30.0 <= t < 50.0, configured(filter_="any-side"))
+    error, sigma = size_of(between(run, 29.0, 30.0)[-1])
+    assert abs(error) < 0.03
+    assert abs(error) / 3.0 < sigma < 0.06
+    blind = between(run, 32.5, 50.0)
+    assert {(e.state, e.valid) for e in blind} == {(Lifecycle.COASTING, True)}
+    assert all(e.reason.startswith(CARRIED) for e in blind)
+    assert inside(blind) > 0.92
+    assert max(position_error(e) for e in blind) < 6.0
+    again = between(run, 51.0, 52.0)
+    assert all(e.valid for e in again)
+    assert inside(again) > 0.92
+    assert abs(size_of(again[-1])[0]) < 0.03  # kept, though the track had been forgotten
+    assert counts(run) == {"fused": 46}
+    assert_sane([e for e in run.estimates if not e.reason.startswith(CARRIED)])
+
+
+def test_without_reports_the_same_flight_is_lost() -> None:
+    run = fly([], 18.0, lambda t: t < 12.0)
+    assert not any(e.valid for e in between(run, 14.2, 18.0))
+    assert size_of(run.estimates[-1])[0] == pytest.approx(0.25)
+
+
+def test_another_systems_broadcast_is_not_used() -> None:
+    run = fly(leader_positions(5.0, 9.0, system=LEADER + 1), 9.0)
+    plain = fly([], 9.0)
+    assert run.estimates == plain.estimates
+    assert not counts(run)
+
+
+def test_a_leader_that_no_image_shows_is_not_followed() -> None:
+    run = fly(leader_positions(6.0, 9.0), 9.0, lambda _t: False)
+    assert {e.state for e in run.estimates} == {Lifecycle.SEARCHING}
+    assert counts(run) == {"initialising": 3}
+
+
+def test_a_position_that_jumps_is_rejected_and_the_images_stand() -> None:
+    """60 m to the east from 14 s on."""
+    jumps = leader_positions(6.0, 20.0, error=lambda t: np.array([0.0, 60.0 * (t >= 14.0), 0.0]))
+    run = fly(jumps, 20.0)
+    assert counts(run) == {"fused": 8, "gated": 6}
+    assert all(e.valid for e in between(run, 8.0, 20.0))
+    assert inside(between(run, 12.0, 20.0)) > 0.95
+
+
+def test_out_of_view_a_jump_ends_what_is_carried() -> None:
+    jumps = leader_positions(5.0, 24.0, error=lambda t: np.array([0.0, 60.0 * (t >= 18.0), 0.0]))
+    run = fly(jumps, 24.0, lambda t: t < 14.0)
+    assert all(e.valid for e in between(run, 8.0, 21.0))
+    assert not any(e.valid for e in between(run, 21.5, 24.0))
+    assert inside(between(run, 8.0, 21.0)) > 0.92
+
+
+def test_when_the_reports_end_so_does_what_they_carry() -> None:
+    run = fly(leader_positions(6.0, 15.5), 22.0, lambda t: t < 12.0)
+    assert all(e.valid for e in between(run, 8.0, 19.0))
+    assert not any(e.valid for e in between(run, 19.6, 22.0))
+
+
+def odd(reports: list[Item], index: int, **changed: object) -> list[Item]:
+    """Reports of which one is another."""
+    t_recv_ns, message = reports[index]
+    return [*reports[:index], Item(t_recv_ns, replace(message, **changed)), *reports[index + 1 :]]
+
+
+@pytest.mark.parametrize(
+    ("changed", "verdict"),
+    [
+        ({"v_n": (math.nan, 0.0, 0.0)}, "not_finite"),
+        ({"v_n": (0.0, math.inf, 0.0)}, "not_finite"),
+        ({"alt_msl": math.nan}, "not_finite"),
+        ({"alt_msl": 60_000.0}, "implausible"),
+        ({"v_n": (400.0, 0.0, 0.0)}, "implausible"),
+        ({"lat_deg": 0.0, "lon_deg": 0.0}, "no_position"),
+        ({"lat_deg": 120.0}, "implausible"),
+    ],
+)
+def test_a_report_that_cannot_be_used_is_counted_and_the_others_are_used(
+    changed: dict[str, object], verdict: str
+) -> None:
+    run = fly(odd([follow_target(t) for t in (6.0, 7.0, 8.0)], 1, **changed), 9.0)
+    assert counts(run) == {"fused": 2, verdict: 1}
+
+
+def test_a_receiver_that_hangs_repeats_a_position_of_a_leader_that_flies() -> None:
+    first, second = follow_target(6.0), follow_target(7.0)
+    same = replace(first.message, t_recv_ns=second.t_recv_ns, t_ns=second.message.t_ns)
+    run = fly([first, Item(second.t_recv_ns, same)], 8.0)
+    assert counts(run) == {"fused": 1, "stale": 1}
+
+
+def test_reports_before_our_own_position_is_known_are_counted() -> None:
+    items = merged(Stream(t1=8.0).items(), leader_positions(5.0, 8.0))
+    run = feed(encode(items), configured())
+    assert counts(run) == {"no_pose": 3}
+
+
+def test_follow_target_is_used_like_a_global_position() -> None:
+    run = fly([follow_target(t) for t in np.arange(5.0, 20.0)], 20.0)
+    error, sigma = size_of(run.estimates[-1])
+    assert abs(error) < 3.0 * sigma < 0.3
+
+
+def adsb(item: Item, icao: int) -> Item:
+    """The same report by ADS-B, through our own receiver."""
+    m = item.message
+    assert isinstance(m, GlobalPosition)
+    north, east, down = m.v_F_n
+    vehicle = AdsbVehicle(
+        t_ns=m.t_recv_ns,
+        t_recv_ns=m.t_recv_ns,
+        clock=Clock.NONE,
+        component=156,
+        icao=icao,
+        lat_deg=m.lat_deg,
+        lon_deg=m.lon_deg,
+        altitude=m.alt_msl,
+        altitude_type=AltitudeType.GEOMETRIC,
+        course=math.atan2(east, north) % (2 * math.pi),
+        ground_speed=math.hypot(north, east),
+        climb=-down,
+    )
+    return Item(item.t_recv_ns, vehicle)
+
+
+def test_adsb_of_the_configured_address_is_used_and_no_other() -> None:
+    config = configured("estimator.leader.broadcast.system=0", 'estimator.leader.broadcast.icao="4b1a00"')
+    positions = leader_positions(6.0, 20.0)
+    others = [adsb(item, 0x4B1A01) for item in leader_positions(5.5, 20.0)]
+    run = fly(merged([adsb(item, 0x4B1A00) for item in positions], others), 20.0, config=config)
+    assert counts(run) == {"fused": 14}
+    error, sigma = size_of(run.estimates[-1])
+    assert abs(error) < 3.0 * sigma < 0.3
+
+
+def test_without_a_broadcast_nobody_listens_to_others() -> None:
+    run = fly(leader_positions(5.0, 7.0), 7.0, config=make_config("estimator.leader.filter=wing-line"))
+    assert run.rejected["other_system"] == 2
+    assert "leader.broadcast_fused" not in run.pipeline.health(0).verdicts
+
+
+def test_what_a_report_says_of_its_own_error_counts_if_it_is_larger() -> None:
+    def sigma(position_sigma: float) -> float:
+        item = follow_target(6.0)
+        assert isinstance(item.message, FollowTarget)
+        message = replace(item.message, position_sigma=(position_sigma,) * 3)
+        return size_of(fly([Item(item.t_recv_ns, message)], 7.0).estimates[-1])[1]
+
+    assert sigma(0.0) == sigma(1.9) < sigma(10.0)
+
+
+def test_our_own_positions_error_limits_what_a_report_teaches() -> None:
+    """One report of a leader 28 m away: 2 m anew, 2 m that last, 0.1 s at 15 m/s, and our own 1 m or 8 m."""
+
+    def sigma(own: float) -> float:
+        config = configured(f"ownship.errors.position_sigma_m={own}")
+        return size_of(fly([follow_target(6.0)], 7.0, config=config).estimates[-1])[1]
+
+    assert 1.5 * sigma(1.0) < sigma(8.0)
+
+
+def test_after_a_reboot_nothing_of_the_broadcast_is_left() -> None:
+    run = fly(leader_positions(6.0, 9.0), 9.0)
+    estimator = run.pipeline.estimators["leader"]
+    estimator.reset("a reboot")
+    assert not estimator.tick(run.pipeline.ownship)[0].valid
+    estimator.observe(leader_positions(8.0, 9.0)[0].message, run.pipeline.ownship)
+    assert not estimator.tick(run.pipeline.ownship)[0].valid
