@@ -23,8 +23,8 @@ class ReplayError(UserError, ValueError):
 
 
 class Replayed(NamedTuple):
-    """What a replay made: every estimate of others and of our own state, the health at the end, records read, and
-    stretches that were no record."""
+    """What a replay made: every estimate of others and of our own state, the health at the end, records read,
+    stretches that were no record, the seconds that it lasted, and the boot time of its end, s."""
 
     estimates: list[Estimate]
     health: Health
@@ -32,6 +32,7 @@ class Replayed(NamedTuple):
     damaged: int
     duration: float
     own_states: list[NavState]
+    end: float
 
 
 def replay(
@@ -74,8 +75,8 @@ def replay(
     except NotALogError as error:
         raise ReplayError(f"{log}: {error}") from error
     progress(total, total)
-    health = pipeline.health(last)
-    return Replayed(estimates, health, count, damaged, (last - first) * 1e-9, own_states)
+    health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
+    return Replayed(estimates, health, count, damaged, (last - first) * 1e-9, own_states, end)
 
 
 def check_log(log: Path) -> None:

@@ -67,7 +67,7 @@ def replay_log(
             progress=lambda done, total: bar.update(task, completed=done, total=total),
             keep=False,
         )
-    result = scorer.score()
+    result = scorer.score(replayed.end)
     _print_replay(log, replayed, result, own_summary, out, own, rrd)
     if json_file is not None:
         write_json(json_file, replay_numbers(replayed, result))

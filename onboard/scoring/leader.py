@@ -5,6 +5,7 @@ time in which there was one. The NIS is a white sequence, so its mean has chi-sq
 images; the NEES of one flight is correlated throughout, so its bounds are those of a single draw.
 """
 
+import math
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -117,13 +118,14 @@ class LeaderScorer:
             if len(self._valid) >= self._piece:
                 self._compute()
 
-    def score(self) -> LeaderScore:
-        """The score of all estimates so far."""
+    def score(self, end: float = math.inf) -> LeaderScore:
+        """The score of all estimates so far. A truth that goes on after the flight's `end`, s, counts until it."""
         self._compute()
         reference, dof, n = self._reference, self._dof, len(self._nis)
         all_errors = _joined(self._errors)
         errors = _since(all_errors, self._begin or 0.0)
         samples = self._samples()
+        samples = samples[samples <= end]
         available = availability(samples, self._times, self._is_valid)
         return LeaderScore(
             estimates=self._counts["estimates"],

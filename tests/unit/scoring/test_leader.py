@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Verdict
 from onboard.models import relative_motion
-from onboard.scoring.leader import score_leader
+from onboard.scoring.leader import LeaderScorer, score_leader
 from onboard.scoring.reference import COLUMNS, Reference
 from onboard.scoring.statistics import percentiles
 
@@ -245,3 +245,15 @@ def test_availability_is_known_without_a_truth() -> None:
 def test_confidently_wrong_is_off_by_three_sigma_and_five_percent(metres: float, share: float) -> None:
     along = (0.6 * metres, 0.8 * metres, 0.0, *(0.0,) * 6)
     assert score_leader(flight(along), reference()).confidently_wrong_percent == share
+
+
+def test_a_truth_that_goes_on_after_the_flight_counts_until_its_end() -> None:
+    scorer = LeaderScorer(reference(end=130.0))
+    for e in flight():
+        scorer.add(e)
+    to_the_end, whole = scorer.score(end=70.0), scorer.score()
+    assert to_the_end.valid_percent == pytest.approx(100.0, abs=1.0)
+    assert not to_the_end.diverged
+    assert whole.valid_percent == pytest.approx(100 * 15.5 / 75.0, abs=1.0)
+    assert whole.diverged
+    assert to_the_end.position_rmse_m == whole.position_rmse_m
