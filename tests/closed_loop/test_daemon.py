@@ -50,7 +50,7 @@ def test_recorded_flight_seed_1_replays_bit_for_bit(setup: Setup, kind: str) -> 
         links += ("--camera-mavlink", f"udpout:127.0.0.1:{setup.camera}")
     with setup.daemon(url, f"recorder.path='{recording}'") as daemon:
         observer = setup.observer()
-        with setup.simulator(*links, "--wait", "300", "--duration", "8") as simulator:
+        with setup.simulator(*links, "--wait", "300", "--duration", "6") as simulator:
             assert simulator.popen.wait(PATIENCE) == 0
         observer.receive()
         health = observer.newest()
@@ -113,7 +113,7 @@ def test_daemon_is_a_good_citizen_of_the_link_seed_2(setup: Setup) -> None:
             health = observer.newest()
             assert observer.is_tracking()
             beats = relay.count("HEARTBEAT")
-            until(lambda: relay.count("HEARTBEAT") >= beats + 7, "seven more heartbeats")
+            until(lambda: relay.count("HEARTBEAT") >= beats + 3, "three more heartbeats")
             frames = relay.frames()
         assert daemon.end() == 0
     assert health.autopilot == "PX4, system 1"
@@ -131,7 +131,7 @@ def assert_good_citizen(frames: list[Any]) -> None:
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in frames} == {(1, 191)}
     beats = [m for m in frames if m.get_type() == "HEARTBEAT"]
     assert {(m.type, m.autopilot) for m in beats} == {(18, 8)}
-    assert len(beats) >= 6
+    assert len(beats) >= 4
     assert kinds["TIMESYNC"] > len(beats)
     commands = [m for m in frames if m.get_type() == "COMMAND_LONG"]
     assert {m.command for m in commands} == {511, 512}

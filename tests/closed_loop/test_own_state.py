@@ -20,8 +20,9 @@ UDP, TCP = socket.SOCK_DGRAM, socket.SOCK_STREAM
 def test_a_weak_motor_is_named_over_zenoh_and_mavlink_seed_2(tmp_path: Path) -> None:
     autopilot, ground, zenoh = free_ports(UDP, UDP, TCP)
     endpoint = f"tcp/127.0.0.1:{zenoh}"
-    config = tmp_path / "q.toml"
-    config.write_text(daemon_config(load_scenario("quadrotor-motor")), encoding="utf-8")
+    config, scenario = tmp_path / "q.toml", tmp_path / "early.toml"
+    scenario.write_text('extends = "quadrotor-motor"\n[quadrotor.fault]\nat = 7.0\n', encoding="utf-8")
+    config.write_text(daemon_config(load_scenario(str(scenario))), encoding="utf-8")
     links = f"link=[{{name='autopilot', url='udpin:127.0.0.1:{autopilot}'}}, "
     links += f"{{name='ground', url='udpout:127.0.0.1:{ground}', autopilot=false}}]"
     settings = [links, f"zenoh.listen=['{endpoint}']", "odometry.link='ground'"]
@@ -29,7 +30,7 @@ def test_a_weak_motor_is_named_over_zenoh_and_mavlink_seed_2(tmp_path: Path) -> 
     receiver.bind(("127.0.0.1", ground))
     receiver.settimeout(0.05)
     command = ("onboard", "run", config, *(a for s in settings for a in ("--set", s)))
-    simulator = ("simlink", "run", "quadrotor-motor", "--seed", "2", "--camera", "none", "--tcp", "none")
+    simulator = ("simlink", "run", str(scenario), "--seed", "2", "--camera", "none", "--tcp", "none")
     simulator += ("--mavlink", f"udpout:127.0.0.1:{autopilot}", "--zenoh", endpoint, "--wait", "300")
     records: list[Any] = []
     odometry: list[Any] = []
@@ -38,7 +39,7 @@ def test_a_weak_motor_is_named_over_zenoh_and_mavlink_seed_2(tmp_path: Path) -> 
         daemon.wait_for("link ground")
         client: Client = until(lambda: Client(endpoint, "1"), "the daemon's Zenoh")
         try:
-            with started(tmp_path / "simlink.log", *simulator, "--duration", "13") as flying:
+            with started(tmp_path / "simlink.log", *simulator, "--duration", "10") as flying:
                 while flying.popen.poll() is None:
                     collect(client, receiver, parser, records, odometry)
 
@@ -53,7 +54,7 @@ def test_a_weak_motor_is_named_over_zenoh_and_mavlink_seed_2(tmp_path: Path) -> 
     states = [r for r in records if isinstance(r, NavState) and r.valid]
     truths = [r for r in records if isinstance(r, Truth)]
     assert len(states) > 100
-    settled = states[0].t_ns + 5 * 10**9
+    settled = states[0].t_ns + 4 * 10**9
     nearest = [(min(states, key=lambda s: abs(s.t_ns - t.t_ns)), t) for t in truths if t.t_ns > settled]
     pairs = [(s, t) for s, t in nearest if abs(s.t_ns - t.t_ns) < NEAR_NS]
     assert len(pairs) > 30

@@ -16,7 +16,7 @@ from onboard.pipeline import Pipeline
 from tests import fuzz
 from tests.support.streams import MS, Flight, S, Stream, make_config
 
-SEQUENCES = 150  # of each
+SEQUENCES = 100  # of each
 
 
 @pytest.mark.parametrize("name", fuzz.SETTINGS)

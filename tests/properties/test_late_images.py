@@ -80,7 +80,7 @@ def late_by(delays: list[int]) -> Run:
     )
 
 
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=5, deadline=None, derandomize=True)
 @given(st.lists(st.integers(0, 440), min_size=len(IMAGES), max_size=len(IMAGES)))
 def test_late_and_shuffled_images_give_the_belief_of_those_in_order(delays: list[int]) -> None:
     assert_same_belief(late_by(delays))
@@ -124,7 +124,7 @@ def test_a_jerking_cameras_extrapolated_attitude_leaves_no_trace() -> None:
     assert_same_belief(run(0), run(45 * MS))
 
 
-@settings(max_examples=8, deadline=None, derandomize=True)
+@settings(max_examples=5, deadline=None, derandomize=True)
 @given(st.data())
 def test_duplicates_have_no_effect(data: st.DataObject) -> None:
     again = data.draw(st.lists(st.tuples(st.integers(0, len(IMAGES) - 1), st.integers(46, 900)), max_size=30))

@@ -18,7 +18,7 @@ SECONDS: Final = {  # of flight, where it matters
     "formation-hover": 60.0,
     "formation-speed-change": 60.0,
 }
-SHORT: Final = 30.0  # the others: half of it is scored
+SHORT: Final = 25.0  # the others: from 15 s on it is scored
 
 
 class Recorded(NamedTuple):

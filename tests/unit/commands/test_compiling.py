@@ -92,7 +92,7 @@ def test_a_flight_imports_no_kernels_but_those_foreseen(tmp_path: Path) -> None:
     arguments: list[str] = []
     for section, scenario in (("leader", "formation"), ("own_state", "formation"), ("traffic", "traffic")):
         log = tmp_path / f"{section}.tlog"
-        assert simlink.main(["log", scenario, "--seed", "1", "--duration", "3", "--out", str(log)]) == 0
+        assert simlink.main(["log", scenario, "--seed", "1", "--duration", "2", "--out", str(log)]) == 0
         arguments += [section, str(log)]
     command = [sys.executable, "-c", FLIGHTS, *arguments]
     done = subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT)
@@ -232,6 +232,7 @@ def test_an_interruption_leaves_no_process_behind(tmp_path: Path) -> None:
     with subprocess.Popen(command, env=environment, cwd=ROOT, stdout=subprocess.DEVNULL) as it:
         while not list(tmp_path.glob("**/*.nbi")):  # the test has a time limit
             assert it.poll() is None
+            time.sleep(0.02)
         children = psutil.Process(it.pid).children(recursive=True)
         it.send_signal(signal.SIGINT)
         assert it.wait() == 130

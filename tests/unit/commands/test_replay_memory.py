@@ -40,18 +40,18 @@ def kept(seconds: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int
 
 
 def test_a_longer_flight_takes_no_more_memory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    kept(2.0, monkeypatch, tmp_path)  # loads
-    short, long = kept(3.0, monkeypatch, tmp_path), kept(9.0, monkeypatch, tmp_path)
-    assert long - short < 100_000  # bytes; six seconds of estimates are millions
+    kept(1.0, monkeypatch, tmp_path)  # loads
+    short, long = kept(2.0, monkeypatch, tmp_path), kept(5.0, monkeypatch, tmp_path)
+    assert long - short < 100_000  # bytes; three seconds of estimates are two millions
 
 
 @cache
 def estimates() -> list[Estimate]:
-    return [e for e in advance(i.message for i in Stream(flight=NEAR, t1=30.0).items()).estimates if e.is_primary]
+    return [e for e in advance(i.message for i in Stream(flight=NEAR, t1=22.0).items()).estimates if e.is_primary]
 
 
 def truth() -> Reference:
-    time = np.arange(5.0, 29.0, 0.1)
+    time = np.arange(5.0, 21.0, 0.1)
     ours = np.tile([25.0, 0, 0, 0, 0, 0, 2.0], (len(time), 1))
     return Reference(time, ("r_north", "r_east", "r_down", "v_north", "v_east", "v_down", "size"), ours)
 
@@ -64,9 +64,9 @@ def test_a_score_in_pieces_is_that_of_the_whole(reference: Reference | None) -> 
         scorer.add(estimate)
     score = scorer.score()
     assert score == score_leader(whole, reference, settle=5.0)
-    assert score.images_scored > 300
+    assert score.images_scored > 200
     if reference is not None:
-        assert score.scored > 500
+        assert score.scored > 350
         assert score.range_error_rms_percent is not None
 
 

@@ -91,9 +91,9 @@ def test_after_a_fault_the_same_commands_lift_less_seed_3(name: str, low: float)
 
 
 def test_it_lands_back_on_the_path_after_every_fault_seed_1() -> None:
-    healthy = flight(load_scenario("quadrotor"), 1, 24.0)[-1]
+    healthy = flight(load_scenario("quadrotor"), 1, 20.0)[-1]
     for name in ("quadrotor-motor", "quadrotor-weak-inputs", "quadrotor-much-heavier", "quadrotor-inertia-half"):
-        last = flight(load_scenario(name), 1, 24.0)[-1]
+        last = flight(load_scenario(name), 1, 20.0)[-1]
         assert_allclose(last.r_OF_n, healthy.r_OF_n, atol=0.4, err_msg=name)
 
 

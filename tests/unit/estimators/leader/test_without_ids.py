@@ -34,7 +34,7 @@ def one_track(flight: Flight, seed: int, seconds: float) -> None:
     ("flight", "seed"), [(CIRCLE, 1), (STRAIGHT, 1), (TIGHT, 3)], ids=["1", "straight-1", "tight-3"]
 )
 def test_one_aircraft_without_an_id_is_one_track_seeds_1_and_3(flight: Flight, seed: int) -> None:
-    one_track(flight, seed, 15.0)
+    one_track(flight, seed, 10.0)
 
 
 @pytest.mark.slow  # more images, of which one in a thousand lies beyond a gate by chance
@@ -51,7 +51,7 @@ def test_one_aircraft_without_an_id_stays_one_track_seeds_1_to_3(flight: Flight,
 @pytest.mark.parametrize("first", [True, False])
 def test_two_aircraft_are_two_tracks_seed_2(first: bool, leader_id: str) -> None:
     messages: list[Message] = []
-    for m in unnamed(CIRCLE, 2, 18.0):
+    for m in unnamed(CIRCLE, 2, 14.0):
         messages.append(m)
         if isinstance(m, TargetPoints) and m.t_ns > 8 * S:
             center, left, right = ((u + SIDE, v) for u, v in (m.center, m.left, m.right))
@@ -67,7 +67,7 @@ def test_two_aircraft_are_two_tracks_seed_2(first: bool, leader_id: str) -> None
 def test_an_image_far_from_every_track_begins_one_although_it_is_alone_seed_1() -> None:
     """Two cameras that look different ways take their images at different times."""
     messages: list[Message] = []
-    for m in unnamed(STRAIGHT, 1, 12.0):
+    for m in unnamed(STRAIGHT, 1, 10.0):
         messages.append(m)
         if isinstance(m, TargetPoints):
             center, left, right = ((u + 0.4, v) for u, v in (m.center, m.left, m.right))
