@@ -97,11 +97,11 @@ def measure(vehicles: int, seconds: float, keys: Sequence[str] = tuple(PUBLISHED
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         command = [ROOT / "configs" / "make-test-certificates.sh", folder / "certs", *names, "ground"]
         subprocess.run(command, check=True, capture_output=True)  # noqa: S603 - our own
-        port, process = stack.enter_context(_router(folder))
-        watcher = Watcher(stack.enter_context(closing(_member(folder, port, "ground"))), keys)
+        port, process = stack.enter_context(router(folder))
+        watcher = Watcher(stack.enter_context(closing(member(folder, port, "ground"))), keys)
         relays = {name: stack.enter_context(closing(Relay(port))) for name in names}
         sessions = {
-            name: stack.enter_context(closing(_member(folder, relay.port, name))) for name, relay in relays.items()
+            name: stack.enter_context(closing(member(folder, relay.port, name))) for name, relay in relays.items()
         }
         streams = _streams(sessions)
         time.sleep(MATCH_S)
@@ -169,7 +169,7 @@ def _settle(watcher: Watcher, sent: Counter[str]) -> None:
         time.sleep(0.05)
 
 
-def _member(folder: Path, port: int, name: str) -> Any:
+def member(folder: Path, port: int, name: str) -> Any:
     """A session of a member of the fleet."""
     certs = folder / "certs"
     config = zenoh.Config()
@@ -196,7 +196,7 @@ def _listens(port: int) -> bool:
 
 
 @contextmanager
-def _router(folder: Path) -> Iterator[tuple[int, psutil.Process]]:
+def router(folder: Path) -> Iterator[tuple[int, psutil.Process]]:
     """`onboard router` on a free port, once it listens."""
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = int(probe.getsockname()[1])

@@ -1,5 +1,8 @@
 """Three vehicles through one router: each record comes under its own vehicle's key."""
 
+import pytest
+
+from benchmarks import fleet_daemons
 from benchmarks.fleet import PUBLISHED, Watcher, measure
 
 
@@ -31,3 +34,11 @@ def test_a_record_under_another_vehicles_key_is_counted() -> None:
     for payload in (b"uav-1/leader xxx", b"uav-2/leader xxx", b"uav-1/health xxx"):
         session.callback(Sample("onboard/uav-1/leader", payload))  # type: ignore[operator]
     assert (watcher.cross_talk, watcher.received["uav-1", "leader"]) == (2, 3)
+
+
+@pytest.mark.slow
+def test_each_of_two_daemons_publishes_its_own_leader() -> None:
+    found = fleet_daemons.measure(2, 3, 10)
+    assert found["vehicles_with_another_ones_leader"] == 0
+    assert found["range_off_by_most"] < 0.1
+    assert found["estimates_a_second_least"] > 20  # on a machine of any speed
