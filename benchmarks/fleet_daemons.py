@@ -66,7 +66,8 @@ def measure(vehicles: int, seconds: int, images: int) -> Figures:
         ports = {name: _free_port() for name in names}
         daemons = [stack.enter_context(_daemon(folder, port, name, ports[name])) for name in names]
         programs = [router, *daemons]
-        sender = Sender(_flights(list(ports.values()), round(SETTLE_S) + seconds + 1, images))
+        flown = _flights(list(ports.values()), round(SETTLE_S) + seconds + 1, images)
+        sender = stack.enter_context(closing(Sender(flown)))
         sender.fly(until=SETTLE_S)
         missing = set(names) - ground.heard
         if missing:
@@ -124,6 +125,10 @@ class Sender:
     def __init__(self, flown: Iterator[tuple[float, int, bytes]]) -> None:
         self._flown, self._socket = flown, socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._begin = time.monotonic()
+
+    def close(self) -> None:
+        """Send no more."""
+        self._socket.close()
 
     def fly(self, until: float) -> None:
         """Until this time of the flight, s."""
