@@ -45,7 +45,7 @@ def test_images_keep_their_time_when_the_wall_clock_is_set(step: float) -> None:
     assert run.verdicts() == calm().verdicts()
 
 
-@pytest.mark.parametrize("step", STEPS)
+@pytest.mark.parametrize("step", [min(STEPS), -0.5, 0.01, max(STEPS)])
 def test_images_of_varying_latency_keep_their_time_but_for_few(step: float) -> None:
     run = flown(flight(step, jitter=15))
     assert_on_target(run)

@@ -100,9 +100,9 @@ def test_sensors_of_two_rates_have_memories_of_their_own_seed_3() -> None:
 
 
 def test_a_late_variant_continues_the_flight_without_error_seeds_3_and_4(case: Case) -> None:
+    weak = simulate(NAMED["weak"], (3, 4))
     for method in (CKF, filters.PRINTED, ADAPTIVE):
         clean = track(case, NAMED["none"], method)
-        weak = simulate(NAMED["weak"], (3, 4))
         alone, shared = (track(weak, NAMED["weak"], method, since) for since in (None, clean))
         for field in ("mean", "nees", "nis", "switching"):
             np.testing.assert_allclose(getattr(shared, field), getattr(alone, field), rtol=1e-9, atol=1e-9)
