@@ -42,6 +42,7 @@ class Camera:
         target: str = "",
         class_name: str = "",
         confidence: float | None = None,
+        range_m: float | None = None,
         intrinsics: Intrinsics | None = None,
         attitude: MountAttitude | None = None,
         clock: Clock = Clock.HOST,
@@ -56,6 +57,7 @@ class Camera:
             target=target,
             class_name=class_name,
             confidence=None if confidence is None else float(confidence),
+            range_m=None if range_m is None else float(range_m),
         )
         self.send_all([detection], t_ns=t_ns, intrinsics=intrinsics, attitude=attitude, clock=clock)
 

@@ -32,7 +32,8 @@ class TargetImage(Message, frozen=True, kw_only=True):
     distortion removed, positive right and positive down. `target` is empty if the vision process does not identify
     aircraft; `class_name` is the detector's class, empty without one. `view`: left, upper, right and lower edge of
     the image in that unit; None: as configured. `mount`: where a moving mount pointed at exposure; None: as the
-    camera is configured.
+    camera is configured. `range`: how far the aircraft was, m, by another sensor, and its standard deviation, if
+    it has one.
     """
 
     camera: str
@@ -40,6 +41,8 @@ class TargetImage(Message, frozen=True, kw_only=True):
     class_name: str = ""
     view: tuple[float, float, float, float] | None = None
     mount: MountAttitude | None = None
+    range: float | None = None
+    range_sigma: float | None = None
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:
@@ -145,7 +148,8 @@ class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
     to the track that it fits best. `class`: what the detector takes it for; see `classes` of `[camera]` and
     `[target.CLASS]`. `id`: the detector's own track number, which is not used yet. `confidence`: 0 to 1; below the
     camera's `min_confidence` the detection is refused, and the lower it is, the larger is the noise of points that
-    bring no sigma."""
+    bring no sigma. `range_m`: how far it was at exposure by a rangefinder or a radio, and `range_sigma_m`, its
+    standard deviation; see `[estimator.leader.range]`."""
 
     points: dict[str, DetectedPoint] = msgspec.field(default_factory=dict)
     box: Box | None = None
@@ -153,6 +157,8 @@ class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
     class_name: str = msgspec.field(default="", name="class")
     id: int | str | None = None
     confidence: float | None = None
+    range_m: float | None = None
+    range_sigma_m: float | None = None
 
 
 class CameraDetections(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):

@@ -45,6 +45,15 @@ class PeerPosition(Message, frozen=True, kw_only=True):
     v_n: Vec3
 
 
+class DistanceReading(Message, frozen=True, kw_only=True):
+    """DISTANCE_SENSOR: the range that a rangefinder or a radio measured (m), with its standard deviation if it is
+    sent. It is taken as true at its arrival. `sensor`: its id. `distance` is None where it measured nothing."""
+
+    sensor: int
+    distance: float | None
+    sigma: float | None
+
+
 class SatelliteRange(Record, frozen=True, kw_only=True):
     """A GNSS receiver's measurement of one satellite: pseudorange (m) and its rate (m/s), with their standard
     deviations if known. Position and velocity of the satellite (m, m/s) are in e at the time of reception. The

@@ -9,6 +9,7 @@ from onboard.config import AutopilotConfig
 from onboard.messages import (
     AdsbVehicle,
     Clock,
+    DistanceReading,
     FollowTarget,
     GimbalAttitude,
     GlobalPosition,
@@ -32,12 +33,9 @@ NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 # A sensor stamps these, and they can be used once our own pose at that time is known.
 SENSED: Final = (TargetImage, RadarScan, PeerRanges)
 # Not of our own motion: any component of our vehicle may send them.
-ANY_COMPONENT: Final = (*SENSED, AdsbVehicle, GimbalAttitude)
-UNSTAMPED: Final = (
-    AdsbVehicle,
-    PeerPosition,
-    FollowTarget,
-)  # carry no time of a clock we know: taken as true at arrival
+ANY_COMPONENT: Final = (*SENSED, AdsbVehicle, DistanceReading, GimbalAttitude)
+# Carry no time of a clock we know: taken as true at arrival.
+UNSTAMPED: Final = (AdsbVehicle, PeerPosition, FollowTarget)
 
 
 class Admission:
@@ -58,6 +56,12 @@ class Admission:
         return message.system == NO_SYSTEM or (
             self.autopilot is not None and message.system == self.autopilot.system
         )
+
+    def holds_from_arrival(self, message: Message) -> bool:
+        """Whether a message without a stamp is of use: it is taken as true at its arrival."""
+        if isinstance(message, DistanceReading):
+            return DistanceReading in self._listened
+        return isinstance(message, UNSTAMPED)
 
     def latch(self, heartbeat: Heartbeat) -> bool:
         """Let the first heartbeat of an autopilot decide whose vehicle this is; True if this one does. After a

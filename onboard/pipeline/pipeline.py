@@ -32,7 +32,7 @@ from onboard.messages import (
     TimeSync,
 )
 from onboard.ownship import Ownship
-from onboard.pipeline.admission import SENSED, UNSTAMPED, Admission
+from onboard.pipeline.admission import SENSED, Admission
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
@@ -138,7 +138,7 @@ class Pipeline:
     # ------------------------------------------------------------------------------- one time base
 
     def _align(self, message: Message) -> list[Output]:
-        if message.clock is Clock.NONE and not isinstance(message, UNSTAMPED):
+        if message.clock is Clock.NONE and not self._admission.holds_from_arrival(message):
             if isinstance(message, SENSED):
                 self._monitor.reject(message, "unstamped_points")
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from

@@ -29,6 +29,7 @@ from onboard.wire.document import BadDocumentError, parse
 from onboard.wire.points import check_target, lens_of
 
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
+FARTHEST: Final = 1e5  # m, of a range
 BOX_NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
 
 INSIDE: Final[dict[str, type[Record]]] = {
@@ -79,6 +80,8 @@ def images_of(
             "class_name": detection.class_name,
             "view": lens.view,
             "mount": document.attitude,
+            "range": detection.range_m,
+            "range_sigma": detection.range_sigma_m,
         }
         try:
             found.append(_message(detection, head, camera, lens, f"detections[{i}]"))
@@ -95,6 +98,7 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
     if camera.classes and detection.class_name not in ("", *camera.classes):
         followed = f"`classes` of camera {camera.name} are {', '.join(camera.classes)}"
         raise BadDocumentError(f"`{detection.class_name}` is not followed; {followed} - at `$.{at}.class`")
+    _check_range(detection, at)
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
     points, box = detection.points, detection.box
     named = {name: points[name] for name in camera.points if name in points}
@@ -135,6 +139,15 @@ def _feature(name: str, p: DetectedPoint | Box, sigma_px: float, lens: Lens, at:
     except LensError as error:
         raise BadDocumentError(f"{error} - at `$.{at}`") from error
     return ImageFeature(name=name, point=point, sigma=own_px * scale)
+
+
+def _check_range(detection: Detection, at: str) -> None:
+    """Raises BadDocumentError for a range that is none."""
+    for name, value in (("range_m", detection.range_m), ("range_sigma_m", detection.range_sigma_m)):
+        if value is not None and not 0.0 < value < FARTHEST:
+            raise BadDocumentError(f"expected metres above 0 and below {FARTHEST:g} - at `$.{at}.{name}`")
+    if detection.range_m is None and detection.range_sigma_m is not None:
+        raise BadDocumentError(f"a sigma of no range: expected `range_m` beside it - at `$.{at}.range_sigma_m`")
 
 
 def _confidence(detection: Detection, camera: CameraInput, at: str) -> float:

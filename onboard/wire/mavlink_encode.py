@@ -29,7 +29,7 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
-from onboard.wire import companion, files, gimbal, guidance, parameters
+from onboard.wire import companion, distance, files, gimbal, guidance, parameters
 
 BODY_FRD: Final = 12
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -226,6 +226,7 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Odometry: _odometry,
     **companion.ENCODE,
     **files.ENCODE,
+    **distance.ENCODE,
     **gimbal.ENCODE,
     **guidance.ENCODE,
     **parameters.ENCODE,

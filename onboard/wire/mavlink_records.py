@@ -33,7 +33,7 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
 )
-from onboard.wire import files, gimbal, guidance, parameters
+from onboard.wire import distance, files, gimbal, guidance, parameters
 
 SAFETY_ARMED: Final = 128  # MAV_MODE_FLAG of the base mode
 PRESSURE_ALT_UPDATED: Final = 2048  # HIGHRES_IMU_UPDATED_PRESSURE_ALT
@@ -270,6 +270,7 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "EKF_STATUS_REPORT": (Layout("<5fHf"), lambda f, h: _estimator_status(f[5], h)),
     "ESTIMATOR_STATUS": (Layout("<Q8fH", usec=0), lambda f, h: _estimator_status(f[9], h)),
     "GIMBAL_DEVICE_ATTITUDE_STATUS": (Layout(gimbal.FORM, boot_ms=0), gimbal.attitude),
+    "DISTANCE_SENSOR": (Layout(distance.FORM), distance.reading),
     "GPS_GLOBAL_ORIGIN": (Layout("<3iQ", usec=3), _global_origin),
     "GPS_RAW_INT": (Layout("<Q3i4H2Bi4IH", usec=0), _gps_fix),
     "HIGHRES_IMU": (Layout("<Q13fHB", usec=0), _highres_imu),

@@ -20,6 +20,7 @@ from onboard.messages import (
     Collision,
     Command,
     CommandAck,
+    DistanceReading,
     EstimatorStatus,
     FileRequest,
     FollowTarget,
@@ -81,6 +82,16 @@ def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
 def _attitude(m: Any, h: dict[str, Any]) -> Message:
     w, x, y, z = quaternion_from_euler(m.roll, m.pitch, m.yaw).tolist()
     return Attitude(**h, q_nb=(w, x, y, z), omega_b=_rates(m))
+
+
+def _distance(m: Any, h: dict[str, Any]) -> Message:
+    measured = m.current_distance > 0 and m.min_distance <= m.current_distance <= m.max_distance
+    return DistanceReading(
+        **h | {"t_ns": h["t_recv_ns"], "clock": Clock.NONE},
+        sensor=m.id,
+        distance=m.current_distance * 0.01 if measured and m.signal_quality != 1 else None,
+        sigma=0.01 * math.sqrt(m.covariance) if m.covariance not in (0, 255) else None,
+    )
 
 
 def _gimbal(m: Any, h: dict[str, Any]) -> Message:
@@ -286,6 +297,7 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "GLOBAL_POSITION_INT": _global_position,
     "EKF_STATUS_REPORT": _estimator_status,
     "ESTIMATOR_STATUS": _estimator_status,
+    "DISTANCE_SENSOR": _distance,
     "GIMBAL_DEVICE_ATTITUDE_STATUS": _gimbal,
     "GPS_GLOBAL_ORIGIN": lambda m, h: GlobalOrigin(
         **h, lat_deg=m.latitude * 1e-7, lon_deg=m.longitude * 1e-7, alt_msl=m.altitude * 1e-3

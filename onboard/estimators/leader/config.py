@@ -46,6 +46,30 @@ class BroadcastConfig(Record, frozen=True, kw_only=True):
             raise ValueError("system or icao must say whose broadcasts are the leader's")
 
 
+class RangeConfig(Record, frozen=True, kw_only=True):
+    """`[estimator.leader.range]`: ranges to the leader by a rangefinder or a radio. They are used with `sensor` or
+    `detections` alone.
+
+    Raises ValueError for other keys without either.
+    """
+
+    sensor: Annotated[int, msgspec.Meta(ge=-1, le=255)] = -1  # id of the DISTANCE_SENSOR; -1: none
+    detections: bool = False  # a detection of the leader brings its range (`range_m`)
+    sigma_m: Positive = 0.2  # of ranges that bring no sigma, and of all at least
+    bias_m: NotNegative = 0.3  # error that lasts: the sensor's, and what of the leader it hits
+    latency_s: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0  # age of a DISTANCE_SENSOR when it arrives
+
+    @property
+    def is_used(self) -> bool:
+        """Whether there are ranges."""
+        return self.sensor >= 0 or self.detections
+
+    def __post_init__(self) -> None:
+        is_changed = any(getattr(self, f.name) != f.default for f in msgspec.structs.fields(self))
+        if is_changed and not self.is_used:
+            raise ValueError("sensor or detections must say where the ranges come from")
+
+
 class Config(Record, frozen=True, kw_only=True):
     """`[estimator.leader]`. The keys carry their units; a `_sigma_` is one standard deviation.
 
@@ -72,6 +96,7 @@ class Config(Record, frozen=True, kw_only=True):
     own_position_time_s: Positive = 60.0  # correlation time of it
     estimate_bias: bool = True  # wing-line: estimate the attitude's errors (else they are ignored)
     broadcast: BroadcastConfig = BroadcastConfig()
+    range: RangeConfig = RangeConfig()
     delay_sigma_s: NotNegative = 0.0  # delay of the camera's stamps; 0: they are exact, the delay no state
     rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
     coast_after_s: NotNegative = 0.25  # without an image: coasting

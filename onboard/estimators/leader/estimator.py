@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from typing import Final
 
+from onboard.estimators.leader.beside import Beside
 from onboard.estimators.leader.broadcast import Broadcast
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.choice import make_filter
@@ -19,6 +20,7 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.exposures import Exposures
 from onboard.estimators.leader.filter import LeaderFilter
 from onboard.estimators.leader.image import Image, prepare
+from onboard.estimators.leader.ranging import Ranging
 from onboard.estimators.leader.track import Track
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, TargetImage, TargetPoints, Verdict
@@ -44,7 +46,11 @@ class Estimator:
         self._classes = {
             name: (make_filter(config.of_class(name)), config.of_class(name)) for name in config.target
         }
-        self._broadcast = Broadcast(config) if config.broadcast.is_used else None
+        self._beside = Beside(config)
+        self._sources: tuple[Broadcast | Ranging, ...] = (
+            *([Broadcast(config, self._beside)] if config.broadcast.is_used else []),
+            *([Ranging(config, self._beside)] if config.range.is_used else []),
+        )
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._next_refusal_ns = 0
@@ -52,19 +58,18 @@ class Estimator:
 
     @property
     def verdicts(self) -> Counter[str]:
-        """Verdicts on all images, and on the reports of a leader that broadcasts."""
-        return self._verdicts if self._broadcast is None else self._verdicts + self._broadcast.verdicts
+        """Verdicts on all images, and on what is measured of the leader beside them."""
+        return sum((source.verdicts for source in self._sources), self._verdicts)
 
     @property
     def listens(self) -> tuple[type[Message], ...]:
         """The messages it receives as it is configured."""
-        return LISTENS if self._broadcast is None else LISTENS + self._broadcast.listens
+        return (*LISTENS, *(kind for source in self._sources for kind in source.listens))
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
-        """Fuse one image of one target at the time it was taken; or take a report that the leader broadcasts."""
+        """Fuse one image of one target at the time it was taken; or take what is measured beside them."""
         if not isinstance(message, TargetImage):
-            if self._broadcast is not None and (size := self._broadcast.receive(message, ownship)) is not None:
-                self._tracks[NAME].set_size(size, ownship)
+            self._learn(message, ownship)
             return []
         if message.target == NO_ID:
             track = self._nearest(message, ownship)
@@ -78,14 +83,16 @@ class Estimator:
         estimate = track.observe(message, ownship)
         if estimate.measurement is not None:
             self._verdicts[estimate.measurement.verdict] += 1
-        return [self._with_broadcast(estimate, ownship)]
+        if track.target == NAME:
+            self._learn(message, ownship)
+        return [self._with_beside(estimate, ownship)]
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict every track to the newest navigation sample. Drop idle targets, except the first."""
         estimates = []
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
-                estimates.append(self._with_broadcast(track.tick(ownship), ownship))
+                estimates.append(self._with_beside(track.tick(ownship), ownship))
             elif track.is_idle(ownship.now_ns):
                 del self._tracks[target]
                 if track.state is not Lifecycle.SEARCHING:  # say the last word on it
@@ -97,15 +104,23 @@ class Estimator:
         """Forget all tracks and all times."""
         for track in self._tracks.values():
             track.reset(reason)
-        if self._broadcast is not None:
-            self._broadcast.clear()
+        self._beside.clear()
+        for source in self._sources:
+            source.clear()
         self._next_refusal_ns = 0
 
-    def _with_broadcast(self, estimate: Estimate, ownship: Ownship) -> Estimate:
+    def _learn(self, message: Message, ownship: Ownship) -> None:
+        """Take what a message says of the leader beside images; its track learns the size."""
+        for source in self._sources:
+            source.receive(message, ownship)
+        if self._sources and (size := self._beside.lesson()) is not None:
+            self._tracks[NAME].set_size(size, ownship)
+
+    def _with_beside(self, estimate: Estimate, ownship: Ownship) -> Estimate:
         """The estimate to publish of a target: the leader's broadcast may carry it."""
-        if self._broadcast is None or estimate.target != NAME:
+        if not self._sources or estimate.target != NAME:
             return estimate
-        return self._broadcast.over(estimate, ownship)
+        return self._beside.over(estimate, ownship)
 
     def _track(self, target: str, *, full: bool = False) -> Track:
         return Track(NAME, target, self._filter, self._poses, self._config, full=full)

@@ -5,8 +5,9 @@ a time that is off by a lasting delay. What the camera shows is the position for
 for one size only. The lasting error is along the line of sight what a wrong size is, so how well the size becomes
 known follows from how much that line turns; the camera measures the other two axes of the error directly.
 
-State (N,): r_FL_n, v_L, a_L (Singer's model), the position's lasting error (3 each, in n), its delay in s, and the
-size in m. What the camera shows was filtered, so its errors last for some seconds: their noise is enlarged.
+State (N,): r_FL_n, v_L, a_L (Singer's model), the position's lasting error (3 each, in n), its delay in s, the
+size in m, the lasting error of ranges in m, and that of our own yaw, rad, which turns all that the camera shows.
+What it shows was filtered, so its other errors last for some seconds, too: their noise is enlarged.
 """
 
 from functools import lru_cache
@@ -24,25 +25,32 @@ A: Final = slice(6, 9)
 BIAS: Final = slice(9, 12)
 DELAY: Final = 12
 SIZE: Final = 13
-N: Final = 14
+RANGE_BIAS: Final = 14
+YAW: Final = 15
+N: Final = 16
 ACCELERATION: Final = (3.0, 3.0, 1.5)  # m/s^2, standard deviation, of aircraft that turn and brake
 ACCELERATION_TIME: Final = 3.0  # s
 DELAY_TIME: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
 SHOWN_LASTS: Final = 5.0  # s: correlation time of the errors of what the camera shows
 OPEN: Final = 0.15  # of the range: one that is less certain for a given size is not used, but its direction
 UNKNOWN: Final = 10.0  # of the range: the noise of such a range
+ABOUT_DOWN: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 ITERATIONS: Final = 3  # of an update by what the camera shows
 LEAST: Final = (0.005, 0.003)  # of the range: the errors of what the camera shows, along and across, at least
 
 
 class Errors(NamedTuple):
     """Standard deviations of a report's lasting errors: of its position (3,) m, with our own position's, and of
-    its delay, s; the correlation time of the former, s; and of our own velocity, m/s."""
+    its delay, s; the correlation time of the former, s; of our own velocity, m/s; of a range,
+    m; and of our own yaw, rad, with its correlation time, s."""
 
     bias: Array
     delay: float
     time: float
     own_velocity: float
+    range_bias: float = 0.0
+    yaw: float = 0.0
+    yaw_time: float = 60.0
 
 
 class Shown(NamedTuple):
@@ -63,7 +71,10 @@ def shown(r: Array, P: Array, size: float, size_sigma: float) -> Shown:
     size: it scales the range."""
     range_ = float(np.linalg.norm(r))
     line = r / range_
-    along = float(line @ P @ line) - (size_sigma / size * range_) ** 2
+    whole = float(line @ P @ line)
+    along = whole - (size_sigma / size * range_) ** 2
+    if along < 0.0:  # the filter has its range from elsewhere, too: nothing is known of it for a given size
+        along = whole
     along = max(along, (LEAST[0] * range_) ** 2)
     flat = np.eye(3) - np.outer(line, line)
     across = flat @ P @ flat + (LEAST[1] * range_) ** 2 * flat
@@ -83,6 +94,8 @@ def start(errors: Errors, seen: Shown, size: float, size_sigma: float, v: Array,
     P[A, A] = np.diag(np.square(ACCELERATION))
     P[BIAS, BIAS] = np.diag(np.square(errors.bias))
     P[DELAY, DELAY] = errors.delay**2
+    P[RANGE_BIAS, RANGE_BIAS] = errors.range_bias**2
+    P[YAW, YAW] = errors.yaw**2
     return Belief(mean, P)
 
 
@@ -90,7 +103,7 @@ def predict(errors: Errors, belief: Belief, dt: float, moved: Array) -> Belief:
     """The belief after `dt` seconds, in which we move by `moved` (3,) m."""
     if dt <= 0.0:
         return belief
-    F, Q = _model(round(dt * 1e6), *errors.bias.tolist(), errors.delay, errors.time, errors.own_velocity)
+    F, Q = _model(round(dt * 1e6), tuple(errors.bias.tolist()), *errors[1:])
     mean = F @ belief.mean
     mean[R] -= moved
     return Belief(mean, F @ belief.covariance @ F.T + Q)
@@ -104,9 +117,10 @@ def see(belief: Belief, seen: Shown, since: float) -> Belief:
     R_y = _usable(seen) / seen.size**2 * _enlarged(since)
     H, after = np.zeros((3, N)), belief
     for _ in range(ITERATIONS):
-        size = float(x[SIZE])
-        H[:, R], H[:, SIZE] = np.eye(3) / size, -x[R] / size**2
-        after, _nis = correct(belief, H, y - x[R] / size - H @ (belief.mean - x), R_y)
+        size, turned = float(x[SIZE]), np.eye(3) + x[YAW] * ABOUT_DOWN
+        predicted = turned @ x[R] / size
+        H[:, R], H[:, SIZE], H[:, YAW] = turned / size, -predicted / size, ABOUT_DOWN @ x[R] / size
+        after, _nis = correct(belief, H, y - predicted - H @ (belief.mean - x), R_y)
         x = after.mean
     return after
 
@@ -123,6 +137,16 @@ def report(belief: Belief, r: Array, v: Array | None, R_y: Array) -> tuple[Belie
     if v is None:
         return correct(belief, H[:3], r - predicted[:3], R_y[:3, :3])
     return correct(belief, H, np.concatenate([r, v]) - predicted, R_y)
+
+
+def measure_range(belief: Belief, distance: float, sigma: float) -> tuple[Belief, float]:
+    """The belief after a range, m, with its standard deviation, and the NIS. Raises FilterError."""
+    r = belief.mean[R]
+    range_ = float(np.linalg.norm(r))
+    H = np.zeros((1, N))
+    H[0, R], H[0, RANGE_BIAS] = r / range_, 1.0
+    innovation = np.array([distance - range_ - belief.mean[RANGE_BIAS]])
+    return correct(belief, H, innovation, np.array([[sigma**2]]))
 
 
 def correct(belief: Belief, H: Array, innovation: Array, R_y: Array) -> tuple[Belief, float]:
@@ -157,7 +181,14 @@ def _enlarged(since: float) -> float:
 
 @lru_cache(maxsize=256)
 def _model(
-    dt_us: int, bias_n: float, bias_e: float, bias_d: float, delay: float, time: float, own_velocity: float
+    dt_us: int,
+    bias: tuple[float, ...],
+    delay: float,
+    time: float,
+    own_velocity: float,
+    range_bias: float,
+    yaw: float,
+    yaw_time: float,
 ) -> Discrete:
     """Transition and process noise over so many microseconds."""
     M, W = np.zeros((N, N)), np.zeros((N, N))
@@ -166,8 +197,12 @@ def _model(
     W[A, A] = np.diag(np.square(ACCELERATION)) * 2.0 / ACCELERATION_TIME
     M[BIAS, BIAS] = -np.eye(3) / time
     M[DELAY, DELAY] = -1.0 / DELAY_TIME
-    W[BIAS, BIAS] = np.diag(np.square([bias_n, bias_e, bias_d])) * 2.0 / time
+    W[BIAS, BIAS] = np.diag(np.square(bias)) * 2.0 / time
     W[DELAY, DELAY] = delay**2 * 2.0 / DELAY_TIME
+    M[RANGE_BIAS, RANGE_BIAS] = -1.0 / time
+    W[RANGE_BIAS, RANGE_BIAS] = range_bias**2 * 2.0 / time
+    M[YAW, YAW] = -1.0 / yaw_time
+    W[YAW, YAW] = yaw**2 * 2.0 / yaw_time
     W[R, R] = own_velocity**2 * np.eye(3)
     F, Q = van_loan(M, W, dt_us * 1e-6)
     for array in (F, Q):

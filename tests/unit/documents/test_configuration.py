@@ -10,7 +10,7 @@ import pytest
 
 from onboard.config import Config, LeaderOutConfig, LinkConfig, OwnErrors, load_config, parse_config
 from onboard.estimators import config_type, known, load
-from onboard.estimators.leader.config import BroadcastConfig
+from onboard.estimators.leader.config import BroadcastConfig, RangeConfig
 from onboard.messages import Record, TargetClass
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario, scenario_names
@@ -35,6 +35,7 @@ def sections() -> dict[str, type[Record]]:
         "`[ownship.errors]`": OwnErrors,
         **{f"`[estimator.{name}]`": config_type(name) for name in known()},
         "`[estimator.leader.broadcast]`": BroadcastConfig,
+        "`[estimator.leader.range]`": RangeConfig,
         "`[estimator.own_state.custom]`": get_args(custom)[0],
     }
 

@@ -201,3 +201,31 @@ def test_points_of_a_class_come_along_with_the_wing_or_without_it() -> None:
 
 def test_an_image_in_which_nothing_was_found_is_no_refusal() -> None:
     assert Decoded({**HEAD, "detections": []}).reasons == []
+
+
+def test_a_range_beside_a_detection_is_kept_with_its_sigma() -> None:
+    assert (one(points={"center": CENTER}).range, one(points={"center": CENTER}).range_sigma) == (None, None)
+    m = one(points={"center": CENTER, "left": LEFT, "right": RIGHT}, range_m=28.5, range_sigma_m=0.2)
+    assert (m.range, m.range_sigma) == (28.5, 0.2)
+    assert one(box=BOX, range_m=28.5).range == 28.5
+
+
+@pytest.mark.parametrize(
+    ("given", "reason"),
+    [
+        ({"range_m": 0.0}, "expected metres above 0 and below 100000 - at `$.detections[0].range_m`"),
+        ({"range_m": -3.0}, "expected metres above 0 and below 100000 - at `$.detections[0].range_m`"),
+        (
+            {"range_m": 3.0, "range_sigma_m": 0.0},
+            "expected metres above 0 and below 100000 - at `$.detections[0].range_sigma_m`",
+        ),
+        (
+            {"range_sigma_m": 0.1},
+            "a sigma of no range: expected `range_m` beside it - at `$.detections[0].range_sigma_m`",
+        ),
+    ],
+)
+def test_a_range_that_is_none_is_refused(given: dict[str, float], reason: str) -> None:
+    decoded = Decoded({**HEAD, "detections": [{"points": {"center": CENTER}, **given}]})
+    assert decoded.reasons == [reason]
+    assert not decoded.messages

@@ -123,6 +123,13 @@ def test_a_broadcast_that_cannot_be_is_refused(section: str, reason: str) -> Non
         load_config(None, (f"estimator.leader.broadcast={section}",))
 
 
+def test_ranges_from_nowhere_are_refused() -> None:
+    with pytest.raises(ConfigError, match="sensor or detections must say where the ranges come from"):
+        load_config(None, ("estimator.leader.range.sigma_m=0.5",))
+    with pytest.raises(ConfigError, match=r"unknown key estimator.leader.range.senor \(did you mean sensor\?\)"):
+        load_config(None, ("estimator.leader.range.senor=3",))
+
+
 def test_a_broadcast_of_what_we_send_or_are_is_refused() -> None:
     ours = ('leader_out=[{link = "autopilot", system = 3}]', "estimator.leader.broadcast.system=3")
     with pytest.raises(ConfigError, match=r"broadcast.system: \[\[leader_out\]\] sends as system 3"):
