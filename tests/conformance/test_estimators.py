@@ -14,10 +14,12 @@ from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
 
-FLIGHTS = ("formation", "quadrotor")
+FLIGHTS = ("traffic", "quadrotor")  # the first has a leader, too
+
+NOTHING = {("leader", "quadrotor"), ("traffic", "quadrotor")}  # there is none
 
 
-def flown(name: str, scenario: str, seconds: float = 6.0) -> list[Output]:
+def flown(name: str, scenario: str, seconds: float = 5.0) -> list[Output]:
     pipeline = Pipeline(parse_config({"estimator": {name: {}}}))
     outputs: list[Output] = []
     for item in datagrams(load_scenario(scenario), 3, seconds):
@@ -36,8 +38,10 @@ def test_it_says_what_it_listens_for_and_its_defaults_hold(name: str) -> None:
 @pytest.mark.parametrize("scenario", FLIGHTS)
 @pytest.mark.parametrize("name", known())
 def test_what_it_tells_is_whole_and_the_same_again_seed_3(name: str, scenario: str) -> None:
-    published = [o for o in flown(name, scenario) if isinstance(o, Estimate)]
-    assert published == [o for o in flown(name, scenario) if isinstance(o, Estimate)]
+    outputs = flown(name, scenario)
+    assert outputs == flown(name, scenario)
+    published = [o for o in outputs if isinstance(o, Estimate)]
+    assert any(e.valid for e in published) or (name, scenario) in NOTHING
     for estimate in published:
         assert estimate.name == name
         assert len(estimate.components) == len(estimate.units)

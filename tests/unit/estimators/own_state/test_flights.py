@@ -90,12 +90,6 @@ def test_every_filter_flies_seed_11(name: str) -> None:
     assert velocity_rmse(states, truths, 5.0) < FILTERS[name]
 
 
-def test_the_same_bytes_give_the_same_states_seed_12() -> None:
-    first = flown("quadrotor-gust", 12, 4.0)[1]
-    recorded.cache_clear()
-    assert flown("quadrotor-gust", 12, 4.0)[1] == first
-
-
 @pytest.mark.parametrize(
     ("name", "kind", "part"),
     [
