@@ -50,7 +50,8 @@ class Cloud(NamedTuple):
     those that are not; whether each leader accelerates (K,), 0 or 1; means (K, N) and covariances (K, N, N) of
     `models.apparent_wing`; logarithms of the weights (K,); the number of random draws so far; the share of the
     wing's length that the edge-on aircraft shows in what started the cloud; by how much of the size that lastingly
-    misleads: a box does, points do not; and whether points have distinguished the nose from the tail."""
+    misleads: a box does, points do not; whether points have distinguished the nose from the tail; and how far off,
+    as a share, they lastingly make the length that shows the nose."""
 
     noses: Array
     rates: Array
@@ -62,6 +63,7 @@ class Cloud(NamedTuple):
     edge_on: float = model.LEAST_VISIBLE
     lasting: float = 0.0
     sided: bool = False
+    misplaced: float = 0.0
 
 
 def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Cloud | None = None) -> Cloud:
@@ -224,6 +226,7 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
         beyond = _expected(cloud, shape_nis, OF_SHAPE)
         if beyond <= settings.gate + PER_ROW * len(shows.rows.y):
             after, log_l = shaped._replace(sided=cloud.sided or shows.rows.named), log_l + more
+            after = after._replace(misplaced=max(cloud.misplaced, shows.misplaced))
         elif shows.is_box:
             return cloud, beyond
     log_weights = cloud.log_weights + settings.temper * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)

@@ -96,7 +96,7 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     # the size scales the range
     by_size = np.zeros(N)
     by_size[R_FL], by_size[LOG_SIZE] = mean[R_FL], 1.0
-    of_size = (settings.size_sigma / settings.size) ** 2 + cloud.lasting**2
+    of_size = (settings.size_sigma / settings.size) ** 2 + cloud.lasting**2 + _by_points(cloud, mean)
     covariance += of_size * np.outer(by_size, by_size)
     covariance[MOTION, MOTION] += _by_pose(settings, mean[R_FL])
     covariance[NOSE, NOSE] += settings.misalignment[2] ** 2
@@ -110,6 +110,16 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     if whole.range_sigma() <= RESOLVED:
         return whole
     return whole._replace(places=places(w, rows[:, MOTION], cloud.covariances[:, MOTION, MOTION], ours))
+
+
+def _by_points(cloud: Cloud, mean: Array) -> float:
+    """The variance of the range's logarithm by named points that are lastingly misplaced. They make a nose wrong,
+    and with it the range: the more, the less is seen of the wing."""
+    if not cloud.misplaced:
+        return 0.0
+    direction = mean[None, R_FL] / np.linalg.norm(mean[R_FL])
+    seen = float(model.visible(mean[NOSE : NOSE + 1], direction, 0.0)[0])
+    return (cloud.misplaced * (1.0 - seen**2)) ** 2
 
 
 def _by_pose(settings: NoseModel, r_FL_n: Array) -> Array:

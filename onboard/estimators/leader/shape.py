@@ -22,6 +22,7 @@ LASTING_GUESS: Final = 0.15  # ... and where only the wing is known, so is what 
 PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
 SMALLEST: Final = 2.0  # a spread below this many of its sigmas says nothing of the range
 MISPLACED: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
+SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show no nose
 
 
 class Shape(NamedTuple):
@@ -40,7 +41,8 @@ class Shape(NamedTuple):
 class Seen(NamedTuple):
     """What a detection shows beyond center and wing: its `rows`, and the same with the center, if that was seen
     (`extent`), whose coordinates spread by so much, rad, one standard deviation; by how much of the size they
-    lastingly mislead; what an edge-on aircraft shows, and how it leans. `is_box`: the rows are a box's sides."""
+    lastingly mislead; what an edge-on aircraft shows, and how it leans. `is_box`: the rows are a box's sides.
+    `misplaced`: by which share of the length between nose and tail named points are lastingly off."""
 
     rows: Rows
     extent: Rows
@@ -50,6 +52,7 @@ class Seen(NamedTuple):
     edge_on: float
     posture: Posture
     is_box: bool
+    misplaced: float = 0.0
 
     @property
     def has_extent(self) -> bool:
@@ -86,7 +89,9 @@ def of_points(shape: Shape, features: Sequence[ImageFeature], axes: Array, *, ha
         extent = _of_points(np.vstack([points, np.zeros(3)]), np.vstack([y, np.zeros(2)]), [*rows.sigma[::2], 0.0])
     spread = float(measured_spread(extent, extent.y))
     sigma = math.sqrt(2.0) * float(rows.sigma.max())
-    return Seen(rows, extent, spread, sigma, 0.0, shape.edge_on, shape.posture, is_box=False)
+    length = float(np.ptp(np.append(points[:, 0], 0.0)))
+    misplaced = math.sqrt(2.0) * MISPLACED / length if length > SHORTEST else 0.0
+    return Seen(rows, extent, spread, sigma, 0.0, shape.edge_on, shape.posture, is_box=False, misplaced=misplaced)
 
 
 def _of_points(points: Array, y: Array, sigmas: Sequence[float]) -> Rows:

@@ -16,6 +16,7 @@ from simlink.encounters.encounter import SECONDS as WHOLE
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
 from simlink.encounters.reports import BOOT_NS
+from simlink.encounters.shapes import NAMED, Sees
 from simlink.encounters.truth import EncounterTruth, at
 
 SECONDS: Final = WHOLE
@@ -24,20 +25,29 @@ ON_WING: Final = ("estimator.leader.center_on_wing=true",)
 
 
 class Case(NamedTuple):
-    """A family, flown with settings beyond size and class."""
+    """A family, flown with settings beyond size and class, and with a detector that `sees` more or less of it."""
 
     family: str
     settings: tuple[str, ...] = ()
+    sees: Sees = "wing"
 
     @property
     def name(self) -> str:
         """What the report calls it."""
-        return self.family.replace("_", " ") + (", center on wing" if self.settings else "")
+        detector = {"points": ", five points", "box": ", box alone"}.get(self.sees, "")
+        return self.family.replace("_", " ") + (", center on wing" if self.settings == ON_WING else detector)
 
 
+# As the simulator's points are for a wing of the nominal size, but that each true one is misplaced a little.
+FIVE_POINTS: Final = (
+    *(f"estimator.leader.points_m.{name}={[NOMINAL_SIZE * x for x in point]}" for name, point in NAMED.items()),
+    "estimator.leader.named_wingtips=true",
+)
 DEFAULTS: Final = tuple(Case(family) for family in FAMILIES)
 WITH_CENTER: Final = (Case("hover", ON_WING), Case("circling", ON_WING))
-CASES: Final = (*DEFAULTS, *WITH_CENTER)
+POINTS: Final = tuple(Case(family, FIVE_POINTS, "points") for family in ("hover", "sideways", "wander"))
+BOXES: Final = tuple(Case(family, sees="box") for family in ("behind", "crossing", "wander"))
+CASES: Final = (*DEFAULTS, *WITH_CENTER, *POINTS, *BOXES)
 
 
 class Flight(NamedTuple):
@@ -53,7 +63,7 @@ class Flight(NamedTuple):
 
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
     """One encounter through a pipeline of its own; `settings` are overrides on top of the case's."""
-    encounter = make_encounter(case.family, seed, SECONDS)
+    encounter = make_encounter(case.family, seed, SECONDS, case.sees)
     config = load_config(None, (*known(encounter), *case.settings, *settings))
     return judged(estimated(Pipeline(config), encounter.messages), encounter.truth)
 

@@ -3,13 +3,14 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from onboard.studies.encounters.flights import DEFAULTS, ON_WING, SETTLE, Case
+from onboard.studies.encounters.flights import BOXES, DEFAULTS, ON_WING, POINTS, SETTLE, Case
 from onboard.studies.encounters.scores import Score, Share
 from onboard.studies.report.findings import Check, Claim, Table, check, verdict
 from onboard.studies.report.markdown import number
 
 INSIDE_ALL, INSIDE_FAMILY = 93.0, 88.0  # percent of valid estimates, at least
 WRONG_FAMILY: Final = 1.0  # percent of valid estimates, at most
+INSIDE_BOXES: Final = 92.0  # percent of valid estimates of the cases with boxes alone, at least
 VALID_WHERE_SHARP: Final = 90.0  # percent of estimates, at least
 SHARP: Final = {  # range error (RMS, percent), at most, where the geometry allows it
     Case("behind"): 2.5,
@@ -86,6 +87,12 @@ def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[R
     wrong = [Requirement(f"confidently wrong, {c.name}", s.wrong, high=WRONG_FAMILY) for c, s in families.items()]
     errors = [Requirement(f"range error, {c.name}", s.range_error, high=SHARP[c]) for c, s in sharp.items()]
     valid = [Requirement(f"valid, {c.name}", s.valid, low=VALID_WHERE_SHARP) for c, s in sharp.items()]
+    boxes = [Requirement(f"inside, {c.name}", scores[c].inside, low=INSIDE_BOXES) for c in BOXES if c in scores]
+    points = [
+        Requirement(f"range error, {c.name}", scores[c].range_error, high=scores[wing].range_error.percent)
+        for c in POINTS
+        if c in scores and (wing := Case(c.family)) in scores
+    ]
     return {
         f"The 95 % ellipsoid holds the truth in {INSIDE_ALL:g} % of all valid estimates, and in "
         f"{INSIDE_FAMILY:g} % of each family's.": inside,
@@ -94,6 +101,8 @@ def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[R
         + ", ".join(f"{limit:g} % ({case.name})" for case, limit in SHARP.items())
         + ".": errors,
         f"There, at least {VALID_WHERE_SHARP:g} % of all estimates are valid.": valid,
+        f"With boxes alone, the 95 % ellipsoid holds the truth in {INSIDE_BOXES:g} % of valid estimates.": boxes,
+        "Nose and tail, where a detector finds them, make the range better than the wing alone does.": points,
     }
 
 

@@ -13,9 +13,11 @@ from onboard.pipeline import Pipeline
 from onboard.studies.encounters import flights as flown
 from onboard.studies.encounters import study
 from onboard.studies.encounters.flights import (
+    BOXES,
     CASES,
     DEFAULTS,
     ON_WING,
+    POINTS,
     Case,
     Flight,
     estimated,
@@ -86,7 +88,7 @@ def test_the_error_of_a_share_is_its_scatter_over_flights_seed_3() -> None:
 
 
 def test_good_flights_meet_every_requirement() -> None:
-    assert verdicts({}) == ["holds"] * 4
+    assert verdicts({}) == ["holds"] * 6
 
 
 @pytest.mark.parametrize(
@@ -97,21 +99,23 @@ def test_good_flights_meet_every_requirement() -> None:
         (Case("crab"), [made(off=1.0, sigma=1.0, bad=STEPS)._replace(nees=np.ones(STEPS))] * 4, {2}),  # 5 %
         (Case("hover", ON_WING), [made(off=1.4, sigma=2.0, bad=STEPS)] * 4, {2}),  # 7 %; not among the defaults
         (Case("behind"), [made(invalid=30)] * 4, {3}),  # 85 % valid
+        (BOXES[0], [made(off=0.1, bad=17)] * 4, {4}),  # 91.5 % inside; not among the defaults
+        (POINTS[0], [made(off=0.2, bad=STEPS)] * 4, {5}),  # 1 %, where the wing alone has none
     ],
 )
 def test_bad_flights_fail_their_requirement(case: Case, flights: list[Flight], which: set[int]) -> None:
     found = verdicts({case: flights})
     assert {k for k, verdict in enumerate(found) if verdict == "does not hold"} == which
-    assert {k for k, verdict in enumerate(found) if verdict == "holds"} == {0, 1, 2, 3} - which
+    assert {k for k, verdict in enumerate(found) if verdict == "holds"} == set(range(6)) - which
 
 
 def test_a_miss_within_the_error_of_sampling_is_reported_so() -> None:
     one_in_four = [made()] * 3 + [made(off=0.1, bad=120)]  # 85 ± 15 % inside
-    assert verdicts({Case("hover"): one_in_four}) == ["holds only if", "holds", "holds", "holds"]
+    assert verdicts({Case("hover"): one_in_four}) == ["holds only if", *["holds"] * 5]
 
 
 def test_nothing_known_holds_nothing() -> None:
-    assert verdicts({Case("crab"): [made(invalid=STEPS)] * 2}) == ["does not hold"] * 4
+    assert verdicts({Case("crab"): [made(invalid=STEPS)] * 2}) == [*["does not hold"] * 4, "holds", "holds"]
 
 
 def test_all_is_over_the_families_with_defaults_only() -> None:

@@ -191,3 +191,16 @@ def test_as_many_particles_as_fit_are_no_surer_than_very_many() -> None:
         east = new
         cloud, _ = nose_particles.update(many, cloud, image(25.0, 1.0, east=east, seed=k), STILL)
     assert 0.67 < few / summarise(many, cloud).range_sigma() < 1.5
+
+
+@pytest.mark.parametrize(("aspect_deg", "share"), [(0.0, 0.0), (90.0, 1.0), (30.0, 0.25)])
+def test_points_that_are_lastingly_misplaced_make_the_range_wrong_as_the_wing_is_foreshortened(
+    aspect_deg: float, share: float
+) -> None:
+    """A nose that is off by d (1 - seen^2) / (seen, cross) changes the seen length by d (1 - seen^2)."""
+    cloud = nose_particles.start(SETTINGS, image(25.0, 0.2), STILL)
+    known = cloud._replace(noses=np.full(len(cloud.noses), math.radians(aspect_deg)), sided=True)
+    r = summarise(SETTINGS, known).mean[:3]
+    plain, wide = (summarise(SETTINGS, known._replace(misplaced=m)).covariance for m in (0.0, 0.056))
+    added = float(r @ (wide - plain)[:3, :3] @ r) / float(r @ r) ** 2
+    assert added == pytest.approx((0.056 * share) ** 2, abs=1e-6)

@@ -17,10 +17,11 @@ from onboard.estimators.leader.shape import LASTING_GUESS
 from onboard.messages import Estimate, ImageFeature, Lifecycle, TargetDetection, TargetPoints, Verdict
 from onboard.models.apparent_shape import HIGHEST, LOWEST
 from onboard.pipeline import Pipeline
-from onboard.studies.encounters.flights import known
+from onboard.studies.encounters.flights import FIVE_POINTS, Case, fly, known
+from onboard.studies.encounters.scores import score
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.reports import BOOT_NS
-from simlink.encounters.shapes import NAMED, Sees
+from simlink.encounters.shapes import Sees
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance, make_config
 
 SIGMA = 1 / F_PX
@@ -95,6 +96,13 @@ def test_named_wingtips_say_which_one_is_left_and_nothing_of_their_distance() ->
     assert sided.shows.rows.points[:, 1].tolist() == [-0.5, 0.5]
     assert sided.shows.rows.sigma == pytest.approx(np.full(4, 0.3 * span))
     assert sided.y.tolist() == plain.y.tolist()
+    assert sided.shows.misplaced == 0.0
+
+
+def test_further_points_are_misplaced_as_a_share_of_the_length_that_shows_the_nose() -> None:
+    """3 % of the span of 2 m at both ends of 1.5 m."""
+    image = detection(*(feature(n, 0.1, 0.05) for n in ("center", "left", "right", "nose", "tail")))
+    assert measured(image, **PLANE).shows.misplaced == pytest.approx(math.sqrt(2.0) * 0.06 / 1.5)
 
 
 @pytest.mark.parametrize(
@@ -193,8 +201,7 @@ def test_boxes_alone_start_no_track_of_a_filter_that_knows_no_shape_seed_3() -> 
 
 
 def test_nose_and_tail_resolve_the_heading_of_a_leader_that_hovers_seed_3() -> None:
-    points = tuple(f"estimator.leader.points_m.{name}={[2.0 * x for x in p]}" for name, p in NAMED.items())
-    encounter, with_points = flown("hover", 3, 4.0, "points", *points, "estimator.leader.named_wingtips=true")
+    encounter, with_points = flown("hover", 3, 4.0, "points", *FIVE_POINTS)
     _, without = flown("hover", 3, 4.0, "wing")
 
     def heading(estimates: list[Estimate]) -> tuple[float, float]:
@@ -214,13 +221,19 @@ def test_nose_and_tail_resolve_the_heading_of_a_leader_that_hovers_seed_3() -> N
     assert heading(without)[1] > 20.0
 
 
-def test_the_nose_is_told_from_the_tail_of_a_leader_that_comes_head_on_seed_3() -> None:
-    points = tuple(f"estimator.leader.points_m.{name}={[2.0 * x for x in p]}" for name, p in NAMED.items())
-    encounter, estimates = flown("head_on", 3, 3.0, "points", *points, "estimator.leader.named_wingtips=true")
+def test_the_nose_is_distinguished_from_the_tail_of_a_leader_that_comes_head_on_seed_3() -> None:
+    encounter, estimates = flown("head_on", 3, 3.0, "points", *FIVE_POINTS)
     newest = estimates[-1]
     assert newest.mean is not None
     off = newest.mean[newest.components.index("heading")] - encounter.truth.euler_L[-1, 2]
     assert math.cos(off) > 0.8
+
+
+def test_points_that_a_detector_lastingly_misplaces_make_no_range_confidently_wrong_seed_701() -> None:
+    found = score([fly(Case("hover", FIVE_POINTS, "points"), 701)])
+    assert found.wrong.percent == 0.0
+    assert found.inside.percent > 80.0
+    assert found.sigma < 7.0
 
 
 def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_seed_3() -> None:
