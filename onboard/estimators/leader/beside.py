@@ -124,7 +124,7 @@ class Beside:
         """The size, if it has become another or surer by the last measurement since it was passed on."""
         if self._belief is None or not self._was_used:
             return None
-        value, variance = float(self._belief.mean[SIZE]), float(self._belief.covariance[SIZE, SIZE])
+        value, variance = float(self._belief.mean[SIZE]), self._size_variance(self._belief)
         sigma, last = max(math.sqrt(variance), SUREST * value), self._taught
         if (
             last is not None
@@ -134,6 +134,12 @@ class Beside:
             return None
         self._taught = Size(value, sigma)
         return self._taught
+
+    def _size_variance(self, belief: Belief) -> float:
+        """With what a delay of reports does, if there were any."""
+        if self._reported_ns == 0:
+            return float(belief.covariance[SIZE, SIZE])
+        return reference.size_variance(self._errors, belief)
 
     # ----------------------------------------------------------------------------------- estimates
 
@@ -195,7 +201,7 @@ class Beside:
             return None
         dt, moved = (t_ns - self._t_ns) * S_PER_NS, self._way_to(t_ns, ownship)
         now = reference.predict(self._errors, self._belief, dt, moved)
-        return as_leader(now, template, pose.v_F_n, self._errors.own_velocity)
+        return as_leader(reference.with_delay(self._errors, now), template, pose.v_F_n, self._errors.own_velocity)
 
 
 def _at(sample: Sample, t_ns: int) -> Shown:

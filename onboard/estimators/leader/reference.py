@@ -128,12 +128,10 @@ def see(belief: Belief, seen: Shown, since: float) -> Belief:
 def report(belief: Belief, r: Array, v: Array | None, R_y: Array) -> tuple[Belief, float]:
     """The belief after a report of r_FL_n (3,) and v_L (3,), if that is known, with noise R_y (6, 6), and the NIS.
     Raises FilterError."""
-    H = np.zeros((6, N))
+    H, x = np.zeros((6, N)), belief.mean
     H[:3, R] = H[:3, BIAS] = H[3:, V] = np.eye(3)
-    H[:3, DELAY] = -belief.mean[V]
-    predicted = np.concatenate(
-        [belief.mean[R] + belief.mean[BIAS] - belief.mean[DELAY] * belief.mean[V], belief.mean[V]]
-    )
+    H[:3, DELAY] = -x[V]
+    predicted = np.concatenate([x[R] + x[BIAS] - x[DELAY] * x[V], x[V] - x[DELAY] * x[A]])
     if v is None:
         return correct(belief, H[:3], r - predicted[:3], R_y[:3, :3])
     return correct(belief, H, np.concatenate([r, v]) - predicted, R_y)
@@ -149,12 +147,35 @@ def measure_range(belief: Belief, distance: float, sigma: float) -> tuple[Belief
     return correct(belief, H, innovation, np.array([[sigma**2]]))
 
 
+def size_variance(errors: Errors, belief: Belief) -> float:
+    """The variance of the size, m^2, with what a lasting delay does to it.
+
+    In a turn a delay shortens positions and velocities alike, as a smaller size does, and the filter's own
+    derivatives do not show that: they hold for a straight line. So the whole of it is added, as far as the leader
+    flies along the line of sight."""
+    r, v, size = belief.mean[R], belief.mean[V], float(belief.mean[SIZE])
+    share = errors.delay * float(r @ v) / float(r @ r)
+    return float(belief.covariance[SIZE, SIZE]) + (share * size) ** 2
+
+
+def with_delay(errors: Errors, belief: Belief) -> Belief:
+    """The belief as it is to be published: a lasting delay moves the leader along its course."""
+    P, v = belief.covariance.copy(), belief.mean[V]
+    P[R, R] += errors.delay**2 * np.outer(v, v)
+    P[SIZE, SIZE] = size_variance(errors, belief)
+    return Belief(belief.mean, P)
+
+
 def correct(belief: Belief, H: Array, innovation: Array, R_y: Array) -> tuple[Belief, float]:
-    """A Kalman update in Joseph's form, and its NIS. Raises FilterError."""
+    """A Kalman update in Joseph's form, and its NIS. Raises FilterError.
+
+    The delay is considered, not estimated: see `size_variance`.
+    """
     P = belief.covariance
     S = H @ P @ H.T + R_y
     try:
         K = np.linalg.solve(S, H @ P).T
+        K[DELAY] = 0.0
         nis = float(innovation @ np.linalg.solve(S, innovation))
     except np.linalg.LinAlgError as error:
         raise FilterError("the innovation's covariance is singular") from error

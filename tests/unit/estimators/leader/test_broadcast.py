@@ -73,7 +73,8 @@ def size_of(estimate: Estimate) -> tuple[float, float]:
 def test_a_broadcast_teaches_the_size_and_carries_the_track_for_20_s_seed_1() -> None:
     """The shipped filter: 25 s of images and reports that are 1 m off, then 20 s of reports alone."""
     reports = leader_positions(6.0, 52.0, error=white(1.0, 1))
-    run = fly(reports, 52.0, lambda t: not 30.0 <= t < 50.0, configured(filter_="any-side"))
+    config = configured("estimator.leader.broadcast.latency_sigma_s=0.02", filter_="any-side")
+    run = fly(reports, 52.0, lambda t: not 30.0 <= t < 50.0, config)
     error, sigma = size_of(between(run, 29.0, 30.0)[-1])
     assert abs(error) < 0.03
     assert abs(error) / 3.0 < sigma < 0.06
@@ -183,7 +184,7 @@ def test_reports_before_our_own_position_is_known_are_counted() -> None:
 def test_follow_target_is_used_like_a_global_position() -> None:
     run = fly([follow_target(t) for t in np.arange(5.0, 20.0)], 20.0)
     error, sigma = size_of(run.estimates[-1])
-    assert abs(error) < 2.0 * sigma < 0.3
+    assert abs(error) < 2.0 * sigma < 0.4
 
 
 def adsb(item: Item, icao: int) -> Item:
@@ -215,7 +216,7 @@ def test_adsb_of_the_configured_address_is_used_and_no_other() -> None:
     run = fly(merged([adsb(item, 0x4B1A00) for item in positions], others), 20.0, config=config)
     assert counts(run) == {"fused": 14}
     error, sigma = size_of(run.estimates[-1])
-    assert abs(error) < 2.0 * sigma < 0.3
+    assert abs(error) < 2.0 * sigma < 0.4
 
 
 def test_without_a_broadcast_nobody_listens_to_others() -> None:
