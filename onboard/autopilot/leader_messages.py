@@ -57,9 +57,10 @@ def global_position(s: LeaderState, _: View) -> Message | None:
 
 def target_relative(s: LeaderState, _: View) -> Message | None:
     """The leader from us, in NED."""
-    if s.r_FL_n is None:
+    if s.r_FL_n is None or s.r_FL_covariance is None:
         return None
-    position_sigma, velocity_sigma = _sigmas(s)
+    _, velocity_sigma = _sigmas(s)
+    north, east, down = (math.sqrt(max(row[i], 0.0)) for i, row in enumerate(s.r_FL_covariance or ()))
     yaw_sigma = UNKNOWN_YAW
     if s.course is not None and s.v_L_n is not None:
         speed = math.hypot(s.v_L_n[0], s.v_L_n[1])
@@ -68,7 +69,7 @@ def target_relative(s: LeaderState, _: View) -> Message | None:
         **_stamp(s),
         unix_ns=s.t_host_ns,
         r_FL_n=s.r_FL_n,
-        position_sigma=position_sigma,
+        position_sigma=(north, east, down),
         yaw_sigma=yaw_sigma,
         q_nL=_yaw(s.course or 0.0),
     )

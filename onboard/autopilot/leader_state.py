@@ -123,6 +123,7 @@ class LeaderStates:
         v_L = v_L + dt * a_L
         F = np.eye(6)
         F[:3, 3:] = dt * np.eye(3)
+        relative = (F @ P @ F.T)[:3, :3]
         P = F @ (P + np.diag(self._own_variance)) @ F.T
         self._learn_course(v_L, P)
         lat, lon, alt = (None, None, None) if self.origin is None else geodetic_from_ned(r_L, self.origin)
@@ -136,8 +137,9 @@ class LeaderStates:
             r_OL_n=_vec3(r_L),
             v_L_n=_vec3(v_L),
             a_L_n=_vec3(a_L),
-            covariance=tuple(map(tuple, (0.5 * (P + P.T)).tolist())),
+            covariance=_rows(P),
             r_FL_n=_vec3(r_L - self._own_at(t_ns)[0]),
+            r_FL_covariance=_rows(relative),
             lat_deg=lat,
             lon_deg=lon,
             alt_msl=alt,
@@ -180,3 +182,7 @@ def _why_not(e: Estimate, r_F: Array, v_F: Array, t_ns: int) -> str:
 def _vec3(v: Array) -> Vec3:
     x, y, z = v.tolist()
     return x, y, z
+
+
+def _rows(P: Array) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, (0.5 * (P + P.T)).tolist()))

@@ -8,9 +8,10 @@ class LeaderState(Record, frozen=True, kw_only=True):
     """The leader in absolute terms, ready to be flown on. It is predicted to `t_ns` (boot clock), which is
     `t_host_ns` on the wall clock of the daemon's computer. Position from the autopilot's origin O, velocity and
     acceleration (m, m/s, m/s^2, NED); `covariance` (6, 6) of position and velocity includes the errors of our own.
-    `r_FL_n`: from us to the leader. WGS-84 degrees and metres above mean sea level, where O is known. `course`
-    (rad): the last one of a leader that hovers, None before it has flown. `age`: seconds from the last fused image
-    to `t_ns`. Use it only if `valid`; all vectors are None if it is not."""
+    `r_FL_n`: from us to the leader; `r_FL_covariance` (3, 3) lacks the error of our own position. WGS-84 degrees
+    and metres above mean sea level, where O is known. `course` (rad): the last one of a leader that hovers, None
+    before it has flown. `age`: seconds from the last fused image to `t_ns`. Use it only if `valid`; all vectors
+    are None if it is not."""
 
     t_ns: int
     t_host_ns: int
@@ -23,6 +24,7 @@ class LeaderState(Record, frozen=True, kw_only=True):
     a_L_n: Vec3 | None = None
     covariance: tuple[tuple[float, ...], ...] | None = None
     r_FL_n: Vec3 | None = None
+    r_FL_covariance: tuple[tuple[float, ...], ...] | None = None
     lat_deg: float | None = None
     lon_deg: float | None = None
     alt_msl: float | None = None

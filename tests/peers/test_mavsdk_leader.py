@@ -101,6 +101,6 @@ def test_mavsdk_decodes_everything_that_we_send_of_the_leader() -> None:
     assert (follow["est_capabilities"], follow["vel"]) == (11, [0.0, 8.0, -1.0])
     relative = found["TARGET_RELATIVE"][2]
     assert (relative["x"], relative["y"], relative["z"]) == (30.0, 4.0, 2.0)
-    assert (relative["pos_std"], relative["frame"], relative["type"]) == ([2.0, 3.0, 1.0], 2, 3)
+    assert (relative["pos_std"], relative["frame"], relative["type"]) == ([1.5, 2.5, 0.5], 2, 3)
     landing = found["LANDING_TARGET"][2]
     assert (landing["x"], landing["y"], landing["position_valid"]) == (pytest.approx(4.0), pytest.approx(-30.0), 1)

@@ -88,6 +88,7 @@ def leader_state(**changed: Any) -> LeaderState:
             tuple(v if i == j else 0.0 for j in range(6)) for i, v in enumerate((4.0, 9.0, 1.0, 0.25, 0.16, 0.09))
         ),
         "r_FL_n": (30.0, 4.0, 2.0),
+        "r_FL_covariance": ((2.25, 0.0, 0.0), (0.0, 6.25, 0.0), (0.0, 0.0, 0.25)),
         "lat_deg": 47.4,
         "lon_deg": -8.5,
         "alt_msl": 538.0,

@@ -122,7 +122,7 @@ def test_target_relative_is_laid_out_as_in_mavlinks_definition() -> None:
     assert int.from_bytes(frame[-2:], "little") == crc_x25(frame[1:-2] + bytes([extra]))
     values = struct.unpack("<Q15f3B", frame[10:-2])
     assert values[0] == 1_800_000_000 * 1_000_000
-    assert_allclose(values[1:8], (30, 4, 2, 2, 3, 1, math.atan2(0.5, 8.0)), rtol=1e-6)
+    assert_allclose(values[1:8], (30, 4, 2, 1.5, 2.5, 0.5, math.atan2(0.5, 8.0)), rtol=1e-6)
     assert_allclose(values[8:16], (*EAST, 0, 0, 0, 0), atol=1e-7)
     assert values[16:] == (0, 2, 3)  # NED that travels with us; VISION_OTHER
 

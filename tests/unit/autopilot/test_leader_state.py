@@ -46,6 +46,9 @@ def test_the_covariance_is_that_of_the_estimate_and_of_our_own_position_carried_
     assert P[0, 3] == pytest.approx(0.5 * speed)
     assert P[0, 0] == pytest.approx(4.0 + 4.0 + 0.25 * speed)
     assert_allclose(P, P.T)
+    relative = np.array(s.r_FL_covariance)  # without our own position
+    assert relative.shape == (3, 3)
+    assert relative[0, 0] == pytest.approx(4.0 + 0.25 * 0.25)
 
 
 def test_a_pose_older_than_the_estimate_is_carried_on() -> None:
