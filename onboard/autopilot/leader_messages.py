@@ -59,7 +59,7 @@ def target_relative(s: LeaderState, _: View) -> Message | None:
     """The leader from us, in NED."""
     if s.r_FL_n is None or s.r_FL_covariance is None:
         return None
-    _, velocity_sigma = _sigmas(s)
+    velocity_sigma = _sigmas(s)[1]
     north, east, down = (math.sqrt(max(row[i], 0.0)) for i, row in enumerate(s.r_FL_covariance or ()))
     yaw_sigma = UNKNOWN_YAW
     if s.course is not None and s.v_L_n is not None:
