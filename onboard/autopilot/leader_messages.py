@@ -60,7 +60,7 @@ def target_relative(s: LeaderState, _: View) -> Message | None:
     if s.r_FL_n is None or s.r_FL_covariance is None:
         return None
     velocity_sigma = _sigmas(s)[1]
-    north, east, down = (math.sqrt(max(row[i], 0.0)) for i, row in enumerate(s.r_FL_covariance or ()))
+    north, east, down = _deviations(s.r_FL_covariance)
     yaw_sigma = UNKNOWN_YAW
     if s.course is not None and s.v_L_n is not None:
         speed = math.hypot(s.v_L_n[0], s.v_L_n[1])
@@ -175,9 +175,12 @@ def _place(s: LeaderState) -> dict[str, Any] | None:
 
 def _sigmas(s: LeaderState) -> tuple[Vec3, Vec3]:
     """Standard deviations of position and velocity."""
-    north, east, down, *speeds = (math.sqrt(max(row[i], 0.0)) for i, row in enumerate(s.covariance or ()))
-    v_north, v_east, v_down = speeds
+    north, east, down, v_north, v_east, v_down = _deviations(s.covariance)
     return (north, east, down), (v_north, v_east, v_down)
+
+
+def _deviations(covariance: tuple[tuple[float, ...], ...] | None) -> list[float]:
+    return [math.sqrt(max(row[i], 0.0)) for i, row in enumerate(covariance or ())]
 
 
 def _yaw(course: float) -> Quaternion:
