@@ -31,7 +31,7 @@ from onboard.ownship import Ownship
 
 CARRIED: Final = "carried by its broadcast"
 PRESSURE_BIAS: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
-UNSURE: Final = 1.4  # times the configured error of our yaw: that is a guess, too
+UNSURE: Final = 1.4  # times the configured errors of our yaw and velocity: those are guesses, too
 SHOWN_SPEED: Final = 8.0  # m/s: how far the velocity may be off before the first report
 KEPT_NS: Final = 4 * NS_PER_S  # what the camera showed
 LOST_NS: Final = 30 * NS_PER_S  # without a measurement: nothing that was known of the place is of use
@@ -61,7 +61,7 @@ class Beside:
         self._timeout_s = b.timeout_s + b.latency_s
         height = b.altitude_bias_m if b.altitude_bias_m is not None else (PRESSURE_BIAS if b.icao else b.bias_m)
         bias = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m)
-        own, lasting = config.own_velocity_sigma_m_s, config.range.bias_m
+        own, lasting = UNSURE * config.own_velocity_sigma_m_s, config.range.bias_m
         yaw = UNSURE * math.radians(config.own_yaw_sigma_deg)
         lasts = config.own_attitude_time_s
         self._errors = Errors(bias, b.latency_sigma_s, b.bias_time_s, own, lasting, yaw, lasts)
@@ -201,7 +201,7 @@ class Beside:
             return None
         dt, moved = (t_ns - self._t_ns) * S_PER_NS, self._way_to(t_ns, ownship)
         now = reference.predict(self._errors, self._belief, dt, moved)
-        return as_leader(reference.with_delay(self._errors, now), template, pose.v_F_n, self._errors.own_velocity)
+        return as_leader(reference.with_delay(self._errors, now), template, pose.v_F_n)
 
 
 def _at(sample: Sample, t_ns: int) -> Shown:

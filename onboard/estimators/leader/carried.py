@@ -17,15 +17,17 @@ NOSE: Final = math.radians(15.0)  # rad, of the nose about the course
 ANYWHERE: Final = 2.0  # rad: of a nose of which nothing is known
 
 
-def as_leader(belief: Belief, template: Estimate, v_F_n: Array, own_velocity: float) -> Belief:
+def as_leader(belief: Belief, template: Estimate, v_F_n: Array) -> Belief:
     """A belief with the components of `template`, an estimate with a belief: what no report shows stays as it is
-    there, uncorrelated. We fly with v_F_n (3,) m/s, with an error of `own_velocity` m/s."""
+    there, uncorrelated. We fly with v_F_n (3,) m/s, as far as we know."""
     mean, P = np.array(template.mean), np.array(template.covariance)
     x = belief.mean
     north, east = x[reference.V][:2].tolist()
     speed = math.hypot(north, east)
     c, s = (north / speed, east / speed) if speed > SLOW else (1.0, 0.0)
     rows = {i: np.eye(N)[i] for i in range(6)} | {relative.SIZE: np.eye(N)[reference.SIZE]}
+    for i, j in zip(range(6)[relative.V], range(N)[reference.OWN_V], strict=True):
+        rows[i] = np.eye(N)[i] - np.eye(N)[j]
     for name, direction in (
         ("a_lat", (-s, c, 0.0)),
         ("a_long", (0.0, 0.0, -1.0)),
@@ -40,7 +42,6 @@ def as_leader(belief: Belief, template: Estimate, v_F_n: Array, own_velocity: fl
     mean[relative.V] -= v_F_n
     P[at, :], P[:, at] = 0.0, 0.0
     P[np.ix_(at, at)] = J @ belief.covariance @ J.T
-    P[relative.V, relative.V] += own_velocity**2 * np.eye(3)
     if "heading" in template.components:
         i = template.components.index("heading")
         mean[i] = math.atan2(east, north) if speed > SLOW else mean[i]

@@ -8,9 +8,11 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader import reference
-from onboard.estimators.leader.reference import DELAY, SIZE, Errors, Shown
+from onboard.estimators.leader.carried import as_leader
+from onboard.estimators.leader.reference import DELAY, OWN_V, SIZE, Errors, Shown
 from onboard.filters.belief import Belief, FilterError
 from onboard.geometry.rotations import matrix_from_euler
+from tests.support.leader import estimate
 
 RANGE, SPEED = 28.0, 20.0  # m, m/s: nose to tail
 TURN, STRAIGHT = 0.11, 0.001  # rad/s
@@ -95,6 +97,41 @@ def test_straight_ahead_a_lasting_error_limits_what_is_known_seeds_1_to_60() -> 
     sigmas = [math.sqrt(reference.size_variance(ERRORS, b)) / size for b, size in flights]
     assert 0.4 < np.mean(squares) < 1.4  # the delay counts twice here
     assert 0.06 < np.median(sigmas) < 0.12  # an error of a minute's correlation averages a little
+
+
+def carried(seed: int, seconds: int = 20) -> tuple[Array, Belief]:
+    """The error of r_FL_n after reports alone, while our own velocity is lastingly off, and the belief."""
+    rng = np.random.default_rng(seed)
+    errors = ERRORS._replace(delay=0.0, own_velocity=0.25)
+    now, own, bias = truth(0.0, 1.0, TURN), Markov(rng, 0.25, 20.0), Markov(rng, 2.0, 60.0)
+    R = np.diag([WHITE**2] * 3 + [0.3**2] * 3)
+    seen = Shown(now.r, (0.005 * RANGE) ** 2 * np.eye(3), 2.0)
+    belief = reference.start(errors, seen, 2.0, 0.02, now.v + rng.normal(size=3), 1.0)
+    for t in range(1, seconds + 1):
+        now = truth(float(t), 1.0, TURN)
+        belief = reference.predict(errors, belief, 1.0, now.moved - own.step(1.0))
+        r = now.r + bias.step(1.0) + WHITE * rng.normal(size=3)
+        belief, _ = reference.report(belief, r, now.v + 0.3 * rng.normal(size=3), R)
+    return belief.mean[:3] - now.r, belief
+
+
+def test_carried_for_20_s_it_is_as_sure_as_our_lasting_velocity_error_allows_seeds_1_to_60() -> None:
+    """The mean of the normalised square of three errors is 3, within what 60 flights show (2.1 to 4)."""
+    flights = [carried(seed) for seed in range(1, 61)]
+    squares = [error @ np.linalg.solve(b.covariance[:3, :3], error) for error, b in flights]
+    assert 2.1 < np.mean(squares) < 4.0
+
+
+def test_the_velocity_relative_to_us_has_the_error_of_our_own() -> None:
+    """0.25 m/s more than we know of, to the north: the leader is slower relative to us by that."""
+    _, belief = carried(1)
+    v_F = np.array([SPEED, 0.0, 0.0])
+    belief.mean[OWN_V] = 0.25, 0.0, 0.0
+    made = as_leader(belief, estimate(), v_F)
+    assert made.mean[3:6] == pytest.approx(belief.mean[3:6] - v_F - [0.25, 0.0, 0.0])
+    P = belief.covariance
+    of_both = P[3:6, 3:6] + P[OWN_V, OWN_V] - P[3:6, OWN_V] - P[OWN_V, 3:6]
+    assert made.covariance[3:6, 3:6] == pytest.approx(of_both)
 
 
 def test_what_the_camera_shows_without_the_size_keeps_its_direction_and_loses_the_range() -> None:
