@@ -38,7 +38,7 @@ class DifferenceError(AssertionError):
 def mavlink(data: bytes) -> None:
     """One datagram, and the same bytes as a stream cut in three."""
     from onboard.wire.mavlink_decode import MavlinkDecoder  # noqa: PLC0415 - instrumented, so imported later
-    from tests.support.pymavlink_records import Reference  # noqa: PLC0415
+    from tests.support.pymavlink_reference import Reference  # noqa: PLC0415
 
     cuts = (data[: len(data) // 3], data[len(data) // 3 : len(data) // 2], data[len(data) // 2 :])
     for pieces, stream in (((data,), False), (cuts, True)):

@@ -17,6 +17,7 @@ pytestmark = NEEDS_MAVSDK
 CLIENT = (
     CONNECT
     + """\
+import math
 from mavsdk.plugins.telemetry import Telemetry
 
 telemetry = Telemetry(system)
@@ -42,7 +43,7 @@ def is_known(seen):
 
 until(lambda: is_known(look()), 200.0)
 first = look()
-time.sleep(1.0)
+until(lambda: math.dist(first["ned"], look()["ned"]) > 10.0)
 print(json.dumps([first, look()]), flush=True)
 telemetry.destroy()
 mavsdk.destroy()

@@ -6,6 +6,7 @@ repository, and slow.
 
 import csv
 import gzip
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from onboard.commands.replay import replay_log
 from onboard.messages import Estimate, Health, Lifecycle, Verdict
 from onboard.pipeline import Pipeline
 from onboard.wire.tlog import read_tlog
@@ -172,3 +174,15 @@ def test_a_flight_without_a_camera_gives_no_estimate_of_a_leader() -> None:
     assert health.streams["Attitude"].count > 1000
     assert health.rejected["bad_frame"] > 1000  # one a second
     assert health.autopilot_reboots == 1  # the log begins before it was switched on again, boot clock at 19 s
+
+
+def test_a_truth_that_is_longer_than_its_log_counts_until_the_logs_end(tmp_path: Path) -> None:
+    """The first 60 % of the excerpt, beside the truth of all of it."""
+    log = gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())
+    (tmp_path / "cut.tlog").write_bytes(log[: len(log) * 6 // 10])
+    truth, numbers = EXCERPT / "copter_truth.csv.gz", tmp_path / "score.json"
+    config = make_config(CAMERA)
+    replay_log(tmp_path / "cut.tlog", config, out=None, truth=truth, json_file=numbers, rrd=None)
+    score = json.loads(numbers.read_bytes())
+    assert score["valid_percent"] > 95.0
+    assert not score["diverged"]

@@ -1,8 +1,7 @@
-"""Records and counts by pymavlink's own parser, to hold our decoder to. One function a message, by its name in
-CONVERT; they read fields by pymavlink's names, where ours read them by their places on the wire."""
+"""Records of vehicles and traffic from pymavlink's messages, to hold our decoder to. One function a message, by
+its name in RECORDS; they read fields by pymavlink's names, where ours read them by their places on the wire."""
 
 import math
-from collections import Counter
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -18,11 +17,8 @@ from onboard.messages import (
     Battery,
     Clock,
     Collision,
-    Command,
-    CommandAck,
     DistanceReading,
     EstimatorStatus,
-    FileRequest,
     FollowTarget,
     GimbalAttitude,
     GlobalOrigin,
@@ -33,9 +29,6 @@ from onboard.messages import (
     LocalPosition,
     Message,
     MountAttitude,
-    ParamAction,
-    ParamRequest,
-    Ping,
     StatusText,
     SystemTime,
     TimeSync,
@@ -48,25 +41,6 @@ SEA_LEVEL_HPA: Final = 1013.25
 STANDARD_K: Final = 288.15
 LAPSE_K_PER_M: Final = 0.0065
 LAPSE_EXPONENT: Final = 0.190263
-UNIX_ERA_NS: Final = 10**18  # a 64-bit stamp above this (2001) is Unix time, below it time since boot
-
-
-def read_header(frame: Any, t_recv_ns: int) -> dict[str, Any]:
-    """The fields that every record has. The stamp comes from whichever time field the message has; without one the
-    message is taken as true when it arrived."""
-    t_ns, clock = t_recv_ns, Clock.NONE
-    if hasattr(frame, "time_boot_ms"):
-        t_ns, clock = frame.time_boot_ms * 1_000_000, Clock.BOOT
-    elif hasattr(frame, "time_usec") and frame.time_usec > 0:
-        t_ns = frame.time_usec * 1000
-        clock = Clock.HOST if t_ns >= UNIX_ERA_NS else Clock.BOOT
-    return {
-        "t_ns": t_ns,
-        "t_recv_ns": t_recv_ns,
-        "clock": clock,
-        "system": frame.get_srcSystem(),
-        "component": frame.get_srcComponent(),
-    }
 
 
 def _known(value: float, unknown: float, scale: float) -> float | None:
@@ -183,15 +157,6 @@ def _battery_status(m: Any, h: dict[str, Any]) -> Message | None:
     return _battery(sum(cells), h) if m.id == 0 else None
 
 
-def _command(m: Any, h: dict[str, Any], x: float, y: float, z: float) -> Message:
-    params = (m.param1, m.param2, m.param3, m.param4, x, y, z)
-    return Command(**h, **_addressee(m), command=m.command, params=params)
-
-
-def _addressee(m: Any) -> dict[str, Any]:
-    return {"target_system": m.target_system, "target_component": m.target_component}
-
-
 def _adsb_vehicle(m: Any, h: dict[str, Any]) -> Message:
     """A field whose flag is not set is unknown."""
 
@@ -249,45 +214,7 @@ def _follow_target(m: Any, h: dict[str, Any]) -> Message:
     )
 
 
-def _parameter(m: Any, h: dict[str, Any], action: ParamAction, **fields: Any) -> Message:
-    targets = {"target_system": m.target_system, "target_component": m.target_component}
-    return ParamRequest(**h, **targets, action=action, extended="_EXT_" in m.get_type(), **fields)
-
-
-def _parameter_read(m: Any, h: dict[str, Any]) -> Message:
-    return _parameter(m, h, ParamAction.READ, name=m.param_id, index=m.param_index)
-
-
-def _real(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
-
-
-def _ping(m: Any, h: dict[str, Any]) -> Message:
-    """Its stamp is of whoever asks, so not of a clock that we know."""
-    targets = {"target_system": m.target_system, "target_component": m.target_component}
-    unstamped = {**h, "t_ns": h["t_recv_ns"], "clock": Clock.NONE}
-    return Ping(**unstamped, **targets, time_us=m.time_usec, number=m.seq)
-
-
-def _file_request(m: Any, h: dict[str, Any]) -> Message:
-    payload = bytes(m.payload)
-    return FileRequest(
-        **h,
-        target_system=m.target_system,
-        target_component=m.target_component,
-        number=payload[0] | payload[1] << 8,
-        session=payload[2],
-        opcode=payload[3],
-        size=payload[4],
-        offset=int.from_bytes(payload[8:12], "little"),
-        data=payload[12 : 12 + payload[4]],
-    )
-
-
-CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
+RECORDS: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "HEARTBEAT": _heartbeat,
     "SYSTEM_TIME": lambda m, h: SystemTime(**h, unix_ns=m.time_unix_usec * 1000),
     "TIMESYNC": lambda m, h: TimeSync(**h, tc1_ns=m.tc1, ts1_ns=m.ts1),
@@ -307,59 +234,11 @@ CONVERT: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "SCALED_IMU": _scaled_imu,
     "RAW_IMU": _scaled_imu,
     "SCALED_PRESSURE": _scaled_pressure,
-    "FILE_TRANSFER_PROTOCOL": _file_request,
     "SERVO_OUTPUT_RAW": _servo_output,
     "SYS_STATUS": lambda m, h: _battery(m.voltage_battery, h),
     "BATTERY_STATUS": _battery_status,
-    "COMMAND_LONG": lambda m, h: _command(m, h, m.param5, m.param6, m.param7),
-    "COMMAND_INT": lambda m, h: _command(m, h, float(m.x), float(m.y), m.z),
-    "COMMAND_ACK": lambda m, h: CommandAck(**h, **_addressee(m), command=m.command, result=m.result),
     "STATUSTEXT": lambda m, h: StatusText(**h, severity=m.severity, text=m.text),
     "ADSB_VEHICLE": _adsb_vehicle,
     "COLLISION": _collision,
     "FOLLOW_TARGET": _follow_target,
-    "PARAM_REQUEST_LIST": lambda m, h: _parameter(m, h, ParamAction.LIST),
-    "PARAM_REQUEST_READ": _parameter_read,
-    "PARAM_SET": lambda m, h: _parameter(m, h, ParamAction.SET, name=m.param_id, value=m.param_value),
-    "PARAM_EXT_REQUEST_LIST": lambda m, h: _parameter(m, h, ParamAction.LIST),
-    "PARAM_EXT_REQUEST_READ": lambda m, h: _parameter(
-        m, h, ParamAction.READ, name=m.param_id, index=m.param_index
-    ),
-    "PARAM_EXT_SET": lambda m, h: _parameter(m, h, ParamAction.SET, name=m.param_id, value=_real(m.param_value)),
-    "PING": _ping,
 }
-
-
-class Reference:
-    """Decodes as `onboard.wire.mavlink_decode.MavlinkDecoder` should: messages, `names` and `rejected`."""
-
-    def __init__(self, *, stream: bool) -> None:
-        self.rejected: Counter[str] = Counter()
-        self.names: Counter[str] = Counter()
-        self._stream = stream
-        self._parser = dialect.MAVLink(None)
-        self._parser.robust_parsing = True
-
-    def decode(self, data: bytes, t_recv_ns: int) -> list[Message]:
-        parser = self._parser
-        if not self._stream:
-            parser.buf, parser.buf_index, parser.expected_length = bytearray(), 0, 8
-        frames = parser.parse_buffer(data) or ()
-        if not self._stream and len(parser.buf) > parser.buf_index:
-            self.rejected["truncated"] += 1
-        del parser.buf[: parser.buf_index]
-        parser.buf_index = 0
-        messages = [self._message(frame, t_recv_ns) for frame in frames]
-        return [m for m in messages if m is not None]
-
-    def _message(self, frame: Any, t_recv_ns: int) -> Message | None:
-        name = frame.get_type()
-        if name == "BAD_DATA":
-            self.rejected["bad_frame"] += 1
-            return None
-        if name.startswith("UNKNOWN_"):
-            self.rejected["unknown_message"] += 1
-            return None
-        self.names[name] += 1
-        convert = CONVERT.get(name)
-        return None if convert is None else convert(frame, read_header(frame, t_recv_ns))

@@ -33,11 +33,11 @@ Broadcasts = AdsbVehicle | PeerPosition | FollowTarget
 
 
 class Report(NamedTuple):
-    """r_FL_n and v_L_n (None: not reported), true at `t_ns`, and their noise (6, 6)."""
+    """r_FL_n and v_L_n, true at `t_ns`, and their noise (6, 6): very large for what is not reported."""
 
     t_ns: int
     r: Array
-    v: Array | None
+    v: Array
     R: Array
 
 
@@ -54,7 +54,7 @@ class Broadcast:
     @property
     def listens(self) -> tuple[type[Message], ...]:
         """The messages it uses."""
-        return self._listens if self._config.is_used else ()
+        return self._listens
 
     def clear(self) -> None:
         """Forget all but the counts: the time base or our own motion is another."""
@@ -123,5 +123,4 @@ class Broadcast:
         def correct(belief: Belief) -> tuple[Belief, float]:
             return reference.report(belief, report.r, report.v, report.R)
 
-        rows = 3 if report.v is None else 6
-        return self._beside.fuse(report.t_ns, rows, correct, ownship, is_position=True)
+        return self._beside.fuse(report.t_ns, 6, correct, ownship, is_position=True)

@@ -47,8 +47,8 @@ LEAST: Final = (0.005, 0.003)  # of the range: the errors of what the camera sho
 
 class Errors(NamedTuple):
     """Standard deviations of a report's lasting errors: of its position (3,) m, with our own position's, and of
-    its delay, s; the correlation time of the former, s; of our own velocity, m/s; of a range,
-    m; and of our own yaw, rad, with its correlation time, s."""
+    its delay, s; the correlation time of the former, s; of our own velocity, m/s; of a range, m; and of our own
+    yaw, rad, with its correlation time, s."""
 
     bias: Array
     delay: float
@@ -132,15 +132,13 @@ def see(belief: Belief, seen: Shown, since: float) -> Belief:
     return after
 
 
-def report(belief: Belief, r: Array, v: Array | None, R_y: Array) -> tuple[Belief, float]:
-    """The belief after a report of r_FL_n (3,) and v_L (3,), if that is known, with noise R_y (6, 6), and the NIS.
-    Raises FilterError."""
+def report(belief: Belief, r: Array, v: Array, R_y: Array) -> tuple[Belief, float]:
+    """The belief after a report of r_FL_n (3,) and v_L (3,) with noise R_y (6, 6), and the NIS. Raises
+    FilterError."""
     H, x = np.zeros((6, N)), belief.mean
     H[:3, R] = H[:3, BIAS] = H[3:, V] = np.eye(3)
     H[:3, DELAY] = -x[V]
     predicted = np.concatenate([x[R] + x[BIAS] - x[DELAY] * x[V], x[V] - x[DELAY] * x[A]])
-    if v is None:
-        return correct(belief, H[:3], r - predicted[:3], R_y[:3, :3])
     return correct(belief, H, np.concatenate([r, v]) - predicted, R_y)
 
 

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.messages import Battery, Message
 from onboard.wire.mavlink_decode import MavlinkDecoder
-from tests.support.pymavlink_records import Reference
+from tests.support.pymavlink_reference import Reference
 
 RECV = 1_735_689_605_000_000_000
 NONE = 65535

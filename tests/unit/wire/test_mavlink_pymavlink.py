@@ -18,7 +18,7 @@ from onboard.wire.recording import read_recording
 from onboard.wire.tlog import read_tlog
 from tests.support.mavlink_frames import RECV, crc_x25, frame
 from tests.support.programs import ROOT
-from tests.support.pymavlink_records import Reference
+from tests.support.pymavlink_reference import Reference
 
 DATA = ROOT.parent / "shared" / "data"
 TLOGS = ("formation-copter/follower.tlog", "target-out-of-view/follower.tlog", "hover-collapse/fresh-noise.tlog")

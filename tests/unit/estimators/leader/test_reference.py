@@ -172,7 +172,7 @@ def test_a_delay_moves_what_is_published_along_the_course() -> None:
 def test_numbers_that_are_none_are_refused() -> None:
     belief, _ = fly(1, 1)
     with pytest.raises(FilterError, match="not finite"):
-        reference.report(belief, np.array([math.nan, 0.0, 0.0]), None, np.eye(6))
+        reference.report(belief, np.array([math.nan, 0.0, 0.0]), np.zeros(3), np.eye(6))
 
 
 def test_a_range_whose_error_lasts_stays_as_uncertain_as_that() -> None:
