@@ -13,7 +13,7 @@ from onboard.commands.loading import loading
 with loading():  # as `onboard run` does
     import numpy as np
     import onboard.pipeline
-    from onboard.estimators.leader import wing_line as leader_filter
+    from onboard.estimators.leader.filters import wing_line as leader_filter
     from onboard.models import wing_line
     from onboard.models.leader_flight import ImageGeometry
 points = np.array([[[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]])

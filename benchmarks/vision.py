@@ -6,7 +6,7 @@ import numpy as np
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import initial_belief, process_noise
+from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief, process_noise
 from onboard.estimators.leader.settings import HONEST
 from onboard.filters import Belief, unscented
 from onboard.geometry.rotations import wrap_angle

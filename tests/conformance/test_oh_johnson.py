@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import process_noise
+from onboard.estimators.leader.filters.oh_johnson_noise import process_noise
 from onboard.estimators.leader.settings import PAPER
 from onboard.filters import unscented
 from onboard.models import camera_angles, relative_motion

@@ -11,7 +11,7 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import initial_belief, process_noise
+from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief, process_noise
 from onboard.estimators.leader.settings import PAPER, Noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import initial_belief, process_noise
+from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief, process_noise
 from onboard.estimators.leader.settings import HONEST, PAPER, Noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update

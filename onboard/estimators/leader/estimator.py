@@ -12,16 +12,16 @@ import math
 from collections import Counter
 from typing import Final
 
-from onboard.estimators.leader.beside import Beside
-from onboard.estimators.leader.broadcast import Broadcast
+from onboard.estimators.leader.beside.broadcast import Broadcast
+from onboard.estimators.leader.beside.measurements import Beside
+from onboard.estimators.leader.beside.ranging import Ranging
 from onboard.estimators.leader.camera_pose import CameraPoses
-from onboard.estimators.leader.choice import make_filter
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.exposures import Exposures
-from onboard.estimators.leader.filter import LeaderFilter
-from onboard.estimators.leader.image import Image, prepare
-from onboard.estimators.leader.ranging import Ranging
-from onboard.estimators.leader.track import Track
+from onboard.estimators.leader.filters.choice import make_filter
+from onboard.estimators.leader.filters.filter import LeaderFilter
+from onboard.estimators.leader.tracks.exposures import Exposures
+from onboard.estimators.leader.tracks.image import Image, prepare
+from onboard.estimators.leader.tracks.track import Track
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, TargetImage, TargetPoints, Verdict
 from onboard.ownship import Ownship

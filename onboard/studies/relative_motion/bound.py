@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import process_noise
+from onboard.estimators.leader.filters.oh_johnson_noise import process_noise
 from onboard.estimators.leader.settings import Noise
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Record

@@ -7,7 +7,7 @@ from typing import Final, Literal
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import initial_belief, process_noise
+from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief, process_noise
 from onboard.estimators.leader.settings import PAPER, Noise, noise_for
 from onboard.filters import unscented
 from onboard.filters.belief import Belief

@@ -60,7 +60,7 @@ def test_with_a_configuration_only_what_it_flies_with_is_compiled(capsys: pytest
     assert main(["compile", str(ROOT / "configs/demo.toml")]) == 0
     *lines, last = capsys.readouterr().out.splitlines()
     names = {line.split()[0] for line in lines}
-    assert {*LEADER_ONLY, "onboard.estimators.leader.modes"} <= names
+    assert {*LEADER_ONLY, "onboard.estimators.leader.filters.modes"} <= names
     assert names & {"onboard.filters.kernels.variable_structure", "onboard.filters.kernels.square_root"} == set()
     assert last.startswith("ready in ")
 
@@ -106,7 +106,7 @@ def test_a_flight_imports_no_kernels_but_those_foreseen(tmp_path: Path) -> None:
 
 def test_modules_with_kernels_are_found() -> None:
     found = kernel_modules()
-    assert {*LEADER_ONLY, "onboard.geometry.arctangent", "onboard.estimators.leader.modes"} <= found
+    assert {*LEADER_ONLY, "onboard.geometry.arctangent", "onboard.estimators.leader.filters.modes"} <= found
     assert found & {"onboard.filters.kernels.calls", "onboard.filters.compiled", compiling.__name__} == set()
 
 

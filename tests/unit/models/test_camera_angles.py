@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.oh_johnson_noise import initial_belief
+from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief
 from onboard.estimators.leader.settings import HONEST, PAPER
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.models import camera_angles

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader import nose_particles
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filter import Measurement
-from onboard.estimators.leader.nose_particles import Cloud
-from onboard.estimators.leader.nose_summary import Summary, summarise
+from onboard.estimators.leader.filters import nose_particles
+from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.filters.nose_particles import Cloud
+from onboard.estimators.leader.filters.nose_summary import Summary, summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError
 from onboard.models import apparent_wing as model

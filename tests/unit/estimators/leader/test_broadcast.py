@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import Config
-from onboard.estimators.leader.beside import CARRIED
+from onboard.estimators.leader.beside.measurements import CARRIED
 from onboard.messages import AdsbVehicle, AltitudeType, Clock, Estimate, FollowTarget, GlobalPosition, Lifecycle
 from onboard.models.relative_motion import SIZE, R
 from tests.support.broadcast import LEADER, follow_target, leader_positions, merged, own_positions, white

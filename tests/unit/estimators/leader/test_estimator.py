@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator as leader
-from onboard.estimators.leader.image import Image, in_view, prepare
+from onboard.estimators.leader.tracks.image import Image, in_view, prepare
 from onboard.geometry.camera import make_camera
 from onboard.messages import Attitude, Lifecycle, Message, TargetPoints, Verdict
 from onboard.ownship import Ownship

@@ -13,9 +13,9 @@ from onboard.arrays import Array
 from onboard.autopilot.leader_messages import View, follow_target
 from onboard.autopilot.leader_state import LeaderStates
 from onboard.config import OwnErrors
-from onboard.estimators.leader import wing_line_noise as noise
+from onboard.estimators.leader.filters import wing_line_noise as noise
+from onboard.estimators.leader.filters.wing_line_noise import Extras
 from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR, ManoeuvreModel
-from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import quaternion_from_vector, quaternion_product
 from onboard.messages import Attitude, FollowTarget, LeaderState, LocalPosition, Message

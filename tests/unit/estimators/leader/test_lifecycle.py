@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.guard import Guard
+from onboard.estimators.leader.tracks.guard import Guard
 from onboard.messages import Datagram, Lifecycle, TargetPoints, Verdict
 from tests.support.streams import (
     CIRCLE,

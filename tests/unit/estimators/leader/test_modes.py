@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader import modes as compiled
-from onboard.estimators.leader import wing_line as _wing_line
-from onboard.estimators.leader.modes import Modes
+from onboard.estimators.leader.filters import modes as compiled
+from onboard.estimators.leader.filters import wing_line as _wing_line
+from onboard.estimators.leader.filters.modes import Modes
+from onboard.estimators.leader.filters.wing_line import Filter
+from onboard.estimators.leader.filters.wing_line_noise import Extras
 from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR
-from onboard.estimators.leader.wing_line import Filter
-from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.filters import multiple_model, unscented
 from onboard.filters.belief import FilterError, NotPositiveDefiniteError
 from onboard.geometry.rotations import matrix_from_euler

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.estimators.leader.choice import make_filter
-from onboard.estimators.leader.partial import LASTING, OFF_WING, UNKNOWN, measure, seen
+from onboard.estimators.leader.filters.choice import make_filter
+from onboard.estimators.leader.filters.partial import LASTING, OFF_WING, UNKNOWN, measure, seen
 from onboard.messages import ImageFeature, Lifecycle, Message, TargetDetection, TargetPoints, Verdict
 from tests.support.streams import CIRCLE, F_PX, Run, S, Stream, advance, make_config, position_error
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader import reference
-from onboard.estimators.leader.carried import as_leader
-from onboard.estimators.leader.reference import DELAY, OWN_V, SIZE, Errors, Shown
+from onboard.estimators.leader.beside import reference
+from onboard.estimators.leader.beside.carried import as_leader
+from onboard.estimators.leader.beside.reference import DELAY, OWN_V, SIZE, Errors, Shown
 from onboard.filters.belief import Belief, FilterError
 from onboard.geometry.rotations import matrix_from_euler
 from tests.support.leader import estimate

@@ -8,11 +8,11 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
-from onboard.estimators.leader import nose_particles
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.choice import make_filter
-from onboard.estimators.leader.nose_summary import summarise
-from onboard.estimators.leader.partial import UNKNOWN, measure, seen, with_wing
+from onboard.estimators.leader.filters import nose_particles
+from onboard.estimators.leader.filters.choice import make_filter
+from onboard.estimators.leader.filters.nose_summary import summarise
+from onboard.estimators.leader.filters.partial import UNKNOWN, measure, seen, with_wing
 from onboard.estimators.leader.shape import LASTING_GUESS
 from onboard.messages import Estimate, ImageFeature, Lifecycle, TargetDetection, TargetPoints, Verdict
 from onboard.models.apparent_shape import HIGHEST, LOWEST

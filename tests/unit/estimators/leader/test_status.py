@@ -1,7 +1,7 @@
 """The life cycle of a track by hand: what the gate lets pass, and what it stops."""
 
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.status import Status
+from onboard.estimators.leader.tracks.status import Status
 from onboard.geometry.units import NS_PER_S
 
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from onboard.estimators.leader import modes as leader_modes
-from onboard.estimators.leader import wing_line
-from onboard.estimators.leader import wing_line_noise as noise
+from onboard.estimators.leader.filters import modes as leader_modes
+from onboard.estimators.leader.filters import wing_line
+from onboard.estimators.leader.filters import wing_line_noise as noise
+from onboard.estimators.leader.filters.wing_line import Filter
+from onboard.estimators.leader.filters.wing_line_noise import Extras
 from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR, ManoeuvreModel
-from onboard.estimators.leader.wing_line import Filter
-from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.models import leader_flight as flight
 from onboard.models.leader_flight import ImageGeometry
 from onboard.models.relative_motion import R, V

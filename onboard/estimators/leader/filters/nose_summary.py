@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import nose_particles
-from onboard.estimators.leader.nose_particles import Cloud
-from onboard.estimators.leader.places import Place, places
+from onboard.estimators.leader.filters import nose_particles
+from onboard.estimators.leader.filters.nose_particles import Cloud
+from onboard.estimators.leader.filters.places import Place, places
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing as model

@@ -8,8 +8,8 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.frame import Frame
-from onboard.estimators.leader import reference
-from onboard.estimators.leader.beside import Beside
+from onboard.estimators.leader.beside import reference
+from onboard.estimators.leader.beside.measurements import Beside
 from onboard.estimators.leader.config import Config
 from onboard.estimators.reported import STANDSTILL, Reported, of_adsb, of_peer
 from onboard.filters.belief import Belief

@@ -14,12 +14,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import nose_particles
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filter import LeaderFilter, Measurement, Open
-from onboard.estimators.leader.nose_particles import Cloud
-from onboard.estimators.leader.nose_summary import MOTION, NOSE, RESOLVED, Summary, as_leader, summarise
-from onboard.estimators.leader.partial import with_wing
+from onboard.estimators.leader.filters import nose_particles
+from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open
+from onboard.estimators.leader.filters.nose_particles import Cloud
+from onboard.estimators.leader.filters.nose_summary import MOTION, NOSE, RESOLVED, Summary, as_leader, summarise
+from onboard.estimators.leader.filters.partial import with_wing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
 from onboard.estimators.leader.size import Size

@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.estimators.leader.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement
 from onboard.estimators.leader.shape import of_box, of_points
 from onboard.filters.belief import Update
 from onboard.messages import ImageFeature, ImagePoint, TargetDetection, TargetImage, TargetPoints, Vec3

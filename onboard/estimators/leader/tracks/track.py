@@ -14,15 +14,15 @@ from typing import Any, Final
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.exchange import Exchange
-from onboard.estimators.leader.filter import LeaderFilter, Open
-from onboard.estimators.leader.guard import Guard
-from onboard.estimators.leader.image import Image, agree, prepare
-from onboard.estimators.leader.partial import refused
-from onboard.estimators.leader.repeats import Repeats
-from onboard.estimators.leader.report import NO_OUTCOME, Outcome, modes_of, published, report
+from onboard.estimators.leader.filters.filter import LeaderFilter, Open
+from onboard.estimators.leader.filters.partial import refused
 from onboard.estimators.leader.size import Size
-from onboard.estimators.leader.status import Status
+from onboard.estimators.leader.tracks.exchange import Exchange
+from onboard.estimators.leader.tracks.guard import Guard
+from onboard.estimators.leader.tracks.image import Image, agree, prepare
+from onboard.estimators.leader.tracks.repeats import Repeats
+from onboard.estimators.leader.tracks.report import NO_OUTCOME, Outcome, modes_of, published, report
+from onboard.estimators.leader.tracks.status import Status
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S

@@ -6,9 +6,9 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import oh_johnson_noise
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filter import Measurement, Open
+from onboard.estimators.leader.filters import oh_johnson_noise
+from onboard.estimators.leader.filters.filter import Measurement, Open
 from onboard.estimators.leader.settings import Noise
 from onboard.estimators.leader.shape import Shape
 from onboard.estimators.leader.size import Size, with_size

@@ -7,11 +7,11 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import partial
 from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filter import LeaderFilter, Measurement
-from onboard.estimators.leader.partial import Edges
+from onboard.estimators.leader.filters import partial
+from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.filters.partial import Edges
 from onboard.geometry.camera import Camera
 from onboard.messages import ImagePoint, TargetImage, Verdict
 from onboard.ownship import Ownship

@@ -24,11 +24,11 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import modes as compiled
-from onboard.estimators.leader import wing_line_noise as noise
-from onboard.estimators.leader.modes import Modes, Step
+from onboard.estimators.leader.filters import modes as compiled
+from onboard.estimators.leader.filters import wing_line_noise as noise
+from onboard.estimators.leader.filters.modes import Modes, Step
+from onboard.estimators.leader.filters.wing_line_noise import Extras
 from onboard.estimators.leader.settings import FIXED_WING, ManoeuvreModel
-from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.filters.belief import Belief, Update, Weights
 from onboard.filters.gating import chi_square_threshold
 from onboard.filters.unscented_transform import julier_weights, recombine, sigma_points

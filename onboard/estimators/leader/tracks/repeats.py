@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from onboard.estimators.leader.image import Image
+from onboard.estimators.leader.tracks.image import Image
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import ImagePoint, TargetDetection, TargetImage, TargetPoints
 

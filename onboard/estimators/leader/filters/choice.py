@@ -11,16 +11,16 @@ from typing import Any, Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import modes, wing_line
-from onboard.estimators.leader.any_side import AnySideFilter
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filter import LeaderFilter, Measurement, Open
-from onboard.estimators.leader.modes import Modes
+from onboard.estimators.leader.filters import modes, wing_line
+from onboard.estimators.leader.filters.any_side import AnySideFilter
+from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open
+from onboard.estimators.leader.filters.modes import Modes
+from onboard.estimators.leader.filters.wing_line_noise import Extras
 from onboard.estimators.leader.settings import ManoeuvreModel, NoseModel, settings_for
 from onboard.estimators.leader.shape import Shape, shape_of
 from onboard.estimators.leader.size import Size, with_size
-from onboard.estimators.leader.wing_line_noise import Extras
 from onboard.filters.belief import Belief, Update
 from onboard.models import wing_line as measurement_model
 from onboard.models.leader_flight import ImageGeometry
@@ -53,7 +53,7 @@ def make_filter(config: Config) -> LeaderFilter:
         if config.filter == "wing-line":
             return sharp
         return AnySideFilter(sharp, _nose_model(config, size, size_sigma), shape_of(config))
-    from onboard.estimators.leader import oh_johnson  # noqa: PLC0415 - machine code that few flights need
+    from onboard.estimators.leader.filters import oh_johnson  # noqa: PLC0415 - machine code that few flights need
 
     # the paper takes its own attitude as known, so its settings stay as printed
     return oh_johnson.OhJohnson(settings, size, size_sigma, attitude_sigma * (config.filter != "paper"))

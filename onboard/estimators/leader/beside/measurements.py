@@ -17,10 +17,10 @@ import msgspec
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import reference
-from onboard.estimators.leader.carried import as_leader
+from onboard.estimators.leader.beside import reference
+from onboard.estimators.leader.beside.carried import as_leader
+from onboard.estimators.leader.beside.reference import SIZE, Errors, Shown
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.reference import SIZE, Errors, Shown
 from onboard.estimators.leader.size import Size
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.gating import chi_square_threshold

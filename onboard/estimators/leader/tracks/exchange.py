@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from onboard.estimators.leader.image import Image
+from onboard.estimators.leader.tracks.image import Image
 from onboard.geometry.units import NS_PER_S
 
 LONGEST_S: Final = 0.3  # between two images: over longer gaps an aircraft may have moved anywhere

@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filter import LeaderFilter
-from onboard.estimators.leader.image import Image
-from onboard.estimators.leader.places import Place
-from onboard.estimators.leader.status import Status
+from onboard.estimators.leader.filters.filter import LeaderFilter
+from onboard.estimators.leader.filters.places import Place
+from onboard.estimators.leader.tracks.image import Image
+from onboard.estimators.leader.tracks.status import Status
 from onboard.filters.belief import Belief, Update
 from onboard.messages import Estimate, ImagePoint, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.models import relative_motion

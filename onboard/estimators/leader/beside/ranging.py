@@ -4,8 +4,8 @@ import math
 from collections import Counter
 from typing import Final
 
-from onboard.estimators.leader import reference
-from onboard.estimators.leader.beside import Beside
+from onboard.estimators.leader.beside import reference
+from onboard.estimators.leader.beside.measurements import Beside
 from onboard.estimators.leader.config import Config
 from onboard.filters.belief import Belief
 from onboard.geometry.units import NS_PER_S

@@ -20,8 +20,8 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.draws import normal, uniform
-from onboard.estimators.leader.filter import Measurement
+from onboard.estimators.leader.filters.draws import normal, uniform
+from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Seen
 from onboard.filters.belief import FilterError

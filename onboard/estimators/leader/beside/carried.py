@@ -6,8 +6,8 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader import reference
-from onboard.estimators.leader.reference import A, N
+from onboard.estimators.leader.beside import reference
+from onboard.estimators.leader.beside.reference import A, N
 from onboard.filters.belief import Belief
 from onboard.messages import Estimate
 from onboard.models import relative_motion as relative

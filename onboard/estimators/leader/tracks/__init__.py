@@ -1,0 +1,1 @@
+"""A target's track: its images, its life cycle and what it reports. Start reading at `track`."""
