@@ -122,7 +122,8 @@ def test_the_sigmas_of_follow_target_are_those_of_its_errors_seeds_0_to_19() -> 
 
 @pytest.mark.parametrize(("part", "measured"), [("relative", 1.81), ("absolute", 2.85)])
 def test_nees_of_what_we_fly_by_default_is_as_measured_seeds_0_to_19(part: str, measured: float) -> None:
-    """It leaves the nose open, which costs certainty: of six, by so much and no more."""
+    """These leaders fly more calmly than it supposes, and it leaves the nose open, which costs certainty: of six,
+    by so much and no more. Of leaders drawn as it supposes: tests/conformance/test_cloud_honesty.py."""
     found = [flown(seed, 100.0, (), ERRORS) for seed in SEEDS]
     each = [
         nees(end.relative[:6], end.P[:6, :6]) if part == "relative" else nees(end.absolute, end.P_absolute)
