@@ -104,6 +104,7 @@ from onboard.messages.vehicle import (
     StatusText,
     SystemTime,
     TimeSync,
+    Wind,
     tagged,
 )
 
@@ -204,5 +205,6 @@ __all__ = [
     "Vec3",
     "Verdict",
     "Version",
+    "Wind",
     "tagged",
 ]

@@ -30,6 +30,7 @@ from onboard.messages import (
     SinkHealth,
     TargetImage,
     TimeSync,
+    Wind,
 )
 from onboard.ownship import Ownship
 from onboard.pipeline.admission import SENSED, Admission
@@ -121,7 +122,7 @@ class Pipeline:
             if not self.ownship.receive_status(admitted):  # as if own motion had stopped long ago
                 self._own_recv_ns = min(self._own_recv_ns, admitted.t_recv_ns - TIMEOUT_NS - 1)
             return []
-        if isinstance(admitted, GlobalOrigin | Battery):
+        if isinstance(admitted, GlobalOrigin | Battery | Wind):
             return self._observe(admitted)  # often without a stamp: they hold from their arrival
         return self._align(admitted)
 

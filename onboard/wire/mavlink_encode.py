@@ -29,7 +29,7 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
-from onboard.wire import companion, distance, files, gimbal, guidance, parameters
+from onboard.wire import companion, distance, files, gimbal, guidance, parameters, wind
 
 BODY_FRD: Final = 12
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -230,4 +230,5 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     **gimbal.ENCODE,
     **guidance.ENCODE,
     **parameters.ENCODE,
+    **wind.ENCODE,
 }

@@ -33,7 +33,7 @@ from onboard.messages import (
     SystemTime,
     TimeSync,
 )
-from onboard.wire import distance, files, gimbal, guidance, parameters
+from onboard.wire import distance, files, gimbal, guidance, parameters, wind
 
 SAFETY_ARMED: Final = 128  # MAV_MODE_FLAG of the base mode
 PRESSURE_ALT_UPDATED: Final = 2048  # HIGHRES_IMU_UPDATED_PRESSURE_ALT
@@ -286,6 +286,8 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "STATUSTEXT": (Layout("<B50sHB"), _status_text),
     "ADSB_VEHICLE": (Layout("<I3i2Hh2HB9s2B"), _adsb_vehicle),
     "COLLISION": (Layout("<I3f3B"), _collision),
+    "WIND": (Layout(wind.FORM), wind.of_direction),
+    "WIND_COV": (Layout(wind.FORM_COV), wind.of_covariance),
     "FOLLOW_TARGET": (Layout("<2Q2i17fB"), guidance.follow_target),
     **{
         name: (Layout(form), convert)

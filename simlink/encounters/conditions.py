@@ -21,7 +21,7 @@ from simlink.world.drawn import (
 )
 
 NOMINAL_SIZE: Final = 2.0  # m
-SIZE_SIGMA: Final = 0.02  # of it
+SIZE_WITHIN: Final = 0.02  # of it: a manual states a wingspan without the bend and the tip that a detector finds
 
 # A multirotor leans against the air: 0.22 / s at 12 m/s and 0.12 / s at 6 m/s, read off the leader's attitude in
 # ../shared/data/formation-copter (a lean of 15 degrees at 12 m/s).
@@ -51,6 +51,10 @@ NAVIGATION_HZ: Final[Range] = (30.0, 60.0)
 # LOCAL_POSITION_NED of an ArduPilot is 20 to 25 ms older than its stamp (../shared/data/README.md).
 POSITION_LAG_S: Final[Range] = (0.015, 0.030)
 TRANSPORT_S: Final[Range] = (0.001, 0.004)
+# Filters of autopilots know the wind after a turn to half a metre a second, before it to two.
+WIND_ERROR: Final[Range] = (0.5, 2.0)  # m/s, standard deviation on each axis
+# What they say of it, over what it is.
+WIND_SAID: Final[Range] = (0.6, 1.5)
 
 
 class Conditions(NamedTuple):
@@ -89,7 +93,7 @@ def draw_conditions(rng: np.random.Generator) -> Conditions:
         latency=one(LATENCY_S),
     )
     drawn = Conditions(
-        size=NOMINAL_SIZE * float(1.0 + SIZE_SIGMA * rng.standard_normal()),
+        size=NOMINAL_SIZE * float(1.0 + rng.uniform(-SIZE_WITHIN, SIZE_WITHIN)),
         drag=one(DRAG),
         bank_wobble_deg=process(BANK_WOBBLE_DEG, BANK_WOBBLE_S),
         nose_wobble_deg=process(NOSE_WOBBLE_DEG, NOSE_WOBBLE_S),

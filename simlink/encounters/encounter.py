@@ -9,7 +9,7 @@ from simlink.encounters.attitudes import fixed_wing_attitude, follower_attitude,
 from simlink.encounters.conditions import Conditions, draw_conditions
 from simlink.encounters.curves import wobble
 from simlink.encounters.families import FAMILIES, LeaderClass
-from simlink.encounters.reports import received
+from simlink.encounters.reports import in_order, received, winds
 from simlink.encounters.shapes import SEES, Sees
 from simlink.encounters.truth import EncounterTruth
 from simlink.sensors.arrays import Array
@@ -30,8 +30,11 @@ class Encounter(NamedTuple):
     messages: tuple[Message, ...]
 
 
-def make_encounter(family: str, seed: int, seconds: float = SECONDS, sees: Sees = "wing") -> Encounter:
-    """The encounter `seed` (>= 0) of a family. The flight is the same whatever the detector `sees` of the leader.
+def make_encounter(
+    family: str, seed: int, seconds: float = SECONDS, sees: Sees = "wing", *, feels_wind: bool = False
+) -> Encounter:
+    """The encounter `seed` (>= 0) of a family. The flight is the same whatever the detector `sees` of the leader,
+    and whether our autopilot estimates the wind.
 
     Raises ValueError for a family that is none of FAMILIES, and for `sees` that is none of SEES.
     """
@@ -58,7 +61,10 @@ def make_encounter(family: str, seed: int, seconds: float = SECONDS, sees: Sees 
         follower=follower,
         euler_F=follower_attitude(rng, own_seed, t, follower, r_FL_n, mount),
     )
-    return Encounter(family, seed, leader_class, conditions, truth, received(truth, conditions, own_seed, sees))
+    messages = received(truth, conditions, own_seed, sees)
+    if feels_wind:
+        messages = in_order([*messages, *winds(truth, wind, own_seed)])
+    return Encounter(family, seed, leader_class, conditions, truth, messages)
 
 
 def _seed_of(family: str, seed: int) -> int:

@@ -2,7 +2,7 @@
 and delays of the conditions."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 import msgspec
@@ -19,9 +19,10 @@ from onboard.messages import (
     TargetDetection,
     TargetPoints,
     Vec3,
+    Wind,
 )
 from simlink.encounters.attitudes import body_rates
-from simlink.encounters.conditions import JITTER_S, Conditions
+from simlink.encounters.conditions import JITTER_S, WIND_ERROR, WIND_SAID, Conditions
 from simlink.encounters.curves import wobble
 from simlink.encounters.shapes import Place, Sees, Shape, box_around, draw_shape, projected
 from simlink.encounters.truth import EncounterTruth, at
@@ -35,6 +36,7 @@ ASSUMED_PX: Final = 1.0  # what is stated of a point's noise, whatever it is
 BOX_SIGMA: Final = 0.05  # the same of a box's, as a share of its larger side
 EPOCH_NS: Final = 1_735_689_600 * 10**9  # Unix time at boot
 VISION: Final = 191  # component that sends image points
+WIND_HZ: Final = 1.0
 MULTIROTOR, ARDUPILOT, ACTIVE = 2, 3, 4  # MAV_TYPE, MAV_AUTOPILOT, MAV_STATE
 
 
@@ -51,7 +53,24 @@ def received(truth: EncounterTruth, conditions: Conditions, seed: int, sees: See
         *_positions(truth, conditions, seed),
         *_images(truth, conditions, seed, sees),
     ]
+    return in_order(messages)
+
+
+def in_order(messages: Iterable[Message]) -> tuple[Message, ...]:
+    """By their arrival."""
     return tuple(sorted(messages, key=lambda m: m.t_recv_ns))
+
+
+def winds(truth: EncounterTruth, wind: Array, seed: int) -> Iterator[Message]:
+    """WIND_COV each second: the wind (3,), m/s in n, with an error that lasts, and a standard deviation that is
+    not quite its own."""
+    rng = stream(seed, "encounters.wind")
+    sigma = float(rng.uniform(*WIND_ERROR))
+    north, east = (wind[:2] + sigma * rng.standard_normal(2)).tolist()
+    said = sigma * float(rng.uniform(*WIND_SAID))
+    for t in _samples(truth, rng, WIND_HZ).tolist():
+        ns = boot_ns(t)
+        yield Wind(t_ns=ns, t_recv_ns=EPOCH_NS + ns, clock=Clock.NONE, north=north, east=east, sigma=said)
 
 
 def _samples(truth: EncounterTruth, rng: np.random.Generator, rate: float) -> Array:

@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from typing import Final
 
+from onboard import messages
 from onboard.estimators.leader.beside.broadcast import Broadcast
 from onboard.estimators.leader.beside.measurements import Beside
 from onboard.estimators.leader.beside.ranging import Ranging
@@ -22,17 +23,19 @@ from onboard.estimators.leader.filters.filter import LeaderFilter
 from onboard.estimators.leader.tracks.exposures import Exposures
 from onboard.estimators.leader.tracks.image import Image, prepare
 from onboard.estimators.leader.tracks.track import Track
+from onboard.estimators.leader.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, TargetImage, TargetPoints, Verdict
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
-LISTENS: Final = (TargetPoints, TargetDetection)
+LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind)
 NO_ID: Final = ""
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
 BESIDE: Final = 0.04  # rad
 APART: Final = 0.2  # rad; an image this far from every track is of another aircraft, whatever else is in view
+WIND_PERIOD_NS: Final = 900_000_000  # between reports of the wind that are used
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
 
 
@@ -55,6 +58,7 @@ class Estimator:
         self._numbered = 0
         self._next_refusal_ns = 0
         self._exposures = Exposures()
+        self._wind, self._wind_ns = UNKNOWN, 0
 
     @property
     def verdicts(self) -> Counter[str]:
@@ -68,6 +72,9 @@ class Estimator:
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse one image of one target at the time it was taken; or take what is measured beside them."""
+        if isinstance(message, messages.Wind):
+            self._feel(wind_of(message), ownship)
+            return []
         if not isinstance(message, TargetImage):
             self._learn(message, ownship)
             return []
@@ -89,6 +96,8 @@ class Estimator:
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict every track to the newest navigation sample. Drop idle targets, except the first."""
+        if self._wind.is_known and ownship.now_ns - self._wind_ns > TIMEOUT_NS:
+            self._set_wind(UNKNOWN, ownship)
         estimates = []
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
@@ -108,13 +117,26 @@ class Estimator:
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = 0
+        self._wind = UNKNOWN
+
+    def _feel(self, wind: Wind | None, ownship: Ownship) -> None:
+        """The wind that our autopilot reports, not more often than it changes."""
+        if wind is None:
+            self._verdicts["wind_implausible"] += 1
+        elif not self._wind.is_known or ownship.now_ns - self._wind_ns > WIND_PERIOD_NS:
+            self._set_wind(wind, ownship)
+
+    def _set_wind(self, wind: Wind, ownship: Ownship) -> None:
+        self._wind, self._wind_ns = wind, ownship.now_ns
+        for track in self._tracks.values():
+            track.learn(wind, ownship)
 
     def _learn(self, message: Message, ownship: Ownship) -> None:
         """Take what a message says of the leader beside images; its track learns the size."""
         for source in self._sources:
             source.receive(message, ownship)
         if self._sources and (size := self._beside.lesson()) is not None:
-            self._tracks[NAME].set_size(size, ownship)
+            self._tracks[NAME].learn(size, ownship)
 
     def _with_beside(self, estimate: Estimate, ownship: Ownship) -> Estimate:
         """The estimate to publish of a target: the leader's broadcast may carry it."""
@@ -146,6 +168,7 @@ class Estimator:
         if followed >= self._config.max_targets:
             return None
         self._tracks[target] = self._track(target)
+        self._tracks[target].learn(self._wind, ownship)
         return self._tracks[target]
 
     def _nearest(self, message: TargetImage, ownship: Ownship) -> Track | None:

@@ -52,6 +52,8 @@ class NoseModel(NamedTuple):
     on_course: float = 0.3  # the prior probability that it does, if we fly
     follows: float = 0.7  # the probability that a leader that flies fast has its nose about its course
     nose_about_course: float = math.radians(5.0)  # rad, of such a nose
+    air: tuple[float, float] = (0.0, 0.0)  # m/s, velocity to north and east of the air that a course is through
+    air_sigma: float = 0.0  # m/s, on each axis
     particles: int = 900
     speed: float = 8.0  # m/s, relative to us, at first
     acceleration: float = 1.5  # m/s^2, at first

@@ -30,12 +30,14 @@ class Case(NamedTuple):
     family: str
     settings: tuple[str, ...] = ()
     sees: Sees = "wing"
+    feels_wind: bool = False  # our autopilot estimates it
 
     @property
     def name(self) -> str:
         """What the report calls it."""
         detector = {"points": ", five points", "box": ", box alone"}.get(self.sees, "")
-        return self.family.replace("_", " ") + (", center on wing" if self.settings == ON_WING else detector)
+        known = ", center on wing" if self.settings == ON_WING else ", wind estimated" if self.feels_wind else ""
+        return self.family.replace("_", " ") + known + detector
 
 
 # As the simulator's points are for a wing of the nominal size, but that each true one is misplaced a little.
@@ -45,9 +47,10 @@ FIVE_POINTS: Final = (
 )
 DEFAULTS: Final = tuple(Case(family) for family in FAMILIES)
 WITH_CENTER: Final = (Case("hover", ON_WING), Case("circling", ON_WING))
+IN_WIND: Final = (Case("crab", feels_wind=True),)
 POINTS: Final = tuple(Case(family, FIVE_POINTS, "points") for family in ("hover", "sideways", "wander"))
 BOXES: Final = tuple(Case(family, sees="box") for family in ("behind", "crossing", "wander"))
-CASES: Final = (*DEFAULTS, *WITH_CENTER, *POINTS, *BOXES)
+CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES)
 
 
 class Flight(NamedTuple):
@@ -63,7 +66,7 @@ class Flight(NamedTuple):
 
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
     """One encounter through a pipeline of its own; `settings` are overrides on top of the case's."""
-    encounter = make_encounter(case.family, seed, SECONDS, case.sees)
+    encounter = make_encounter(case.family, seed, SECONDS, case.sees, feels_wind=case.feels_wind)
     config = load_config(None, (*known(encounter), *case.settings, *settings))
     return judged(estimated(Pipeline(config), encounter.messages), encounter.truth)
 

@@ -23,6 +23,7 @@ from onboard.estimators.leader.filters.partial import with_wing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
 from onboard.estimators.leader.size import Size
+from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.models import apparent_wing
 from onboard.models.leader_flight import HEADING
@@ -35,6 +36,7 @@ AGREE: Final = 1.0  # sigmas of the cloud's range: it confirms a wing-line range
 AGREE_AT_LEAST: Final = 0.025  # of the range: so near a range is confirmed in any case
 ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
 TOO_WIDE: Final = 0.2  # rad, of the direction: a cloud that is less certain starts again
+SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
 ANOTHER: Final = 0.05  # of the size: so wrong a one misleads the wing-line filter
 PATIENCE: Final = 10  # images in a row that the wing-line filter may reject before it starts again
 
@@ -51,7 +53,7 @@ class AnySide(NamedTuple):
     """Both filters' states, a `summary` of the cloud at its time (of a little earlier, and carried on), how many
     images the wing-line filter has rejected in a row: it is not believed meanwhile; whether the cloud, at its last
     image, confirmed it; the size, if it is no longer the configured one; and whether the wing-line filter has
-    flown with quite another one, so that it starts again."""
+    flown with quite another one, so that it starts again; and the wind, if it matters and is known."""
 
     wing_line: Any
     cloud: Cloud
@@ -61,6 +63,7 @@ class AnySide(NamedTuple):
     confirmed: bool
     size: Size | None = None
     outdated: bool = False
+    wind: Wind | None = None
 
 
 class AnySideFilter:
@@ -80,29 +83,34 @@ class AnySideFilter:
     def start(self, measurement: Measurement, pose: CameraPose, before: AnySide | None) -> AnySide:
         """Both filters start. The cloud keeps of what was believed before only the noses."""
         earlier = None if before is None or not before.confirmed else before.wing_line
-        wing_line = self._wing_line.start(with_wing(measurement), pose, earlier)
+        wind = None if before is None else before.wind
+        wing_line = self._wing_line.start(with_wing(measurement), in_air(pose, wind), earlier)
         noses = None if before is None else self._caught_up(before).cloud
-        cloud = nose_particles.start(self._settings, measurement, pose, noses)
+        settings = self._supposed(None, wind)
+        cloud = nose_particles.start(settings, measurement, pose, noses)
         pending = Pending(0.0, np.zeros(3), pose.v_F_n)
-        return AnySide(wing_line, cloud, summarise(self._settings, cloud), pending, 0, False)
+        return AnySide(wing_line, cloud, summarise(settings, cloud), pending, 0, False, wind=wind)
 
     def advance(self, state: AnySide, step: Step) -> AnySide:
         """The wing-line filter's prediction; the cloud is predicted when it takes an image, or after a while."""
         moved = state.pending.moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a
         pending = Pending(state.pending.dt + step.dt, moved, step.v1)
-        advanced = state._replace(wing_line=self._wing_line.advance(state.wing_line, step), pending=pending)
+        through_air = step if state.wind is None else state.wind.step(step)
+        wing_line = self._wing_line.advance(state.wing_line, through_air)
+        advanced = state._replace(wing_line=wing_line, pending=pending)
         return self._caught_up(advanced) if pending.dt > LONGEST_S else advanced
 
     def fuse(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Update:
         """Both filters' updates. An image passes if either expected it; innovation and NIS are the wing-line's."""
         gate, settings = self.gate if self.gate is not None else math.inf, self._noses(state)
+        through_air = in_air(pose, state.wind)
         try:
-            update = self._wing_line.fuse(state.wing_line, measurement, pose)
+            update = self._wing_line.fuse(state.wing_line, measurement, through_air)
             passes, wing_line = bool(update.nis <= gate), update.belief
         except FilterError:
             if not state.rejected:
                 raise
-            update = self._wing_line.fuse(self._anew(state, measurement, pose), measurement, pose)
+            update = self._wing_line.fuse(self._anew(state, measurement, pose), measurement, through_air)
             passes, wing_line = False, None
         rejected = 0 if passes else state.rejected + 1
         has_extent = measurement.has_extent  # else it is a direction, and nothing starts from it
@@ -136,8 +144,16 @@ class AnySideFilter:
         after = after._replace(summary=summarise(self._noses(after), cloud))
         return after._replace(confirmed=self._agree(after))
 
+    def in_wind(self, state: AnySide, wind: Wind) -> AnySide:
+        """The state in another wind, which says of a fixed wing where its nose points."""
+        if self._settings.crab == 0.0:
+            return state
+        after = self._caught_up(state)._replace(wind=wind if wind.is_known else None)
+        after = after._replace(summary=summarise(self._noses(after), after.cloud))
+        return after._replace(confirmed=self._agree(after))
+
     def belief(self, state: AnySide) -> Belief:
-        """The wing-line filter's belief, no surer of the range than the cloud; or that of the whole cloud."""
+        """The wing-line filter's belief, no surer of motion and nose than the cloud; or that of the whole cloud."""
         sharp = self._wing_line.belief(state.wing_line)
         known = state.summary.after(state.pending.dt, state.pending.moved)
         whole = as_leader(known, state.pending.v_F_n, sharp)
@@ -147,13 +163,16 @@ class AnySideFilter:
         covariance = sharp.covariance.copy()
         covariance[MOTION, MOTION] = whole.covariance[MOTION, MOTION] + off[MOTION, None] * off[MOTION]
         covariance[MOTION, 6:], covariance[6:, MOTION] = 0.0, 0.0
+        aside = math.remainder(off[HEADING], math.tau if state.cloud.sided else math.pi)
+        covariance[HEADING, :], covariance[:, HEADING] = 0.0, 0.0
+        covariance[HEADING, HEADING] = whole.covariance[HEADING, HEADING] + aside * aside
         return Belief(sharp.mean, covariance)
 
     def predicted_points(
         self, state: AnySide, measurement: Measurement, update: Update, pose: CameraPose
     ) -> Array:
         """As the wing-line filter."""
-        return self._wing_line.predicted_points(state.wing_line, measurement, update, pose)
+        return self._wing_line.predicted_points(state.wing_line, measurement, update, in_air(pose, state.wind))
 
     def open_question(self, state: AnySide) -> Open:
         """What the images leave open, and if it is the range, the modes of the cloud."""
@@ -173,7 +192,8 @@ class AnySideFilter:
     def _agree(self, state: AnySide) -> bool:
         """Whether the cloud, caught up, knows the range, and the wing-line filter has the same one."""
         known, sigma = state.summary, state.summary.range_sigma()
-        if state.rejected or state.outdated or sigma > RESOLVED or not known.is_on_course(ON_COURSE):
+        air = self._noses(state).air
+        if state.rejected or state.outdated or sigma > RESOLVED or not known.is_on_course(ON_COURSE, air):
             return False
         sharp, now = self._wing_line.belief(state.wing_line).mean, known.mean
         if state.cloud.sided and math.cos(sharp[HEADING] - now[NOSE]) < 0.0:  # it takes the tail for the nose
@@ -182,14 +202,21 @@ class AnySideFilter:
         return abs(ratio) < max(AGREE * sigma, AGREE_AT_LEAST)
 
     def _noses(self, state: AnySide) -> NoseModel:
-        """What the cloud assumes, with the size as it is known now."""
-        if state.size is None:
-            return self._settings
-        return self._settings._replace(size=state.size.value, size_sigma=state.size.sigma)
+        """What the cloud assumes, with the size and the wind as they are known now."""
+        return self._supposed(state.size, state.wind)
+
+    def _supposed(self, size: Size | None, wind: Wind | None) -> NoseModel:
+        settings = self._settings
+        if size is not None:
+            settings = settings._replace(size=size.value, size_sigma=size.sigma)
+        if wind is not None:
+            north, east, _ = wind.velocity.tolist()
+            settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
+        return settings
 
     def _anew(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Any:
         """The wing-line filter's state after a first image."""
-        started = self._wing_line.start(with_wing(measurement), pose, None)
+        started = self._wing_line.start(with_wing(measurement), in_air(pose, state.wind), None)
         return started if state.size is None else self._wing_line.resized(started, state.size)
 
     def _caught_up(self, state: AnySide) -> AnySide:
@@ -203,6 +230,11 @@ class AnySideFilter:
         if dt > LONGEST_S:  # no image corrects it soon
             return state._replace(cloud=cloud, summary=summarise(settings, cloud), pending=pending)
         return state._replace(cloud=cloud, summary=state.summary.after(dt, moved), pending=pending)
+
+
+def in_air(pose: CameraPose, wind: Wind | None) -> CameraPose:
+    """The camera's pose with our velocity through the air, if the wind is known."""
+    return pose if wind is None else wind.pose(pose)
 
 
 def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:

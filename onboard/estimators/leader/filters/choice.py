@@ -21,6 +21,7 @@ from onboard.estimators.leader.filters.wing_line_noise import Extras
 from onboard.estimators.leader.settings import ManoeuvreModel, NoseModel, settings_for
 from onboard.estimators.leader.shape import Shape, shape_of
 from onboard.estimators.leader.size import Size, with_size
+from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, Update
 from onboard.models import wing_line as measurement_model
 from onboard.models.leader_flight import ImageGeometry
@@ -122,6 +123,11 @@ class _WingLine:
     def resized(self, state: Modes, size: Size) -> Modes:
         means, covariances = with_size(state.means, state.covariances, size)
         return state._replace(means=means, covariances=covariances)
+
+    def in_wind(self, state: Modes, wind: Wind) -> Modes:
+        """`any_side` makes use of it."""
+        del wind
+        return state
 
     def belief(self, state: Modes) -> Belief:
         mean, covariance = modes.mixture(state)

@@ -8,6 +8,7 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.places import Place
 from onboard.estimators.leader.shape import Seen, Shape
 from onboard.estimators.leader.size import Size
+from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, Update
 from onboard.ownship import Step
 
@@ -66,6 +67,9 @@ class LeaderFilter(Protocol):
 
     def resized(self, state: Any, size: Size) -> Any:
         """The state once the size is known better from elsewhere."""
+
+    def in_wind(self, state: Any, wind: Wind) -> Any:
+        """The state in another wind, or in one that is not known any more."""
 
     def belief(self, state: Any) -> Belief:
         """Mean (n,) and covariance (n, n), the first nine components those of `relative_motion`."""

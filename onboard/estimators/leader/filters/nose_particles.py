@@ -278,22 +278,3 @@ def _resampled(cloud: Cloud, w: Array) -> Cloud:
     noses, rates, accelerates, means, P = (array[chosen] for array in cloud[:5])
     log_weights = np.full(k, -math.log(k))
     return Cloud(noses, rates, accelerates, means, P, log_weights, cloud.draws + 1, *cloud[7:])
-
-
-def with_course(settings: NoseModel, cloud: Cloud) -> Array:
-    """Weights (K,) of the particles, with what is likely of a nose and its course: most leaders that fly fast
-    point their nose along their course.
-
-    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the cloud
-    itself, where each image would count it again."""
-    x, P = cloud.means, cloud.covariances
-    u, v = x[:, 3], x[:, 4]
-    speed2 = u * u + v * v + 1e-6
-    aside = cloud.noses - np.arctan2(v, u)
-    aside -= math.pi * np.round(aside / math.pi)
-    a, b = v / speed2, -u / speed2
-    S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
-    share = settings.follows * speed2**2 / (speed2**2 + model.FOLLOWS4)
-    likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
-    w = np.exp(cloud.log_weights) * ((1.0 - share) / math.pi + share * likely)
-    return np.asarray(w / w.sum())

@@ -1,12 +1,12 @@
 """Mean and covariance of a whole cloud of noses, and what they come to a moment later."""
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters import nose_particles
 from onboard.estimators.leader.filters.nose_particles import Cloud
 from onboard.estimators.leader.filters.places import Place, places
 from onboard.estimators.leader.settings import NoseModel
@@ -59,9 +59,10 @@ class Summary(NamedTuple):
         square = float(r @ r)
         return math.sqrt(max(float(r @ self.covariance[R_FL, R_FL] @ r), 0.0)) / square
 
-    def is_on_course(self, within: float) -> bool:
-        """Whether the leader flies, with its nose within an angle (rad) of its course."""
-        v, nose = self.mean[V_L], self.mean[NOSE]
+    def is_on_course(self, within: float, air: Sequence[float]) -> bool:
+        """Whether the leader flies, with its nose within an angle (rad) of its course through air that moves to
+        north and east, m/s."""
+        v, nose = self.mean[V_L][:2] - air[:2], self.mean[NOSE]
         aside = nose - math.atan2(v[1], v[0])
         aside -= math.pi * round(aside / math.pi)
         return math.hypot(v[0], v[1]) > FLIES and abs(aside) < within
@@ -77,7 +78,7 @@ class Summary(NamedTuple):
 def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     """The cloud as one Gaussian about its geometric mean range, with the errors that are ours: of our attitude,
     our velocity and the size."""
-    w = nose_particles.with_course(settings, cloud)
+    w = with_course(settings, cloud)
     k = len(w)
     rows = np.zeros((k, N))
     rows[:, R_FL], rows[:, V_L], rows[:, A_L] = (cloud.means[:, part] for part in (model.R, model.V, model.A))
@@ -110,6 +111,26 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     if whole.range_sigma() <= RESOLVED:
         return whole
     return whole._replace(places=places(w, rows[:, MOTION], cloud.covariances[:, MOTION, MOTION], ours))
+
+
+def with_course(settings: NoseModel, cloud: Cloud) -> Array:
+    """Weights (K,) of the particles, with what is likely of a nose and its course: most leaders that fly fast
+    point their nose along their course.
+
+    That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the cloud
+    itself, where each image would count it again."""
+    x, P = cloud.means, cloud.covariances
+    u, v = x[:, 3] - settings.air[0], x[:, 4] - settings.air[1]
+    speed2 = u * u + v * v + 1e-6
+    aside = cloud.noses - np.arctan2(v, u)
+    aside -= math.pi * np.round(aside / math.pi)
+    a, b = v / speed2, -u / speed2
+    S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
+    S += settings.air_sigma**2 / speed2
+    share = settings.follows * speed2**2 / (speed2**2 + model.FOLLOWS4)
+    likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
+    w = np.exp(cloud.log_weights) * ((1.0 - share) / math.pi + share * likely)
+    return np.asarray(w / w.sum())
 
 
 def _by_points(cloud: Cloud, mean: Array) -> float:

@@ -12,6 +12,7 @@ from onboard.estimators.leader.filters.filter import Measurement, Open
 from onboard.estimators.leader.settings import Noise
 from onboard.estimators.leader.shape import Shape
 from onboard.estimators.leader.size import Size, with_size
+from onboard.estimators.leader.wind import Wind
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, Update
 from onboard.filters.gating import chi_square_threshold
@@ -81,6 +82,11 @@ class OhJohnson:
     def resized(self, state: Belief, size: Size) -> Belief:
         """The belief with another marginal of the size."""
         return Belief(*with_size(state.mean, state.covariance, size))
+
+    def in_wind(self, state: Belief, wind: Wind) -> Belief:
+        """The paper knows no wind."""
+        del wind
+        return state
 
     def belief(self, state: Belief) -> Belief:
         """Mean (9,) and covariance (9, 9), with the error of our own attitude added."""

@@ -1,6 +1,7 @@
 """One image prepared for a track: whether it can be used, what it measures, and from which pose it was taken."""
 
 import math
+from collections import deque
 from collections.abc import Iterable
 from typing import Final, NamedTuple
 
@@ -13,6 +14,7 @@ from onboard.estimators.leader.filters import partial
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement
 from onboard.estimators.leader.filters.partial import Edges
 from onboard.geometry.camera import Camera
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import ImagePoint, TargetImage, Verdict
 from onboard.ownship import Ownship
 
@@ -102,3 +104,12 @@ def agree(a: Image, b: Image) -> bool:
     ratio = a_.span / b_.span if a_.has_wing == b_.has_wing else 1.0
     near = float(a.direction_n @ b.direction_n) > np.cos(AGREE_RAD)
     return bool(near and 1 / AGREE_RATIO < ratio < AGREE_RATIO)
+
+
+def hold(held: deque[Image], image: Image) -> None:
+    """Add an image to those of the last second, in place; one that does not agree with them replaces them."""
+    while held and image.message.t_ns - held[0].message.t_ns > NS_PER_S:
+        held.popleft()
+    if held and not agree(held[-1], image):
+        held.clear()
+    held.append(image)

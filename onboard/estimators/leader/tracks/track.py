@@ -19,10 +19,11 @@ from onboard.estimators.leader.filters.partial import refused
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.tracks.exchange import Exchange
 from onboard.estimators.leader.tracks.guard import Guard
-from onboard.estimators.leader.tracks.image import Image, agree, prepare
+from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
 from onboard.estimators.leader.tracks.repeats import Repeats
 from onboard.estimators.leader.tracks.report import NO_OUTCOME, Outcome, modes_of, published, report
 from onboard.estimators.leader.tracks.status import Status
+from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S
@@ -59,7 +60,7 @@ class Track:
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._guard = Guard(config.size_prior_m)
-        self._size: Size | None = None  # if it is known better than as configured
+        self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
         self._guarded = config.filter in {"any-side", "wing-line"}  # the paper's covariances are far too small
         self._report = partial(report, filter_)
         self._sequence = 0
@@ -90,16 +91,18 @@ class Track:
         """Images of a class of targets come. A track stays what it started as."""
         if self._history is None and not self._held:
             self._filter, self._config, self._report = filter_, config, partial(report, filter_)
-            self._guard = Guard(config.size_prior_m if self._size is None else self._size.value)
+            size = self._known.get(Size)
+            self._guard = Guard(size.value if isinstance(size, Size) else config.size_prior_m)
 
-    def set_size(self, size: Size, ownship: Ownship) -> None:
-        """The size is known better now, from elsewhere than the images."""
-        self._size = size
-        self._guard.set_size(size.value)
+    def learn(self, known: Size | Wind, ownship: Ownship) -> None:
+        """What is known otherwise than by images, from now on."""
+        self._known[type(known)] = known
+        if isinstance(known, Size):
+            self._guard.set_size(known.value)
         if self._history is None:
             return
         try:
-            self._history.insert(self._history.belief_at(0, ownship)[0], size, ownship)
+            self._history.insert(self._history.belief_at(0, ownship)[0], known, ownship)
         except FilterError as error:
             self._forget(f"the filter failed: {error}")
 
@@ -195,11 +198,7 @@ class Track:
     def _start(self, image: Image, ownship: Ownship, before: History[Any, Ownship] | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
         held = self._held
-        while held and image.message.t_ns - held[0].message.t_ns > NS_PER_S:
-            held.popleft()
-        if held and not agree(held[-1], image):
-            held.clear()
-        held.append(image)
+        hold(held, image)
         self._status.reason = f"{len(held)} of {self._images} images"
         if len(held) < self._images:
             return
@@ -209,11 +208,13 @@ class Track:
         begun = self._filter.start(first.measurement, first.pose, earlier)
         self._history = History(
             first.message.t_ns,
-            begun if self._size is None else self._filter.resized(begun, self._size),
+            begun,
             horizon_ns=round(self._config.rewind_horizon_s * NS_PER_S),
             advance=self._advance,
             fuse=self._fuse,
         )
+        for known in self._known.values():
+            self._history.insert(first.message.t_ns, known, ownship)
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
         self._status.started(first.message.t_ns, again=before is not None)
@@ -236,9 +237,11 @@ class Track:
             state = self._filter.advance(state, step)
         return state
 
-    def _fuse(self, state: Any, image: Image | Size, ownship: Ownship) -> tuple[Any, Any]:
+    def _fuse(self, state: Any, image: Image | Size | Wind, ownship: Ownship) -> tuple[Any, Any]:
         if isinstance(image, Size):
             return self._filter.resized(state, image), NO_OUTCOME
+        if isinstance(image, Wind):
+            return self._filter.in_wind(state, image), NO_OUTCOME
         pose = image.pose
         if not image.final:
             camera = self._poses.camera.named(image.message.camera)

@@ -10,7 +10,7 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters import nose_particles
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.nose_particles import Cloud
-from onboard.estimators.leader.filters.nose_summary import Summary, summarise
+from onboard.estimators.leader.filters.nose_summary import Summary, summarise, with_course
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError
 from onboard.models import apparent_wing as model
@@ -175,7 +175,7 @@ def test_a_nose_on_the_course_is_likely_but_no_more() -> None:
     cloud = nose_particles.start(settings, image(25.0, 0.0), pose)
     cloud.covariances[:, 3:6, 3:6] = 0.01 * np.eye(3)
     near = np.abs(np.sin(cloud.noses)) < math.sin(math.radians(12.0))
-    assert 0.6 < nose_particles.with_course(settings, cloud)[near].sum() < 0.93
+    assert 0.6 < with_course(settings, cloud)[near].sum() < 0.93
     assert np.exp(cloud.log_weights)[near].sum() < 0.3
 
 

@@ -31,7 +31,7 @@ def resize(filter_: str, size: Size) -> tuple[Estimate, Estimate]:
     settings = "estimator.leader.size_prior_sigma_m=0.5", f"estimator.leader.filter={filter_}"
     run = feed(Stream(t1=5.4).datagrams(), make_config(*settings))
     track = run.pipeline.estimators["leader"]._tracks["leader"]  # type: ignore[attr-defined]
-    track.set_size(size, run.pipeline.ownship)
+    track.learn(size, run.pipeline.ownship)
     return run.estimates[-1], track.tick(run.pipeline.ownship)
 
 
@@ -63,7 +63,7 @@ def test_a_track_that_starts_anew_starts_with_the_size_that_is_known() -> None:
     run = feed(Stream(t1=6.0).datagrams(), make_config("estimator.leader.filter=wing-line"))
     track = run.pipeline.estimators["leader"]._tracks["leader"]  # type: ignore[attr-defined]
     track.reset("the test says so")
-    track.set_size(LARGER, run.pipeline.ownship)
+    track.learn(LARGER, run.pipeline.ownship)
     for item in Stream(t0=6.0, t1=6.6).items():
         run.pipeline.advance([item.message])
     assert track.tick(run.pipeline.ownship).mean[SIZE] == pytest.approx(LARGER.value)

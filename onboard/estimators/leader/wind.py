@@ -1,0 +1,53 @@
+"""The wind, where our autopilot estimates it: a fixed wing points its nose along its path through the air.
+
+Without it, a crab cannot be distinguished from another range: all that both do in the image is shorten the wing.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard import messages
+from onboard.arrays import Array
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.ownship import Step
+
+STRONGEST: Final = 60.0  # m/s: a stronger one is no wind
+TIMEOUT_NS: Final = 30_000_000_000  # after the last report it is not known any more
+# m/s on each axis. Of a report without one: the filters of autopilots end between 0.5 and 2, before turns above.
+USUAL_SIGMA: Final = 1.5
+# A gust of a third of a breeze of 3 m/s: what we feel is not what the leader feels.
+GUST: Final = 1.0
+
+
+class Wind(NamedTuple):
+    """Velocity of the air over ground (3,), m/s in n, and its standard deviation on each level axis, m/s."""
+
+    velocity: Array
+    sigma: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether anything is known of it."""
+        return math.isfinite(self.sigma)
+
+    def step(self, step: Step) -> Step:
+        """Our own motion through the air."""
+        return step._replace(v0=step.v0 - self.velocity, v1=step.v1 - self.velocity)
+
+    def pose(self, pose: CameraPose) -> CameraPose:
+        """The camera's pose, with our velocity through the air."""
+        return pose._replace(v_F_n=pose.v_F_n - self.velocity)
+
+
+UNKNOWN: Final = Wind(np.zeros(3), math.inf)
+
+
+def wind_of(report: messages.Wind) -> Wind | None:
+    """The wind about the leader; None for a report of none that there is."""
+    speed = math.hypot(report.north, report.east)
+    if not speed < STRONGEST:
+        return None
+    sigma = USUAL_SIGMA if report.sigma is None else report.sigma
+    return Wind(np.array([report.north, report.east, 0.0]), math.hypot(sigma, GUST))

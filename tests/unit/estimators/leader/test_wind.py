@@ -1,0 +1,141 @@
+"""The wind says where a fixed wing's nose points: reports of it, and what the leader's tracks make of them."""
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pytest
+
+from onboard.arrays import Array
+from onboard.estimators.leader.wind import GUST, TIMEOUT_NS, USUAL_SIGMA, wind_of
+from onboard.geometry.rotations import matrix_from_euler
+from onboard.messages import Clock, Estimate, Message, Wind
+from onboard.models.leader_flight import HEADING
+from onboard.models.relative_motion import R, V
+from tests.support.mavlink_frames import frame, one
+from tests.support.streams import EPOCH, Flight, Run, S, Stream, advance, encode, feed, make_config
+
+CRAB: Final = math.radians(20.0)
+SPEED: Final = 15.0
+FIXED_WING: Final = "estimator.leader.leader_class=fixed_wing"
+WING_LINE: Final = "estimator.leader.filter=wing-line"
+PAPER: Final = "estimator.leader.filter=paper"
+
+
+@dataclass(frozen=True)
+class Crabbing(Flight):
+    """Both fly north, the leader's nose to the right of its course: the wind blows to the left."""
+
+    radius: float | None = None
+
+    def points(self, t: float) -> Array:
+        """As those of `Flight`, the wing turned."""
+        follower, leader = self.at(t), self.at(t, self.gap)
+        wing = matrix_from_euler(0.0, 0.0, CRAB)[:, 1] * self.size / 2
+        r_c = np.array([leader.r + offset - follower.r for offset in (0 * wing, -wing, wing)])
+        return np.asarray(r_c[:, 1:] / r_c[:, :1])
+
+
+def report(t: float, east: float = -SPEED * math.tan(CRAB), sigma: float | None = 0.5) -> Wind:
+    ns = round(t * S)
+    return Wind(t_ns=ns, t_recv_ns=EPOCH + ns, clock=Clock.NONE, north=0.0, east=east, sigma=sigma)
+
+
+def winds(begin: float, end: float) -> Iterator[Message]:
+    yield from (report(t) for t in np.arange(begin + 0.001, end, 1.0))
+
+
+def flown(t1: float, *reports: Message, settings: tuple[str, ...] = (FIXED_WING,), t0: float = 5.0) -> Run:
+    messages = [item.message for item in Stream(flight=Crabbing(), t0=t0, t1=t1).items()]
+    return advance(sorted([*messages, *reports], key=lambda m: m.t_recv_ns), make_config(*settings))
+
+
+def along(estimate: Estimate) -> tuple[float, float]:
+    """Error of the range and its standard deviation, both over the true range."""
+    assert estimate.valid
+    r, P = np.array(estimate.mean)[R], np.array(estimate.covariance)[R, R]
+    distance = float(np.linalg.norm(Crabbing().relative(estimate.t_ns / S)[0]))
+    return float(np.linalg.norm(r)) / distance - 1.0, math.sqrt(float(r @ P @ r / (r @ r))) / distance
+
+
+def test_wind_of_both_autopilots_from_packed_bytes() -> None:
+    """ArduPilot's says where it comes from; PX4's states the sum of two variances, others an accuracy."""
+    ardupilot = one(frame(168, 1, struct.pack("<3f", 90.0, 5.0, 0.3)))
+    assert (ardupilot.north, ardupilot.east, ardupilot.sigma) == (pytest.approx(0.0, abs=1e-6), -5.0, None)
+    fields = [0.0, 0.0, 500.0, 0.0, 0.0]
+    px4 = one(frame(231, 105, struct.pack("<Q8f", 7, 3.0, -4.0, 0.0, 0.5, *fields[1:])))
+    assert (px4.north, px4.east, px4.sigma) == (3.0, -4.0, 0.5)
+    accurate = one(frame(231, 105, struct.pack("<Q8f", 7, 3.0, -4.0, 0.0, 0.5, 0.0, 0.0, 1.25, 0.0)))
+    assert accurate.sigma == 1.25
+
+
+def test_wind_survives_the_wire() -> None:
+    sent = report(1.0)
+    datagram = encode([(sent.t_recv_ns, sent)])[0]  # type: ignore[list-item]
+    read = one(datagram.data)
+    assert (read.north, read.east) == (0.0, pytest.approx(sent.east))
+    assert read.sigma == pytest.approx(0.5)
+
+
+def test_what_a_report_says_of_the_wind_about_the_leader() -> None:
+    stated, silent = wind_of(report(0.0, sigma=0.75)), wind_of(report(0.0, sigma=None))
+    assert stated is not None
+    assert silent is not None
+    assert stated.sigma == math.hypot(0.75, GUST)
+    assert silent.sigma == math.hypot(USUAL_SIGMA, GUST)
+    assert stated.velocity.tolist() == [0.0, -SPEED * math.tan(CRAB), 0.0]
+
+
+def nose(estimate: Estimate) -> tuple[float, float]:
+    """The heading and its standard deviation, degrees; a wing looks the same from the front and from behind."""
+    assert estimate.mean is not None
+    variance = np.array(estimate.covariance)[HEADING, HEADING]
+    return math.degrees(math.remainder(estimate.mean[HEADING], math.pi)), math.degrees(math.sqrt(variance))
+
+
+def test_a_crab_is_told_from_another_range_by_the_wind_seed_1() -> None:
+    """Seen from behind, 20 degrees shorten the wing by 6 %."""
+    without, within = flown(20.0).estimates[-1], flown(20.0, *winds(5.0, 20.0)).estimates[-1]
+    assert abs(along(within)[0]) < 0.014
+    assert 0.04 < along(without)[0] < 0.072
+    assert nose(within)[0] == pytest.approx(20.0, abs=2.0)
+    assert abs(nose(without)[0]) < 2.0
+    assert nose(within)[1] < 7.0  # the wind's error over the airspeed
+    assert nose(without)[1] > 10.0  # any wind
+    assert within.mean is not None
+    assert np.linalg.norm(within.mean[V]) < 0.2  # relative to us, whatever the air does
+
+
+def test_a_track_that_starts_in_wind_knows_it_seed_1() -> None:
+    assert nose(flown(9.0, report(5.001)).estimates[-1])[0] > 10.0
+
+
+def test_wind_is_forgotten_when_its_reports_end_seed_1() -> None:
+    ends = 8.0 + TIMEOUT_NS / S
+    run = flown(ends + 9.0, *winds(5.0, 8.0))
+    before = [nose(e)[0] for e in run.estimates if e.valid and ends - 3.0 < e.t_ns / S < ends - 1.5]
+    assert min(before) > 15.0
+    assert abs(nose(run.estimates[-1])[0]) < 5.0
+
+
+@pytest.mark.parametrize("east", [math.nan, math.inf, 61.0])
+def test_a_wind_that_cannot_be_is_counted_and_changes_nothing_seed_1(east: float) -> None:
+    run, without = flown(7.0, report(6.001, east)), flown(7.0)
+    assert run.pipeline.health(0).verdicts["leader.wind_implausible"] == 1
+    assert run.estimates[-1].mean == without.estimates[-1].mean
+
+
+@pytest.mark.parametrize("settings", [(), (FIXED_WING, WING_LINE), (FIXED_WING, PAPER)])
+def test_nothing_else_makes_use_of_the_wind_seed_1(settings: tuple[str, ...]) -> None:
+    """A copter may point its nose anywhere in any wind, and no other filter has a nose beside its course."""
+    one_, other = flown(7.0, *winds(5.0, 7.0), settings=settings), flown(7.0, settings=settings)
+    assert along(one_.estimates[-1]) == along(other.estimates[-1])
+
+
+def test_wind_reaches_the_leader_as_mavlink_seed_1() -> None:
+    items = [*Stream(flight=Crabbing(), t1=9.0).items(), *((w.t_recv_ns, w) for w in winds(5.0, 9.0))]
+    run = feed(encode(sorted(items, key=lambda item: item[0])), make_config(FIXED_WING))  # type: ignore[arg-type]
+    assert nose(run.estimates[-1])[0] > 10.0
