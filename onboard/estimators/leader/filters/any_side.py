@@ -153,7 +153,7 @@ class AnySideFilter:
         return after._replace(confirmed=self._agree(after))
 
     def belief(self, state: AnySide) -> Belief:
-        """The wing-line filter's belief, no surer of motion and nose than the cloud; or that of the whole cloud."""
+        """The wing-line filter's belief, no surer of motion and nose than the cloud; or that of the cloud."""
         sharp = self._wing_line.belief(state.wing_line)
         known = state.summary.after(state.pending.dt, state.pending.moved)
         whole = as_leader(known, state.pending.v_F_n, sharp)
