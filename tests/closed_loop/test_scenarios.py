@@ -179,15 +179,15 @@ def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
         *("estimator.leader.own_tilt_sigma_deg=0.0", "estimator.leader.own_yaw_sigma_deg=0.0"),
     ).score
     assert considered.inside_95_percent > 75
-    assert ignored.inside_95_percent < 25
+    assert ignored.inside_95_percent < 20
 
 
 def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Flights) -> None:
     """Oh & Johnson's settings: NEES near 0.2 of 9 and NIS near 0.003 of 3: bounds far wider than the errors."""
     score = replay("formation", "estimator.leader.filter=paper").score
     assert not score.diverged
-    assert 0.05 < score.nees_mean < 0.6
-    assert 0.0005 < score.nis_mean < 0.02
+    assert 0.16 < score.nees_mean < 0.3
+    assert 0.0015 < score.nis_mean < 0.0028
     assert score.inside_95_percent == 100.0
     assert score.verdicts.get("gated", 0) == 0
 

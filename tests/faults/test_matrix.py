@@ -41,8 +41,8 @@ from tests.support.streams import (
 )
 
 T0, BEGINS, ENDS, T1 = 40.0, 42.0, 43.5, 46.0
-RIGHT = 3.0  # m; what is valid is right so nearly
-QUIET = 1.2  # m; the same of the flight without faults
+RIGHT = 1.9  # m; what is valid is right so nearly
+QUIET = 0.95  # m; the same of the flight without faults
 ITEMS = every_second(Stream(t0=T0, t1=T1, seed=21).items())
 Fault = Callable[[list[Item], np.random.Generator], Sequence[Item | Datagram]]
 

@@ -32,7 +32,7 @@ BEGINS, LAST = 2500, 6000  # ms; the origin is chosen at 3 s
 ENDS = {GpsFix: 4500}  # which comes ten times a second; other kinds:
 SOON = 3500
 LATER = 500  # ms after the end, all is well again
-RIGHT = 0.5  # m, m/s
+RIGHT = 2.2e-5  # m, m/s
 BAD = (math.nan, math.inf, -math.inf, 3.4e38, -3.4e38)
 FIELDS = {
     Imu: ("f_b", "omega_b", "pressure_altitude"),
@@ -96,5 +96,5 @@ def test_the_flight_without_bad_numbers() -> None:
     p = pipeline(airframe="csvsf", publish_rate_hz=20.0)
     states = states_of(p, [heartbeat(), *flight()])
     assert states[-1].valid
-    assert max(abs(x) for x in (states[-1].mean or ())[:6]) < 0.1
+    assert max(abs(x) for x in (states[-1].mean or ())[:6]) < 2e-5
     assert not any(state.faults for state in states)

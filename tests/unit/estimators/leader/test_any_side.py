@@ -63,7 +63,7 @@ def off_by(summary: Summary) -> float:
 
 def test_one_image_leaves_range_and_nose_open() -> None:
     summary = summarise(SETTINGS, nose_particles.start(SETTINGS, image(25.0, math.radians(60.0)), STILL))
-    assert summary.range_sigma() > 0.3
+    assert summary.range_sigma() > 0.46
     assert 0.02 < summary.direction_sigma() < 0.03
 
 
@@ -80,7 +80,7 @@ def test_our_own_motion_resolves_the_range(aspect_deg: float) -> None:
     """From behind, from either side, and from the front."""
     summary = summarise(SETTINGS, watched(math.radians(aspect_deg), 12.0, sway=3.0))
     assert summary.range_sigma() < 0.15
-    assert abs(off_by(summary)) < 3.0
+    assert abs(off_by(summary)) < 2.0
 
 
 @pytest.mark.parametrize("aspect_deg", [50.0, 70.0])
@@ -89,7 +89,7 @@ def test_a_steady_lean_against_the_wind_is_no_nose(aspect_deg: float, lean_deg: 
     """A copter that hovers in wind leans for as long as it blows. Its wing's slope must not be taken for a
     nose."""
     settled = summarise(SETTINGS, watched(math.radians(aspect_deg), 15.0, sway=2.0, lean=math.radians(lean_deg)))
-    assert abs(off_by(settled)) < 3.0
+    assert abs(off_by(settled)) < 2.0
 
 
 def test_exchanged_wingtips_change_nothing() -> None:
@@ -102,7 +102,7 @@ def test_exchanged_wingtips_change_nothing() -> None:
 def test_a_nose_that_turns_and_stays_is_followed(turn_deg: float) -> None:
     """Whether it turns out of the image plane or through it, the leader is not taken for one that flies away."""
     summary = summarise(SETTINGS, watched(0.3, 18.0, sway=3.0, turn=math.radians(turn_deg)))
-    assert abs(off_by(summary)) < 3.0
+    assert abs(off_by(summary)) < 2.0
 
 
 def test_a_restarted_cloud_forgets_the_nose_but_a_gap_does_not() -> None:
@@ -123,7 +123,7 @@ def test_the_size_is_considered_not_estimated() -> None:
     by_size = summary.covariance[:3, 12] / (0.02**2 * summary.mean[:3])
     assert math.exp(summary.mean[12]) == pytest.approx(2.0)
     assert by_size[0] == pytest.approx(1.0)
-    assert summary.range_sigma() > 0.02
+    assert summary.range_sigma() > 0.078
 
 
 def test_an_image_that_nothing_expected_changes_nothing() -> None:
@@ -144,7 +144,7 @@ def test_particles_spread_along_the_line_of_sight() -> None:
     cloud = nose_particles.start(SETTINGS, image(25.0, 0.0), STILL)
     ranges: Array = np.linalg.norm(cloud.means[:, model.R], axis=1)
     assert ranges.max() == pytest.approx(25.0, rel=0.05)
-    assert ranges.min() < 5.0
+    assert ranges.min() < 1.7
 
 
 def test_a_doubted_nose_shows_the_same_image() -> None:

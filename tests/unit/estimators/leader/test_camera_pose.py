@@ -78,6 +78,6 @@ def test_a_flight_with_an_offset_camera_is_as_accurate_as_one_without_seed_1(t0:
     error = np.array(last.mean)[:3] - r
     across = error - (error @ r) * r / (r @ r)
     assert np.linalg.norm(across) < 0.18  # a third above what was measured
-    assert position_error(last, flown) < 0.8  # the size is known to 2 %
+    assert position_error(last, flown) < 0.19  # the size is known to 2 %
     ignored = advance(messages, make_config(fixed_wing)).estimates[-1]
-    assert position_error(ignored, flown) > 1.5
+    assert position_error(ignored, flown) > 1.85

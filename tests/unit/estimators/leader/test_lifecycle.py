@@ -65,7 +65,7 @@ def test_a_track_starts_coasts_is_lost_forgotten_and_starts_again_at_the_right_t
     expected = (5.0, 6.0, three, 8.0 + COAST, 8.0 + VALID, 8.0 + RESET, 20.0, 20.14)
     assert times == pytest.approx(expected, abs=SLACK)
     assert run.estimates[-1].reset_count == 1
-    assert position_error(run.estimates[-1]) < 2.0
+    assert position_error(run.estimates[-1]) < 0.35
 
 
 @pytest.mark.parametrize(("key", "value", "index"), [("coast_after_s", 0.5, 3), ("validity_timeout_s", 1.2, 4)])
@@ -107,7 +107,7 @@ def test_a_lost_track_is_valid_again_only_after_three_images() -> None:
     last = run.estimates[-1]
     assert last.covariance is not None
     sigma = math.sqrt(max(np.linalg.eigvalsh(np.array(last.covariance)[:3, :3])))
-    assert position_error(last) < min(3.0 * sigma, 4.0)  # half a second after its start it is not sharp yet
+    assert position_error(last) < min(3.0 * sigma, 2.3)  # half a second after its start it is not sharp yet
 
 
 def test_gated_images_do_not_prolong_validity() -> None:
@@ -146,7 +146,7 @@ def test_a_track_whose_images_are_all_gated_ends_and_starts_anew() -> None:
     last = run.estimates[-1]
     assert last.reset_count == 1
     assert last.valid
-    assert position_error(last, Flight(radius=None, gap=45.0)) < 3.0
+    assert position_error(last, Flight(radius=None, gap=45.0)) < 1.0
     in_question = [e for e in run.estimates if 9.2 * S < e.t_ns < 10.9 * S]
     assert {(e.state, e.valid, e.reason) for e in in_question} == {
         (Lifecycle.LOST, False, "the images leapt: another object may have taken its place")
@@ -164,7 +164,7 @@ def test_one_good_image_among_gated_ones_keeps_the_track() -> None:
     assert_sane(run.estimates)
     assert run.verdicts()[Verdict.GATED] > 80
     assert run.estimates[-1].reset_count == 0
-    assert position_error(run.estimates[-1], STRAIGHT) < 3.0
+    assert position_error(run.estimates[-1], STRAIGHT) < 0.87
 
 
 def test_images_that_do_not_agree_start_no_track() -> None:
@@ -197,7 +197,7 @@ def test_a_reboot_of_the_autopilot_in_flight_starts_everything_anew() -> None:
     assert last.reset_count == 1
     assert last.valid
     assert last.t_ns == 5_980 * MS
-    assert position_error(last) < 2.0
+    assert position_error(last) < 0.69
     resumed = next(e for e in run.estimates if e.t_ns < 10 * S)
     assert not resumed.valid
 

@@ -191,7 +191,7 @@ def test_boxes_alone_start_a_track_and_hold_it_seed_3() -> None:
     assert off @ np.linalg.solve(P, off) < 7.8  # 95 %
     range_ = float(np.linalg.norm(truth))
     sigma = math.sqrt(truth @ P @ truth) / range_**2
-    assert 0.12 < sigma < 0.5  # what boxes lastingly are off by, and no more than half the range
+    assert 0.17 < sigma < 0.32  # what boxes lastingly are off by, and no more than half the range
 
 
 def test_boxes_alone_start_no_track_of_a_filter_that_knows_no_shape_seed_3() -> None:
@@ -215,10 +215,10 @@ def test_nose_and_tail_resolve_the_heading_of_a_leader_that_hovers_seed_3() -> N
         )
 
     off, sigma = heading(with_points)
-    assert abs(off) < 10.0
-    assert sigma < 10.0
+    assert abs(off) < 4.0
+    assert sigma < 2.7
     assert "not resolved" not in with_points[-1].reason
-    assert heading(without)[1] > 20.0
+    assert heading(without)[1] > 54.0
 
 
 def test_the_nose_is_distinguished_from_the_tail_of_a_leader_that_comes_head_on_seed_3() -> None:

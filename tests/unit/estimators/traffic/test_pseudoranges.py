@@ -149,8 +149,8 @@ def test_a_fix_is_consistent_with_its_covariance_seeds_0_to_199() -> None:
 def test_three_satellites_leave_one_direction_open() -> None:
     fix = solve(seen_from(PLACE, np.zeros(3), 3)[:3], PLACE + np.array([30.0, -20.0, 10.0]), 5.0, 0.1)
     widths = np.sqrt(np.linalg.eigvalsh(fix.R[:3, :3]))
-    assert widths[0] < 30.0
-    assert widths[2] > 1000.0
+    assert widths[0] < 5.7
+    assert widths[2] > 7500.0
     e = fix.y[:3] - PLACE
     assert float(e @ np.linalg.solve(fix.R[:3, :3], e)) < 16.0
 
@@ -183,7 +183,7 @@ def test_a_peer_is_tracked_by_its_pseudoranges_under_its_number() -> None:
     assert e.mean is not None
     assert e.covariance is not None
     off = np.array(e.mean[:3]) - (r + 10 * v - sky.own())
-    assert np.linalg.norm(off) < 8.0
+    assert np.linalg.norm(off) < 2.4
     assert e.intruder is not None
     assert e.intruder.sources == ("gnss",)
 

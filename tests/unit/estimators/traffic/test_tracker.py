@@ -87,7 +87,7 @@ def test_closest_approach_and_threat() -> None:
     assert a.horizontal == pytest.approx(60.0, abs=15.0)
     assert a.vertical == pytest.approx(0.0, abs=15.0)
     assert a.threat is ThreatLevel.HIGH
-    assert 1.0 < a.distance_sigma < 30.0
+    assert 10.6 < a.distance_sigma < 19.0
 
 
 def test_each_track_is_published_ten_times_a_second_with_sequence_numbers() -> None:
