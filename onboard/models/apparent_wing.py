@@ -84,7 +84,7 @@ def update(
 
 
 @njit(cache=True, error_model="numpy")
-def _visible2(nose, x, y, square, edge_on):  # type: ignore[no-untyped-def]
+def visible2(nose, x, y, square, edge_on):  # type: ignore[no-untyped-def]
     """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
     along = np.cos(nose) * y - np.sin(nose) * x
     return max(1.0 - along * along / square, 0.0) + edge_on * edge_on
@@ -121,7 +121,7 @@ def _predict(  # type: ignore[no-untyped-def]
         x, S = means[k], P[k]
         u, v, a, b = x[3], x[4], x[6], x[7]
         square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
-        seen2 = _visible2(noses[k], x[0], x[1], square, edge_on)
+        seen2 = visible2(noses[k], x[0], x[1], square, edge_on)
         mode = int(accelerates[k])
         lean = by_drag * (a * a + b * b)
         speed2 = u * u + v * v
@@ -302,5 +302,5 @@ def visible(noses: Array, directions: Array, edge_on: float = LEAST_VISIBLE) -> 
 def _all_visible2(noses, directions, edge_on):  # type: ignore[no-untyped-def]
     found = np.empty(noses.shape[0])
     for k in range(noses.shape[0]):
-        found[k] = _visible2(noses[k], directions[k, 0], directions[k, 1], 1.0, edge_on)
+        found[k] = visible2(noses[k], directions[k, 0], directions[k, 1], 1.0, edge_on)
     return found

@@ -17,8 +17,9 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters import nose_particles
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open
+from onboard.estimators.leader.filters.nose_moments import NOSE
 from onboard.estimators.leader.filters.nose_particles import Cloud
-from onboard.estimators.leader.filters.nose_summary import MOTION, NOSE, RESOLVED, Summary, as_leader, summarise
+from onboard.estimators.leader.filters.nose_summary import MOTION, RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.filters.partial import with_wing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
@@ -155,8 +156,7 @@ class AnySideFilter:
     def belief(self, state: AnySide) -> Belief:
         """The wing-line filter's belief, no surer of motion and nose than the cloud; or that of the cloud."""
         sharp = self._wing_line.belief(state.wing_line)
-        known = state.summary.after(state.pending.dt, state.pending.moved)
-        whole = as_leader(known, state.pending.v_F_n, sharp)
+        whole = as_leader(state.summary, *state.pending, sharp)
         if not state.confirmed:
             return whole
         off = sharp.mean - whole.mean

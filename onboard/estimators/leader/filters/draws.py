@@ -27,18 +27,34 @@ def normal(draw: int, count: int) -> Array:
     return found
 
 
-@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
-def _uniform(draw, count):  # type: ignore[no-untyped-def]
-    z = np.full(count, draw, np.uint64) * WEYL + np.arange(1, count + 1).astype(np.uint64)
-    z *= MIX[0]
+@njit(cache=True, error_model="numpy")
+def uniform_at(draw, k):  # type: ignore[no-untyped-def]
+    """Number k of `uniform(draw, ...)`; `draw` is a uint64."""
+    z = (draw * WEYL + np.uint64(k + 1)) * MIX[0]
     z = (z ^ (z >> SHIFTS[0])) * MIX[1]
     z = (z ^ (z >> SHIFTS[1])) * MIX[2]
     z ^= z >> SHIFTS[2]
-    return ((z >> SHIFTS[3]).astype(np.float64) + 0.5) * 2.0**-53
+    return (np.float64(z >> SHIFTS[3]) + 0.5) * 2.0**-53
+
+
+@njit(cache=True, error_model="numpy")
+def normal_at(draw, k):  # type: ignore[no-untyped-def]
+    """Number k of `normal(draw, ...)`."""
+    angle = 2.0 * math.pi * uniform_at(draw + np.uint64(1), k)
+    return np.sqrt(-2.0 * np.log(uniform_at(draw, k))) * np.cos(angle)
+
+
+@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
+def _uniform(draw, count):  # type: ignore[no-untyped-def]
+    found = np.empty(count)
+    for k in range(count):
+        found[k] = uniform_at(draw, k)
+    return found
 
 
 @njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
 def _normal(draw, count):  # type: ignore[no-untyped-def]
-    return np.sqrt(-2.0 * np.log(_uniform(draw, count))) * np.cos(
-        2.0 * math.pi * _uniform(np.uint64(draw + 1), count)
-    )
+    found = np.empty(count)
+    for k in range(count):
+        found[k] = normal_at(draw, k)
+    return found

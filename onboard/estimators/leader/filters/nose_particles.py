@@ -22,6 +22,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.draws import normal, uniform
 from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.filters.nose_changes import DRAWS, MOST_CRAB, change
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Seen
 from onboard.filters.belief import FilterError
@@ -41,7 +42,6 @@ FORGETS: Final = 5  # of so many particles one has a new nose when a track start
 MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one image
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
-MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its course
 DIAGONAL: Final = np.arange(N)
 
 
@@ -140,30 +140,16 @@ def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any
 
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
     """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n."""
-    s, k = settings, len(cloud.noses)
-    draws = cloud.draws
-    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-    rates, accelerates = cloud.rates.copy(), cloud.accelerates.copy()
-    still, change = rates == 0.0, uniform(draws, k)
-    rates[~still & (change < -math.expm1(-dt / s.turns_for))] = 0.0
-    begins = still & (change < -math.expm1(-dt / s.still_for))
-    if begins.any():
-        rates[begins] = s.nose_rate * normal(draws + 1, k)[begins]
-    calm, change = accelerates == 0.0, uniform(draws + 3, k)
-    accelerates[~calm & (change < -math.expm1(-dt / s.accelerates_for))] = 0.0
-    accelerates[calm & (change < -math.expm1(-dt / s.steady_for))] = 1.0
+    s = settings
+    changed = [array.copy() for array in cloud[:5]]
     sure = SURE if cloud.sided else 1.0
-    _doubt(s._replace(doubted_after=sure * s.doubted_after), draws + 6, dt, moved, noses, means, P, cloud.edge_on)
-    directions = means[:, R] / np.linalg.norm(means[:, R], axis=1)[:, None]
-    broad = model.visible(noses, directions, cloud.edge_on)
-    wobble = s.nose_random_walk * np.minimum(1.0, broad / np.sqrt(np.maximum(1.0 - broad**2, 1e-9)))
-    noses += dt * rates + wobble * math.sqrt(dt) * normal(draws + 4, k)
+    doubted_after = sure * s.doubted_after
+    change(s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on)
+    noses, rates, accelerates, means, P = changed
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
     noise, decay = _noise(s, dt), np.exp(-dt / times)
     model.predict(means, P, noses, dt, moved, accelerates, noise, decay, s.drag, cloud.edge_on)
-    return cloud._replace(
-        noses=noses, rates=rates, accelerates=accelerates, means=means, covariances=P, draws=draws + 8
-    )
+    return Cloud(noses, rates, accelerates, means, P, cloud.log_weights, cloud.draws + DRAWS, *cloud[7:])
 
 
 def _noise(s: NoseModel, dt: float) -> model.Noise:
@@ -177,32 +163,6 @@ def _noise(s: NoseModel, dt: float) -> model.Noise:
     broad[:, A] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
     broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
     return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new)
-
-
-def _doubt(
-    settings: NoseModel, draw: int, dt: float, moved: Array, noses: Array, means: Array, P: Array, edge_on: float
-) -> None:
-    """Give a few particles another nose, in place: the one that is supposed may be wrong after all. Seen so,
-    the same images are those of a leader that is nearer or farther, and moves in proportion. A fixed wing's nose
-    stays about its course."""
-    k = len(noses)
-    chosen = np.flatnonzero(uniform(draw, k) < -math.expm1(-dt / settings.doubted_after))
-    if not len(chosen):
-        return
-    x, v_F_n = means[chosen], moved / dt
-    if settings.crab > 0:
-        apart = MOST_CRAB * (2.0 * uniform(draw + 1, k)[chosen] - 1.0)
-        other = np.arctan2(x[:, 4], x[:, 3]) + settings.crab * apart
-    else:
-        other = noses[chosen] + math.pi * uniform(draw + 1, k)[chosen]
-    direction = x[:, R] / np.linalg.norm(x[:, R], axis=1)[:, None]
-    before = model.visible(noses[chosen], direction, edge_on)
-    ratio = (model.visible(other, direction, edge_on) / before)[:, None]
-    scale = np.where(DIAGONAL <= BANK_ERROR, ratio, 1.0)
-    x = x * scale
-    x[:, V] += (1.0 - ratio) * v_F_n
-    noses[chosen], means[chosen] = other, x
-    P[chosen] *= scale[:, :, None] * scale[:, None, :]
 
 
 def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Cloud, float]:

@@ -7,23 +7,23 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.leader.filters import nose_moments
+from onboard.estimators.leader.filters.nose_moments import (
+    A_L,
+    BANK,
+    LOG_SIZE,
+    NOSE,
+    OWN_VELOCITY,
+    R_FL,
+    V_L,
+    N,
+)
 from onboard.estimators.leader.filters.nose_particles import Cloud
 from onboard.estimators.leader.filters.places import Place, places
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing as model
-from onboard.models.leader_flight import A_ALONG, BANK_ERROR, HEADING
-from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
 
-R_FL: Final = slice(0, 3)
-V_L: Final = slice(3, 6)
-A_L: Final = slice(6, 9)
-OWN_VELOCITY: Final = slice(9, 12)
-LOG_SIZE: Final = 12
-NOSE: Final = 13
-BANK: Final = 14
-N: Final = 15
-SLOW: Final = 1.0  # m/s, of a course
 FLIES: Final = 3.0  # m/s: faster than one that hovers
 RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
 MOTION: Final = slice(0, 6)  # position and velocity
@@ -79,20 +79,13 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     """The cloud as one Gaussian about its geometric mean range, with the errors that are ours: of our attitude,
     our velocity and the size."""
     w = with_course(settings, cloud)
-    k = len(w)
-    rows = np.zeros((k, N))
-    rows[:, R_FL], rows[:, V_L], rows[:, A_L] = (cloud.means[:, part] for part in (model.R, model.V, model.A))
-    rows[:, NOSE], rows[:, BANK] = cloud.noses, cloud.means[:, model.BANK_ERROR]
     about, period = _middle(cloud.noses, w) if cloud.sided else (cloud.noses[int(np.argmax(w))], math.pi)
-    rows[:, NOSE] -= period * np.round((rows[:, NOSE] - about) / period)
-    mean = w @ rows
-    off = rows - mean
-    covariance = (off * w[:, None]).T @ off
-    within = np.tensordot(w, cloud.covariances, 1)
+    mean, covariance = np.zeros(N), np.zeros((N, N))
+    log_range = nose_moments.moments(cloud.noses, cloud.means, w, about, period, mean, covariance)
+    within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(model.N, model.N)
     covariance[:9, :9] += within[:9, :9]
     covariance[BANK, BANK] += within[model.BANK_ERROR, model.BANK_ERROR]
-    geometric = math.exp(w @ np.log(np.linalg.norm(rows[:, R_FL], axis=1)))
-    mean, covariance = _about(mean, covariance, geometric)
+    mean, covariance = _about(mean, covariance, math.exp(log_range))
     mean[LOG_SIZE] = math.log(settings.size)
     # the size scales the range
     by_size = np.zeros(N)
@@ -110,7 +103,7 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     whole = Summary(mean, 0.5 * (covariance + covariance.T))
     if whole.range_sigma() <= RESOLVED:
         return whole
-    return whole._replace(places=places(w, rows[:, MOTION], cloud.covariances[:, MOTION, MOTION], ours))
+    return whole._replace(places=places(w, cloud.means[:, MOTION], cloud.covariances[:, MOTION, MOTION], ours))
 
 
 def with_course(settings: NoseModel, cloud: Cloud) -> Array:
@@ -145,9 +138,10 @@ def _by_points(cloud: Cloud, mean: Array) -> float:
 
 def _by_pose(settings: NoseModel, r_FL_n: Array) -> Array:
     """The covariance (6, 6) of position and velocity that errors of our attitude and velocity cause."""
-    turned = np.cross(np.eye(3), r_FL_n)
+    x, y, z = r_FL_n.tolist()
+    turned = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     P = np.zeros((6, 6))
-    P[:3, :3] = turned.T @ np.diag(np.square(settings.misalignment)) @ turned
+    P[:3, :3] = turned.T @ (np.square(settings.misalignment)[:, None] * turned)
     P[3:, 3:] = settings.own_velocity**2 * np.eye(3)
     return P
 
@@ -171,30 +165,8 @@ def _middle(noses: Array, w: Array) -> tuple[float, float]:
     return math.atan2(float(w @ np.sin(noses)), float(w @ np.cos(noses))), 2.0 * math.pi
 
 
-def as_leader(known: Summary, v_F_n: Array, template: Belief) -> Belief:
-    """A belief with the components of `template` (`models.leader_flight`). A summary lacks the camera's delay and
-    the attitude's error: those are the template's, uncorrelated with the others."""
-    n = len(template.mean)
-    mean, P = template.mean.copy(), np.zeros((n, n))
-    x = known.mean
-    J = np.zeros((12, N))
-    size = math.exp(x[LOG_SIZE])
-    along, right = _course(x[V_L], x[NOSE])
-    J[R, R_FL] = J[V, V_L] = np.eye(3)
-    J[SIZE, LOG_SIZE] = size
-    J[A_LAT, A_L], J[A_ALONG, A_L], J[A_LONG, 8] = right, along, -1.0
-    J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
-    mean[:12] = J @ x
-    mean[V] -= v_F_n
-    mean[SIZE] = size
-    P[:12, :12] = J @ known.covariance @ J.T
-    rest = slice(12, n)
-    P[rest, rest] = template.covariance[rest, rest]
-    return Belief(mean, 0.5 * (P + P.T))
-
-
-def _course(v_L: Array, nose: float) -> tuple[Array, Array]:
-    """Level unit vectors along the course and to its right; of a leader that hovers, along its nose."""
-    speed = math.hypot(v_L[0], v_L[1])
-    c, s = (v_L[0] / speed, v_L[1] / speed) if speed > SLOW else (math.cos(nose), math.sin(nose))
-    return np.array([c, s, 0.0]), np.array([-s, c, 0.0])
+def as_leader(known: Summary, dt: float, moved: Array, v_F_n: Array, template: Belief) -> Belief:
+    """The belief `dt` seconds after a summary, in which we move by `moved` (3,) m, in n, with the components of
+    `template` (`models.leader_flight`). A summary lacks the camera's delay and the attitude's error: those are the
+    template's, uncorrelated with the others."""
+    return Belief(*nose_moments.as_leader(known.mean, known.covariance, dt, moved, v_F_n, *template))

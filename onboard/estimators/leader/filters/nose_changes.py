@@ -1,0 +1,118 @@
+"""What chance changes in a cloud of noses from one image to the next: a nose begins to turn or stops, a leader
+begins to accelerate or stops, a few particles take another nose, and all noses wander."""
+
+import math
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from onboard.arrays import Array
+from onboard.estimators.leader.filters.draws import DRAW, normal_at, uniform_at
+from onboard.estimators.leader.settings import NoseModel
+from onboard.filters.compiled import OUT, VECTOR
+from onboard.models.apparent_wing import BANK_ERROR, COVARIANCES, NOSES, NUMBER, N, visible2
+
+MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its course
+DRAWS: Final = 8  # streams of random numbers that a step uses
+
+
+class Chances(NamedTuple):
+    """The probabilities, in one step, that a nose stops or begins to turn, that a leader stops or begins to
+    accelerate, and that a particle takes another nose."""
+
+    stops: float
+    turns: float
+    steadies: float
+    accelerates: float
+    doubted: float
+
+
+def change(
+    s: NoseModel,
+    arrays: Iterable[Array],
+    draws: int,
+    dt: float,
+    moved: Array,
+    *,
+    doubted_after: float,
+    edge_on: float,
+) -> None:
+    """Change the first five arrays of a `nose_particles.Cloud` in place, by the random numbers from `draws` on. In
+    `dt` seconds we move by `moved` (3,) m, in n; a particle keeps its nose for `doubted_after` seconds on average;
+    `edge_on` as in `apparent_wing.visible`."""
+    means_of = (s.turns_for, s.still_for, s.accelerates_for, s.steady_for, doubted_after)
+    chances = Chances(*(-math.expm1(-dt / mean) for mean in means_of))
+    wander = s.nose_random_walk * math.sqrt(dt)
+    arguments: tuple[Any, ...] = (*arrays, draws, *chances, s.nose_rate, wander, s.crab, dt, moved, edge_on)
+    _change(*arguments)
+
+
+@njit(cache=True, error_model="numpy")
+def _fraction(nose, x, edge_on):  # type: ignore[no-untyped-def]
+    """The fraction that is seen of a level wing of a leader with the mean x (N,)."""
+    return np.sqrt(visible2(nose, x[0], x[1], x[0] * x[0] + x[1] * x[1] + x[2] * x[2], edge_on))
+
+
+@njit(cache=True, error_model="numpy")
+def _doubt(nose, other, x, P, dt, moved, edge_on):  # type: ignore[no-untyped-def]
+    """Give a particle another nose, in place: the one that is supposed may be wrong after all. Seen so, the same
+    images are those of a leader that is nearer or farther, and moves in proportion."""
+    ratio = _fraction(other, x, edge_on) / _fraction(nose, x, edge_on)
+    for i in range(N):
+        scale = ratio if i <= BANK_ERROR else 1.0
+        x[i] *= scale
+        for j in range(N):
+            P[i, j] *= scale * (ratio if j <= BANK_ERROR else 1.0)
+    for i in range(3):
+        x[3 + i] += (1.0 - ratio) * moved[i] / dt
+
+
+@njit(
+    (NOSES, NOSES, NOSES, OUT, COVARIANCES, DRAW, *[NUMBER] * 9, VECTOR, NUMBER),
+    cache=True,
+    error_model="numpy",
+)
+def _change(  # type: ignore[no-untyped-def]
+    noses,
+    rates,
+    accelerates,
+    means,
+    P,
+    draws,
+    stops,
+    turns,
+    steadies,
+    begins,
+    doubted,
+    nose_rate,
+    wander,
+    crab,
+    dt,
+    moved,
+    edge_on,
+):
+    for k in range(noses.shape[0]):
+        x = means[k]
+        chance = uniform_at(draws, k)
+        if rates[k] != 0.0:
+            rates[k] = 0.0 if chance < stops else rates[k]
+        elif chance < turns:
+            rates[k] = nose_rate * normal_at(draws + np.uint64(1), k)
+        chance = uniform_at(draws + np.uint64(3), k)
+        if accelerates[k] != 0.0:
+            accelerates[k] = 0.0 if chance < steadies else 1.0
+        elif chance < begins:
+            accelerates[k] = 1.0
+        if uniform_at(draws + np.uint64(6), k) < doubted:
+            where = uniform_at(draws + np.uint64(7), k)
+            other = noses[k] + np.pi * where
+            if crab > 0.0:  # a fixed wing's nose stays about its course
+                other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
+            _doubt(noses[k], other, x, P[k], dt, moved, edge_on)
+            noses[k] = other
+        broad = _fraction(noses[k], x, edge_on)
+        # the less is seen of the wing, the more does it show of a small turn
+        wanders = wander * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
+        noses[k] += dt * rates[k] + wanders * normal_at(draws + np.uint64(4), k)

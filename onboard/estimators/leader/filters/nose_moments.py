@@ -1,0 +1,110 @@
+"""Compiled arithmetic of `nose_summary`: the moments of a cloud, and a summary as the belief that is published."""
+
+from typing import Final
+
+import numpy as np
+from numba import njit, types
+
+from onboard.filters.compiled import OUT, ROWS, VECTOR, out, packed
+from onboard.models import apparent_wing
+from onboard.models.leader_flight import A_ALONG, BANK_ERROR, BASE, HEADING
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE
+
+# the components of a summary (N,)
+R_FL: Final = slice(0, 3)
+V_L: Final = slice(3, 6)
+A_L: Final = slice(6, 9)
+OWN_VELOCITY: Final = slice(9, 12)
+LOG_SIZE: Final = 12
+NOSE: Final = 13
+BANK: Final = 14
+N: Final = 15
+VECTORS: Final = 9  # of them, position, velocity and acceleration, which a cloud has in the same places
+SLOW: Final = 1.0  # m/s, of a course
+
+NUMBER: Final = types.float64
+CLOUD: Final = packed(NUMBER, 1), packed(NUMBER, 2), packed(NUMBER, 1)
+VECTOR_OUT: Final = out(NUMBER, 1)
+
+
+@njit(cache=True, error_model="numpy")
+def _components(nose, x, about, period, row):  # type: ignore[no-untyped-def]
+    """A particle's mean as components of a summary, into `row`. Noses repeat after `period`."""
+    for i in range(VECTORS):
+        row[i] = x[i]
+    row[NOSE] = nose - period * np.rint((nose - about) / period)
+    row[BANK] = x[apparent_wing.BANK_ERROR]
+
+
+@njit((*CLOUD, NUMBER, NUMBER, VECTOR_OUT, OUT), cache=True, error_model="numpy")
+def moments(noses, means, w, about, period, mean, S):  # type: ignore[no-untyped-def]
+    """Mean and covariance of the means of a cloud (`nose_particles.Cloud`) with weights w (K,), added to `mean`
+    (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as near to `about` as it may be: it
+    repeats after `period`, rad."""
+    row, log_range, width = np.zeros(N), 0.0, S.shape[1]  # the compiler does not know it (`apparent_wing.correct`)
+    for k in range(w.shape[0]):
+        x = means[k]
+        _components(noses[k], x, about, period, row)
+        for i in range(N):
+            mean[i] += w[k] * row[i]
+        log_range += 0.5 * w[k] * np.log(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+    for k in range(w.shape[0]):
+        _components(noses[k], means[k], about, period, row)
+        for i in range(N):
+            row[i] -= mean[i]
+        for i in range(N):
+            if i < VECTORS or i >= NOSE:
+                share = w[k] * row[i]
+                for j in range(width):
+                    S[i, j] += share * row[j]
+    return log_range
+
+
+@njit(cache=True, error_model="numpy")
+def _derivatives(known, dt, J):  # type: ignore[no-untyped-def]
+    """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N), and its speed."""
+    J[:] = 0.0
+    for i in range(3):
+        J[i, i], J[i, 3 + i], J[i, 6 + i], J[i, 9 + i] = 1.0, dt, 0.5 * dt * dt, -dt
+        J[3 + i, 3 + i], J[3 + i, 6 + i] = 1.0, dt
+    u, v = known[3] + dt * known[6], known[4] + dt * known[7]
+    speed = np.sqrt(u * u + v * v)
+    c, s = np.cos(known[NOSE]), np.sin(known[NOSE])  # one that hovers has its accelerations along its nose
+    if speed > SLOW:
+        c, s = u / speed, v / speed
+    J[SIZE, LOG_SIZE] = np.exp(known[LOG_SIZE])
+    J[A_LAT, 6], J[A_LAT, 7] = -s, c
+    J[A_ALONG, 6], J[A_ALONG, 7] = c, s
+    J[A_LONG, 8] = -1.0
+    J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
+
+
+@njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
+def as_leader(known, C, dt, moved, v_F, mean, S):  # type: ignore[no-untyped-def]
+    """See `nose_summary.as_leader`: mean (n,) and covariance (n, n), of a summary with mean `known` and covariance
+    C, and of the template with mean `mean` and covariance S."""
+    n = mean.shape[0]
+    x, P = mean.copy(), np.zeros((n, n))
+    J, JC = np.empty((BASE, N)), np.zeros((BASE, N))
+    _derivatives(known, dt, J)
+    width = JC.shape[1]
+    for i in range(BASE):
+        x[i] = 0.0
+        for k in range(N):
+            x[i] += J[i, k] * known[k]
+            if J[i, k] != 0.0:
+                for j in range(width):
+                    JC[i, j] += J[i, k] * C[k, j]
+    for i in range(3):
+        x[i] -= moved[i]
+        x[3 + i] -= v_F[i]
+    x[SIZE] = J[SIZE, LOG_SIZE]
+    for i in range(BASE):
+        for j in range(i + 1):
+            for k in range(N):
+                P[i, j] += JC[i, k] * J[j, k]
+            P[j, i] = P[i, j]
+    for i in range(BASE, n):
+        for j in range(BASE, n):
+            P[i, j] = 0.5 * (S[i, j] + S[j, i])
+    return x, P

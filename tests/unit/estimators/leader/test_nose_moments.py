@@ -1,0 +1,46 @@
+"""The compiled arithmetic of a cloud's summary is that of NumPy."""
+
+import math
+
+import numpy as np
+
+from onboard.estimators.leader.filters import nose_moments
+from onboard.estimators.leader.filters.nose_moments import BANK, NOSE, N
+from onboard.estimators.leader.filters.nose_summary import Summary, as_leader
+from onboard.filters.belief import Belief
+from onboard.models import apparent_wing
+
+
+def spread(seed: int, n: int) -> Belief:
+    """Any mean and covariance."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(n, n))
+    return Belief(rng.normal(size=n), A @ A.T)
+
+
+def test_the_moments_are_those_of_the_particles_seed1() -> None:
+    rng = np.random.default_rng(1)
+    k = 50
+    noses, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
+    means = rng.normal(size=(k, apparent_wing.N)) + 3.0
+    mean, S = np.zeros(N), np.zeros((N, N))
+    log_range = nose_moments.moments(noses, means, w, 0.5, math.pi, mean, S)
+    rows = np.zeros((k, N))
+    rows[:, :9], rows[:, BANK] = means[:, :9], means[:, apparent_wing.BANK_ERROR]
+    rows[:, NOSE] = 0.5 + (noses - 0.5 + math.pi / 2) % math.pi - math.pi / 2
+    np.testing.assert_allclose(mean, np.average(rows, axis=0, weights=w), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0), rtol=1e-10, atol=1e-12)
+    ranges = np.linalg.norm(means[:, :3], axis=1)
+    np.testing.assert_allclose(log_range, np.average(np.log(ranges), weights=w), rtol=1e-12)
+
+
+def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:
+    known, template = Summary(*spread(2, N)), spread(3, 16)
+    moved, v_F = np.array([1.0, -2.0, 0.5]), np.array([8.0, 1.0, 0.1])
+    at_once = as_leader(known, 0.3, moved, v_F, template)
+    in_two = as_leader(known.after(0.3, moved), 0.0, np.zeros(3), v_F, template)
+    np.testing.assert_allclose(at_once.mean, in_two.mean, rtol=1e-12)
+    np.testing.assert_allclose(at_once.covariance, in_two.covariance, rtol=1e-10, atol=1e-12)
+    np.testing.assert_array_equal(
+        at_once.covariance[12:, 12:], 0.5 * (template.covariance + template.covariance.T)[12:, 12:]
+    )
