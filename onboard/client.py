@@ -6,14 +6,25 @@
 The daemon names what it refuses on its standard error and in its health.
 """
 
+import math
 import time
 from collections.abc import Iterable, Mapping
 from types import TracebackType
 from typing import Any, Final, Self
 
 import msgspec
+import numpy as np
 
-from onboard.messages import Box, CameraDetections, Clock, DetectedPoint, Detection, Intrinsics, MountAttitude
+from onboard.messages import (
+    Box,
+    CameraDetections,
+    Clock,
+    DetectedPoint,
+    DetectedPose,
+    Detection,
+    Intrinsics,
+    MountAttitude,
+)
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
@@ -38,6 +49,7 @@ class Camera:
         points: Mapping[str, Point] | None = None,
         *,
         box: tuple[float, float, float, float] | None = None,
+        pose: DetectedPose | None = None,
         t_ns: int | None = None,
         target: str = "",
         class_name: str = "",
@@ -48,12 +60,14 @@ class Camera:
         clock: Clock = Clock.HOST,
     ) -> None:
         """Send one aircraft in one image: any of the points `center`, `left` and `right`, each (u, v) or (u, v,
-        sigma) in pixels, or a box (u, v of its middle, width, height), or both. `t_ns`: the time of exposure on
-        `clock`, in ns, by default Unix time; None: now, which is late by as long as detection takes. `attitude`:
-        where a moving mount pointed. The rest is as in `messages.Detection`."""
+        sigma) in pixels, or a box (u, v of its middle, width, height), or a pose (see `pose_of`), or several of
+        these. `t_ns`: the time of exposure on `clock`, in ns, by default Unix time; None: now, which is late by
+        as long as detection takes. `attitude`: where a moving mount pointed. The rest is as in
+        `messages.Detection`."""
         detection = Detection(
             points={name: _point(p) for name, p in (points or {}).items()},
             box=None if box is None else _box(box),
+            pose=pose,
             target=target,
             class_name=class_name,
             confidence=None if confidence is None else float(confidence),
@@ -92,6 +106,19 @@ class Camera:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def pose_of(rvec: Any, tvec: Any, covariance: Any = None) -> DetectedPose:
+    """The pose that OpenCV's solvePnP gives, of an aircraft whose points are in its own axes: forward, right and
+    down from its center. `rvec` and `tvec`: three numbers in any shape; `covariance`: (6, 6), of the position in
+    m^2 and then of the rotation in rad^2, about the camera's axes."""
+    turn = np.ravel(np.asarray(rvec, dtype=float))
+    angle = float(np.linalg.norm(turn))
+    i, j, k = (turn * (math.sin(angle / 2) / angle if angle > 0.0 else 0.5)).tolist()
+    w = math.cos(angle / 2)
+    x, y, z = np.ravel(np.asarray(tvec, dtype=float)).tolist()
+    rows = None if covariance is None else np.asarray(covariance, dtype=float).tolist()
+    return msgspec.convert({"position_m": (x, y, z), "q": (w, i, j, k), "covariance": rows}, DetectedPose)
 
 
 def _point(p: Any) -> DetectedPoint:

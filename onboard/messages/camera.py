@@ -7,6 +7,8 @@ import msgspec
 from onboard.messages.base import Clock, ImagePoint, Message, Quaternion, Record, Vec3
 
 MountFrame = Literal["earth", "heading", "body"]
+Covariance3 = tuple[Vec3, Vec3, Vec3]
+Six = tuple[float, float, float, float, float, float]
 
 
 class MountAttitude(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
@@ -25,6 +27,17 @@ class GimbalAttitude(Message, frozen=True, kw_only=True):
     mount: MountAttitude
 
 
+class RelativePose(Record, frozen=True, kw_only=True):
+    """An aircraft's pose relative to the camera, of which a detector may know either part. `r_CL_c`: its center
+    from the camera, m, in c, with covariance (3, 3). `q_cL`: from its body's axes to c, with the covariance (3,
+    3) of a small rotation about the axes of c, rad^2."""
+
+    r_CL_c: Vec3 | None = None
+    r_covariance: Covariance3 | None = None
+    q_cL: Quaternion | None = None
+    turn_covariance: Covariance3 | None = None
+
+
 class TargetImage(Message, frozen=True, kw_only=True):
     """What one image shows of one aircraft: see `TargetPoints` and `TargetDetection`.
 
@@ -33,7 +46,7 @@ class TargetImage(Message, frozen=True, kw_only=True):
     aircraft; `class_name` is the detector's class, empty without one. `view`: left, upper, right and lower edge of
     the image in that unit; None: as configured. `mount`: where a moving mount pointed at exposure; None: as the
     camera is configured. `range`: how far the aircraft was, m, by another sensor, and its standard deviation, if
-    it has one.
+    it has one. `pose`: where it was and how it was turned, if the detector knows.
     """
 
     camera: str
@@ -43,6 +56,7 @@ class TargetImage(Message, frozen=True, kw_only=True):
     mount: MountAttitude | None = None
     range: float | None = None
     range_sigma: float | None = None
+    pose: RelativePose | None = None
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:
@@ -142,17 +156,30 @@ class Box(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
     sigma_px: float | None = None
 
 
+class DetectedPose(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
+    """An aircraft's pose, as OpenCV's solvePnP, ArUco and AprilTag give it: in the camera's optical axes, right,
+    down and forward. `position_m`: the aircraft's center. `q` (Hamilton, scalar first): from the aircraft's axes
+    (forward, right, down) to the camera's. Either may be missing. `covariance` (6 x 6): of x, y and z in m^2, then
+    of small rotations about the camera's x, y and z in rad^2, the order of ROS; the part of what is missing is not
+    read. Without one the position is as exact as a point and 5 % of the range, the rotation to 10 degrees."""
+
+    position_m: Vec3 | None = None
+    q: Quaternion | None = None
+    covariance: tuple[Six, Six, Six, Six, Six, Six] | None = None
+
+
 class Detection(Record, frozen=True, kw_only=True, forbid_unknown_fields=False):
-    """One aircraft in an image: named points (`center`, `left`, `right`, and those of its class), any of them, or
-    a `box`, or both. All else is optional. `target` names the aircraft: "leader", or any other id; empty: it goes
-    to the track that it fits best. `class`: what the detector takes it for; see `classes` of `[camera]` and
-    `[target.CLASS]`. `id`: the detector's own track number, which is not used yet. `confidence`: 0 to 1; below the
-    camera's `min_confidence` the detection is refused, and the lower it is, the larger is the noise of points that
-    bring no sigma. `range_m`: how far it was at exposure by a rangefinder or a radio, and `range_sigma_m`, its
-    standard deviation; see `[estimator.leader.range]`."""
+    """One aircraft in an image: named points (`center`, `left`, `right`, and those of its class), any of them, a
+    `box`, or a `pose`, or several of these. All else is optional. `target` names the aircraft: "leader", or any
+    other id; empty: it goes to the track that it fits best. `class`: what the detector takes it for; see
+    `classes` of `[camera]` and `[target.CLASS]`. `id`: the detector's own track number, which is not used yet.
+    `confidence`: 0 to 1; below the camera's `min_confidence` the detection is refused, and the lower it is, the
+    larger is the noise of points that bring no sigma. `range_m`: how far it was at exposure by a rangefinder or
+    a radio, and `range_sigma_m`, its standard deviation; see `[estimator.leader.range]`."""
 
     points: dict[str, DetectedPoint] = msgspec.field(default_factory=dict)
     box: Box | None = None
+    pose: DetectedPose | None = None
     target: str = ""
     class_name: str = msgspec.field(default="", name="class")
     id: int | str | None = None

@@ -1,7 +1,8 @@
 """Detections as JSON -> messages: pixels outside, image points inside.
 
-A detection may have all three points of the wing, some of them, further points of its class, or only a box. What
-it lacks is never made up: all three points become TargetPoints, anything less a TargetDetection.
+A detection may have all three points of the wing, some of them, further points of its class, only a box, or a
+pose. What it lacks is never made up: all three points become TargetPoints, anything less a TargetDetection.
+Where no point is named, the position of a pose is the center.
 """
 
 import math
@@ -9,16 +10,19 @@ from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import msgspec
+import numpy as np
 
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import (
     Box,
     CameraDetections,
     DetectedPoint,
+    DetectedPose,
     Detection,
     ImageFeature,
     MountAttitude,
     Record,
+    RelativePose,
     TargetDetection,
     TargetImage,
     TargetPoints,
@@ -27,6 +31,7 @@ from onboard.messages.target import WING_POINTS
 from onboard.wire.cameras import CameraInput, Cameras, find
 from onboard.wire.document import BadDocumentError, parse
 from onboard.wire.points import check_target, lens_of
+from onboard.wire.poses import relative_pose
 
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 FARTHEST: Final = 1e5  # m, of a range
@@ -36,6 +41,7 @@ INSIDE: Final[dict[str, type[Record]]] = {
     "detections": Detection,
     "points": DetectedPoint,
     "box": Box,
+    "pose": DetectedPose,
     "attitude": MountAttitude,
 }
 
@@ -101,6 +107,8 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
     _check_range(detection, at)
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
     points, box = detection.points, detection.box
+    if detection.pose is not None:
+        head["pose"] = relative_pose(detection.pose, sigma_px / lens.f_px, f"{at}.pose")
     named = {name: points[name] for name in camera.points if name in points}
     features = tuple(_feature(name, p, sigma_px, lens, f"{at}.points.{name}") for name, p in named.items())
     if points.keys() >= set(WING_POINTS):
@@ -113,9 +121,13 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
             sigma=(center.sigma, left.sigma, right.sigma),
             others=others,
         )
+    if not features and detection.pose is not None:
+        features = _center(head["pose"])
     if box is None and not features:
         known = ", ".join(camera.points)
-        raise BadDocumentError(f"expected `points` with some of {known}, or a `box` - at `$.{at}`")
+        raise BadDocumentError(
+            f"expected `points` with some of {known}, a `box`, or a `pose` with `position_m` - at `$.{at}`"
+        )
     if box is None:
         return TargetDetection(**head, features=features)
     if not (box.width_px > 0 and box.height_px > 0):
@@ -139,6 +151,17 @@ def _feature(name: str, p: DetectedPoint | Box, sigma_px: float, lens: Lens, at:
     except LensError as error:
         raise BadDocumentError(f"{error} - at `$.{at}`") from error
     return ImageFeature(name=name, point=point, sigma=own_px * scale)
+
+
+def _center(pose: RelativePose) -> tuple[ImageFeature, ...]:
+    """The center where a pose has it, with the noise of the coordinate that is known worst."""
+    if pose.r_CL_c is None or pose.r_covariance is None:
+        return ()
+    forward, right, down = pose.r_CL_c
+    point = right / forward, down / forward
+    J = np.array([[-point[0], 1.0, 0.0], [-point[1], 0.0, 1.0]]) / forward
+    sigma = math.sqrt(float(np.diag(J @ np.array(pose.r_covariance) @ J.T).max()))
+    return (ImageFeature(name="center", point=point, sigma=sigma),)
 
 
 def _check_range(detection: Detection, at: str) -> None:

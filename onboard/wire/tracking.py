@@ -4,7 +4,8 @@ section says `landing_target = "aircraft"`. Both become detections, as if they h
 - CAMERA_TRACKING_IMAGE_STATUS: a rectangle is a box, and so is a point with a radius; a point alone is the center.
   It has no time: its arrival counts, less the camera's `delay_s`.
 - LANDING_TARGET: with `size_x` or `size_y` it is a box, else the center, at `angle_x` and `angle_y`. With
-  `position_valid` the position's direction counts, in the body's axes.
+  `position_valid` it is a pose, in the body's axes, of which no covariance is known. Without a position,
+  `distance` is the range.
 """
 
 import math
@@ -15,14 +16,25 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.geometry.lens import Lens
-from onboard.messages import Box, CameraDetections, Clock, DetectedPoint, Detection, TargetImage
+from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
+from onboard.messages import (
+    Box,
+    CameraDetections,
+    Clock,
+    DetectedPoint,
+    DetectedPose,
+    Detection,
+    TargetImage,
+)
 from onboard.wire.cameras import CameraInput, Cameras
-from onboard.wire.detections import images_of
+from onboard.wire.detections import FARTHEST, images_of
 from onboard.wire.document import BadDocumentError
+from onboard.wire.poses import TO_C
 
 ACTIVE, COASTING = 1, 8  # CAMERA_TRACKING_STATUS_FLAGS
 POINT, RECTANGLE = 1, 2  # CAMERA_TRACKING_MODE
 BODY_FRD: Final = 12  # MAV_FRAME
+UNKNOWN_Q: Final = ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0))  # what senders fill in that know no rotation
 Refuse = Callable[[str, int], None]
 
 
@@ -98,11 +110,10 @@ def _tracked(f: tuple[Any, ...], lens: Lens) -> Detection:
 
 
 def _landed(f: tuple[Any, ...], camera: CameraInput, f_px: float) -> Detection:
-    """Angles, or the direction of a position, as pixels from the principal point. Raises BadDocumentError."""
-    _, angle_x, angle_y, _, size_x, size_y, _, frame, x, y, z, *_, is_position = f
+    """Angles as pixels from the principal point, or a pose. Raises BadDocumentError."""
+    _, angle_x, angle_y, distance, size_x, size_y, _, frame, x, y, z, *q, _, is_position = f
     if is_position:
-        u, v = _direction(camera, frame, (x, y, z))
-        return Detection(points={"center": DetectedPoint(u_px=f_px * u, v_px=f_px * v)})
+        return Detection(pose=_pose(camera, frame, (x, y, z), q))
     if not (size_x >= 0.0 and size_y >= 0.0):
         raise BadDocumentError("LANDING_TARGET: size_x and size_y must be 0 (not known) or positive angles")
     wide, high = size_x or size_y, size_y or size_x
@@ -110,13 +121,15 @@ def _landed(f: tuple[Any, ...], camera: CameraInput, f_px: float) -> Detection:
     if not max(map(abs, edges)) < math.pi / 2:
         raise BadDocumentError("LANDING_TARGET: angle_x and angle_y must be within 90 degrees of the axis")
     left, right, upper, lower = (f_px * math.tan(edge) for edge in edges)
+    range_m = distance if 0.0 < distance < FARTHEST else None
     if wide > 0.0:
-        return _box(0.5 * (left + right), 0.5 * (upper + lower), right - left, lower - upper)
-    return Detection(points={"center": DetectedPoint(u_px=left, v_px=upper)})
+        box = _box(0.5 * (left + right), 0.5 * (upper + lower), right - left, lower - upper)
+        return replace(box, range_m=range_m)
+    return Detection(points={"center": DetectedPoint(u_px=left, v_px=upper)}, range_m=range_m)
 
 
-def _direction(camera: CameraInput, frame: int, r: tuple[float, float, float]) -> tuple[float, float]:
-    """The image point of a position in the body's axes. Raises BadDocumentError."""
+def _pose(camera: CameraInput, frame: int, r: tuple[float, float, float], q: list[float]) -> DetectedPose:
+    """The pose of a target at r in our body's axes, turned by q. Raises BadDocumentError."""
     mount = camera.mount
     if frame != BODY_FRD or not all(map(math.isfinite, r)):
         raise BadDocumentError(f"LANDING_TARGET: a position in frame {frame}; expected MAV_FRAME_BODY_FRD (12)")
@@ -125,7 +138,11 @@ def _direction(camera: CameraInput, frame: int, r: tuple[float, float, float]) -
     forward, right, down = (mount.R_bc.T @ (np.array(r) - mount.r_FC_b)).tolist()
     if not forward > 0.0:
         raise BadDocumentError("LANDING_TARGET: the position x, y, z is behind the camera")
-    return right / forward, down / forward
+    if not all(map(math.isfinite, q)) or tuple(q) in UNKNOWN_Q:
+        return DetectedPose(position_m=(right, down, forward))
+    turned = TO_C.T @ mount.R_bc.T @ matrix_from_quaternion(q)
+    w, i, j, k = quaternion_from_matrix(turned).tolist()
+    return DetectedPose(position_m=(right, down, forward), q=(w, i, j, k))
 
 
 def _box(u: float, v: float, width: float, height: float) -> Detection:

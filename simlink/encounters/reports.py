@@ -24,6 +24,7 @@ from onboard.messages import (
 from simlink.encounters.attitudes import body_rates
 from simlink.encounters.conditions import JITTER_S, WIND_ERROR, WIND_SAID, Conditions
 from simlink.encounters.curves import wobble
+from simlink.encounters.poses import PoseDetector
 from simlink.encounters.shapes import Place, Sees, Shape, box_around, draw_shape, projected
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.sensors.arrays import Array
@@ -133,6 +134,7 @@ def _images(truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees
     noise = camera.sigma_px / camera.f_px * rng.standard_normal((len(when), 3, 2))
     late = camera.latency + JITTER_S * rng.random(len(when))
     shape_rng = stream(seed, "encounters.shape")
+    poses = PoseDetector(stream(seed, "encounters.pose"))
     shape, beyond = draw_shape(shape_rng), shape_rng.standard_normal((len(when), 4))
     rows = at(truth.t, np.hstack([truth.r_FL_n, truth.euler_L, truth.euler_F]), when).tolist()
     for t, row, off, more, delay, is_found in zip(
@@ -142,7 +144,9 @@ def _images(truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees
         q_nL, q_nF = attitude.from_euler(*row[3:6]), attitude.from_euler(*row[6:9])
         points = image_points(r_FL_n, q_nL, q_nF, conditions, q_bc)
         if is_found and points is not None:
-            center, left, right = named_by_side(points, off) if sees == "wing" else noisy(points, off)
+            center, left, right = (
+                named_by_side(points, off) if sees in ("wing", "wing_pose") else noisy(points, off)
+            )
             ns = boot_ns(t)
             whole = TargetPoints(
                 t_ns=ns,
@@ -154,7 +158,11 @@ def _images(truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees
                 right=right,
             )
             place = conditions.size, r_FL_n, q_nL, q_nF, camera, q_bc
-            yield whole if sees == "wing" else _more_or_less(whole, sees, shape, place, more, conditions)
+            if sees in ("pose", "wing_pose"):
+                posed = poses.see(whole, place)
+                yield posed if sees == "pose" else msgspec.structs.replace(whole, pose=posed.pose)
+            else:
+                yield whole if sees == "wing" else _more_or_less(whole, sees, shape, place, more, conditions)
 
 
 def _more_or_less(

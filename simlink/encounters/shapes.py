@@ -12,8 +12,9 @@ from simlink.sensors.camera import in_camera
 from simlink.world import attitude
 from simlink.world.drawn import Range
 
-Sees = Literal["wing", "points", "box", "center_box"]  # the wing; also nose and tail; a box; a box and the center
-SEES: Final[tuple[Sees, ...]] = ("wing", "points", "box", "center_box")
+# the wing; also nose and tail; a box; a box and the center; a pose; the wing and a pose
+Sees = Literal["wing", "points", "box", "center_box", "pose", "wing_pose"]
+SEES: Final[tuple[Sees, ...]] = ("wing", "points", "box", "center_box", "pose", "wing_pose")
 
 # the leader's wingspan, r_FL_n, q_nL, q_nF, and the camera with its q_bc
 Place = tuple[float, Vec3, Quaternion, Quaternion, Camera, Quaternion]

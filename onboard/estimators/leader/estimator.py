@@ -142,7 +142,7 @@ class Estimator:
         """The estimate to publish of a target: the leader's broadcast may carry it."""
         if not self._sources or estimate.target != NAME:
             return estimate
-        return self._beside.over(estimate, ownship)
+        return self._beside.over(estimate, ownship, shows_size=not self._tracks[NAME].is_metric)
 
     def _track(self, target: str, *, full: bool = False) -> Track:
         return Track(NAME, target, self._filter, self._poses, self._config, full=full)

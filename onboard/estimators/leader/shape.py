@@ -28,7 +28,7 @@ SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show 
 class Shape(NamedTuple):
     """Points (k, 3) whose names tell one side of the aircraft from the other, in b for a wingspan of 1; what a box
     bounds (j, 3); by how much of its size a box lastingly misleads; how much of the wing's length the edge-on
-    aircraft shows; and how it leans."""
+    aircraft shows; how it leans; its wingspan, m, and by which share of the range poses lastingly mislead."""
 
     names: tuple[str, ...]
     points: Array
@@ -36,6 +36,8 @@ class Shape(NamedTuple):
     lasting: float
     edge_on: float
     posture: Posture
+    size: float = 2.0
+    pose_lasting: float = 0.0
 
 
 class Seen(NamedTuple):
@@ -72,7 +74,8 @@ def shape_of(config: Config) -> Shape:
     edge_on = max(float(np.ptp(bounds[:, 0])), 0.1)
     leans = 1.0 if config.leader_class == "multirotor" else 0.0
     lasting = LASTING_BOX if known else LASTING_GUESS
-    return Shape(names, points, bounds, lasting, edge_on, Posture(leans, PITCH, MISPLACED))
+    posture = Posture(leans, PITCH, MISPLACED)
+    return Shape(names, points, bounds, lasting, edge_on, posture, config.size_prior_m, config.pose_scale_sigma)
 
 
 def of_points(shape: Shape, features: Sequence[ImageFeature], axes: Array, *, has_center: bool) -> Seen | None:

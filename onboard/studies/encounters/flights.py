@@ -21,6 +21,12 @@ from simlink.encounters.truth import EncounterTruth, at
 
 SECONDS: Final = WHOLE
 SETTLE: Final = 5.0  # s before estimates count
+FINDS: Final = {
+    "points": ", five points",
+    "box": ", box alone",
+    "pose": ", pose alone",
+    "wing_pose": ", pose as well",
+}
 ON_WING: Final = ("estimator.leader.center_on_wing=true",)
 
 
@@ -35,9 +41,8 @@ class Case(NamedTuple):
     @property
     def name(self) -> str:
         """What the report calls it."""
-        detector = {"points": ", five points", "box": ", box alone"}.get(self.sees, "")
         known = ", center on wing" if self.settings == ON_WING else ", wind estimated" if self.feels_wind else ""
-        return self.family.replace("_", " ") + known + detector
+        return self.family.replace("_", " ") + known + FINDS.get(self.sees, "")
 
 
 # As the simulator's points are for a wing of the nominal size, but that each true one is misplaced a little.
@@ -49,8 +54,9 @@ DEFAULTS: Final = tuple(Case(family) for family in FAMILIES)
 WITH_CENTER: Final = (Case("hover", ON_WING), Case("circling", ON_WING))
 IN_WIND: Final = (Case("crab", feels_wind=True),)
 POINTS: Final = tuple(Case(family, FIVE_POINTS, "points") for family in ("hover", "sideways", "wander"))
+POSES: Final = tuple(Case(family, sees="pose") for family in ("behind", "hover", "wander"))
 BOXES: Final = tuple(Case(family, sees="box") for family in ("behind", "crossing", "wander"))
-CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES)
+CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *POSES)
 
 
 class Flight(NamedTuple):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from onboard.studies.encounters.flights import BOXES, DEFAULTS, ON_WING, POINTS, SETTLE, Case
+from onboard.studies.encounters.flights import BOXES, DEFAULTS, ON_WING, POINTS, POSES, SETTLE, Case
 from onboard.studies.encounters.scores import Score, Share
 from onboard.studies.report.findings import Check, Claim, Table, check, verdict
 from onboard.studies.report.markdown import number
@@ -11,6 +11,7 @@ from onboard.studies.report.markdown import number
 INSIDE_ALL, INSIDE_FAMILY = 93.0, 88.0  # percent of valid estimates, at least
 WRONG_FAMILY: Final = 1.0  # percent of valid estimates, at most
 INSIDE_BOXES: Final = 92.0  # percent of valid estimates of the cases with boxes alone, at least
+INSIDE_POSES: Final = 92.0  # the same of those with poses alone, of which at most WRONG_FAMILY are wrong
 VALID_WHERE_SHARP: Final = 90.0  # percent of estimates, at least
 SHARP: Final = {  # range error (RMS, percent), at most, where the geometry allows it
     Case("behind"): 2.5,
@@ -93,6 +94,9 @@ def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[R
         for c in POINTS
         if c in scores and (wing := Case(c.family)) in scores
     ]
+    posed = [c for c in POSES if c in scores]
+    poses = [Requirement(f"inside, {c.name}", scores[c].inside, low=INSIDE_POSES) for c in posed]
+    poses += [Requirement(f"confidently wrong, {c.name}", scores[c].wrong, high=WRONG_FAMILY) for c in posed]
     return {
         f"The 95 % ellipsoid holds the truth in {INSIDE_ALL:g} % of all valid estimates, and in "
         f"{INSIDE_FAMILY:g} % of each family's.": inside,
@@ -103,6 +107,8 @@ def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[R
         f"There, at least {VALID_WHERE_SHARP:g} % of all estimates are valid.": valid,
         f"With boxes alone, the 95 % ellipsoid holds the truth in {INSIDE_BOXES:g} % of valid estimates.": boxes,
         "Nose and tail, where a detector finds them, make the range better than the wing alone does.": points,
+        f"With poses alone, the 95 % ellipsoid holds the truth in {INSIDE_POSES:g} % of valid estimates, and at "
+        f"most {WRONG_FAMILY:g} % are confidently wrong.": poses,
     }
 
 

@@ -42,7 +42,7 @@ def test_the_example_estimates_a_range() -> None:
 
 
 def test_the_camera_points_of_the_page_decode() -> None:
-    _, block, _ = documents.blocks(documents.text("fly-it"), "json")
+    _, _, block, _ = documents.blocks(documents.text("fly-it"), "json")
     points = decode_points(block.encode(), 1)
     assert points.target == "leader"
     assert points.center == pytest.approx((11.2 / 600, -15.1 / 600))
@@ -66,7 +66,7 @@ def test_the_example_of_a_follower_uses_only_a_leader_that_it_may_fly_on() -> No
 
 
 def test_the_detections_of_the_page_decode() -> None:
-    block, _, turned = documents.blocks(documents.text("fly-it"), "json")
+    block, pose, _, turned = documents.blocks(documents.text("fly-it"), "json")
     cameras, refused = load_config(None).camera_inputs(), []
     pair, box = decode_detections(block.encode(), 1, cameras, refused.append, refused.append)
     assert refused == []
@@ -74,6 +74,10 @@ def test_the_detections_of_the_page_decode() -> None:
     assert [f.name for f in pair.features] == ["left", "right"]
     assert pair.features[1].sigma == pytest.approx(2 / 554.256)
     assert (box.target, box.camera) == ("wingman", "front")
+    (away,) = decode_detections(pose.encode(), 1, cameras, refused.append, refused.append)
+    assert away.pose is not None
+    assert away.pose.r_CL_c == (24.1, 1.2, -0.4)
+    assert away.pose.q_cL == pytest.approx((1.0, 0.0, 0.0, 0.0))
     (direction,) = decode_detections(turned.encode(), 1, cameras, refused.append, refused.append)
     assert refused == []
     assert direction.mount is not None

@@ -150,7 +150,7 @@ def with_detection(**detection: Any) -> dict[str, Any]:
         ({**HEAD, "detections": {}}, "Expected `array`, got `object` - at `$.detections`"),
         (
             with_detection(),
-            "some of center, left, right, or a `box` - at `$.detections[0]`",
+            "some of center, left, right, a `box`, or a `pose` with `position_m` - at `$.detections[0]`",
         ),
         (with_detection(points={"nose": CENTER}), "expected `points` with some of center, left, right"),
         (

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.config import ConfigError, parse_config
-from onboard.geometry.rotations import matrix_from_euler
+from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Clock, Message, TargetDetection
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.tracking import TrackerDecoder
@@ -49,19 +49,18 @@ def landing(
     number: int = 0,
     r: tuple[float, float, float] | None = None,
     frame_: int = 12,
+    distance: float = 0.0,
+    q: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0),
 ) -> bytes:
     fields = (
         5_000_000,
         *angles,
-        0.0,
+        distance,
         *size,
         number,
         frame_,
         *(r or (0.0,) * 3),
-        1.0,
-        0.0,
-        0.0,
-        0.0,
+        *q,
         0,
         r is not None,
     )
@@ -138,6 +137,33 @@ def test_a_position_is_a_direction_from_where_the_camera_is() -> None:
     m = one(landing(r=r), **camera)
     assert m.features[0].name == "center"
     assert_allclose(m.features[0].point, (right / forward, down / forward), rtol=1e-5)
+    assert m.features[0].sigma == pytest.approx(1 / F, rel=0.05)
+    assert m.pose is not None
+    assert m.pose.r_CL_c == pytest.approx((forward, right, down))
+    assert m.pose.q_cL is None  # q is (1, 0, 0, 0), as of who knows none
+
+
+def test_the_rotation_beside_a_position_is_the_aircraft_s_in_our_body_s_axes() -> None:
+    """A leader whose nose points 90 degrees to our right, in a camera that looks 5 degrees to the right."""
+    camera = {"mount_rpy_deg": [0.0, 0.0, 5.0], "landing_target": "aircraft"}
+    half = math.radians(45)
+    m = one(landing(r=(20.0, 0.0, 0.0), q=(math.cos(half), 0.0, 0.0, math.sin(half))), **camera)
+    assert m.pose is not None
+    assert m.pose.q_cL is not None
+    nose = matrix_from_quaternion(m.pose.q_cL)[:, 0]
+    assert_allclose(nose, (math.sin(math.radians(5)), math.cos(math.radians(5)), 0.0), atol=1e-6)
+    for unknown in ((0.0,) * 4, (NAN,) * 4):
+        pose = one(landing(r=(20.0, 0.0, 0.0), q=unknown), **camera).pose
+        assert pose is not None
+        assert pose.q_cL is None
+
+
+@pytest.mark.parametrize(("distance", "expected"), [(28.5, 28.5), (0.0, None), (NAN, None), (-1.0, None)])
+@pytest.mark.parametrize("size", [(0.0, 0.0), (0.04, 0.02)])
+def test_a_distance_without_a_position_is_a_range(
+    distance: float, expected: float | None, size: tuple[float, float]
+) -> None:
+    assert one(landing(distance=distance, size=size), landing_target="aircraft").range == expected
 
 
 @pytest.mark.parametrize(

@@ -143,15 +143,16 @@ class Beside:
 
     # ----------------------------------------------------------------------------------- estimates
 
-    def over(self, estimate: Estimate, ownship: Ownship) -> Estimate:
-        """The estimate to publish, once the images gave this one."""
+    def over(self, estimate: Estimate, ownship: Ownship, *, shows_size: bool = True) -> Estimate:
+        """The estimate to publish, once the images gave this one. `shows_size`: whether its range is that of a
+        leader of its size; else it teaches none."""
         if self._belief is not None and estimate.t_ns > self._ahead[0]:
             self._ahead = estimate.t_ns, self._way_to(estimate.t_ns, ownship)
         if estimate.mean is not None:
             self._template = estimate
         follows = estimate.state is Lifecycle.TRACKING
         if follows:
-            self._remember(estimate)
+            self._remember(estimate, shows_size=shows_size)
         made = None
         if not (follows and self._samples and not self._samples[-1].shown.is_open):
             made = self._carried(estimate, ownship)
@@ -172,7 +173,7 @@ class Beside:
             modes=(),
         )
 
-    def _remember(self, estimate: Estimate) -> None:
+    def _remember(self, estimate: Estimate, *, shows_size: bool) -> None:
         """Keep what the camera shows at an estimate's time."""
         if estimate.mean is None or estimate.covariance is None:
             return
@@ -181,6 +182,8 @@ class Beside:
         mean, P = np.array(estimate.mean), np.array(estimate.covariance)
         size, sigma = float(mean[relative_motion.SIZE]), math.sqrt(P[relative_motion.SIZE, relative_motion.SIZE])
         seen = reference.shown(mean[relative_motion.R], P[relative_motion.R, relative_motion.R], size, sigma)
+        if not shows_size:
+            seen = reference.of_any_range(seen)
         self._samples.append(Sample(estimate.t_ns, seen, mean[relative_motion.V], sigma))
         while estimate.t_ns - self._samples[0].t_ns > KEPT_NS:
             self._samples.popleft()

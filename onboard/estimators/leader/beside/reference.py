@@ -87,6 +87,11 @@ def shown(r: Array, P: Array, size: float, size_sigma: float) -> Shown:
     return Shown(r, across + along * np.outer(line, line), size)
 
 
+def of_any_range(seen: Shown) -> Shown:
+    """What a camera shows whose range says nothing of the size: the direction alone."""
+    return seen._replace(P=seen.P + UNKNOWN**2 * np.outer(seen.r, seen.r))
+
+
 def start(errors: Errors, seen: Shown, size: float, size_sigma: float, v: Array, v_sigma: float) -> Belief:
     """The belief before the first report: what the camera shows of a leader of `size` m, which moves with v (3,)
     m/s."""

@@ -16,9 +16,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters import nose_particles
+from onboard.estimators.leader.filters.cloud import Cloud
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open
 from onboard.estimators.leader.filters.nose_moments import NOSE
-from onboard.estimators.leader.filters.nose_particles import Cloud
 from onboard.estimators.leader.filters.nose_summary import MOTION, RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.filters.partial import with_wing
 from onboard.estimators.leader.settings import NoseModel
@@ -138,7 +138,9 @@ class AnySideFilter:
         """Both filters' states for another size."""
         state = self._caught_up(state)
         ratio = size.value / self._noses(state).size
-        cloud = rescaled(state.cloud, ratio, state.pending.v_F_n)
+        cloud = state.cloud
+        if not cloud.metric:
+            cloud = rescaled(state.cloud, ratio, state.pending.v_F_n)
         wing_line = self._wing_line.resized(state.wing_line, size)
         outdated = state.outdated or abs(math.log(ratio)) > ANOTHER
         after = state._replace(wing_line=wing_line, cloud=cloud, size=size, outdated=outdated)
@@ -176,12 +178,13 @@ class AnySideFilter:
 
     def open_question(self, state: AnySide) -> Open:
         """What the images leave open, and if it is the range, the modes of the cloud."""
-        known = state.summary
+        known, is_metric = state.summary, state.cloud.metric
         if known.range_sigma() > RESOLVED:
             dt, moved, v_F_n = state.pending
             places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)
-            return Open("heading not resolved: the range is uncertain", places)
-        return Open("" if state.confirmed else "the nose is not on the course")
+            why = "" if is_metric else "heading not resolved: "
+            return Open(f"{why}the range is uncertain", places, is_metric)
+        return Open("" if state.confirmed or is_metric else "the nose is not on the course", (), is_metric)
 
     def is_too_wide(self, state: AnySide, share: float) -> bool:
         """Whether the direction is less certain than `share` to both; an uncertain range is no obstacle to it.

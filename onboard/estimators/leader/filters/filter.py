@@ -6,6 +6,7 @@ from typing import Any, NamedTuple, Protocol
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.places import Place
+from onboard.estimators.leader.posed import Posed
 from onboard.estimators.leader.shape import Seen, Shape
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.wind import Wind
@@ -15,9 +16,10 @@ from onboard.ownship import Step
 
 class Measurement(NamedTuple):
     """What an image measures: y (m,) and its noise R (m, m); the wing's span and its standard deviation, rad;
-    `axes` (3, 3), unit vectors in c: the direction of the center, and the two that the wing is measured along; and
-    what it shows beyond center and wing. Where the wing was not seen (`has_wing`), the span is the spread of
-    that, and its sigma infinite if nothing shows the range."""
+    `axes` (3, 3), unit vectors in c: the direction of the center, and the two that the wing is measured along;
+    and what it shows beyond center and wing. Where the wing was not seen (`has_wing`), the span is the spread of
+    that, and its sigma infinite if nothing shows the range. With a pose alone it is that of the wing broadside,
+    and the range does not depend on the size (`is_metric`)."""
 
     y: Array
     R: Array
@@ -26,6 +28,8 @@ class Measurement(NamedTuple):
     axes: Array
     shows: Seen | None = None
     has_wing: bool = True
+    pose: Posed | None = None
+    is_metric: bool = False
 
     @property
     def has_extent(self) -> bool:
@@ -34,11 +38,13 @@ class Measurement(NamedTuple):
 
 
 class Open(NamedTuple):
-    """What the images leave open, for a person, "" if nothing; and the places where the leader may be, as the
-    belief's first six components, if the range is open."""
+    """What the images leave open, for a person, "" if nothing; the places where the leader may be, as the belief's
+    first six components, if the range is open; and whether the range is that of poses, and says nothing of the
+    size."""
 
     reason: str = ""
     places: tuple[Place, ...] = ()
+    is_metric: bool = False
 
 
 class LeaderFilter(Protocol):

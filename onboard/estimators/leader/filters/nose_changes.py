@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.estimators.leader.filters.draws import DRAW, normal_at, uniform_at
@@ -38,14 +38,26 @@ def change(
     *,
     doubted_after: float,
     edge_on: float,
+    metric: bool,
 ) -> None:
-    """Change the first five arrays of a `nose_particles.Cloud` in place, by the random numbers from `draws` on. In
+    """Change the first five arrays of a `cloud.Cloud` in place, by the random numbers from `draws` on. In
     `dt` seconds we move by `moved` (3,) m, in n; a particle keeps its nose for `doubted_after` seconds on average;
-    `edge_on` as in `apparent_wing.visible`."""
+    `edge_on` as in `apparent_wing.visible`; `metric`: whether the ranges do not depend on the noses."""
     means_of = (s.turns_for, s.still_for, s.accelerates_for, s.steady_for, doubted_after)
     chances = Chances(*(-math.expm1(-dt / mean) for mean in means_of))
     wander = s.nose_random_walk * math.sqrt(dt)
-    arguments: tuple[Any, ...] = (*arrays, draws, *chances, s.nose_rate, wander, s.crab, dt, moved, edge_on)
+    arguments: tuple[Any, ...] = (
+        *arrays,
+        draws,
+        *chances,
+        s.nose_rate,
+        wander,
+        s.crab,
+        dt,
+        moved,
+        edge_on,
+        metric,
+    )
     _change(*arguments)
 
 
@@ -70,7 +82,7 @@ def _doubt(nose, other, x, P, dt, moved, edge_on):  # type: ignore[no-untyped-de
 
 
 @njit(
-    (NOSES, NOSES, NOSES, OUT, COVARIANCES, DRAW, *[NUMBER] * 9, VECTOR, NUMBER),
+    (NOSES, NOSES, NOSES, OUT, COVARIANCES, DRAW, *[NUMBER] * 9, VECTOR, NUMBER, types.boolean),
     cache=True,
     error_model="numpy",
 )
@@ -92,6 +104,7 @@ def _change(  # type: ignore[no-untyped-def]
     dt,
     moved,
     edge_on,
+    metric,
 ):
     for k in range(noses.shape[0]):
         x = means[k]
@@ -110,7 +123,8 @@ def _change(  # type: ignore[no-untyped-def]
             other = noses[k] + np.pi * where
             if crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
-            _doubt(noses[k], other, x, P[k], dt, moved, edge_on)
+            if not metric:
+                _doubt(noses[k], other, x, P[k], dt, moved, edge_on)
             noses[k] = other
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn

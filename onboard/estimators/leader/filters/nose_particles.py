@@ -14,17 +14,18 @@ Random numbers are a fixed function of the count of steps, so the same images gi
 """
 
 import math
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filters.cloud import Cloud
 from onboard.estimators.leader.filters.draws import normal, uniform
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.nose_changes import DRAWS, MOST_CRAB, change
+from onboard.estimators.leader.filters.nose_evidence import ANY_NOSE, of_points, of_poses, posed, shaped
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.leader.shape import Seen
 from onboard.filters.belief import FilterError
 from onboard.models import apparent_shape
 from onboard.models import apparent_wing as model
@@ -34,7 +35,6 @@ EXPECTING: Final = 0.3  # of the weight: at least so many particles must have ex
 OF_SHAPE: Final = 0.02  # the same for a shape, which only particles with the right nose expect
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
-LASTING: Final = 4.0  # noise that lasts counts as often
 LEAST_RANGE: Final = (
     0.05  # of the largest range at which a first image may be: points in a row may hide each other
 )
@@ -43,27 +43,6 @@ MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one im
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
 DIAGONAL: Final = np.arange(N)
-
-
-class Cloud(NamedTuple):
-    """K particles: noses (K,) in rad from north, not wrapped; rates (K,) at which they are turned, rad/s, 0 for
-    those that are not; whether each leader accelerates (K,), 0 or 1; means (K, N) and covariances (K, N, N) of
-    `models.apparent_wing`; logarithms of the weights (K,); the number of random draws so far; the share of the
-    wing's length that the edge-on aircraft shows in what started the cloud; by how much of the size that lastingly
-    misleads: a box does, points do not; whether points have distinguished the nose from the tail; and how far off,
-    as a share, they lastingly make the length that shows the nose."""
-
-    noses: Array
-    rates: Array
-    accelerates: Array
-    means: Array
-    covariances: Array
-    log_weights: Array
-    draws: int
-    edge_on: float = model.LEAST_VISIBLE
-    lasting: float = 0.0
-    sided: bool = False
-    misplaced: float = 0.0
 
 
 def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Cloud | None = None) -> Cloud:
@@ -78,12 +57,16 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     k = len(noses)
     edge_on, lasting = model.LEAST_VISIBLE, 0.0
     shows = None if seen.has_wing else seen.shows
-    if shows is not None:
+    if seen.is_metric and seen.pose is not None:
+        edge_on, lasting = ANY_NOSE, seen.pose.lasting
+    elif shows is not None:
         edge_on, lasting = shows.edge_on, shows.lasting
     # about the range, as a share of the largest possible
     broad = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
     range_ = settings.size * broad / seen.span
-    if shows is not None:
+    if seen.is_metric:
+        range_ = np.full(k, settings.size / seen.span)
+    elif shows is not None:
         range_ = settings.size * apparent_shape.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
         range_ = np.maximum(range_, LEAST_RANGE * range_.max())
     means, P = np.zeros((k, N)), np.zeros((k, N, N))
@@ -103,7 +86,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     turns = uniform(0, k) < settings.turning
     rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
     accelerates = (uniform(3, k) < settings.accelerating).astype(float)
-    return Cloud(noses, rates, accelerates, means, P, np.log(prior), 4, edge_on, lasting)
+    return Cloud(noses, rates, accelerates, means, P, np.log(prior), 4, edge_on, lasting, metric=seen.is_metric)
 
 
 def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:
@@ -144,7 +127,9 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     changed = [array.copy() for array in cloud[:5]]
     sure = SURE if cloud.sided else 1.0
     doubted_after = sure * s.doubted_after
-    change(s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on)
+    change(
+        s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on, metric=cloud.metric
+    )
     noses, rates, accelerates, means, P = changed
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
     noise, decay = _noise(s, dt), np.exp(-dt / times)
@@ -169,9 +154,11 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
     """The cloud after an image, and the NIS that EXPECTING of its weight have at most. If that exceeds the
     gate, too few expected the image, and the cloud is returned as it was. What an image shows beyond center and
     wing has a gate of its own. Raises FilterError."""
-    shows = seen.shows
-    if cloud.lasting > 0.0 and (seen.has_wing or (shows is not None and not shows.is_box)):
-        cloud = _without_box(cloud)
+    shows, given = seen.shows, cloud
+    if seen.is_metric and seen.pose is not None:
+        cloud = of_poses(settings, cloud, seen.pose.lasting)
+    elif cloud.lasting > 0.0 and (seen.has_wing or (shows is not None and not shows.is_box)):
+        cloud = of_points(settings, cloud)
     after, log_l, least = cloud, np.zeros(len(cloud.noses)), 0.0
     if shows is None or not shows.is_box:
         means, P = cloud.means.copy(), cloud.covariances.copy()
@@ -179,16 +166,23 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
         nis, log_l = model.update(means, P, cloud.noses, settings.size, *map(np.ascontiguousarray, arguments))
         least = _expected(cloud, nis, EXPECTING)
         if least > settings.gate:
-            return cloud, least
+            return given, least
         after = cloud._replace(means=means, covariances=P)
     if shows is not None:
-        shaped, shape_nis, more = _shaped(settings, after, shows, seen.axes, pose)
+        found, shape_nis, more = shaped(settings, after, shows, seen.axes, pose)
         beyond = _expected(cloud, shape_nis, OF_SHAPE)
         if beyond <= settings.gate + PER_ROW * len(shows.rows.y):
-            after, log_l = shaped._replace(sided=cloud.sided or shows.rows.named), log_l + more
+            after, log_l = found._replace(sided=cloud.sided or shows.rows.named), log_l + more
             after = after._replace(misplaced=max(cloud.misplaced, shows.misplaced))
         elif shows.is_box:
-            return cloud, beyond
+            return given, beyond
+    if seen.pose is not None:
+        found, pose_nis, more = posed(settings, after, seen.pose, pose)
+        beyond = _expected(cloud, pose_nis, OF_SHAPE)
+        if beyond <= settings.gate:
+            after, log_l = found, log_l + more
+        elif seen.is_metric:
+            return given, beyond
     log_weights = cloud.log_weights + settings.temper * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
     log_weights -= log_weights.max()
     log_weights -= math.log(np.exp(log_weights).sum())
@@ -206,28 +200,6 @@ def _expected(cloud: Cloud, nis: Array, share: float) -> float:
     if not math.isfinite(least):
         raise FilterError("the cloud of noses has lost its numbers")
     return least
-
-
-def _shaped(
-    settings: NoseModel, cloud: Cloud, shows: Seen, axes: Array, pose: CameraPose
-) -> tuple[Cloud, Array, Array]:
-    """The cloud after what an image shows of the leader's shape, with each particle's NIS and log likelihood. In a
-    cloud that points have made sharp, a box counts as far as what lasts of its error allows."""
-    noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
-    rows, camera = shows.rows, (pose.R_cn, pose.r_FC_n, axes)
-    if shows.is_box and cloud.lasting == 0.0:
-        doubt = LASTING * shows.lasting * float(np.ptp(rows.y))
-        rows = rows._replace(sigma=np.hypot(rows.sigma, doubt))
-    nis, log_l = apparent_shape.update(means, P, noses, settings.size, rows, shows.posture, camera)
-    return cloud._replace(noses=noses, means=means, covariances=P), nis, log_l
-
-
-def _without_box(cloud: Cloud) -> Cloud:
-    """The cloud before the first image that shows points: how far boxes mislead becomes uncertainty of each range,
-    and points reduce it."""
-    r, P = cloud.means[:, R], cloud.covariances.copy()
-    P[:, R, R] += cloud.lasting**2 * r[:, :, None] * r[:, None, :]
-    return cloud._replace(covariances=P, edge_on=model.LEAST_VISIBLE, lasting=0.0)
 
 
 def _resampled(cloud: Cloud, w: Array) -> Cloud:

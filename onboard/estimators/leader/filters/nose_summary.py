@@ -8,6 +8,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.filters import nose_moments
+from onboard.estimators.leader.filters.cloud import Cloud
 from onboard.estimators.leader.filters.nose_moments import (
     A_L,
     BANK,
@@ -18,7 +19,6 @@ from onboard.estimators.leader.filters.nose_moments import (
     V_L,
     N,
 )
-from onboard.estimators.leader.filters.nose_particles import Cloud
 from onboard.estimators.leader.filters.places import Place, places
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
@@ -90,7 +90,11 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     # the size scales the range
     by_size = np.zeros(N)
     by_size[R_FL], by_size[LOG_SIZE] = mean[R_FL], 1.0
-    of_size = (settings.size_sigma / settings.size) ** 2 + cloud.lasting**2 + _by_points(cloud, mean)
+    of_size, of_range = (settings.size_sigma / settings.size) ** 2, cloud.lasting**2
+    if cloud.metric:  # the size has no part in the range
+        covariance[LOG_SIZE, LOG_SIZE], by_size[LOG_SIZE], of_size = of_size, 0.0, of_range
+    else:
+        of_size += of_range + _by_points(cloud, mean)
     covariance += of_size * np.outer(by_size, by_size)
     covariance[MOTION, MOTION] += _by_pose(settings, mean[R_FL])
     covariance[NOSE, NOSE] += settings.misalignment[2] ** 2

@@ -6,6 +6,7 @@
   middle of a box may be a tenth of the box off. Such an offset lasts, so images do not average it out, and it
   counts `LASTING` times.
 - Further points of the class, and, where the wing was not seen, the sides of a box: see `shape`.
+- A pose: see `posed`. Where nothing else shows the size, its range is the range.
 
 A direction alone starts no track: it says nothing of the range.
 """
@@ -16,9 +17,18 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.posed import posed
 from onboard.estimators.leader.shape import of_box, of_points
 from onboard.filters.belief import Update
-from onboard.messages import ImageFeature, ImagePoint, TargetDetection, TargetImage, TargetPoints, Vec3
+from onboard.messages import (
+    ImageFeature,
+    ImagePoint,
+    RelativePose,
+    TargetDetection,
+    TargetImage,
+    TargetPoints,
+    Vec3,
+)
 
 UNKNOWN: Final = 100.0  # rad: the noise of what is not measured. A minute of images with it says nothing
 LASTING: Final = 4.0  # noise that lasts counts as often: a filter averages some sixteen images
@@ -37,7 +47,7 @@ Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal
 class Seen(NamedTuple):
     """Center, left and right point with their sigmas, in focal lengths; how far off the center may lastingly be;
     whether the center and the wing were seen, or stand for what was not; all points that have names, and a box's
-    middle and its half sides."""
+    middle and its half sides; and the detector's own pose of it."""
 
     points: tuple[ImagePoint, ImagePoint, ImagePoint]
     sigmas: Vec3
@@ -46,6 +56,7 @@ class Seen(NamedTuple):
     has_wing: bool = True
     named: tuple[ImageFeature, ...] = ()
     box: tuple[ImageFeature, ImagePoint] | None = None
+    pose: RelativePose | None = None
 
     @property
     def named_points(self) -> tuple[ImagePoint, ...]:
@@ -59,7 +70,8 @@ def seen(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, hal
     if isinstance(message, TargetPoints):
         points = message.center, message.left, message.right
         sigmas = message.sigma or (camera_sigma,) * 3
-        return Seen(points, sigmas, named=(*message.others, *_tips(points[1], points[2], sigmas[1:])))
+        named = (*message.others, *_tips(points[1], points[2], sigmas[1:]))
+        return Seen(points, sigmas, named=named, pose=message.pose)
     if not isinstance(message, TargetDetection):
         raise TypeError(f"{type(message).__name__} is not an image of a target")
     features = {f.name: f for f in message.features}
@@ -73,14 +85,14 @@ def seen(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, hal
         sigmas = sigma, left.sigma, right.sigma
         others = tuple(f for name, f in features.items() if name not in ("left", "right"))
         tips = _tips(left.point, right.point, (left.sigma, right.sigma))
-        return Seen(points, sigmas, offset, has_center=False, named=(*others, *tips))
+        return Seen(points, sigmas, offset, has_center=False, named=(*others, *tips), pose=message.pose)
     one = features.get("center", message.features[0])
     offset = {"center": 0.0, "box": 2.0 * OFF_BOX * (message.half_width or 0.0)}.get(one.name, half_wing)
     u, v = one.point
     points = one.point, (u - FAKE, v), (u + FAKE, v)
     has_center = one.name == "center"
     box = (features["box"], message.half_sides) if "box" in features and message.half_sides else None
-    return Seen(points, (one.sigma,) * 3, offset, has_center, False, message.features, box)
+    return Seen(points, (one.sigma,) * 3, offset, has_center, False, message.features, box, message.pose)
 
 
 def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tuple[ImageFeature, ImageFeature]:
@@ -97,6 +109,8 @@ def measure(filter_: LeaderFilter, saw: Seen, view: Edges | None = None) -> Meas
     if filter_.shape is not None and saw.named:
         shows = of_points(filter_.shape, saw.named, measured.axes, has_center=saw.has_center)
         measured = measured._replace(shows=shows)
+    if filter_.shape is not None and saw.pose is not None:
+        measured = measured._replace(pose=posed(saw.pose, filter_.shape.pose_lasting, measured.axes[0]))
     if saw.has_center and saw.has_wing:
         return measured
     y, R = measured.y.copy(), measured.R.copy()
@@ -112,10 +126,18 @@ def measure(filter_: LeaderFilter, saw: Seen, view: Edges | None = None) -> Meas
     shape, box = filter_.shape, saw.box
     if shows and shows.has_extent:
         box = None
+    elif measured.pose is not None and measured.pose.range_ is not None and shape is not None:
+        return _metric(measured, measured.pose.range_, shape.size)
     if shape is not None and box is not None and not is_cut(*box, view):
         shows = of_box(shape, *box, measured.axes)
     extent = (shows.spread, shows.spread_sigma) if shows and shows.has_extent else (measured.span, math.inf)
     return measured._replace(span=extent[0], span_sigma=extent[1], shows=shows, has_wing=False)
+
+
+def _metric(measured: Measurement, range_: float, size: float) -> Measurement:
+    """The measurement where a pose alone shows the range."""
+    span, sigma = size / range_, measured.pose.range_sigma if measured.pose is not None else math.inf
+    return measured._replace(span=span, span_sigma=span * sigma / range_, has_wing=False, is_metric=True)
 
 
 def is_cut(middle: ImageFeature, half: ImagePoint, view: Edges | None) -> bool:

@@ -36,8 +36,8 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 
 class Track:
     """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a recent
-    image; `half_wing` how long half its wing appears at most, in focal lengths. A track that is `full`, one too
-    many, rejects every image."""
+    image; `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
+    poses, and says nothing of the size. A track that is `full`, one too many, rejects every image."""
 
     def __init__(
         self,
@@ -52,6 +52,7 @@ class Track:
         self.target = target
         self.direction_n: tuple[float, ...] | None = None
         self.half_wing = 1.0
+        self.is_metric = False
         self._full = full
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
         self._history: History[Any, Ownship] | None = None
@@ -279,6 +280,7 @@ class Track:
         self.direction_n = None
         if found is not None:
             t_ns, belief, left = found
+            self.is_metric = left.is_metric
             coasting = self._status.is_coasting(t_ns)
             in_view = not coasting or self._poses.see(belief.mean[R], t_ns, ownship)
             state, reason = self._status.state(t_ns, in_view=in_view)

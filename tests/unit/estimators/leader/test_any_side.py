@@ -8,8 +8,8 @@ import pytest
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters import nose_particles
+from onboard.estimators.leader.filters.cloud import Cloud
 from onboard.estimators.leader.filters.filter import Measurement
-from onboard.estimators.leader.filters.nose_particles import Cloud
 from onboard.estimators.leader.filters.nose_summary import Summary, summarise, with_course
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError

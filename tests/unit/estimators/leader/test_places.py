@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.choice import make_filter
-from onboard.estimators.leader.filters.nose_particles import Cloud
+from onboard.estimators.leader.filters.cloud import Cloud
 from onboard.estimators.leader.filters.nose_summary import summarise
 from onboard.estimators.leader.filters.places import Place, places
 from onboard.estimators.leader.settings import NoseModel
@@ -89,7 +89,7 @@ def test_the_filter_says_what_is_open_and_where_relative_to_us() -> None:
     v_F_n = np.array([2.0, 0.0, 0.0])
     pose = CameraPose(np.eye(3), np.zeros(3), v_F_n, np.zeros(3))
     state = filter_.start(filter_.measure(points, np.full(3, 0.002)), pose, None)
-    reason, found_places = filter_.open_question(state)
+    reason, found_places, _ = filter_.open_question(state)
     assert reason == "heading not resolved: the range is uncertain"
     assert sum(place.weight for place in found_places) == pytest.approx(1.0)
     for place in found_places:  # a leader of which one image is known is supposed to fly as we do

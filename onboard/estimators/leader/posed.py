@@ -1,0 +1,66 @@
+"""What a detector's pose shows beyond the direction of the center: rows of `models.apparent_pose`."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.geometry.rotations import matrix_from_quaternion
+from onboard.messages import RelativePose
+
+LASTING_TURN: Final = math.radians(2.0)  # rad, of a marker that is mounted askew, or a model that is
+LEAST_LEVEL: Final = 0.2  # of the nose: one that points up or down more steeply has no heading
+LEAST_RANGE_SIGMA: Final = 0.002  # of the range: no detector is more exact
+
+
+class Nose(NamedTuple):
+    """Azimuths in n, rad: of the nose, and of its mirror image about the line of sight; and its sigma."""
+
+    at: float
+    mirrored: float
+    sigma: float
+
+
+class Posed(NamedTuple):
+    """The range, m, and its standard deviation, of which a share is `lasting`: None where the position is not
+    known. The `forward` axis (3,) of the aircraft, with the covariance (3, 3) of its rotation, in c; None where
+    that is not known."""
+
+    range_: float | None
+    range_sigma: float
+    lasting: float
+    line: Array
+    forward: Array | None
+    turn: Array
+
+    def nose(self, camera: CameraPose) -> Nose | None:
+        """Where the nose points; None if it is not known."""
+        if self.forward is None:
+            return None
+        fx, fy, fz = (self.forward @ camera.R_cn).tolist()
+        level2 = fx * fx + fy * fy
+        if level2 < LEAST_LEVEL**2:
+            return None
+        # by how much a small rotation about n's axes turns the azimuth
+        by = camera.R_cn @ np.array([-fz * fx / level2, -fz * fy / level2, 1.0])
+        sigma = math.sqrt(float(by @ self.turn @ by) + LASTING_TURN**2)
+        line = self.line @ camera.R_cn
+        at, sight = math.atan2(fy, fx), math.atan2(line[1], line[0])
+        return Nose(at, 2.0 * sight - at, sigma)
+
+
+def posed(pose: RelativePose, lasting: float, line: Array) -> Posed:
+    """What a pose shows; `lasting`: by which share of the range poses are lastingly off; `line` (3,): the
+    direction of the center in c, where the pose has none."""
+    range_, sigma = None, math.inf
+    if pose.r_CL_c is not None and pose.r_covariance is not None:
+        r = np.array(pose.r_CL_c)
+        range_ = float(np.linalg.norm(r))
+        line = r / range_
+        sigma = max(math.sqrt(float(line @ np.array(pose.r_covariance) @ line)), LEAST_RANGE_SIGMA * range_)
+    forward, turn = None, np.zeros((3, 3))
+    if pose.q_cL is not None and pose.turn_covariance is not None:
+        forward, turn = matrix_from_quaternion(pose.q_cL)[:, 0], np.array(pose.turn_covariance)
+    return Posed(range_, sigma, lasting, line, forward, turn)

@@ -1,0 +1,98 @@
+"""A detector that gives a leader's pose: PnP on its points, or a marker on it, with the errors of these."""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix, quaternion_from_vector
+from onboard.messages import ImageFeature, RelativePose, TargetDetection, TargetPoints, Vec3
+from simlink.encounters.shapes import Place
+from simlink.sensors.arrays import Array
+from simlink.sensors.camera import in_camera
+from simlink.world import attitude
+from simlink.world.drawn import Range
+
+# What the corners span: a marker on the fuselage or the wing, or the points of the whole aircraft.
+EXTENT: Final[Range] = (0.25, 1.0)  # wingspans
+CORNER_PX: Final[Range] = (0.2, 0.8)  # noise; refined corners are good to some tenths of a pixel
+# A marker is printed and measured to a percent, a focal length calibrated to one.
+SCALE: Final[Range] = (0.01, 0.03)  # of the range, standard deviation of what lasts
+ASKEW_DEG: Final[Range] = (1.0, 3.0)  # of the mount of the marker, about each axis, lasting
+STATED: Final[Range] = (0.6, 1.4)  # standard deviations as the detector states them, over the true ones
+# Turned out of the image plane, corners move by the cosine: an angle is some three times as noisy as the ratio.
+TURN: Final = 3.0
+LARGEST_TURN: Final = math.radians(30.0)
+IN_PLANE: Final = 0.7  # of the noise of a corner over the extent
+# The mirror image of a small marker fits its corners nearly as well, and for some images in a row.
+FLIPPED: Final[Range] = (0.0, 0.25)  # of the images
+FLIP_IMAGES: Final = 10.0  # in a row, on average
+
+
+class PoseDetector:
+    """The detector of one encounter, its errors drawn by `rng`. `see` once for each image, in order."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._extent, self._corner_px = rng.uniform(*EXTENT), rng.uniform(*CORNER_PX)
+        self._scale = math.exp(rng.uniform(*SCALE) * rng.standard_normal())
+        self._askew = np.radians(rng.uniform(*ASKEW_DEG)) * rng.standard_normal(3)
+        self._stated = rng.uniform(*STATED)
+        self._flips, self._is_flipped = rng.uniform(*FLIPPED), False
+
+    def see(self, whole: TargetPoints, place: Place) -> TargetDetection:
+        """What it finds of the leader in an image, in place of all its points."""
+        size, r_FL_n, q_nL, q_nF, camera, q_bc = place
+        r = np.array(in_camera(r_FL_n, q_nF, camera, q_bc))
+        q_nc = attitude.product(q_nF, q_bc)
+        R_cL = matrix_from_quaternion(attitude.product(attitude.conjugate(q_nc), q_nL))
+        range_ = float(np.linalg.norm(r))
+        line = r / range_
+        share = self._corner_px * range_ / (camera.f_px * self._extent * size)
+        across, out, inside = (
+            self._corner_px / camera.f_px * range_,
+            min(TURN * share, LARGEST_TURN),
+            IN_PLANE * share,
+        )
+        flat = np.eye(3) - np.outer(line, line)
+        P = (share * range_) ** 2 * np.outer(line, line) + across**2 * flat
+        turn = inside**2 * np.outer(line, line) + out**2 * flat
+        seen = self._scale * r + np.linalg.cholesky(P) @ self._rng.standard_normal(3)
+        R = _turned(np.linalg.cholesky(turn) @ self._rng.standard_normal(3)) @ R_cL @ _turned(self._askew)
+        R = self._ambiguous(R, line)
+        sigma = self._stated * across / range_
+        w, x, y, z = quaternion_from_matrix(R).tolist()
+        pose = RelativePose(
+            r_CL_c=_vector(seen),
+            r_covariance=_rows(self._stated**2 * P),
+            q_cL=(w, x, y, z),
+            turn_covariance=_rows(self._stated**2 * turn),
+        )
+        center = ImageFeature(name="center", point=(seen[1] / seen[0], seen[2] / seen[0]), sigma=sigma)
+        head = {name: getattr(whole, name) for name in ("t_ns", "t_recv_ns", "component", "camera", "target")}
+        return TargetDetection(**head, features=(center,), pose=pose)
+
+    def _ambiguous(self, R: Array, line: Array) -> Array:
+        """The rotation, or the one whose forward axis is its mirror image about the line of sight."""
+        leaves = (1.0 - self._flips) if self._is_flipped else self._flips
+        if self._rng.random() < leaves / FLIP_IMAGES:
+            self._is_flipped = not self._is_flipped
+        normal = R[:, 0] * math.copysign(1.0, float(R[:, 0] @ line))
+        axis = np.cross(normal, line)
+        aslant = float(np.linalg.norm(axis))
+        if not self._is_flipped or aslant < 1e-6:
+            return R
+        return _turned(2.0 * math.asin(min(aslant, 1.0)) / aslant * axis) @ R
+
+
+def _turned(phi: Array) -> Array:
+    return matrix_from_quaternion(quaternion_from_vector(phi))
+
+
+def _vector(x: Array) -> Vec3:
+    a, b, c = x.tolist()
+    return a, b, c
+
+
+def _rows(P: Array) -> tuple[Vec3, Vec3, Vec3]:
+    return _vector(P[0]), _vector(P[1]), _vector(P[2])

@@ -1,0 +1,257 @@
+"""Poses: what they measure, and what they do for a track."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from numpy.testing import assert_allclose
+
+from onboard.estimators.leader.beside.measurements import Beside
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filters import nose_particles
+from onboard.estimators.leader.filters.choice import make_filter
+from onboard.estimators.leader.filters.cloud import Cloud
+from onboard.estimators.leader.filters.nose_summary import LOG_SIZE, summarise
+from onboard.estimators.leader.posed import LASTING_TURN, posed
+from onboard.estimators.leader.size import Size
+from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
+from onboard.messages import Estimate, Lifecycle, RelativePose, TargetDetection, Verdict
+from onboard.ownship import Ownship
+from onboard.studies.encounters.flights import Case, fly
+from onboard.studies.encounters.scores import score
+from simlink.encounters.reports import BOOT_NS
+from tests.support.leader import estimate
+from tests.unit.estimators.leader.test_shape import IMAGE, SIGMA, detection, feature, flown, leader, measured
+
+LEVEL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+RANGE = 25.0
+
+
+def rows(P: Any) -> Any:
+    return tuple(map(tuple, np.asarray(P, dtype=float).tolist()))
+
+
+def pose(
+    *, range_: float = RANGE, sigma: float = 0.5, yaw: float | None = 0.6, turn: float = 0.05
+) -> RelativePose:
+    """Ahead of the camera, its nose this far to the right of the line of sight."""
+    return RelativePose(
+        r_CL_c=(range_, 0.0, 0.0),
+        r_covariance=rows(np.diag([sigma**2, 0.01, 0.01])),
+        q_cL=None if yaw is None else tuple(quaternion_from_euler(0.0, 0.0, yaw).tolist()),
+        turn_covariance=None if yaw is None else rows(turn**2 * np.eye(3)),
+    )
+
+
+def image(of: RelativePose) -> TargetDetection:
+    return replace(detection(feature("center", 0.0, 0.0)), pose=of)
+
+
+def settings_of(**section: Any) -> Any:
+    return make_filter(leader(**section))._settings  # type: ignore[attr-defined]
+
+
+def cloud_after(*poses: RelativePose, **section: Any) -> Cloud:
+    """A cloud that starts with a pose, and takes others."""
+    settings = settings_of(**section)
+    cloud = nose_particles.start(settings, measured(image(poses[0]), **section), LEVEL)
+    for each in poses:
+        cloud, nis = nose_particles.update(settings, cloud, measured(image(each), **section), LEVEL)
+        assert nis < settings.gate
+    return cloud
+
+
+def weight(cloud: Cloud, nose: float, within: float = 0.2) -> float:
+    """Of the noses about an angle, not of those the other way round."""
+    off = (cloud.noses - nose + math.pi) % (2 * math.pi) - math.pi
+    return float(np.exp(cloud.log_weights)[np.abs(off) < within].sum())
+
+
+# ------------------------------------------------------------------------------------ what it measures
+
+
+def test_a_pose_alone_is_a_direction_with_a_range_of_its_own() -> None:
+    m = measured(image(pose()))
+    assert (m.has_wing, m.has_extent, m.is_metric, m.shows) == (False, True, True, None)
+    assert (m.span, m.span_sigma / m.span) == (pytest.approx(2.0 / RANGE), pytest.approx(0.5 / RANGE))
+    assert m.pose.range_ == RANGE
+    assert_allclose(m.pose.forward, (math.cos(0.6), math.sin(0.6), 0.0), atol=1e-12)
+
+
+def test_a_pose_beside_a_wing_or_points_leaves_the_range_to_the_size() -> None:
+    whole = measured(replace(IMAGE, pose=pose()))
+    assert (whole.has_wing, whole.is_metric) == (True, False)
+    assert whole.pose.range_ == RANGE
+    assert measured(replace(IMAGE, pose=pose())).y.tolist() == measured(IMAGE).y.tolist()
+    box = replace(detection(feature("center", 0.0, 0.0), feature("box", 0.0, 0.0), half=(0.04, 0.01)), pose=pose())
+    assert (measured(box).is_metric, measured(box).shows) == (True, None)
+
+
+@pytest.mark.parametrize("name", ["wing-line", "subtended"])
+def test_a_filter_that_knows_no_shape_takes_a_pose_for_a_direction(name: str) -> None:
+    m = measured(image(pose()), filter=name)
+    assert (m.has_extent, m.pose) == (False, None)
+
+
+def test_a_rotation_alone_shows_no_range() -> None:
+    m = measured(image(replace(pose(), r_CL_c=None, r_covariance=None)))
+    assert (m.has_extent, m.is_metric, m.pose.range_) == (False, False, None)
+
+
+def test_the_nose_s_azimuth_and_its_mirror_image_follow_the_camera_s_attitude() -> None:
+    """A camera that looks to the east and 20 degrees down sees a nose 0.6 rad to the right of its axis."""
+    R_nc = matrix_from_euler(0.0, math.radians(-20), math.pi / 2)
+    camera = LEVEL._replace(R_cn=R_nc.T)
+    R_nL = matrix_from_euler(0.2, -0.1, math.pi / 2 + 0.6)
+    nose_c = R_nc.T @ R_nL
+    q = tuple(np.asarray(quaternion_from_matrix(nose_c)).tolist())
+    shown = posed(replace(pose(), q_cL=q), 0.02, np.array([1.0, 0.0, 0.0])).nose(camera)
+    assert shown is not None
+    assert shown.at == pytest.approx(math.pi / 2 + 0.6)
+    assert shown.mirrored == pytest.approx(math.pi / 2 - 0.6)
+    assert shown.sigma == pytest.approx(math.hypot(0.05, LASTING_TURN), rel=0.01)
+
+
+def test_a_nose_that_points_straight_up_has_no_azimuth() -> None:
+    up = tuple(quaternion_from_euler(0.0, math.radians(85), 0.0).tolist())
+    assert posed(replace(pose(), q_cL=up), 0.02, np.array([1.0, 0.0, 0.0])).nose(LEVEL) is None
+
+
+# ------------------------------------------------------------------------------------ what the cloud becomes
+
+
+@pytest.mark.parametrize("size_sigma", [0.02, 0.6])
+def test_the_range_of_a_pose_has_its_lasting_error_and_not_that_of_the_size(size_sigma: float) -> None:
+    section = {"size_prior_sigma_m": size_sigma, "pose_scale_sigma": 0.05}
+    settings, cloud = settings_of(**section), cloud_after(*[pose(sigma=0.05)] * 20, **section)
+    known = summarise(settings, cloud)
+    assert known.mean[:3] == pytest.approx((RANGE, 0.0, 0.0), abs=0.05)
+    assert known.range_sigma() == pytest.approx(0.05, rel=0.05)
+    assert math.sqrt(known.covariance[LOG_SIZE, LOG_SIZE]) == pytest.approx(size_sigma / 2.0)
+
+
+def test_a_rotation_resolves_the_nose_and_its_mirror_image_stays_possible() -> None:
+    cloud = cloud_after(pose(), pose())
+    assert cloud.sided
+    assert weight(cloud, 0.6) > 0.55
+    assert weight(cloud, -0.6) > 0.05
+    assert weight(cloud, 0.6 + math.pi) == weight(cloud, -0.6 + math.pi) == 0.0
+
+
+def test_without_a_rotation_every_nose_stays_as_likely() -> None:
+    cloud = cloud_after(*[pose(yaw=None)] * 3)
+    assert not cloud.sided
+    assert np.ptp(cloud.log_weights) < 1e-6
+
+
+def test_a_few_flipped_or_stray_rotations_do_not_move_the_nose() -> None:
+    cloud = cloud_after(*[pose()] * 15, pose(yaw=-0.6), pose(yaw=2.0), pose(yaw=-0.6))
+    assert weight(cloud, 0.6) > 0.7
+
+
+def test_a_range_that_no_particle_expected_is_gated_and_the_cloud_stays() -> None:
+    settings, cloud = settings_of(), cloud_after(*[pose(sigma=0.1)] * 10)
+    after, nis = nose_particles.update(settings, cloud, measured(image(pose(range_=35.0, sigma=0.1))), LEVEL)
+    assert nis > settings.gate
+    assert after is cloud
+    # beside a wing, only the pose is left out
+    half = 1.0 / RANGE
+    wing = replace(
+        IMAGE, center=(0.0, 0.0), left=(-half, 0.0), right=(half, 0.0), sigma=(SIGMA,) * 3, pose=pose(range_=90.0)
+    )
+    from_wing = nose_particles.start(settings, measured(wing), LEVEL)
+    with_pose, nis = nose_particles.update(settings, from_wing, measured(wing), LEVEL)
+    without, _ = nose_particles.update(settings, from_wing, measured(replace(wing, pose=None)), LEVEL)
+    assert nis < settings.gate
+    assert_allclose(with_pose.means, without.means)
+    assert_allclose(with_pose.log_weights, without.log_weights)
+
+
+def test_points_after_poses_bring_the_size_s_error_back_into_the_range_and_poses_take_it_out() -> None:
+    section = {"size_prior_sigma_m": 0.2}
+    settings, cloud = settings_of(**section), cloud_after(*[pose(sigma=0.05, yaw=None)] * 5, **section)
+    assert (cloud.metric, cloud.lasting) == (True, 0.02)
+    half = 1.1 / RANGE  # a wing of 2.2 m, which is one sigma larger
+    wing = measured(
+        replace(IMAGE, center=(0.0, 0.0), left=(-half, 0.0), right=(half, 0.0), sigma=(SIGMA,) * 3), **section
+    )
+    after = cloud
+    for _ in range(5):
+        after, nis = nose_particles.update(settings, after, wing, LEVEL)
+        assert nis < settings.gate
+    assert (after.metric, after.lasting, after.edge_on) == (False, 0.0, nose_particles.model.LEAST_VISIBLE)
+    assert summarise(settings, after).range_sigma() > 0.1
+    again, _ = nose_particles.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
+    assert (again.metric, again.lasting) == (True, 0.02)
+    assert summarise(settings, again).range_sigma() < 0.05
+
+
+def test_a_size_that_becomes_known_does_not_scale_a_range_that_poses_show() -> None:
+    filter_ = make_filter(leader())
+    m = measured(image(pose()))
+    state = filter_.start(m, LEVEL, None)
+    assert filter_.open_question(state).is_metric
+    larger = filter_.resized(state, Size(3.0, 0.03))
+    assert_allclose(filter_.belief(larger).mean[:3], filter_.belief(state).mean[:3], rtol=0.02)
+
+
+# ----------------------------------------------------------------------------------------- whole flights
+
+
+def newest(estimates: list[Estimate]) -> Estimate:
+    assert estimates[-1].state is Lifecycle.TRACKING, estimates[-1].reason
+    return estimates[-1]
+
+
+def test_poses_alone_start_a_track_and_hold_it_whatever_the_size_seed_3() -> None:
+    settings = "estimator.leader.size_prior_m=3.0", "estimator.leader.size_prior_sigma_m=1.0"
+    encounter, estimates = flown("hover", 3, 8.0, "pose", *settings)
+    last = newest(estimates)
+    assert last.mean is not None
+    assert last.covariance is not None
+    truth = encounter.truth.r_FL_n[np.searchsorted(encounter.truth.t, (last.t_ns - BOOT_NS) * 1e-9) - 1]
+    off, P = np.array(last.mean[:3]) - truth, np.array(last.covariance)[:3, :3]
+    assert off @ np.linalg.solve(P, off) < 7.8  # 95 %
+    range_ = float(np.linalg.norm(truth))
+    assert 0.02 < math.sqrt(truth @ P @ truth) / range_**2 < 0.04
+
+
+def test_poses_alone_start_no_track_of_a_filter_that_knows_no_shape_seed_3() -> None:
+    _, estimates = flown("hover", 3, 2.0, "pose", "estimator.leader.filter=wing-line")
+    verdicts = {e.measurement.verdict for e in estimates if e.measurement is not None}
+    assert verdicts == {Verdict.DIRECTION_ONLY}
+
+
+def test_a_pose_beside_the_wing_resolves_the_heading_of_a_leader_that_hovers_seed_3() -> None:
+    def sigmas(sees: Any) -> tuple[float, str]:
+        _, estimates = flown("hover", 3, 6.0, sees)
+        last = newest(estimates)
+        assert last.mean is not None
+        assert last.covariance is not None
+        r, P = np.array(last.mean[:3]), np.array(last.covariance)[:3, :3]
+        return math.sqrt(r @ P @ r) / float(r @ r), last.reason
+
+    with_pose, reason = sigmas("wing_pose")
+    assert "not resolved" not in reason
+    assert with_pose < 0.1
+    assert sigmas("wing")[0] > 0.15
+
+
+def test_poses_that_are_askew_and_flip_make_no_range_confidently_wrong_seed_16() -> None:
+    found = score([fly(Case("behind", sees="pose"), 16)])
+    assert found.wrong.percent < 1.5
+    assert found.inside.percent > 80.0
+
+
+def test_a_range_that_poses_show_teaches_no_size_beside_a_broadcast() -> None:
+    """What a camera shows of it is its direction, as where the range is open."""
+    config = leader(size_prior_sigma_m=0.6, broadcast={"system": 3})
+    shown = []
+    for shows_size in (True, False):
+        beside = Beside(config)
+        beside.over(estimate(), Ownship(max_extrapolation=0.1), shows_size=shows_size)
+        shown.append(beside._samples[-1].shown)
+    assert [s.is_open for s in shown] == [False, True]
+    assert shown[0].r.tolist() == shown[1].r.tolist()

@@ -1,0 +1,68 @@
+"""A pose's range and nose as measurements of a cloud's particles."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from onboard.arrays import Array
+from onboard.models import apparent_pose
+from onboard.models.apparent_pose import FLIPPED, STRAY
+from onboard.models.apparent_wing import BANK_ERROR, N
+
+
+def particles(count: int, seed: int) -> tuple[Array, Array]:
+    rng = np.random.default_rng(seed)
+    roots = rng.normal(size=(count, N, N))
+    means = rng.normal(size=(count, N)) + np.r_[20.0, 5.0, -3.0, np.zeros(N - 3)]
+    return means, roots @ roots.transpose(0, 2, 1) + np.eye(N)
+
+
+def test_a_range_is_a_kalman_update_of_each_particle_seed_1() -> None:
+    means, P = particles(5, 1)
+    eye, range_, sigma = np.array([0.3, -0.2, 0.1]), 21.0, 0.8
+    after, after_P = means.copy(), P.copy()
+    nis, log_l = apparent_pose.measure_range(after, after_P, eye, range_, sigma)
+    for k in range(5):
+        line = means[k, :3] - eye
+        H = np.r_[line / np.linalg.norm(line), np.zeros(N - 3)]
+        S = H @ P[k] @ H + sigma**2
+        off = range_ - np.linalg.norm(line)
+        assert_allclose(after[k], means[k] + P[k] @ H / S * off)
+        assert_allclose(after_P[k], P[k] - np.outer(P[k] @ H, H @ P[k]) / S, atol=1e-12)
+        assert nis[k] == pytest.approx(off**2 / S)
+        assert log_l[k] == pytest.approx(-0.5 * (off**2 / S + math.log(S)))
+
+
+def density(sigma: float, share: float) -> float:
+    return share / (math.sqrt(2 * math.pi) * sigma) + STRAY / (2 * math.pi)
+
+
+def test_a_nose_is_where_it_was_measured_or_at_the_mirror_image_or_anywhere_seed_2() -> None:
+    noses = np.array([0.5, 2.5, 1.5])
+    means, P = particles(3, 2)
+    log_l = apparent_pose.measure_nose(noses, means, P, 0.5, 2.5, 0.1)
+    found = [density(0.1, 1 - FLIPPED - STRAY), density(0.1, FLIPPED), STRAY / (2 * math.pi)]
+    assert_allclose(np.exp(log_l), found, rtol=1e-9)
+    assert noses.tolist() == [0.5, 2.5, 1.5]
+
+
+def test_a_nose_is_the_same_a_turn_later() -> None:
+    means, P = particles(2, 3)
+    log_l = apparent_pose.measure_nose(np.array([0.5, 0.5 + 6 * math.pi]), means, P, 0.5, 2.5, 0.1)
+    assert log_l[0] == pytest.approx(log_l[1])
+
+
+def test_a_particle_whose_nose_is_where_the_tail_is_turns_round_and_banks_to_the_other_side_seed_4() -> None:
+    noses = np.array([0.5 - math.pi, 0.5])
+    means, P = particles(2, 4)
+    means[1], P[1] = means[0], P[0]
+    before, before_P = means[0].copy(), P[0].copy()
+    apparent_pose.measure_nose(noses, means, P, 0.5, 2.5, 0.1)
+    assert_allclose(noses, 0.5)
+    sign = np.ones(N)
+    sign[BANK_ERROR] = -1.0
+    assert_allclose(means[0], sign * before)
+    assert_allclose(P[0], sign[:, None] * before_P * sign)
+    assert_allclose(P[1], before_P)
