@@ -38,7 +38,7 @@ def _components(nose, x, about, period, row):  # type: ignore[no-untyped-def]
 
 @njit((*CLOUD, NUMBER, NUMBER, VECTOR_OUT, OUT), cache=True, error_model="numpy")
 def moments(noses, means, w, about, period, mean, S):  # type: ignore[no-untyped-def]
-    """Mean and covariance of the means of a cloud (`nose_particles.Cloud`) with weights w (K,), added to `mean`
+    """Mean and covariance of the means of a cloud (`cloud.Cloud`) with weights w (K,), added to `mean`
     (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as near to `about` as it may be: it
     repeats after `period`, rad."""
     row, log_range, width = np.zeros(N), 0.0, S.shape[1]  # the compiler does not know it (`apparent_wing.correct`)

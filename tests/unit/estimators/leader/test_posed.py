@@ -255,3 +255,10 @@ def test_a_range_that_poses_show_teaches_no_size_beside_a_broadcast() -> None:
         shown.append(beside._samples[-1].shown)
     assert [s.is_open for s in shown] == [False, True]
     assert shown[0].r.tolist() == shown[1].r.tolist()
+
+
+def test_another_nose_moves_no_range_that_poses_show() -> None:
+    settings, cloud = settings_of()._replace(doubted_after=1e-9), cloud_after(pose(yaw=None))
+    after = nose_particles.predict(settings, cloud, 1e-6, np.zeros(3))
+    assert np.abs(after.noses - cloud.noses).max() > 1.0
+    assert_allclose(after.means[:, :3], cloud.means[:, :3], rtol=1e-4)
