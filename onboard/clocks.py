@@ -30,6 +30,7 @@ from onboard.messages import (
     TimeSync,
 )
 
+SENSED: Final = (TargetImage, RadarScan, PeerRanges)  # whose stamps may be of the boot clock
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
 BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
 JUMP_NS: Final = 1_000_000_000
@@ -95,7 +96,7 @@ class Clocks:
         if isinstance(message, GimbalAttitude):
             return self._align_gimbal(message)
         if message.clock is Clock.BOOT:
-            if isinstance(message, TargetImage | RadarScan | PeerRanges):
+            if isinstance(message, SENSED):
                 if self._newest_stamp is None:
                     self.rejected["no_time_base"] += 1
                     return None

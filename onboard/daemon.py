@@ -161,9 +161,10 @@ class Daemon:
         offset_ns = self._pipeline.clocks.offset_ns
         boot_ns = None if offset_ns is None else now_ns - offset_ns
         host_ns = self._wall_ns()
-        out = self._output.tick(now_ns, healthy=is_heard, rates=self._rates, boot_ns=boot_ns, host_ns=host_ns)
-        self._send(out)
-        if self._output.leader is not None and self._leader_stream.is_due(now_ns):
+        is_due = self._leader_stream.is_due(now_ns)
+        times = {"boot_ns": boot_ns, "host_ns": host_ns}
+        self._send(self._output.tick(now_ns, healthy=is_heard, rates=self._rates, wants_leader=is_due, **times))
+        if is_due and self._output.leader is not None:
             self._publish(self._output.leader)
         if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
             self._next_health_ns = now_ns + HEALTH_PERIOD_NS

@@ -40,7 +40,7 @@ class Outgoing(NamedTuple):
 
 class AutopilotOutput:
     """Sans-IO: frames are returned, not sent. There are none before `connect`. `leader`: the newest state of the
-    leader, as of the last tick."""
+    leader, as of the last tick that wanted it."""
 
     def __init__(
         self, config: Config, parameters: Parameters | None = None, keys: Mapping[str, bytes] | None = None
@@ -73,12 +73,14 @@ class AutopilotOutput:
 
     def take_lines(self) -> list[str]:
         """Lines for a person since the last call, which also go out as STATUSTEXT."""
-        lines = [line for session in self._sessions.values() for line in session.lines]
+        taken: list[str] = []
         for session in self._sessions.values():
-            session.lines.clear()
-        for line in lines:
+            if session.lines:
+                taken += session.lines
+                session.lines.clear()
+        for line in taken:
             self.notices.add(WARNING, line)
-        return lines
+        return taken
 
     def is_autopilot(self, channel: str) -> bool:
         """Whether a session is held on this channel's link."""
@@ -160,16 +162,18 @@ class AutopilotOutput:
         rates: Mapping[str, float],
         boot_ns: int | None = None,
         host_ns: int | None = None,
+        wants_leader: bool = True,
     ) -> Iterator[Outgoing]:
         """Frames due at `now_ns`; see `Session.tick`. `boot_ns` is the same time on the boot clock (None: not
-        known), `host_ns` on the wall clock (None: as `now_ns`)."""
+        known), `host_ns` on the wall clock (None: as `now_ns`). `wants_leader`: `leader` is wanted even if nothing
+        is sent of it."""
         wants_origin = not self._leader_states.has_stated_origin
         texts = self.notices.due(now_ns) if self._autopilot is not None else []
         for channel, session in self._sessions.items():
             frames = session.tick(now_ns, healthy=healthy, rates=rates, wants_origin=wants_origin)
             frames.extend(map(session.encode, texts))
             yield Outgoing(channel, frames)
-        if boot_ns is None:
+        if boot_ns is None or not (wants_leader or self._leader_outputs):
             return
         self.leader = self._leader_states.at(boot_ns, now_ns if host_ns is None else host_ns)
         view = self._view()

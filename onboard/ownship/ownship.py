@@ -77,6 +77,7 @@ class Ownship:
         self.gimbals = Gimbals(max_extrapolation)
         self._max_extrapolation_ns = round(max_extrapolation * 1e9)
         self._nav: list[NavSample] = []
+        self._slopes: list[Array] = []  # of the velocity, between each sample and the next
         self._attitude_times: list[int] = []
         self._attitudes: list[tuple[Quaternion, Vec3]] = []
         self._last_local_ns = -FALLBACK_NS
@@ -225,9 +226,15 @@ class Ownship:
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
         self._ways.clear()
+        v = np.array(v_n)
+        if self._nav:
+            slope = (v - self._nav[-1].v) / ((m.t_ns - self.nav_times[-1]) * 1e-9)
+            slope.flags.writeable = False  # many steps share it
+            self._slopes.append(slope)
         self.nav_times.append(m.t_ns)
-        self._nav.append(NavSample(r, np.array(v_n)))
+        self._nav.append(NavSample(r, v))
         _trim(self.nav_times, self._nav)
+        del self._slopes[: len(self._slopes) - len(self._nav) + 1]
         return True
 
     def _compare_attitude(self, t_ns: int, q: Quaternion) -> None:
@@ -280,11 +287,10 @@ class Ownship:
 
     def _acceleration(self, a_ns: int, b_ns: int) -> Array:
         """The slope of the velocity over [a, b], which holds no sample inside it."""
-        if len(self._nav) < 2:
+        if not self._slopes:
             return np.zeros(3)
-        i = min(max(bisect_right(self.nav_times, (a_ns + b_ns) // 2) - 1, 0), len(self._nav) - 2)
-        dt = (self.nav_times[i + 1] - self.nav_times[i]) * 1e-9
-        return np.asarray((self._nav[i + 1].v - self._nav[i].v) / dt)
+        i = bisect_right(self.nav_times, (a_ns + b_ns) // 2) - 1
+        return self._slopes[min(max(i, 0), len(self._slopes) - 1)]
 
 
 def _trim(times: list[int], values: list[Any]) -> None:

@@ -8,10 +8,12 @@ from msgspec.structs import replace
 from onboard.config import AutopilotConfig
 from onboard.messages import (
     AdsbVehicle,
+    Battery,
     Clock,
     DistanceReading,
     FollowTarget,
     GimbalAttitude,
+    GlobalOrigin,
     GlobalPosition,
     Heartbeat,
     Imu,
@@ -20,6 +22,7 @@ from onboard.messages import (
     PeerRanges,
     RadarScan,
     TargetImage,
+    Wind,
 )
 from onboard.ownship import is_usable
 
@@ -34,6 +37,8 @@ NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 SENSED: Final = (TargetImage, RadarScan, PeerRanges)
 # Not of our own motion: any component of our vehicle may send them.
 ANY_COMPONENT: Final = (*SENSED, AdsbVehicle, DistanceReading, GimbalAttitude)
+# Often without a stamp: they hold from their arrival.
+FROM_ARRIVAL: Final = (GlobalOrigin, Battery, Wind)
 # Carry no time of a clock we know: taken as true at arrival.
 UNSTAMPED: Final = (AdsbVehicle, PeerPosition, FollowTarget)
 

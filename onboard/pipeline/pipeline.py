@@ -15,12 +15,10 @@ from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
 from onboard.health import Monitor, autopilot_name, total
 from onboard.messages import (
     Attitude,
-    Battery,
     Clock,
     Datagram,
     Estimate,
     EstimatorStatus,
-    GlobalOrigin,
     GlobalPosition,
     Health,
     Heartbeat,
@@ -30,10 +28,9 @@ from onboard.messages import (
     SinkHealth,
     TargetImage,
     TimeSync,
-    Wind,
 )
 from onboard.ownship import Ownship
-from onboard.pipeline.admission import SENSED, Admission
+from onboard.pipeline.admission import FROM_ARRIVAL, SENSED, Admission
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
@@ -122,8 +119,8 @@ class Pipeline:
             if not self.ownship.receive_status(admitted):  # as if own motion had stopped long ago
                 self._own_recv_ns = min(self._own_recv_ns, admitted.t_recv_ns - TIMEOUT_NS - 1)
             return []
-        if isinstance(admitted, GlobalOrigin | Battery | Wind):
-            return self._observe(admitted)  # often without a stamp: they hold from their arrival
+        if isinstance(admitted, FROM_ARRIVAL):
+            return self._observe(admitted)
         return self._align(admitted)
 
     def _latch(self, heartbeat: Heartbeat) -> None:
@@ -198,9 +195,9 @@ class Pipeline:
         if isinstance(message, GlobalPosition) and not self.ownship.has_position(message):
             self._monitor.reject(message, "filter_has_no_position")
             return []
-        estimates: list[Estimate] = []
-        for name in self._listeners.get(type(message), ()):
-            estimates.extend(self._asked(name, message))
+        if not (names := self._listeners.get(type(message))):
+            return []
+        estimates = [estimate for name in names for estimate in self._asked(name, message)]
         is_silent = message.t_recv_ns - self._own_recv_ns > TIMEOUT_NS
         return self._noted(estimates, "our own motion is not known" if is_silent else "")
 
