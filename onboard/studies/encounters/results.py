@@ -16,6 +16,7 @@ VALID_WHERE_SHARP: Final = 90.0  # percent of estimates, at least
 SHARP: Final = {  # range error (RMS, percent), at most, where the geometry allows it
     Case("behind"): 2.5,
     Case("crab"): 4.0,
+    Case("crab", feels_wind=True): 4.0,
     Case("hover", ON_WING): 6.0,
     Case("circling", ON_WING): 6.0,
 }
