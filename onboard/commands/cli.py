@@ -33,6 +33,7 @@ class _Parser(argparse.ArgumentParser):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line. Exit codes: 0 done, 1 it ran and failed, 2 the call or a file was at fault."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before NumPy loads it: its threads wait in busy loops
     arguments = parser().parse_args(_spread_sets(sys.argv[1:] if argv is None else argv))
     if arguments.command in STARTS_PROCESSES:
         _end_as_if_interrupted()

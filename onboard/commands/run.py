@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from onboard.commands.loading import loading
+from onboard.commands.loading import loading, release_compiler
 from onboard.filters.numba_internals import on_compile
 
 PROGRESS_S: Final = 10.0  # between lines about compiling
@@ -33,6 +33,7 @@ def fly(arguments: argparse.Namespace) -> int:
 
         config = load_config(arguments.config, tuple(arguments.set))
         daemon = Daemon(config, report=report)
+    release_compiler()
     asyncio.run(daemon.run())
     return 0
 
