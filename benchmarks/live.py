@@ -76,10 +76,10 @@ class Subscriber:
 
 
 class Daemon:
-    """`onboard run` with a UDP link, a Zenoh listener and a recorder, and its log."""
+    """`onboard run` with a UDP link (at a free port by default), a Zenoh listener and a recorder, and its log."""
 
-    def __init__(self, folder: Path, environment: dict[str, str] | None = None) -> None:
-        self.udp, zenoh_port = free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
+    def __init__(self, folder: Path, environment: dict[str, str] | None, udp: int | None) -> None:
+        self.udp, zenoh_port = udp or free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
         self.endpoint = f"tcp/127.0.0.1:{zenoh_port}"
         self._log = folder / "daemon.log"
         settings = (
@@ -111,10 +111,10 @@ class Daemon:
 
 
 @contextmanager
-def daemon(environment: dict[str, str] | None = None) -> Iterator[Daemon]:
+def daemon(environment: dict[str, str] | None = None, udp: int | None = None) -> Iterator[Daemon]:
     """A daemon in a folder of its own, ended after the block."""
     with tempfile.TemporaryDirectory() as folder:
-        one = Daemon(Path(folder), environment)
+        one = Daemon(Path(folder), environment, udp)
         try:
             yield one
         finally:
@@ -193,19 +193,20 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
 
 
 def start(*, cold: bool) -> float:
-    """Seconds from the process's start to its first estimate, of images that arrive all the time; `cold`: with
-    nothing compiled."""
+    """Seconds from the process's start to its first estimate, of messages that arrive all the time, heartbeats too;
+    `cold`: with nothing compiled."""
     with ExitStack() as stack:
         environment = dict(os.environ)
         if cold:
             environment["NUMBA_CACHE_DIR"] = stack.enter_context(tempfile.TemporaryDirectory())
-        one = stack.enter_context(daemon(environment))
-        load = _load("--udp", str(one.udp), "--seconds", "300" if cold else "30")
-        try:
-            return one.wait_for("leader: ")
-        finally:
-            load.terminate()
-            load.communicate()
+        udp = free_port(socket.SOCK_DGRAM)
+        load = _load("--udp", str(udp), "--seconds", "300" if cold else "30", "--heartbeats")
+        stack.callback(load.communicate)
+        stack.callback(load.terminate)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # the load has begun
+            probe.bind(("127.0.0.1", udp))
+            probe.recv(1)
+        return stack.enter_context(daemon(environment, udp)).wait_for("leader: ")
 
 
 def machine() -> Figures:

@@ -3,8 +3,9 @@
     python -m benchmarks.live_flight --udp 14540 --zenoh tcp/127.0.0.1:7447 --seconds 30
 
 200 samples of the IMU a second, 50 of attitude and position, and 30 images that arrive 40 ms after their exposure.
-With --flood, instead, as many samples of the IMU a second as it says. Prints, as JSON, when each image was sent,
-by its stamp, and how many datagrams were sent.
+With --heartbeats, one every 20 ms, for a start that has not to wait for one. With --flood, instead, as many
+samples of the IMU a second as it says. Prints, as JSON, when each image was sent, by its stamp, and how many datagrams
+were sent.
 """
 
 import argparse
@@ -18,22 +19,24 @@ from typing import Any, Final
 import msgspec
 
 from benchmarks.targets import EPOCH, LATE_MS, MS, flight
-from onboard.messages import Datagram, Encoding, Imu, TargetPoints
+from onboard.messages import Datagram, Encoding, Heartbeat, Imu, TargetPoints
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.points import decode_points
 
 IMU_MS: Final = 5
+HEARTBEAT_MS: Final = 20
 BEGIN_MS: Final = 5_000  # of the boot clock
 BURST_S: Final = 0.001
 KEY: Final = "onboard/1/camera/front/points"
 
 
-def datagrams(seconds: int) -> list[Datagram]:
-    """One leader's flight, in order of arrival."""
-    encoder = MavlinkEncoder(1, 1)
+def datagrams(seconds: int, *, heartbeats: bool = False) -> list[Datagram]:
+    """One leader's flight, in order of arrival; with `heartbeats`, one every 20 ms."""
+    encoder, end_ms = MavlinkEncoder(1, 1), BEGIN_MS + 1000 * seconds
     found = [_of_leader(datagram) for datagram in flight(1, seconds)]
-    times = range(BEGIN_MS, BEGIN_MS + 1000 * seconds, IMU_MS)
-    found.extend(_mavlink(encoder, _imu(t_ms), t_ms) for t_ms in times)
+    found.extend(_mavlink(encoder, _imu(t_ms), t_ms) for t_ms in range(BEGIN_MS, end_ms, IMU_MS))
+    if heartbeats:
+        found.extend(_mavlink(encoder, _heartbeat(t_ms), t_ms) for t_ms in range(BEGIN_MS, end_ms, HEARTBEAT_MS))
     return sorted(found, key=lambda datagram: datagram.t_recv_ns)
 
 
@@ -45,6 +48,11 @@ def _of_leader(datagram: Datagram) -> Datagram:
 def _imu(t_ms: int) -> Imu:
     stamp = {"t_ns": t_ms * MS, "t_recv_ns": EPOCH + t_ms * MS}
     return Imu(**stamp, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, 0.01))
+
+
+def _heartbeat(t_ms: int) -> Heartbeat:
+    stamp = {"t_ns": t_ms * MS, "t_recv_ns": EPOCH + t_ms * MS}
+    return Heartbeat(**stamp, vehicle_type=2, autopilot=12, armed=True, status=4)
 
 
 def _mavlink(encoder: MavlinkEncoder, message: Any, t_ms: int) -> Datagram:
@@ -102,6 +110,7 @@ def main() -> int:
     parser.add_argument("--udp", type=int, required=True, help="the port of `udpin` on the loopback interface")
     parser.add_argument("--zenoh", help="the daemon's endpoint; without it, images go as MAVLink")
     parser.add_argument("--seconds", type=int, default=10)
+    parser.add_argument("--heartbeats", action="store_true", help="one every 20 ms")
     parser.add_argument("--flood", type=int, help="messages a second")
     options = parser.parse_args()
     to = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -112,7 +121,7 @@ def main() -> int:
         with client(options.zenoh) as session:
             made = send(datagrams(options.seconds), to, session.declare_publisher(KEY, express=True))
     else:
-        made = send(datagrams(options.seconds), to, None)
+        made = send(datagrams(options.seconds, heartbeats=options.heartbeats), to, None)
     print(json.dumps(made))
     return 0
 
