@@ -4,7 +4,7 @@ import dataclasses
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, NamedTuple
 
 import msgspec
 from msgspec.structs import replace
@@ -15,7 +15,11 @@ from onboard.messages import NotNegative, Positive, Record, Vec3
 from onboard.messages.target import WING_POINTS
 from onboard.wire.cameras import CameraInput
 
-GIMBAL_SIGMA_DEG: Final = 0.5  # of what gimbals say of their attitude, where nothing is configured
+# Of what gimbals say of their attitude, where nothing is configured. Their level is that of an accelerometer, as
+# an autopilot's, with some tenths of a degree of encoders and skew. Their yaw has no reference but gyros, which
+# drift by 10 to 50 degrees an hour: by a degree in some minutes.
+GIMBAL_SIGMA_DEG: Final = 0.5
+GIMBAL_YAW_SIGMA_DEG: Final = 1.0
 ComponentId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 GimbalId = Annotated[int, msgspec.Meta(ge=1, le=255)]
 Model = Literal["radial-tangential", "fisheye"]
@@ -51,7 +55,11 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
     gimbal: GimbalId | None = None  # of a moving mount: gimbal_device_id (1 to 6), or the gimbal's component
-    mount_sigma_deg: NotNegative | None = None  # lasting error of the mount's attitude; None: 0.5 with a gimbal
+    mount_sigma_deg: NotNegative | None = (
+        None  # lasting error of the mount about each axis; None: 0.5 with a gimbal
+    )
+    mount_yaw_sigma_deg: NotNegative | None = None  # of its yaw; None: as mount_sigma_deg, or 1 with a gimbal
+    mount_time_s: Positive = 120.0  # correlation time of these errors
     tracker: ComponentId | None = None  # MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
     landing_target: Literal["points", "aircraft"] = "points"  # what one LANDING_TARGET is
     ros_topic: str = ""  # of vision_msgs/Detection2DArray, such as "detector/detections"
@@ -158,13 +166,29 @@ def _camera(c: CameraConfig) -> Camera:
     )
 
 
-def mount_sigma_deg(cameras: list[CameraConfig]) -> float:
-    """The lasting error of the mount that is known worst: one track is seen by all cameras."""
-    return max(c.mount_sigma_deg if c.mount_sigma_deg is not None else _default_sigma(c) for c in cameras)
+class MountErrors(NamedTuple):
+    """Lasting errors of a mount's attitude: standard deviations in degrees, and their correlation time in s."""
+
+    tilt_sigma_deg: float
+    yaw_sigma_deg: float
+    time_s: float
 
 
-def _default_sigma(c: CameraConfig) -> float:
-    return 0.0 if c.gimbal is None else GIMBAL_SIGMA_DEG
+def mount_errors(cameras: list[CameraConfig]) -> MountErrors:
+    """Those of the mount that is known worst: one track is seen by all cameras."""
+    every = [_mount_errors(c) for c in cameras]
+    worst = max(every, key=lambda e: e.yaw_sigma_deg)
+    return worst._replace(tilt_sigma_deg=max(e.tilt_sigma_deg for e in every))
+
+
+def _mount_errors(c: CameraConfig) -> MountErrors:
+    moves = c.gimbal is not None
+    tilt, yaw = c.mount_sigma_deg, c.mount_yaw_sigma_deg
+    if yaw is None:
+        yaw = tilt if tilt is not None else GIMBAL_YAW_SIGMA_DEG if moves else 0.0
+    if tilt is None:
+        tilt = GIMBAL_SIGMA_DEG if moves else 0.0
+    return MountErrors(tilt, yaw, c.mount_time_s)
 
 
 def camera_inputs(cameras: list[CameraConfig], points: tuple[str, ...]) -> dict[str, CameraInput]:

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
-from onboard.config.cameras import CameraConfig, camera_inputs, camera_model, mount_sigma_deg, named
+from onboard.config.cameras import CameraConfig, camera_inputs, camera_model, mount_errors, named
 from onboard.geometry.camera import Camera
 from onboard.messages import (
     Attitude,
@@ -187,10 +187,14 @@ class Config(Record, frozen=True, kw_only=True):
         return {c.name: round(c.delay_s * 1e9) for c in self._cameras() if c.delay_s is not None}
 
     def leader_errors(self) -> OwnErrors:
-        """The lasting errors of what the cameras point by: of our own attitude, and of their mounts."""
-        errors, mount = self.ownship.errors, mount_sigma_deg(self._cameras())
-        tilt, yaw = (math.hypot(sigma, mount) for sigma in (errors.tilt_sigma_deg, errors.yaw_sigma_deg))
-        return msgspec.structs.replace(errors, tilt_sigma_deg=tilt, yaw_sigma_deg=yaw)
+        """The lasting errors of what the cameras point by: of our own attitude, and of their mounts. The sum of
+        two such errors has the sum of their variances, and grows anew as fast as both together."""
+        own, mount = self.ownship.errors, mount_errors(self._cameras())
+        tilt = math.hypot(own.tilt_sigma_deg, mount.tilt_sigma_deg)
+        yaw = math.hypot(own.yaw_sigma_deg, mount.yaw_sigma_deg)
+        anew = own.yaw_sigma_deg**2 / own.attitude_time_s + mount.yaw_sigma_deg**2 / mount.time_s
+        time = yaw**2 / anew if anew > 0.0 else own.attitude_time_s
+        return msgspec.structs.replace(own, tilt_sigma_deg=tilt, yaw_sigma_deg=yaw, attitude_time_s=time)
 
     def ros_keys(self) -> list[str]:
         """The keys of the cameras' topics in ROS: rmw_zenoh's in any domain, and zenoh-bridge-ros2dds's."""

@@ -9,6 +9,7 @@ from simlink.encounters.attitudes import fixed_wing_attitude, follower_attitude,
 from simlink.encounters.conditions import Conditions, draw_conditions
 from simlink.encounters.curves import wobble
 from simlink.encounters.families import FAMILIES, LeaderClass
+from simlink.encounters.gimbals import MOUNTS, Mount
 from simlink.encounters.reports import in_order, received, winds
 from simlink.encounters.shapes import SEES, Sees
 from simlink.encounters.truth import EncounterTruth
@@ -28,16 +29,26 @@ class Encounter(NamedTuple):
     conditions: Conditions
     truth: EncounterTruth
     messages: tuple[Message, ...]
+    mount: Mount = "fixed"
 
 
 def make_encounter(
-    family: str, seed: int, seconds: float = SECONDS, sees: Sees = "wing", *, feels_wind: bool = False
+    family: str,
+    seed: int,
+    seconds: float = SECONDS,
+    sees: Sees = "wing",
+    *,
+    mount: Mount = "fixed",
+    feels_wind: bool = False,
 ) -> Encounter:
     """The encounter `seed` (>= 0) of a family. The flight is the same whatever the detector `sees` of the leader,
-    and whether our autopilot estimates the wind.
+    whatever the camera's `mount` is, and whether our autopilot estimates the wind.
 
-    Raises ValueError for a family that is none of FAMILIES, and for `sees` that is none of SEES.
+    Raises ValueError for a family that is none of FAMILIES, for `sees` that is none of SEES, and for a `mount`
+    that is none of MOUNTS.
     """
+    if mount not in MOUNTS:
+        raise ValueError(f"no mount {mount!r}; known: {', '.join(MOUNTS)}")
     if sees not in SEES:
         raise ValueError(f"no detector sees {sees!r}; known: {', '.join(SEES)}")
     if family not in FAMILIES:
@@ -53,18 +64,18 @@ def make_encounter(
     else:
         euler_L = multirotor_attitude(leader, nose, wind, conditions.drag)
     euler_L[:, 0] += wobble(own_seed, "encounters.bank", conditions.bank_wobble_deg, len(t), np.pi / 180)
-    mount, r_FL_n = conditions.camera.mount_rpy_deg, leader.r - follower.r
+    r_FL_n = leader.r - follower.r
     truth = EncounterTruth(
         t=t,
         leader=leader,
         euler_L=euler_L,
         follower=follower,
-        euler_F=follower_attitude(rng, own_seed, t, follower, r_FL_n, mount),
+        euler_F=follower_attitude(rng, own_seed, t, follower, r_FL_n, conditions.camera.mount_rpy_deg),
     )
-    messages = received(truth, conditions, own_seed, sees)
+    messages = received(truth, conditions, own_seed, sees, mount)
     if feels_wind:
         messages = in_order([*messages, *winds(truth, wind, own_seed)])
-    return Encounter(family, seed, leader_class, conditions, truth, messages)
+    return Encounter(family, seed, leader_class, conditions, truth, messages, mount)
 
 
 def _seed_of(family: str, seed: int) -> int:

@@ -24,6 +24,7 @@ from onboard.messages import (
 from simlink.encounters.attitudes import body_rates
 from simlink.encounters.conditions import JITTER_S, WIND_ERROR, WIND_SAID, Conditions
 from simlink.encounters.curves import wobble
+from simlink.encounters.gimbals import Mount, SweepingGimbal, draw_gimbal
 from simlink.encounters.poses import PoseDetector
 from simlink.encounters.shapes import Place, Sees, Shape, box_around, draw_shape, projected
 from simlink.encounters.truth import EncounterTruth, at
@@ -46,13 +47,17 @@ def boot_ns(t: float) -> int:
     return BOOT_NS + round(t * 1e9)
 
 
-def received(truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees = "wing") -> tuple[Message, ...]:
+def received(
+    truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees = "wing", mount: Mount = "fixed"
+) -> tuple[Message, ...]:
     """All messages, in the order of their arrival. The detector `sees` as much of the leader."""
+    gimbal = draw_gimbal(truth, conditions, seed) if mount == "gimbal" else None
     messages = [
         *_heartbeats(truth),
         *_attitudes(truth, conditions, seed),
         *_positions(truth, conditions, seed),
-        *_images(truth, conditions, seed, sees),
+        *_images(truth, conditions, seed, sees, gimbal),
+        *(gimbal.reports(seed, BOOT_NS, EPOCH_NS) if gimbal else ()),
     ]
     return in_order(messages)
 
@@ -126,7 +131,9 @@ def _positions(truth: EncounterTruth, conditions: Conditions, seed: int) -> Iter
         )
 
 
-def _images(truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees) -> Iterator[Message]:
+def _images(
+    truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees, gimbal: SweepingGimbal | None
+) -> Iterator[Message]:
     """What is found of the leader in each image in which it is."""
     camera, rng = conditions.camera, stream(seed, "encounters.images")
     q_bc, found = mount_quaternion(camera), registrations(camera, seed)
@@ -142,6 +149,7 @@ def _images(truth: EncounterTruth, conditions: Conditions, seed: int, sees: Sees
     ):
         r_FL_n: Vec3 = (row[0], row[1], row[2])
         q_nL, q_nF = attitude.from_euler(*row[3:6]), attitude.from_euler(*row[6:9])
+        q_bc = gimbal.q_bc(t, q_nF) if gimbal else q_bc
         points = image_points(r_FL_n, q_nL, q_nF, conditions, q_bc)
         if is_found and points is not None:
             center, left, right = (

@@ -170,13 +170,41 @@ def test_a_gimbal_is_asked_for_and_its_error_counts_as_our_attitude_s() -> None:
     plain, moving = config(), config(gimbal=True)
     assert "GIMBAL_DEVICE_ATTITUDE_STATUS" not in plain.autopilot.rates_hz
     assert moving.autopilot.rates_hz["GIMBAL_DEVICE_ATTITUDE_STATUS"] == 25.0
-    sigmas = [
-        (c.estimator["leader"].own_tilt_sigma_deg, c.estimator["leader"].own_yaw_sigma_deg)
-        for c in (plain, moving)
-    ]
-    assert sigmas == [(0.3, 1.0), (pytest.approx(math.hypot(0.3, 0.5)), pytest.approx(math.hypot(1.0, 0.5)))]
+    leaders = [c.estimator["leader"] for c in (plain, moving)]
+    sigmas = [(leader.own_tilt_sigma_deg, leader.own_yaw_sigma_deg) for leader in leaders]
+    assert sigmas == [(0.3, 1.0), (pytest.approx(math.hypot(0.3, 0.5)), pytest.approx(math.hypot(1.0, 1.0)))]
+    # what makes each of both anew, in deg^2/s, makes their sum anew
+    assert leaders[0].own_attitude_time_s == pytest.approx(60.0)
+    assert 2.0 / leaders[1].own_attitude_time_s == pytest.approx(1.0 / 60.0 + 1.0 / 120.0)
     with pytest.raises(ConfigError, match=r"camera\.gimbal"):
         parse_config({"camera": {"gimbal": 0}})
+
+
+@pytest.mark.parametrize(
+    ("camera", "tilt", "yaw"),
+    [
+        ({}, 0.0, 0.0),
+        ({"mount_sigma_deg": 0.2}, 0.2, 0.2),
+        ({"mount_yaw_sigma_deg": 2.0}, 0.0, 2.0),
+        ({"gimbal": 1}, 0.5, 1.0),
+        ({"gimbal": 1, "mount_sigma_deg": 0.0}, 0.0, 0.0),
+        ({"gimbal": 1, "mount_yaw_sigma_deg": 0.3}, 0.5, 0.3),
+    ],
+)
+def test_a_mount_s_error_has_defaults_with_a_gimbal_alone(
+    camera: dict[str, float], tilt: float, yaw: float
+) -> None:
+    leader = parse_config({"camera": camera, "estimator": {"leader": {}}}).estimator["leader"]
+    assert leader.own_tilt_sigma_deg == pytest.approx(math.hypot(0.3, tilt))
+    assert leader.own_yaw_sigma_deg == pytest.approx(math.hypot(1.0, yaw))
+
+
+def test_the_mount_that_is_known_worst_counts_for_every_camera() -> None:
+    cameras = {"tele": {"gimbal": 1, "mount_time_s": 30.0}, "rear": {"mount_sigma_deg": 0.8}}
+    leader = parse_config({"cameras": cameras, "estimator": {"leader": {}}}).estimator["leader"]
+    assert leader.own_tilt_sigma_deg == pytest.approx(math.hypot(0.3, 0.8))
+    assert leader.own_yaw_sigma_deg == pytest.approx(math.hypot(1.0, 1.0))
+    assert leader.own_attitude_time_s == pytest.approx(40.0)  # of 60 and 30 s, as large as each other
 
 
 def test_without_a_word_of_the_gimbal_images_are_refused_by_name() -> None:

@@ -15,6 +15,7 @@ from simlink.encounters.conditions import NOMINAL_SIZE
 from simlink.encounters.encounter import SECONDS as WHOLE
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
+from simlink.encounters.gimbals import COMPONENT, Mount
 from simlink.encounters.reports import BOOT_NS
 from simlink.encounters.shapes import NAMED, Sees
 from simlink.encounters.truth import EncounterTruth, at
@@ -31,18 +32,21 @@ ON_WING: Final = ("estimator.leader.center_on_wing=true",)
 
 
 class Case(NamedTuple):
-    """A family, flown with settings beyond size and class, and with a detector that `sees` more or less of it."""
+    """A family, flown with settings beyond size and class, with a detector that `sees` more or less of it, and
+    with the camera on a `mount`."""
 
     family: str
     settings: tuple[str, ...] = ()
     sees: Sees = "wing"
     feels_wind: bool = False  # our autopilot estimates it
+    mount: Mount = "fixed"
 
     @property
     def name(self) -> str:
         """What the report calls it."""
         known = ", center on wing" if self.settings == ON_WING else ", wind estimated" if self.feels_wind else ""
-        return self.family.replace("_", " ") + known + FINDS.get(self.sees, "")
+        moves = ", on a gimbal" if self.mount == "gimbal" else ""
+        return self.family.replace("_", " ") + known + FINDS.get(self.sees, "") + moves
 
 
 # As the simulator's points are for a wing of the nominal size, but that each true one is misplaced a little.
@@ -56,7 +60,11 @@ IN_WIND: Final = (Case("crab", feels_wind=True),)
 POINTS: Final = tuple(Case(family, FIVE_POINTS, "points") for family in ("hover", "sideways", "wander"))
 POSES: Final = tuple(Case(family, sees="pose") for family in ("behind", "hover", "wander"))
 BOXES: Final = tuple(Case(family, sees="box") for family in ("behind", "crossing", "wander"))
-CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *POSES)
+GIMBALS: Final = (
+    Case("behind", mount="gimbal"),
+    *(Case(family, FIVE_POINTS, "points", mount="gimbal") for family in ("hover", "wander")),
+)
+CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *POSES, *GIMBALS)
 
 
 class Flight(NamedTuple):
@@ -72,7 +80,7 @@ class Flight(NamedTuple):
 
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
     """One encounter through a pipeline of its own; `settings` are overrides on top of the case's."""
-    encounter = make_encounter(case.family, seed, SECONDS, case.sees, feels_wind=case.feels_wind)
+    encounter = make_encounter(case.family, seed, SECONDS, case.sees, mount=case.mount, feels_wind=case.feels_wind)
     config = load_config(None, (*known(encounter), *case.settings, *settings))
     return judged(estimated(Pipeline(config), encounter.messages), encounter.truth)
 
@@ -80,10 +88,12 @@ def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
 def known(encounter: Encounter) -> tuple[str, ...]:
     """Settings: what is known of this encounter's leader, and of the mount of its follower's camera."""
     camera = encounter.conditions.camera
+    on_head = f"camera.gimbal={COMPONENT}", "camera.mount_rpy_deg=[0, 0, 0]"
+    fixed = (f"camera.mount_rpy_deg={list(camera.mount_rpy_deg)}",)
     return (
         f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
         f"estimator.leader.leader_class={encounter.leader_class}",
-        f"camera.mount_rpy_deg={list(camera.mount_rpy_deg)}",
+        *(on_head if encounter.mount == "gimbal" else fixed),
         f"camera.mount_offset_m={list(camera.mount_offset)}",
     )
 

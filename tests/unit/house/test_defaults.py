@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from onboard.config import CameraConfig, OwnErrors
+from onboard.config.cameras import mount_errors
 from onboard.estimators.leader.config import Config as Leader
 from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR
 from onboard.estimators.own_state.config import AIRFRAMES
 from onboard.estimators.own_state.config import Config as OwnState
 from onboard.estimators.traffic.config import Config as Traffic
 from simlink.encounters.conditions import Conditions, draw_conditions
+from simlink.encounters.gimbals import ERROR_S, TILT_DEG, YAW_DEG
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.world.drawn import drawn
 
@@ -112,6 +114,12 @@ ENCOUNTERS: dict[str, tuple[float, Callable[[Conditions], float]]] = {
     "heading_time": (FIXED_WING.heading_time, lambda c: c.nose_wobble_deg.time),
     "bank_time": (FIXED_WING.bank_time, lambda c: c.bank_wobble_deg.time),
 }
+
+
+def test_gimbals_of_encounters_are_drawn_around_the_defaults() -> None:
+    defaults = mount_errors([CameraConfig(gimbal=1)])
+    for default, (least, most) in zip(defaults, (TILT_DEG, YAW_DEG, ERROR_S), strict=True):
+        assert least < default < most
 
 
 @pytest.mark.parametrize(("scenario", "pair"), EVERY, ids=lambda x: x if isinstance(x, str) else x.name)

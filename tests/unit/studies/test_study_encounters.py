@@ -16,6 +16,7 @@ from onboard.studies.encounters.flights import (
     BOXES,
     CASES,
     DEFAULTS,
+    GIMBALS,
     ON_WING,
     POINTS,
     POSES,
@@ -89,7 +90,7 @@ def test_the_error_of_a_share_is_its_scatter_over_flights_seed_3() -> None:
 
 
 def test_good_flights_meet_every_requirement() -> None:
-    assert verdicts({}) == ["holds"] * 7
+    assert verdicts({}) == ["holds"] * 8
 
 
 @pytest.mark.parametrize(
@@ -104,21 +105,22 @@ def test_good_flights_meet_every_requirement() -> None:
         (POINTS[0], [made(off=0.2, bad=STEPS)] * 4, {5}),  # 1 %, where the wing alone has none
         (POSES[0], [made(off=0.1, bad=17)] * 4, {6}),  # 91.5 % inside
         (POSES[0], [made(off=2.0, bad=3)] * 4, {6}),  # 1.5 % wrong
+        (GIMBALS[0], [made(off=0.2, bad=STEPS)] * 4, {7}),  # 1 %, where a fixed camera has none
     ],
 )
 def test_bad_flights_fail_their_requirement(case: Case, flights: list[Flight], which: set[int]) -> None:
     found = verdicts({case: flights})
     assert {k for k, verdict in enumerate(found) if verdict == "does not hold"} == which
-    assert {k for k, verdict in enumerate(found) if verdict == "holds"} == set(range(7)) - which
+    assert {k for k, verdict in enumerate(found) if verdict == "holds"} == set(range(8)) - which
 
 
 def test_a_miss_within_the_error_of_sampling_is_reported_so() -> None:
     one_in_four = [made()] * 3 + [made(off=0.1, bad=120)]  # 85 ± 15 % inside
-    assert verdicts({Case("hover"): one_in_four}) == ["holds only if", *["holds"] * 6]
+    assert verdicts({Case("hover"): one_in_four}) == ["holds only if", *["holds"] * 7]
 
 
 def test_nothing_known_holds_nothing() -> None:
-    assert verdicts({Case("crab"): [made(invalid=STEPS)] * 2}) == [*["does not hold"] * 4, *["holds"] * 3]
+    assert verdicts({Case("crab"): [made(invalid=STEPS)] * 2}) == [*["does not hold"] * 4, *["holds"] * 4]
 
 
 def test_all_is_over_the_families_with_defaults_only() -> None:
