@@ -193,7 +193,7 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
 
 
 def start(*, cold: bool) -> float:
-    """Seconds from the process's start to its first estimate, of messages that arrive all the time, heartbeats too;
+    """Seconds from the process's start to its first estimate, where messages arrive all the time, heartbeats too.
     `cold`: with nothing compiled."""
     with ExitStack() as stack:
         environment = dict(os.environ)

@@ -4,8 +4,8 @@
 
 200 samples of the IMU a second, 50 of attitude and position, and 30 images that arrive 40 ms after their exposure.
 With --heartbeats, one every 20 ms, for a start that has not to wait for one. With --flood, instead, as many
-samples of the IMU a second as it says. Prints, as JSON, when each image was sent, by its stamp, and how many datagrams
-were sent.
+samples of the IMU a second as it says. Prints, as JSON, when each image was sent, by its stamp, and how many
+datagrams were sent.
 """
 
 import argparse
