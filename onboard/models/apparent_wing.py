@@ -2,7 +2,7 @@
 
 One image leaves the nose open, and with it the range. But if the nose is given, the rest is nearly linear: the
 wing's apparent length gives the range, its slope the bank. So the nose is sampled
-(`estimators.leader.nose_particles`), and each sample has a Gaussian over the other states, with the nose as a
+(`estimators.leader.filters.noses`), and each sample has a Gaussian over the other states, with the nose as a
 given number.
 
 State (N = 13), vectors in n: r_FL (3), from the follower F to the leader L, m; v_L (3), m/s; a_L (3), m/s^2;

@@ -15,10 +15,10 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters import nose_particles
 from onboard.estimators.leader.filters.filter import Measurement
-from onboard.estimators.leader.filters.nose_summary import MOTION, summarise
-from onboard.estimators.leader.filters.places import Place
+from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.places import Place
+from onboard.estimators.leader.filters.noses.summary import MOTION, summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models.wing_line import from_points
 from tests.support import bootstrap
@@ -80,14 +80,14 @@ def flown(seed: int, images: int) -> End:
     seen = np.array([0.0, 0.0, math.cos(0.2 * angle), math.sin(0.2 * angle)]) * 2.0 / rng.uniform(25.0, 45.0)
     size = s.size * math.exp(s.size_sigma / s.size * rng.normal())
     leader = bootstrap.start(s._replace(size=size), seen, SIGMA, 1, rng)
-    cloud, east = nose_particles.start(s, measurement(seen), STILL), 0.0
+    cloud, east = particles.start(s, measurement(seen), STILL), 0.0
     for k in range(1, images + 1):
         new = 3.0 * math.sin(0.15 * k)
         moved, east = np.array([0.0, new - east, 0.0]), new
         leader = bootstrap.predict(s, leader, DT, moved, rng)
         noise = SIGMA * np.array([1.0, 1.0, math.sqrt(2.0), math.sqrt(2.0)]) * rng.normal(size=4)
-        cloud = nose_particles.predict(s, cloud, DT, moved)
-        cloud, _ = nose_particles.update(s, cloud, measurement(bootstrap.image_of(leader, size)[0] + noise), STILL)
+        cloud = particles.predict(s, cloud, DT, moved)
+        cloud, _ = particles.update(s, cloud, measurement(bootstrap.image_of(leader, size)[0] + noise), STILL)
     turned, off_v = rng.normal(size=3) * s.misalignment, s.own_velocity * rng.normal(size=3)
     truth = np.array([*(leader.r[0] + np.cross(turned, leader.r[0])), *(leader.v[0] + off_v)])
     known = summarise(s, cloud)

@@ -8,9 +8,9 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters import nose_particles
-from onboard.estimators.leader.filters.cloud import Cloud
 from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models.wing_line import from_points
 from tests.support import bootstrap
@@ -65,15 +65,15 @@ def test_the_cloud_is_as_sure_of_the_range_as_the_reference_seed_3(
     rng, noise = np.random.default_rng(3), np.random.default_rng(4)
     seen, measured = image(math.radians(aspect_deg), 0.0, noise)
     reference = bootstrap.start(CALM, seen, SIGMA, draws, rng)
-    cloud, east = nose_particles.start(CALM, measured, STILL), 0.0
+    cloud, east = particles.start(CALM, measured, STILL), 0.0
     for k in range(1, images + 1):
         new = 3.0 * math.sin(2.0 * math.pi * k / 40.0)
         moved, east = np.array([0.0, new - east, 0.0]), new
         seen, measured = image(math.radians(aspect_deg), east, noise)
         reference = bootstrap.predict(CALM, reference, DT, moved, rng)
         reference = bootstrap.update(CALM, reference, seen, SIGMA, rng)
-        cloud = nose_particles.predict(CALM, cloud, DT, moved)
-        cloud, _ = nose_particles.update(CALM, cloud, measured, STILL)
+        cloud = particles.predict(CALM, cloud, DT, moved)
+        cloud, _ = particles.update(CALM, cloud, measured, STILL)
     theirs = np.log(np.linalg.norm(reference.r, axis=1))
     mean, sigma = log_range(cloud)
     assert 0.75 < sigma / theirs.std() < 1.4

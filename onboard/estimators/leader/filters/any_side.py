@@ -15,11 +15,11 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters import nose_particles
-from onboard.estimators.leader.filters.cloud import Cloud
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open
-from onboard.estimators.leader.filters.nose_moments import NOSE
-from onboard.estimators.leader.filters.nose_summary import MOTION, RESOLVED, Summary, as_leader, summarise
+from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.moments import NOSE
+from onboard.estimators.leader.filters.noses.summary import MOTION, RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.filters.partial import with_wing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
@@ -88,7 +88,7 @@ class AnySideFilter:
         wing_line = self._wing_line.start(with_wing(measurement), in_air(pose, wind), earlier)
         noses = None if before is None else self._caught_up(before).cloud
         settings = self._supposed(None, wind)
-        cloud = nose_particles.start(settings, measurement, pose, noses)
+        cloud = particles.start(settings, measurement, pose, noses)
         pending = Pending(0.0, np.zeros(3), pose.v_F_n)
         return AnySide(wing_line, cloud, summarise(settings, cloud), pending, 0, False, wind=wind)
 
@@ -125,9 +125,9 @@ class AnySideFilter:
             return update._replace(belief=after)
         predicted = self._caught_up(after)
         if passes and has_extent and predicted.summary.direction_sigma() > TOO_WIDE:
-            cloud, nis = nose_particles.start(settings, measurement, pose, predicted.cloud), update.nis
+            cloud, nis = particles.start(settings, measurement, pose, predicted.cloud), update.nis
         else:
-            cloud, nis = nose_particles.update(settings, predicted.cloud, measurement, pose)
+            cloud, nis = particles.update(settings, predicted.cloud, measurement, pose)
         if nis > settings.gate:
             return update._replace(belief=predicted._replace(confirmed=self._agree(predicted)))
         after = predicted._replace(cloud=cloud, summary=summarise(settings, cloud))
@@ -228,7 +228,7 @@ class AnySideFilter:
         if dt <= 0.0:
             return state
         settings = self._noses(state)
-        cloud = nose_particles.predict(settings, state.cloud, dt, moved)
+        cloud = particles.predict(settings, state.cloud, dt, moved)
         pending = Pending(0.0, np.zeros(3), v_F_n)
         if dt > LONGEST_S:  # no image corrects it soon
             return state._replace(cloud=cloud, summary=summarise(settings, cloud), pending=pending)
@@ -243,7 +243,7 @@ def in_air(pose: CameraPose, wind: Wind | None) -> CameraPose:
 def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:
     """The cloud of a leader that is `ratio` times as large: as much farther away, and as much faster relative to
     us, who fly with v_F_n (3,) m/s."""
-    scale = np.where(nose_particles.DIAGONAL < apparent_wing.BANK_ERROR, ratio, 1.0)
+    scale = np.where(particles.DIAGONAL < apparent_wing.BANK_ERROR, ratio, 1.0)
     means = cloud.means * scale
     means[:, apparent_wing.V] += (1.0 - ratio) * v_F_n
     return cloud._replace(means=means, covariances=cloud.covariances * scale[:, None] * scale)

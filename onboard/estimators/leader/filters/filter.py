@@ -5,7 +5,7 @@ from typing import Any, NamedTuple, Protocol
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.places import Place
+from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.posed import Posed
 from onboard.estimators.leader.shape import Seen, Shape
 from onboard.estimators.leader.size import Size

@@ -6,7 +6,7 @@ from typing import Any, Final, NamedTuple
 
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import LeaderFilter
-from onboard.estimators.leader.filters.places import Place
+from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.tracks.image import Image
 from onboard.estimators.leader.tracks.status import Status
 from onboard.filters.belief import Belief, Update

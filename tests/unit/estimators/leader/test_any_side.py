@@ -7,10 +7,10 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters import nose_particles
-from onboard.estimators.leader.filters.cloud import Cloud
 from onboard.estimators.leader.filters.filter import Measurement
-from onboard.estimators.leader.filters.nose_summary import Summary, summarise, with_course
+from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.summary import Summary, summarise, with_course
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError
 from onboard.models import apparent_wing as model
@@ -42,15 +42,15 @@ def watched(
 ) -> Cloud:
     """The cloud after watching a leader 25 m away that hovers, while we sway from side to side by `sway` m. Its
     nose turns by `turn` rad from a third of the time to two thirds."""
-    cloud = nose_particles.start(SETTINGS, image(25.0, aspect, lean=lean), STILL)
+    cloud = particles.start(SETTINGS, image(25.0, aspect, lean=lean), STILL)
     east, steps = 0.0, round(10 * seconds)
     for k in range(1, steps):
         new = sway * math.sin(2.0 * math.pi * k / 40.0)
-        cloud = nose_particles.predict(SETTINGS, cloud, 0.1, np.array([0.0, new - east, 0.0]))
+        cloud = particles.predict(SETTINGS, cloud, 0.1, np.array([0.0, new - east, 0.0]))
         east = new
         nose = aspect + turn * min(max(3.0 * k / steps - 1.0, 0.0), 1.0)
         seen = image(25.0, nose, east=east, lean=lean, seed=k, swap=swap and k % 2 == 1)
-        cloud, nis = nose_particles.update(SETTINGS, cloud, seen, STILL)
+        cloud, nis = particles.update(SETTINGS, cloud, seen, STILL)
         assert nis < SETTINGS.gate
     return cloud
 
@@ -62,7 +62,7 @@ def off_by(summary: Summary) -> float:
 
 
 def test_one_image_leaves_range_and_nose_open() -> None:
-    summary = summarise(SETTINGS, nose_particles.start(SETTINGS, image(25.0, math.radians(60.0)), STILL))
+    summary = summarise(SETTINGS, particles.start(SETTINGS, image(25.0, math.radians(60.0)), STILL))
     assert summary.range_sigma() > 0.46
     assert 0.02 < summary.direction_sigma() < 0.03
 
@@ -107,10 +107,10 @@ def test_a_nose_that_turns_and_stays_is_followed(turn_deg: float) -> None:
 
 def test_a_restarted_cloud_forgets_the_nose_but_a_gap_does_not() -> None:
     known = watched(0.3, 12.0, sway=3.0)
-    fresh = nose_particles.start(SETTINGS, image(25.0, 0.3), STILL)
+    fresh = particles.start(SETTINGS, image(25.0, 0.3), STILL)
     later = known
     for _ in range(8):
-        later = nose_particles.predict(SETTINGS, later, 0.25, np.zeros(3))
+        later = particles.predict(SETTINGS, later, 0.25, np.zeros(3))
     assert summarise(SETTINGS, later).range_sigma() < 0.5 * summarise(SETTINGS, fresh).range_sigma()
 
 
@@ -128,20 +128,20 @@ def test_the_size_is_considered_not_estimated() -> None:
 
 def test_an_image_that_nothing_expected_changes_nothing() -> None:
     cloud = watched(0.3, 3.0)
-    after, nis = nose_particles.update(SETTINGS, cloud, image(25.0, 0.3, east=15.0), STILL)
+    after, nis = particles.update(SETTINGS, cloud, image(25.0, 0.3, east=15.0), STILL)
     assert nis > SETTINGS.gate
     assert after is cloud
 
 
 def test_a_cloud_without_numbers_is_an_error() -> None:
-    cloud = nose_particles.start(SETTINGS, image(25.0, 0.3), STILL)
+    cloud = particles.start(SETTINGS, image(25.0, 0.3), STILL)
     cloud.means[:] = math.nan
     with pytest.raises(FilterError, match="lost its numbers"):
-        nose_particles.update(SETTINGS, cloud, image(25.0, 0.3), STILL)
+        particles.update(SETTINGS, cloud, image(25.0, 0.3), STILL)
 
 
 def test_particles_spread_along_the_line_of_sight() -> None:
-    cloud = nose_particles.start(SETTINGS, image(25.0, 0.0), STILL)
+    cloud = particles.start(SETTINGS, image(25.0, 0.0), STILL)
     ranges: Array = np.linalg.norm(cloud.means[:, model.R], axis=1)
     assert ranges.max() == pytest.approx(25.0, rel=0.05)
     assert ranges.min() < 1.7
@@ -150,8 +150,8 @@ def test_particles_spread_along_the_line_of_sight() -> None:
 def test_a_doubted_nose_shows_the_same_image() -> None:
     """A particle that takes another nose is nearer or farther by as much as its wing is seen less or more."""
     settings = SETTINGS._replace(doubted_after=1e-9)
-    cloud = nose_particles.start(settings, image(25.0, 0.4), STILL)
-    after = nose_particles.predict(settings, cloud, 1e-6, np.zeros(3))
+    cloud = particles.start(settings, image(25.0, 0.4), STILL)
+    after = particles.predict(settings, cloud, 1e-6, np.zeros(3))
     assert np.abs(after.noses - cloud.noses).max() > 0.5
     direction = after.means[:, :3] / np.linalg.norm(after.means[:, :3], axis=1)[:, None]
     lengths = model.visible(after.noses, direction) / np.linalg.norm(after.means[:, :3], axis=1)
@@ -161,9 +161,9 @@ def test_a_doubted_nose_shows_the_same_image() -> None:
 def test_a_doubted_nose_of_a_fixed_wing_stays_about_its_course() -> None:
     settings = SETTINGS._replace(crab=math.radians(14.0), doubted_after=1e-9)
     flies = STILL._replace(v_F_n=np.array([15.0, 0.0, 0.0]))
-    cloud = nose_particles.start(settings, image(25.0, 0.2), flies)
+    cloud = particles.start(settings, image(25.0, 0.2), flies)
     course = np.arctan2(cloud.means[:, 4], cloud.means[:, 3])
-    after = nose_particles.predict(settings, cloud, 1e-6, 1e-6 * flies.v_F_n)
+    after = particles.predict(settings, cloud, 1e-6, 1e-6 * flies.v_F_n)
     assert np.abs(after.noses - course).max() < 2.6 * settings.crab
     assert np.abs(after.noses - cloud.noses).max() > settings.crab
 
@@ -172,7 +172,7 @@ def test_a_nose_on_the_course_is_likely_but_no_more() -> None:
     """A leader that flies fast is likely to point its nose along its course; a weight remains for all others."""
     settings = SETTINGS._replace(on_course=1e-9)
     pose = STILL._replace(v_F_n=np.array([10.0, 0.0, 0.0]))
-    cloud = nose_particles.start(settings, image(25.0, 0.0), pose)
+    cloud = particles.start(settings, image(25.0, 0.0), pose)
     cloud.covariances[:, 3:6, 3:6] = 0.01 * np.eye(3)
     near = np.abs(np.sin(cloud.noses)) < math.sin(math.radians(12.0))
     assert 0.6 < with_course(settings, cloud)[near].sum() < 0.93
@@ -183,13 +183,13 @@ def test_as_many_particles_as_fit_are_no_surer_than_very_many() -> None:
     """The same model with ten times as many particles: ours is neither surer nor much less sure."""
     few = summarise(SETTINGS, watched(1.0, 3.0, sway=3.0)).range_sigma()
     many = SETTINGS._replace(particles=6000)
-    cloud = nose_particles.start(many, image(25.0, 1.0), STILL)
+    cloud = particles.start(many, image(25.0, 1.0), STILL)
     east = 0.0
     for k in range(1, 30):
         new = 3.0 * math.sin(2.0 * math.pi * k / 40.0)
-        cloud = nose_particles.predict(many, cloud, 0.1, np.array([0.0, new - east, 0.0]))
+        cloud = particles.predict(many, cloud, 0.1, np.array([0.0, new - east, 0.0]))
         east = new
-        cloud, _ = nose_particles.update(many, cloud, image(25.0, 1.0, east=east, seed=k), STILL)
+        cloud, _ = particles.update(many, cloud, image(25.0, 1.0, east=east, seed=k), STILL)
     assert 0.67 < few / summarise(many, cloud).range_sigma() < 1.5
 
 
@@ -198,7 +198,7 @@ def test_points_that_are_lastingly_misplaced_make_the_range_wrong_as_the_wing_is
     aspect_deg: float, share: float
 ) -> None:
     """A nose that is off by d (1 - seen^2) / (seen, cross) changes the seen length by d (1 - seen^2)."""
-    cloud = nose_particles.start(SETTINGS, image(25.0, 0.2), STILL)
+    cloud = particles.start(SETTINGS, image(25.0, 0.2), STILL)
     known = cloud._replace(noses=np.full(len(cloud.noses), math.radians(aspect_deg)), sided=True)
     r = summarise(SETTINGS, known).mean[:3]
     plain, wide = (summarise(SETTINGS, known._replace(misplaced=m)).covariance for m in (0.0, 0.056))

@@ -9,9 +9,9 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.choice import make_filter
-from onboard.estimators.leader.filters.cloud import Cloud
-from onboard.estimators.leader.filters.nose_summary import summarise
-from onboard.estimators.leader.filters.places import Place, places
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.places import Place, places
+from onboard.estimators.leader.filters.noses.summary import summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models import apparent_wing as model
 

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose
 
 from onboard.estimators.leader.beside.measurements import Beside
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters import nose_particles
 from onboard.estimators.leader.filters.choice import make_filter
-from onboard.estimators.leader.filters.cloud import Cloud
-from onboard.estimators.leader.filters.nose_summary import LOG_SIZE, summarise
+from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.summary import LOG_SIZE, summarise
 from onboard.estimators.leader.posed import LASTING_TURN, posed
 from onboard.estimators.leader.size import Size
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
@@ -56,9 +56,9 @@ def settings_of(**section: Any) -> Any:
 def cloud_after(*poses: RelativePose, **section: Any) -> Cloud:
     """A cloud that starts with a pose, and takes others."""
     settings = settings_of(**section)
-    cloud = nose_particles.start(settings, measured(image(poses[0]), **section), LEVEL)
+    cloud = particles.start(settings, measured(image(poses[0]), **section), LEVEL)
     for each in poses:
-        cloud, nis = nose_particles.update(settings, cloud, measured(image(each), **section), LEVEL)
+        cloud, nis = particles.update(settings, cloud, measured(image(each), **section), LEVEL)
         assert nis < settings.gate
     return cloud
 
@@ -153,7 +153,7 @@ def test_a_few_flipped_or_stray_rotations_do_not_move_the_nose() -> None:
 
 def test_a_range_that_no_particle_expected_is_gated_and_the_cloud_stays() -> None:
     settings, cloud = settings_of(), cloud_after(*[pose(sigma=0.1)] * 10)
-    after, nis = nose_particles.update(settings, cloud, measured(image(pose(range_=35.0, sigma=0.1))), LEVEL)
+    after, nis = particles.update(settings, cloud, measured(image(pose(range_=35.0, sigma=0.1))), LEVEL)
     assert nis > settings.gate
     assert after is cloud
     # beside a wing, only the pose is left out
@@ -161,9 +161,9 @@ def test_a_range_that_no_particle_expected_is_gated_and_the_cloud_stays() -> Non
     wing = replace(
         IMAGE, center=(0.0, 0.0), left=(-half, 0.0), right=(half, 0.0), sigma=(SIGMA,) * 3, pose=pose(range_=90.0)
     )
-    from_wing = nose_particles.start(settings, measured(wing), LEVEL)
-    with_pose, nis = nose_particles.update(settings, from_wing, measured(wing), LEVEL)
-    without, _ = nose_particles.update(settings, from_wing, measured(replace(wing, pose=None)), LEVEL)
+    from_wing = particles.start(settings, measured(wing), LEVEL)
+    with_pose, nis = particles.update(settings, from_wing, measured(wing), LEVEL)
+    without, _ = particles.update(settings, from_wing, measured(replace(wing, pose=None)), LEVEL)
     assert nis < settings.gate
     assert_allclose(with_pose.means, without.means)
     assert_allclose(with_pose.log_weights, without.log_weights)
@@ -179,11 +179,11 @@ def test_points_after_poses_bring_the_size_s_error_back_into_the_range_and_poses
     )
     after = cloud
     for _ in range(5):
-        after, nis = nose_particles.update(settings, after, wing, LEVEL)
+        after, nis = particles.update(settings, after, wing, LEVEL)
         assert nis < settings.gate
-    assert (after.metric, after.lasting, after.edge_on) == (False, 0.0, nose_particles.model.LEAST_VISIBLE)
+    assert (after.metric, after.lasting, after.edge_on) == (False, 0.0, particles.model.LEAST_VISIBLE)
     assert summarise(settings, after).range_sigma() > 0.1
-    again, _ = nose_particles.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
+    again, _ = particles.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
     assert (again.metric, again.lasting) == (True, 0.02)
     assert summarise(settings, again).range_sigma() < 0.05
 
@@ -259,6 +259,6 @@ def test_a_range_that_poses_show_teaches_no_size_beside_a_broadcast() -> None:
 
 def test_another_nose_moves_no_range_that_poses_show() -> None:
     settings, cloud = settings_of()._replace(doubted_after=1e-9), cloud_after(pose(yaw=None))
-    after = nose_particles.predict(settings, cloud, 1e-6, np.zeros(3))
+    after = particles.predict(settings, cloud, 1e-6, np.zeros(3))
     assert np.abs(after.noses - cloud.noses).max() > 1.0
     assert_allclose(after.means[:, :3], cloud.means[:, :3], rtol=1e-4)

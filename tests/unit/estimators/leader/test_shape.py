@@ -9,9 +9,9 @@ from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters import nose_particles
 from onboard.estimators.leader.filters.choice import make_filter
-from onboard.estimators.leader.filters.nose_summary import summarise
+from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.summary import summarise
 from onboard.estimators.leader.filters.partial import UNKNOWN, measure, seen, with_wing
 from onboard.estimators.leader.shape import LASTING_GUESS
 from onboard.messages import Estimate, ImageFeature, Lifecycle, TargetDetection, TargetPoints, Verdict
@@ -240,9 +240,9 @@ def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_se
     settings = make_filter(leader())._settings  # type: ignore[attr-defined]
     m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)))
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-    cloud = nose_particles.start(settings, m, pose)
+    cloud = particles.start(settings, m, pose)
     assert cloud.lasting == LASTING_GUESS
     with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, cloud._replace(lasting=0.0)))
     assert with_it**2 - without**2 == pytest.approx(LASTING_GUESS**2, rel=1e-6)
-    after, _ = nose_particles.update(settings, cloud, measured(IMAGE), pose)
-    assert (after.lasting, after.edge_on) == (0.0, nose_particles.model.LEAST_VISIBLE)
+    after, _ = particles.update(settings, cloud, measured(IMAGE), pose)
+    assert (after.lasting, after.edge_on) == (0.0, particles.model.LEAST_VISIBLE)

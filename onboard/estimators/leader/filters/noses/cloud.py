@@ -1,4 +1,4 @@
-"""A cloud of noses: what is known of a leader whose nose may point anywhere (`nose_particles`)."""
+"""A cloud of noses: what is known of a leader whose nose may point anywhere (`particles`)."""
 
 from typing import NamedTuple
 

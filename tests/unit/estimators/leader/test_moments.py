@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from onboard.estimators.leader.filters import nose_moments
-from onboard.estimators.leader.filters.nose_moments import BANK, NOSE, N
-from onboard.estimators.leader.filters.nose_summary import Summary, as_leader
+from onboard.estimators.leader.filters.noses import moments
+from onboard.estimators.leader.filters.noses.moments import BANK, NOSE, N
+from onboard.estimators.leader.filters.noses.summary import Summary, as_leader
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing
 
@@ -24,7 +24,7 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
     noses, w = rng.uniform(-9.0, 9.0, k), rng.dirichlet(np.ones(k))
     means = rng.normal(size=(k, apparent_wing.N)) + 3.0
     mean, S = np.zeros(N), np.zeros((N, N))
-    log_range = nose_moments.moments(noses, means, w, 0.5, math.pi, mean, S)
+    log_range = moments.moments(noses, means, w, 0.5, math.pi, mean, S)
     rows = np.zeros((k, N))
     rows[:, :9], rows[:, BANK] = means[:, :9], means[:, apparent_wing.BANK_ERROR]
     rows[:, NOSE] = 0.5 + (noses - 0.5 + math.pi / 2) % math.pi - math.pi / 2

@@ -12,7 +12,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.cloud import Cloud
+from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.posed import LASTING_TURN, Posed
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Seen

@@ -20,11 +20,11 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.cloud import Cloud
-from onboard.estimators.leader.filters.draws import normal, uniform
 from onboard.estimators.leader.filters.filter import Measurement
-from onboard.estimators.leader.filters.nose_changes import DRAWS, MOST_CRAB, change
-from onboard.estimators.leader.filters.nose_evidence import ANY_NOSE, of_points, of_poses, posed, shaped
+from onboard.estimators.leader.filters.noses.changes import DRAWS, MOST_CRAB, change
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.draws import normal, uniform
+from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE, of_points, of_poses, posed, shaped
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import FilterError
 from onboard.models import apparent_shape

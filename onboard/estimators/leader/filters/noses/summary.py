@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters import nose_moments
-from onboard.estimators.leader.filters.cloud import Cloud
-from onboard.estimators.leader.filters.nose_moments import (
+from onboard.estimators.leader.filters.noses import moments
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.moments import (
     A_L,
     BANK,
     LOG_SIZE,
@@ -19,7 +19,7 @@ from onboard.estimators.leader.filters.nose_moments import (
     V_L,
     N,
 )
-from onboard.estimators.leader.filters.places import Place, places
+from onboard.estimators.leader.filters.noses.places import Place, places
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing as model
@@ -81,7 +81,7 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     w = with_course(settings, cloud)
     about, period = _middle(cloud.noses, w) if cloud.sided else (cloud.noses[int(np.argmax(w))], math.pi)
     mean, covariance = np.zeros(N), np.zeros((N, N))
-    log_range = nose_moments.moments(cloud.noses, cloud.means, w, about, period, mean, covariance)
+    log_range = moments.moments(cloud.noses, cloud.means, w, about, period, mean, covariance)
     within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(model.N, model.N)
     covariance[:9, :9] += within[:9, :9]
     covariance[BANK, BANK] += within[model.BANK_ERROR, model.BANK_ERROR]
@@ -173,4 +173,4 @@ def as_leader(known: Summary, dt: float, moved: Array, v_F_n: Array, template: B
     """The belief `dt` seconds after a summary, in which we move by `moved` (3,) m, in n, with the components of
     `template` (`models.leader_flight`). A summary lacks the camera's delay and the attitude's error: those are the
     template's, uncorrelated with the others."""
-    return Belief(*nose_moments.as_leader(known.mean, known.covariance, dt, moved, v_F_n, *template))
+    return Belief(*moments.as_leader(known.mean, known.covariance, dt, moved, v_F_n, *template))

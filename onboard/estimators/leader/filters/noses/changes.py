@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.draws import DRAW, normal_at, uniform_at
+from onboard.estimators.leader.filters.noses.draws import DRAW, normal_at, uniform_at
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.compiled import OUT, VECTOR
 from onboard.models.apparent_wing import BANK_ERROR, COVARIANCES, NOSES, NUMBER, N, visible2

@@ -1,4 +1,4 @@
-"""Compiled arithmetic of `nose_summary`: the moments of a cloud, and a summary as the belief that is published."""
+"""Compiled arithmetic of `summary`: the moments of a cloud, and a summary as the belief that is published."""
 
 from typing import Final
 
@@ -81,7 +81,7 @@ def _derivatives(known, dt, J):  # type: ignore[no-untyped-def]
 
 @njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
 def as_leader(known, C, dt, moved, v_F, mean, S):  # type: ignore[no-untyped-def]
-    """See `nose_summary.as_leader`: mean (n,) and covariance (n, n), of a summary with mean `known` and covariance
+    """See `summary.as_leader`: mean (n,) and covariance (n, n), of a summary with mean `known` and covariance
     C, and of the template with mean `mean` and covariance S."""
     n = mean.shape[0]
     x, P = mean.copy(), np.zeros((n, n))
