@@ -24,9 +24,19 @@ class TargetClass(Record, frozen=True, kw_only=True):
     leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # how freely it changes its speed
     named_wingtips: bool = False  # the detector tells the left wingtip from the right one, seen from anywhere
     points_m: dict[str, Vec3] = msgspec.field(default_factory=dict)  # body FRD, from the center, at that wingspan
+    wings: bool = True  # boxes bound a wing, too; false: the points alone
 
     def __post_init__(self) -> None:
         check_points(self.points_m, self.size_prior_m)
+        check_wings(self.points_m, wings=self.wings)
+
+
+def check_wings(points_m: dict[str, Vec3], *, wings: bool) -> None:
+    """Raise ValueError for a class without wings whose points do not show how large it is."""
+    every = list(points_m.values())
+    extents = [max(x) - min(x) for x in list(zip(*every, strict=True))[:2]]
+    if not wings and not (extents and min(extents) > 0.0):
+        raise ValueError("wings = false: points_m must say how long and how wide it is")
 
 
 def check_points(points_m: dict[str, Vec3], size_m: float) -> None:

@@ -7,7 +7,7 @@ import msgspec
 
 from onboard.estimators.leader.settings import settings_for
 from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
-from onboard.messages.target import check_points
+from onboard.messages.target import check_points, check_wings
 
 
 class BroadcastConfig(Record, frozen=True, kw_only=True):
@@ -84,6 +84,7 @@ class Config(Record, frozen=True, kw_only=True):
     points_m: dict[str, Vec3] = msgspec.field(
         default_factory=dict
     )  # its further points: body FRD, from the center
+    wings: bool = True  # boxes bound a wing, too; false: its points alone
     target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes: written as [target.CLASS]
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
     pose_scale_sigma: NotNegative = 0.02  # of the range: lasting error of poses: a marker's size, the focal length
@@ -114,6 +115,7 @@ class Config(Record, frozen=True, kw_only=True):
             raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
         settings_for(self.filter, self.leader_class, self.process_noise)
         check_points(self.points_m, self.size_prior_m)
+        check_wings(self.points_m, wings=self.wings)
 
     def of_class(self, name: str) -> "Config":
         """The settings for a class of targets: these, if no such class is configured."""

@@ -70,7 +70,7 @@ def shape_of(config: Config) -> Shape:
     names = *config.points_m, *tips
     points = np.array([*body, *WINGTIPS[: len(tips)]]).reshape(-1, 3)
     body = body or list(FUSELAGE)
-    bounds = np.array([*WINGTIPS, *body, *THICKNESS])
+    bounds = np.array([*(WINGTIPS if config.wings else ()), *body, *THICKNESS])
     edge_on = max(float(np.ptp(bounds[:, 0])), 0.1)
     leans = 1.0 if config.leader_class == "multirotor" else 0.0
     lasting = LASTING_BOX if known else LASTING_GUESS

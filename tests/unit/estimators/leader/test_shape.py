@@ -61,6 +61,18 @@ def test_a_box_measures_its_sides_and_no_wing() -> None:
     assert with_wing(m).y[2:4].tolist() == [m.span, 0.0]
 
 
+def test_a_class_without_wings_is_bounded_by_its_points_alone() -> None:
+    rotors = {f"r{k}": [0.2 * (-1) ** k, 0.2 * (-1) ** (k // 2), -0.02] for k in range(4)}
+    copter = {"size_prior_m": 0.8, "points_m": rotors}
+    winged, plain = (
+        measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **copter, wings=wings).shows.rows.points
+        for wings in (True, False)
+    )
+    assert np.abs(winged[:, 1]).max() == 0.5
+    assert np.abs(plain[:, 1]).max() == pytest.approx(0.25)
+    assert len(plain) == len(winged) - 2
+
+
 @pytest.mark.parametrize("where", [(0.47, 0.0), (-0.47, 0.0), (0.0, 0.395), (0.0, -0.395)])
 def test_a_box_that_the_edge_cuts_off_is_a_direction(where: tuple[float, float]) -> None:
     m = measured(detection(feature("box", *where), half=(0.04, 0.01)))
@@ -124,6 +136,14 @@ def test_further_points_are_misplaced_as_a_share_of_the_length_that_shows_the_no
             "points_m.fin: farther than 3",
         ),
         ({"target": {"plane": {"size_prior_m": 2.0, "points_m": {"fin": [0, 0]}}}}, "of length 3, got 2"),
+        (
+            {"target": {"copter": {"size_prior_m": 0.5, "wings": False}}},
+            "wings = false: points_m must say how long and how wide it is",
+        ),
+        (
+            {"estimator": {"leader": {"wings": False, "points_m": {"nose": [1, 0, 0], "tail": [-1, 0, 0]}}}},
+            "wings = false: points_m must say how long and how wide it is",
+        ),
         (
             {"estimator": {"leader": {"points_m": {"center": [0, 0, 0]}}}},
             "estimator.leader: points_m.center: every",
