@@ -16,6 +16,7 @@ from typing import Final, Literal, NamedTuple
 from onboard.messages import (
     CameraPoints,
     Datagram,
+    DistanceReading,
     Encoding,
     GimbalAttitude,
     Message,
@@ -35,6 +36,7 @@ from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import CameraSensor, Image, camera_points, is_exposure, target_points
 from simlink.sensors.gimbal import GimbalSensor, make_gimbal
 from simlink.sensors.navigation import Reading, readings
+from simlink.sensors.rangefinder import RangefinderSensor
 from simlink.traffic.reports import sender
 from simlink.traffic.traffic import Traffic, TrafficOutput
 from simlink.world.constants import STEP_NS, steps_of
@@ -60,6 +62,7 @@ class Tick(NamedTuple):
     images: tuple[Image, ...]
     traffic: TrafficOutput = TrafficOutput()
     gimbal: GimbalAttitude | None = None
+    distance: DistanceReading | None = None
 
 
 class Event(NamedTuple):
@@ -82,7 +85,11 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
     scenario = drawn(scenario, seed)
     size = true_size(scenario, seed)
     gimbal = make_gimbal(scenario.camera, seed)
-    camera = CameraSensor(scenario, seed, size, None if gimbal is None else gimbal.mount)
+    mount = None if gimbal is None else gimbal.mount
+    camera = CameraSensor(scenario, seed, size, mount)
+    rangefinder = None
+    if scenario.rangefinder is not None:
+        rangefinder = RangefinderSensor(scenario.rangefinder, scenario.camera, seed, mount)
     rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)
     stamp_late_ns = round(scenario.camera.stamp_late * 1e9)
     in_transit: deque[Image] = deque()
@@ -99,7 +106,8 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
         while in_transit and in_transit[0].t_ns - stamp_late_ns + latency_ns <= t_ns:
             delivered.append(in_transit.popleft())
         attitude = _gimbal_attitude(gimbal, scenario, state, t_ns)
-        yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns), attitude)
+        distance = _distance(rangefinder, scenario, state, t_ns)
+        yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns), attitude, distance)
 
 
 def _gimbal_attitude(
@@ -110,6 +118,16 @@ def _gimbal_attitude(
     if gimbal is None or settings is None or not is_exposure(state.step, settings.rate):
         return None
     return gimbal.attitude(state, t_ns, scenario.vehicle.system)
+
+
+def _distance(
+    rangefinder: RangefinderSensor | None, scenario: Scenario, state: State, t_ns: int
+) -> DistanceReading | None:
+    """The range that the rangefinder sends at this step, if it sends one."""
+    settings = scenario.rangefinder
+    if rangefinder is None or settings is None or not is_exposure(state.step, settings.rate):
+        return None
+    return rangefinder.measure(state, t_ns, scenario.vehicle.system)
 
 
 def simulate(
@@ -127,8 +145,9 @@ def simulate(
             yield Event(tick.t_ns, tick.truth)
         for message in autopilot.due(tick.t_ns, tick.reading):
             yield Event(tick.t_ns, message)
-        if tick.gimbal is not None:
-            yield Event(tick.t_ns, tick.gimbal, (tick.gimbal.system, tick.gimbal.component))
+        for report in (tick.gimbal, tick.distance):
+            if report is not None:
+                yield Event(tick.t_ns, report, (report.system, report.component))
         for image in tick.images:
             if camera == "zenoh":
                 yield Event(tick.t_ns, camera_points(image, scenario.camera))

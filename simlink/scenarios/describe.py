@@ -3,6 +3,7 @@ wingspan and class, and our own craft. Nobody tells a daemon how large errors ar
 
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario
+from simlink.scenarios.traffic import FIRST_ICAO, FIRST_SYSTEM, LEADER
 
 
 def daemon_config(scenario: Scenario) -> str:
@@ -24,11 +25,24 @@ def daemon_config(scenario: Scenario) -> str:
     kind = "multirotor" if scenario.follower.attitude == "hover" else "fixed_wing"
     lines += ["", "[estimator.leader]", f"size_prior_m = {leader.size}", f'leader_class = "{kind}"']
     lines.append("center_on_wing = true")
+    lines += _beside(scenario)
     if scenario.quadrotor is not None:
         lines += _own_state(scenario.quadrotor, scenario)
     if scenario.traffic.aircraft:
         lines += ["", "[estimator.traffic]"]
     return "\n".join(lines)
+
+
+def _beside(scenario: Scenario) -> list[str]:
+    """Whose broadcasts and ranges are the leader's."""
+    lines: list[str] = []
+    if scenario.broadcast is not None and scenario.broadcast.says == "adsb":
+        lines += ["", "[estimator.leader.broadcast]", f'icao = "{FIRST_ICAO + LEADER:06x}"']
+    elif scenario.broadcast is not None:
+        lines += ["", "[estimator.leader.broadcast]", f"system = {FIRST_SYSTEM + LEADER}"]
+    if scenario.rangefinder is not None:
+        lines += ["", "[estimator.leader.range]", f"sensor = {scenario.rangefinder.sensor}"]
+    return lines
 
 
 def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:

@@ -20,7 +20,8 @@ from onboard.messages import Positive, Record
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.formation import Follow, Follower, Leader
 from simlink.scenarios.quadrotor import Quadrotor
-from simlink.scenarios.traffic import MOST_AIRCRAFT, Reports, TrafficScene
+from simlink.scenarios.rangefinder import Rangefinder
+from simlink.scenarios.traffic import MOST_AIRCRAFT, Broadcast, TrafficScene
 from simlink.scenarios.vehicle import BarometerErrors, Gps, ImuErrors, Nav, Outliers, Vehicle
 
 SCENARIO_FOLDER = Path(__file__).parent
@@ -55,7 +56,8 @@ class Scenario(Record, frozen=True, kw_only=True):
     quadrotor: Quadrotor | None = None
     follow: Follow | None = None
     traffic: TrafficScene = TrafficScene()
-    broadcast: Reports | None = None  # the leader's own position as GLOBAL_POSITION_INT; None: it sends none
+    broadcast: Broadcast | None = None  # None: the leader sends none
+    rangefinder: Rangefinder | None = None
 
 
 def scenario_names() -> tuple[str, ...]:

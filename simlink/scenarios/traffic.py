@@ -8,6 +8,9 @@ from onboard.messages import NotNegative, Positive, Record, Vec3
 from simlink.scenarios.profiles import GaussMarkov, Interval, Probability, Rate, Wave
 
 MOST_AIRCRAFT: Final = 100  # their MAVLink system numbers end at 255
+FIRST_ICAO: Final = 0x4B1A00
+FIRST_SYSTEM: Final = 101
+LEADER: Final = -1  # the number of the leader among other aircraft: system 100
 
 
 class Reports(Record, frozen=True, kw_only=True):
@@ -25,6 +28,12 @@ class Reports(Record, frozen=True, kw_only=True):
     altitude_step: NotNegative = 7.62  # 25 feet
     velocity_step: NotNegative = 0.5144  # a knot
     climb_step: NotNegative = 0.3251  # 64 feet a minute
+
+
+class Broadcast(Reports, frozen=True, kw_only=True):
+    """The leader's own position: as its GLOBAL_POSITION_INT, or as ADS-B through our receiver."""
+
+    says: Literal["position", "adsb"] = "position"
 
 
 class TrafficRadar(Record, frozen=True, kw_only=True):

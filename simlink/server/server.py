@@ -223,12 +223,12 @@ class Server:
             self.frames += sent if self.udp is None else 0
 
     def _send_others(self, tick: Tick) -> None:
-        """Reports of traffic and the gimbal's go out on the autopilot's link, which forwards them; ranges, scans
-        and truth go out over Zenoh."""
-        traffic, gimbal = tick.traffic, tick.gimbal
+        """Reports of traffic, the gimbal's and the rangefinder's go out on the autopilot's link, which forwards
+        them; pseudoranges, scans and truth go out over Zenoh."""
+        traffic = tick.traffic
         reports = [(report, sender(report, self._vehicle.system)) for report in traffic.reports]
-        gimbals = [] if gimbal is None else [(gimbal, (gimbal.system, gimbal.component))]
-        for report, key in (*reports, *gimbals):
+        own = [(report, (report.system, report.component)) for report in (tick.gimbal, tick.distance) if report]
+        for report, key in (*reports, *own):
             encoder = self._traffic.setdefault(key, MavlinkEncoder(*key))
             frame = encoder.encode(report)
             if self.udp is not None:

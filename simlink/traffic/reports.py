@@ -10,14 +10,12 @@ from msgspec.structs import replace
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import AdsbVehicle, AltitudeType, Clock, GlobalPosition, Message, Pseudoranges, Vec3
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.traffic import Aircraft, Reports
+from simlink.scenarios.traffic import FIRST_ICAO, FIRST_SYSTEM, Aircraft, Reports
 from simlink.traffic.aircraft import Motion, level_at, rotate
 from simlink.traffic.peer_gnss import RangesSensor
 from simlink.world.attitude import add
 from simlink.world.noise import gauss_markov_vectors, normals, uniforms
 
-FIRST_ICAO: Final = 0x4B1A00
-FIRST_SYSTEM: Final = 101
 RECEIVER: Final = 156  # MAV_COMP_ID_ADSB
 REPEAT_S: Final = 10.0  # the ADS-B receiver repeats an aircraft's last report for this long
 METRES_PER_DEGREE: Final = 111_195.0

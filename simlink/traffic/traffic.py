@@ -3,12 +3,12 @@
 Random numbers belong to the seed and one aircraft or sensor: a further aircraft leaves the others unchanged.
 """
 
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 from onboard.geometry.geodesy import geodetic_from_ned
 from onboard.messages import IntruderTruth, Message, Pseudoranges, RadarDetections, TrafficTruth, Vec3
 from simlink.scenarios.scenario import Scenario
-from simlink.scenarios.traffic import Aircraft
+from simlink.scenarios.traffic import LEADER, Aircraft
 from simlink.traffic.aircraft import STRIDE, Motion, level_at, motions, rotate
 from simlink.traffic.radar import RadarSensor
 from simlink.traffic.reports import Transmitter
@@ -17,7 +17,6 @@ from simlink.world.constants import STEPS_PER_SECOND
 from simlink.world.truth import State
 
 TRUTH_STRIDE: Final = 20  # steps of the world: 10 Hz
-LEADER: Final = -1  # the number of the leader among other aircraft: system 100
 
 
 class TrafficOutput(NamedTuple):
@@ -97,5 +96,6 @@ def _leader(scenario: Scenario, seed: int) -> Transmitter | None:
     """What sends the leader's own position, if anything does."""
     if scenario.broadcast is None:
         return None
-    aircraft = Aircraft(name="leader", says="peer", start=(0.0, 0.0, 0.0))
+    says: Literal["adsb", "peer"] = "adsb" if scenario.broadcast.says == "adsb" else "peer"
+    aircraft = Aircraft(name="leader", says=says, start=(0.0, 0.0, 0.0))
     return Transmitter(aircraft, LEADER, scenario, seed, scenario.broadcast)

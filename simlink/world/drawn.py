@@ -5,19 +5,21 @@ A run on the wire, or through a pipeline, is drawn (`simlink.simulation`); the a
 estimator is to be judged at its own settings.
 """
 
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from msgspec.structs import replace
 
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.quadrotor import Quadrotor
+from simlink.scenarios.rangefinder import Rangefinder
 from simlink.scenarios.scenario import Scenario
 from simlink.scenarios.traffic import Aircraft, Reports, TrafficScene
 from simlink.scenarios.vehicle import BarometerErrors, Gps, Nav
 from simlink.world.noise import stream
 
 Range = tuple[float, float]
+R = TypeVar("R", bound=Reports)
 
 # An ArduPilot's yaw is steadily 0.6 degrees off, and steps by 1.5 to 2 at take-off (../shared/data/README.md).
 # Roll and pitch are known better, the mount of the camera included.
@@ -58,6 +60,7 @@ def drawn(scenario: Scenario, seed: int) -> Scenario:
         quadrotor=None if craft is None else factor.craft(craft),
         traffic=factor.traffic(scenario.traffic),
         broadcast=None if scenario.broadcast is None else factor.reports(scenario.broadcast),
+        rangefinder=None if scenario.rangefinder is None else factor.rangefinder(scenario.rangefinder),
     )
 
 
@@ -133,7 +136,10 @@ class _Factor:
     def aircraft(self, aircraft: Aircraft) -> Aircraft:
         return replace(aircraft, turbulence=self.process(aircraft.turbulence))
 
-    def reports(self, reports: Reports) -> Reports:
+    def rangefinder(self, rangefinder: Rangefinder) -> Rangefinder:
+        return replace(rangefinder, white=self.of(rangefinder.white), bias=self.of(rangefinder.bias))
+
+    def reports(self, reports: R) -> R:
         by, (earliest, latest) = self.of(1.0), reports.latency
         return replace(
             reports,

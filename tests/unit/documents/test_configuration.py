@@ -171,8 +171,10 @@ def test_each_scenario_has_a_configuration_that_loads(scenario: str, tmp_path: P
     assert config.camera.mount_rpy_deg == described.camera.mount_rpy_deg
     # nobody tells a daemon how large the errors are
     assert config.ownship == load_config(None).ownship
-    leader = {"size_prior_m", "leader_class", "center_on_wing"}
-    assert set(tomllib.loads(daemon_config(described))["estimator"]["leader"]) <= leader
+    leader = tomllib.loads(daemon_config(described))["estimator"]["leader"]
+    beside = {*leader.pop("broadcast", {}), *leader.pop("range", {})}
+    assert set(leader) <= {"size_prior_m", "leader_class", "center_on_wing"}
+    assert beside <= {"system", "icao", "sensor"}
     own = tomllib.loads(daemon_config(described))["estimator"].get("own_state", {})
     assert set(own) <= {"airframe", "custom"}
     assert tomllib.loads(daemon_config(described))["estimator"].get("traffic", {}) == {}
