@@ -106,16 +106,19 @@ def test_a_rangefinder_teaches_the_size_in_15_s_seed_3(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["formation-broadcast", "formation-adsb"])
 def test_the_size_after_a_minute_and_20_s_out_of_view_seeds_1_to_20(name: str, tmp_path: Path) -> None:
     """2 m of GNSS error at 1 Hz. The errors that are assumed are larger than those that are drawn: of three axes
-    the normalised square is half of 3."""
+    the normalised square is half of 3. In one flight of twenty no report comes for longer than `timeout_s`."""
     flights = [fly(name, seed, 87.0, tmp_path) for seed in range(1, 21)]
     errors, sigmas = np.array([f.size_at(60.0) for f in flights]).T
     assert np.sqrt(np.mean(errors**2)) < 0.03
     assert 0.3 < np.mean((errors / sigmas) ** 2) < 1.6
-    squares = []
+    squares, shares = [], []
     for flight in flights:
         blind = flight.between(67.5, 85.0)
-        assert {(e.state, e.valid) for e in blind} == {(Lifecycle.COASTING, True)}
-        assert all(e.reason.startswith(CARRIED) for e in blind)
-        squares.append(flight.squares(blind[::5]))
+        valid = [e for e in blind if e.valid]
+        assert all(e.state is Lifecycle.COASTING and e.reason.startswith(CARRIED) for e in valid)
+        squares.append(flight.squares(valid[::5]))
+        shares.append(len(valid) / len(blind))
+    assert np.mean(shares) > 0.96
+    assert np.median(shares) == 1.0
     assert 1.0 < np.mean([each.mean() for each in squares]) < 4.5
     assert np.mean(np.concatenate(squares) < TIP_95) > 0.92
