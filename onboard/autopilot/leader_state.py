@@ -36,11 +36,10 @@ Geodetic = tuple[float, float, float]
 
 
 class Joined(NamedTuple):
-    """An estimate with our own position and velocity at its time, in n; `r` is NaN where not known."""
+    """An estimate with our own pose of about its time."""
 
     estimate: Estimate
-    r: Array
-    v: Array
+    own: OwnPose | None
 
 
 class LeaderStates:
@@ -66,8 +65,7 @@ class LeaderStates:
         if isinstance(output, OwnPose):
             self._own, self.q_nb = output, output.q_nb
         elif output.name == NAME and output.is_primary:
-            r, v = self._own_at(output.t_ns)
-            self._joined = Joined(output, r, v)
+            self._joined = Joined(output, self._own)
 
     def receive(self, messages: Sequence[Message], system: int, component: int) -> None:
         """Learn the origin: from GPS_GLOBAL_ORIGIN, else from our own GLOBAL_POSITION_INT."""
@@ -84,7 +82,7 @@ class LeaderStates:
         t_ns = m.t_ns - self.delay_ns
         if own is None or abs(t_ns - own.t_ns) > PAIRED_NS or own.r_OF_n[0] is None:
             return
-        r, _ = self._own_at(t_ns)
+        r, _ = _carried(own, t_ns)
         ours = (m.lat_deg, m.lon_deg, m.alt_msl)
         if self.has_stated_origin and self.origin is not None:
             apart = ned_from_geodetic(ours, self.origin) - r
@@ -93,21 +91,12 @@ class LeaderStates:
             self.has_stated_origin = False
         self.origin = geodetic_from_ned(-r, ours)
 
-    def _own_at(self, t_ns: int) -> tuple[Array, Array]:
-        """Our own position and velocity, carried on from the newest pose."""
-        own = self._own
-        if own is None:
-            return np.full(3, np.nan), np.full(3, np.nan)
-        dt = (t_ns - own.t_ns) / NS_PER_S
-        v, a = np.array(own.v_F_n), np.array(own.a_F_n)
-        r = np.array([math.nan if x is None else x for x in own.r_OF_n])
-        return r + dt * v + 0.5 * dt * dt * a, v + dt * a
-
     def at(self, t_ns: int, t_host_ns: int) -> LeaderState | None:
         """The leader at a time on the boot clock; None before the first estimate."""
         if self._joined is None:
             return None
-        e, r_F, v_F = self._joined
+        e, own = self._joined
+        r_F, v_F = _carried(own, e.t_ns)
         reason = _why_not(e, r_F, v_F, t_ns)
         t_ns = max(t_ns, e.t_ns)
         if reason or e.mean is None or e.covariance is None:
@@ -138,7 +127,7 @@ class LeaderStates:
             v_L_n=_vec3(v_L),
             a_L_n=_vec3(a_L),
             covariance=_rows(P),
-            r_FL_n=_vec3(r_L - self._own_at(t_ns)[0]),
+            r_FL_n=_vec3(r_L - _carried(self._own, t_ns)[0]),
             r_FL_covariance=_rows(relative),
             lat_deg=lat,
             lon_deg=lon,
@@ -154,6 +143,16 @@ class LeaderStates:
         sigma = math.sqrt(max(P[3, 3], P[4, 4]))
         if speed > max(SLOW, SURE * sigma):
             self._course = math.atan2(v_L[1], v_L[0])
+
+
+def _carried(own: OwnPose | None, t_ns: int) -> tuple[Array, Array]:
+    """Our own position and velocity in n, carried on from a pose; NaN where not known."""
+    if own is None:
+        return np.full(3, np.nan), np.full(3, np.nan)
+    dt = (t_ns - own.t_ns) / NS_PER_S
+    v, a = np.array(own.v_F_n), np.array(own.a_F_n)
+    r = np.array([math.nan if x is None else x for x in own.r_OF_n])
+    return r + dt * v + 0.5 * dt * dt * a, v + dt * a
 
 
 def acceleration(e: Estimate, v_L: Array) -> Array:

@@ -1,5 +1,8 @@
 """Rotations: unit quaternions (Hamilton, scalar first), matrices, and ZYX Euler angles, in radians."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -14,15 +17,23 @@ def wrap_angle(angle: ArrayLike) -> Array:
 def matrix_from_quaternion(q_nb: ArrayLike) -> Array:
     """R_nb (..., 3, 3) from q_nb (..., 4); q need not be exactly of unit length, only not zero."""
     q = np.asarray(q_nb, dtype=float)
-    # the components of a single quaternion are plain numbers, which are many times faster
-    w, x, y, z = q.tolist() if q.ndim == 1 else np.moveaxis(q, -1, 0)
+    if q.ndim == 1:
+        return matrix_of(q.tolist())
+    return np.moveaxis(np.array(_rows(*np.moveaxis(q, -1, 0))), (0, 1), (-2, -1))
+
+
+def matrix_of(q_nb: Sequence[float]) -> Array:
+    """The same of one quaternion in plain numbers, which are many times faster."""
+    return np.array(_rows(*q_nb))
+
+
+def _rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
     s = 2.0 / (w * w + x * x + y * y + z * z)
-    rows = [
+    return [
         [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
         [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
         [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
     ]
-    return np.array(rows) if q.ndim == 1 else np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def quaternion_from_matrix(R_nb: ArrayLike) -> Array:

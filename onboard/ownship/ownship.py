@@ -9,13 +9,12 @@ accelerometer bias can part the two.
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.geometry.rotations import matrix_from_quaternion
+from onboard.geometry.rotations import matrix_of
 from onboard.messages import (
     Attitude,
     EstimatorStatus,
@@ -138,7 +137,7 @@ class Ownship:
         nav = self._nav_at(t_ns)
         if q is None or nav is None:
             return None
-        return Pose(matrix_from_quaternion(q), np.array(q), nav.r, nav.v)
+        return Pose(matrix_of(q), np.array(q), nav.r, nav.v)
 
     def knows(self, t_ns: int) -> bool:
         """Whether pose and motion at a time are interpolated, so that nothing to come can change them."""
@@ -159,21 +158,22 @@ class Ownship:
         return way
 
     def _cut(self, t0_ns: int, t1_ns: int) -> Iterator[Step]:
-        first = bisect_right(self.nav_times, t0_ns)
-        last = bisect_left(self.nav_times, t1_ns)
-        cuts = [t0_ns, *self.nav_times[first:last], t1_ns]
-        for a, b in pairwise(cuts):
-            if b > a:
-                dt = (b - a) * 1e-9
-                slope, v0 = self._acceleration(a, b), self._velocity(a)
-                yield Step(dt, v0, v0 + dt * slope, slope)
+        times = self.nav_times
+        i = bisect_right(times, t0_ns) - 1  # of the last sample so far
+        while t0_ns < t1_ns:
+            end_ns = min(times[i + 1], t1_ns) if i + 1 < len(times) else t1_ns
+            dt, near = (end_ns - t0_ns) * 1e-9, max(i, 0)
+            slope = self._slope(i)
+            v0 = self._nav[near].v + slope * ((t0_ns - times[near]) * 1e-9)
+            yield Step(dt, v0, v0 + dt * slope, slope)
+            i, t0_ns = i + 1, end_ns
 
     def own_pose(self, t_ns: int) -> OwnPose | None:
         """The pose as a record, to publish."""
         pose = self.pose_at(t_ns)
         if pose is None:
             return None
-        a = self._acceleration(t_ns - 1, t_ns)
+        a = self._slope(bisect_left(self.nav_times, t_ns) - 1)
         north, east = pose.r_OF_n[:2].tolist()
         horizontal = (north, east) if math.isfinite(north + east) else (None, None)
         return OwnPose(
@@ -272,7 +272,7 @@ class Ownship:
         i = max(bisect_right(times, t_ns) - 1, 0)
         ahead = (t_ns - times[i]) * 1e-9
         near = self._nav[i]
-        a = self._acceleration(t_ns - 1, t_ns)
+        a = self._slope(i)
         if i + 1 < len(times):
             fraction = (t_ns - times[i]) / (times[i + 1] - times[i])
             r = near.r + fraction * (self._nav[i + 1].r - near.r)
@@ -280,17 +280,9 @@ class Ownship:
             r = near.r + ahead * (near.v + 0.5 * ahead * a)
         return NavSample(r, near.v + ahead * a)
 
-    def _velocity(self, t_ns: int) -> Array:
-        """v_F_n at any time: linear between samples, the nearest slope outside them."""
-        i = min(max(bisect_right(self.nav_times, t_ns) - 1, 0), len(self._nav) - 1)
-        return self._nav[i].v + self._acceleration(t_ns, t_ns + 1) * ((t_ns - self.nav_times[i]) * 1e-9)
-
-    def _acceleration(self, a_ns: int, b_ns: int) -> Array:
-        """The slope of the velocity over [a, b], which holds no sample inside it."""
-        if not self._slopes:
-            return np.zeros(3)
-        i = bisect_right(self.nav_times, (a_ns + b_ns) // 2) - 1
-        return self._slopes[min(max(i, 0), len(self._slopes) - 1)]
+    def _slope(self, i: int) -> Array:
+        """The slope of the velocity after sample i; before the first sample and after the last, the nearest."""
+        return self._slopes[min(max(i, 0), len(self._slopes) - 1)] if self._slopes else np.zeros(3)
 
 
 def _trim(times: list[int], values: list[Any]) -> None:

@@ -147,27 +147,6 @@ def test_particles_spread_along_the_line_of_sight() -> None:
     assert ranges.min() < 1.7
 
 
-def test_a_doubted_nose_shows_the_same_image() -> None:
-    """A particle that takes another nose is nearer or farther by as much as its wing is seen less or more."""
-    settings = SETTINGS._replace(doubted_after=1e-9)
-    cloud = particles.start(settings, image(25.0, 0.4), STILL)
-    after = particles.predict(settings, cloud, 1e-6, np.zeros(3))
-    assert np.abs(after.noses - cloud.noses).max() > 0.5
-    direction = after.means[:, :3] / np.linalg.norm(after.means[:, :3], axis=1)[:, None]
-    lengths = model.visible(after.noses, direction) / np.linalg.norm(after.means[:, :3], axis=1)
-    assert lengths == pytest.approx(np.full(len(lengths), lengths.mean()), rel=1e-3)
-
-
-def test_a_doubted_nose_of_a_fixed_wing_stays_about_its_course() -> None:
-    settings = SETTINGS._replace(crab=math.radians(14.0), doubted_after=1e-9)
-    flies = STILL._replace(v_F_n=np.array([15.0, 0.0, 0.0]))
-    cloud = particles.start(settings, image(25.0, 0.2), flies)
-    course = np.arctan2(cloud.means[:, 4], cloud.means[:, 3])
-    after = particles.predict(settings, cloud, 1e-6, 1e-6 * flies.v_F_n)
-    assert np.abs(after.noses - course).max() < 2.6 * settings.crab
-    assert np.abs(after.noses - cloud.noses).max() > settings.crab
-
-
 def test_a_nose_on_the_course_is_likely_but_no_more() -> None:
     """A leader that flies fast is likely to point its nose along its course; a weight remains for all others."""
     settings = SETTINGS._replace(on_course=1e-9)

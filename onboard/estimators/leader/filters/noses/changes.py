@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses.draws import DRAW, normal_at, uniform_at
+from onboard.estimators.leader.filters.noses.draws import DRAW, normals, uniforms
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.compiled import OUT, VECTOR
 from onboard.models.apparent_wing import BANK_ERROR, COVARIANCES, NOSES, NUMBER, N, visible2
@@ -106,27 +106,28 @@ def _change(  # type: ignore[no-untyped-def]
     edge_on,
     metric,
 ):
-    for k in range(noses.shape[0]):
+    count = noses.shape[0]
+    of_turning, turn = uniforms(draws, count), normals(np.uint64(draws + 1), count)
+    of_speed, walk = uniforms(np.uint64(draws + 3), count), normals(np.uint64(draws + 4), count)
+    of_doubt, where = uniforms(np.uint64(draws + 6), count), uniforms(np.uint64(draws + 7), count)
+    for k in range(count):
         x = means[k]
-        chance = uniform_at(draws, k)
         if rates[k] != 0.0:
-            rates[k] = 0.0 if chance < stops else rates[k]
-        elif chance < turns:
-            rates[k] = nose_rate * normal_at(draws + np.uint64(1), k)
-        chance = uniform_at(draws + np.uint64(3), k)
+            rates[k] = 0.0 if of_turning[k] < stops else rates[k]
+        elif of_turning[k] < turns:
+            rates[k] = nose_rate * turn[k]
         if accelerates[k] != 0.0:
-            accelerates[k] = 0.0 if chance < steadies else 1.0
-        elif chance < begins:
+            accelerates[k] = 0.0 if of_speed[k] < steadies else 1.0
+        elif of_speed[k] < begins:
             accelerates[k] = 1.0
-        if uniform_at(draws + np.uint64(6), k) < doubted:
-            where = uniform_at(draws + np.uint64(7), k)
-            other = noses[k] + np.pi * where
+        if of_doubt[k] < doubted:
+            other = noses[k] + np.pi * where[k]
             if crab > 0.0:  # a fixed wing's nose stays about its course
-                other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where - 1.0)
+                other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where[k] - 1.0)
             if not metric:
                 _doubt(noses[k], other, x, P[k], dt, moved, edge_on)
             noses[k] = other
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn
         wanders = wander * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))
-        noses[k] += dt * rates[k] + wanders * normal_at(draws + np.uint64(4), k)
+        noses[k] += dt * rates[k] + wanders * walk[k]

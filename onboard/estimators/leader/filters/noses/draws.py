@@ -17,44 +17,29 @@ SHIFTS: Final = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
 
 def uniform(draw: int, count: int) -> Array:
     """Numbers (count,) in (0, 1), a fixed function of `draw`, by the generator splitmix64."""
-    found: Array = _uniform(draw, count)
+    found: Array = uniforms(draw, count)
     return found
 
 
 def normal(draw: int, count: int) -> Array:
     """Standard normal numbers (count,), a fixed function of `draw` and `draw + 1`, by Box and Muller."""
-    found: Array = _normal(draw, count)
+    found: Array = normals(draw, count)
     return found
 
 
-@njit(cache=True, error_model="numpy")
-def uniform_at(draw, k):  # type: ignore[no-untyped-def]
-    """Number k of `uniform(draw, ...)`; `draw` is a uint64."""
-    z = (draw * WEYL + np.uint64(k + 1)) * MIX[0]
+@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
+def uniforms(draw, count):  # type: ignore[no-untyped-def]
+    """`uniform`, to be called from compiled code."""
+    z = np.full(count, draw, np.uint64) * WEYL + np.arange(1, count + 1).astype(np.uint64)
+    z *= MIX[0]
     z = (z ^ (z >> SHIFTS[0])) * MIX[1]
     z = (z ^ (z >> SHIFTS[1])) * MIX[2]
     z ^= z >> SHIFTS[2]
-    return (np.float64(z >> SHIFTS[3]) + 0.5) * 2.0**-53
-
-
-@njit(cache=True, error_model="numpy")
-def normal_at(draw, k):  # type: ignore[no-untyped-def]
-    """Number k of `normal(draw, ...)`."""
-    angle = 2.0 * math.pi * uniform_at(draw + np.uint64(1), k)
-    return np.sqrt(-2.0 * np.log(uniform_at(draw, k))) * np.cos(angle)
+    return ((z >> SHIFTS[3]).astype(np.float64) + 0.5) * 2.0**-53
 
 
 @njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
-def _uniform(draw, count):  # type: ignore[no-untyped-def]
-    found = np.empty(count)
-    for k in range(count):
-        found[k] = uniform_at(draw, k)
-    return found
-
-
-@njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
-def _normal(draw, count):  # type: ignore[no-untyped-def]
-    found = np.empty(count)
-    for k in range(count):
-        found[k] = normal_at(draw, k)
-    return found
+def normals(draw, count):  # type: ignore[no-untyped-def]
+    """`normal`, to be called from compiled code."""
+    angles = 2.0 * math.pi * uniforms(np.uint64(draw + 1), count)
+    return np.sqrt(-2.0 * np.log(uniforms(draw, count))) * np.cos(angles)

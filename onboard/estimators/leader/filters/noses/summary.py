@@ -55,9 +55,10 @@ class Summary(NamedTuple):
 
     def range_sigma(self) -> float:
         """The standard deviation of the range, as a share of it."""
-        r = self.mean[R_FL]
-        square = float(r @ r)
-        return math.sqrt(max(float(r @ self.covariance[R_FL, R_FL] @ r), 0.0)) / square
+        x, y, z = self.mean[R_FL].tolist()  # three numbers: Python's arithmetic is fast
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.covariance[R_FL, R_FL].tolist()
+        along = x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + x * z * xz + y * z * yz)
+        return math.sqrt(max(along, 0.0)) / float(x * x + y * y + z * z)
 
     def is_on_course(self, within: float, air: Sequence[float]) -> bool:
         """Whether the leader flies, with its nose within an angle (rad) of its course through air that moves to
