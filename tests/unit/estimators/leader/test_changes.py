@@ -17,8 +17,6 @@ NOSES = NoseModel(
 STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 # 25 m to the north
 IMAGE = Measurement(np.array([0.0, 0.0, 0.07, 0.0]), 3e-6 * np.eye(4), 0.07, 1.8e-3, np.eye(3))
-    np.array([0.0, 0.0, 0.07, 0.0]), 3e-6 * np.eye(4), 0.07, 1.8e-3, np.eye(3)
-)  # 25 m to the north
 
 
 def test_a_doubted_nose_shows_the_same_image() -> None:
