@@ -25,14 +25,16 @@ class Belief(NamedTuple):
 
 
 class Update(NamedTuple):
-    """A measurement update: the posterior, the innovation (..., m) (before the update), its covariance
-    (..., m, m), the predicted measurement (..., m), and the normalised innovation squared (a float, or (...,))."""
+    """A measurement update: the posterior, the innovation (..., m) (before the update), its covariance (..., m,
+    m), the predicted measurement (..., m), and the normalised innovation squared (a float, or (...,)).
+    `misfits`: the names of parts of the measurement that were left out, since they do not fit."""
 
     belief: Any
     innovation: Array
     innovation_covariance: Array
     predicted: Array
     nis: Any
+    misfits: tuple[str, ...] = ()
 
 
 class Weights(NamedTuple):

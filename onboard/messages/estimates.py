@@ -42,7 +42,7 @@ class Verdict(StrEnum):
 class MeasurementReport(Record, frozen=True, kw_only=True):
     """One measurement of `source` with its prediction, its innovation and the verdict. Vectors have `components`
     and `units`; points are as in `TargetPoints`. A field is None if the verdict was reached before it could be
-    computed."""
+    computed. `misfits`: named points that were left out, since they fit no attitude of the target."""
 
     source: str
     t_ns: int
@@ -58,6 +58,7 @@ class MeasurementReport(Record, frozen=True, kw_only=True):
     gate: float | None = None
     points: tuple[ImagePoint, ...] | None = None
     predicted_points: tuple[ImagePoint, ...] | None = None
+    misfits: tuple[str, ...] = ()
 
 
 class ThreatLevel(StrEnum):

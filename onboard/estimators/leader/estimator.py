@@ -31,6 +31,7 @@ from onboard.ownship import Ownship
 NAME: Final = "leader"
 LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind)
 NO_ID: Final = ""
+MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
 BESIDE: Final = 0.04  # rad
@@ -90,6 +91,7 @@ class Estimator:
         estimate = track.observe(message, ownship)
         if estimate.measurement is not None:
             self._verdicts[estimate.measurement.verdict] += 1
+            self._verdicts.update(f"{MISFIT}{name}" for name in estimate.measurement.misfits)
         if track.target == NAME:
             self._learn(message, ownship)
         return [self._with_beside(estimate, ownship)]

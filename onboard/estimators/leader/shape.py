@@ -44,7 +44,8 @@ class Seen(NamedTuple):
     """What a detection shows beyond center and wing: its `rows`, and the same with the center, if that was seen
     (`extent`), whose coordinates spread by so much, rad, one standard deviation; by how much of the size they
     lastingly mislead; what an edge-on aircraft shows, and how it leans. `is_box`: the rows are a box's sides.
-    `misplaced`: by which share of the length between nose and tail named points are lastingly off."""
+    `misplaced`: by which share of the length between nose and tail named points are lastingly off. `names`: of the
+    points, two rows each; none of a box."""
 
     rows: Rows
     extent: Rows
@@ -55,6 +56,7 @@ class Seen(NamedTuple):
     posture: Posture
     is_box: bool
     misplaced: float = 0.0
+    names: tuple[str, ...] = ()
 
     @property
     def has_extent(self) -> bool:
@@ -94,7 +96,18 @@ def of_points(shape: Shape, features: Sequence[ImageFeature], axes: Array, *, ha
     sigma = math.sqrt(2.0) * float(rows.sigma.max())
     length = float(np.ptp(np.append(points[:, 0], 0.0)))
     misplaced = math.sqrt(2.0) * MISPLACED / length if length > SHORTEST else 0.0
-    return Seen(rows, extent, spread, sigma, 0.0, shape.edge_on, shape.posture, is_box=False, misplaced=misplaced)
+    names = tuple(f.name for f in known)
+    return Seen(rows, extent, spread, sigma, 0.0, shape.edge_on, shape.posture, False, misplaced, names)
+
+
+def only(shows: Seen, which: Sequence[int]) -> Seen:
+    """What some of the named points show."""
+    rows, at = shows.rows, np.array([2 * k + axis for k in which for axis in (0, 1)])
+    index = np.repeat(np.arange(float(len(which))), 2)
+    rows = rows._replace(
+        points=rows.points[list(which)], which=index, axis=rows.axis[at], y=rows.y[at], sigma=rows.sigma[at]
+    )
+    return shows._replace(rows=rows, names=tuple(shows.names[k] for k in which))
 
 
 def _of_points(points: Array, y: Array, sigmas: Sequence[float]) -> Rows:

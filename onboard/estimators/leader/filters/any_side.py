@@ -132,7 +132,7 @@ class AnySideFilter:
             return update._replace(belief=predicted._replace(confirmed=self._agree(predicted)))
         after = predicted._replace(cloud=cloud, summary=summarise(settings, cloud))
         after = after._replace(confirmed=self._agree(after))
-        return update._replace(belief=after, nis=min(update.nis, gate))
+        return update._replace(belief=after, nis=min(update.nis, gate), misfits=cloud.misfits)
 
     def resized(self, state: AnySide, size: Size) -> AnySide:
         """Both filters' states for another size."""

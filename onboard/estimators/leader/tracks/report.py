@@ -50,6 +50,7 @@ def report(
             "innovation": tuple(update.innovation.tolist()),
             "innovation_sigma": tuple(map(math.sqrt, update.innovation_covariance.diagonal().tolist())),
             "nis": update.nis,
+            "misfits": update.misfits,
             "predicted_points": _predicted_points(filter_, image, outcome),
         }
     return MeasurementReport(

@@ -51,8 +51,7 @@ class Track:
     ) -> None:
         self.target = target
         self.direction_n: tuple[float, ...] | None = None
-        self.half_wing = 1.0
-        self.is_metric = False
+        self.half_wing, self.is_metric = 1.0, False
         self._full = full
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
         self._history: History[Any, Ownship] | None = None

@@ -12,8 +12,9 @@ class Cloud(NamedTuple):
     `models.apparent_wing`; logarithms of the weights (K,); the number of random draws so far; the share of the
     wing's length that the edge-on aircraft shows in what started the cloud; by how much of the size that
     lastingly misleads: a box does, points do not, and poses do of the range; whether points have distinguished
-    the nose from the tail; how far off, as a share, they lastingly make the length that shows the nose; and
-    whether the ranges are metric, by poses, and not those of a leader of the configured size."""
+    the nose from the tail; how far off, as a share, they lastingly make the length that shows the nose;
+    whether the ranges are metric, by poses, and not those of a leader of the configured size; and the named points
+    of the last image that fitted no nose."""
 
     noses: Array
     rates: Array
@@ -27,3 +28,4 @@ class Cloud(NamedTuple):
     sided: bool = False
     misplaced: float = 0.0
     metric: bool = False
+    misfits: tuple[str, ...] = ()

@@ -6,7 +6,7 @@ summary; where another kind of image follows, it becomes uncertainty of each par
 """
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -15,12 +15,55 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.posed import LASTING_TURN, Posed
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.leader.shape import Seen
+from onboard.estimators.leader.shape import Seen, only
+from onboard.filters.belief import FilterError
 from onboard.models import apparent_pose, apparent_shape
 from onboard.models.apparent_wing import LEAST_VISIBLE, R
 
+OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right noses do
+PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
 LASTING: Final = 4.0  # noise that lasts counts as often
 ANY_NOSE: Final = 1.0  # as `edge_on`: of a leader whose range is measured, noise depends little on its nose
+
+
+class Fit(NamedTuple):
+    """The cloud after what an image shows of a shape, None if that fits no nose, with the particles' logarithms of
+    likelihoods (K,), the NIS that OF_SHAPE of the weight have at most, and the named points that fit none."""
+
+    cloud: Cloud | None
+    log_l: Array
+    beyond: float
+    misfits: tuple[str, ...] = ()
+
+
+def fitted(settings: NoseModel, cloud: Cloud, shows: Seen, axes: Array, pose: CameraPose) -> Fit:
+    """The cloud after what an image shows of the leader's shape. If all of it fits no nose, the points that fit
+    none by themselves are left out: one point that a detector finds elsewhere costs the others nothing. Raises
+    FilterError."""
+
+    def fit(part: Seen) -> Fit:
+        found, nis, log_l = shaped(settings, cloud, part, axes, pose)
+        beyond = expected(cloud, nis, OF_SHAPE)
+        fits = beyond <= settings.gate + PER_ROW * len(part.rows.y)
+        return Fit(found if fits else None, log_l, beyond)
+
+    whole = fit(shows)
+    if whole.cloud is not None or shows.is_box:
+        return whole
+    every = range(len(shows.names))
+    fitting = [k for k in every if fit(only(shows, [k])).cloud is not None]
+    misfits = tuple(shows.names[k] for k in every if k not in fitting)
+    rest = fit(only(shows, fitting)) if misfits and fitting else whole
+    return rest._replace(misfits=misfits)
+
+
+def expected(cloud: Cloud, nis: Array, share: float) -> float:
+    """The NIS that a share of the weight has at most. Raises FilterError."""
+    order = np.argsort(nis)
+    least = float(nis[order][np.searchsorted(np.cumsum(np.exp(cloud.log_weights[order])), share)])
+    if not math.isfinite(least):
+        raise FilterError("the cloud of noses has lost its numbers")
+    return least
 
 
 def shaped(

@@ -24,17 +24,22 @@ from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses.changes import DRAWS, MOST_CRAB, change
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.draws import normal, uniform
-from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE, of_points, of_poses, posed, shaped
+from onboard.estimators.leader.filters.noses.evidence import (
+    ANY_NOSE,
+    OF_SHAPE,
+    expected,
+    fitted,
+    of_points,
+    of_poses,
+    posed,
+)
 from onboard.estimators.leader.settings import NoseModel
-from onboard.filters.belief import FilterError
 from onboard.models import apparent_shape
 from onboard.models import apparent_wing as model
 from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
-OF_SHAPE: Final = 0.02  # the same for a shape, which only particles with the right nose expect
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
-PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
 LEAST_RANGE: Final = (
     0.05  # of the largest range at which a first image may be: points in a row may hide each other
 )
@@ -159,26 +164,26 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
         cloud = of_poses(settings, cloud, seen.pose.lasting)
     elif cloud.lasting > 0.0 and (seen.has_wing or (shows is not None and not shows.is_box)):
         cloud = of_points(settings, cloud)
-    after, log_l, least = cloud, np.zeros(len(cloud.noses)), 0.0
+    after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
     if shows is None or not shows.is_box:
         means, P = cloud.means.copy(), cloud.covariances.copy()
         arguments = seen.y, seen.R, pose.R_cn, pose.r_FC_n, seen.axes
         nis, log_l = model.update(means, P, cloud.noses, settings.size, *map(np.ascontiguousarray, arguments))
-        least = _expected(cloud, nis, EXPECTING)
+        least = expected(cloud, nis, EXPECTING)
         if least > settings.gate:
             return given, least
         after = cloud._replace(means=means, covariances=P)
     if shows is not None:
-        found, shape_nis, more = shaped(settings, after, shows, seen.axes, pose)
-        beyond = _expected(cloud, shape_nis, OF_SHAPE)
-        if beyond <= settings.gate + PER_ROW * len(shows.rows.y):
-            after, log_l = found._replace(sided=cloud.sided or shows.rows.named), log_l + more
+        fit = fitted(settings, after, shows, seen.axes, pose)
+        if fit.cloud is not None:
+            after, log_l = fit.cloud._replace(sided=cloud.sided or shows.rows.named), log_l + fit.log_l
             after = after._replace(misplaced=max(cloud.misplaced, shows.misplaced))
         elif shows.is_box:
-            return given, beyond
+            return given, fit.beyond
+        after = after._replace(misfits=fit.misfits)
     if seen.pose is not None:
         found, pose_nis, more = posed(settings, after, seen.pose, pose)
-        beyond = _expected(cloud, pose_nis, OF_SHAPE)
+        beyond = expected(cloud, pose_nis, OF_SHAPE)
         if beyond <= settings.gate:
             after, log_l = found, log_l + more
         elif seen.is_metric:
@@ -191,15 +196,6 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
     if 1.0 / np.sum(w * w) > settings.resample * len(w):
         return after, least
     return _resampled(after, w), least
-
-
-def _expected(cloud: Cloud, nis: Array, share: float) -> float:
-    """The NIS that a share of the weight has at most. Raises FilterError."""
-    order = np.argsort(nis)
-    least = float(nis[order][np.searchsorted(np.cumsum(np.exp(cloud.log_weights[order])), share)])
-    if not math.isfinite(least):
-        raise FilterError("the cloud of noses has lost its numbers")
-    return least
 
 
 def _resampled(cloud: Cloud, w: Array) -> Cloud:
