@@ -20,6 +20,7 @@ from onboard.pipeline import Pipeline
 from onboard.studies.encounters.flights import FIVE_POINTS, Case, fly, known
 from onboard.studies.encounters.scores import score
 from simlink.encounters.encounter import Encounter, make_encounter
+from simlink.encounters.families import FAMILIES
 from simlink.encounters.reports import BOOT_NS
 from simlink.encounters.shapes import Sees
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance, make_config
@@ -239,6 +240,31 @@ def test_nose_and_tail_resolve_the_heading_of_a_leader_that_hovers_seed_3() -> N
     assert sigma < 2.7
     assert "not resolved" not in with_points[-1].reason
     assert heading(without)[1] > 54.0
+
+
+@pytest.mark.slow
+def test_five_points_resolve_the_heading_within_2_s_in_95_percent_seeds_801_to_805() -> None:
+    """Two seconds after the first valid estimate, in encounters of all families: the heading is right to 15
+    degrees, and says so, and the range is not open."""
+    resolved = []
+    for family in FAMILIES:
+        for seed in range(801, 806):
+            encounter, estimates = flown(family, seed, 6.0, "points", *FIVE_POINTS)
+            begin_ns = next((e.t_ns for e in estimates if e.valid), None)
+            later = [e for e in estimates if e.valid and begin_ns is not None and e.t_ns >= begin_ns + 2 * S]
+            if not later:  # it is not seen for so long
+                continue
+            first = later[0]
+            assert first.mean is not None
+            assert first.covariance is not None
+            at = first.components.index("heading")
+            t = (first.t_ns - BOOT_NS) * 1e-9
+            off = first.mean[at] - np.interp(t, encounter.truth.t, np.unwrap(encounter.truth.euler_L[:, 2]))
+            off = abs((off + math.pi) % (2 * math.pi) - math.pi)
+            sure = first.covariance[at][at] ** 0.5 < math.radians(15.0) and "not resolved" not in first.reason
+            resolved.append(bool(off < math.radians(15.0) and sure))
+    assert len(resolved) > 35
+    assert np.mean(resolved) >= 0.95
 
 
 def test_the_nose_is_distinguished_from_the_tail_of_a_leader_that_comes_head_on_seed_3() -> None:
