@@ -95,7 +95,7 @@ def test_a_step_of_all_modes_is_what_the_parts_make_seed_1(own: Filter, count: i
         state = _wing_line.advance(own, state, DT, image[2].v_F_n, a)
         update = _wing_line.fuse(own, state, *image)
         state = update.belief
-        got = [*compiled.mixture(state), *state, *update[1:]]
+        got = [*compiled.mixture(state), *state, *update[1:5]]
         for a_, b_ in zip(got, expected, strict=True):
             np.testing.assert_allclose(a_, b_, rtol=1e-9, atol=1e-12)
 
@@ -110,7 +110,7 @@ def test_one_of_a_batch_is_what_it_is_alone_seed_2() -> None:
         y, R_y, geometry = image[0][one], image[1][one], ImageGeometry(*(array[one] for array in image[2]))
         alone = _wing_line.advance(own, Modes(*(array[one] for array in state)), DT, geometry.v_F_n, a[one])
         update = _wing_line.fuse(own, alone, y, R_y, geometry)
-        for a_, b_ in zip([*together.belief, *together[1:]], [*update.belief, *update[1:]], strict=True):
+        for a_, b_ in zip([*together.belief, *together[1:5]], [*update.belief, *update[1:5]], strict=True):
             np.testing.assert_array_equal(a_[one], b_)
 
 
