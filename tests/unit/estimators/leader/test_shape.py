@@ -16,6 +16,7 @@ from onboard.estimators.leader.filters.partial import UNKNOWN, measure, seen, wi
 from onboard.estimators.leader.shape import LASTING_GUESS
 from onboard.messages import Estimate, ImageFeature, Lifecycle, TargetDetection, TargetPoints, Verdict
 from onboard.models.apparent_shape import HIGHEST, LOWEST
+from onboard.models.relative_motion import R
 from onboard.pipeline import Pipeline
 from onboard.studies.encounters.flights import FIVE_POINTS, Case, fly, known
 from onboard.studies.encounters.scores import score
@@ -280,6 +281,23 @@ def test_points_that_a_detector_lastingly_misplaces_make_no_range_confidently_wr
     assert found.wrong.percent == 0.0
     assert found.inside.percent > 80.0
     assert found.sigma < 7.0
+
+
+def test_images_do_not_reduce_what_named_points_lastingly_mislead_by() -> None:
+    """It stays in the range of a wing seen along itself, and an image of the wing alone does not take it away."""
+    settings = make_filter(leader(**PLANE))._settings  # type: ignore[attr-defined]
+    pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+    named = measured(
+        replace(IMAGE, others=(feature("nose", *IMAGE.center), feature("tail", *IMAGE.center))), **PLANE
+    )
+    cloud = particles.start(settings, named, pose)
+    for seen_ in (named, named, measured(IMAGE, **PLANE)):
+        cloud, _ = particles.update(settings, particles.predict(settings, cloud, 0.1, np.zeros(3)), seen_, pose)
+    assert cloud.misplaced == named.shows.misplaced > 0.03
+    line = cloud.means[:, R] / np.linalg.norm(cloud.means[:, R], axis=1)[:, None]
+    edge_on = cloud._replace(noses=np.arctan2(line[:, 1], line[:, 0]) + 0.5 * np.pi)
+    with_it, without = (summarise(settings, c).range_sigma() for c in (edge_on, edge_on._replace(misplaced=0.0)))
+    assert with_it**2 - without**2 == pytest.approx(cloud.misplaced**2, rel=0.1)
 
 
 def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_seed_3() -> None:
