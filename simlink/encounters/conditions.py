@@ -53,8 +53,8 @@ POSITION_LAG_S: Final[Range] = (0.015, 0.030)
 TRANSPORT_S: Final[Range] = (0.001, 0.004)
 # Filters of autopilots know the wind after a turn to half a metre a second, before it to two.
 WIND_ERROR: Final[Range] = (0.5, 2.0)  # m/s, standard deviation on each axis
-# What they say of it, over what it is.
-WIND_SAID: Final[Range] = (0.6, 1.5)
+# The standard deviation that they state, over its own.
+WIND_STATED: Final[Range] = (0.6, 1.5)
 
 
 class Conditions(NamedTuple):

@@ -22,7 +22,7 @@ from onboard.messages import (
     Wind,
 )
 from simlink.encounters.attitudes import body_rates
-from simlink.encounters.conditions import JITTER_S, WIND_ERROR, WIND_SAID, Conditions
+from simlink.encounters.conditions import JITTER_S, WIND_ERROR, WIND_STATED, Conditions
 from simlink.encounters.curves import wobble
 from simlink.encounters.gimbals import Mount, SweepingGimbal, draw_gimbal
 from simlink.encounters.poses import PoseDetector
@@ -73,10 +73,10 @@ def winds(truth: EncounterTruth, wind: Array, seed: int) -> Iterator[Message]:
     rng = stream(seed, "encounters.wind")
     sigma = float(rng.uniform(*WIND_ERROR))
     north, east = (wind[:2] + sigma * rng.standard_normal(2)).tolist()
-    said = sigma * float(rng.uniform(*WIND_SAID))
+    stated = sigma * float(rng.uniform(*WIND_STATED))
     for t in _samples(truth, rng, WIND_HZ).tolist():
         ns = boot_ns(t)
-        yield Wind(t_ns=ns, t_recv_ns=EPOCH_NS + ns, clock=Clock.NONE, north=north, east=east, sigma=said)
+        yield Wind(t_ns=ns, t_recv_ns=EPOCH_NS + ns, clock=Clock.NONE, north=north, east=east, sigma=stated)
 
 
 def _samples(truth: EncounterTruth, rng: np.random.Generator, rate: float) -> Array:

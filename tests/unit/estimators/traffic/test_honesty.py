@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator
 from copy import deepcopy
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from onboard.arrays import Array
 from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import TrafficOutConfig
 from onboard.estimators.traffic.config import Config
+from onboard.estimators.traffic.motion import gust_random_walk
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import ClosestApproach, Collision, MeasurementReport, ThreatLevel, Verdict
 from tests.support.honesty import assert_honest, nees
@@ -23,45 +25,82 @@ from tests.support.vehicle_records import INTRUDER, TRAFFIC
 AIRCRAFT = 40
 SECONDS = 12
 LATENCY_SIGMA_S = 0.02
+STEP_S = 0.05
 
 
-def straight(seed: int) -> Iterator[tuple[int, Array, Array]]:
-    """Addresses, places and velocities of aircraft all around, kilometres apart, each on a straight line."""
-    rng = np.random.default_rng(seed)
+class Path(NamedTuple):
+    """An aircraft's address, and its places (k, 3) and velocities (k, 3), a row each STEP_S."""
+
+    icao: int
+    r: Array
+    v: Array
+
+    def at(self, t: float) -> tuple[Array, Array]:
+        """Place and velocity at a time, s."""
+        k, beyond = int(t / STEP_S), t - STEP_S * int(t / STEP_S)
+        return self.r[k] + beyond * self.v[k], self.v[k]
+
+
+def paths(seed: int, *, manoeuvres: bool) -> Iterator[Path]:
+    """Aircraft all around, kilometres apart: each on a straight line, or its accelerations and gusts drawn as the
+    single filters expect them."""
+    rng, config = np.random.default_rng(seed), Config()
+    level = np.array([1.0, 1.0, config.vertical_share])
+    sigma = level * config.manoeuvre_acceleration_m_s2 * manoeuvres
+    kept = math.exp(-STEP_S / config.manoeuvre_time_s)
+    gust = gust_random_walk(
+        np.array([config.gust_m_s, config.gust_m_s, config.gust_vertical_m_s]), config.gust_time_s
+    )
     for k in range(AIRCRAFT):
         angle = 2 * math.pi * k / AIRCRAFT
         place = 8000.0 * np.array([math.cos(angle), math.sin(angle), 0.0]) + [0.0, 0.0, -200.0]
         course = rng.uniform(0, 2 * math.pi)
-        yield 0x100000 + k, place, 40.0 * np.array([math.cos(course), math.sin(course), 0.0])
+        a, r = sigma * rng.normal(size=3), [place]
+        v = [40.0 * np.array([math.cos(course), math.sin(course), 0.0])]
+        for _ in range(round((SECONDS + 2.0) / STEP_S)):
+            r.append(r[-1] + STEP_S * v[-1] + 0.5 * STEP_S**2 * a)
+            v.append(v[-1] + STEP_S * a + gust * manoeuvres * math.sqrt(STEP_S) * rng.normal(size=3))
+            a = kept * a + sigma * math.sqrt(1.0 - kept**2) * rng.normal(size=3)
+        yield Path(0x100000 + k, np.array(r), np.array(v))
 
 
 @cache
-def errors(filter_: str, seed: int) -> list[tuple[Array, Array]]:
+def errors(filter_: str, seed: int, *, manoeuvres: bool = False) -> list[tuple[Array, Array]]:
     """Error (6,) and covariance (6, 6) of each aircraft at the end. Each report is off by white noise and by its
     age, each aircraft by a steady error."""
-    rng, config = np.random.default_rng(seed), Config()
+    rng, config = np.random.default_rng(1000 + seed), Config()
     sky = Sky(filter=filter_, adsb_latency_sigma_s=LATENCY_SIGMA_S)
-    flown = list(straight(seed))
+    flown = list(paths(seed, manoeuvres=manoeuvres))
     white = np.array([config.adsb_position_sigma_m, config.adsb_position_sigma_m, config.adsb_altitude_sigma_m])
     steady = np.array([config.report_bias_m, config.report_bias_m, config.report_bias_altitude_m])
     bias = steady * rng.normal(size=(AIRCRAFT, 3))
     for _ in range(SECONDS):
-        for k, (icao, r, v) in enumerate(flown):
+        for k, path in enumerate(flown):
             old = LATENCY_SIGMA_S * rng.normal()
-            place = r + v * (sky.t - old) + bias[k] + white * rng.normal(size=3)
-            sky.receive(sky.adsb(place, v + config.adsb_velocity_sigma_m_s * rng.normal(size=3), icao=icao))
+            r, v = path.at(sky.t)
+            place = r - old * v + bias[k] + white * rng.normal(size=3)
+            sky.receive(sky.adsb(place, v + config.adsb_velocity_sigma_m_s * rng.normal(size=3), icao=path.icao))
         sky.fly(1.0)
     found = []
-    for icao, r, v in flown:
-        estimate = sky.newest[f"icao/{icao:06x}"]
+    for path in flown:
+        estimate = sky.newest[f"icao/{path.icao:06x}"]
         assert estimate.valid
-        found.append((mean(estimate) - [*(r + v * estimate.t_ns * 1e-9), *v], np.array(estimate.covariance)))
+        found.append(
+            (mean(estimate) - np.concatenate(path.at(estimate.t_ns * 1e-9)), np.array(estimate.covariance))
+        )
     return found
 
 
 @pytest.mark.parametrize("filter_", ["imm", "ekf"])
 def test_nees_of_the_position_seeds_1_and_2(filter_: str) -> None:
     assert_honest([nees(error[:3], P[:3, :3]) for error, P in errors(filter_, 1) + errors(filter_, 2)], 3)
+
+
+def test_nees_of_position_and_velocity_of_aircraft_that_fly_as_expected_seeds_1_and_2() -> None:
+    """By the extended filter, whose one model is what is drawn."""
+    found = errors("ekf", 1, manoeuvres=True) + errors("ekf", 2, manoeuvres=True)
+    assert_honest([nees(error[3:], P[3:, 3:]) for error, P in found], 3)
+    assert_honest([nees(error, P) for error, P in found], 6)
 
 
 @pytest.mark.parametrize(("filter_", "measured"), [("imm", 1.62), ("ekf", 1.32)])
