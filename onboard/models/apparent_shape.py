@@ -16,7 +16,8 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.filters.compiled import OUT, ROWS, VECTOR
-from onboard.models.apparent_wing import COVARIANCES, NOSES, NUMBER, G, N, correct, factor, whiten
+from onboard.models.apparent_wing import COVARIANCES, NOSES, NUMBER, G, N
+from onboard.models.particle_update import correct, factor, whiten
 
 LOWEST: Final = -1.0  # in place of a point's number: the point with the least coordinate ...
 HIGHEST: Final = -2.0  # ... and the one with the largest

@@ -41,7 +41,11 @@ def moments(noses, means, w, about, period, mean, S):  # type: ignore[no-untyped
     """Mean and covariance of the means of a cloud (`cloud.Cloud`) with weights w (K,), added to `mean`
     (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as near to `about` as it may be: it
     repeats after `period`, rad."""
-    row, log_range, width = np.zeros(N), 0.0, S.shape[1]  # the compiler does not know it (`apparent_wing.correct`)
+    row, log_range, width = (
+        np.zeros(N),
+        0.0,
+        S.shape[1],
+    )  # not known to the compiler: `particle_update`
     for k in range(w.shape[0]):
         x = means[k]
         _components(noses[k], x, about, period, row)

@@ -1,0 +1,79 @@
+"""The update of one particle's Gaussian by an image: what `apparent_wing` and `apparent_shape` share.
+
+The state is that of `apparent_wing` (N = 13), of which no image shows the velocity.
+"""
+
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+TINY: Final = 1e-12
+
+
+@njit(cache=True, error_model="numpy")
+def factor(R):  # type: ignore[no-untyped-def]
+    """The lower Cholesky factor of the measurement's noise (m, m)."""
+    m = R.shape[0]
+    L = np.zeros((m, m))
+    for i in range(m):
+        for j in range(i + 1):
+            total = R[i, j]
+            for n in range(j):
+                total -= L[i, n] * L[j, n]
+            L[i, j] = np.sqrt(max(total, TINY * TINY)) if i == j else total / L[j, j]
+    return L
+
+
+@njit(cache=True, error_model="numpy")
+def whiten(L, e, J):  # type: ignore[no-untyped-def]
+    """Innovation and derivatives in units of the noise with factor L, in place."""
+    width = J.shape[1]  # as in `correct`
+    for i in range(e.shape[0]):
+        for j in range(i):
+            share = L[i, j]
+            e[i] -= share * e[j]
+            for n in range(width):
+                J[i, n] -= share * J[j, n]
+        scale = 1.0 / L[i, i]
+        e[i] *= scale
+        for n in range(width):
+            J[i, n] *= scale
+
+
+@njit(cache=True, error_model="numpy")
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    """The product of two state vectors (N,), one of which has no velocity: no image shows one."""
+    middle = a[6] * b[6] + a[7] * b[7] + a[8] * b[8]
+    rest = (a[9] * b[9] + a[10] * b[10]) + (a[11] * b[11] + a[12] * b[12])
+    return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + middle + rest
+
+
+@njit(cache=True, error_model="numpy")
+def correct(x, P, e, J, c, dx):  # type: ignore[no-untyped-def]
+    """Mean and covariance of one particle by one whitened component after another, in place. The NIS, and the
+    determinant of the innovation's covariance over that of the noise. J (m, N) has no velocity.
+
+    The compiler vectorises the loops over a row because it does not know their length: it would write loops of N
+    out, number by number, which takes twice as long."""
+    width = P.shape[1]
+    nis, det = 0.0, 1.0
+    dx[:] = 0.0
+    for j in range(e.shape[0]):
+        w = J[j]
+        for n in range(width):
+            near = w[0] * P[0, n] + w[1] * P[1, n] + w[2] * P[2, n]
+            middle = w[6] * P[6, n] + w[7] * P[7, n] + w[8] * P[8, n]
+            c[n] = near + middle + (w[9] * P[9, n] + w[10] * P[10, n]) + (w[11] * P[11, n] + w[12] * P[12, n])
+        s, r = max(1.0 + _dot(w, c), TINY), e[j] - _dot(w, dx)
+        nis += r * r / s
+        det *= s
+        g = 1.0 / s
+        for i in range(width):
+            dx[i] += c[i] * (r * g)
+            share = c[i] * g
+            for n in range(width):
+                P[i, n] -= share * c[n]
+    for n in range(width):
+        x[n] += dx[n]
+    return nis, det
