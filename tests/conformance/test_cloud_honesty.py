@@ -19,7 +19,6 @@ from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.filters.noses.summary import MOTION, summarise
-from onboard.estimators.leader.settings import NoseModel
 from onboard.models.wing_line import from_points
 from tests.support import bootstrap
 from tests.support.honesty import assert_honest, nees
@@ -27,8 +26,7 @@ from tests.support.honesty import assert_honest, nees
 SIGMA: Final = 1.5 / 554.0  # of a point
 DT: Final = 0.15
 STILL: Final = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-SUPPOSED: Final = NoseModel(
-    size=2.0,
+SUPPOSED: Final = bootstrap.CALM._replace(
     size_sigma=0.1,
     misalignment=(0.02, 0.02, 0.03),
     misalignment_time=1e6,
@@ -36,20 +34,8 @@ SUPPOSED: Final = NoseModel(
     own_velocity_time=1e6,
     speed=3.0,
     acceleration=0.5,
-    accelerating=0.0,
     steady_for=1e9,
     acceleration_random_walk=(0.3, 0.3),
-    turning=0.0,
-    still_for=1e9,
-    nose_wobble=0.0,
-    bank=math.radians(2.0),
-    drag=0.0,
-    drag_sigma=0.0,
-    wind=0.0,
-    lean_random_walk=0.0,
-    follows=0.0,
-    temper=1.0,
-    doubted_after=1e9,
 )
 FLIGHTS: Final = range(100)
 

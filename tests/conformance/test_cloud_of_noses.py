@@ -11,33 +11,9 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
-from onboard.estimators.leader.settings import NoseModel
 from onboard.models.wing_line import from_points
 from tests.support import bootstrap
 
-# Slow and calm, nothing considered: what a bootstrap filter can follow with so many particles.
-CALM: Final = NoseModel(
-    size=2.0,
-    size_sigma=1e-6,
-    misalignment=(1e-6,) * 3,
-    misalignment_time=60.0,
-    own_velocity=1e-4,
-    speed=1.0,
-    acceleration=0.3,
-    acceleration_random_walk=(0.2, 0.2),
-    accelerating=0.0,
-    turning=0.0,
-    still_for=1e9,
-    nose_wobble=0.0,
-    bank=math.radians(2.0),
-    drag=0.0,
-    drag_sigma=0.0,
-    wind=0.0,
-    lean_random_walk=0.0,
-    follows=0.0,
-    temper=1.0,
-    doubted_after=1e9,
-)
 SIGMA: Final = 2.0 / 554.0
 STILL: Final = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 DT: Final = 0.1
@@ -64,16 +40,16 @@ def test_the_cloud_is_as_sure_of_the_range_as_the_reference_seed_3(
     """We sway by 3 m. After more images the reference has too few draws left near any velocity."""
     rng, noise = np.random.default_rng(3), np.random.default_rng(4)
     seen, measured = image(math.radians(aspect_deg), 0.0, noise)
-    reference = bootstrap.start(CALM, seen, SIGMA, draws, rng)
-    cloud, east = particles.start(CALM, measured, STILL), 0.0
+    reference = bootstrap.start(bootstrap.CALM, seen, SIGMA, draws, rng)
+    cloud, east = particles.start(bootstrap.CALM, measured, STILL), 0.0
     for k in range(1, images + 1):
         new = 3.0 * math.sin(2.0 * math.pi * k / 40.0)
         moved, east = np.array([0.0, new - east, 0.0]), new
         seen, measured = image(math.radians(aspect_deg), east, noise)
-        reference = bootstrap.predict(CALM, reference, DT, moved, rng)
-        reference = bootstrap.update(CALM, reference, seen, SIGMA, rng)
-        cloud = particles.predict(CALM, cloud, DT, moved)
-        cloud, _ = particles.update(CALM, cloud, measured, STILL)
+        reference = bootstrap.predict(bootstrap.CALM, reference, DT, moved, rng)
+        reference = bootstrap.update(bootstrap.CALM, reference, seen, SIGMA, rng)
+        cloud = particles.predict(bootstrap.CALM, cloud, DT, moved)
+        cloud, _ = particles.update(bootstrap.CALM, cloud, measured, STILL)
     theirs = np.log(np.linalg.norm(reference.r, axis=1))
     mean, sigma = log_range(cloud)
     assert 0.75 < sigma / theirs.std() < 1.4

@@ -14,6 +14,29 @@ from onboard.estimators.leader.settings import NoseModel
 
 G: Final = 9.80665
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])
+# Slow and calm, nothing considered: what this filter can follow.
+CALM: Final = NoseModel(
+    size=2.0,
+    size_sigma=1e-6,
+    misalignment=(1e-6,) * 3,
+    misalignment_time=60.0,
+    own_velocity=1e-4,
+    speed=1.0,
+    acceleration=0.3,
+    acceleration_random_walk=(0.2, 0.2),
+    accelerating=0.0,
+    turning=0.0,
+    still_for=1e9,
+    nose_wobble=0.0,
+    bank=math.radians(2.0),
+    drag=0.0,
+    drag_sigma=0.0,
+    wind=0.0,
+    lean_random_walk=0.0,
+    follows=0.0,
+    temper=1.0,
+    doubted_after=1e9,
+)
 
 
 class Particles(NamedTuple):

@@ -21,9 +21,9 @@ from onboard.messages import Estimate, Lifecycle, RelativePose, TargetDetection,
 from onboard.ownship import Ownship
 from onboard.studies.encounters.flights import Case, fly
 from onboard.studies.encounters.scores import score
-from simlink.encounters.reports import BOOT_NS
 from tests.support.leader import estimate
-from tests.unit.estimators.leader.test_shape import IMAGE, SIGMA, detection, feature, flown, leader, measured
+from tests.unit.estimators.leader.test_shape import IMAGE, SIGMA, detection, feature, leader, measured
+from tests.unit.estimators.leader.test_shape_flown import flown, range_sigma_of_one_that_holds_the_truth
 
 LEVEL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 RANGE = 25.0
@@ -209,13 +209,7 @@ def test_poses_alone_start_a_track_and_hold_it_whatever_the_size_seed_3() -> Non
     settings = "estimator.leader.size_prior_m=3.0", "estimator.leader.size_prior_sigma_m=1.0"
     encounter, estimates = flown("hover", 3, 8.0, "pose", *settings)
     last = newest(estimates)
-    assert last.mean is not None
-    assert last.covariance is not None
-    truth = encounter.truth.r_FL_n[np.searchsorted(encounter.truth.t, (last.t_ns - BOOT_NS) * 1e-9) - 1]
-    off, P = np.array(last.mean[:3]) - truth, np.array(last.covariance)[:3, :3]
-    assert off @ np.linalg.solve(P, off) < 7.8  # 95 %
-    range_ = float(np.linalg.norm(truth))
-    assert 0.02 < math.sqrt(truth @ P @ truth) / range_**2 < 0.04
+    assert 0.02 < range_sigma_of_one_that_holds_the_truth(encounter, last) < 0.04
 
 
 def test_poses_alone_start_no_track_of_a_filter_that_knows_no_shape_seed_3() -> None:
