@@ -8,7 +8,7 @@ the sinks before the next datagram is read.
 
 import asyncio
 import signal
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -24,19 +24,19 @@ from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Health, Lifecycle, LinkHealth, Output, Refusal, SinkHealth
+from onboard.messages import Datagram, Estimate, Output
 from onboard.pipeline import Pipeline
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
+from onboard.sinks.console import Console
 from onboard.sinks.zenoh_session import ZenohSession, open_session
 
 TICK_S: Final = 0.02
+FINISH_S: Final = 0.001  # after an estimate with an image: sinks publish within
 LEADER_HZ: Final = 20.0
 HEALTH_PERIOD_NS: Final = 1_000_000_000
 SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: no longer healthy
-MOST_REFUSALS: Final = 5  # lines about refused messages at once; afterwards one a second
-REFUSED_AGAIN_NS: Final = 10_000_000_000  # between lines about the same refusal
 
 
 class Daemon:
@@ -57,6 +57,7 @@ class Daemon:
         self._zenoh: ZenohSession | None = None
         self._frames: Mapping[str, int] = {}
         self._rates: dict[str, float] = {}
+        self._seen = asyncio.Event()  # an estimate with an image has been published
         self._next_health_ns = 0
         self._leader_stream = Stream(LEADER_HZ)
 
@@ -103,7 +104,7 @@ class Daemon:
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(sink.run()) for sink in self._sinks.values()]
                 tasks += [group.create_task(link.run(self._deliver, self._now_ns)) for link in self._links]
-                tasks.append(group.create_task(self._keep_time()))
+                tasks += [group.create_task(self._keep_time()), group.create_task(self._finish())]
                 await stop.wait()
                 for task in reversed(tasks):  # sinks last: they still write what is queued
                     task.cancel()
@@ -129,6 +130,8 @@ class Daemon:
         before, reboots = pipeline.autopilot, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
             self._take(output)
+            if isinstance(output, Estimate) and output.measurement is not None:
+                self._seen.set()
         if pipeline.autopilot is not None and pipeline.autopilot is not before:
             for line in self._output.connect(pipeline.autopilot):
                 self._report(line)
@@ -142,6 +145,17 @@ class Daemon:
         self._send([self._output.respond(datagram.channel, messages, self._now_ns())])
         for line in self._output.take_lines():
             self._report(line)
+
+    async def _finish(self) -> None:
+        """Let the pipeline do what an image has left to do, once sinks have had the interpreter for a moment."""
+        while True:
+            await self._seen.wait()
+            self._seen.clear()
+            await asyncio.sleep(FINISH_S)
+            try:
+                self._pipeline.finish()
+            except Exception as error:  # of any kind: it is tried again when the next image needs it
+                self._pipeline.count_error("daemon", error)
 
     async def _keep_time(self) -> None:
         """Send and publish what is due by the clock: the session with the autopilot, and our health."""
@@ -226,70 +240,3 @@ def _first(group: BaseExceptionGroup[Any]) -> BaseException:
     """The first exception of a group."""
     error = group.exceptions[0]
     return _first(error) if isinstance(error, BaseExceptionGroup) else error
-
-
-class Console:
-    """Lines for a person about changes: states of estimators, silence of the autopilot, sinks that fail."""
-
-    def __init__(self, report: Callable[[str], None], *, warn: Callable[[str], None]) -> None:
-        self._report, self._warn = report, warn
-        self._states: dict[str, Lifecycle] = {}
-        self._errors: dict[str, str] = {}
-        self._troubles: dict[str, str] = {}
-        self._errors_shown = 0
-        self._refusals: dict[tuple[str, str], Refusal] = {}  # as they were shown last
-        self._refusals_left = MOST_REFUSALS
-        self._is_silent = False
-
-    def show_state(self, estimate: Estimate) -> None:
-        """An estimator's state, when it has changed."""
-        if self._states.get(estimate.name) is not estimate.state:
-            self._states[estimate.name] = estimate.state
-            self._report(f"{estimate.t_ns * 1e-9:.2f} s  {estimate.name}: {estimate.state} ({estimate.reason})")
-
-    def show_silence(self, *, is_silent: bool) -> None:
-        """Estimates come with the autopilot's messages: without them there is nothing but this line to notice."""
-        if is_silent != self._is_silent:
-            self._is_silent = is_silent
-            self._report("the autopilot is silent: no estimates" if is_silent else "the autopilot is heard again")
-
-    def show_errors(self, lines: Sequence[str]) -> None:
-        """Exceptions over single messages, the first of each kind. `lines` only grows."""
-        for line in lines[self._errors_shown :]:
-            self._report(line)
-        self._errors_shown = len(lines)
-
-    def show_refusals(self, health: Health) -> None:
-        """Camera messages that were refused: a new kind at once, the same again after a while. `health` comes once
-        a second; a flood of kinds gets a line each time."""
-        self._refusals_left = min(self._refusals_left + 1, MOST_REFUSALS)
-        shown = self._refusals
-        self._refusals = {}  # of those that are not among the latest any more nothing is kept
-        for refusal in health.refusals:
-            key = refusal.source, refusal.reason
-            before = shown.get(key)
-            is_due = before is None or refusal.t_recv_ns - before.t_recv_ns > REFUSED_AGAIN_NS
-            if not (is_due and self._refusals_left > 0):
-                if before is not None:
-                    self._refusals[key] = before
-                continue
-            self._refusals_left -= 1
-            self._refusals[key] = refusal
-            times = f" ({refusal.count} times)" if refusal.count > 1 else ""
-            self._report(f"refused from {refusal.source}: {refusal.reason}{times}")
-
-    def show_links(self, links: Mapping[str, LinkHealth]) -> None:
-        """A link that has no peer is no error, but silence may have this reason."""
-        troubles = {name: health.error for name, health in links.items()}
-        for name, trouble in troubles.items():
-            if trouble != self._troubles.get(name, ""):
-                self._report(f"link {name}: {f'{trouble}; trying again' if trouble else 'connected'}")
-        self._troubles = troubles
-
-    def show_sinks(self, sinks: Mapping[str, SinkHealth]) -> None:
-        """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""
-        errors = {name: health.error for name, health in sinks.items()}
-        for name, error in errors.items():
-            if error != self._errors.get(name, ""):
-                self._warn(f"{name}: {error or 'works again'}")
-        self._errors = errors

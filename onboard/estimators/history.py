@@ -58,6 +58,12 @@ class History(Generic[B, M]):
         self._advance = advance
         self._fuse = fuse
 
+    @property
+    def newest_belief(self) -> B:
+        """The belief at the newest node."""
+        belief: B = self._nodes[-1].belief
+        return belief
+
     def reaches(self, t_ns: int) -> bool:
         """Whether a measurement of that time can still be inserted."""
         return t_ns >= self._nodes[0].t_ns

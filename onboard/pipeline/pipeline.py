@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
-from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
+from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Postpones, load
 from onboard.health import Monitor, autopilot_name, total
 from onboard.messages import (
     Attitude,
@@ -59,8 +59,7 @@ class Pipeline:
         self._delays_ns: dict[type[Message], int] = {}
         self._camera_delays_ns = config.camera_delays_ns()
         self._first_recv_ns: int | None = None
-        self._own_recv_ns = 0  # arrival of the last message of our own position and velocity
-        self._attitude_recv_ns = 0
+        self._own_recv_ns = self._attitude_recv_ns = 0  # arrivals of our last position and velocity, and attitude
         self._last_words = LastWords()
         self._doubt = ""  # of our own motion; estimates that follow from it are not valid
         self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
@@ -97,6 +96,11 @@ class Pipeline:
             return t_recv_ns - heard_ns > TIMEOUT_NS
 
         return self._noted(self._last_words.withdraw(is_silent))
+
+    def finish(self) -> None:
+        """Let estimators do what they postponed until their estimates are published; a replay need not call it."""
+        for estimator in (e for e in self.estimators.values() if isinstance(e, Postpones)):
+            estimator.finish()
 
     def count_error(self, place: str, error: Exception) -> None:
         """Count an exception over one message in the health, also one of what follows the pipeline."""

@@ -1,4 +1,4 @@
-"""Sinks: outputs of records, each with its own bounded queue and its own thread."""
+"""Sinks: outputs of records, each with its own bounded queue and thread; and lines for a person (`console`)."""
 
 from onboard.sinks.sink import BoundedQueue, Sink, SinkError, SinkRunner
 

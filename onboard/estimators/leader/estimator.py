@@ -111,6 +111,11 @@ class Estimator:
                     estimates.append(track.tick(ownship))
         return estimates
 
+    def finish(self) -> None:
+        """Compute what was postponed until the estimates are published."""
+        for track in self._tracks.values():
+            track.finish()
+
     def reset(self, reason: str) -> None:
         """Forget all tracks and all times."""
         for track in self._tracks.values():

@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from onboard.daemon import MOST_REFUSALS, Daemon
+from onboard.daemon import Daemon
 from onboard.health.refusals import LONGEST, MOST, Refusals
 from onboard.messages import Clock, Datagram, Encoding, Health, Verdict
+from onboard.sinks.console import MOST_REFUSALS
 from onboard.view import words
 from tests.support.streams import CIRCLE, EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config
 from tests.unit.wire.test_points import document

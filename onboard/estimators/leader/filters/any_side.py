@@ -5,10 +5,15 @@ wrong range. The cloud of noses assumes nothing of the kind. Both follow the sam
 range and both agree, the estimate is the wing-line filter's, no surer of the range than the cloud is. Elsewhere
 the estimate is mean and covariance of the whole cloud, and the reason says what is open.
 
-The cloud takes an image every 150 ms at most: what it has to find out changes slowly, and it costs more.
+The cloud takes an image every 150 ms at most: what it has to find out changes slowly, and it costs more. Where
+images come often, it takes one only after the estimate with that image is published (`AnySideFilter.finish`), so
+that none is late. Such an image counts for the cloud from the next one on, or once the cloud has to be predicted:
+that depends on the images' times alone, so a replay gives the same.
 """
 
 import math
+from contextlib import suppress
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -21,6 +26,7 @@ from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.moments import NOSE
 from onboard.estimators.leader.filters.noses.summary import MOTION, RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.filters.partial import with_wing
+from onboard.estimators.leader.filters.postponed import Pending, Postponed, standing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
 from onboard.estimators.leader.size import Size
@@ -33,6 +39,7 @@ from onboard.ownship import Step
 
 PERIOD_S: Final = 0.15  # between images that the cloud takes
 LONGEST_S: Final = 0.25  # of a prediction of the cloud
+OFTEN_S: Final = 0.2  # since the cloud's last image, where images come often
 AGREE: Final = 1.0  # sigmas of the cloud's range: it confirms a wing-line range that is no farther off
 AGREE_AT_LEAST: Final = 0.025  # of the range: so near a range is confirmed in any case
 ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
@@ -42,19 +49,22 @@ ANOTHER: Final = 0.05  # of the size: so wrong a one misleads the wing-line filt
 PATIENCE: Final = 10  # images in a row that the wing-line filter may reject before it starts again
 
 
-class Pending(NamedTuple):
-    """Our own motion since the cloud's time: seconds, displacement (3,) in m and newest velocity (3,), in n."""
+class Taken(NamedTuple):
+    """The cloud and its summary after an image, whether it confirms the wing-line filter, and whether it expected
+    the image: otherwise they are those before it."""
 
-    dt: float
-    moved: Array
-    v_F_n: Array
+    cloud: Cloud
+    summary: Summary
+    confirmed: bool
+    expected: bool
 
 
 class AnySide(NamedTuple):
     """Both filters' states, a `summary` of the cloud at its time (of a little earlier, and carried on), how many
     images the wing-line filter has rejected in a row: it is not believed meanwhile; whether the cloud, at its last
     image, confirmed it; the size, if it is no longer the configured one; and whether the wing-line filter has
-    flown with quite another one, so that it starts again; and the wind, if it matters and is known."""
+    flown with quite another one, so that it starts again; the wind, if it matters and is known; and what the
+    cloud becomes by an image that it has yet to take, with our own motion since that image."""
 
     wing_line: Any
     cloud: Cloud
@@ -65,6 +75,8 @@ class AnySide(NamedTuple):
     size: Size | None = None
     outdated: bool = False
     wind: Wind | None = None
+    postponed: Postponed[Taken] | None = None
+    since: Pending | None = None
 
 
 class AnySideFilter:
@@ -83,27 +95,28 @@ class AnySideFilter:
 
     def start(self, measurement: Measurement, pose: CameraPose, before: AnySide | None) -> AnySide:
         """Both filters start. The cloud keeps of what was believed before only the noses."""
+        before = None if before is None else self._caught_up(before)
         earlier = None if before is None or not before.confirmed else before.wing_line
         wind = None if before is None else before.wind
         wing_line = self._wing_line.start(with_wing(measurement), in_air(pose, wind), earlier)
-        noses = None if before is None else self._caught_up(before).cloud
+        noses = None if before is None else before.cloud
         settings = self._supposed(None, wind)
         cloud = particles.start(settings, measurement, pose, noses)
-        pending = Pending(0.0, np.zeros(3), pose.v_F_n)
-        return AnySide(wing_line, cloud, summarise(settings, cloud), pending, 0, False, wind=wind)
+        summary = summarise(settings, cloud)
+        return AnySide(wing_line, cloud, summary, standing(pose.v_F_n), 0, False, wind=wind)
 
     def advance(self, state: AnySide, step: Step) -> AnySide:
         """The wing-line filter's prediction; the cloud is predicted when it takes an image, or after a while."""
-        moved = state.pending.moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a
-        pending = Pending(state.pending.dt + step.dt, moved, step.v1)
+        since = None if state.since is None else state.since.after(step)
+        pending = state.pending.after(step)
         through_air = step if state.wind is None else state.wind.step(step)
         wing_line = self._wing_line.advance(state.wing_line, through_air)
-        advanced = state._replace(wing_line=wing_line, pending=pending)
+        advanced = state._replace(wing_line=wing_line, pending=pending, since=since)
         return self._caught_up(advanced) if pending.dt > LONGEST_S else advanced
 
     def fuse(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Update:
         """Both filters' updates. An image passes if either expected it; innovation and NIS are the wing-line's."""
-        gate, settings = self.gate if self.gate is not None else math.inf, self._noses(state)
+        gate, state = self.gate if self.gate is not None else math.inf, finished(state)
         through_air = in_air(pose, state.wind)
         try:
             update = self._wing_line.fuse(state.wing_line, measurement, through_air)
@@ -123,16 +136,32 @@ class AnySideFilter:
         after = state._replace(wing_line=wing_line, rejected=rejected, outdated=outdated)
         if state.pending.dt < PERIOD_S and passes and not state.rejected:
             return update._replace(belief=after)
-        predicted = self._caught_up(after)
-        if passes and has_extent and predicted.summary.direction_sigma() > TOO_WIDE:
-            cloud, nis = particles.start(settings, measurement, pose, predicted.cloud), update.nis
+        take = partial(self._take, after, measurement, pose, restarts=passes and has_extent)
+        if passes and not state.rejected and measurement.is_plain and state.pending.dt < OFTEN_S:
+            return update._replace(belief=after._replace(postponed=Postponed(take), since=standing(pose.v_F_n)))
+        taken = take()
+        after = with_cloud(after, taken, standing(pose.v_F_n))
+        if not taken.expected:
+            return update._replace(belief=after)
+        return update._replace(belief=after, nis=min(update.nis, gate), misfits=taken.cloud.misfits)
+
+    def finish(self, state: AnySide) -> None:
+        """Let the cloud take an image that it has postponed. If that fails, it fails again when it is needed."""
+        if state.postponed is not None:
+            with suppress(FilterError):
+                state.postponed.value()
+
+    def _take(self, state: AnySide, measurement: Measurement, pose: CameraPose, *, restarts: bool) -> Taken:
+        """The cloud after an image; one that is too wide starts again with it, if it `restarts`."""
+        settings, predicted = self._noses(state), self._caught_up(state)
+        if restarts and predicted.summary.direction_sigma() > TOO_WIDE:
+            cloud, nis = particles.start(settings, measurement, pose, predicted.cloud), 0.0
         else:
             cloud, nis = particles.update(settings, predicted.cloud, measurement, pose)
-        if nis > settings.gate:
-            return update._replace(belief=predicted._replace(confirmed=self._agree(predicted)))
-        after = predicted._replace(cloud=cloud, summary=summarise(settings, cloud))
-        after = after._replace(confirmed=self._agree(after))
-        return update._replace(belief=after, nis=min(update.nis, gate), misfits=cloud.misfits)
+        expected = nis <= settings.gate
+        if expected:
+            predicted = predicted._replace(cloud=cloud, summary=summarise(settings, cloud))
+        return Taken(predicted.cloud, predicted.summary, self._agree(predicted), expected)
 
     def resized(self, state: AnySide, size: Size) -> AnySide:
         """Both filters' states for another size."""
@@ -223,16 +252,31 @@ class AnySideFilter:
         return started if state.size is None else self._wing_line.resized(started, state.size)
 
     def _caught_up(self, state: AnySide) -> AnySide:
-        """The cloud predicted to the wing-line filter's time."""
+        """The cloud predicted to the wing-line filter's time, with every image that it had to take."""
+        state = finished(state)
         dt, moved, v_F_n = state.pending
         if dt <= 0.0:
             return state
         settings = self._noses(state)
         cloud = particles.predict(settings, state.cloud, dt, moved)
-        pending = Pending(0.0, np.zeros(3), v_F_n)
+        pending = standing(v_F_n)
         if dt > LONGEST_S:  # no image corrects it soon
             return state._replace(cloud=cloud, summary=summarise(settings, cloud), pending=pending)
         return state._replace(cloud=cloud, summary=state.summary.after(dt, moved), pending=pending)
+
+
+def finished(state: AnySide) -> AnySide:
+    """The state with every image that the cloud had to take."""
+    if state.postponed is None or state.since is None:
+        return state
+    return with_cloud(state, state.postponed.value(), state.since)
+
+
+def with_cloud(state: AnySide, taken: Taken, since: Pending) -> AnySide:
+    """The state with what the cloud has become by an image, and our own motion `since` then."""
+    cloud, summary, confirmed, _ = taken
+    known = state._replace(cloud=cloud, summary=summary, confirmed=confirmed)
+    return known._replace(pending=since, postponed=None, since=None)
 
 
 def in_air(pose: CameraPose, wind: Wind | None) -> CameraPose:

@@ -120,6 +120,9 @@ class _WingLine:
         u = wing_line.fuse(self._filter, state, *_batch(measurement, pose))
         return Update(u.belief, u.innovation[0], u.innovation_covariance[0], u.predicted[0], float(u.nis[0]))
 
+    def finish(self, state: Modes) -> None:
+        del state  # nothing is postponed
+
     def resized(self, state: Modes, size: Size) -> Modes:
         means, covariances = with_size(state.means, state.covariances, size)
         return state._replace(means=means, covariances=covariances)

@@ -79,6 +79,9 @@ class OhJohnson:
         y, R = measurement.y, measurement.R
         return unscented.update(state, y, measure, R, WEIGHTS, camera_angles.ANGULAR, self._considered)
 
+    def finish(self, state: Belief) -> None:
+        """Nothing is postponed."""
+
     def resized(self, state: Belief, size: Size) -> Belief:
         """The belief with another marginal of the size."""
         return Belief(*with_size(state.mean, state.covariance, size))

@@ -51,8 +51,7 @@ class Track:
     ) -> None:
         self.target = target
         self.direction_n: tuple[float, ...] | None = None
-        self.half_wing, self.is_metric = 1.0, False
-        self._full = full
+        self.half_wing, self.is_metric, self._full = 1.0, False, full
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
         self._history: History[Any, Ownship] | None = None
         self._images = filter_.images or config.initialise_images  # that must agree before a track starts
@@ -86,6 +85,11 @@ class Track:
         if self._history is not None and self._status.is_over(ownship.now_ns):
             self._forget("no image for longer than the reset timeout")
         return self._estimate(ownship, None)
+
+    def finish(self) -> None:
+        """Compute what the filter has postponed."""
+        if self._history is not None:
+            self._filter.finish(self._history.newest_belief)
 
     def set_class(self, filter_: LeaderFilter, config: Config) -> None:
         """Images of a class of targets come. A track stays what it started as."""
@@ -155,19 +159,15 @@ class Track:
             if self._history is not None:  # which has taken some of the same images
                 self._forget("the camera hangs: its image stays although we turn")
             return self._report(message, Verdict.STALE, image)
-        if self._history is None and not image.has_extent:
-            return self._report(message, Verdict.DIRECTION_ONLY, image)
-        if self._history is None:
-            self._start(image, ownship, None)
-            return self._report(message, Verdict.INITIALISING, image)
-        if not self._history.reaches(message.t_ns):
+        history = self._history
+        if history is not None and not history.reaches(message.t_ns):
             return self._report(message, Verdict.TOO_OLD, image)
-        if self._is_wide(self._history, message.t_ns, ownship):
-            if not image.has_extent:
-                return self._report(message, Verdict.DIRECTION_ONLY, image)
-            self._start(image, ownship, self._history)
-            return self._report(message, Verdict.INITIALISING, image)
-        return self._insert(self._history, image, ownship)
+        if history is not None and not self._is_wide(history, message.t_ns, ownship):
+            return self._insert(history, image, ownship)
+        if not image.has_extent:
+            return self._report(message, Verdict.DIRECTION_ONLY, image)
+        self._start(image, ownship, history)
+        return self._report(message, Verdict.INITIALISING, image)
 
     def _insert(self, history: History[Any, Ownship], image: Image, ownship: Ownship) -> MeasurementReport:
         """Fuse an image at its own time, unless the gate stops it."""
