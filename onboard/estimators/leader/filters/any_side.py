@@ -6,9 +6,9 @@ range and both agree, the estimate is the wing-line filter's, no surer of the ra
 the estimate is mean and covariance of the whole cloud, and the reason says what is open.
 
 The cloud takes an image every 150 ms at most: what it has to find out changes slowly, and it costs more. Where
-images come often, it takes one only after the estimate with that image is published (`AnySideFilter.finish`), so
-that none is late. Such an image counts for the cloud from the next one on, or once the cloud has to be predicted:
-that depends on the images' times alone, so a replay gives the same.
+images come often and the estimate is the wing-line filter's, it takes one only after the estimate with that image
+is published (`AnySideFilter.finish`), so that none is late. Such an image counts for the cloud from the next one
+on, or once the cloud has to be predicted: that depends on the images' times alone, so a replay gives the same.
 """
 
 import math
@@ -134,10 +134,11 @@ class AnySideFilter:
         elif not passes:
             wing_line = state.wing_line
         after = state._replace(wing_line=wing_line, rejected=rejected, outdated=outdated)
-        if state.pending.dt < PERIOD_S and passes and not state.rejected:
+        usual = passes and not state.rejected
+        if usual and state.pending.dt < PERIOD_S:
             return update._replace(belief=after)
         take = partial(self._take, after, measurement, pose, restarts=passes and has_extent)
-        if passes and not state.rejected and measurement.is_plain and state.pending.dt < OFTEN_S:
+        if usual and state.confirmed and measurement.is_plain and state.pending.dt < OFTEN_S:
             return update._replace(belief=after._replace(postponed=Postponed(take), since=standing(pose.v_F_n)))
         taken = take()
         after = with_cloud(after, taken, standing(pose.v_F_n))

@@ -19,7 +19,7 @@ from tests.support.faulty_flight import DATAGRAMS
 from tests.support.streams import MS, Stream, feed, make_config
 from tests.unit.estimators.leader.test_any_side import STILL, image
 
-BEGUN = 6.0  # s of the boot clock: the track has started
+BEGUN = 6.5  # s of the boot clock: the cloud has confirmed the wing-line filter
 
 
 @pytest.fixture
@@ -96,10 +96,24 @@ def test_our_own_motion_since_a_postponed_image_is_kept() -> None:
             state = filter_.advance(state, Step(0.02, north, north, np.zeros(3)))
         if state.postponed is not None:
             break
-        state = filter_.fuse(state, image(25.0, 0.0, seed=k), STILL).belief
+        state = filter_.fuse(state._replace(confirmed=True), image(25.0, 0.0, seed=k), STILL).belief
+    assert state.postponed is not None
     pending = finished(state).pending
     assert pending.dt == pytest.approx(0.04)
     assert pending.moved == pytest.approx(0.04 * north)
+
+
+def test_an_image_counts_at_once_where_the_estimate_is_the_clouds_own() -> None:
+    filter_, rest, aspect = make_filter(Config(size_prior_m=2.0)), np.zeros(3), 1.2
+    state, uncertain = filter_.start(image(25.0, aspect), STILL, None), 0
+    for k in range(1, 20):
+        for _ in range(4):
+            state = filter_.advance(state, Step(0.04, rest, rest, rest))
+        state = filter_.fuse(state, image(25.0, aspect, seed=k), STILL).belief
+        if not state.confirmed:
+            uncertain += 1
+            assert state.postponed is None
+    assert uncertain > 10
 
 
 def test_what_fails_is_tried_again_and_what_is_found_is_kept() -> None:
