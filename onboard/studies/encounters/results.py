@@ -50,7 +50,7 @@ class Requirement(NamedTuple):
 def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
     """One row for each case, and all flights with default settings together."""
     rows = [(case.name, scores[case]) for case in DEFAULTS if case in scores]
-    rows += [("all, defaults", total)]
+    rows += [("all, defaults", total)] if total.flights else []
     rows += [(case.name, score) for case, score in scores.items() if case not in DEFAULTS]
     return Table(
         title="Family by family",
@@ -82,10 +82,10 @@ def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
 
 
 def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[Requirement]]:
-    """What is required, by claim."""
+    """What is required, by claim; nothing of cases that were not flown."""
     families = {case: scores[case] for case in DEFAULTS if case in scores}
     sharp = {case: scores[case] for case in SHARP if case in scores}
-    inside = [Requirement("inside, all", total.inside, low=INSIDE_ALL)]
+    inside = [Requirement("inside, all", total.inside, low=INSIDE_ALL)] if total.flights else []
     inside += [Requirement(f"inside, {c.name}", s.inside, low=INSIDE_FAMILY) for c, s in families.items()]
     wrong = [Requirement(f"confidently wrong, {c.name}", s.wrong, high=WRONG_FAMILY) for c, s in families.items()]
     errors = [Requirement(f"range error, {c.name}", s.range_error, high=SHARP[c]) for c, s in sharp.items()]
@@ -139,6 +139,7 @@ def claims_of(required: Mapping[str, Sequence[Requirement]]) -> tuple[Claim, ...
             evidence=_evidence(each),
         )
         for claim, each in required.items()
+        if each
     )
 
 

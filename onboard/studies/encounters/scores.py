@@ -37,13 +37,13 @@ class Score(NamedTuple):
 
 
 def score(flights: Sequence[Flight]) -> Score:
-    """The score of these flights together."""
+    """The score of these flights together; of none, all is NaN."""
     valid = [np.isfinite(f.range_) for f in flights]
     counts = np.array([np.count_nonzero(v) for v in valid], dtype=float)
     off = [f.range_[v] / f.distance[v] - 1.0 for f, v in zip(flights, valid, strict=True)]
     squares = np.array([float(np.sum(x * x)) for x in off])
     of_flights = 100.0 * np.sqrt(squares[counts > 0] / counts[counts > 0])
-    sigma = np.concatenate([f.sigma[v] / f.distance[v] for f, v in zip(flights, valid, strict=True)])
+    sigma = np.array([s for f, v in zip(flights, valid, strict=True) for s in f.sigma[v] / f.distance[v]])
     mean_square = ratio(squares, counts)
     rms = float(np.sqrt(mean_square.percent / 100.0))
     return Score(

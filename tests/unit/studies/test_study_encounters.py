@@ -128,6 +128,16 @@ def test_all_is_over_the_families_with_defaults_only() -> None:
     assert (found.flights, found.valid.percent) == (len(FAMILIES), 100.0)
 
 
+def test_nothing_is_claimed_of_what_was_not_flown() -> None:
+    findings = study.findings({Case("crab", feels_wind=True): [made()] * 2}, 1)
+    assert [check.name for check in findings.checks] == [
+        "range error, crab, wind estimated",
+        "valid, crab, wind estimated",
+    ]
+    assert len(findings.claims) == 2
+    assert len(findings.tables[0].rows) == 1
+
+
 def test_estimates_are_judged_beside_the_truth_at_their_own_times_seed_1() -> None:
     truth = make_encounter("crossing", 1, 8.0).truth
     t = np.array([1.0, 5.5, 6.2504, 7.9, 8.1])

@@ -38,6 +38,7 @@ APART_NS: Final = 50_000_000  # between two samples of that
 LOST_NS: Final = 30 * NS_PER_S  # without a measurement: nothing that was known of the place is of use
 NEAR_NS: Final = 150_000_000  # of a measurement's time: so near it is used
 GATE: Final = 0.9999  # the probability that a measurement passes that is true
+CONTRADICTED: Final = 4  # positions in a row that contradict what is carried: it is not believed
 TAUGHT: Final = (0.25, 0.9)  # of its sigma: a size that moved by more, or is surer than this share, is passed on
 SUREST: Final = 0.003  # of the size: as sure as the filters are made of it
 
@@ -73,6 +74,7 @@ class Beside:
         self._belief: Belief | None = None
         self._t_ns = self._seen_ns = self._reported_ns = 0
         self._was_used = False  # the last measurement
+        self._gated = 0  # positions in a row
         self._taught: Size | None = None
         self._ahead = 0, np.zeros(3)  # our way since `_t_ns`, and until when
         self._template: Estimate | None = None  # the last estimate with a belief
@@ -88,8 +90,10 @@ class Beside:
         except FilterError:
             self._belief, verdict = None, Verdict.NUMERICAL
         self._was_used = verdict is Verdict.FUSED
-        if self._was_used and is_position:
-            self._reported_ns = t_ns
+        if is_position and self._was_used:
+            self._reported_ns, self._gated = t_ns, 0
+        elif is_position and verdict is Verdict.GATED:
+            self._gated += 1
         return verdict
 
     def _fuse(self, t_ns: int, rows: int, correct: Correct, ownship: Ownship) -> Verdict:
@@ -196,9 +200,10 @@ class Beside:
         return moved + _way(until_ns, t_ns, ownship)
 
     def _carried(self, estimate: Estimate, ownship: Ownship) -> Belief | None:
-        """The belief by the reports at an estimate's time; None without one, or without a report for too long."""
+        """The belief by the reports at an estimate's time; None without one, without a report for too long, or where
+        reports contradict it."""
         t_ns, template, pose = estimate.t_ns, self._template, ownship.pose_at(estimate.t_ns)
-        if self._belief is None or template is None or pose is None:
+        if self._belief is None or template is None or pose is None or self._gated >= CONTRADICTED:
             return None
         if (t_ns - self._reported_ns) * S_PER_NS > self._timeout_s:
             return None

@@ -128,19 +128,21 @@ def test_out_of_view_a_jump_ends_what_is_carried() -> None:
 
 
 def test_when_reports_come_again_out_of_view_the_track_is_carried_again() -> None:
-    """None for eight seconds: longer than our own motion is sure to be kept."""
-    reports = [item for item in leader_positions(6.0, 26.0) if not 14.0 < (item.t_recv_ns - EPOCH) / S < 22.0]
-    run = fly(reports, 26.0, lambda t: t < 12.0)
-    assert not any(e.valid for e in between(run, 18.5, 22.0))
-    again = between(run, 22.5, 26.0)
+    """None for 14 seconds: longer than our own motion is sure to be kept."""
+    reports = [item for item in leader_positions(6.0, 32.0) if not 14.0 < (item.t_recv_ns - EPOCH) / S < 28.0]
+    run = fly(reports, 32.0, lambda t: t < 12.0)
+    assert all(e.valid for e in between(run, 8.0, 22.5))
+    assert inside(between(run, 14.0, 22.5)) > 0.95
+    assert not any(e.valid for e in between(run, 24.5, 28.0))
+    again = between(run, 28.5, 32.0)
     assert all(e.valid for e in again)
     assert inside(again) > 0.92
 
 
 def test_when_the_reports_end_so_does_what_they_carry() -> None:
-    run = fly(leader_positions(6.0, 15.5), 22.0, lambda t: t < 12.0)
-    assert all(e.valid for e in between(run, 8.0, 19.0))
-    assert not any(e.valid for e in between(run, 19.6, 22.0))
+    run = fly(leader_positions(6.0, 15.5), 28.0, lambda t: t < 12.0)
+    assert all(e.valid for e in between(run, 8.0, 25.0))
+    assert not any(e.valid for e in between(run, 25.6, 28.0))
 
 
 def odd(reports: list[Item], index: int, **changed: object) -> list[Item]:
