@@ -200,8 +200,8 @@ class Beside:
         return moved + _way(until_ns, t_ns, ownship)
 
     def _carried(self, estimate: Estimate, ownship: Ownship) -> Belief | None:
-        """The belief by the reports at an estimate's time; None without one, without a report for too long, or where
-        reports contradict it."""
+        """The belief by the reports at an estimate's time; None without one, without a report for too long, or
+        where reports contradict it."""
         t_ns, template, pose = estimate.t_ns, self._template, ownship.pose_at(estimate.t_ns)
         if self._belief is None or template is None or pose is None or self._gated >= CONTRADICTED:
             return None
