@@ -31,6 +31,7 @@ from onboard.messages import (
 )
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_encode import MavlinkEncoder
+from tests.support.honesty import nees
 
 MS: Final = 1_000_000
 S: Final = 1_000_000_000
@@ -256,6 +257,12 @@ def position_error(estimate: Estimate, flight: Flight = CIRCLE) -> float:
     """Distance (m) between the estimated and the true relative position."""
     assert estimate.mean is not None
     return float(np.linalg.norm(np.array(estimate.mean[:3]) - flight.relative(estimate.t_ns / S)[0]))
+
+
+def position_nees(estimate: Estimate, flight: Flight = CIRCLE) -> float:
+    """The normalised square of the position's error."""
+    off = np.array(estimate.mean)[:3] - flight.relative(estimate.t_ns / S)[0]
+    return nees(off, np.array(estimate.covariance)[:3, :3])
 
 
 def assert_sane(estimates: Iterable[Estimate]) -> None:
