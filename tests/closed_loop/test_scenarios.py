@@ -150,7 +150,7 @@ def test_wrong_blobs_seed_1_are_gated(replay: Flights) -> None:
 def test_late_images_seed_1_lose_nothing_against_images_in_time(replay: Flights) -> None:
     late, in_time = replay("formation-late-image").score, replay("formation").score
     assert late.verdicts["fused"] >= in_time.verdicts["fused"] - 2  # the last ones have not arrived yet
-    assert late.position_rmse_m < 1.15 * in_time.position_rmse_m
+    assert late.position_rmse_m == pytest.approx(in_time.position_rmse_m, rel=0.1)
 
 
 def test_old_stamps_seed_1_are_corrected_by_the_known_delays_of_ardupilot(replay: Flights) -> None:
@@ -167,8 +167,9 @@ def test_stamps_80_ms_late_seed_1_are_corrected_when_the_delay_is_estimated(repl
     estimated = replay("formation-late-stamp", "estimator.leader.delay_sigma_s=0.15", *exact).score
     in_time = replay("formation-late-image", *exact).score  # the same flight
     assert estimated.inside_95_percent > 85
+    assert ignored.inside_95_percent < estimated.inside_95_percent - 10
     assert ignored.nees_mean > 5.0 * estimated.nees_mean
-    assert estimated.velocity_rmse_m_s < 1.35 * in_time.velocity_rmse_m_s < ignored.velocity_rmse_m_s
+    assert estimated.velocity_rmse_m_s < 1.15 * in_time.velocity_rmse_m_s < ignored.velocity_rmse_m_s
 
 
 def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
@@ -179,7 +180,7 @@ def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
         *("estimator.leader.own_tilt_sigma_deg=0.0", "estimator.leader.own_yaw_sigma_deg=0.0"),
     ).score
     assert considered.inside_95_percent > 75
-    assert ignored.inside_95_percent < 35
+    assert ignored.inside_95_percent < 25
     assert ignored.nees_mean > 10.0 * considered.nees_mean
 
 

@@ -112,7 +112,9 @@ class AnySideFilter:
         through_air = step if state.wind is None else state.wind.step(step)
         wing_line = self._wing_line.advance(state.wing_line, through_air)
         advanced = state._replace(wing_line=wing_line, pending=pending, since=since)
-        return self._caught_up(advanced) if pending.dt > LONGEST_S else advanced
+        if pending.dt > LONGEST_S:
+            advanced = finished(advanced)  # whose cloud may be of a newer image
+        return self._caught_up(advanced) if advanced.pending.dt > LONGEST_S else advanced
 
     def fuse(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Update:
         """Both filters' updates. An image passes if either expected it; innovation and NIS are the wing-line's."""

@@ -5,8 +5,10 @@ import asyncio
 import numpy as np
 import pytest
 
+from onboard.arrays import Array
 from onboard.daemon import Daemon
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.filters import any_side
 from onboard.estimators.leader.filters.any_side import finished
 from onboard.estimators.leader.filters.choice import make_filter
 from onboard.estimators.leader.filters.noses import particles
@@ -86,6 +88,26 @@ def test_the_last_image_counts_without_another_one_seed_4(updates: list[int], la
     updates.clear()
     finishing(datagrams)
     assert alone == len(updates)
+
+
+def test_the_cloud_is_the_same_as_if_no_image_were_postponed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the next image comes so late that the cloud would have been predicted meanwhile."""
+
+    def flown(often: float) -> tuple[list[Array], int]:
+        monkeypatch.setattr(any_side, "OFTEN_S", often)
+        filter_, rest = make_filter(Config(size_prior_m=2.0)), np.zeros(3)
+        state, clouds, postponed = filter_.start(image(25.0, 0.0), STILL, None), [], 0
+        for k in range(1, 30):
+            for _ in range(4 + 2 * (k % 3 == 0)):
+                state = filter_.advance(state, Step(0.02, rest, rest, rest))
+            state = filter_.fuse(state._replace(confirmed=True), image(25.0, 0.0, seed=k), STILL).belief
+            postponed += state.postponed is not None
+            clouds.append(finished(state).cloud.means)
+        return clouds, postponed
+
+    (later, postponed), (at_once, none) = flown(any_side.OFTEN_S), flown(0.0)
+    assert (postponed > 5, none) == (True, 0)
+    assert all(map(np.array_equal, later, at_once))
 
 
 def test_our_own_motion_since_a_postponed_image_is_kept() -> None:
