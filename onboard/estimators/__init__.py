@@ -33,7 +33,7 @@ class EstimatorProtocol(Protocol):
         """Fuse a message of a kind it listens for; an estimate for each target that was measured."""
 
     def tick(self, ownship: "Ownship") -> list[Estimate]:
-        """After a new navigation sample: every target's estimate, predicted to `ownship.now_ns`."""
+        """After a new navigation sample: the estimates that are due, predicted to `ownship.now_ns`."""
 
     def reset(self, reason: str) -> None:
         """Forget everything: the time base or the origin of our own motion has changed."""

@@ -30,7 +30,7 @@ def setup(tmp_path: Path) -> Iterator[Setup]:
 def assert_replays_bit_for_bit(setup: Setup, recording: Path) -> None:
     """Each live estimate equals the replayed one, number for number. A timer's withdrawals are not repeated."""
     live = [e for e in read_estimates(recording) if e.reason != REASON]
-    assert len(live) > 200
+    assert len(live) > 5 * 30  # of six seconds, 30 a second
     again = replay(recording, load_config(setup.config))
     assert again.damaged == 0
     for a, b in zip(live, again.estimates, strict=True):

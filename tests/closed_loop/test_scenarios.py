@@ -107,7 +107,7 @@ def test_the_command_line_seed_1_gives_the_same_rows_and_the_documented_keys(
     for estimate in flight.estimates:
         writer.write(estimate)
     assert rows.read_text(encoding="utf-8") == text.getvalue()
-    assert len(flight.estimates) > 1600
+    assert len(flight.estimates) == pytest.approx(30 * SHORT, rel=0.02)
     for name in ("range_error_rms_percent", "position_rmse_m", "nees_mean", "inside_95_percent"):
         assert numbers[name] == pytest.approx(getattr(flight.score, name), rel=1e-3), name  # the file has 6 digits
     assert numbers["verdicts"] == flight.score.verdicts

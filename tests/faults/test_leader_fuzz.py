@@ -61,7 +61,8 @@ def test_the_fuzz_would_find_unsound_estimates() -> None:
 def test_a_filter_that_fails_ends_its_track_and_not_the_program() -> None:
     """The paper's model of a hovering leader is 0/0: the fuzz met it, and so does anybody on a bench."""
     at_rest = Flight(radius=None, speed=0.0)
-    one, ownship = estimator.Estimator(fuzz.CONFIGS["paper"], fuzz.CAMERA), Ownship(max_extrapolation=0.1)
+    config = replace(fuzz.CONFIGS["paper"], publish_rate_hz=1000.0)
+    one, ownship = estimator.Estimator(config, fuzz.CAMERA), Ownship(max_extrapolation=0.1)
     for i in range(3):
         t_ns = 5 * S + i * 20 * MS
         for message in (at_rest.attitude(t_ns), replace(at_rest.position(t_ns), v_F_n=(0.0, 0.0, 0.0))):

@@ -54,7 +54,9 @@ def reference() -> Run:
 
 
 def last(run: Run) -> Estimate:
-    return run.estimates[-1]
+    """The estimate at the last navigation sample, also where none was due."""
+    pipeline = run.pipeline
+    return pipeline.estimators["leader"]._tracks["leader"].tick(pipeline.ownship)  # type: ignore[attr-defined, no-any-return]
 
 
 def assert_same_belief(run: Run, expected: Run | None = None) -> None:

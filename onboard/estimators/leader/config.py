@@ -100,6 +100,7 @@ class Config(Record, frozen=True, kw_only=True):
     broadcast: BroadcastConfig = BroadcastConfig()
     range: RangeConfig = RangeConfig()
     delay_sigma_s: NotNegative = 0.0  # delay of the camera's stamps; 0: they are exact, the delay no state
+    publish_rate_hz: Annotated[float, msgspec.Meta(ge=10)] = 30.0  # of each target's estimates, images' included
     rewind_horizon_s: NotNegative = 0.5  # images older than this are rejected
     coast_after_s: NotNegative = 0.25  # without an image: coasting
     validity_timeout_s: NotNegative = 2.0  # without an image: lost, not valid

@@ -97,13 +97,15 @@ class Estimator:
         return [self._with_beside(estimate, ownship)]
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
-        """Predict every track to the newest navigation sample. Drop idle targets, except the first."""
+        """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
+        the first."""
         if self._wind.is_known and ownship.now_ns - self._wind_ns > TIMEOUT_NS:
             self._set_wind(UNKNOWN, ownship)
         estimates = []
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
-                estimates.append(self._with_beside(track.tick(ownship), ownship))
+                if track.rate_limit.is_due(ownship.now_ns):
+                    estimates.append(self._with_beside(track.tick(ownship), ownship))
             elif track.is_idle(ownship.now_ns):
                 del self._tracks[target]
                 if track.state is not Lifecycle.SEARCHING:  # say the last word on it

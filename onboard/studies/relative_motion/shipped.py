@@ -28,6 +28,7 @@ class Shipped(NamedTuple):
     settings: tuple[str, ...] = ()
 
 
+EVERY_SAMPLE: Final = "estimator.leader.publish_rate_hz=1000"  # scores are of navigation samples
 DEFAULT: Final = Shipped("shipped", "the daemon, as shipped")
 ON_WING: Final = Shipped(
     "on-wing", "the daemon, `center_on_wing = true`", ("estimator.leader.center_on_wing=true",)
@@ -51,7 +52,7 @@ def known(setting: Setting) -> tuple[str, ...]:
 
 def track(flight: Flight, setting: Setting, method: Shipped, late: Lateness = ON_TIME) -> Track:
     """Fly one flight. Estimates that are not valid are none: NaN."""
-    pipeline = Pipeline(load_config(None, (*known(setting), *method.settings)))
+    pipeline = Pipeline(load_config(None, (*known(setting), *method.settings, EVERY_SAMPLE)))
     samples, images = len(flight.nav_t), len(flight.image_t)
     mean, covariance = np.full((samples, N), np.nan), np.full((samples, N, N), np.nan)
     nis, fused, degrees = np.full(images, np.nan), np.zeros(images, dtype=bool), 0

@@ -160,7 +160,7 @@ def test_what_is_not_valid_has_no_position_seed_2() -> None:
     lost = [m for m in messages if not isinstance(m, TargetPoints) or m.t_ns < BOOT_NS + 2_000_000_000]
     positions = sum(isinstance(m, LocalPosition) for m in messages)
     for heard, is_valid in ((messages, True), (none, False), (lost, False)):
-        rows = estimated(Pipeline(load_config(None)), heard)
+        rows = estimated(Pipeline(load_config(None, ("estimator.leader.publish_rate_hz=1000",))), heard)
         assert len(rows) > 0.9 * positions
         assert np.isfinite(rows[-1]).all() == is_valid
 

@@ -20,6 +20,7 @@ from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.tracks.exchange import Exchange
 from onboard.estimators.leader.tracks.guard import Guard
 from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
+from onboard.estimators.leader.tracks.rate_limit import RateLimit
 from onboard.estimators.leader.tracks.repeats import Repeats
 from onboard.estimators.leader.tracks.report import NO_OUTCOME, Outcome, modes_of, published, report
 from onboard.estimators.leader.tracks.status import Status
@@ -37,7 +38,8 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 class Track:
     """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a recent
     image; `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
-    poses, and says nothing of the size. A track that is `full`, one too many, rejects every image."""
+    poses, and says nothing of the size; `rate_limit`: when a tick is due. A track that is `full`, one too many,
+    rejects every image."""
 
     def __init__(
         self,
@@ -56,6 +58,7 @@ class Track:
         self._history: History[Any, Ownship] | None = None
         self._images = filter_.images or config.initialise_images  # that must agree before a track starts
         self._held: deque[Image] = deque(maxlen=self._images)
+        self.rate_limit = RateLimit(config.publish_rate_hz)
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._guard = Guard(config.size_prior_m)
@@ -116,6 +119,7 @@ class Track:
         self._held.clear()
         self._repeats.clear()
         self._exchange.clear()
+        self.rate_limit.clear()
 
     @property
     def is_followed(self) -> bool:
@@ -206,13 +210,8 @@ class Track:
         first = images[0]
         earlier = before.belief_at(first.message.t_ns, ownship)[1] if before else None
         begun = self._filter.start(first.measurement, first.pose, earlier)
-        self._history = History(
-            first.message.t_ns,
-            begun,
-            horizon_ns=round(self._config.rewind_horizon_s * NS_PER_S),
-            advance=self._advance,
-            fuse=self._fuse,
-        )
+        t_ns, horizon_ns = first.message.t_ns, round(self._config.rewind_horizon_s * NS_PER_S)
+        self._history = History(t_ns, begun, horizon_ns=horizon_ns, advance=self._advance, fuse=self._fuse)
         for known in self._known.values():
             self._history.insert(first.message.t_ns, known, ownship)
         for other in images[1:]:
@@ -295,6 +294,7 @@ class Track:
             if not coasting:
                 self.direction_n = tuple(x / range_ for x in r)
         self._sequence += 1
+        self.rate_limit.published(t_ns)
         fields = {"name": self._name, "target": self.target, "sequence": self._sequence, "t_ns": t_ns}
         fields |= {"state": state, "reason": reason, "measurement": measurement, "modes": modes}
         return published(self._filter, self._status, belief, **fields)

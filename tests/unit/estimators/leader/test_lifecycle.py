@@ -83,7 +83,7 @@ def test_the_reset_timeout_is_the_one_configured() -> None:
 
 
 def test_never_valid_for_longer_than_the_timeout_after_the_last_image_while_ticks_go_on() -> None:
-    run = fly(lambda t: t <= 7.0, 16.0)
+    run = fly(lambda t: t <= 7.0, 16.0, CIRCLE, "estimator.leader.publish_rate_hz=1000")
     after = [e for e in run.estimates if e.t_ns > (7.0 + VALID) * S]
     assert len(after) > 300
     assert not any(e.valid for e in after)
