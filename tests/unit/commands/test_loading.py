@@ -3,15 +3,19 @@
 import ctypes
 import gc
 import mmap
+import os
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numba
 import pytest
 
+from onboard.commands import loading as loaded
 from onboard.commands.cli import main
-from onboard.commands.loading import loading, release_compiler
+from onboard.commands.loading import HEAPS, NICE, loading, release_compiler
 from onboard.daemon import Daemon
 
 
@@ -84,12 +88,74 @@ def test_a_flight_begins_with_all_that_is_loaded_left_alone(monkeypatch: pytest.
     gc.unfreeze()
     seen: list[tuple[bool, int]] = []
 
+    asked: list[int] = []
+
     async def run(self: Daemon) -> None:
         del self
         seen.append((gc.isenabled(), gc.get_freeze_count()))
 
     monkeypatch.setattr(Daemon, "run", run)
+    monkeypatch.setattr(os, "getpriority", lambda *_: 0)
+    monkeypatch.setattr(os, "setpriority", lambda *asks: asked.append(asks[-1]))  # not that of the tests
     assert main(["run"]) == 0
     ((enabled, frozen),) = seen
     assert enabled
     assert frozen > 10_000
+    assert asked == [NICE]
+
+
+def alone(code: str) -> str:
+    """What a process of its own prints."""
+    command = [sys.executable, "-c", f"from onboard.commands import loading\n{code}"]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.strip()
+
+
+@pytest.mark.parametrize(("chosen", "taken"), [(0, [NICE]), (5, []), (-20, [])])
+def test_it_goes_before_others_unless_somebody_chose_a_priority(
+    chosen: int, taken: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(os, "getpriority", lambda *_: chosen)
+    monkeypatch.setattr(os, "setpriority", lambda *asks: asked.append(asks[-1]))
+    loaded.go_first()
+    assert asked == taken
+
+
+def test_a_refused_priority_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: int) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "getpriority", lambda *_: 0)
+    monkeypatch.setattr(os, "setpriority", refuse)
+    loaded.go_first()
+
+
+COUNT_HEAPS = """
+import ctypes, threading
+libc = ctypes.CDLL(None)
+libc.malloc.restype = libc.fopen.restype = ctypes.c_void_p
+{first}
+done = threading.Barrier(9)
+def take():
+    libc.malloc(1000)
+    done.wait()
+for _ in range(8):
+    threading.Thread(target=take).start()
+done.wait()
+libc.fopen.argtypes, libc.fclose.argtypes = (ctypes.c_char_p, ctypes.c_char_p), (ctypes.c_void_p,)
+libc.malloc_info.argtypes = ctypes.c_int, ctypes.c_void_p
+file = libc.fopen(b"/dev/stdout", b"w")
+libc.malloc_info(0, file)
+libc.fclose(file)
+"""
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_info"), reason="not the GNU C library")
+def test_threads_share_heaps() -> None:
+    assert alone(COUNT_HEAPS.format(first="")).count("<heap nr=") > HEAPS
+    assert alone(COUNT_HEAPS.format(first="loading.share_heaps()")).count("<heap nr=") <= HEAPS
+
+
+def test_a_c_library_without_heaps_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ctypes, "CDLL", lambda _: object())
+    loaded.share_heaps()
