@@ -47,9 +47,10 @@ class Repeats:
         if before is None or not _stay(before[0], points, QUIET * self._sigma(message)):
             self._unchanged[message.camera] = before = points, image
         first = before[1]
-        long = message.t_ns - first.message.t_ns > self._stale_after_s * NS_PER_S
+        if message.t_ns - first.message.t_ns <= self._stale_after_s * NS_PER_S:
+            return False
         rotation = float(np.abs(image.pose.R_cn - first.pose.R_cn).max())
-        return long and rotation > ROTATION_SIGMAS * self._point_sigma
+        return rotation > ROTATION_SIGMAS * self._point_sigma
 
     def _sigma(self, message: TargetImage) -> float:
         """The smallest standard deviation of a point, as stated or as configured: a simulated camera may have next
