@@ -8,6 +8,7 @@ write them. The equations are those of OpenCV's documentation of its module cali
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, Literal
 
 Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
@@ -75,7 +76,7 @@ class Lens:
         )
         return math.sqrt(abs((c - a) * (f - b) - (d - b) * (e - a)))
 
-    @property
+    @cached_property
     def view(self) -> Edges | None:
         """The edges of the image, of a distorted one those of its farthest corners. Without its size the principal
         point is taken as its middle; None where that is outside the image, or the edge cannot be undistorted."""

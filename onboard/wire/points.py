@@ -1,6 +1,7 @@
 """Camera points as JSON <-> TargetPoints: pixels and intrinsics outside, image points inside."""
 
 import re
+from functools import lru_cache
 from typing import Final
 
 import msgspec
@@ -45,6 +46,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
     )
 
 
+@lru_cache(maxsize=64)  # all images of a camera have the same
 def lens_of(k: Intrinsics) -> Lens:
     """The lens of an image's intrinsics. Raises BadDocumentError."""
     if not (k.fx_px > 0 and k.fy_px > 0):
