@@ -61,7 +61,7 @@ def noisy(points: TargetPoints, rng: np.random.Generator) -> TargetPoints:
 
 
 def flown(log: str, true: Truth, seed: int) -> Flight:
-    """Every estimate of the leader from SETTLE s on, beside the truth: one for each navigation sample and image."""
+    """Every estimate of the leader from SETTLE s on, beside the truth: of every navigation sample and image."""
     config = make_config("camera.mount_rpy_deg=[0,15,0]", "estimator.leader.publish_rate_hz=1000")
     pipeline, rng = Pipeline(config), np.random.default_rng(seed)
     of_all = np.array([row(estimate) for estimate in estimates(pipeline, log, rng)])
