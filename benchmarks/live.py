@@ -123,13 +123,16 @@ def daemon(environment: dict[str, str] | None = None, udp: int | None = None) ->
 
 def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None) -> Figures:
     """Latency (ms) from exposure and from arrival, the daemon's share of a core (percent) and its memory (MB),
-    beside `busy` busy loops. `on_core`: the daemon and the busy loops all share this core."""
+    beside `busy` busy loops. `on_core`: the daemon and the busy loops all share this core, at the same
+    priority."""
     with ExitStack() as stack:
         one = stack.enter_context(daemon())
-        stack.enter_context(busy_loops(busy, on_core))
+        loops = stack.enter_context(busy_loops(busy, on_core))
         one.wait_for("link autopilot")
         if on_core is not None:
             one.process.cpu_affinity([on_core])
+            for loop in loops:
+                psutil.Process(loop.pid).nice(one.process.nice())
         subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
         load = _load("--udp", str(one.udp), "--zenoh", one.endpoint, "--seconds", str(SETTLE_S + seconds))
         one.wait_for("leader: ")
@@ -236,14 +239,14 @@ def measure(seconds: int) -> Figures:
 
 
 @contextmanager
-def busy_loops(count: int, on_core: int | None) -> Iterator[None]:
+def busy_loops(count: int, on_core: int | None) -> "Iterator[list[subprocess.Popen[bytes]]]":
     """So many processes that only compute."""
     loops = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(count)]  # noqa: S603 - our own
     try:
         for loop in loops:
             if on_core is not None:
                 psutil.Process(loop.pid).cpu_affinity([on_core])
-        yield
+        yield loops
     finally:
         for loop in loops:
             loop.kill()

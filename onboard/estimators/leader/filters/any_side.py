@@ -32,7 +32,6 @@ from onboard.estimators.leader.shape import Shape
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError, Update
-from onboard.models import apparent_wing
 from onboard.models.leader_flight import HEADING
 from onboard.models.relative_motion import R
 from onboard.ownship import Step
@@ -63,8 +62,9 @@ class AnySide(NamedTuple):
     """Both filters' states, a `summary` of the cloud at its time (of a little earlier, and carried on), how many
     images the wing-line filter has rejected in a row: it is not believed meanwhile; whether the cloud, at its last
     image, confirmed it; the size, if it is no longer the configured one; and whether the wing-line filter has
-    flown with quite another one, so that it starts again; the wind, if it matters and is known; and what the
-    cloud becomes by an image that it has yet to take, with our own motion since that image."""
+    flown with quite another one, so that it starts again; the wind, if it matters and is known; what the cloud
+    becomes by an image that it has yet to take, with our own motion since that image; and how long ago, s, the
+    cloud's last image is."""
 
     wing_line: Any
     cloud: Cloud
@@ -77,6 +77,7 @@ class AnySide(NamedTuple):
     wind: Wind | None = None
     postponed: Postponed[Taken] | None = None
     since: Pending | None = None
+    waited: float = 0.0
 
 
 class AnySideFilter:
@@ -111,7 +112,8 @@ class AnySideFilter:
         pending = state.pending.after(step)
         through_air = step if state.wind is None else state.wind.step(step)
         wing_line = self._wing_line.advance(state.wing_line, through_air)
-        advanced = state._replace(wing_line=wing_line, pending=pending, since=since)
+        waited = state.waited + step.dt
+        advanced = state._replace(wing_line=wing_line, pending=pending, waited=waited, since=since)
         if pending.dt > LONGEST_S:
             advanced = finished(advanced)  # whose cloud may be of a newer image
         return self._caught_up(advanced) if advanced.pending.dt > LONGEST_S else advanced
@@ -137,10 +139,11 @@ class AnySideFilter:
             wing_line = state.wing_line
         after = state._replace(wing_line=wing_line, rejected=rejected, outdated=outdated)
         usual = passes and not state.rejected
-        if usual and state.pending.dt < PERIOD_S:
+        if usual and state.waited < PERIOD_S:
             return update._replace(belief=after)
         take = partial(self._take, after, measurement, pose, restarts=passes and has_extent)
-        if usual and state.confirmed and measurement.is_plain and state.pending.dt < OFTEN_S:
+        after = after._replace(waited=0.0)
+        if usual and state.confirmed and measurement.is_plain and state.waited < OFTEN_S:
             return update._replace(belief=after._replace(postponed=Postponed(take), since=standing(pose.v_F_n)))
         taken = take()
         after = with_cloud(after, taken, standing(pose.v_F_n))
@@ -172,7 +175,7 @@ class AnySideFilter:
         ratio = size.value / self._noses(state).size
         cloud = state.cloud
         if not cloud.metric:
-            cloud = rescaled(state.cloud, ratio, state.pending.v_F_n)
+            cloud = particles.rescaled(state.cloud, ratio, state.pending.v_F_n)
         wing_line = self._wing_line.resized(state.wing_line, size)
         outdated = state.outdated or abs(math.log(ratio)) > ANOTHER
         after = state._replace(wing_line=wing_line, cloud=cloud, size=size, outdated=outdated)
@@ -285,12 +288,3 @@ def with_cloud(state: AnySide, taken: Taken, since: Pending) -> AnySide:
 def in_air(pose: CameraPose, wind: Wind | None) -> CameraPose:
     """The camera's pose with our velocity through the air, if the wind is known."""
     return pose if wind is None else wind.pose(pose)
-
-
-def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:
-    """The cloud of a leader that is `ratio` times as large: as much farther away, and as much faster relative to
-    us, who fly with v_F_n (3,) m/s."""
-    scale = np.where(particles.DIAGONAL < apparent_wing.BANK_ERROR, ratio, 1.0)
-    means = cloud.means * scale
-    means[:, apparent_wing.V] += (1.0 - ratio) * v_F_n
-    return cloud._replace(means=means, covariances=cloud.covariances * scale[:, None] * scale)

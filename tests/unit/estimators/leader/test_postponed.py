@@ -1,6 +1,7 @@
 """What is postponed until an estimate is published changes no estimate, and delays none."""
 
 import asyncio
+from typing import Any
 
 import numpy as np
 import pytest
@@ -110,6 +111,32 @@ def test_the_cloud_is_the_same_as_if_no_image_were_postponed(monkeypatch: pytest
     assert all(map(np.array_equal, later, at_once))
 
 
+@pytest.mark.parametrize(
+    ("every_ms", "taken_after_ms"), [(40, 160), (120, 240), (240, 240), (280, 280), (440, 440)]
+)
+@pytest.mark.parametrize("confirmed", [False, True])
+def test_the_cloud_takes_few_images_of_a_fast_camera_and_all_of_a_slow_one(
+    confirmed: bool, every_ms: int, taken_after_ms: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where it has been predicted meanwhile."""
+    now_ms, taken, update = 0, [], particles.update
+
+    def noted(*arguments: Any) -> Any:
+        taken.append(now_ms)
+        return update(*arguments)
+
+    monkeypatch.setattr(particles, "update", noted)
+    filter_, rest = make_filter(Config(size_prior_m=2.0)), np.zeros(3)
+    state = filter_.start(image(25.0, 0.0), STILL, None)
+    for k in range(1, 30):
+        for _ in range(every_ms // 40):
+            state = filter_.advance(state, Step(0.04, rest, rest, rest))
+        now_ms += every_ms
+        state = filter_.fuse(state._replace(confirmed=confirmed), image(25.0, 0.0, seed=k), STILL).belief
+        filter_.finish(state)
+    assert set(np.diff(taken)) == {taken_after_ms}
+
+
 def test_our_own_motion_since_a_postponed_image_is_kept() -> None:
     filter_, north = make_filter(Config(size_prior_m=2.0)), np.array([3.0, 0.0, 0.0])
     state = filter_.start(image(25.0, 0.0), STILL, None)
@@ -128,8 +155,8 @@ def test_our_own_motion_since_a_postponed_image_is_kept() -> None:
 def test_an_image_counts_at_once_where_the_estimate_is_the_clouds_own() -> None:
     filter_, rest, aspect = make_filter(Config(size_prior_m=2.0)), np.zeros(3), 1.2
     state, uncertain = filter_.start(image(25.0, aspect), STILL, None), 0
-    for k in range(1, 20):
-        for _ in range(4):
+    for k in range(1, 30):
+        for _ in range(2):
             state = filter_.advance(state, Step(0.04, rest, rest, rest))
         state = filter_.fuse(state, image(25.0, aspect, seed=k), STILL).belief
         if not state.confirmed:

@@ -206,3 +206,12 @@ def _resampled(cloud: Cloud, w: Array) -> Cloud:
     noses, rates, accelerates, means, P = (array[chosen] for array in cloud[:5])
     log_weights = np.full(k, -math.log(k))
     return Cloud(noses, rates, accelerates, means, P, log_weights, cloud.draws + 1, *cloud[7:])
+
+
+def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:
+    """The cloud of a leader that is `ratio` times as large: as much farther away, and as much faster relative to
+    us, who fly with v_F_n (3,) m/s."""
+    scale = np.where(DIAGONAL < BANK_ERROR, ratio, 1.0)
+    means = cloud.means * scale
+    means[:, V] += (1.0 - ratio) * v_F_n
+    return cloud._replace(means=means, covariances=cloud.covariances * scale[:, None] * scale)
