@@ -27,7 +27,7 @@ import zenoh
 
 ROOT: Final = Path(__file__).parents[1]
 PUBLISHED: Final = {  # Hz and bytes of a record
-    "estimate/leader": (75, 4271),
+    "estimate/leader": (30, 4489),
     "ownship": (50, 310),
     "leader": (20, 1322),
     "health": (1, 1508),

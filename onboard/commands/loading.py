@@ -1,5 +1,5 @@
 """What a flight asks of this computer: modules load without the garbage collector, which leaves them alone
-afterwards, the compiler's memory is given back, threads share their heaps, and the daemon goes before others."""
+afterwards, the compiler's memory is given back, threads share a heap, and the daemon goes before others."""
 
 import ctypes
 import gc
@@ -16,7 +16,7 @@ MAPPED: Final = re.compile(
 )
 MADV_DONTNEED: Final = 4
 M_ARENA_MAX: Final = -8
-HEAPS: Final = 2
+HEAPS: Final = 1
 NICE: Final = -10
 
 
@@ -55,9 +55,9 @@ def release_compiler(smaps: Path = Path("/proc/self/smaps")) -> int:
     return released
 
 
-def share_heaps() -> None:
-    """Let all threads to come allocate from HEAPS heaps. The GNU C library would give each of Zenoh's one of its
-    own, some 2 MB more in all. Another C library may have none of this."""
+def share_heap() -> None:
+    """Let all threads to come allocate from one heap. The GNU C library would give each of Zenoh's one of its own,
+    some 4 MB more in all. Another C library may have none of this."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).mallopt(M_ARENA_MAX, HEAPS)
 

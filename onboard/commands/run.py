@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Final
 
-from onboard.commands.loading import go_first, loading, release_compiler, share_heaps
+from onboard.commands.loading import go_first, loading, release_compiler, share_heap
 from onboard.filters.numba_internals import on_compile
 
 PROGRESS_S: Final = 10.0  # between lines about compiling
@@ -27,7 +27,7 @@ def main(arguments: argparse.Namespace) -> int:
 def fly(arguments: argparse.Namespace) -> int:
     """Load, and run the daemon to its end."""
     on_compile(Compiling(report))
-    share_heaps()
+    share_heap()
     with loading():
         from onboard.config import load_config  # noqa: PLC0415 - the block is about loading
         from onboard.daemon import Daemon  # noqa: PLC0415

@@ -151,11 +151,11 @@ libc.fclose(file)
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "malloc_info"), reason="not the GNU C library")
-def test_threads_share_heaps() -> None:
+def test_threads_share_heap() -> None:
     assert alone(COUNT_HEAPS.format(first="")).count("<heap nr=") > HEAPS
-    assert alone(COUNT_HEAPS.format(first="loading.share_heaps()")).count("<heap nr=") <= HEAPS
+    assert alone(COUNT_HEAPS.format(first="loading.share_heap()")).count("<heap nr=") <= HEAPS
 
 
 def test_a_c_library_without_heaps_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ctypes, "CDLL", lambda _: object())
-    loaded.share_heaps()
+    loaded.share_heap()
