@@ -4,6 +4,7 @@ recordings are not part of the repository."""
 
 import csv
 import gzip
+import math
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -25,6 +26,7 @@ from tests.support.streams import F_PX, S, make_config
 
 DATA: Final = Path(__file__).parents[3] / "shared" / "data" / "hover-collapse"
 SETTLE: Final = 5.0  # s of boot time after the first estimate
+SEEN: Final = 1.0  # s after an image in which an estimate counts: the recordings hold pauses of the camera
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not DATA.is_dir(), reason="the recorded flights are not here (../shared/data)"),
@@ -61,13 +63,13 @@ def noisy(points: TargetPoints, rng: np.random.Generator) -> TargetPoints:
 
 
 def flown(log: str, true: Truth, seed: int) -> Flight:
-    """Every estimate of the leader from SETTLE s on, beside the truth: of every navigation sample and image."""
-    config = make_config("camera.mount_rpy_deg=[0,15,0]", "estimator.leader.publish_rate_hz=1000")
-    pipeline, rng = Pipeline(config), np.random.default_rng(seed)
+    """The estimates of the leader from SETTLE s on while images come, beside the truth."""
+    pipeline, rng = Pipeline(make_config("camera.mount_rpy_deg=[0,15,0]")), np.random.default_rng(seed)
     of_all = np.array([row(estimate) for estimate in estimates(pipeline, log, rng)])
-    t = of_all[:, 0]
+    t, last_image = of_all[:, 0], np.maximum.accumulate(of_all[:, 1])
     counts = (t > t[0] + SETTLE) & (t < true.t[-1]) & ((t < true.bad[0]) | (t > true.bad[1]))
-    t, mean, P = t[counts], of_all[counts, 1:4], of_all[counts, 4:].reshape(-1, 3, 3)
+    counts &= t - last_image < SEEN
+    t, mean, P = t[counts], of_all[counts, 2:5], of_all[counts, 5:].reshape(-1, 3, 3)
     r_FL_n = np.column_stack([np.interp(t, true.t, true.r_FL_n[:, k]) for k in range(3)])
     range_, nees = np.linalg.norm(mean, axis=1), np.full(len(t), np.nan)
     valid = np.isfinite(range_)
@@ -86,10 +88,13 @@ def estimates(pipeline: Pipeline, log: str, rng: np.random.Generator) -> Iterato
 
 
 def row(estimate: Estimate) -> tuple[float, ...]:
-    """Boot time (s), mean (3) and covariance (9) of the position; NaN if it is not valid."""
+    """Boot time (s), that of its image (-inf without one), mean (3) and covariance (9) of the position; NaN if it
+    is not valid."""
+    t = estimate.t_ns / S
+    t_image = t if estimate.measurement is not None else -math.inf
     if not estimate.valid or estimate.mean is None or estimate.covariance is None:
-        return (estimate.t_ns / S, *(float("nan"),) * 12)
-    return (estimate.t_ns / S, *estimate.mean[:3], *(x for line in estimate.covariance[:3] for x in line[:3]))
+        return (t, t_image, *(math.nan,) * 12)
+    return (t, t_image, *estimate.mean[:3], *(x for line in estimate.covariance[:3] for x in line[:3]))
 
 
 @pytest.mark.parametrize(("log", "of"), [("fresh-noise.tlog", "fresh-noise"), ("hover_collapse.mcap", "follower")])
