@@ -23,13 +23,17 @@ install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the fi
 demo: $(READY)  ## fly the simulated formation, with a live view where there is a display
 	$(BIN)/onboard demo $(ARGS)
 
-# Three at a time on two cores: flights in real time wait most of their time. tests/conftest.py compiles the kernels.
+# Three at a time on two cores: flights in real time wait most of their time.
 TESTS := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-test: $(READY_DEV) lint  ## before each commit: four minutes on two cores
+CHECK := +@$(MAKE) --no-print-directory -j2 lint $(COMPILED)  # at the same time: mypy uses one core
+
+test: $(READY_DEV)  ## before each commit: four minutes on two cores
+	$(CHECK)
 	$(TESTS) -m "not slow" $(ARGS)
 
-test-all: $(READY_DEV) lint  ## before a release: also whole studies, long runs, recorded flights of ../shared
+test-all: $(READY_DEV)  ## before a release: also whole studies, long runs, recorded flights of ../shared
+	$(CHECK)
 	$(TESTS) $(ARGS)
 
 lint: $(READY_DEV)  ## what CI runs before the tests
@@ -64,10 +68,10 @@ $(READY): $(VENV)/bin/python pyproject.toml constraints.txt
 	$(INSTALL) -e '.[view]'
 	@touch $@
 
-$(READY_DEV): $(READY)
-	@echo "installing what the tests need (about a minute, once)"
+$(READY_DEV): $(VENV)/bin/python pyproject.toml constraints.txt
+	@echo "installing into $(VENV) what the tests need (about a minute, once)"
 	$(INSTALL) -e '.[view,study,dev]'
-	@touch $@
+	@touch $(READY) $@
 
 $(READY_DOCS): $(READY)
 	@echo "installing what the documentation needs (once)"
