@@ -1,13 +1,13 @@
 """Values that were set while the daemon ran, kept in a TOML file that goes over the configuration's."""
 
 import os
-import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
 from onboard.config.reading import ConfigError, read_toml
 from onboard.config.sections import LinkConfig
+from onboard.sinks.secrets import is_private
 from onboard.wire.signing import read_key
 
 HEAD: Final = "# Written by onboard: parameters that were set over MAVLink. They go over the configuration file.\n"
@@ -33,11 +33,11 @@ def signing_key(link: LinkConfig) -> bytes | None:
     where = f"link {link.name}: key_file {link.key_file}"
     path = Path(link.key_file)
     try:
-        info = path.stat()
+        is_ours = is_private(path) and path.stat().st_uid in {0, os.getuid()}
         key = read_key(path.read_bytes())
     except OSError as error:
         raise ConfigError(f"{where}: {error.strerror}") from error
-    if not stat.S_ISREG(info.st_mode) or info.st_mode & 0o077 or info.st_uid not in {0, os.getuid()}:
+    if not is_ours:
         raise ConfigError(f"{where}: others can read it; chmod 600 it, as its owner")
     if key is None:
         raise ConfigError(f"{where}: is empty; put 64 hexadecimal digits or a passphrase in it")

@@ -13,8 +13,9 @@ from typing import Any, Final
 import msgspec
 
 from onboard.messages import Record
+from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
-from onboard.sinks.zenoh_session import FORBIDDEN, ZenohSession, secret
+from onboard.sinks.zenoh_session import FORBIDDEN, ZenohSession
 
 LARGEST_MESSAGE: Final = 262_144  # bytes
 SESSIONS: Final = 1000  # at least as many at once; two for each user where that is more

@@ -1,7 +1,6 @@
 """The one Zenoh session of a program: configuration, opening and closing."""
 
 import queue
-import stat
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -12,6 +11,7 @@ from typing import Any, Final, Literal
 import msgspec
 
 from onboard.messages import Record
+from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
 
 SECURE: Final = ("tls/", "quic/")
@@ -127,24 +127,6 @@ def open_session(config: ZenohConfig) -> ZenohSession:
         return ZenohSession(zenoh.open(_zenoh_config(config)))
     except zenoh.ZError as error:
         raise SinkError(_explanation(config, str(error))) from error
-
-
-def secret(path: str, key: str) -> str:
-    """The text of a private file that the configuration's `key` names, without the white space around it.
-
-    Raises SinkError if it cannot be read or is empty, or if others can read it.
-    """
-    file = Path(path)
-    try:
-        mode, text = file.stat().st_mode, file.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "is not text"
-        raise SinkError(f"{key} {path}: {reason}") from error
-    if not stat.S_ISREG(mode) or mode & 0o077:
-        raise SinkError(f"{key} {path}: others can read it; chmod 600 it")
-    if not text:
-        raise SinkError(f"{key} {path}: is empty")
-    return text
 
 
 def _explanation(config: ZenohConfig, error: str) -> str:
