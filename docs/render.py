@@ -218,17 +218,34 @@ def of_closed_loop(result: Json) -> Figures:
 
 
 def of_encounters(result: Json) -> Figures:
-    """Figures of the study of encounters: a row of the page's table for each encounter."""
-    found = {"encounters_flights": f"{result['seeds']:.0f}"}
+    """Figures of the study of encounters: a row of the page's tables for each encounter."""
+    found = of_reference(result) | {"encounters_flights": f"{result['seeds']:.0f}"}
     for name, _, *numbers in result["tables"][0]["rows"]:
         # a family without a valid estimate has none of the others
         valid, _, error, _, _, worst, sigma, inside, inside_error, wrong, wrong_error = (
             "–" if number is None else f"{number:.1f}" for number in numbers
         )
-        found["encounters_" + name.replace(",", "").replace(" ", "_")] = (
+        found["encounters_" + _key(name)] = (
             f"{valid} | {error} ({worst}) | {sigma} | {inside} ± {inside_error} | {wrong} ± {wrong_error}"
         )
     return found
+
+
+def of_reference(result: Json) -> Figures:
+    """Figures of the encounters beside their reference posterior; none where none was flown."""
+    found: Figures = {}
+    for table in result["tables"][1:]:
+        for name, flights, *numbers in table["rows"]:
+            ratios, percents = numbers[:3], numbers[3:]
+            ratio, least, greatest = ("–" if x is None else f"{x:.2f}" for x in ratios)
+            shown = ("–" if x is None else f"{x:.1f}" for x in percents)
+            found["reference_flights"] = f"{flights:.0f}"
+            found["reference_" + _key(name)] = f"{ratio} ({least} to {greatest}) | " + " | ".join(shown)
+    return found
+
+
+def _key(encounter: str) -> str:
+    return encounter.replace(",", "").replace(" ", "_")
 
 
 STUDIES = {

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from onboard.estimators.leader.settings import settings_for
+from onboard.estimators.leader.settings import PARTICLES, settings_for
 from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
 from onboard.messages.target import check_points, check_wings
 
@@ -88,6 +88,7 @@ class Config(Record, frozen=True, kw_only=True):
     target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes: written as [target.CLASS]
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
     pose_scale_sigma: NotNegative = 0.02  # of the range: lasting error of poses: a marker's size, the focal length
+    particles: Annotated[int, msgspec.Meta(ge=100, le=100_000)] = PARTICLES  # any-side: of its cloud of noses
     process_noise: dict[str, float] = msgspec.field(default_factory=dict)  # overrides the filter's `settings`
     initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = 3  # that must agree to start (paper: 1)
     own_tilt_sigma_deg: NotNegative = 0.3  # steady error of our own roll and pitch, mount included

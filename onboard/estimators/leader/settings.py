@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Final, NamedTuple, TypeVar
 
 FT: Final = 0.3048
+PARTICLES: Final = 900  # of the cloud of noses
 SECTION: Final = "estimator.leader.process_noise"
 RENAMED: Final = {
     "position_walk": "position_random_walk",
@@ -54,7 +55,7 @@ class NoseModel(NamedTuple):
     nose_about_course: float = math.radians(5.0)  # rad, of such a nose
     air: tuple[float, float] = (0.0, 0.0)  # m/s, velocity to north and east of the air that a course is through
     air_sigma: float = 0.0  # m/s, on each axis
-    particles: int = 900
+    particles: int = PARTICLES
     speed: float = 8.0  # m/s, relative to us, at first
     acceleration: float = 1.5  # m/s^2, at first
     acceleration_time: float = 4.0  # s

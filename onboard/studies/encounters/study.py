@@ -8,7 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from onboard.studies.encounters import reference
 from onboard.studies.encounters.flights import CASES, DEFAULTS, Case, Flight, fly
+from onboard.studies.encounters.reference import Pair
 from onboard.studies.encounters.results import checks_of, claims_of, requirements, table_of
 from onboard.studies.encounters.scores import over_all, score
 from onboard.studies.report.findings import Findings
@@ -18,6 +20,7 @@ from onboard.studies.tracking.publish import drawing, publish
 NAME: Final = "encounters"
 TITLE: Final = "Encounters: the leader from any side"
 FIRST_SEED: Final = 501  # settings are chosen on seeds 1 to 100
+COMPARED: Final = 8  # of so many encounters one is flown by the reference, too: that takes ten times as long
 
 
 def run(
@@ -28,22 +31,36 @@ def run(
     progress: Progress | None = None,
     cases: Sequence[Case] = CASES,
     settings: tuple[str, ...] = (),
+    compared: int | None = None,
 ) -> Findings:
     """The study over `seeds` flights of each case; forty are needed to judge. `settings` are further overrides, as
-    of `--set`: to choose settings, on other seeds than those of the report."""
+    of `--set`: to choose settings, on other seeds than those of the report. The first `compared` seeds (None: an
+    eighth of all) are flown by the reference, too."""
     every = require_seeds(seeds, first_seed)
     draw = drawing(__package__, out)
-    parts = [Part(fly, (case, seed, settings)) for case in cases for seed in every]
+    few = every[: seeds // COMPARED if compared is None else compared]
+    beside = [case for case in cases if case in reference.COMPARED and few]
+    parts = [Part(fly, (case, seed, (*settings, *reference.SETTINGS))) for case in beside for seed in few]
+    parts += [Part(fly, (case, seed, settings)) for case in cases for seed in every]
     flown: list[Flight] = compute(parts, jobs, progress)
+    referred, flown = flown[: len(beside) * len(few)], flown[len(beside) * len(few) :]
     flights = {case: flown[k * seeds : (k + 1) * seeds] for k, case in enumerate(cases)}
+    references = {case: referred[k * len(few) : (k + 1) * len(few)] for k, case in enumerate(beside)}
     shown = {case: each[0] for case, each in flights.items() if case in DEFAULTS}
-    return publish(findings(flights, first_seed, settings), out, draw, shown)
+    return publish(findings(flights, first_seed, settings, references), out, draw, shown)
 
 
-def findings(flights: Mapping[Case, Sequence[Flight]], first_seed: int, settings: Sequence[str] = ()) -> Findings:
-    """The results of flights with successive seeds."""
+def findings(
+    flights: Mapping[Case, Sequence[Flight]],
+    first_seed: int,
+    settings: Sequence[str] = (),
+    references: Mapping[Case, Sequence[Flight]] | None = None,
+) -> Findings:
+    """The results of flights with successive seeds, the first of which the `references` have flown, too."""
     scores, total = {case: score(each) for case, each in flights.items()}, over_all(flights)
     required = requirements(scores, total)
+    pairs = {c: [*map(Pair, flights[c], each)] for c, each in (references or {}).items()}
+    beside = reference.checks_of(pairs)
     setting = (__doc__ or "").replace("\n", " ").strip()
     return Findings(
         study=NAME,
@@ -51,9 +68,9 @@ def findings(flights: Mapping[Case, Sequence[Flight]], first_seed: int, settings
         setting=f"{setting} Beyond the defaults: {', '.join(settings)}." if settings else setting,
         seeds=max(len(each) for each in flights.values()),
         first_seed=first_seed,
-        tables=(table_of(scores, total),),
-        checks=checks_of(required),
-        claims=claims_of(required),
+        tables=(table_of(scores, total), *([reference.table_of(pairs)] if pairs else [])),
+        checks=(*checks_of(required), *beside),
+        claims=(*claims_of(required), *reference.claims_of(beside)),
         misprints=(),
         figures=(),
     )

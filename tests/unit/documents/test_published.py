@@ -141,7 +141,10 @@ def test_studies_give_the_figures_of_their_pages() -> None:
     row = [100.0, 0.0, 2.298, 0.263, 2.2, 3.29, 2.643, 96.53, 2.884, 0.0, 0.0]
     unknown = [0.0, 0.0, *[None] * 9]
     rows = [["behind", 40.0, *row], ["hover, center on wing", 40.0, *unknown]]
-    assert render.of_studies({"encounters": {"seeds": 40, "tables": [{"rows": rows}]}}) == {
+    beside = ["hover, center on wing", 5.0, 0.984, 0.9, 1.02, 28.5, 29.0, 134.6, 130.0, 100.0, 99.96]
+    assert render.of_studies({"encounters": {"seeds": 40, "tables": [{"rows": rows}, {"rows": [beside]}]}}) == {
+        "reference_flights": "5",
+        "reference_hover_center_on_wing": "0.98 (0.90 to 1.02) | 28.5 | 29.0 | 134.6 | 130.0 | 100.0 | 100.0",
         "encounters_flights": "40",
         "encounters_behind": "100.0 | 2.3 (3.3) | 2.6 | 96.5 ± 2.9 | 0.0 ± 0.0",
         "encounters_hover_center_on_wing": "0.0 | – (–) | – | – ± – | – ± –",

@@ -69,6 +69,7 @@ def _nose_model(config: Config, size: float, size_sigma: float) -> NoseModel:
         misalignment=(tilt, tilt, yaw),
         misalignment_time=config.own_attitude_time_s,
         own_velocity=max(config.own_velocity_sigma_m_s, SMALLEST_SIGMA),
+        particles=config.particles,
     )
     if config.leader_class == "fixed_wing":
         return model._replace(
