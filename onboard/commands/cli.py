@@ -21,7 +21,7 @@ from onboard.errors import UserError
 
 USER_ERROR: Final = 2
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
-STARTS_PROCESSES: Final = ("compile", "demo", "view")
+STARTS_PROCESSES: Final = ("compile", "demo", "study", "view")
 
 
 class _Parser(argparse.ArgumentParser):

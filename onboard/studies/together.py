@@ -1,10 +1,12 @@
 """All studies, two at a time, each with half of the cores: while one draws its figures, the other computes."""
 
 import os
+import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from importlib import import_module
 from multiprocessing import get_context
+from multiprocessing.managers import SyncManager
 from pathlib import Path
 from queue import Queue
 from threading import Thread
@@ -13,7 +15,7 @@ from typing import Any, Final
 import msgspec
 
 from onboard import studies
-from onboard.studies.report.workers import Progress
+from onboard.studies.report.workers import Progress, processes
 
 AT_ONCE: Final = 2
 # the slowest first (as measured), so that the last ones are short
@@ -44,10 +46,11 @@ def run_all(
 ) -> dict[str, dict[str, Any]]:
     """Run every study of these names; the results are in their order. `on_progress(name, done, total)` is called,
     from a thread, as parts finish. If a study raises, this raises the same and begins no other."""
-    context = get_context("spawn")
     order = sorted(names, key=lambda name: SLOWEST.index(name) if name in SLOWEST else len(SLOWEST))
     results: dict[str, dict[str, Any]] = {}
-    with context.Manager() as manager, ProcessPoolExecutor(AT_ONCE, context) as pool:
+    manager = SyncManager(ctx=get_context("spawn"))
+    manager.start(_outlive_signals)
+    with manager, processes(AT_ONCE) as pool:
         queue: Queue[tuple[str, int, int] | None] = manager.Queue()
         listener = Thread(target=_listen, args=(queue, on_progress), daemon=True)
         listener.start()
@@ -67,6 +70,12 @@ def _run_in_child(
 ) -> dict[str, Any]:
     jobs = max(1, (os.cpu_count() or 1) // AT_ONCE)  # with one, a study starts no process of its own
     return run_study(name, seeds, out, lambda done, total: queue.put((name, done, total)), jobs)
+
+
+def _outlive_signals() -> None:
+    # a closed terminal signals the whole group, and the queue is needed to the end
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _listen(queue: "Queue[tuple[str, int, int] | None]", on_progress: StudyProgress) -> None:
