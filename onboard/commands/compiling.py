@@ -10,10 +10,8 @@ file and changes there. So machine code older than any source it may be made of 
 
 import ast
 import importlib
-import multiprocessing
 import os
 import re
-import signal
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -26,6 +24,7 @@ from typing import Any, Final, NamedTuple
 
 from onboard.errors import UserError
 from onboard.filters import numba_internals
+from onboard.studies.report.processes import CONTEXT, processes
 
 ROOT: Final = Path(__file__).parents[2]
 KERNEL: Final = re.compile(r"^@njit", re.MULTILINE)
@@ -199,25 +198,14 @@ def cache_folder(source: Path) -> Path | None:
 
 @contextmanager
 def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of processes. All have ended after the block; they are stopped at once if the block raises."""
-    context = multiprocessing.get_context("spawn")
-    others = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(count, context, initializer=_begin, initargs=(context.Lock(),)) as pool:
-        try:
+    """Processes that take turns to write machine code. Raises CompileError."""
+    try:
+        with processes(count, numba_internals.lock_cache_files, CONTEXT.Lock()) as pool:
             yield pool
-        except BaseException as error:
-            for process in set(multiprocessing.active_children()) - others:  # else they end their modules first
-                process.terminate()
-            if isinstance(error, BrokenProcessPool):
-                raise CompileError("compile: a process was killed; is there too little memory?") from error
-            if isinstance(error, OSError):
-                raise CompileError(f"compile: the machine code cannot be kept: {error}") from error
-            raise
-
-
-def _begin(lock: Any) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one stops it
-    numba_internals.lock_cache_files(lock)
+    except BrokenProcessPool as error:
+        raise CompileError("compile: a process was killed; is there too little memory?") from error
+    except OSError as error:
+        raise CompileError(f"compile: the machine code cannot be kept: {error}") from error
 
 
 def _make_ready(name: str) -> Module | None:

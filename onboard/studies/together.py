@@ -5,7 +5,6 @@ import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 from importlib import import_module
-from multiprocessing import get_context
 from multiprocessing.managers import SyncManager
 from pathlib import Path
 from queue import Queue
@@ -15,7 +14,8 @@ from typing import Any, Final
 import msgspec
 
 from onboard import studies
-from onboard.studies.report.workers import Progress, processes
+from onboard.studies.report.processes import CONTEXT, end_with_parent, processes
+from onboard.studies.report.workers import Progress
 
 AT_ONCE: Final = 2
 # the slowest first (as measured), so that the last ones are short
@@ -48,8 +48,8 @@ def run_all(
     from a thread, as parts finish. If a study raises, this raises the same and begins no other."""
     order = sorted(names, key=lambda name: SLOWEST.index(name) if name in SLOWEST else len(SLOWEST))
     results: dict[str, dict[str, Any]] = {}
-    manager = SyncManager(ctx=get_context("spawn"))
-    manager.start(_outlive_signals)
+    manager = SyncManager(ctx=CONTEXT)
+    manager.start(_begin)
     with manager, processes(AT_ONCE) as pool:
         queue: Queue[tuple[str, int, int] | None] = manager.Queue()
         listener = Thread(target=_listen, args=(queue, on_progress), daemon=True)
@@ -72,7 +72,8 @@ def _run_in_child(
     return run_study(name, seeds, out, lambda done, total: queue.put((name, done, total)), jobs)
 
 
-def _outlive_signals() -> None:
+def _begin() -> None:
+    end_with_parent()
     # a closed terminal signals the whole group, and the queue is needed to the end
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)

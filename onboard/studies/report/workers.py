@@ -1,11 +1,7 @@
 """The parts of a study, computed in several processes; the files that a study writes."""
 
-import multiprocessing
 import os
-import signal
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +10,7 @@ import msgspec
 from onboard.messages import Record
 from onboard.studies.report.findings import Findings
 from onboard.studies.report.markdown import markdown
+from onboard.studies.report.processes import processes
 
 Progress = Callable[[int, int], None]
 
@@ -37,21 +34,6 @@ def compute(parts: Sequence[Part], jobs: int | None = None, progress: Progress |
         return _collect(pool.map(_run, parts), len(parts), progress)
 
 
-@contextmanager
-def processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of processes. All have ended after the block, with what they started; they are stopped at once if the
-    block raises, as on Ctrl-C, else they would end their parts first."""
-    context = multiprocessing.get_context("spawn")  # not forked: the caller may run threads, to show the progress
-    others = set(multiprocessing.active_children())
-    with ProcessPoolExecutor(count, context, initializer=_begin) as pool:
-        try:
-            yield pool
-        except BaseException:
-            for process in set(multiprocessing.active_children()) - others:
-                process.terminate()
-            raise
-
-
 def write(found: Findings, out: Path, result: Record | None = None) -> None:
     """report.md and result.json into the folder `out`. The JSON holds `result` (None: `found`), NaN as null."""
     out.mkdir(parents=True, exist_ok=True)
@@ -66,18 +48,6 @@ def require_seeds(seeds: int, first_seed: int) -> range:
     if seeds < 1 or first_seed < 0:
         raise ValueError("needs at least one seed, none of them negative")
     return range(first_seed, first_seed + seeds)
-
-
-def _begin() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one stops it
-    signal.signal(signal.SIGTERM, _end)
-
-
-def _end(*_: object) -> None:
-    """At once: an exception would be taken for a part's, and the next part begun."""
-    for process in multiprocessing.active_children():
-        process.terminate()
-    os._exit(128 + signal.SIGTERM)
 
 
 def _run(part: Part) -> Any:

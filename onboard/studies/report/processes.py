@@ -1,0 +1,48 @@
+"""A pool of processes for work in parts, as compiling and studies. None outlives the program that started it."""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing.context import SpawnContext
+from threading import Thread
+from typing import Any, Final
+
+CONTEXT: Final[SpawnContext] = multiprocessing.get_context("spawn")  # not forked: the caller may run threads
+
+
+@contextmanager
+def processes(
+    count: int, initializer: Callable[..., object] | None = None, *arguments: Any
+) -> Iterator[ProcessPoolExecutor]:
+    """A pool of `count` processes; each begins with `initializer(*arguments)`. All have ended after the block, and
+    are stopped at once if it raises, as on Ctrl-C."""
+    others = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(count, CONTEXT, initializer=_begin, initargs=(initializer, arguments)) as pool:
+        try:
+            yield pool
+        except BaseException:
+            for process in set(multiprocessing.active_children()) - others:  # else they end their parts first
+                process.terminate()
+            raise
+
+
+def end_with_parent() -> None:
+    """End this process as soon as the one that started it has ended, even if it was killed."""
+    Thread(target=_wait_for_end, daemon=True).start()
+
+
+def _wait_for_end() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _begin(initializer: Callable[..., object] | None, arguments: tuple[Any, ...]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that started this one stops it
+    end_with_parent()
+    if initializer is not None:
+        initializer(*arguments)
