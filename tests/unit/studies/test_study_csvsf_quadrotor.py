@@ -99,6 +99,7 @@ def test_sensors_of_two_rates_have_memories_of_their_own_seed_3() -> None:
     np.testing.assert_allclose(smooth, kalman, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_late_variant_continues_the_flight_without_error_seeds_3_and_4(case: Case) -> None:
     weak = simulate(NAMED["weak"], (3, 4))
     for method in (CKF, filters.PRINTED, ADAPTIVE):

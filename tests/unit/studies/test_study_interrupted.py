@@ -40,8 +40,8 @@ def _interrupt_at_work(pool: ProcessPoolExecutor, parts: list[Future[None]]) -> 
     ("what", "number"),
     [
         ("encounters", signal.SIGTERM),
-        ("--all", signal.SIGINT),
-        ("--all", signal.SIGHUP),
+        pytest.param("--all", signal.SIGINT, marks=pytest.mark.slow),
+        pytest.param("--all", signal.SIGHUP, marks=pytest.mark.slow),
         ("--all", signal.SIGKILL),
     ],
 )

@@ -85,6 +85,7 @@ def test_targets_are_met_or_not_by_the_numbers(result: Ran) -> None:
     assert len({line[0] for line in targets_table(result[0].targets).rows}) == len(FLOWN)
 
 
+@pytest.mark.slow
 def test_processes_find_what_one_process_finds_seed_2() -> None:
     """The order of results and their bits do not depend on who computed them."""
     part = Part(study.fly_some, ("e", (2,), 16.0))

@@ -226,6 +226,7 @@ def fly(seed: int) -> tuple[TrafficScore, Pipeline]:
     return score_traffic(estimates, truth), pipeline
 
 
+@pytest.mark.slow
 def test_two_aircraft_are_tracked_by_pseudoranges_alone_bytes_in_seed_5() -> None:
     found, pipeline = fly(5)
     assert [a.tracks for a in found.aircraft] == [("system/101",), ("system/102",)]

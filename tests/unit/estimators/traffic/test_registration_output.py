@@ -17,6 +17,7 @@ from tests.support.registration import (
 )
 
 
+@pytest.mark.slow
 def test_the_mean_of_scans_is_no_better_than_the_reports_that_they_share_seeds_1_to_60() -> None:
     """The rotation's error is mostly that of reports, each in ten scans. Its mean over two seconds, the tracks'
     averaging time, must agree with residual and jitter."""
