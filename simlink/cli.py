@@ -88,7 +88,7 @@ def _log(a: argparse.Namespace) -> int:
     try:
         frames, rows = _write_log(a, scenario, duration)
     except OSError as error:
-        print(f"simlink: cannot write {error.filename}: {error.strerror}", file=sys.stderr)
+        print(f"simlink: cannot write {error.filename or 'its files'}: {error.strerror}", file=sys.stderr)
         return 1
     _report(f"{a.out}: {frames} frames, {duration:g} s; {a.truth or 'no truth file'}: {rows} rows")
     return 0

@@ -6,6 +6,7 @@ runs, so that `--help` is quick and a replay loads no Zenoh.
 """
 
 import argparse
+import errno
 import math
 import os
 import signal
@@ -21,6 +22,8 @@ from onboard.errors import UserError
 
 USER_ERROR: Final = 2
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
+MOST_SEEDS: Final = 1_000_000
+DISK_FAULTS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 STARTS_PROCESSES: Final = ("compile", "demo", "study", "view")
 
 
@@ -48,6 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes
         return 0
+    except OSError as error:
+        if error.errno not in DISK_FAULTS:
+            raise
+        print(f"onboard: cannot write {error.filename or 'its output'}: {error.strerror}", file=sys.stderr)
+        return USER_ERROR
 
 
 def _end_as_if_interrupted() -> None:
@@ -144,7 +152,7 @@ def _add_view(view: argparse.ArgumentParser) -> None:
 def _add_study(study: argparse.ArgumentParser) -> None:
     study.add_argument("name", nargs="?", help="the paper, by the name of its folder in onboard/studies")
     study.add_argument("--all", action="store_true", help="every paper, two at a time")
-    study.add_argument("--seeds", type=_positive, metavar="N", help="(default: what the study needs)")
+    study.add_argument("--seeds", type=_seeds, metavar="N", help="(default: what the study needs)")
     study.add_argument(
         "--out", type=Path, default=Path("out/studies"), metavar="DIR", help="(default: %(default)s)"
     )
@@ -184,9 +192,9 @@ def _count(text: str) -> int:
     return int(text)
 
 
-def _positive(text: str) -> int:
-    if _count(text) == 0:
-        raise argparse.ArgumentTypeError("must be at least 1")
+def _seeds(text: str) -> int:
+    if not 1 <= _count(text) <= MOST_SEEDS:
+        raise argparse.ArgumentTypeError(f"must be from 1 to {MOST_SEEDS}")
     return int(text)
 
 

@@ -2,12 +2,15 @@
 
 import os
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 
+from onboard.errors import UserError
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Health, NavState, OwnPose, Picture, Truth
 from onboard.view import image, own, palette, plots, scene, space, traffic, words
@@ -34,7 +37,8 @@ class View:
     another view, which serves this one as well, as a recording with a `name` of its own. `url` is the server's
     address.
     `memory_limit` bounds what the server keeps for viewers that connect later.
-    Raises `ValueError` without any of `rrd`, `grpc_port`, `spawn` and `server`, `OSError` if the port is taken.
+    Raises `ValueError` without any of `rrd`, `grpc_port`, `spawn` and `server`, `OSError` if the port is taken,
+    UserError where `rrd` cannot be written.
     """
 
     def __init__(
@@ -74,7 +78,9 @@ class View:
             sinks.append(ours)
         self._batch_ns = BATCH_FILE_NS if self.url is None else BATCH_NS
         self._stream = rr.RecordingStream(application_id)
-        self._stream.set_sinks(*sinks, default_blueprint=blueprint(camera))
+        self._rrd = rrd
+        with self._written():
+            self._stream.set_sinks(*sinks, default_blueprint=blueprint(camera))
         if name is not None:
             self._stream.send_recording_name(name)
         scene.log_static(self._stream, camera)
@@ -119,7 +125,8 @@ class View:
         self._closed = True
         try:
             self._columns.flush(self._stream)
-            self._stream.flush(timeout_sec=10.0)
+            with self._written():
+                self._stream.flush(timeout_sec=10.0)
         finally:
             self._stream.disconnect()
 
@@ -130,6 +137,16 @@ class View:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    @contextmanager
+    def _written(self) -> Iterator[None]:
+        """Raises UserError for what Rerun says of its file."""
+        try:
+            yield
+        except RuntimeError as error:
+            if self._rrd is None:
+                raise
+            raise UserError(f"the view cannot be written to {self._rrd}: {error}") from error
 
     def _keep_time(self, t_ns: int) -> None:
         """Flush once a batch is complete; begin anew when the autopilot has rebooted."""
