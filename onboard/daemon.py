@@ -61,14 +61,14 @@ class Daemon:
         self._next_health_ns = 0
         self._leader_stream = Stream(LEADER_HZ)
 
-    async def run(self) -> None:
-        """Fly until SIGINT or SIGTERM.
+    async def run(self, end_signals: Iterable[signal.Signals] = (signal.SIGINT, signal.SIGTERM)) -> None:
+        """Fly until one of `end_signals`.
 
         Raises LinkError or SinkError, in one line, for what cannot be opened or has ended for good.
         """
         loop = asyncio.get_running_loop()
         stop = asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in end_signals:
             loop.add_signal_handler(number, stop.set)
         try:
             await self._open()

@@ -18,6 +18,7 @@ from typing import Final, NoReturn
 
 from onboard import __version__
 from onboard.commands import examples
+from onboard.commands.terminal import end_signals
 from onboard.errors import UserError
 
 USER_ERROR: Final = 2
@@ -60,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _end_as_if_interrupted() -> None:
     """Let SIGTERM and a closed terminal stop the processes that a command has started, as Ctrl-C does."""
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in {*end_signals()} - {signal.SIGINT}:
         signal.signal(number, signal.default_int_handler)
 
 

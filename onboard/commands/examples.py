@@ -20,7 +20,7 @@ examples:
 Links in the file: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT (tcp:127.0.0.1:5760 is ArduPilot's SITL),
 tcpin:HOST:PORT, serial:DEVICE:BAUD, json:HOST:PORT.
 
-Ctrl-C or SIGTERM stops it. Watch it with: onboard view
+Ctrl-C, SIGTERM or a closed terminal (unless under nohup) stops it. Watch it with: onboard view
 """
 DEMO: Final = """\
 examples:
@@ -58,7 +58,8 @@ example:
   onboard router configs/router.toml
 
 Each vehicle proves its name by a certificate and a password, and may use its own keys only. What is refused is
-reported and counted. Ctrl-C or SIGTERM stops it; vehicles and views connect again when it comes back.
+reported and counted. Ctrl-C, SIGTERM or a closed terminal (unless under nohup) stops it; vehicles and views
+connect again when it comes back.
 """
 VIEW: Final = """\
 examples:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Final, NamedTuple
 
+from onboard.commands.terminal import end_signals
 from onboard.errors import UserError
 from onboard.view.client import Client
 
@@ -37,7 +38,7 @@ def interruptions() -> Iterator[Callable[[], None]]:
         if came:
             raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    before = {number: signal.signal(number, note) for number in end_signals()}
     try:
         yield heed
     finally:

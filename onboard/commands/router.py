@@ -3,12 +3,12 @@
 import argparse
 import os
 import signal
-import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Final
 
+from onboard.commands.terminal import end_signals, report
 from onboard.config import load_config
 from onboard.sinks.zenoh_router import LOG_FILTER, open_router, refusal, users
 
@@ -17,9 +17,9 @@ MOST_KINDS: Final = 1000  # of refusals that are counted apart; further kinds ar
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Route until SIGINT or SIGTERM. Raises UserError."""
+    """Route until a signal. Raises UserError."""
     stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in end_signals():
         signal.signal(number, lambda *_: stop.set())
     config = load_config(arguments.config, tuple(arguments.set)).router
     refusals = Refusals(config.watchers)
@@ -39,11 +39,6 @@ def main(arguments: argparse.Namespace) -> int:
         session.close()
         report(f"stopped; refused: {refusals.total}")
     return 0
-
-
-def report(line: str) -> None:
-    """A line for a person, on standard error."""
-    print(line, file=sys.stderr, flush=True)
 
 
 class Refusals:

@@ -3,20 +3,21 @@
 import argparse
 import asyncio
 import signal
-import sys
 import time
 from collections.abc import Callable
 from typing import Final
 
 from onboard.commands.loading import go_first, loading, release_compiler, share_heap
+from onboard.commands.terminal import end_signals, report
 from onboard.filters.numba_internals import on_compile
 
 PROGRESS_S: Final = 10.0  # between lines about compiling
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Fly until SIGINT or SIGTERM, which may come while the daemon still loads. Raises UserError."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    """Fly until a signal, which may come while the daemon still loads. Raises UserError."""
+    for number in end_signals():
+        signal.signal(number, signal.default_int_handler)
     try:
         return fly(arguments)
     except KeyboardInterrupt:
@@ -36,13 +37,8 @@ def fly(arguments: argparse.Namespace) -> int:
         daemon = Daemon(config, report=report)
     release_compiler()
     go_first()
-    asyncio.run(daemon.run())
+    asyncio.run(daemon.run(end_signals()))
     return 0
-
-
-def report(line: str) -> None:
-    """A line for a person, on standard error."""
-    print(line, file=sys.stderr, flush=True)
 
 
 class Compiling:

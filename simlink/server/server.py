@@ -272,13 +272,16 @@ class Server:
 
 
 async def serve(server: Server) -> None:
-    """Run until the flight ends or SIGINT or SIGTERM arrives. Raises LinkError."""
+    """Run until the flight ends or a signal arrives: SIGINT, SIGTERM, and unless `nohup` ignores it SIGHUP. Raises
+    LinkError."""
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    numbers = (signal.SIGINT, signal.SIGTERM, *(() if ignored else (signal.SIGHUP,)))
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in numbers:
         loop.add_signal_handler(number, stop.set)
     try:
         await server.run(stop)
     finally:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in numbers:
             loop.remove_signal_handler(number)

@@ -62,8 +62,10 @@ def test_images_truth_and_counts_arrive_over_zenoh_seed_1(router: tuple[str, Any
     assert distance == pytest.approx(27.64, abs=1.5)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_cleanly(number: signal.Signals) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_it_cleanly(number: signal.Signals, request: pytest.FixtureRequest) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as in a terminal: `nohup` ignores it
+    request.addfinalizer(lambda: signal.signal(signal.SIGHUP, before))
     arguments = [
         "run",
         "formation",

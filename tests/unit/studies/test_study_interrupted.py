@@ -69,6 +69,7 @@ def test_a_study_that_is_stopped_leaves_no_process_behind(
 INTERRUPTIBLE = """
 import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 from onboard.commands.cli import main
 sys.exit(main())
 """

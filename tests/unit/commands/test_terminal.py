@@ -1,0 +1,79 @@
+"""A terminal that closes, and a reader of the messages that goes away: neither costs a flight."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from onboard.commands.terminal import end_signals, report
+from tests.support.programs import ROOT, environment, started
+
+
+@pytest.fixture
+def handler() -> Iterator[None]:
+    before = signal.getsignal(signal.SIGHUP)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("handler")
+def test_a_closed_terminal_ends_a_program_unless_nohup_says_otherwise() -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    assert set(end_signals()) == {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    assert set(end_signals()) == {signal.SIGINT, signal.SIGTERM}
+
+
+def test_a_line_that_nobody_reads_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    reads, writes = os.pipe()
+    os.close(reads)
+    with open(writes, "w", buffering=1, encoding="utf-8", closefd=False) as broken:
+        monkeypatch.setattr(sys, "stderr", broken)
+        report("autopilot: heard again")
+        monkeypatch.undo()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), writes)  # what is left in the buffer
+    os.close(writes)
+
+
+@pytest.mark.usefixtures("handler")
+def test_a_daemon_whose_terminal_closes_ends_its_recording(tmp_path: Path) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # of the daemon too
+    recording = tmp_path / "flight.mcap"
+    sets = ("zenoh.enabled=false", "link=[{name='a', url='udpin:127.0.0.1:0'}]", f"recorder.path='{recording}'")
+    with started(tmp_path / "log.txt", "onboard", "run", "--set", *sets) as daemon:
+        daemon.wait_for("link a")
+        assert daemon.end(signal.SIGHUP) == 0
+    assert "stopped" in daemon.output()
+    with recording.open("rb") as file:
+        assert make_reader(file).get_summary() is not None  # it has its index
+
+
+UNREAD = """
+import os, sys
+import onboard.daemon
+
+class Daemon(onboard.daemon.Daemon):
+    async def _fly(self, stop):
+        self._report("flying")
+        print("flying", flush=True)
+
+reads, writes = os.pipe()
+os.dup2(writes, 2)
+os.close(reads), os.close(writes)
+onboard.daemon.Daemon = Daemon
+from onboard.commands.cli import main
+sys.exit(main(["run", "--set", "zenoh.enabled=false", "link=[{name='a', url='udpin:127.0.0.1:0'}]"]))
+"""
+
+
+def test_a_daemon_whose_messages_nobody_reads_flies() -> None:
+    """As `onboard run 2>&1 | head -1`."""
+    done = subprocess.run(
+        [sys.executable, "-c", UNREAD], cwd=ROOT, capture_output=True, text=True, check=False, env=environment()
+    )
+    assert (done.returncode, done.stdout) == (0, "flying\n")
