@@ -90,8 +90,8 @@ def test_a_flight_begins_with_all_that_is_loaded_left_alone(monkeypatch: pytest.
 
     asked: list[int] = []
 
-    async def run(self: Daemon) -> None:
-        del self
+    async def run(self: Daemon, end_signals: object) -> None:
+        del self, end_signals
         seen.append((gc.isenabled(), gc.get_freeze_count()))
 
     monkeypatch.setattr(Daemon, "run", run)
