@@ -11,6 +11,8 @@ from simlink.scenarios.scenario import load_scenario
 SEED = 21
 DURATION = 120.0  # both crossings, the jammed interval, and a while after it
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def flown() -> tuple[TrafficScore, Pipeline]:

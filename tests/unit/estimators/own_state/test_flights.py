@@ -30,6 +30,7 @@ FILTERS = {
     "csvsf-robust": 0.124,
     "csvsf-adaptive": 0.124,
 }
+SHORT = {"cubature", "csvsf-adaptive"}
 
 
 # what happens in a scenario after 10 or 20 s happens here after 7
@@ -82,7 +83,10 @@ def test_a_barometer_steadies_the_vertical_velocity_seed_3() -> None:
     assert vertical < 0.043
 
 
-@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize(
+    "name",
+    [n if n in {"cubature", "csvsf-adaptive"} else pytest.param(n, marks=pytest.mark.slow) for n in FILTERS],
+)
 def test_every_filter_flies_seed_11(name: str) -> None:
     _, states, truths = flown("quadrotor", 11, 9.0, filter=name)
     assert states[-1].reset_count == 0
