@@ -19,7 +19,7 @@ export PYTHONDONTWRITEBYTECODE :=
 .PHONY: install demo test test-all lint mutants fuzz bench docs clean
 
 install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the filters compiled
-	@-$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null 2>&1  # for users who may not write there
+	@$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null 2>&1 || true  # for users who may not write there
 	@echo "ready: $(BIN)/onboard --help"
 
 demo: $(READY)  ## fly the simulated formation, with a live view where there is a display
