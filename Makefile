@@ -3,7 +3,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# Python compiles to bytecode what it imports; all that is installed takes twice as long to install.
+# Without --no-compile it takes twice as long, for bytecode of modules that are never imported.
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt
 READY := $(VENV)/.ready
 COMPILED := $(VENV)/.compiled

@@ -18,7 +18,7 @@ from typing import Final, NoReturn
 
 from onboard import __version__
 from onboard.commands import examples
-from onboard.commands.terminal import end_signals
+from onboard.commands.terminal import end_signals, report
 from onboard.errors import UserError
 
 USER_ERROR: Final = 2
@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         command: Callable[[argparse.Namespace], int] = import_module(f"onboard.commands.{arguments.command}").main
         return command(arguments)
     except UserError as error:
-        print(f"onboard: {error}", file=sys.stderr)
+        report(f"onboard: {error}")
         return USER_ERROR
     except KeyboardInterrupt:
         return 130
@@ -55,13 +55,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.errno not in DISK_FAULTS:
             raise
-        print(f"onboard: cannot write {error.filename or 'its output'}: {error.strerror}", file=sys.stderr)
+        report(f"onboard: cannot read or write {error.filename or 'a file'}: {error.strerror}")
         return USER_ERROR
 
 
 def _end_as_if_interrupted() -> None:
     """Let SIGTERM and a closed terminal stop the processes that a command has started, as Ctrl-C does."""
-    for number in {*end_signals()} - {signal.SIGINT}:
+    for number in {*end_signals()} - {signal.SIGINT}:  # Ctrl-C itself may be ignored, as in a script's background
         signal.signal(number, signal.default_int_handler)
 
 

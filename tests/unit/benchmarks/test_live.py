@@ -1,6 +1,6 @@
 """The daemon under load: its bytes, its figures and their page; how fast anything is, no test says."""
 
-import importlib.util
+import importlib
 import json
 import re
 from types import ModuleType
@@ -39,12 +39,7 @@ RUN: dict[str, Any] = {
 
 
 def render() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("render", documents.DOCS / "render.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module("render")
 
 
 def test_every_figure_of_the_page_comes_from_the_history() -> None:

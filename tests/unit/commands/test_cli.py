@@ -223,43 +223,12 @@ def test_replay_without_camera_points_says_so(capsys: pytest.CaptureFixture[str]
     assert "no camera points" in captured.out
 
 
-COMMANDS = ("run", "demo", "replay", "view", "study", "compile", "schema")
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_shows_an_example_that_parses(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert called(cli.main, (command, "--help")) == 0
-    text = capsys.readouterr().out
-    assert f"usage: onboard {command}" in text
-    examples = [line.strip() for line in text.splitlines() if line.strip().startswith("onboard ")]
-    assert examples
-    for example in examples:
-        words = example.split("  ")[0].split(" >")[0].split()[1:]
-        cli.parser().parse_args(words)
-
-
 def test_several_keys_may_follow_one_set() -> None:
     assert cli._spread_sets(["replay", "--set", "a=1", "b=[2,3]", "LOG", "c=4", "--set", "d=5", "--out", "f"]) == (
         ["replay", "--set", "a=1", "--set", "b=[2,3]", "LOG", "c=4", "--set", "d=5", "--out", "f"]
     )
     assert cli._spread_sets(["run", "--set"]) == ["run", "--set"]
     assert cli._spread_sets(["run", "--set", "--out", "x=1"]) == ["run", "--set", "--out", "x=1"]
-
-
-def test_help_and_version_need_neither_numpy_nor_rerun_nor_zenoh() -> None:
-    """What a shell's completion or a look at the help would have to wait for."""
-    code = (
-        "import sys; from onboard.commands import cli\n"
-        f"for arguments in (['--help'], ['--version'], *([c, '--help'] for c in {COMMANDS!r})):\n"
-        "    try: cli.main(arguments)\n"
-        "    except SystemExit as end: assert end.code == 0\n"
-        "heavy = {'numpy', 'scipy', 'rerun', 'zenoh', 'numba', 'pymavlink', 'rich', 'msgspec'}\n"
-        "sys.exit(','.join(heavy & set(sys.modules)) or 0)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, env=environment(), check=False, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
 
 
 def test_a_replay_loads_no_zenoh_rerun_or_scipy(flight: Path) -> None:

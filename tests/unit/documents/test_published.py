@@ -1,6 +1,6 @@
 """Generated parts of the documents are up to date: the schema, the README's table, the figures."""
 
-import importlib.util
+import importlib
 import json
 import re
 import shutil
@@ -19,12 +19,7 @@ FIGURES: dict[str, str] = GROUPS["measured"] | GROUPS["noted"]
 
 
 def load_render() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("render", documents.DOCS / "render.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module("render")
 
 
 @pytest.fixture
