@@ -93,6 +93,8 @@ class OwnshipConfig(Record, frozen=True, kw_only=True):
     """`[ownship]`"""
 
     errors: OwnErrors = OwnErrors()
+    # whose attitude and velocity the leader, traffic and outputs take; auto: own_state's while it is the surer one
+    source: Literal["autopilot", "own_state", "auto"] = "auto"
     max_extrapolation_s: NotNegative = 0.1  # how far beyond its newest sample our own pose may be carried on
     max_lead_s: NotNegative = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
 

@@ -13,6 +13,7 @@ where Estimator follows the protocol below. Nothing else needs to know of it. On
 
 import pkgutil
 from collections import Counter
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -21,7 +22,7 @@ from typing import TYPE_CHECKING, Final, Protocol, runtime_checkable
 from onboard.messages import Estimate, Message, Record
 
 if TYPE_CHECKING:  # it loads numerics, which reading a configuration need not
-    from onboard.ownship import Ownship
+    from onboard.ownship import OwnMotion, Ownship
 
 SHARED: Final = ("frame", "history", "reported")  # modules here that are not estimators
 
@@ -49,6 +50,14 @@ class Listens(Protocol):
 
 
 @runtime_checkable
+class StatesOwnMotion(Protocol):
+    """An estimator of our own motion, whose word may count in place of the autopilot's (`[ownship] source`)."""
+
+    def own_motion_at(self, t_ns: int) -> "OwnMotion | None":
+        """Its word on a time, by what has been measured until then; None where it has none that is valid."""
+
+
+@runtime_checkable
 class Postpones(Protocol):
     """An estimator that postpones work until its estimates are published, so that they are not late."""
 
@@ -63,6 +72,17 @@ class CountsVerdicts(Protocol):
     @property
     def verdicts(self) -> Counter[str]:
         """Verdicts on all measurements so far."""
+
+
+def counted_verdicts(estimators: Mapping[str, EstimatorProtocol]) -> dict[str, int]:
+    """What those estimators have counted that count their verdicts themselves, by estimator and verdict."""
+    return {
+        f"{name}.{verdict}": count
+        for name, estimator in estimators.items()
+        if isinstance(estimator, CountsVerdicts)
+        for verdict, count in estimator.verdicts.items()
+        if count
+    }
 
 
 def known() -> tuple[str, ...]:

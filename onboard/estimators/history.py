@@ -98,6 +98,13 @@ class History(Generic[B, M]):
             return newest.t_ns, newest.belief
         return t_ns, self._advance(newest.belief, newest.t_ns, t_ns, ownship)
 
+    def belief_before(self, t_ns: int, ownship: M) -> B | None:
+        """The belief at a time within the history, by measurements until then alone; None before the history."""
+        if not self.reaches(t_ns):
+            return None
+        node = self._nodes[self._before(t_ns + 1)]
+        return node.belief if node.t_ns == t_ns else self._advance(node.belief, node.t_ns, t_ns, ownship)
+
     def newest(self, holds: Callable[[Any], bool]) -> int | None:
         """Time of the newest measurement whose last outcome fulfils `holds`."""
         for node in reversed(self._nodes):

@@ -1,8 +1,11 @@
 """Our own vehicle: its pose and motion over the last seconds (`ownship`), where its gimbals point (`gimbals`), and
-whether reports of them contradict each other (`contradictions`)."""
+whether reports of them contradict each other (`contradictions`), how noisy they are (`scatter`), and whose word
+counts (`source`)."""
 
 from onboard.ownship.gimbals import head_attitude
+from onboard.ownship.histories import NavSample, Step
 from onboard.ownship.limits import is_usable
-from onboard.ownship.ownship import NavSample, Ownship, Pose, Step
+from onboard.ownship.ownship import Ownship, Pose
+from onboard.ownship.source import OwnMotion
 
-__all__ = ["NavSample", "Ownship", "Pose", "Step", "head_attitude", "is_usable"]
+__all__ = ["NavSample", "OwnMotion", "Ownship", "Pose", "Step", "head_attitude", "is_usable"]

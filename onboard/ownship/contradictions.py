@@ -5,6 +5,10 @@ Nothing here depends on an estimator. Each check compares two streams of the aut
 wrong, or comes from another vehicle is contradicted by the other. A single step proves nothing: an autopilot may
 correct itself. A contradiction that goes on does. The limits lie well above what recorded flights show, but for
 those whose autopilot loses its own state (docs/fly-it.md, "What is noticed").
+
+Noise is no contradiction. How noisy a stream is, is learnt from it (`scatter`). A stream is compared over strides
+that are long enough for its noise to be small beside the limit: of a quiet stream each step is one, a noisy one
+takes longer to be judged.
 """
 
 import math
@@ -14,10 +18,14 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Final, NamedTuple
 
+from onboard.ownship.scatter import Scatter
+
 HOLD_NS: Final = 1_000_000_000  # own motion is in doubt for so long after a contradiction
 YAW_HOLD_NS: Final = 10_000_000_000  # one that shows only while we accelerate; a turn and its reversal take less
 LASTS_NS: Final = 280_000_000  # every step contradicts for so long: no correction of an autopilot, but a fault
-FEWEST: Final = 4  # steps in that time
+FEWEST: Final = 4  # strides in that time
+NOISE_SIGMAS: Final = 3.0  # a stream's own noise may explain so much
+LONGEST_STRIDE_S: Final = 1.0  # a stream that is noisier than this allows is judged beyond its noise alone
 LONGEST_NS: Final = 150_000_000  # between two samples: what changed in between is not known of slower streams
 RATE: Final = math.radians(3.0)  # rad/s, by which a turn may differ from the body rates ...
 RATE_SHARE: Final = 0.25  # ... and this share of them
@@ -29,6 +37,7 @@ WINDOW_NS: Final = 1_000_000_000  # over which velocity is compared with the acc
 SHORTEST_NS: Final = 800_000_000
 CHANGE: Final = 1.0  # m/s, horizontally in that time: more than an accelerometer's bias and a degree of tilt
 SLOWEST_IMU_NS: Final = 60_000_000
+NO_NOISE: Final = (0.0, 0.0, 0.0)
 LEAP: Final = 5.0  # m/s; a velocity that changes by more from one sample to the next ...
 HARDEST: Final = 60.0  # m/s^2; ... and faster than this is wrong, unless as many samples in a row as
 CONFIRM: Final = 4  # agree on it
@@ -44,22 +53,49 @@ class Sample(NamedTuple):
     rate: tuple[float, ...]
 
 
-class Run:
-    """How long every step of a stream has contradicted."""
+class Strides:
+    """Whether what a stream states goes on to contradict its own rates, by more than its noise."""
 
-    def __init__(self) -> None:
-        self._since_ns: int | None = None
-        self._steps = 0
+    def __init__(self, limit: float, share: float) -> None:
+        self._limit, self._share = limit, share  # the rate that is no contradiction, and of the stated rate
+        self.scatter = Scatter(3)
+        self._start_ns = self._end_ns = 0  # of the present stride
+        self._sum, self._by, self._steps = [0.0, 0.0, 0.0], 0.0, 0
+        self._since_ns: int | None = None  # the start of the first stride of those in a row that contradict
+        self._strides = 0
 
-    def lasts(self, t0_ns: int, t1_ns: int, *, contradicts: bool) -> bool:
-        """Whether all steps have contradicted for long enough, after the step from t0 to t1."""
-        if not contradicts or t1_ns - t0_ns > LONGEST_NS:
-            self._since_ns, self._steps = None, 0
+    def contradict(self, t0_ns: int, t1_ns: int, e: Sequence[float], by: float) -> bool:
+        """Whether all strides have contradicted for long enough, after a step from t0 to t1 in which the stream
+        states `e` (3,) more than its rates say, which say a way of length `by`."""
+        if t1_ns - t0_ns > LONGEST_NS:
+            self._since_ns, self._end_ns = None, 0
+            self.scatter.skip()
             return False
+        if self._end_ns != t0_ns:
+            self._begin(t0_ns)
+        self._end_ns = t1_ns
+        self._sum = [a + b for a, b in zip(self._sum, e, strict=True)]
+        self._by += by
         self._steps += 1
+        elapsed = (t1_ns - self._start_ns) * 1e-9
+        noise = NOISE_SIGMAS * self.scatter.deviation(self._steps) / elapsed
+        self.scatter.add(e, (t1_ns - t0_ns) * 1e-9)
+        contradicts = math.hypot(*self._sum) / elapsed > self._limit + self._share * self._by / elapsed + noise
+        if not contradicts and noise > self._limit and elapsed < LONGEST_STRIDE_S:
+            return False
+        start_ns = self._start_ns
+        self._begin(t1_ns)
+        if not contradicts:
+            self._since_ns = None
+            return False
         if self._since_ns is None:
-            self._since_ns = t0_ns
-        return self._steps >= FEWEST and t1_ns - self._since_ns >= LASTS_NS
+            self._since_ns, self._strides = start_ns, 0
+        self._strides += 1
+        return self._strides >= FEWEST and t1_ns - self._since_ns >= LASTS_NS
+
+    def _begin(self, t_ns: int) -> None:
+        self._start_ns = self._end_ns = t_ns
+        self._sum, self._by, self._steps = [0.0, 0.0, 0.0], 0.0, 0
 
 
 class Still:
@@ -85,7 +121,10 @@ class Contradictions:
         self._found: tuple[int, str] | None = None  # until when, and what
         self._attitude: Sample | None = None
         self._nav: Sample | None = None
-        self._turns, self._moves, self._same_q, self._same_r = Run(), Run(), Still(), Still()
+        self._turns, self._moves = Strides(RATE, RATE_SHARE), Strides(SPEED, SPEED_SHARE)
+        self._same_q, self._same_r = Still(), Still()
+        self._speeds = Scatter(3)  # of what velocity changes otherwise than in the step before
+        self._change: list[float] | None = None  # the last step's slope of the velocity
         self._leapt: list[tuple[int, Sequence[float]]] = []  # the last velocities, if each was a leap
         self._others: deque[int] = deque(maxlen=FEWEST)  # times of statements that contradict the history
         self._imu: deque[tuple[int, float, float]] = deque()  # time, velocity gained north and east
@@ -103,6 +142,17 @@ class Contradictions:
         if self._found is None or until_ns >= self._found[0]:
             self._found = until_ns, what
 
+    @property
+    def attitude_noise(self) -> tuple[float, ...] | None:
+        """Standard deviations (3,) of the attitudes' white noise about b's axes, rad; None before it is known."""
+        return self._turns.scatter.white
+
+    @property
+    def velocity_noise(self) -> tuple[float, ...] | None:
+        """Standard deviations (3,) of the velocities' white noise in n, m/s; None before they are known."""
+        white = self._speeds.white
+        return None if white is None else tuple([0.5 * sigma for sigma in white])  # see `_add_change`
+
     def add_attitude(self, t_ns: int, q_nb: Sequence[float], omega_b: Sequence[float]) -> None:
         """The next attitude: unit quaternion (4) and body rates (3), rad/s."""
         before, now = self._attitude, Sample(t_ns, tuple(q_nb), tuple(omega_b))
@@ -112,8 +162,8 @@ class Contradictions:
         dt = (t_ns - before.t_ns) * 1e-9
         rates = [0.5 * (a + b) for a, b in zip(before.rate, now.rate, strict=True)]
         speed = math.hypot(*rates)
-        off = math.dist([angle / dt for angle in turn(before.x, now.x)], rates)
-        if self._turns.lasts(before.t_ns, t_ns, contradicts=off > RATE + RATE_SHARE * speed):
+        off = [angle - rate * dt for angle, rate in zip(turn(before.x, now.x), rates, strict=True)]
+        if self._turns.contradict(before.t_ns, t_ns, off, speed * dt):
             self.note(t_ns, "attitude contradicts the body rates")
         if self._same_q.hangs(before, now, speed * dt, SAME_TURN):
             self.note(t_ns, "attitude hangs")
@@ -137,14 +187,15 @@ class Contradictions:
         """The next position (3), NaN where it is not known, and velocity (3)."""
         before, now = self._nav, Sample(t_ns, tuple(r), tuple(v))
         self._nav = now
+        self._add_change(before, now)
         self._compare_with_imu(now)
         if before is None or math.isnan(sum(now.x) + sum(before.x)):
             return
         dt = (t_ns - before.t_ns) * 1e-9
         mean = [0.5 * (a + b) for a, b in zip(before.rate, now.rate, strict=True)]
         speed = math.hypot(*mean)
-        off = math.dist([(b - a) / dt for a, b in zip(before.x, now.x, strict=True)], mean)
-        if self._moves.lasts(before.t_ns, t_ns, contradicts=off > SPEED + SPEED_SHARE * speed):
+        off = [b - a - v * dt for a, b, v in zip(before.x, now.x, mean, strict=True)]
+        if self._moves.contradict(before.t_ns, t_ns, off, speed * dt):
             self.note(t_ns, "position contradicts the velocity")
         if self._same_r.hangs(before, now, speed * dt, SAME_WAY):
             self.note(t_ns, "position hangs")
@@ -171,6 +222,19 @@ class Contradictions:
         if len(self._others) == FEWEST and abs(t_ns - self._others[0]) < WINDOW_NS:
             self.note(t_ns, "two sources state different own motion")
 
+    def _add_change(self, before: Sample | None, now: Sample) -> None:
+        """What velocity changes otherwise than in the last step. White noise of standard deviation r makes an
+        autocovariance of -4 r^2 at lag 1; an acceleration that changes smoothly makes none, or a positive one."""
+        if before is None or not 0 < now.t_ns - before.t_ns <= LONGEST_NS:
+            self._change = None
+            self._speeds.skip()
+            return
+        dt = (now.t_ns - before.t_ns) * 1e-9
+        slope = [(b - a) / dt for a, b in zip(before.rate, now.rate, strict=True)]
+        if self._change is not None:
+            self._speeds.add([(b - a) * dt for a, b in zip(self._change, slope, strict=True)], dt)
+        self._change = slope
+
     def _compare_with_imu(self, now: Sample) -> None:
         """Whether velocity has changed over the window as the accelerometer says, horizontally."""
         self._velocities.append(now)
@@ -183,7 +247,8 @@ class Contradictions:
             return
         (n0, e0), (n1, e1) = self._gained(first.t_ns), self._gained(now.t_ns)
         north, east = now.rate[0] - first.rate[0], now.rate[1] - first.rate[1]
-        if math.hypot(north - (n1 - n0), east - (e1 - e0)) > CHANGE:
+        noise = NOISE_SIGMAS * math.sqrt(2.0) * math.hypot(*(self.velocity_noise or NO_NOISE)[:2])
+        if math.hypot(north - (n1 - n0), east - (e1 - e0)) > CHANGE + noise:
             self.note(now.t_ns, "velocity contradicts the accelerometer", YAW_HOLD_NS)
 
     def _gained(self, t_ns: int) -> tuple[float, float]:

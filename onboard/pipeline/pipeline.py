@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
-from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Postpones, load
+from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Postpones, counted_verdicts, load
 from onboard.health import Monitor, autopilot_name, total
 from onboard.messages import (
     Attitude,
@@ -29,8 +29,8 @@ from onboard.messages import (
     TargetImage,
     TimeSync,
 )
-from onboard.ownship import Ownship
 from onboard.pipeline.admission import FROM_ARRIVAL, SENSED, Admission
+from onboard.pipeline.own_motion import OwnMotionSource
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
@@ -42,11 +42,12 @@ class Pipeline:
 
     def __init__(self, config: Config, keys: Mapping[str, bytes] = NO_KEYS) -> None:
         self.clocks = Clocks()
-        self.ownship = Ownship(max_extrapolation=config.ownship.max_extrapolation_s)
         self.estimators: dict[str, EstimatorProtocol] = {
             name: load(name).Estimator(section, config.camera_model())
             for name, section in config.estimator.items()
         }
+        self._own_motion = OwnMotionSource(config.ownship, self.estimators, self.count_error)
+        self.ownship = self._own_motion.begin()
         self._config = config
         camera = config.camera_model()
         self._waiting = Waiting(config.ownship, lambda name: camera.named(name).gimbal)
@@ -166,7 +167,7 @@ class Pipeline:
 
     def _start_over(self, reason: str) -> None:
         """The autopilot's clock and origin are new, so no state still holds."""
-        self.ownship = Ownship(max_extrapolation=self._config.ownship.max_extrapolation_s)
+        self.ownship = self._own_motion.begin()
         self._waiting.clear()
         for estimator in self.estimators.values():
             estimator.reset(reason)
@@ -177,14 +178,17 @@ class Pipeline:
         """Own motion predicts every estimate to now; any other message goes to the estimators that listen."""
         if isinstance(message, SENSED) and self._waiting.takes(message, self.ownship):
             return []
+        outputs: list[Output] = []
         if isinstance(message, Attitude):
             self._attitude_recv_ns = message.t_recv_ns
-        is_navigation = self.ownship.receive(message, stamp_ns)
+            outputs = self._observe(message)  # before others use it: an estimator of our own state may know better
+        is_navigation = self.ownship.receive(message, stamp_ns, self._own_motion.at(message))
         self._judge_own_motion()
+        if isinstance(message, Attitude):
+            return outputs
         if not is_navigation:
             return self._observe(message)
         self._own_recv_ns = message.t_recv_ns
-        outputs: list[Output] = []
         own = self.ownship.own_pose(self.ownship.now_ns)
         if own is not None:
             outputs.append(own)
@@ -274,13 +278,6 @@ class Pipeline:
         clocks, monitor = self.clocks, self._monitor
         offset, round_trip = clocks.offset_ns, clocks.round_trip_ns
         sources = (monitor.rejected, monitor.errors.counts, clocks.rejected, self.ownship.rejected)
-        counted = {
-            f"{name}.{verdict}": count
-            for name, estimator in self.estimators.items()
-            if isinstance(estimator, CountsVerdicts)
-            for verdict, count in estimator.verdicts.items()
-            if count
-        }
         return Health(
             t_ns=t_recv_ns - offset if offset is not None else 0,
             t_recv_ns=t_recv_ns,
@@ -292,8 +289,9 @@ class Pipeline:
             round_trip=round_trip * 1e-9 if round_trip is not None else None,
             streams=monitor.streams(t_recv_ns),
             states=dict(monitor.states),
-            verdicts=dict(monitor.verdicts) | counted,
+            verdicts=dict(monitor.verdicts) | counted_verdicts(self.estimators),
             rejected=total([*sources, self._decoder.rejected]),
+            own_motion_sources=self.ownship.source_changes,
             sinks=sinks or {},
             faults=monitor.faults,
             refusals=monitor.refusals.latest,

@@ -11,17 +11,20 @@ from onboard.messages import MountAttitude
 from onboard.ownship import Ownship, Pose, head_attitude
 
 RATE_NS: Final = 40_000_000  # interval over which the camera's rates are computed
+NO_NOISE: Final = np.zeros((3, 3))
 MOST_POSES: Final = 64  # kept while no own motion arrives but images do
 
 
 class CameraPose(NamedTuple):
-    """The camera at one time: its attitude R_cn (3, 3), its place r_FC_n (3,) m, F's velocity v_F_n (3,) m/s, and
-    the camera's rates omega_c (3,) rad/s."""
+    """The camera at one time: its attitude R_cn (3, 3), its place r_FC_n (3,) m, F's velocity v_F_n (3,) m/s,
+    the camera's rates omega_c (3,) rad/s, and the covariance noise_c (3, 3) of the attitude's white noise, a small
+    rotation in c, rad^2."""
 
     R_cn: Array
     r_FC_n: Array
     v_F_n: Array
     omega_c: Array
+    noise_c: Array = NO_NOISE
 
 
 class CameraPoses:
@@ -67,25 +70,47 @@ class CameraPoses:
 
 
 def _pose(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | None) -> CameraPose | None:
-    pose, before = ownship.pose_at(t_ns), ownship.pose_at(t_ns - RATE_NS)
-    R_nc = None if pose is None else _attitude(camera, t_ns, ownship, pose, mount)
-    if pose is None or R_nc is None:
+    pose = ownship.pose_at(t_ns)
+    if pose is None:
         return None
-    R_cn = R_nc.T
-    # an attitude that came with the image is the head's at exposure, whenever that was: only its frame turns
-    R_nc_before = None if before is None else _attitude(camera, t_ns - RATE_NS, ownship, before, mount)
-    # with the camera's axes c before and c' now, R_c'c = exp(-[rotation])
-    M = np.eye(3) if R_nc_before is None else R_cn @ R_nc_before
-    rotation = np.array([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
-    return CameraPose(R_cn, pose.R_nb @ camera.r_FC_b, pose.v_F_n, 0.5 * rotation / (RATE_NS * S_PER_NS))
-
-
-def _attitude(
-    camera: Camera, t_ns: int, ownship: Ownship, pose: Pose, mount: MountAttitude | None
-) -> Array | None:
-    """R_nc (3, 3) at a time; None where a gimbal's attitude is not known."""
+    r_FC_n = pose.R_nb @ camera.r_FC_b
     if mount is None and camera.gimbal is None:
-        return np.asarray(pose.R_nb @ camera.R_bc)
-    if mount is None and camera.gimbal is not None:
-        mount = ownship.gimbals.at(camera.gimbal, t_ns)
-    return None if mount is None else np.asarray(head_attitude(mount, pose.R_nb) @ camera.R_bc)
+        R_cb = camera.R_bc.T
+        noise_c = (R_cb * pose.attitude_noise**2) @ R_cb.T
+        return CameraPose(R_cb @ pose.R_nb.T, r_FC_n, pose.v_F_n, R_cb @ pose.omega_b, noise_c)
+    head = _head(camera, t_ns, ownship, mount)
+    if head is None:
+        return None
+    R_cn = (head_attitude(head, pose.R_nb) @ camera.R_bc).T
+    omega_c = _rates(R_cn, camera, t_ns - RATE_NS, ownship, mount)
+    return CameraPose(R_cn, r_FC_n, pose.v_F_n, omega_c, _noise_c(R_cn, head, pose))
+
+
+def _head(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | None) -> MountAttitude | None:
+    """Where the head of a moving mount points at a time; None where that is not known."""
+    if mount is not None or camera.gimbal is None:
+        return mount
+    return ownship.gimbals.at(camera.gimbal, t_ns)
+
+
+def _rates(R_cn: Array, camera: Camera, before_ns: int, ownship: Ownship, mount: MountAttitude | None) -> Array:
+    """The rates (3,) of a camera on a moving mount, which states none, by its attitude RATE_NS before."""
+    pose, head = ownship.pose_at(before_ns), _head(camera, before_ns, ownship, mount)
+    if pose is None or head is None:
+        return np.zeros(3)
+    # An attitude that came with the image is the head's at exposure, whenever that was: only its frame turns. With
+    # the camera's axes c before and c' now, R_c'c = exp(-[rotation]).
+    M = R_cn @ head_attitude(head, pose.R_nb) @ camera.R_bc
+    rotation = np.array([M[1, 2] - M[2, 1], M[2, 0] - M[0, 2], M[0, 1] - M[1, 0]])
+    return np.asarray(0.5 * rotation / (RATE_NS * S_PER_NS))
+
+
+def _noise_c(R_cn: Array, head: MountAttitude, pose: Pose) -> Array:
+    """As much of the noise of our own attitude as moves the head with its frame: nothing, the heading, or all."""
+    if head.frame == "earth":
+        return NO_NOISE
+    R_cb = R_cn @ pose.R_nb
+    if head.frame == "body":
+        return np.asarray((R_cb * pose.attitude_noise**2) @ R_cb.T)
+    heading = float(pose.R_nb[2] ** 2 @ pose.attitude_noise**2)
+    return heading * np.outer(R_cn[:, 2], R_cn[:, 2])

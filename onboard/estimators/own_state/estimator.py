@@ -16,7 +16,7 @@ from onboard.estimators.own_state.filters import SensorFilter
 from onboard.estimators.own_state.innovations import OutlierMonitor
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement
-from onboard.estimators.own_state.report import Reported, nav_state, refused, report
+from onboard.estimators.own_state.report import VALID, Reported, nav_state, own_motion, refused, report
 from onboard.estimators.own_state.sources import Sources, next_due_ns
 from onboard.estimators.own_state.track import Outcome, Track
 from onboard.filters.belief import FilterError
@@ -37,7 +37,7 @@ from onboard.messages import (
     Message,
     Verdict,
 )
-from onboard.ownship import Ownship
+from onboard.ownship import OwnMotion, Ownship
 
 __all__ = ["LISTENS", "Config", "Estimator"]
 
@@ -97,6 +97,17 @@ class Estimator:
             self._is_silent = True
             return [self._publish(None)]
         return []
+
+    def own_motion_at(self, t_ns: int) -> OwnMotion | None:
+        """See `onboard.estimators.StatesOwnMotion`."""
+        if self._track is None or self._life(t_ns)[0] not in VALID:
+            return None
+        try:
+            posterior = self._track.posterior_before(t_ns)
+        except FilterError as error:
+            self._drop_track(f"numerical: {error}")
+            return None
+        return None if posterior is None else own_motion(posterior)
 
     def reset(self, reason: str) -> None:
         """Forget everything: the time base or the origin has changed."""

@@ -7,13 +7,15 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.measurements import Measurement
-from onboard.estimators.own_state.track import Outcome, Track
+from onboard.estimators.own_state.track import Outcome, Posterior, Track
 from onboard.geometry.rotations import euler_from_quaternion, quaternion_from_matrix
 from onboard.messages import Fault, Lifecycle, MeasurementReport, Message, NavState, Vec3, Verdict
-from onboard.models import own_motion
+from onboard.models import own_motion as model
 from onboard.models.quadrotor import POSITION, RATES, VELOCITY
+from onboard.ownship import OwnMotion
 
 NAME: Final = "own_state"
+VALID: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)
 FIELDS_OF_TRACK: Final = ("age", "switch_fraction", "nis_ratio", "mean", "covariance", "q_nb", "omega_b")
 
 Reported = tuple[MeasurementReport, tuple[float, ...] | None]  # with the innovation's standard deviations
@@ -64,7 +66,7 @@ def nav_state(
     """The record at a time. `reported` is the newest measurement."""
     measurement, sigma = reported if reported is not None else (None, None)
     state, reason = life
-    valid = track is not None and state in (Lifecycle.TRACKING, Lifecycle.COASTING)
+    valid = track is not None and state in VALID
     return NavState(
         name=NAME,
         target=NAME,
@@ -73,8 +75,8 @@ def nav_state(
         valid=valid,
         reason=reason,
         frame="n",
-        components=own_motion.COMPONENTS,
-        units=own_motion.UNITS,
+        components=model.COMPONENTS,
+        units=model.UNITS,
         reset_count=resets,
         measurement=measurement,
         origin=origin,
@@ -85,16 +87,37 @@ def nav_state(
     )
 
 
+def own_motion(posterior: Posterior) -> OwnMotion:
+    """The belief at a time as a word on our own motion."""
+    _, R_na, (x, P) = posterior
+    w, a, b, c = quaternion_from_matrix(R_na @ model.rotations(x[None])[0]).tolist()
+    sigma = np.sqrt(np.diag(model.navigation_covariance(P, x)))
+    p, q, r = x[list(RATES)].tolist()
+    return OwnMotion(
+        (w, a, b, c),
+        (p, q, r),
+        _vec3(sigma[6:9]),
+        _vec3(x[list(POSITION)]),
+        _vec3(x[list(VELOCITY)]),
+        _vec3(sigma[3:6]),
+    )
+
+
+def _vec3(v: Array) -> Vec3:
+    x, y, z = v.tolist()
+    return x, y, z
+
+
 def _of_track(track: Track | None, t_ns: int, config: Config) -> dict[str, Any]:
     """The fields of the record that the track gives; all but the time are None without one."""
     if track is None:
         return {"t_ns": t_ns, **dict.fromkeys(FIELDS_OF_TRACK)}
     at_ns, R_na, (x, P) = track.posterior_at(t_ns)
-    R_nb = R_na @ own_motion.rotations(x[None])[0]
+    R_nb = R_na @ model.rotations(x[None])[0]
     q = quaternion_from_matrix(R_nb)
     omega = x[list(RATES)]
     pose = (*x[list(POSITION)].tolist(), *x[list(VELOCITY)].tolist(), *euler_from_quaternion(q))
-    covariance = own_motion.navigation_covariance(P, x) + _attitude_error(R_nb, config)
+    covariance = model.navigation_covariance(P, x) + _attitude_error(R_nb, config)
     return {
         "t_ns": at_ns,
         "age": track.age(t_ns),

@@ -104,6 +104,11 @@ class Track:
         at_ns, cell = self._history.belief_at(t_ns, self._inputs)
         return Posterior(at_ns, cell.R_na, self._filter.belief(cell.filtered))
 
+    def posterior_before(self, t_ns: int) -> Posterior | None:
+        """The belief at a time by measurements until then; None where the track does not reach back so far."""
+        cell = self._history.belief_before(t_ns, self._inputs)
+        return None if cell is None else Posterior(t_ns, cell.R_na, self._filter.belief(cell.filtered))
+
     def _initial(self, fix: Measurement, attitude: Measurement) -> tuple[Array, Array]:
         """Mean and variances (16,). Velocity components that the fix does not have are 0 +- 2 m/s."""
         mean, variance = np.zeros(own_motion.N), np.zeros(own_motion.N)

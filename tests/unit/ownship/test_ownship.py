@@ -241,7 +241,7 @@ def test_history_stays_bounded_over_100000_samples() -> None:
         t_ns = 5 * S + i * 10 * MS
         own.receive(replace(attitude, t_ns=t_ns), t_ns)
         own.receive(replace(position, t_ns=t_ns), t_ns)
-        longest = max(longest, len(own.nav_times), len(own._attitude_times), len(own._nav), len(own._attitudes))
+        longest = max(longest, len(own.nav_times), len(own._attitudes.times))
     assert longest <= 1002  # ten seconds of them
     assert own.knows(own.now_ns - 5 * S)
     assert own.pose_at(own.now_ns - 5 * S) is not None

@@ -153,5 +153,5 @@ class _WingLine:
 
 def _batch(measurement: Measurement, pose: CameraPose) -> tuple[Array, Array, ImageGeometry]:
     """y, R and the image's geometry with an axis of one target."""
-    geometry = ImageGeometry(*(array[None] for array in (*pose, measurement.axes)))
+    geometry = ImageGeometry(*(array[None] for array in (*pose[:4], measurement.axes)))
     return measurement.y[None], measurement.R[None], geometry

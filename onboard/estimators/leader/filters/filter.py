@@ -3,6 +3,8 @@
 import math
 from typing import Any, NamedTuple, Protocol
 
+import numpy as np
+
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.noses.places import Place
@@ -30,6 +32,18 @@ class Measurement(NamedTuple):
     has_wing: bool = True
     pose: Posed | None = None
     is_metric: bool = False
+
+    def with_attitude_noise(self, noise_c: Array) -> "Measurement":
+        """The measurement by a camera whose attitude has white noise, a small rotation in c of covariance noise_c
+        (3, 3): all directions move together, and the wing turns about them."""
+        if not noise_c.any():
+            return self
+        by = np.zeros((len(self.y), 3))  # by how much a rotation changes y
+        by[0], by[1] = self.axes[2], -self.axes[1]
+        if len(self.y) > 3:
+            by[2], by[3] = -self.y[3] * self.axes[0], self.y[2] * self.axes[0]
+        by[4:] = by[: max(len(self.y) - 4, 0)]  # the wing's middle as the center
+        return self._replace(R=self.R + by @ noise_c @ by.T)
 
     @property
     def is_plain(self) -> bool:

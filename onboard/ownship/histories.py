@@ -1,0 +1,135 @@
+"""Attitude, and position with velocity, of our own vehicle over the last seconds: samples, and what lies between.
+
+Velocity is linear between two samples, so the acceleration over a step is exactly the velocity's difference:
+integrated, it gives the velocity back, and no accelerometer bias can part the two.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.messages import Quaternion, Vec3
+from onboard.ownship.turning import between, turned
+
+HISTORY_NS: Final = 5_000_000_000
+
+
+class NavSample(NamedTuple):
+    """Position from O and velocity of F, in n. A horizontal position that is not known is NaN."""
+
+    r: Array
+    v: Array
+
+
+class AttitudeSample(NamedTuple):
+    """Attitude, body rates (rad/s), and standard deviations of the attitude's white noise about b's axes (rad)."""
+
+    q: Quaternion
+    omega: Vec3
+    noise: Vec3
+
+
+class Step(NamedTuple):
+    """`dt` seconds with no navigation sample between: F's velocity at both ends and its constant slope, in n."""
+
+    dt: float
+    v0: Array
+    v1: Array
+    a: Array
+
+
+class Attitudes:
+    """Attitudes by time; extrapolated by the newest rates for a short while after the newest sample."""
+
+    def __init__(self, max_extrapolation_ns: int) -> None:
+        self.times: list[int] = []
+        self._samples: list[AttitudeSample] = []
+        self._max_extrapolation_ns = max_extrapolation_ns
+
+    def append(self, t_ns: int, sample: AttitudeSample) -> None:
+        """Take a sample that is newer than the newest."""
+        self.times.append(t_ns)
+        self._samples.append(sample)
+        _trim(self.times, self._samples)
+
+    def at(self, t_ns: int) -> AttitudeSample | None:
+        """The attitude at a time; None where it is not known."""
+        times = self.times
+        i = bisect_left(times, t_ns)
+        if i == len(times):
+            if not times or t_ns - times[-1] > self._max_extrapolation_ns:
+                return None
+            q, omega, noise = self._samples[-1]
+            return AttitudeSample(turned(q, omega, (t_ns - times[-1]) * 1e-9), omega, noise)
+        if times[i] == t_ns:
+            return self._samples[i]
+        if i == 0:
+            return None
+        fraction = (t_ns - times[i - 1]) / (times[i] - times[i - 1])
+        before, after = self._samples[i - 1], self._samples[i]
+        a, b, c = [(1.0 - fraction) * x + fraction * y for x, y in zip(before.omega, after.omega, strict=True)]
+        return AttitudeSample(between(before.q, after.q, fraction), (a, b, c), after.noise)
+
+
+class Navigation:
+    """Positions and velocities by time; extrapolated by the newest slope for a short while after the newest
+    sample."""
+
+    def __init__(self, max_extrapolation_ns: int) -> None:
+        self.times: list[int] = []
+        self._samples: list[NavSample] = []
+        self._slopes: list[Array] = []  # of the velocity, between each sample and the next
+        self._max_extrapolation_ns = max_extrapolation_ns
+
+    def append(self, t_ns: int, sample: NavSample) -> None:
+        """Take a sample that is newer than the newest."""
+        if self._samples:
+            slope = (sample.v - self._samples[-1].v) / ((t_ns - self.times[-1]) * 1e-9)
+            slope.flags.writeable = False  # many steps share it
+            self._slopes.append(slope)
+        self.times.append(t_ns)
+        self._samples.append(sample)
+        _trim(self.times, self._samples)
+        del self._slopes[: len(self._slopes) - len(self._samples) + 1]
+
+    def at(self, t_ns: int) -> NavSample | None:
+        """Position and velocity at a time; None where they are not known."""
+        times = self.times
+        if not times or t_ns < times[0] or t_ns - times[-1] > self._max_extrapolation_ns:
+            return None
+        i = max(bisect_right(times, t_ns) - 1, 0)
+        ahead = (t_ns - times[i]) * 1e-9
+        near = self._samples[i]
+        a = self.slope(i)
+        if i + 1 < len(times):
+            fraction = (t_ns - times[i]) / (times[i + 1] - times[i])
+            r = near.r + fraction * (self._samples[i + 1].r - near.r)
+        else:
+            r = near.r + ahead * (near.v + 0.5 * ahead * a)
+        return NavSample(r, near.v + ahead * a)
+
+    def cut(self, t0_ns: int, t1_ns: int) -> Iterator[Step]:
+        """The way from t0 to t1, cut at every sample between."""
+        times = self.times
+        i = bisect_right(times, t0_ns) - 1  # of the last sample so far
+        while t0_ns < t1_ns:
+            end_ns = min(times[i + 1], t1_ns) if i + 1 < len(times) else t1_ns
+            dt, near = (end_ns - t0_ns) * 1e-9, max(i, 0)
+            slope = self.slope(i)
+            v0 = self._samples[near].v + slope * ((t0_ns - times[near]) * 1e-9)
+            yield Step(dt, v0, v0 + dt * slope, slope)
+            i, t0_ns = i + 1, end_ns
+
+    def slope(self, i: int) -> Array:
+        """The slope of the velocity after sample i; before the first sample and after the last, the nearest."""
+        return self._slopes[min(max(i, 0), len(self._slopes) - 1)] if self._slopes else np.zeros(3)
+
+
+def _trim(times: list[int], values: list[Any]) -> None:
+    """Forget what is older than the history, a good deal at a time."""
+    if times[-1] - times[0] > 2 * HISTORY_NS:
+        keep = bisect_left(times, times[-1] - HISTORY_NS)
+        del times[:keep], values[:keep]

@@ -1,0 +1,66 @@
+"""How noisy a stream is, learnt from the stream itself.
+
+What a stream states at two times should differ by what its own rates say of the time between. The difference that
+remains, an increment e, shows the noise by its autocovariance. White noise of standard deviation r in the stated
+values makes c0 = 2 r^2 and c1 = -r^2: each value enters two increments in a row, with opposite signs. A random
+walk that gains w each step makes c0 = w and c1 = 0. So r^2 = -c1 and w = c0 + 2 c1, and a sum over m steps has
+the variance m w + 2 r^2.
+
+A constant contradiction is no noise: the mean is taken off. Single wrong values count little: increments are
+limited to a few standard deviations.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+TIME_S: Final = 5.0  # over which covariances are averaged
+FEWEST: Final = 10  # increments before which nothing is known, and none is limited
+MOST_SIGMAS: Final = 4.0  # an increment counts for no more
+
+
+class Scatter:
+    """Running autocovariance of increments of `size` components, per component."""
+
+    def __init__(self, size: int) -> None:
+        self.count = 0
+        self._mean = [0.0] * size
+        self._c0 = [0.0] * size
+        self._c1 = [0.0] * size
+        self._last: list[float] | None = None  # about the mean, limited
+
+    def add(self, e: Sequence[float], dt: float) -> None:
+        """The increment (size,) over a step of dt seconds."""
+        self.count += 1
+        share = max(1.0 / self.count, min(dt / TIME_S, 1.0))
+        now, last = [], self._last
+        for i, value in enumerate(e):
+            off = value - self._mean[i]
+            if self.count > FEWEST:
+                most = MOST_SIGMAS * math.sqrt(self._c0[i])
+                off = min(max(off, -most), most)
+            self._mean[i] += share * off
+            self._c0[i] += share * (off * off - self._c0[i])
+            if last is not None:
+                self._c1[i] += share * (off * last[i] - self._c1[i])
+            now.append(off)
+        self._last = now
+
+    def skip(self) -> None:
+        """The next increment does not follow on the last one."""
+        self._last = None
+
+    @property
+    def white(self) -> tuple[float, ...] | None:
+        """Standard deviations (size,) of the white noise of the stated values; None before they are known."""
+        if self.count < FEWEST:
+            return None
+        return tuple([math.sqrt(max(-c, 0.0)) for c in self._c1])
+
+    def deviation(self, steps: int) -> float:
+        """One standard deviation of the length of the sum of so many increments; 0 before it is known."""
+        if self.count < FEWEST:
+            return 0.0
+        walk = sum([max(a + 2.0 * b, 0.0) for a, b in zip(self._c0, self._c1, strict=True)])
+        white = sum([max(-b, 0.0) for b in self._c1])
+        return math.sqrt(steps * walk + 2.0 * white)

@@ -1,0 +1,39 @@
+"""The word of an estimator of our own state on our own motion, where it may count."""
+
+from collections.abc import Callable, Mapping
+
+from onboard.config.sections import OwnshipConfig
+from onboard.estimators import EstimatorProtocol, StatesOwnMotion
+from onboard.messages import Attitude, GlobalPosition, LocalPosition, Message
+from onboard.ownship import OwnMotion, Ownship
+
+STATES: tuple[type[Message], ...] = (Attitude, LocalPosition, GlobalPosition)  # the autopilot's own word
+
+
+class OwnMotionSource:
+    """What `[ownship] source` names. `on_error` gets the estimator's name and what it raised."""
+
+    def __init__(
+        self,
+        config: OwnshipConfig,
+        estimators: Mapping[str, EstimatorProtocol],
+        on_error: Callable[[str, Exception], None],
+    ) -> None:
+        self._config, self._on_error = config, on_error
+        stating = [(name, e) for name, e in estimators.items() if isinstance(e, StatesOwnMotion)]
+        self._stating = stating[:1] if config.source != "autopilot" else []
+
+    def begin(self) -> Ownship:
+        """Our own motion before any message."""
+        return Ownship(max_extrapolation=self._config.max_extrapolation_s, source=self._config.source)
+
+    def at(self, message: Message) -> OwnMotion | None:
+        """The estimator's word on the time of a message that states own motion; None without one."""
+        if not isinstance(message, STATES):
+            return None
+        for name, estimator in self._stating:
+            try:
+                return estimator.own_motion_at(message.t_ns)
+            except Exception as error:  # of any kind: the autopilot's word is there
+                self._on_error(name, error)
+        return None

@@ -1,0 +1,77 @@
+"""Noise is learnt from a stream, and what goes on to contradict it is still noticed."""
+
+import math
+
+import numpy as np
+import pytest
+
+from onboard.ownship.contradictions import Contradictions, Strides
+from onboard.ownship.scatter import Scatter
+
+DT = 0.02
+STEP_NS = 20_000_000
+RUNS = 30
+
+
+def increments(rng: np.random.Generator, white: float, walk: float, n: int) -> np.ndarray:
+    """Of values with white noise, and a random walk of so much a step."""
+    values = white * rng.normal(size=(n + 1, 3)) + walk * np.cumsum(rng.normal(size=(n + 1, 3)), axis=0)
+    return np.asarray(np.diff(values, axis=0))
+
+
+@pytest.mark.parametrize(("white", "walk"), [(0.01, 0.0), (0.0, 0.013), (0.02, 0.01)])
+def test_white_noise_and_a_walk_are_distinguished_seed_51(white: float, walk: float) -> None:
+    rng = np.random.default_rng(51)
+    whites, sums = [], []
+    for _ in range(RUNS):
+        scatter = Scatter(3)
+        for e in increments(rng, white, walk, 1000):
+            scatter.add(e.tolist(), DT)
+        whites.append(np.square(scatter.white or (math.nan,) * 3))
+        sums.append(scatter.deviation(16))
+    assert math.sqrt(np.mean(whites)) == pytest.approx(white, rel=0.12, abs=0.35 * walk)
+    true = math.sqrt(3 * (16 * walk**2 + 2 * white**2))
+    assert 0.9 * true < np.mean(sums) < 1.6 * true  # what is not known of a covariance counts as a walk
+
+
+def test_a_constant_contradiction_is_no_noise() -> None:
+    scatter = Scatter(3)
+    for k in range(500):
+        scatter.add((0.1 if k >= 250 else 0.0, 0.0, 0.0), DT)
+    assert scatter.deviation(14) < 0.1 * 14  # far below what it sums up to
+    assert max(scatter.white or (1.0,)) < 1e-3
+
+
+def test_single_wrong_values_count_little_seed_52() -> None:
+    rng, scatter = np.random.default_rng(52), Scatter(3)
+    for k, e in enumerate(increments(rng, 0.01, 0.0, 1000)):
+        scatter.add((e + (5.0 if k % 50 == 49 else 0.0)).tolist(), DT)
+    assert max(scatter.white or (1.0,)) < 0.02
+
+
+def noticed(strides: Strides, e: np.ndarray, begins: int, fault: float) -> float | None:
+    """Seconds from the beginning of a constant fault, m/s, to its notice."""
+    for k, off in enumerate(e):
+        wrong = off + np.array([fault * DT if k >= begins else 0.0, 0.0, 0.0])
+        if strides.contradict(k * STEP_NS, (k + 1) * STEP_NS, wrong.tolist(), 0.0):
+            return float((k + 1 - begins) * DT)
+    return None
+
+
+@pytest.mark.parametrize(("white", "walk", "fault"), [(0.0, 0.0, 0.6), (0.0, 0.013, 3.0), (0.03, 0.0, 3.0)])
+def test_noise_is_no_contradiction_and_a_fault_is_seeds_60_to_64(white: float, walk: float, fault: float) -> None:
+    for seed in range(60, 65):
+        e = increments(np.random.default_rng(seed), white, walk, 3000)
+        assert noticed(Strides(0.5, 0.2), e, 10_000, 0.0) is None
+        after = noticed(Strides(0.5, 0.2), e, 2000, fault)
+        assert after is not None
+        assert after <= (0.3 if white == walk == 0.0 else 2.0)
+
+
+def test_the_white_noise_of_velocities_is_measured_while_we_accelerate_seed_53() -> None:
+    rng, checks = np.random.default_rng(53), Contradictions()
+    for k in range(1500):
+        t = k * DT
+        v = np.array([3 * math.sin(t), 3 * math.cos(1.3 * t), 0.0]) + 0.05 * rng.normal(size=3)
+        checks.add_nav(k * STEP_NS, (math.nan, math.nan, 0.0), v.tolist())
+    assert checks.velocity_noise == pytest.approx((0.05, 0.05, 0.05), rel=0.3)
