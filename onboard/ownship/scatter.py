@@ -27,6 +27,7 @@ class Scatter:
         self._mean = [0.0] * size
         self._c0 = [0.0] * size
         self._c1 = [0.0] * size
+        self._dt = 0.0  # mean
         self._last: list[float] | None = None  # about the mean, limited
 
     def add(self, e: Sequence[float], dt: float) -> None:
@@ -34,6 +35,7 @@ class Scatter:
         self.count += 1
         share = max(1.0 / self.count, min(dt / TIME_S, 1.0))
         now, last = [], self._last
+        self._dt += share * (dt - self._dt)
         for i, value in enumerate(e):
             off = value - self._mean[i]
             if self.count > FEWEST:
@@ -56,6 +58,13 @@ class Scatter:
         if self.count < FEWEST:
             return None
         return tuple([math.sqrt(max(-c, 0.0)) for c in self._c1])
+
+    @property
+    def walk(self) -> tuple[float, ...] | None:
+        """Variances (size,) that the random walk gains a second; None before they are known."""
+        if self.count < FEWEST:
+            return None
+        return tuple([max(a + 2.0 * b, 0.0) / self._dt for a, b in zip(self._c0, self._c1, strict=True)])
 
     def deviation(self, steps: int) -> float:
         """One standard deviation of the length of the sum of so many increments; 0 before it is known."""

@@ -76,6 +76,8 @@ class Config(Record, frozen=True, kw_only=True):
     airframe: Literal["unknown", "csvsf", "x500", "custom"] = "unknown"
     custom: Airframe | None = None
     force: Literal["accelerometer", "thrust"] = "accelerometer"  # thrust: f_z only, lateral force is estimated
+    # noise of attitudes, rates, turns and a fix's velocity is that of their scatter, once it is known
+    learn_noise: bool = True
     attitude_sigma_deg: Positive3 = (0.573, 0.573, 1.72)  # roll, pitch, yaw, of one message
     rates_sigma_deg_s: Positive = 0.573
     gps_position_sigma_m: Positive3 | None = None  # north, east, down; None: the receiver's

@@ -5,6 +5,7 @@ correct it, each at its own rate and at its own time, however late it comes. Inn
 explain are counted, and their cause is named where it can be found (`faults`, `innovations`).
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from onboard.estimators.own_state.filters import SensorFilter
 from onboard.estimators.own_state.innovations import OutlierMonitor
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement
+from onboard.estimators.own_state.noise import SensorNoise
 from onboard.estimators.own_state.report import VALID, Reported, nav_state, own_motion, refused, report
 from onboard.estimators.own_state.sources import Sources, next_due_ns
 from onboard.estimators.own_state.track import Outcome, Track
@@ -57,8 +59,8 @@ class Estimator:
 
     def _begin(self) -> None:
         """Forget everything that the autopilot's time base and origin hold for."""
-        self._sources = Sources(self._config)
-        self._inputs = Inputs()
+        noise = SensorNoise(self._config)
+        self._sources, self._inputs = Sources(self._config, noise), Inputs(noise)
         self._vehicle = FaultMonitor(self._config.known_airframe())
         self._outliers = OutlierMonitor()
         self._velocity_b: Array | None = None  # as last published
@@ -84,7 +86,7 @@ class Estimator:
             case GlobalPosition():
                 self._sources.learn_origin(message, ownship)
             case Attitude():
-                return self._receive_attitude(message)
+                return self._receive_attitude(message, ownship.attitude_noise)
             case GpsFix():
                 return self._receive_fix(message, ownship)
         return []
@@ -135,12 +137,15 @@ class Estimator:
             self._fuse(measurement)
         return []
 
-    def _receive_attitude(self, message: Attitude) -> list[Estimate]:
-        measurement = self._sources.attitude(message)
+    def _receive_attitude(self, message: Attitude, white: Sequence[float] | None) -> list[Estimate]:
+        newest_ns = self._sources.newest_ns
+        measurement = self._sources.attitude(message, white)
         if isinstance(measurement, Verdict):
             return [self._publish(refused(message, ATTITUDE_SENSOR, measurement))]
         if measurement is None:
             return []
+        by_motors = self._inputs.angular_acceleration.mean(newest_ns, measurement.t_ns)
+        self._inputs.noise.add_rates(measurement.t_ns, measurement.y[3:], by_motors)
         self._inputs.manoeuvres.add_attitude(measurement.t_ns, measurement.R_nb)
         self._is_silent = False
         outcome = self._fuse(measurement)
@@ -155,6 +160,7 @@ class Estimator:
             return [self._publish(refused(message, GPS, measurement))]
         if measurement is None:
             return []
+        self._inputs.noise.add_fix(measurement.t_ns, measurement.y[3:])
         self._inputs.manoeuvres.add_fix(measurement.t_ns, measurement.y[3:], np.sqrt(np.diag(measurement.R)[3:]))
         if self._track is None:
             self._start(measurement)

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.own_state.noise import SensorNoise
 from onboard.geometry.units import S_PER_NS
 from onboard.models.own_motion import GRAVITY
 
@@ -142,10 +143,11 @@ class Manoeuvres:
 
 
 class Inputs:
-    """The accelerometer's specific force (3,), the angular acceleration (3,) by the motors' commands, and how much
-    the force may differ from hovering. A `history.Motion`."""
+    """The accelerometer's specific force (3,), the angular acceleration (3,) by the motors' commands, how much the
+    force may differ from hovering, and how noisy the sensors are. A `history.Motion`."""
 
-    def __init__(self) -> None:
+    def __init__(self, noise: SensorNoise) -> None:
+        self.noise = noise
         self.force = Samples(3)
         self.angular_acceleration = Samples(3)
         self.manoeuvres = Manoeuvres()

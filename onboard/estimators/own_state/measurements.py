@@ -55,20 +55,20 @@ class Measurement(NamedTuple):
         return own_motion.UNITS[self.part] or ("m",)
 
 
-def from_attitude(m: Attitude, config: Config) -> Measurement | Verdict:
-    """Attitude and body rates."""
+def from_attitude(m: Attitude, sigmas: Array) -> Measurement | Verdict:
+    """Attitude and body rates, with standard deviations (6,)."""
     q, omega = np.array(m.q_nb), np.array(m.omega_b)
     if not (np.isfinite(q).all() and np.isfinite(omega).all()):
         return Verdict.NOT_FINITE
     if not 0.5 < float(np.linalg.norm(q)) < 2.0 or np.abs(omega).max() > QUICKEST:
         return Verdict.DEGENERATE
-    sigmas = np.radians([*config.attitude_sigma_deg, *[config.rates_sigma_deg_s] * 3])
     y = np.concatenate([np.zeros(3), omega])
     return Measurement(ATTITUDE_SENSOR, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2), matrix_from_quaternion(q))
 
 
-def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measurement | Verdict:
-    """Position from O (`origin`: latitude, longitude, altitude) and as much of the velocity as the fix has."""
+def from_fix(m: GpsFix, origin: Vec3, config: Config, speed_sigmas: Array) -> Measurement | Verdict:
+    """Position from O (`origin`: latitude, longitude, altitude) and as much of the velocity as the fix has, whose
+    standard deviations are (3,)."""
     optional = (m.ground_speed, m.course_rad, m.v_down)
     if not all(x is None or math.isfinite(x) for x in (m.lat_deg, m.lon_deg, m.alt_msl, *optional)):
         return Verdict.NOT_FINITE
@@ -82,7 +82,7 @@ def from_fix(m: GpsFix, origin: Vec3, config: Config) -> Measurement | Verdict:
         return Verdict.NOT_FINITE
     if np.abs(place).max() > FARTHEST or np.abs(y[3:]).max(initial=0.0) > FASTEST:
         return Verdict.DEGENERATE
-    sigmas = np.array([*_accuracy(m, config), *config.gps_velocity_sigma_m_s[: len(velocity)]])
+    sigmas = np.array([*_accuracy(m, config), *speed_sigmas[: len(velocity)]])
     return Measurement(GPS, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2))
 
 

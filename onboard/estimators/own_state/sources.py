@@ -2,10 +2,12 @@
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import Final
 
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.measurements import Measurement, from_attitude, from_barometer, from_fix
+from onboard.estimators.own_state.noise import SensorNoise
 from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Attitude, Barometer, GlobalOrigin, GlobalPosition, GpsFix, Imu, Vec3, Verdict
@@ -24,12 +26,12 @@ class Sources:
     """Measurements of attitude, GPS and barometer. A message gives a measurement, or the reason why it cannot be
     used, or None where it is not needed."""
 
-    def __init__(self, config: Config) -> None:
+    def __init__(self, config: Config, noise: SensorNoise) -> None:
         self.attitudes: deque[Measurement] = deque(maxlen=ATTITUDES)
         self.origin: Vec3 | None = None  # of n: latitude and longitude (deg), altitude (m)
         self.first_fix_ns: int | None = None
         self._stated_origin: Vec3 | None = None
-        self._config = config
+        self._config, self._noise = config, noise
         self._last_fix_ns: int | None = None
         self._datum: float | None = None  # the barometer's first altitude, m
         self._next_pressure_ns = 0
@@ -44,9 +46,10 @@ class Sources:
         near = min(self.attitudes, key=lambda a: abs(a.t_ns - t_ns), default=None)
         return None if near is None or abs(near.t_ns - t_ns) > NEAREST_NS else near
 
-    def attitude(self, message: Attitude) -> Measurement | Verdict | None:
-        """An attitude newer than the last: ATTITUDE and ATTITUDE_QUATERNION of one instant are the same."""
-        measurement = from_attitude(message, self._config)
+    def attitude(self, message: Attitude, white: Sequence[float] | None) -> Measurement | Verdict | None:
+        """An attitude newer than the last: ATTITUDE and ATTITUDE_QUATERNION of one instant are the same. `white`:
+        their noise, rad, as measured."""
+        measurement = from_attitude(message, self._noise.attitude(white))
         if isinstance(measurement, Verdict):
             return measurement
         if self.attitudes and message.t_ns <= self.newest_ns:
@@ -75,7 +78,7 @@ class Sources:
             if message.t_ns - self.first_fix_ns < ORIGIN_WAIT_NS:
                 return None
             self.origin = _origin(message, ownship) or _place(message)
-        return from_fix(message, self.origin or NO_ORIGIN, self._config)
+        return from_fix(message, self.origin or NO_ORIGIN, self._config, self._noise.speed)
 
     def move_origin(self, message: GlobalOrigin) -> bool:
         """Take the autopilot's word on its origin. True if it has moved since the last word: positions from it

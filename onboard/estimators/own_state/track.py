@@ -133,6 +133,7 @@ class Track:
         dt = (t1_ns - t0_ns) * S_PER_NS
         force, acceleration = inputs.force.mean(t0_ns, t1_ns), inputs.angular_acceleration.mean(t0_ns, t1_ns)
         variance = self._noise * dt
+        variance[list(RATES)] = inputs.noise.turning(t1_ns) * dt
         if force is None:
             force = HOVERING
             variance[list(VELOCITY)] += HOVERING_NOISE**2 * dt
@@ -190,7 +191,8 @@ class Track:
 
 
 def process_noise(c: Config) -> tuple[Array, float]:
-    """Process noise per second of each state (16,), and the rate (1/s) at which disturbances fade."""
+    """Process noise per second of each state (16,) but the rates (see `noise`), and the rate (1/s) at which
+    disturbances fade."""
     sigma, time = np.full(3, c.bias_sigma_m_s2), c.bias_time_s
     if c.force == "thrust":
         sigma, time = np.array([3.0, 3.0, c.bias_sigma_m_s2]), 1.0
@@ -198,7 +200,6 @@ def process_noise(c: Config) -> tuple[Array, float]:
     variance[list(POSITION)] = 1e-8
     variance[list(VELOCITY)] = c.force_noise**2
     variance[list(ATTITUDE)] = 1e-6
-    variance[list(RATES)] = (c.turning_noise or (2.0 if c.airframe == "unknown" else 0.2)) ** 2
     variance[list(own_motion.DISTURBANCE)] = 2 * sigma**2 / time
     variance[own_motion.OFFSET] = c.pressure_drift**2
     return variance, 1.0 / time

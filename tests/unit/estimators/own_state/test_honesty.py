@@ -10,11 +10,12 @@ import pytest
 from onboard.arrays import Array
 from onboard.autopilot.odometry import odometry_of
 from onboard.estimators.own_state.config import Config
+from onboard.estimators.own_state.noise import SensorNoise
 from onboard.estimators.own_state.track import process_noise
 from onboard.geometry.rotations import quaternion_from_vector
 from onboard.messages import GlobalPosition, LocalPosition, Message, NavState, Quaternion
 from onboard.models.own_motion import DISTURBANCE, OFFSET
-from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
+from onboard.models.quadrotor import ATTITUDE, POSITION, VELOCITY
 from tests.support import own_vehicle as own
 from tests.support.honesty import assert_honest, nees
 
@@ -125,7 +126,7 @@ def test_process_noise_is_what_the_configuration_says() -> None:
     config = Config(force_noise=0.3, bias_sigma_m_s2=0.06, bias_time_s=40.0, pressure_drift=0.2, turning_noise=0.7)
     variance, fading = process_noise(config)
     assert variance[list(VELOCITY)] == pytest.approx(0.3**2)
-    assert variance[list(RATES)] == pytest.approx(0.7**2)
+    assert SensorNoise(config).turning(0) == pytest.approx(0.7**2)
     assert variance[OFFSET] == pytest.approx(0.2**2)
     assert fading == pytest.approx(1 / 40.0)
     # what dies out at that rate and is driven so ends at its own variance
@@ -138,5 +139,5 @@ def test_process_noise_is_what_the_configuration_says() -> None:
 
 @pytest.mark.parametrize(("airframe", "sigma"), [("unknown", 2.0), ("x500", 0.2)])
 def test_a_vehicle_whose_torques_are_known_turns_less_by_surprise(airframe: str, sigma: float) -> None:
-    variance, _ = process_noise(Config(airframe=airframe))  # type: ignore[arg-type]
-    assert variance[list(RATES)] == pytest.approx(sigma**2)
+    noise = SensorNoise(Config(airframe=airframe))  # type: ignore[arg-type]
+    assert noise.turning(0) == pytest.approx(sigma**2)

@@ -1,0 +1,103 @@
+"""How noisy our sensors are, learnt from their messages by the measure of `onboard.ownship.scatter`.
+
+What is configured holds until enough messages have come, and for good where `learn_noise` is off. Position keeps
+the accuracy that the receiver states: most of its error changes slowly, so its scatter does not show it.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.own_state.config import Config
+from onboard.geometry.units import S_PER_NS
+from onboard.ownship.scatter import Scatter
+
+LEAST_ATTITUDE: Final = np.radians(0.02)  # rad: MAVLink's quaternions and the autopilot's own timing
+LEAST_RATE: Final = np.radians(0.2)  # rad/s
+LEAST_TURNING: Final = 0.05  # rad/s^2 per square root of Hz
+LEAST_SPEED: Final = (
+    0.03  # m/s: a course in centidegrees at 10 m/s moves velocity by 2 mm/s, the receiver's delay more
+)
+NOTHING: Final = (0.0, 0.0, 0.0)
+LONGEST_S: Final = 0.5  # between two samples that are compared
+KNOWN: Final = 50  # increments after which what is learnt replaces what is configured
+KEPT: Final = 600  # densities, for what comes late
+
+
+class SensorNoise:
+    """Standard deviations of attitude, body rates and a fix's velocity; noise of the angular acceleration."""
+
+    def __init__(self, config: Config) -> None:
+        self._learns = config.learn_noise
+        self._attitude = np.radians(config.attitude_sigma_deg)
+        self._rates = np.full(3, np.radians(config.rates_sigma_deg_s))
+        self._speed = np.array(config.gps_velocity_sigma_m_s)
+        known = config.turning_noise or (2.0 if config.airframe == "unknown" else 0.2)
+        self._turning = np.full(3, known**2)
+        self._learns_turning = config.learn_noise and config.turning_noise is None
+        self._scatter, self._speeds = Scatter(3), Scatter(2)
+        self._last: tuple[int, Array] | None = None
+        self._fixes: list[tuple[int, Array]] = []  # the last two, with velocities
+        self._slope: Array | None = None  # between those
+        self._times: list[int] = []
+        self._densities: list[Array] = []
+
+    def add_rates(self, t_ns: int, omega: Array, acceleration: Array | None) -> None:
+        """Body rates (3,) rad/s, and the mean angular acceleration (3,) rad/s^2 since the last, if it is known."""
+        last, self._last = self._last, (t_ns, omega)
+        dt = (t_ns - last[0]) * S_PER_NS if last else 0.0
+        if last is None or not 0.0 < dt <= LONGEST_S:
+            self._scatter.skip()
+            return
+        change = omega - last[1] - (0.0 if acceleration is None else acceleration * dt)
+        self._scatter.add(change.tolist(), dt)
+        if self._scatter.count >= KNOWN:
+            self._times.append(t_ns)
+            self._densities.append(np.maximum(np.array(self._scatter.walk or NOTHING), LEAST_TURNING**2))
+            if len(self._times) > 2 * KEPT:
+                del self._times[:-KEPT], self._densities[:-KEPT]
+
+    def add_fix(self, t_ns: int, velocity: Array) -> None:
+        """A fix's velocity in n, (2,) or (3,). The change of its change shows white noise of standard deviation r
+        as an autocovariance of -4 r^2; an acceleration that changes smoothly does not."""
+        self._fixes = [*self._fixes[-1:], (t_ns, velocity[:2])] if len(velocity) > 1 else []
+        if len(self._fixes) < 2:
+            self._slope = None
+            self._speeds.skip()
+            return
+        (t0_ns, v0), (t1_ns, v1) = self._fixes
+        dt = (t1_ns - t0_ns) * S_PER_NS
+        if not 0.0 < dt <= LONGEST_S:
+            self._slope = None
+            self._speeds.skip()
+            return
+        slope = (v1 - v0) / dt
+        if self._slope is not None:
+            self._speeds.add(((slope - self._slope) * dt).tolist(), dt)
+        self._slope = slope
+
+    def attitude(self, white: Sequence[float] | None) -> Array:
+        """Of roll, pitch, yaw (rad) and the body rates (rad/s), (6,); `white`: of the attitudes, as measured."""
+        attitude, rates = self._attitude, self._rates
+        if self._learns and white is not None and self._scatter.count >= KNOWN:
+            attitude = np.maximum(np.array(white), LEAST_ATTITUDE)
+            rates = np.maximum(np.array(self._scatter.white or NOTHING), LEAST_RATE)
+        return np.concatenate([attitude, rates])
+
+    @property
+    def speed(self) -> Array:
+        """Of a fix's velocity (3,), m/s. The vertical one keeps its ratio to the horizontal ones."""
+        white = self._speeds.white
+        if not self._learns or white is None or self._speeds.count < KNOWN:
+            return self._speed
+        level = max(0.5 * math.hypot(*white) / math.sqrt(2.0), LEAST_SPEED)
+        return np.asarray(self._speed * level / self._speed[0])
+
+    def turning(self, t_ns: int) -> Array:
+        """Spectral density (3,) of the angular acceleration's noise, (rad/s^2)^2/Hz, as known at a time."""
+        i = bisect_right(self._times, t_ns) - 1
+        return self._densities[i] if self._learns_turning and i >= 0 else self._turning
