@@ -47,10 +47,13 @@ def _beside(scenario: Scenario) -> list[str]:
 
 def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
     """The section of the own-state estimator: the nominal craft, and how late its fixes are."""
+    lines = ["", "[delay]", f"gps_s = {scenario.gps.delay}", "", "[estimator.own_state]"]
+    if _constants(craft) == _constants(Quadrotor()):
+        return [*lines, 'airframe = "csvsf"']
     rotors = ", ".join(f"[{x}, {y}, {sense:.0f}]" for x, y, sense in craft.rotors)
-    lines = ["", "[delay]", f"gps_s = {scenario.gps.delay}", "", "[estimator.own_state]", 'airframe = "custom"']
     return [
         *lines,
+        'airframe = "custom"',
         "",
         "[estimator.own_state.custom]",
         f"mass_kg = {craft.mass}",
@@ -60,3 +63,9 @@ def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:
         f"torque_per_thrust_m = {craft.torque_per_thrust}",
         f"drag_per_s = {craft.drag}",
     ]
+
+
+def _constants(craft: Quadrotor) -> tuple[object, ...]:
+    """What an airframe of `onboard` holds. Those of simlink's default craft have a name there."""
+    body = (craft.mass, craft.inertia, craft.rotors, craft.thrust_max, craft.torque_per_thrust, craft.drag)
+    return *body, craft.battery.full

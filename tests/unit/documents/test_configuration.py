@@ -13,7 +13,7 @@ from onboard.estimators import config_type, known, load
 from onboard.estimators.leader.config import BroadcastConfig, RangeConfig
 from onboard.messages import Record, TargetClass
 from simlink.scenarios.describe import daemon_config
-from simlink.scenarios.scenario import load_scenario, scenario_names
+from simlink.scenarios.scenario import load_scenario, parse_scenario, scenario_names
 from tests.support import documents
 from tests.support.programs import ROOT
 
@@ -156,10 +156,23 @@ def test_there_are_the_configuration_files() -> None:
 
 def test_demo_toml_is_what_the_demo_uses(tmp_path: Path) -> None:
     """Ports aside: the configuration of the demo is made by `simlink config`."""
-    made = tmp_path / "formation.toml"
-    made.write_text(daemon_config(load_scenario("formation")))
+    made = tmp_path / "mission.toml"
+    made.write_text(daemon_config(load_scenario("mission")))
     used, written = load_config(made), load_config(ROOT / "configs" / "demo.toml")
     assert written == used  # the defaults of links and Zenoh among them
+
+
+@pytest.mark.parametrize("changed", ["", "[quadrotor]\nmass = 0.6"])
+def test_the_daemon_is_told_the_nominal_craft(changed: str, tmp_path: Path) -> None:
+    """By its name, or by its constants where it has none."""
+    scenario = parse_scenario(f"extends = 'mission'\n{changed}", "mine")
+    (tmp_path / "x.toml").write_text(daemon_config(scenario))
+    told, craft = load_config(tmp_path / "x.toml").estimator["own_state"].known_airframe(), scenario.quadrotor
+    assert craft is not None
+    assert (told.mass_kg, told.inertia_kg_m2, told.rotors) == (craft.mass, craft.inertia, craft.rotors)
+    assert (told.thrust_max_n, told.torque_per_thrust_m) == (craft.thrust_max, craft.torque_per_thrust)
+    assert told.drag_per_s == craft.drag
+    assert told.full_voltage_v in {None, craft.battery.full}
 
 
 @pytest.mark.parametrize("scenario", scenario_names())

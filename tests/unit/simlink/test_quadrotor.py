@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
+from onboard.geometry.camera import in_view, make_camera, project
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import ActuatorOutputs, Attitude, GpsFix
 from simlink.cli import main
@@ -113,6 +114,29 @@ def test_a_quadrotor_flies_the_followers_slot_seed_5() -> None:
     flown = flight(scenario, 5, 20.0)
     assert_allclose(flown[-1].r_OF_n, slot[-1].r_OF_n, atol=0.7)
     assert_allclose(flown[-1].r_OL_n, slot[-1].r_OL_n)
+
+
+def test_the_mission_keeps_its_leader_in_view_and_its_slot_seed_2() -> None:
+    """Also through the gust and with the weak motor: what the estimators are asked for can be done."""
+    scenario = load_scenario("mission")
+    camera = make_camera(
+        f_px=scenario.camera.f_px,
+        width_px=scenario.camera.width_px,
+        height_px=scenario.camera.height_px,
+        mount_rpy_deg=scenario.camera.mount_rpy_deg,
+    )
+    rows = flight(scenario, 2, scenario.duration)
+    seen = []
+    for s in rows[:: HZ // 10]:
+        R_bn, r_FL_n = matrix_from_quaternion(s.q_nF).T, np.subtract(s.r_OL_n, s.r_OF_n)
+        half_wing = matrix_from_quaternion(s.q_nL)[:, 1] * scenario.leader.size / 2
+        seen.append(in_view(project([camera.R_bc.T @ R_bn @ (r_FL_n + k * half_wing) for k in (0, -1, 1)]), camera))
+    assert np.mean(seen) >= 0.95
+    ranges = [np.linalg.norm(np.subtract(s.r_OL_n, s.r_OF_n)) for s in rows]
+    assert 23.0 < min(ranges) < max(ranges) < 27.0
+    assert {s.fault for s in rows} == {"", "gust", "motor 1"}
+    courses = np.unwrap([np.arctan2(s.v_F_n[1], s.v_F_n[0]) for s in rows])
+    assert np.ptp(courses) > 0.9  # it turns
 
 
 def test_what_it_sends_seed_6() -> None:
