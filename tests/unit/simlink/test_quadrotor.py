@@ -130,7 +130,8 @@ def test_the_mission_keeps_its_leader_in_view_and_its_slot_seed_2() -> None:
     for s in rows[:: HZ // 10]:
         R_bn, r_FL_n = matrix_from_quaternion(s.q_nF).T, np.subtract(s.r_OL_n, s.r_OF_n)
         half_wing = matrix_from_quaternion(s.q_nL)[:, 1] * scenario.leader.size / 2
-        seen.append(in_view(project([camera.R_bc.T @ R_bn @ (r_FL_n + k * half_wing) for k in (0, -1, 1)]), camera))
+        points = [camera.R_bc.T @ R_bn @ (r_FL_n + k * half_wing) for k in (0, -1, 1)]
+        seen.append(in_view(project(points), camera))
     assert np.mean(seen) >= 0.95
     ranges = [np.linalg.norm(np.subtract(s.r_OL_n, s.r_OF_n)) for s in rows]
     assert 23.0 < min(ranges) < max(ranges) < 27.0
