@@ -105,7 +105,7 @@ def _add_router(router: argparse.ArgumentParser) -> None:
 
 
 def _add_demo(demo: argparse.ArgumentParser) -> None:
-    demo.add_argument("--scenario", default="formation", help="see `simlink list` (default: %(default)s)")
+    demo.add_argument("--scenario", default="mission", help="see `simlink list` (default: %(default)s)")
     demo.add_argument("--seed", type=_count, default=1, metavar="N", help="(default: %(default)s)")
     demo.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="s (default: %(default)s)")
     found = "program that finds the leader in the pictures of scenario `pictures`, such as examples/contour.py"

@@ -15,7 +15,7 @@ from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import Config, estimator_modules
 from onboard.messages import Estimate
-from onboard.scoring.scorecard import print_leader_score, print_own_state_score
+from onboard.scoring.scorecard import explain_bounds, print_leader_score, print_own_state_score
 
 if TYPE_CHECKING:
     from onboard.view.view import View
@@ -60,11 +60,13 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def has_failed(report: Report) -> bool:
-    """Whether the estimate of the leader diverged, or was confidently wrong for most of the time; of a vehicle
-    that flew alone, whether its own state was not valid for most of the time."""
+    """Whether the estimate of the leader diverged, or was confidently wrong for most of the time, or our own state
+    was not valid for most of the time; a vehicle that flew alone had no leader."""
+    own = report.own_state
+    if own is not None and own.valid_percent is not None and own.valid_percent < MOST_PERCENT:
+        return True
     if is_alone(report):
-        own = report.own_state
-        return own is not None and own.valid_percent is not None and own.valid_percent < MOST_PERCENT
+        return False
     wrong = report.score.confidently_wrong_percent
     return report.score.diverged or (wrong is not None and wrong > MOST_PERCENT)
 
@@ -77,7 +79,7 @@ def open_view(config: Config, rrd: Path, console: Console, *, headless: bool) ->
     shown = not headless and has_display()
     if not headless and not shown:
         console.print(f"no display here: the view is recorded to {rrd}")
-    return View(camera=config.camera_model(), rrd=rrd, spawn=shown)
+    return View(camera=config.camera_model(), rotors=config.rotors(), rrd=rrd, spawn=shown)
 
 
 def is_alone(report: Report) -> bool:
@@ -88,11 +90,15 @@ def is_alone(report: Report) -> bool:
 def print_report(report: Report, rrd: Path) -> None:
     """The scorecard, what was lost on the way, and where the recording is."""
     out = Console()
-    title = f"{report.scenario}, seed {report.seed}, {report.duration_s:g} s (NED, leader relative to follower)"
+    flown = f"{report.scenario}, seed {report.seed}, {report.duration_s:g} s"
     if not is_alone(report):
+        title = f"Leader: {flown} (NED, relative to us)"
         print_leader_score(out, title, report.score, report.latency_ms)
     if report.own_state is not None:
-        print_own_state_score(out, report.own_state)
+        out.print()
+        print_own_state_score(out, f"Own state: {flown}", report.own_state, report.fault)
+    explain_bounds(out)
+    out.print()
     d = report.drops
     out.print(
         f"lost: {d.images_lost} of {d.images_sent} images between simulator and pipeline, "

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
+from onboard.scoring.fault import FaultScore, score_fault
 from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.own_state import OwnStateScore, score_own_state
 from onboard.scoring.reference import reference_from_records
@@ -49,6 +50,7 @@ class Report(Record, frozen=True, kw_only=True):
     latency_ms: Latency
     drops: Drops
     own_state: OwnStateScore | None = None
+    fault: FaultScore | None = None
 
 
 class Flight(NamedTuple):
@@ -233,4 +235,5 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
             sink_drops=sum(s.dropped for s in sinks),
         ),
         own_state=score_own_state(flight.own_states, flight.truths),
+        fault=score_fault(flight.own_states, flight.truths),
     )

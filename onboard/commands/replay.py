@@ -18,7 +18,7 @@ from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.leader import LeaderScore, LeaderScorer
 from onboard.scoring.reference import reference_from_csv
-from onboard.scoring.scorecard import OwnStateSummary, print_health, print_leader_score
+from onboard.scoring.scorecard import OwnStateSummary, explain_bounds, print_health, print_leader_score
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -49,7 +49,7 @@ def replay_log(
         if rrd is not None:
             from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
 
-            view = stack.enter_context(View(camera=config.camera_model(), rrd=rrd))
+            view = stack.enter_context(View(camera=config.camera_model(), rotors=config.rotors(), rrd=rrd))
             takers.append(view.show)
         for path, writer in ((out, CsvWriter), (own, OwnCsvWriter)):
             if path is None:
@@ -104,6 +104,7 @@ def _print_replay(
     if not result.verdicts:
         console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
     print_leader_score(console, "leader relative to follower, NED", result)
+    explain_bounds(console)
     own_summary.print(console)
     for path in written:
         if path is not None:

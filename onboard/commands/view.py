@@ -35,7 +35,8 @@ def watch(config: Config, endpoint: str, vehicle: str | None, *, rrd: Path | Non
         raise UserError("no display here: record the view with --rrd FILE.rrd")
     client = Client(endpoint, vehicle, config.zenoh)
     try:
-        with Views(camera=config.camera_model(), rrd=rrd, spawn=has_display(), apart=vehicle is None) as views:
+        camera, rotors = config.camera_model(), config.rotors()
+        with Views(camera=camera, rotors=rotors, rrd=rrd, spawn=has_display(), apart=vehicle is None) as views:
             whose = "all vehicles" if vehicle is None else f"vehicle {vehicle}"
             print(f"watching {endpoint}, {whose}; Ctrl-C ends", file=sys.stderr, flush=True)
             while not views.is_closed_by_user():

@@ -178,6 +178,12 @@ class Config(Record, frozen=True, kw_only=True):
         """The first camera as a geometric model, which knows the others by their names."""
         return camera_model(self._cameras())
 
+    def rotors(self) -> tuple[tuple[float, float, int], ...]:
+        """Forward, right and sense of each of our rotors; none where the airframe is unknown."""
+        own = self.estimator.get("own_state")
+        airframe = None if own is None else own.known_airframe()
+        return () if airframe is None else airframe.rotors
+
     def camera_inputs(self) -> dict[str, CameraInput]:
         """What decoding needs of each camera, by name."""
         shapes = [self.estimator.get("leader"), *self.target.values()]

@@ -106,6 +106,16 @@ def quaternion_from_vector(phi: ArrayLike) -> Array:
     return np.concatenate([[np.cos(angle / 2)], scale * phi])
 
 
+def vector_from_quaternion(q: ArrayLike) -> Array:
+    """The rotation vector (3,) rad of a unit quaternion (4,), of length at most pi: the inverse of
+    `quaternion_from_vector`."""
+    w, *vector = np.asarray(q, dtype=float) * (-1.0 if np.asarray(q)[0] < 0 else 1.0)
+    sine = float(np.linalg.norm(vector))
+    # angle / sin(angle / 2) tends to 2: exact to double precision below 1e-8
+    scale = 2.0 if sine < 1e-8 else 2.0 * np.arctan2(sine, w) / sine
+    return np.asarray(scale * np.array(vector))
+
+
 def slerp(q0: ArrayLike, q1: ArrayLike, fraction: float) -> Array:
     """The quaternion at a `fraction` of the shorter great circle from q0 to q1; shapes (4,)."""
     a, b = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)

@@ -17,7 +17,7 @@ from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold, mean_bounds, normalised_squared
 from onboard.messages import Estimate, MeasurementReport, Record, Verdict
 from onboard.scoring.reference import Reference
-from onboard.scoring.statistics import availability, percent, rms
+from onboard.scoring.statistics import availability, percent, rms, single_bounds
 
 SETTLE: Final = 15.0
 LAST: Final = 5.0  # "diverged" is judged over these last seconds
@@ -140,7 +140,7 @@ class LeaderScorer:
             size_error_rms_percent=rms(errors.size_fraction * 100) if errors else None,
             nees_mean=float(errors.nees.mean()) if errors else None,
             nees_dof=errors.dof if errors else 0,
-            nees_bounds=_single_bounds(errors.dof) if errors else None,
+            nees_bounds=single_bounds(errors.dof) if errors else None,
             inside_95_percent=percent(errors.position_nees < chi_square_threshold(0.95, 3)) if errors else None,
             nis_mean=float(np.mean(self._nis)) if n else None,
             nis_dof=dof,
@@ -242,8 +242,3 @@ def _diverged(errors: _Errors | None, samples: Array, available: Array) -> bool:
     if not last.any() or np.mean(available[samples > begin]) < 0.5:
         return True
     return bool(np.mean(np.abs(errors.range_fraction[last])) > 0.5 or np.mean(errors.bearing_deg[last]) > 5.0)
-
-
-def _single_bounds(dof: int) -> tuple[float, float]:
-    """Bounds that a single chi-square draw keeps with 95 %."""
-    return chi_square_threshold(0.025, dof), chi_square_threshold(0.975, dof)

@@ -1,21 +1,27 @@
-"""Accuracy of the estimate of our own state, against a simulator's truth."""
+"""Accuracy of the estimate of our own state, against a simulator's truth: errors, and whether the covariance fits
+them."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.messages import NavState, Record, Truth
-from onboard.scoring.statistics import availability, percent, rms
+from onboard.arrays import Array
+from onboard.filters.gating import normalised_squared
+from onboard.messages import NavState, Quaternion, Record, Truth
+from onboard.scoring.statistics import availability, percent, rms, single_bounds
 
 SETTLE: Final = 10.0  # s after the first state
 NEAREST_NS: Final = 6_000_000  # of a state to a truth: stamps are whole milliseconds, steps of the world 5
+DOF: Final = 6
+JUDGED: Final = slice(3, 3 + DOF)  # velocity and attitude; the positions have an origin each
 
 
 class OwnStateScore(Record, frozen=True, kw_only=True):
     """RMS of the errors' norms over valid states from `settle_s` after the first; None without truth.
-    `valid_percent`: share of that time in which there was a valid state. `faults`: the faults that the states
-    reported, each "kind part at s" on the boot clock."""
+    `valid_percent`: share of that time in which there was a valid state. `nees_mean`: of velocity and attitude
+    together; its bounds are those of a single draw, since the errors of one flight are one draw. `faults`: the
+    faults that the states reported, each "kind part at s" on the boot clock."""
 
     states: int
     valid: int
@@ -24,18 +30,22 @@ class OwnStateScore(Record, frozen=True, kw_only=True):
     velocity_rmse_m_s: float | None
     attitude_rmse_deg: float | None
     inside_3_sigma_percent: float | None
+    nees_mean: float | None
+    nees_dof: int
+    nees_bounds: tuple[float, float] | None
     nis_ratio: float | None
     resets: int
     faults: tuple[str, ...]
 
 
 class _Error(NamedTuple):
-    """Of one state: norms of the velocity error (m/s) and of the attitude error (rad); for each axis of the
-    velocity whether the error is within 3 sigmas."""
+    """Of one state: velocity error (3,) m/s, NED; norm of the attitude error, rad; for each axis of the velocity
+    whether the error is within 3 sigmas; NEES of both together."""
 
-    velocity: float
+    velocity: Array
     angle: float
     inside: list[bool]
+    nees: float
 
 
 def score_own_state(
@@ -55,9 +65,12 @@ def score_own_state(
         valid=sum(s.valid for s in states),
         settle_s=settle,
         valid_percent=percent(available),
-        velocity_rmse_m_s=rms([e.velocity for e in errors]),
+        velocity_rmse_m_s=rms([float(np.linalg.norm(e.velocity)) for e in errors]),
         attitude_rmse_deg=rms(np.degrees([e.angle for e in errors])),
         inside_3_sigma_percent=percent([inside for e in errors for inside in e.inside]),
+        nees_mean=float(np.mean([e.nees for e in errors])) if errors else None,
+        nees_dof=DOF if errors else 0,
+        nees_bounds=single_bounds(DOF) if errors else None,
         nis_ratio=float(np.mean(ratios)) if ratios else None,
         resets=states[-1].reset_count,
         faults=tuple(f"{f'{kind} {part}'.strip()} at {t * 1e-9:.2f} s" for t, kind, part in sorted(faults)),
@@ -72,9 +85,20 @@ def _errors(states: Sequence[NavState], truths: Sequence[Truth], begin_ns: int) 
         s = valid[int(np.argmin(np.abs(times - truth.t_ns)))]
         if abs(s.t_ns - truth.t_ns) > NEAREST_NS or s.mean is None or s.covariance is None or s.q_nb is None:
             continue
-        error = np.subtract(truth.v_F_n, s.mean[3:6])
+        velocity = np.subtract(truth.v_F_n, s.mean[3:6])
+        P = np.array(s.covariance)
         yield _Error(
-            float(np.linalg.norm(error)),
+            velocity,
             2 * float(np.arccos(min(abs(float(np.dot(truth.q_nF, s.q_nb))), 1.0))),
-            (np.abs(error) < 3 * np.sqrt(np.diag(np.array(s.covariance))[3:6])).tolist(),
+            (np.abs(velocity) < 3 * np.sqrt(np.diag(P)[3:6])).tolist(),
+            float(normalised_squared(np.concatenate([velocity, _turn(s.q_nb, truth.q_nF)]), P[JUDGED, JUDGED])),
         )
+
+
+def _turn(q_nb: Quaternion, q_true: Quaternion) -> Array:
+    """The rotation vector (3,) rad, about b's axes, from an attitude to the true one."""
+    (w, *v), (w_true, *v_true) = q_nb, q_true
+    axis = w * np.array(v_true) - w_true * np.array(v) - np.cross(v, v_true)
+    sine, cosine = float(np.linalg.norm(axis)), float(np.dot(q_nb, q_true))
+    scale = 2.0 if sine < 1e-8 else 2.0 * np.arctan2(sine, abs(cosine)) / sine  # which tends to 2
+    return np.asarray(np.copysign(scale, cosine) * axis)

@@ -1,27 +1,49 @@
-"""Scores printed: for each figure its value with the unit and, where there is one, the bound it should keep."""
+"""Scores printed: for each figure its value with the unit and, where there is one, the bound it should keep.
+
+Bounds of NIS and NEES are those of a filter whose every sigma is the true one. What lies outside is said in words:
+below them errors are smaller than the filter claims, above them larger.
+"""
 
 from rich.console import Console
 from rich.table import Table
 
 from onboard.messages import Fault, Health, NavState
+from onboard.scoring.fault import FaultScore
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.own_state import OwnStateScore
 from onboard.scoring.statistics import Latency
 
+Row = tuple[str, str, str]  # figure, value, what it should be
+
 
 def print_leader_score(console: Console, title: str, score: LeaderScore, latency: Latency | None = None) -> None:
     """Print the score of the leader's estimate as a table."""
-    table = Table(title=title, title_justify="left", show_edge=False, pad_edge=False)
+    print_rows(console, title, score_rows(score, latency))
+
+
+def print_rows(console: Console, title: str, rows: list[Row]) -> None:
+    """Print lines as a table under their title."""
+    table = Table(title=title, title_justify="left", title_style="bold", show_edge=False, pad_edge=False)
     table.add_column("")
     table.add_column("measured", justify="right")
     table.add_column("should be", style="dim")
-    for name, value, bound in score_rows(score, latency):
+    for name, value, bound in rows:
         table.add_row(name, value, bound)
     console.print(table)
 
 
-def score_rows(s: LeaderScore, latency: Latency | None) -> list[tuple[str, str, str]]:
-    """(figure, value, what it should be) for each line."""
+def explain_bounds(console: Console) -> None:
+    """Say what the bounds of NIS and NEES are."""
+    console.print(
+        "NIS and NEES: bounds for a filter whose every sigma is the true one. Below, errors are smaller than it "
+        "claims (too cautious); above, larger (too sure).",
+        style="dim",
+        highlight=False,
+    )
+
+
+def score_rows(s: LeaderScore, latency: Latency | None) -> list[Row]:
+    """The lines of the leader's estimate."""
     rows = [("estimates", f"{s.estimates} ({s.valid} valid, {s.scored} scored)", "")]
     if s.valid_percent is not None:
         rows.append(("valid", f"{s.valid_percent:.1f} % of the time", f"after {s.settle_s:g} s"))
@@ -34,8 +56,8 @@ def score_rows(s: LeaderScore, latency: Latency | None) -> list[tuple[str, str, 
             ("size error", f"{s.size_error_rms_percent or 0:.2f} %", "no better than its prior"),
             (
                 f"NEES ({s.nees_dof})",
-                f"{s.nees_mean or 0:.2f}",
-                _between(s.nees_bounds, "95 % of single draws; one flight is one draw"),
+                _judged(s.nees_mean or 0.0, ".2f", s.nees_bounds),
+                _between(s.nees_bounds, "95 % of flights"),
             ),
             (
                 "confidently wrong",
@@ -45,10 +67,11 @@ def score_rows(s: LeaderScore, latency: Latency | None) -> list[tuple[str, str, 
             ("truth inside the 95 % ellipsoid", f"{s.inside_95_percent or 0:.1f} %", "95 % over many flights"),
         ]
     if s.nis_mean is not None:
-        rows.append((f"NIS ({s.nis_dof})", f"{s.nis_mean:.3f}", _between(s.nis_bounds, "95 % of means")))
-    images = sum(s.verdicts.values())
+        nis = _judged(s.nis_mean, ".2f", s.nis_bounds)
+        rows.append((f"NIS ({s.nis_dof})", nis, _between(s.nis_bounds, "95 % of means")))
+    count = sum(s.verdicts.values())
     verdicts = ", ".join(f"{n} {v}" for v, n in sorted(s.verdicts.items()))
-    rows.append(("images", f"{images}" + (f" ({verdicts})" if images else ""), ""))
+    rows.append(("images", f"{count}" + (f" ({verdicts})" if count else ""), ""))
     rows.append(("tracks given up", str(s.resets), ""))
     if s.range_error_rms_percent is not None or s.diverged:
         rows.append(("diverged", "YES" if s.diverged else "no", "no"))
@@ -99,19 +122,55 @@ class OwnStateSummary:
             console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)
 
 
-def print_own_state_score(console: Console, score: OwnStateScore) -> None:
-    """Print the accuracy of our own state."""
-    lines = [f"own state: {score.states} ({score.valid} valid), begun anew {score.resets} times"]
-    if score.valid_percent is not None:
-        lines.append(f"  valid {score.valid_percent:.1f} % of the time after {score.settle_s:g} s")
-    if score.velocity_rmse_m_s is not None and score.attitude_rmse_deg is not None:
-        errors = f"velocity {score.velocity_rmse_m_s:.3f} m/s, attitude {score.attitude_rmse_deg:.2f} degrees"
-        lines.append(f"  off the truth after {score.settle_s:g} s: {errors} RMS")
-    if score.inside_3_sigma_percent is not None:
-        lines.append(f"  velocity within 3 sigmas: {score.inside_3_sigma_percent:.1f} %")
-    lines += [f"  named: {fault}" for fault in score.faults]
-    console.print("\n".join(lines), highlight=False)
+def print_own_state_score(
+    console: Console, title: str, score: OwnStateScore, fault: FaultScore | None = None
+) -> None:
+    """Print the accuracy of our own state and what became of a fault, as a table."""
+    print_rows(console, title, own_state_rows(score) + (fault_rows(fault) if fault is not None else []))
+
+
+def own_state_rows(s: OwnStateScore) -> list[Row]:
+    """The lines of our own state."""
+    rows = [("states", f"{s.states} ({s.valid} valid)", "")]
+    if s.valid_percent is not None:
+        rows.append(("valid", f"{s.valid_percent:.1f} % of the time", f"after {s.settle_s:g} s"))
+    if s.velocity_rmse_m_s is not None:
+        after = f"RMS, valid, after {s.settle_s:g} s"
+        rows += [
+            ("velocity error", f"{s.velocity_rmse_m_s:.3f} m/s", after),
+            ("attitude error", f"{s.attitude_rmse_deg or 0:.2f} degrees", after),
+            ("velocity within 3 sigmas", f"{s.inside_3_sigma_percent or 0:.1f} %", "99.7 % over many flights"),
+            (
+                f"NEES ({s.nees_dof})",
+                _judged(s.nees_mean or 0.0, ".2f", s.nees_bounds),
+                _between(s.nees_bounds, "95 % of flights"),
+            ),
+        ]
+    if s.nis_ratio is not None:
+        rows.append(("NIS, of its expectation", f"{s.nis_ratio:.2f}", "1"))
+    rows.append(("begun anew", str(s.resets), ""))
+    return rows
+
+
+def fault_rows(f: FaultScore) -> list[Row]:
+    """The lines of a fault: what happened, and what was said of it."""
+    rows = []
+    if f.happened is not None:
+        named = "NOT NAMED"
+        if f.named is not None:
+            named = f"{f.named} ({f.magnitude or 0:.2f}), after {f.after_s or 0:.2f} s"
+        rows.append(("fault named", named, f"{f.happened}, at {f.at_s or 0:.2f} s"))
+    rows.append(("named wrongly", ", ".join(f.wrong) or "nothing", "nothing"))
+    return rows
 
 
 def _between(bounds: tuple[float, float] | None, what: str) -> str:
     return f"{bounds[0]:.2f} to {bounds[1]:.2f} ({what})" if bounds else ""
+
+
+def _judged(value: float, shown: str, bounds: tuple[float, float] | None) -> str:
+    """A mean NIS or NEES, and in words what it says where it is outside its bounds."""
+    words = ""
+    if bounds is not None and not bounds[0] <= value <= bounds[1]:
+        words = ", too cautious" if value < bounds[0] else ", too sure"
+    return f"{value:{shown}}{words}"

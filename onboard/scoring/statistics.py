@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from onboard.arrays import Array
+from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Record
 
 FRESH_S = 0.5  # s: an estimate counts for so long, unless another comes
@@ -30,6 +31,11 @@ def percent(hits: ArrayLike) -> float | None:
     """How many of these booleans are true, %."""
     flags = np.asarray(hits)
     return float(np.mean(flags)) * 100 if flags.size else None
+
+
+def single_bounds(dof: int) -> tuple[float, float]:
+    """Bounds that a single chi-square draw of `dof` degrees keeps with 95 %."""
+    return chi_square_threshold(0.025, dof), chi_square_threshold(0.975, dof)
 
 
 def availability(samples: Array, times: ArrayLike, valid: ArrayLike) -> Array:

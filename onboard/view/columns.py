@@ -76,6 +76,16 @@ def labels(values: Sequence[ImagePoints]) -> Any:
     )
 
 
+def discs(values: Sequence[tuple[Sequence[tuple[int, ...]], Sequence[str]]]) -> Any:
+    """Columns of the colours and labels of image points that stay where they are."""
+    lengths = [len(colours) for colours, _ in values]
+    colours = np.array([colour for row, _ in values for colour in row], dtype=np.uint8)
+    return [
+        *rr.Points2D.columns(colors=colours.reshape(-1, 3)).partition(lengths),
+        *rr.Points2D.columns(labels=[label for _, row in values for label in row]).partition(lengths),
+    ]
+
+
 def pictures(values: Sequence[bytes]) -> Any:
     """Columns of JPEG files."""
     return rr.EncodedImage.columns(blob=list(values), media_type=["image/jpeg"] * len(values))

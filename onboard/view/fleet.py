@@ -6,6 +6,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from onboard.geometry.camera import Camera
+from onboard.view.scene import Rotors
 from onboard.view.view import View
 
 MOST: Final = 50  # vehicles that are drawn; further ones are not
@@ -15,11 +16,13 @@ class Views:
     """A view for each vehicle, made when its first record comes. With `apart`, each has a name, and a file of its
     own: FILE-vehicle.rrd. Otherwise there is one vehicle, and its view is there from the beginning."""
 
-    def __init__(self, *, camera: Camera, rrd: Path | None, spawn: bool, apart: bool) -> None:
-        self._camera, self._rrd, self._spawn, self._apart = camera, rrd, spawn, apart
+    def __init__(self, *, camera: Camera, rrd: Path | None, spawn: bool, apart: bool, rotors: Rotors = ()) -> None:
+        self._camera, self._rotors, self._rrd, self._spawn = camera, rotors, rrd, spawn
         self._views: dict[str, View] = {}
         self._closing = ExitStack()
-        self._only = None if apart else self._closing.enter_context(View(camera=camera, rrd=rrd, spawn=spawn))
+        self._only = None
+        if not apart:
+            self._only = self._closing.enter_context(View(camera=camera, rotors=rotors, rrd=rrd, spawn=spawn))
 
     def show(self, vehicle: str, record: Any) -> None:
         """Draw a record of a vehicle."""
@@ -45,4 +48,6 @@ class Views:
     def _open(self, vehicle: str) -> View:
         rrd = None if self._rrd is None else self._rrd.with_name(f"{self._rrd.stem}-{vehicle}{self._rrd.suffix}")
         server = next((view.url for view in self._views.values()), None)
-        return View(camera=self._camera, rrd=rrd, spawn=self._spawn, server=server, name=vehicle)
+        return View(
+            camera=self._camera, rotors=self._rotors, rrd=rrd, spawn=self._spawn, server=server, name=vehicle
+        )

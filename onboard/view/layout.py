@@ -38,11 +38,11 @@ def plot(name: str, entity: str, *, legend: bool = False) -> "rrb.TimeSeriesView
     )
 
 
-def banner() -> "rrb.Spatial2DView":
-    """The headline, in the colour of the state."""
+def banner(entity: str = scene.BANNER) -> "rrb.Spatial2DView":
+    """A headline, in the colour of the state."""
     return rrb.Spatial2DView(
         name="State",
-        origin=f"/{scene.BANNER}",
+        origin=f"/{entity}",
         titlebar=False,
         background=BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=[-400.0, 400.0], y_range=[-9.0, 31.0]),
@@ -102,6 +102,16 @@ def camera_view(camera: Camera) -> "rrb.Spatial2DView":
     )
 
 
+def rotors_view() -> "rrb.Spatial2DView":
+    """Our vehicle from above, with its rotors and what is wrong with them."""
+    return rrb.Spatial2DView(
+        name="Our rotors",
+        origin=f"/{scene.ROTORS}",
+        background=BACKGROUND,
+        visual_bounds=rrb.VisualBounds2D(x_range=[-1.0, 1.0], y_range=[-0.75, 0.9]),
+    )
+
+
 def traffic_view() -> "rrb.Spatial2DView":
     """The map of other aircraft."""
     bounds = [-0.5 * traffic.SHOWN, 0.5 * traffic.SHOWN]
@@ -113,16 +123,33 @@ def traffic_view() -> "rrb.Spatial2DView":
     )
 
 
-def plots() -> "rrb.Tabs":
-    """Six pages of plots, and one of traffic; the first shows where the leader is, and how far to trust that."""
+def overview() -> "rrb.Vertical":
+    """The first page: where the leader is, and how far to trust that."""
+    return rrb.Vertical(
+        plot("Range [m]: estimate ±3σ, truth white", "range"),
+        plot("Error in range [m], ±3σ", "range_error"),
+        plot("Wingspan of the leader [m], ±3σ", "size"),
+        plot("Innovations [σ], gates at ±3", "innovation"),
+        name="Overview",
+    )
+
+
+def both() -> "rrb.Vertical":
+    """The first page where our own state is estimated, too: both, and how far to trust either."""
+    return rrb.Vertical(
+        plot("Leader: range [m] ±3σ; truth white", "range"),
+        plot("Leader: error in range [m] ±3σ", "range_error"),
+        plot("Own velocity: error [m/s] ±3σ; north red, east green, down blue", "own/velocity_error"),
+        plot("Own attitude: error [°] ±3σ; roll red, pitch green, yaw blue", "own/attitude_error"),
+        name="Both",
+    )
+
+
+def plots(*, own_state: bool) -> "rrb.Tabs":
+    """Six pages of plots, and one of traffic; where our own state is estimated, one of both before them."""
     return rrb.Tabs(
-        rrb.Vertical(
-            plot("Range [m]: estimate ±3σ, truth white", "range"),
-            plot("Error in range [m], ±3σ", "range_error"),
-            plot("Wingspan of the leader [m], ±3σ", "size"),
-            plot("Innovations [σ], gates at ±3", "innovation"),
-            name="Overview",
-        ),
+        *([both()] if own_state else []),
+        overview(),
         rrb.Vertical(
             *(plot(f"Error {axis} [m], ±3σ", f"error/{axis}") for axis in scene.AXIS_NAMES), name="Errors"
         ),
@@ -165,39 +192,42 @@ def plots() -> "rrb.Tabs":
     )
 
 
-def window(camera: Camera) -> "rrb.Horizontal":
-    """The scene on the left, plots on the right."""
-    return rrb.Horizontal(
-        rrb.Vertical(
-            banner(),
-            chase_view(),
-            rrb.Horizontal(
-                camera_view(camera),
-                close_view(),
-                rrb.TextDocumentView(name="Now", origin="/status"),
-                column_shares=[1.0, 1.0, 0.95],
-            ),
-            row_shares=[0.13, 1.6, 1.0],
+def window(camera: Camera, *, own_state: bool) -> "rrb.Horizontal":
+    """The scene on the left, plots on the right; with our own state, its headline and our rotors as well."""
+    now = rrb.TextDocumentView(name="Now", origin="/status")
+    scenery: list[rrb.Container | rrb.View] = [
+        banner(),
+        *([banner(scene.OWN_BANNER)] if own_state else []),
+        chase_view(),
+        rrb.Horizontal(
+            camera_view(camera),
+            close_view(),
+            rrb.Tabs(rotors_view(), now, active_tab=0) if own_state else now,
+            column_shares=[1.0, 1.0, 0.95],
         ),
+    ]
+    strips = ["/track", "/images", *(["/own_state", "/faults"] if own_state else [])]
+    return rrb.Horizontal(
+        rrb.Vertical(*scenery, row_shares=[*([0.13] * (len(scenery) - 2)), 1.6, 1.0]),
         rrb.Vertical(
-            plots(),
+            plots(own_state=own_state),
             rrb.StateTimelineView(
-                name="Track and images",
+                name="Track, images, own state and faults" if own_state else "Track and images",
                 origin="/",
-                contents=["/track", "/images"],
+                contents=strips,
                 time_view=time_axis(),
                 time_ranges=last(WINDOW_S),
             ),
-            row_shares=[5.2, 1.0],
+            row_shares=[5.2, 1.9 if own_state else 1.0],
         ),
         column_shares=[1.62, 1.0],
     )
 
 
-def blueprint(camera: Camera) -> "rrb.Blueprint":
-    """The whole window."""
+def blueprint(camera: Camera, *, own_state: bool = False) -> "rrb.Blueprint":
+    """The whole window; with `own_state`, for a vehicle that estimates its own state beside the leader."""
     return rrb.Blueprint(
-        window(camera),
+        window(camera, own_state=own_state),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="collapsed"),

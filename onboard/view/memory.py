@@ -3,7 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from onboard.messages import Estimate, MeasurementReport, OwnPose, Truth
+from onboard.messages import Estimate, MeasurementReport, NavState, OwnPose, Truth
 from onboard.view.motion import LeaderState
 
 NEVER = -(10**18)
@@ -16,6 +16,7 @@ class Memory:
     own: OwnPose | None = None
     truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=100))
     waiting: deque[LeaderState] = field(default_factory=lambda: deque(maxlen=200))  # for a truth of their time
+    own_states: deque[NavState] = field(default_factory=lambda: deque(maxlen=100))
     report: MeasurementReport | None = None
     t_image_ns: int = NEVER
     drawn_ns: dict[str, int] = field(default_factory=dict)

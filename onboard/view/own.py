@@ -1,16 +1,90 @@
-"""Our own state into time series, beside the autopilot's estimate and, in a simulation, the truth."""
+"""Our own state: time series beside the autopilot's estimate and, in a simulation, the truth; its headline, and
+our rotors with what is wrong with them."""
 
 import numpy as np
 
-from onboard.geometry.rotations import euler_from_quaternion
-from onboard.messages import NavState, OwnPose, Truth
-from onboard.view import scene
-from onboard.view.columns import Columns, scalars
+from onboard.geometry.rotations import euler_from_quaternion, quaternion_product, vector_from_quaternion
+from onboard.messages import FaultKind, NavState, OwnPose, Truth
+from onboard.view import palette, scene, words
+from onboard.view.columns import (
+    HIDDEN,
+    LEVEL,
+    Columns,
+    ImagePoints,
+    Pose,
+    colours_2d,
+    discs,
+    labels,
+    no_tags,
+    poses,
+    scalars,
+    tags,
+)
 from onboard.view.memory import Memory
 from onboard.view.plots import GAP, banded
+from onboard.view.plots import plot_state as plot_strip
 
 PLOT_HZ = 25.0
+STATUS_HZ = 5.0
+SAME_NS = 6_000_000  # a state and a truth so near are of one time: stamps are whole milliseconds
 ANGLES = scene.OWN_NAMES[3:6]
+ERRORS = ("velocity_error", "attitude_error")
+WORDS_BELOW = 0.75  # of the rotors' panel, in spans
+UNDISTURBED = Pose((0.0, 0.0, 0.0), LEVEL, (1.0, 1.0, 1.0))
+
+
+def show_state(columns: Columns, memory: Memory, state: NavState, rotors: scene.Rotors) -> None:
+    """Everything that a state of ours changes in the view."""
+    plot_state(columns, memory, state)
+    memory.own_states.append(state)
+    near = next((t for t in reversed(memory.truths) if abs(t.t_ns - state.t_ns) <= SAME_NS), None)
+    if near is not None:
+        plot_error(columns, state, near)
+    by_weight = sorted(state.faults, key=lambda f: f.kind is FaultKind.GUST)  # a gust passes
+    named = [str(f.part or f.kind) for f in by_weight]
+    plot_strip(columns, memory, "own_state", state.t_ns, state.state)
+    plot_strip(columns, memory, "faults", state.t_ns, next(iter(named), palette.NO_FAULT))
+    if memory.due("own words", state.t_ns, STATUS_HZ):
+        draw_words(columns, state)
+        draw_rotors(columns, state, rotors)
+
+
+def draw_words(columns: Columns, state: NavState) -> None:
+    """The headline, red where something is wrong with us, and the same beside our vehicle."""
+    t_ns, wrong = state.t_ns, ", ".join(map(words.fault, state.faults))
+    colour = palette.RED if wrong else palette.STATES[state.state]
+    line = words.own_headline(state)
+    columns.add(labels, f"{scene.OWN_BANNER}/words", t_ns, ImagePoints(np.zeros((1, 2)), colour, line))
+    columns.add(colours_2d, f"{scene.OWN_BANNER}/bar", t_ns, palette.shade(colour, 0.35))
+    below = ImagePoints(np.array([[0.0, WORDS_BELOW]]), colour, words.plain(wrong or palette.NO_FAULT))
+    columns.add(labels, f"{scene.ROTORS}/words", t_ns, below)
+    if wrong:
+        columns.add(tags, scene.OWN_TAG, t_ns, (np.array([0.0, 0.0, 1.2]), colour, words.plain(wrong)))
+    else:
+        columns.add(no_tags, scene.OWN_TAG, t_ns, None)
+
+
+def draw_rotors(columns: Columns, state: NavState, rotors: scene.Rotors) -> None:
+    """Each rotor in the colour of its health, with what it has lost."""
+    if not rotors:
+        return
+    lost = {f.part: f.magnitude for f in state.faults if f.kind is FaultKind.MOTOR}
+    names = [f"motor {k + 1}" for k in range(len(rotors))]
+    well = palette.GREEN if state.valid else palette.GREY
+    colours = [palette.RED if name in lost else well for name in names]
+    text = [f"{name}: -{lost[name]:.0%}" if name in lost else name for name in names]
+    columns.add(discs, f"{scene.ROTORS}/discs", state.t_ns, (colours, text))
+    for k, name in enumerate(names):
+        columns.add(poses, f"{scene.WEAK}/{k}", state.t_ns, UNDISTURBED if name in lost else HIDDEN)
+
+
+def plot_error(columns: Columns, state: NavState, truth: Truth) -> None:
+    """How far velocity (m/s) and attitude (degrees, about b's axes) are off."""
+    if state.mean is None or state.q_nb is None:
+        return
+    columns.add(scalars, "plots/own/velocity_error/error", state.t_ns, np.subtract(state.mean[3:6], truth.v_F_n))
+    turn = vector_from_quaternion(quaternion_product(np.multiply(truth.q_nF, (1, -1, -1, -1)), state.q_nb))
+    columns.add(scalars, "plots/own/attitude_error/error", state.t_ns, np.degrees(turn))
 
 
 def plot_state(columns: Columns, memory: Memory, state: NavState) -> None:
@@ -23,6 +97,8 @@ def plot_state(columns: Columns, memory: Memory, state: NavState) -> None:
     if state.mean is None or state.covariance is None:
         for name in scene.OWN_NAMES:
             columns.add(scalars, f"plots/own/{name}/estimate", t_ns, GAP)
+        for name in ERRORS:
+            columns.add(scalars, f"plots/own/{name}/band", t_ns, GAP[:2])
         return
     mean, sigma = np.array(state.mean), np.sqrt(np.maximum(np.diag(np.array(state.covariance)), 0.0))
     for k, name in enumerate(scene.AXIS_NAMES):
@@ -31,6 +107,8 @@ def plot_state(columns: Columns, memory: Memory, state: NavState) -> None:
         degrees = np.degrees([mean[6 + k], sigma[6 + k]])
         columns.add(scalars, f"plots/own/{name}/estimate", t_ns, banded(*degrees))
     columns.add(scalars, "plots/own/height/estimate", t_ns, banded(-mean[2], sigma[2]))
+    for name, widest in zip(ERRORS, (sigma[3:6].max(), np.degrees(sigma[6:9].max())), strict=True):
+        columns.add(scalars, f"plots/own/{name}/band", t_ns, banded(0.0, widest)[1:])
 
 
 def plot_autopilot(columns: Columns, memory: Memory, pose: OwnPose) -> None:
@@ -40,9 +118,12 @@ def plot_autopilot(columns: Columns, memory: Memory, pose: OwnPose) -> None:
 
 
 def plot_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
-    """The truth of the same quantities."""
+    """The truth of the same quantities, and what the state of that time is off by."""
     if "own state" in memory.drawn_ns:
         _add(columns, "truth", truth.t_ns, truth.v_F_n, truth.q_nF, truth.r_OF_n[2])
+        near = next((s for s in reversed(memory.own_states) if abs(s.t_ns - truth.t_ns) <= SAME_NS), None)
+        if near is not None:
+            plot_error(columns, near, truth)
 
 
 def _add(

@@ -1,6 +1,6 @@
 """Colours: one meaning each, the same in every panel. RGB, or RGBA where it is translucent."""
 
-from onboard.messages import Lifecycle, Verdict
+from onboard.messages import FaultKind, Lifecycle, Verdict
 
 Colour = tuple[int, int, int] | tuple[int, int, int, int]
 
@@ -52,6 +52,17 @@ VERDICTS: dict[str, Colour] = {
     Verdict.DIRECTION_ONLY: AMBER,
     Verdict.FULL: AMBER,
     NO_IMAGE: DARK,
+}
+
+NO_FAULT = "no fault"
+MOST_MOTORS = 12
+
+FAULTS: dict[str, Colour] = {  # by the part where there is one, else by the kind
+    NO_FAULT: DARK,
+    **{f"motor {k}": RED for k in range(1, MOST_MOTORS + 1)},
+    FaultKind.MASS: RED,
+    FaultKind.GUST: VIOLET,
+    FaultKind.OUTLIERS: AMBER,
 }
 
 

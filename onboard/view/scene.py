@@ -4,6 +4,8 @@ The scene's origin is the follower F, its axes are NED, so that both aircraft st
 cross the country. Below it, `scene/ground` is at the EKF origin O and carries the trails.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from onboard.geometry.camera import Camera
@@ -29,7 +31,11 @@ OPEN_RANGE = f"{SCENE}/open_range"  # where the range is open: from the nearest 
 OPEN_ENDS = (f"{SCENE}/open_near", f"{SCENE}/open_far")
 DROP_LINE = f"{SCENE}/drop_line"
 TAG = f"{SCENE}/tag"
+WEAK = f"{FOLLOWER}/shape/weak"  # below it, a red disc for each rotor
+OWN_TAG = f"{SCENE}/own_tag"
 BANNER = "banner"
+OWN_BANNER = "own_banner"
+ROTORS = "rotors"  # our vehicle from above
 GRID = f"{SCENE}/grid"
 GROUND = f"{SCENE}/ground"
 TRAILS = {name: f"{GROUND}/trail_{name}" for name in ("own", "estimate", "truth")}
@@ -45,6 +51,8 @@ GRID_CELL = 10.0
 ENLARGEMENT = 2.0  # of the leader in the chase view, where it is far from the eye
 FOLLOWER_SPAN = 2.0  # m, of the glyph: the real one is unknown
 VELOCITY_SCALE = 0.3  # s: a velocity arrow is as long as the way flown in this time
+
+Rotors = Sequence[Sequence[float]]  # forward and right of the centre, m, and what else is known of each
 
 # curves of each plot entity: (name, colour, width)
 Curve = tuple[str, palette.Colour, float]
@@ -77,6 +85,10 @@ PLOTS: dict[str, list[Curve]] = {
     **{f"plots/own/{name}/estimate": with_band() for name in OWN_NAMES},
     **{f"plots/own/{name}/autopilot": [("autopilot", palette.OWN, 1.2)] for name in OWN_NAMES},
     **{f"plots/own/{name}/truth": TRUTH_CURVE for name in OWN_NAMES},
+    "plots/own/velocity_error/band": BAND,
+    "plots/own/velocity_error/error": [(n, c, 1.3) for n, c in zip(AXIS_NAMES, palette.AXES, strict=True)],
+    "plots/own/attitude_error/band": BAND,
+    "plots/own/attitude_error/error": [(n, c, 1.3) for n, c in zip(OWN_NAMES[3:6], palette.AXES, strict=True)],
     "plots/own/trust": [("outside the layer %", palette.RED, 1.5), ("quality %", palette.GREEN, 1.5)],
 }
 
@@ -92,12 +104,17 @@ def log_curves(stream: "rr.RecordingStream", entity: str, curves: list[Curve]) -
 
 
 def log_plots(stream: "rr.RecordingStream") -> None:
-    """The style of every plot and of the two strips of states."""
+    """The style of every plot and of the strips of states."""
     for entity, curves in PLOTS.items():
         log_curves(stream, entity, curves)
     points = rr.SeriesPoints(names="NIS", colors=palette.ESTIMATE, marker_sizes=2.5)
     stream.log("plots/nis/value", points, static=True)
-    for entity, colours in (("track", palette.STATES), ("images", palette.VERDICTS)):
+    for entity, colours in (
+        ("track", palette.STATES),
+        ("images", palette.VERDICTS),
+        ("own_state", palette.STATES),
+        ("faults", palette.FAULTS),
+    ):
         names = [str(name) for name in colours]
         style = rr.StateConfiguration(
             values=names, labels=[n.replace("_", " ").upper() for n in names], colors=list(colours.values())
@@ -156,9 +173,11 @@ def rectangle(x: float, y: float, w: float, h: float) -> list[tuple[float, float
     return [(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)]
 
 
-def log_frame(stream: "rr.RecordingStream", entity: str, strips: list[list[tuple[float, float]]]) -> None:
-    """Thin lines that frame the image."""
-    lines = rr.LineStrips2D(strips, colors=palette.FAINT, radii=rr.Radius.ui_points(0.7))
+def log_frame(
+    stream: "rr.RecordingStream", entity: str, strips: list[list[tuple[float, float]]], width: float = 0.7
+) -> None:
+    """Thin lines that frame an image."""
+    lines = rr.LineStrips2D(strips, colors=palette.FAINT, radii=rr.Radius.ui_points(width))
     stream.log(entity, lines, static=True)
 
 
@@ -176,7 +195,7 @@ def log_image_styles(stream: "rr.RecordingStream") -> None:
     stream.log(f"{CAMERA}/verdict", rr.Points2D.from_fields(radii=0.0, show_labels=True), static=True)
 
 
-def log_aircraft(stream: "rr.RecordingStream") -> None:
+def log_aircraft(stream: "rr.RecordingStream", rotors: Rotors) -> None:
     """The shapes of both aircraft, their arrows, the uncertainty, the grid and the style of the trails."""
     glass = (*palette.ESTIMATE[:3], 150)  # along the line of sight the ellipsoid lies inside the fuselage
     for entity in (TRUE_SIZE, ENLARGED):
@@ -184,7 +203,9 @@ def log_aircraft(stream: "rr.RecordingStream") -> None:
         log_lines(stream, f"{entity}/outline", shapes.aeroplane_outline(), palette.ESTIMATE, 0.8)
     stream.log(ENLARGED, rr.Transform3D(scale=ENLARGEMENT), static=True)
     log_lines(stream, f"{LEADER_TRUTH}/shape", shapes.aeroplane_outline(), palette.TRUTH, 0.5)
-    log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.quadrotor(), palette.OWN)
+    log_mesh(stream, f"{FOLLOWER}/shape/mesh", shapes.multirotor(rotors), palette.OWN)
+    for k, hub in enumerate(shapes.hubs(rotors) if rotors else ()):
+        log_mesh(stream, f"{WEAK}/{k}/disc", shapes.disc(hub, 1.1 * shapes.DISC, 0.03), palette.RED)
     stream.log(f"{FOLLOWER}/shape", rr.Transform3D(scale=FOLLOWER_SPAN), static=True)
     for entity in (FOLLOWER, f"{FOLLOWER}/shape", CAMERA, LEADER, ENLARGED):
         # the viewer draws axes for entities that are only a pose
@@ -210,22 +231,35 @@ def log_aircraft(stream: "rr.RecordingStream") -> None:
     stream.log(OPEN_RANGE, wide, static=True)
     for entity, colour in ((SIGHT_LINE, palette.FAINT), (DROP_LINE, palette.ESTIMATE)):
         stream.log(entity, rr.LineStrips3D.from_fields(colors=colour, radii=rr.Radius.ui_points(0.6)), static=True)
-    stream.log(TAG, rr.Points3D.from_fields(radii=0.0, show_labels=True), static=True)
+    for entity in (TAG, OWN_TAG):
+        stream.log(entity, rr.Points3D.from_fields(radii=0.0, show_labels=True), static=True)
+
+
+def log_rotors(stream: "rr.RecordingStream", rotors: Rotors) -> None:
+    """Our vehicle from above, the nose up: arms, a circle for each rotor, an arrow. Colours come with records."""
+    places = np.array([(y, -x) for x, y in shapes.hubs(rotors)]) if rotors else np.zeros((0, 2))
+    log_frame(stream, f"{ROTORS}/arms", [[(0.0, 0.0), (x, y)] for x, y in places.tolist()], 2.0)
+    log_frame(stream, f"{ROTORS}/nose", [[(-0.06, -0.14), (0.0, -0.24), (0.06, -0.14)]], 2.0)
+    discs = rr.Points2D.from_fields(positions=places, radii=shapes.DISC, show_labels=True, draw_order=30.0)
+    stream.log(f"{ROTORS}/discs", discs, static=True)
+    words = rr.Points2D.from_fields(radii=0.0, show_labels=True, draw_order=50.0)
+    stream.log(f"{ROTORS}/words", words, static=True)
 
 
 def log_banner(stream: "rr.RecordingStream") -> None:
-    """A bar across the top in the colour of the state, and the headline on it."""
-    stream.log(f"{BANNER}/bar", rr.LineStrips2D([[(-4000, 0), (4000, 0)]], radii=40.0), static=True)
-    stream.log(
-        f"{BANNER}/words", rr.Points2D.from_fields(radii=0.0, show_labels=True, draw_order=50.0), static=True
-    )
+    """Bars across the top in the colours of the states, and the headlines on them."""
+    for banner in (BANNER, OWN_BANNER):
+        stream.log(f"{banner}/bar", rr.LineStrips2D([[(-4000, 0), (4000, 0)]], radii=40.0), static=True)
+        words = rr.Points2D.from_fields(radii=0.0, show_labels=True, draw_order=50.0)
+        stream.log(f"{banner}/words", words, static=True)
 
 
-def log_static(stream: "rr.RecordingStream", camera: Camera) -> None:
-    """Everything that does not change."""
+def log_static(stream: "rr.RecordingStream", camera: Camera, rotors: Rotors = ()) -> None:
+    """Everything that does not change. `rotors` are our vehicle's, none where they are unknown."""
     for entity in (SCENE, HEADING, AROUND_LEADER):
         stream.log(entity, rr.ViewCoordinates.FRD, static=True)
-    log_aircraft(stream)
+    log_aircraft(stream, rotors)
+    log_rotors(stream, rotors)
     log_camera(stream, camera)
     log_image_styles(stream)
     log_banner(stream)

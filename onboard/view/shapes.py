@@ -1,5 +1,6 @@
 """Shapes of the things drawn: triangles and lines in body axes (FRD), metres for a span of one metre."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -78,16 +79,31 @@ def aeroplane_outline() -> list[Array]:
     return [*closed, np.array([(0.42, 0, 0), (-0.55, 0, 0)], dtype=float)]
 
 
-def quadrotor() -> Mesh:
-    """A quadrotor of span 1 (rotor tip to rotor tip, across), its nose forward."""
-    parts = [spindle([0.24, 0.18, 0.0, -0.2, -0.24], [0.0, 0.09, 0.11, 0.08, 0.0], sides=8)]
+HUBS = ((0.31, 0.31), (0.31, -0.31), (-0.31, 0.31), (-0.31, -0.31))
+DISC = 0.19  # radius of a rotor
+
+
+def hubs(rotors: Sequence[Sequence[float]]) -> Array:
+    """Where the hubs of rotors at (forward, right, ...) are in a glyph of span 1, (n, 2); if unknown, as an X."""
+    places = np.array([(x, y) for x, y, *_ in rotors] or HUBS, dtype=float)
+    return np.asarray(places * (np.hypot(*HUBS[0]) / np.max(np.hypot(places[:, 0], places[:, 1]))))
+
+
+def disc(hub: ArrayLike, radius: float = DISC, thickness: float = 0.012) -> Mesh:
+    """A rotor over its hub (2,), as the disc that it sweeps."""
     angle = np.linspace(0, 2 * np.pi, 17)[:-1]
-    disc = 0.19 * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
-    for x, y in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-        hub = np.array([0.31 * x, 0.31 * y, -0.05])
-        across = np.array([-0.02 * y, 0.02 * x, 0])
+    rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
+    return plate(np.array([*np.asarray(hub), -0.05]) + rim, (0, 0, thickness))
+
+
+def multirotor(rotors: Sequence[Sequence[float]] = ()) -> Mesh:
+    """A multirotor of span 1, its nose forward, with its rotors where they are; a quadrotor's X if unknown."""
+    parts = [spindle([0.24, 0.18, 0.0, -0.2, -0.24], [0.0, 0.09, 0.11, 0.08, 0.0], sides=8)]
+    for x, y in hubs(rotors):
+        length = max(float(np.hypot(x, y)), 1e-9)
+        hub, across = np.array([x, y, -0.05]), 0.028 / length * np.array([-y, x, 0])
         parts.append(plate([across, hub + across, hub - across, -across], (0, 0, 0.03)))
-        parts.append(plate(hub + disc, (0, 0, 0.012)))
+        parts.append(disc((x, y)))
     return merge(*parts)
 
 

@@ -36,6 +36,7 @@ class View:
     `spawn` opens the packaged viewer if there is a display, and the user closes it. `server` is the `url` of
     another view, which serves this one as well, as a recording with a `name` of its own. `url` is the server's
     address.
+    `rotors` are those of our vehicle, where they are known.
     `memory_limit` bounds what the server keeps for viewers that connect later.
     Raises `ValueError` without any of `rrd`, `grpc_port`, `spawn` and `server`, `OSError` if the port is taken,
     UserError where `rrd` cannot be written.
@@ -53,10 +54,12 @@ class View:
         memory_limit: str = "256MiB",
         application_id: str = "onboard",
         estimator: str = "leader",
+        rotors: scene.Rotors = (),
     ) -> None:
         if rrd is None and grpc_port is None and not spawn and server is None:
             raise ValueError("a view needs somewhere to draw to: rrd, grpc_port, spawn or server")
-        self._camera, self._estimator = camera, estimator
+        self._camera, self._estimator, self._rotors = camera, estimator, rotors
+        self._shows_own = False
         self._columns, self._memory = Columns(), Memory()
         self._t_first_ns: int | None = None
         self._t_flush_ns = 0
@@ -83,7 +86,7 @@ class View:
             self._stream.set_sinks(*sinks, default_blueprint=blueprint(camera))
         if name is not None:
             self._stream.send_recording_name(name)
-        scene.log_static(self._stream, camera)
+        scene.log_static(self._stream, camera, rotors)
         traffic.log_static(self._stream)
         if spawn and server is None and self.url is not None:
             self.viewer = start_viewer(self.url)
@@ -97,7 +100,8 @@ class View:
         self._keep_time(record.t_ns)
         match record:
             case NavState():
-                own.plot_state(self._columns, self._memory, record)
+                self._arrange_own()
+                own.show_state(self._columns, self._memory, record, self._rotors)
             case Estimate():
                 if record.name == self._estimator and record.is_primary:
                     self._show_estimate(record)
@@ -181,6 +185,12 @@ class View:
             plots.plot_state(columns, memory, "images", t_ns, palette.NO_IMAGE)
         if memory.due("status", t_ns, STATUS_HZ):
             self._show_status(estimate, leader)
+
+    def _arrange_own(self) -> None:
+        """Arrange the window for both estimators when our own state comes first."""
+        if not self._shows_own:
+            self._shows_own = True
+            self._stream.send_blueprint(blueprint(self._camera, own_state=True))
 
     def _show_status(self, estimate: Estimate, leader: LeaderState | None) -> None:
         """The texts: the banner, the panel, and the tag beside the leader."""

@@ -3,7 +3,9 @@
 import math
 from typing import Final
 
-from onboard.messages import Estimate, Health, MeasurementReport, Mode
+import numpy as np
+
+from onboard.messages import Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState
 from onboard.view.motion import LeaderState, RangeEstimate, open_interval, range_estimate
 
 REFUSALS: Final = 5  # of the kinds of refused messages, the latest
@@ -32,7 +34,7 @@ def nis_words(report: MeasurementReport | None) -> str:
 
 def headline(estimate: Estimate, leader: LeaderState | None, report: MeasurementReport | None) -> str:
     """One line: state, range, closing speed, size. The ± are one standard deviation."""
-    state = estimate.state.upper()
+    state = f"LEADER {estimate.state.upper()}"
     if leader is None:
         return f"{state} · no track"
     r = range_estimate(leader)
@@ -41,6 +43,24 @@ def headline(estimate: Estimate, leader: LeaderState | None, report: Measurement
     if not math.isnan(size):
         words += f" · size {size:.2f} ± {sigma:.2f} m"
     return f"{words} · {nis_words(report)}"
+
+
+def own_headline(state: NavState) -> str:
+    """One line on our own state: how sure it is, and what is wrong with us. The ± are one standard deviation per
+    axis."""
+    words = f"OWN STATE {state.state.upper()}"
+    if state.covariance is not None:
+        variance = np.diag(np.array(state.covariance))
+        speed, angle = (math.sqrt(max(float(variance[k : k + 3].mean()), 0.0)) for k in (3, 6))
+        words += f" · velocity ± {speed:.2f} m/s · attitude ± {math.degrees(angle):.1f}°"
+    return plain(" · ".join([words, *map(fault, state.faults)] if state.faults else [words, "no fault"]))
+
+
+def fault(one: Fault) -> str:
+    """What is wrong, and by how much."""
+    if one.kind is FaultKind.MOTOR:
+        return f"{one.part.upper()} WEAK: {one.magnitude:.0%} of its thrust lost"
+    return f"{one.kind.upper()} {one.part}".strip() + f": {one.magnitude:.2f} {one.unit}"
 
 
 def tag(estimate: Estimate, leader: LeaderState) -> str:

@@ -59,7 +59,7 @@ def scorecard_keys(command: str) -> set[str]:
 
 def keys_of(numbers: dict[str, object]) -> set[str]:
     """The keys of a scorecard; what has open keys of its own (verdicts, health, log) counts as one."""
-    spread = ("latency_ms", "drops")
+    spread = ("latency_ms", "drops", "own_state", "fault")
     flat = {k for k in numbers if k not in spread}
     for part in spread:
         value = numbers.get(part)

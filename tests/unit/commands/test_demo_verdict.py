@@ -21,6 +21,9 @@ OWN = OwnStateScore(
     velocity_rmse_m_s=0.1,
     attitude_rmse_deg=0.1,
     inside_3_sigma_percent=100.0,
+    nees_mean=6.0,
+    nees_dof=6,
+    nees_bounds=(1.24, 14.45),
     nis_ratio=1.0,
     resets=0,
     faults=(),
@@ -87,8 +90,10 @@ def test_a_demo_that_is_confidently_wrong_most_of_the_time_fails(
 
 
 @pytest.mark.parametrize(("valid", "code"), [(None, 0), (51.0, 0), (49.0, 1)])
-def test_a_vehicle_alone_whose_own_state_is_hardly_ever_valid_fails(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, valid: float | None, code: int
+@pytest.mark.parametrize("images", [0, 100])
+def test_a_vehicle_whose_own_state_is_hardly_ever_valid_fails(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, valid: float | None, code: int, images: int
 ) -> None:
+    """Alone or behind a leader, whose estimate fails only where there is one."""
     own = replace(OWN, valid_percent=valid)
-    assert exit_code(monkeypatch, tmp_path, diverged=True, images=0, own=own) == code
+    assert exit_code(monkeypatch, tmp_path, diverged=not images, images=images, own=own) == code

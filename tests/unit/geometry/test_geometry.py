@@ -28,6 +28,16 @@ def to_scipy(q_nb: Array) -> Rotation:
 # ------------------------------------------------------------------------------------------ rotations
 
 
+@given(st.tuples(ANGLE, TILT, ANGLE))
+def test_a_rotation_vector_is_that_of_scipy(angles: tuple[float, float, float]) -> None:
+    q = rotations.quaternion_from_euler(*angles)
+    for same in (q, -q):
+        phi = rotations.vector_from_quaternion(same)
+        assert to_scipy(q).as_matrix() == pytest.approx(Rotation.from_rotvec(phi).as_matrix(), abs=1e-9)
+        assert np.linalg.norm(phi) <= math.pi + 1e-12
+    assert rotations.vector_from_quaternion((1.0, 2e-10, 0.0, 0.0)) == pytest.approx([4e-10, 0.0, 0.0])
+
+
 def test_yaw_takes_the_nose_from_north_to_east() -> None:
     R_nb = rotations.matrix_from_euler(0.0, 0.0, math.pi / 2)
     assert R_nb @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)

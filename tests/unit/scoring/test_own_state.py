@@ -30,6 +30,10 @@ def test_errors_are_those_put_in() -> None:
     assert score.velocity_rmse_m_s == pytest.approx(0.5)
     assert score.attitude_rmse_deg == pytest.approx(4.0)
     assert score.inside_3_sigma_percent == 100.0
+    # variances 4 of the north velocity, and 8 rad^2 about b's y axis, about which the attitude is off
+    assert score.nees_mean == pytest.approx(0.5**2 / 4 + TURN**2 / 8)
+    assert score.nees_dof == 6
+    assert score.nees_bounds == pytest.approx((1.237, 14.449), abs=0.001)
     assert (score.states, score.valid, score.resets) == (400, 400, 258)
     assert score.faults == ("motor motor 2 at 30.25 s",)
 
@@ -72,6 +76,7 @@ def test_without_truth_or_states_there_is_less_to_say() -> None:
     score = score_own_state(states, [])
     assert score is not None
     assert (score.velocity_rmse_m_s, score.inside_3_sigma_percent, score.nis_ratio) == (None, None, 1.0)
+    assert (score.nees_mean, score.nees_dof, score.nees_bounds) == (None, 0, None)
     assert score_own_state([], []) is None
 
 

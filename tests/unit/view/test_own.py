@@ -1,21 +1,24 @@
 """Our own state in the view: estimate, autopilot and truth in the same plots."""
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import Fault, FaultKind, OwnPose
-from tests.support.vehicle_records import nav_state
+from tests.support.vehicle_records import nav_state, truth
 
 pytest.importorskip("rerun")
 
-from onboard.view import own, scene, words
+from onboard.view import layout, own, palette, scene, words
+from onboard.view.columns import HIDDEN
 from onboard.view.memory import Memory
-from tests.support.view_flight import health_of, truth_of
+from tests.support.view_flight import START_S, flight, health_of, record_flight, rows_of, truth_of
 
 
 class Kept:
@@ -26,6 +29,13 @@ class Kept:
 
     def add(self, _kind: Any, entity: str, _t_ns: int, value: Any) -> None:
         self.values[entity] = np.asarray(value)
+
+
+class Drawn(Kept):
+    """The newest value by entity, as it was given."""
+
+    def add(self, _kind: Any, entity: str, _t_ns: int, value: Any) -> None:
+        self.values[entity] = value
 
 
 def test_estimate_autopilot_and_truth_share_their_plots() -> None:
@@ -60,3 +70,75 @@ def test_health_names_what_is_wrong() -> None:
 
     fault = Fault(kind=FaultKind.MOTOR, part="motor 1", t_onset_ns=50_100_000_000, magnitude=0.25, unit="lost")
     assert "**MOTOR motor 1** since 50.1 s: 0.25 lost" in words.health(replace(health_of(10**9), faults=(fault,)))
+
+
+MOTOR = Fault(kind=FaultKind.MOTOR, part="motor 2", t_onset_ns=4 * 10**9, magnitude=0.243, unit="lost")
+CROSS = ((0.2, 0.0, 1), (0.0, 0.2, -1), (-0.2, 0.0, 1), (0.0, -0.2, -1))
+
+
+def test_a_weak_motor_is_red_in_the_headline_and_at_its_rotor() -> None:
+    kept, memory = Drawn(), Memory()
+    own.show_state(kept, memory, nav_state(5000), CROSS)  # type: ignore[arg-type]
+    assert kept.values[f"{scene.ROTORS}/discs"] == ([palette.GREEN] * 4, [f"motor {k}" for k in (1, 2, 3, 4)])
+    assert kept.values[f"{scene.WEAK}/1"] is HIDDEN
+    assert kept.values["faults"] == palette.NO_FAULT
+    assert kept.values[f"{scene.OWN_BANNER}/words"].label.endswith("no fault")
+    own.show_state(kept, memory, nav_state(6000, faults=(MOTOR,)), CROSS)  # type: ignore[arg-type]
+    colours, labels = kept.values[f"{scene.ROTORS}/discs"]
+    assert [colour == palette.RED for colour in colours] == [False, True, False, False]
+    assert labels[1] == "motor 2: -24%"
+    assert kept.values[f"{scene.WEAK}/1"] is not HIDDEN
+    assert kept.values[f"{scene.WEAK}/0"] is HIDDEN
+    assert kept.values["faults"] == "motor 2"
+    line = kept.values[f"{scene.OWN_BANNER}/words"]
+    assert line.colour == palette.RED
+    # variances of the velocity 4, 5, 6 and of the attitude 7, 8, 9
+    assert line.label == (
+        "OWN STATE TRACKING · velocity ± 2.24 m/s · attitude ± 162.1° · MOTOR 2 WEAK: 24% of its thrust lost"
+    )
+
+
+def test_every_fault_that_can_be_named_has_a_colour_in_the_strip() -> None:
+    assert {kind for kind in FaultKind if kind is not FaultKind.MOTOR} <= set(palette.FAULTS)
+    assert {f"motor {k}" for k in range(1, 9)} <= set(palette.FAULTS)
+
+
+@pytest.mark.parametrize("truth_first", [True, False])
+def test_errors_are_those_of_a_truth_of_the_same_time(truth_first: bool) -> None:
+    kept, memory = Drawn(), Memory()
+    q = tuple(quaternion_from_euler(0.0, 0.0, math.pi / 2 + 0.1).tolist())
+    before, same = truth(4_900_000_000, v_F_n=(9, 9, 9)), truth(5_001_000_000, v_F_n=(3.5, 5, 6), q_nF=q)
+    own.show_state(kept, memory, nav_state(4000), ())  # type: ignore[arg-type]
+    if truth_first:
+        memory.truths.extend([before, same])
+        own.show_state(kept, memory, nav_state(5000), ())  # type: ignore[arg-type]
+    else:
+        own.show_state(kept, memory, nav_state(5000), ())  # type: ignore[arg-type]
+        for one in (before, same):
+            own.plot_truth(kept, memory, one)  # type: ignore[arg-type]
+    assert_allclose(kept.values["plots/own/velocity_error/error"], [0.5, 0.0, 0.0])
+    assert_allclose(kept.values["plots/own/attitude_error/error"], [0.0, 0.0, math.degrees(-0.1)], atol=1e-9)
+    assert_allclose(kept.values["plots/own/velocity_error/band"], [3 * math.sqrt(6), -3 * math.sqrt(6)])
+
+
+def test_the_window_is_arranged_for_both_once_our_own_state_comes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[bool] = []
+
+    def counted(camera: Camera, *, own_state: bool = False) -> Any:
+        made.append(own_state)
+        return layout.blueprint(camera, own_state=own_state)
+
+    monkeypatch.setattr("onboard.view.view.blueprint", counted)
+    records = list(flight(2.0))
+    record_flight(tmp_path / "leader.rrd", records)
+    assert made == [False]
+    states = [nav_state(round(START_S * 1000) + 20 * k) for k in range(100)]
+    record_flight(tmp_path / "both.rrd", [*records, *states])
+    assert made == [False, False, True]
+    rows = rows_of(tmp_path / "both.rrd")
+    assert rows["/own_banner/words"] >= 9
+    assert rows["/plots/own/velocity_error/error"] >= 40
+    assert rows["/rotors/words"] >= 9
+    assert "/rotors/discs" not in rows  # of an unknown airframe

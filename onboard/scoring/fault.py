@@ -1,0 +1,84 @@
+"""Whether a fault of our own vehicle was named, and how soon, against a simulator's truth."""
+
+from collections.abc import Sequence
+from typing import Final
+
+from onboard.messages import Fault, FaultKind, NavState, Record, Truth
+
+GUST: Final = "gust"  # the air's doing, not the vehicle's: in a flight with both, the fault is the other one
+KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
+TOLD: Final = (
+    FaultKind.MOTOR,
+    FaultKind.MASS,
+    FaultKind.GUST,
+)  # kinds of which the truth says when they are there
+AFTER_NS: Final = 3_000_000_000  # a fault that is over may be reported for so long
+
+
+class FaultScore(Record, frozen=True, kw_only=True):
+    """The fault that a flight had. `happened`: what it was, from `at_s` on the boot clock (to the truth's 0.04 s),
+    None without one. `named`: how the states first named it, `after_s` later, with its `magnitude` in `unit` as
+    last reported; None where they did not. `wrong`: what was named and was not there."""
+
+    happened: str | None
+    at_s: float | None
+    named: str | None
+    after_s: float | None
+    magnitude: float | None
+    unit: str | None
+    wrong: tuple[str, ...]
+
+
+def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultScore | None:
+    """The score of one flight; None without states or truth."""
+    if not states or not truths:
+        return None
+    intervals = _intervals(truths)
+    happened = min(intervals, key=lambda name: (name == GUST, intervals[name]), default=None)
+    first: dict[tuple[FaultKind, str, int], int] = {}
+    last: dict[tuple[FaultKind, str, int], Fault] = {}
+    for s in states:
+        for f in s.faults:
+            first.setdefault((f.kind, f.part, f.t_onset_ns), s.t_ns)
+            last[f.kind, f.part, f.t_onset_ns] = f
+    at_ns = None if happened is None else intervals[happened][0]
+    right = [
+        key
+        for key, t in first.items()
+        if happened is not None and _is(happened, last[key], t, intervals[happened])
+    ]
+    named = min(right, key=lambda key: first[key], default=None)
+    wrong = {
+        _name(f)
+        for key, f in last.items()
+        if f.kind in TOLD and not any(_is(name, f, first[key], span) for name, span in intervals.items())
+    }
+    return FaultScore(
+        happened=happened,
+        at_s=None if at_ns is None else at_ns * 1e-9,
+        named=None if named is None else _name(last[named]),
+        after_s=None if named is None or at_ns is None else (first[named] - at_ns) * 1e-9,
+        magnitude=None if named is None else last[named].magnitude,
+        unit=None if named is None else last[named].unit,
+        wrong=tuple(sorted(wrong)),
+    )
+
+
+def _intervals(truths: Sequence[Truth]) -> dict[str, tuple[int, int]]:
+    """From when to when (ns) each fault was there, by the truth's name for it."""
+    found: dict[str, tuple[int, int]] = {}
+    for truth in truths:
+        for name in filter(None, truth.fault.split(", ")):
+            found[name] = (found.get(name, (truth.t_ns, 0))[0], truth.t_ns)
+    return found
+
+
+def _is(happened: str, fault: Fault, t_ns: int, span: tuple[int, int]) -> bool:
+    """Whether a fault that was first named at t_ns is the one that happened."""
+    same = fault.part == happened if fault.kind is FaultKind.MOTOR else KINDS.get(happened) is fault.kind
+    return same and span[0] <= t_ns <= span[1] + AFTER_NS
+
+
+def _name(fault: Fault) -> str:
+    """A motor by its number, anything else by its kind."""
+    return fault.part or str(fault.kind)
