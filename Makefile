@@ -22,7 +22,7 @@ install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the fi
 	@$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null 2>&1 || true  # for users who may not write there
 	@echo "ready: $(BIN)/onboard --help"
 
-demo: $(READY)  ## fly the simulated formation, with a live view where there is a display
+demo: $(READY)  ## fly both estimators on a simulated quadrotor, with a live view where there is a display
 	$(BIN)/onboard demo $(ARGS)
 
 # Three at a time on two cores: flights in real time wait most of their time.

@@ -1,7 +1,7 @@
 """Bring measured figures and generated parts of the documents up to date.
 
     python docs/render.py                    README's table and docs/published.md, from what is known
-    python docs/render.py --score score.json --replay replay.json --studies study.json --bench bench.json
+    python docs/render.py --score demo.json --replay replay.json --studies study.json --bench bench.json
 
 docs/figures.json holds every measured figure by its key, as it is shown. "measured" is written here, from the
 JSON files of the commands in docs/measurements.md; "noted" is written by hand, for what no command writes to JSON.
@@ -27,9 +27,14 @@ PUBLISHED = DOCS / "published.md"
 README_TABLE = """\
 | what | measured with | result (RMS) |
 |---|---|---|
-| leader, simulated flight | `onboard demo --headless --duration 60 --seed 1` | range {demo_range_percent} %, \
-position {demo_position_m} m at {demo_distance_m} m, velocity {demo_velocity_m_s} m/s; \
-{demo_inside_percent} % of true positions inside the 95 % ellipsoid |
+| both estimators on a simulated quadrotor, one motor at 75 % from 30 s on | \
+`onboard demo --headless --duration 60 --seed 1` | \
+leader: valid {mission_valid_percent} % of the time, range {mission_range_percent} %, position \
+{mission_position_m} m at {mission_distance_m} m; own state: velocity {mission_own_velocity_m_s} m/s, attitude \
+{mission_own_attitude_deg}°; motor named after {mission_fault_after_s} s |
+| leader, simulated flight of two fixed wings | the same with `--scenario formation` | \
+range {demo_range_percent} %, position {demo_position_m} m at {demo_distance_m} m, \
+velocity {demo_velocity_m_s} m/s; {demo_inside_percent} % of true positions inside the 95 % ellipsoid |
 | leader, MAVLink stream of an ArduPilot, simulated camera | `onboard replay`, [251 s](docs/measurements.md) | \
 range {copter_range_percent} %, position {copter_position_m} m at {copter_distance_m} m, \
 velocity {copter_velocity_m_s} m/s; {copter_inside_percent} % inside |
@@ -50,6 +55,14 @@ SCORE = {
     "nis_dof": ("nis_dof", "d"),
     "inside_percent": ("inside_95_percent", ".0f"),
 }
+OWN_SCORE = {
+    "valid_percent": (lambda s: s["valid_percent"], ".0f"),
+    "own_velocity_m_s": (lambda s: s["own_state"]["velocity_rmse_m_s"], ".2f"),
+    "own_attitude_deg": (lambda s: s["own_state"]["attitude_rmse_deg"], ".2f"),
+    "own_nees": (lambda s: s["own_state"]["nees_mean"], ".1f"),
+    "fault_after_s": (lambda s: s["fault"]["after_s"], ".2f"),
+}
+SCORED = {"mission": "mission", "formation": "demo"}  # scenario -> what the keys of its figures begin with
 # figure -> where `make bench` has it, and how it is shown
 BENCH: dict[str, tuple[Callable[[Json], float], str]] = {
     "radar_us": (lambda b: b["radar_ukf"]["us"], ".1f"),
@@ -78,6 +91,15 @@ def two_calls_filterpy(radar: Json) -> float:
 def of_score(name: str, score: Json) -> Figures:
     """Figures of a scorecard, under keys that begin with `name`."""
     return {f"{name}_{key}": format(score[path], shown) for key, (path, shown) in SCORE.items()}
+
+
+def of_demo(score: Json) -> Figures:
+    """Figures of a demo of a scenario that the pages tell of; also of our own state, where it is estimated."""
+    name = SCORED[score["scenario"]]
+    own = OWN_SCORE if score["own_state"] else {}
+    return of_score(name, score) | {
+        f"{name}_{key}": format(value(score), shown) for key, (value, shown) in own.items()
+    }
 
 
 def of_bench(runs: Sequence[Json]) -> Figures:
@@ -152,7 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python docs/render.py", description="Bring figures and tables up to date."
     )
-    parser.add_argument("--score", type=Path, help="of `onboard demo --json`")
+    parser.add_argument("--score", type=Path, nargs="+", default=[], help="of `onboard demo --json`")
     parser.add_argument("--replay", type=Path, help="of `onboard replay --json`, formation-copter")
     parser.add_argument("--studies", type=Path, nargs="+", default=[], help="of `onboard study --json`")
     parser.add_argument("--live", type=Path, help="the history of `make bench`, whose newest line is taken")
@@ -160,7 +182,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     groups = read(FIGURES)
     measured = groups["measured"]
-    measured |= of_score("demo", read(given.score)) if given.score else {}
+    for path in given.score:
+        measured |= of_demo(read(path))
     measured |= of_score("copter", read(given.replay)) if given.replay else {}
     measured |= of_bench([read(path) for path in given.bench]) if given.bench else {}
     measured |= of_live(given.live.read_text(encoding="utf-8")) if given.live else {}

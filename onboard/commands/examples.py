@@ -4,7 +4,7 @@ from typing import Final
 
 ALL: Final = """\
 examples:
-  onboard demo                                   a simulated formation flight, the live view, a scorecard
+  onboard demo                                   a quadrotor behind a leader, the live view, a scorecard
   onboard demo --headless --duration 60 --seed 1 --json score.json
   onboard run configs/companion.toml             fly
   onboard replay flight.tlog --out estimates.csv --truth truth.csv.gz --set camera.mount_rpy_deg=[0,15,0]
@@ -23,13 +23,17 @@ tcpin:HOST:PORT, serial:DEVICE:BAUD, json:HOST:PORT.
 Ctrl-C, SIGTERM or a closed terminal (unless under nohup) stops it. Watch it with: onboard view
 """
 DEMO: Final = """\
+As it flies without options, a quadrotor follows a leader through turns and a gust, and a motor weakens; both
+estimators run.
+
 examples:
   onboard demo
   onboard demo --headless --duration 60 --seed 1 --json score.json
+  onboard demo --scenario formation              two fixed wings: the flight of Oh & Johnson
   onboard demo --scenario formation-out-of-view --set estimator.leader.filter=paper
 
 DIR gets the view (.rrd), the configuration used (.toml) and the output of both programs (.log).
-Exit code 1: the estimate diverged.
+Exit code 1: an estimate diverged, or was hardly ever valid.
 """
 REPLAY: Final = """\
 examples:

@@ -11,6 +11,7 @@ LONGEST: Final = (
     "tests/unit/estimators/leader/test_honesty.py",
     "tests/faults/test_matrix.py",
     "tests/closed_loop/test_demo.py",
+    "tests/closed_loop/test_demo_mission.py",
     "tests/closed_loop/test_daemon.py",
     "tests/unit/models/test_quadrotor_model.py",
     "tests/unit/estimators/own_state/test_estimator.py",

@@ -62,6 +62,8 @@ def test_without_files_nothing_changes(render: Any) -> None:
 
 def test_a_scorecard_changes_its_figures_and_the_readme(render: Any, tmp_path: Path) -> None:
     score = {
+        "scenario": "formation",
+        "own_state": None,
         "range_error_rms_percent": 7.07,
         "position_rmse_m": 0.987,
         "velocity_rmse_m_s": 0.1,
@@ -82,6 +84,18 @@ def test_a_scorecard_changes_its_figures_and_the_readme(render: Any, tmp_path: P
         "demo_inside_percent": "93",
     }
     assert "range 7.1 %, position 0.99 m at 28 m" in documents.text(render.README)
+    both = {
+        "scenario": "mission",
+        "valid_percent": 98.7,
+        "own_state": {"velocity_rmse_m_s": 0.123, "attitude_rmse_deg": 0.456, "nees_mean": 5.04},
+        "fault": {"after_s": 0.291},
+    }
+    file.write_text(json.dumps(score | both))
+    render.main(["--score", str(file)])
+    text = documents.text(render.README)
+    assert "leader: valid 99 % of the time, range 7.1 %, position 0.99 m at 25 m" in text
+    assert "own state: velocity 0.12 m/s, attitude 0.46°; motor named after 0.29 s" in text
+    assert "range 7.1 %, position 0.99 m at 28 m" in text
 
 
 def test_several_benchmarks_give_a_range() -> None:
