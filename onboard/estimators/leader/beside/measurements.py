@@ -38,6 +38,7 @@ APART_NS: Final = 50_000_000  # between two samples of that
 LOST_NS: Final = 30 * NS_PER_S  # without a measurement: nothing that was known of the place is of use
 NEAR_NS: Final = 150_000_000  # of a measurement's time: so near it is used
 GATE: Final = 0.9999  # the probability that a measurement passes that is true
+AGAIN_S: Final = 1.0  # after so long without images the leader is seen again: is it where it was believed?
 CONTRADICTED: Final = 4  # positions in a row that contradict what is carried: it is not believed
 TAUGHT: Final = (0.25, 0.9)  # of its sigma: a size that moved by more, or is surer than this share, is passed on
 SUREST: Final = 0.003  # of the size: as sure as the filters are made of it
@@ -79,6 +80,7 @@ class Beside:
         self._ahead = 0, np.zeros(3)  # our way since `_t_ns`, and until when
         self._template: Estimate | None = None  # the last estimate with a belief
         self._since_ns: int | None = None  # since when it carries the track
+        self.contradictions = 0  # how often the leader, seen again, was not where reports had led it
 
     # ------------------------------------------------------------------------------- measurements
 
@@ -86,7 +88,7 @@ class Beside:
         """Use a measurement of `rows` numbers, true at t_ns, beside what the camera showed then. `correct` gives
         the belief after it and its NIS; only a position can carry the track."""
         try:
-            verdict = self._fuse(t_ns, rows, correct, ownship)
+            verdict = self._fuse(t_ns, rows, correct, ownship, is_position=is_position)
         except FilterError:
             self._belief, verdict = None, Verdict.NUMERICAL
         self._was_used = verdict is Verdict.FUSED
@@ -96,13 +98,14 @@ class Beside:
             self._gated += 1
         return verdict
 
-    def _fuse(self, t_ns: int, rows: int, correct: Correct, ownship: Ownship) -> Verdict:
+    def _fuse(self, t_ns: int, rows: int, correct: Correct, ownship: Ownship, *, is_position: bool) -> Verdict:
         near = min(self._samples, key=lambda s: abs(s.t_ns - t_ns), default=None)
         if near is not None and abs(near.t_ns - t_ns) > NEAR_NS:
             near = None
         if self._belief is not None and t_ns < self._t_ns:
             return Verdict.STALE
-        if self._belief is None or t_ns - self._t_ns > LOST_NS:
+        belief = self._predicted(t_ns, near, ownship)
+        if belief is None:
             pose = None if near is None else ownship.pose_at(near.t_ns)
             if near is None or pose is None:
                 self._belief = None
@@ -111,18 +114,33 @@ class Beside:
             v = near.v + pose.v_F_n
             belief = reference.start(self._errors, _at(near, t_ns), *size, v, SHOWN_SPEED)
             self._seen_ns = t_ns
-        else:
-            dt = (t_ns - self._t_ns) * S_PER_NS
-            belief = reference.predict(self._errors, self._belief, dt, self._way_to(t_ns, ownship))
-            if near is not None and t_ns > self._seen_ns:
-                since = (t_ns - self._seen_ns) * S_PER_NS
-                belief, self._seen_ns = reference.see(belief, _at(near, t_ns), since), t_ns
         self._belief, self._t_ns, self._ahead = belief, t_ns, (t_ns, np.zeros(3))
+        if not (is_position or reference.knows_direction(belief)):
+            return Verdict.UNASSOCIATED
         after, nis = correct(belief)
         if not nis <= chi_square_threshold(GATE, rows):
             return Verdict.GATED
         self._belief = after
         return Verdict.FUSED
+
+    def _predicted(self, t_ns: int, near: Sample | None, ownship: Ownship) -> Belief | None:
+        """The belief at a measurement's time, with what the camera showed near it. None where none is of use:
+        too old, or the leader is seen again and was lost from sight meanwhile, or is not where reports led it."""
+        if self._belief is None or t_ns - self._t_ns > LOST_NS:
+            return None
+        dt = (t_ns - self._t_ns) * S_PER_NS
+        belief = reference.predict(self._errors, self._belief, dt, self._way_to(t_ns, ownship))
+        since = (t_ns - self._seen_ns) * S_PER_NS
+        if near is None or since <= 0.0:
+            return belief
+        if since > AGAIN_S:
+            if not reference.knows_direction(belief):
+                return None
+            if reference.misfit(belief, _at(near, t_ns), since) > chi_square_threshold(GATE, 3):
+                self.contradictions += 1
+                return None
+        self._seen_ns = t_ns
+        return reference.see(belief, _at(near, t_ns), since)
 
     def lesson(self) -> Size | None:
         """The size, if it has become another or surer by the last measurement since it was passed on."""

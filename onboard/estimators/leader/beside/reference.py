@@ -41,6 +41,7 @@ SHOWN_LASTS: Final = 5.0  # s: correlation time of the errors of what the camera
 OPEN: Final = 0.15  # of the range: one that is less certain for a given size is not used, but its direction
 UNKNOWN: Final = 10.0  # of the range: the noise of such a range
 ABOUT_DOWN: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+KNOWN: Final = 0.1  # rad, of the direction: a range says nothing of a leader whose direction is known less well
 ITERATIONS: Final = 3  # of an update by what the camera shows
 LEAST: Final = (0.005, 0.003)  # of the range: the errors of what the camera shows, along and across, at least
 
@@ -119,6 +120,25 @@ def predict(errors: Errors, belief: Belief, dt: float, moved: Array) -> Belief:
     mean = F @ belief.mean
     mean[R] -= moved
     return Belief(mean, F @ belief.covariance @ F.T + Q)
+
+
+def knows_direction(belief: Belief) -> bool:
+    """Whether the direction is known. Else a range is a sphere, of which a tangent says nothing: the mean, once
+    it has passed through us, would be held on the wrong side, and the size would pay for it."""
+    r = belief.mean[R]
+    square = float(r @ r)
+    across = float(np.trace(belief.covariance[R, R])) - float(r @ belief.covariance[R, R] @ r) / max(square, 1e-9)
+    return across < 2.0 * KNOWN**2 * square
+
+
+def misfit(belief: Belief, seen: Shown, since: float) -> float:
+    """The NIS of the place that the camera shows, `since` seconds after it was used last."""
+    x, y, turned = belief.mean, seen.r / seen.size, ABOUT_DOWN @ belief.mean[R]
+    H = np.zeros((3, N))  # of r - size y, which is linear: no place is mirrored through us
+    H[:, R], H[:, SIZE], H[:, YAW] = np.eye(3), -y, turned
+    R_y = _usable(seen) * (float(x[SIZE]) / seen.size) ** 2 * _enlarged(since)
+    off = x[R] - x[SIZE] * y + x[YAW] * turned
+    return float(off @ np.linalg.solve(H @ belief.covariance @ H.T + R_y, off))
 
 
 def see(belief: Belief, seen: Shown, since: float) -> Belief:

@@ -29,6 +29,7 @@ from onboard.estimators.leader.filters.partial import with_wing
 from onboard.estimators.leader.filters.postponed import Pending, Postponed, standing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
+from onboard.estimators.leader.sight import Sight, sight
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError, Update
@@ -124,7 +125,8 @@ class AnySideFilter:
         through_air = in_air(pose, state.wind)
         try:
             update = self._wing_line.fuse(state.wing_line, measurement, through_air)
-            passes, wing_line = bool(update.nis <= gate), update.belief
+            is_seen = sight(measurement.axes, pose).shows(self._wing_line.belief(update.belief).mean[R])
+            passes, wing_line = bool(update.nis <= gate) and is_seen, update.belief
         except FilterError:
             if not state.rejected:
                 raise
@@ -234,6 +236,8 @@ class AnySideFilter:
         if state.rejected or state.outdated or sigma > RESOLVED or not known.is_on_course(ON_COURSE, air):
             return False
         sharp, now = self._wing_line.belief(state.wing_line).mean, known.mean
+        if not Sight(now[R] / np.linalg.norm(now[R]), np.zeros(3)).shows(sharp[R]):  # as far, but elsewhere
+            return False
         if state.cloud.sided and math.cos(sharp[HEADING] - now[NOSE]) < 0.0:  # it takes the tail for the nose
             return False
         ratio = math.log(float(np.linalg.norm(sharp[R])) / float(np.linalg.norm(now[R])))

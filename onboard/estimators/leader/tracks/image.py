@@ -77,6 +77,15 @@ def prepare(
     return Image(message, measurement.has_extent, measurement, pose, is_final)
 
 
+def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPose:
+    """The pose from which an image was taken, as it is known now."""
+    if image.final:
+        return image.pose
+    message = image.message
+    camera = poses.camera.named(message.camera)
+    return poses.at(message.t_ns, ownship, camera, message.mount) or image.pose
+
+
 def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, edge_px: float) -> bool:
     """Whether all points are inside the image, of the given edges or the configured camera's."""
     return is_inside(points, visible_part(camera, view, edge_px))

@@ -15,14 +15,15 @@ from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.filter import LeaderFilter, Open
-from onboard.estimators.leader.filters.partial import refused
+from onboard.estimators.leader.sight import ASTRAY, LastSight
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.tracks.exchange import Exchange
+from onboard.estimators.leader.tracks.fusing import fuse
 from onboard.estimators.leader.tracks.guard import Guard
 from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
 from onboard.estimators.leader.tracks.rate_limit import RateLimit
 from onboard.estimators.leader.tracks.repeats import Repeats
-from onboard.estimators.leader.tracks.report import NO_OUTCOME, Outcome, modes_of, published, report
+from onboard.estimators.leader.tracks.report import Outcome, modes_of, published, report
 from onboard.estimators.leader.tracks.status import Status
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError
@@ -62,6 +63,7 @@ class Track:
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._guard = Guard(config.size_prior_m)
+        self._sight = LastSight()
         self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
         self._guarded = config.filter in {"any-side", "wing-line"}  # the paper's covariances are far too small
         self._report = partial(report, filter_)
@@ -188,6 +190,7 @@ class Track:
                 self._start(image, ownship, None)
             return self._report(message, Verdict.GATED, image, outcome)
         self._exchange.fused(image)
+        self._sight.see(message.t_ns, image.measurement.axes, image.pose)
         if image.measurement.has_wing:
             self._guard.seen(image.measurement.span, image.measurement.span_sigma)
         self._status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
@@ -217,6 +220,7 @@ class Track:
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
         self._status.started(first.message.t_ns, again=before is not None)
+        self._sight.see(image.message.t_ns, image.measurement.axes, image.pose)
         self._settle(self._history, ownship, inserted=True)
         held.clear()
 
@@ -229,6 +233,7 @@ class Track:
     def _forget(self, reason: str) -> None:
         self._status.forgotten(reason, had_track=self._history is not None)
         self._guard.clear()
+        self._sight.clear()
         self._history = None
 
     def _advance(self, state: Any, t0_ns: int, t1_ns: int, ownship: Ownship) -> Any:
@@ -237,22 +242,7 @@ class Track:
         return state
 
     def _fuse(self, state: Any, image: Image | Size | Wind, ownship: Ownship) -> tuple[Any, Any]:
-        if isinstance(image, Size):
-            return self._filter.resized(state, image), NO_OUTCOME
-        if isinstance(image, Wind):
-            return self._filter.in_wind(state, image), NO_OUTCOME
-        pose = image.pose
-        if not image.final:
-            camera = self._poses.camera.named(image.message.camera)
-            pose = self._poses.at(image.message.t_ns, ownship, camera, image.message.mount) or pose
-        try:
-            update = self._filter.fuse(state, image.measurement, pose)
-        except FilterError:
-            if image.has_extent:
-                raise
-            return state, Outcome(False, refused(image.measurement, state), state, pose)
-        fused = self._filter.gate is None or update.nis <= self._filter.gate
-        return (update.belief if fused else state), Outcome(fused, update, state, pose)
+        return fuse(self._filter, self._poses, state, image, ownship)
 
     # ---------------------------------------------------------------------------------- estimates
 
@@ -284,6 +274,8 @@ class Track:
             state, reason = self._status.state(t_ns, in_view=in_view)
             if self._exchange.is_in_question(t_ns):
                 state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
+            elif self._sight.contradicts(belief.mean[R]):
+                state, reason = Lifecycle.LOST, ASTRAY
             elif self._guarded and (contradiction := self._guard.contradiction(t_ns, belief, ownship)):
                 state, reason = Lifecycle.LOST, contradiction
             if left.reason and state is not Lifecycle.LOST:
