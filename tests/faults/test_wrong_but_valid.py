@@ -1,6 +1,7 @@
 """Own motion that is wrong in good order: it contradicts itself, and within a second no estimate is valid."""
 
 import math
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -11,7 +12,19 @@ from msgspec.structs import replace
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_euler, quaternion_product
 from onboard.messages import Attitude, Estimate, Imu, LocalPosition, Message, TargetPoints
 from tests.support.faulty_flight import ITEMS, T0, T1, assert_on_target, clean, flown
-from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, Item, Run, S, encode, position_error
+from tests.support.streams import (
+    CIRCLE,
+    EPOCH,
+    F_PX,
+    MS,
+    Item,
+    Run,
+    S,
+    Stream,
+    encode,
+    position_error,
+    position_nees,
+)
 
 BEGINS = 46 * S  # boot time of the fault
 
@@ -182,3 +195,27 @@ def test_a_leader_that_comes_back_to_its_place_is_believed() -> None:
     back = [e for e in run.estimates if e.t_ns > BEGINS + 4.3 * S]
     assert all(e.valid for e in back)
     assert_on_target(run)
+
+
+def test_a_detector_that_is_4_times_as_noisy_is_taken_so_and_told_with_seed_44() -> None:
+    """Twelve seconds of it: the filter's innovations say so."""
+    rng = np.random.default_rng(44)
+
+    def noisy(m: TargetPoints) -> TargetPoints:
+        points = np.array([m.center, m.left, m.right])
+        return replace(m, **shown(points + 4.0 / F_PX * rng.normal(size=(3, 2))))
+
+    items = Stream(t0=T0, t1=T0 + 12.0, seed=None).items()
+    run = flown(
+        encode(
+            Item(i.t_recv_ns, noisy(i.message) if isinstance(i.message, TargetPoints) else i.message)
+            for i in items
+        )
+    )
+    last = run.estimates[-1]
+    assert last.valid
+    found = re.search(r"the detector is (\d\.\d) times as noisy as configured", last.reason)
+    assert found is not None
+    assert 3.0 < float(found[1]) < 5.5
+    late = [e for e in run.estimates if e.valid and e.t_ns > (T0 + 6.0) * S]
+    assert np.mean([position_nees(e) for e in late]) < 3.0

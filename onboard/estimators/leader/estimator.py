@@ -183,7 +183,8 @@ class Estimator:
     def _nearest(self, message: TargetImage, ownship: Ownship) -> Track | None:
         """The track whose prediction an image without an id fits best, or a new one; None with too many tracks."""
         half_wing = max(track.half_wing for track in self._tracks.values())
-        image = prepare(message, ownship, self._poses, *self._class_of(message), half_wing)
+        noise = max(track.noise.scale for track in self._tracks.values())
+        image = prepare(message, ownship, self._poses, *self._class_of(message), half_wing, noise)
         if isinstance(image, Verdict):
             return self._tracks[NAME]  # which reports the verdict
         distances = {track.target: track.distance(image, ownship) for track in self._candidates(image)}

@@ -15,6 +15,7 @@ import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement
 from onboard.estimators.leader.posed import posed
@@ -57,6 +58,19 @@ class Seen(NamedTuple):
     named: tuple[ImageFeature, ...] = ()
     box: tuple[ImageFeature, ImagePoint] | None = None
     pose: RelativePose | None = None
+
+    def noisier(self, scale: float) -> "Seen":
+        """The same by a detector whose points are this many times as noisy."""
+        if scale == 1.0:
+            return self
+
+        def noisy(feature: ImageFeature) -> ImageFeature:
+            return replace(feature, sigma=scale * feature.sigma)
+
+        a, b, c = self.sigmas
+        box = None if self.box is None else (noisy(self.box[0]), self.box[1])
+        named = tuple(map(noisy, self.named))
+        return self._replace(sigmas=(scale * a, scale * b, scale * c), named=named, box=box)
 
     @property
     def named_points(self) -> tuple[ImagePoint, ...]:

@@ -50,11 +50,14 @@ def prepare(
     filter_: LeaderFilter,
     config: Config,
     half_wing: float,
+    noise_scale: float = 1.0,
 ) -> Image | Verdict:
-    """The image, or why it cannot be used (`half_wing`: see `partial.seen`). Points within `edge_px` of the
+    """The image, or why it cannot be used (`half_wing`: see `partial.seen`), by a detector that is `noise_scale`
+    times as noisy as configured. Points within `edge_px` of the
     image's edge count as outside: the edge may cut an aircraft off, and then they are not its wingtips."""
     camera = poses.camera.named(message.camera)
     saw = partial.seen(message, camera.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
+    saw = saw.noisier(noise_scale)
     # a few: Python's arithmetic is fast
     sigmas = *saw.sigmas, *(feature.sigma for feature in saw.named)
     numbers = [x for points in (saw.points, saw.named_points) for point in points for x in point]

@@ -21,6 +21,7 @@ from onboard.estimators.leader.tracks.exchange import Exchange
 from onboard.estimators.leader.tracks.fusing import fuse
 from onboard.estimators.leader.tracks.guard import Guard
 from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
+from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.rate_limit import RateLimit
 from onboard.estimators.leader.tracks.repeats import Repeats
 from onboard.estimators.leader.tracks.report import Outcome, modes_of, published, report
@@ -39,8 +40,8 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 class Track:
     """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a recent
     image; `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
-    poses, and says nothing of the size; `rate_limit`: when a tick is due. A track that is `full`, one too many,
-    rejects every image."""
+    poses, and says nothing of the size; `noise`: of its detector; `rate_limit`: when a tick is due. A track that
+    is `full`, one too many, rejects every image."""
 
     def __init__(
         self,
@@ -63,7 +64,7 @@ class Track:
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._guard = Guard(config.size_prior_m)
-        self._sight = LastSight()
+        self._sight, self.noise = LastSight(), NoiseScale()
         self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
         self._guarded = config.filter in {"any-side", "wing-line"}  # the paper's covariances are far too small
         self._report = partial(report, filter_)
@@ -158,7 +159,8 @@ class Track:
             return self._report(message, Verdict.FULL)
         if self._repeats.is_duplicate(message):
             return self._report(message, Verdict.DUPLICATE)
-        image = prepare(message, ownship, self._poses, self._filter, self._config, self.half_wing)
+        settings = self._filter, self._config, self.half_wing, self.noise.scale
+        image = prepare(message, ownship, self._poses, *settings)
         if isinstance(image, Verdict):
             return self._report(message, image)
         if self._repeats.add(image):
@@ -182,6 +184,8 @@ class Track:
         was_lost = self._status.is_lost(message.t_ns)
         outcome: Outcome = history.insert(message.t_ns, image, ownship)
         self._settle(history, ownship, inserted=True)
+        if self._guarded and math.isfinite(outcome.update.nis):
+            self.noise.add(outcome.update.innovation, outcome.update.innovation_covariance)
         if not outcome.fused:
             self._exchange.gated(image)
             if image.has_extent and self._status.gated(message.t_ns):
@@ -198,9 +202,8 @@ class Track:
 
     def _is_wide(self, history: History[Any, Ownship], t_ns: int, ownship: Ownship) -> bool:
         """Whether the track has coasted until its position is too uncertain to be corrected."""
-        if not self._status.is_coasting(t_ns):
-            return False
-        return self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1], TOO_WIDE)
+        coasting = self._status.is_coasting(t_ns)
+        return coasting and self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1], TOO_WIDE)
 
     def _start(self, image: Image, ownship: Ownship, before: History[Any, Ownship] | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
@@ -234,6 +237,7 @@ class Track:
         self._status.forgotten(reason, had_track=self._history is not None)
         self._guard.clear()
         self._sight.clear()
+        self.noise.restart()
         self._history = None
 
     def _advance(self, state: Any, t0_ns: int, t1_ns: int, ownship: Ownship) -> Any:
@@ -276,8 +280,12 @@ class Track:
                 state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
             elif self._sight.contradicts(belief.mean[R]):
                 state, reason = Lifecycle.LOST, ASTRAY
+            elif misfit := self.noise.contradiction:
+                state, reason = Lifecycle.LOST, misfit
             elif self._guarded and (contradiction := self._guard.contradiction(t_ns, belief, ownship)):
                 state, reason = Lifecycle.LOST, contradiction
+            if finding := self.noise.finding:
+                reason = f"{reason}; {finding}"
             if left.reason and state is not Lifecycle.LOST:
                 reason, modes = f"{reason}; {left.reason}", modes_of(left.places)
             r = belief.mean[R].tolist()

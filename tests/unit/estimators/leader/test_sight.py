@@ -1,4 +1,4 @@
-"""Where the leader was last seen: places that are mirrored through us have the right range, and are not believed."""
+"""Where the leader was last seen: a place mirrored through us has the right range, and is not believed."""
 
 import math
 
@@ -23,7 +23,8 @@ def place(degrees: float, range_: float = 28.0) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("degrees", "is_shown"), [(0.0, True), (29.0, True), (-29.0, True), (31.0, False), (90.0, False), (180.0, False)]
+    ("degrees", "is_shown"),
+    [(0.0, True), (29.0, True), (-29.0, True), (31.0, False), (90.0, False), (180.0, False)],
 )
 def test_a_place_is_believed_within_30_degrees_of_the_last_sight(degrees: float, is_shown: bool) -> None:
     last = LastSight()

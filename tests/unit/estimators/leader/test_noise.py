@@ -1,0 +1,56 @@
+"""How noisy the detector is, by the filter's own evidence."""
+
+import numpy as np
+import pytest
+
+from onboard.estimators.leader.tracks.noise import MOST, WINDOW, NoiseScale
+
+
+def taught(noise: float, windows: int, seed: int = 1) -> NoiseScale:
+    """After images that are so many times as noisy as configured."""
+    rng, learnt = np.random.default_rng(seed), NoiseScale()
+    for _ in range(windows * WINDOW):
+        learnt.add(noise * rng.normal(size=4), learnt.scale**2 * np.eye(4))
+    return learnt
+
+
+@pytest.mark.parametrize("noise", [2.0, 3.7, 5.0])
+def test_the_noise_is_learnt_and_told(noise: float) -> None:
+    learnt = taught(noise, 6)
+    assert learnt.scale == pytest.approx(noise, rel=0.2)
+    assert learnt.finding == f"the detector is {learnt.scale:.1f} times as noisy as configured"
+    assert not learnt.contradiction
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("noise", [0.3, 1.0])
+def test_noise_as_configured_or_less_changes_nothing_with_seeds_1_to_8(noise: float, seed: int) -> None:
+    learnt = taught(noise, 20, seed)
+    assert learnt.scale == 1.0
+    assert not learnt.finding
+
+
+def test_outliers_and_a_short_manoeuvre_change_nothing() -> None:
+    learnt = NoiseScale()
+    for k in range(20 * WINDOW):
+        learnt.add(np.full(2, 30.0 if k % 4 == 0 or 300 < k < 310 else 0.8), np.eye(2))
+    assert learnt.scale == 1.0
+
+
+def test_what_no_noise_explains_ends_valid_until_it_fits_again() -> None:
+    learnt = taught(100.0, 3)
+    assert learnt.scale == MOST
+    assert learnt.contradiction.startswith("the images do not fit: NIS ")
+    for _ in range(WINDOW):
+        learnt.add(np.ones(2), MOST**2 * np.eye(2))
+    assert not learnt.contradiction
+
+
+def test_the_scale_falls_again_and_a_new_track_keeps_it() -> None:
+    learnt = taught(4.0, 6)
+    learnt.restart()
+    assert learnt.scale > 3.0
+    rng = np.random.default_rng(2)
+    for _ in range(20 * WINDOW):
+        learnt.add(rng.normal(size=2), learnt.scale**2 * np.eye(2))
+    assert learnt.scale < 1.3
