@@ -2,7 +2,7 @@
 
     bytes on a link                  links/        -> Datagram(channel, t_recv_ns, data)
     -> messages, in SI units         wire/         MavlinkDecoder.decode, points.decode_points
-    -> on one time base              clocks.py     Clocks.align: t_ns = when it was true, boot clock
+    -> on one time base              clocks/       Clocks.align: t_ns = when it was true, boot clock
     -> our own pose and motion       ownship/      Ownship.receive; pose_at the image's own time
     -> the estimate                  estimators/   rewind if late, predict, gate, update, predict to now
     -> Estimate, OwnPose             sinks/        Zenoh, recorder; the view is a client of what they publish

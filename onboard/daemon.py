@@ -192,6 +192,7 @@ class Daemon:
             health = replace(self._pipeline.health(now_ns, sinks), links=links)
             self._publish(health)
             self._console.show_refusals(health)
+            self._console.show_rate(health.clock_rate)
 
     def _take(self, output: Output) -> None:
         """Publish what the pipeline gives, and send the autopilot what it wants of it."""

@@ -58,9 +58,11 @@ class Refusals:
             del self._kinds[next(iter(self._kinds))]
 
     def add_message(self, message: Message, reason: str) -> None:
-        """Count a message that went no further, if it is of a camera."""
+        """Count a message that went no further, if it is of a camera. A reason that no other tells in words has
+        its kind before a colon."""
         if isinstance(message, TargetImage):
-            self.add(f"camera {message.camera}", REASONS.get(reason, reason), message.t_recv_ns, kind=reason)
+            kind = reason.partition(":")[0]
+            self.add(f"camera {message.camera}", REASONS.get(reason, reason), message.t_recv_ns, kind=kind)
 
     def add_verdict(self, estimate: Estimate, report: MeasurementReport) -> None:
         """Count an image that an estimator could not use. A gated image could be used: it only fits no track."""

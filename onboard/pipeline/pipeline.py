@@ -145,17 +145,19 @@ class Pipeline:
             if isinstance(message, SENSED):
                 self._monitor.reject(message, "unstamped_points")
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
-        reboots, corrections = self.clocks.reboots, self.clocks.corrections
-        delay_ns = self.delay_ns(message)
-        aligned = self.clocks.align(message, delay_ns)
+        clocks, delay_ns = self.clocks, self.delay_ns(message)
+        reboots, jumps, corrections = clocks.reboots, clocks.jumps, clocks.corrections
+        aligned = clocks.align(message, delay_ns)
         if aligned is None:  # counted by the clocks
-            self._monitor.refusals.add_message(message, "no_time_base")
+            self._monitor.refusals.add_message(message, clocks.why)
             return []
-        if self.clocks.reboots > reboots:
-            self._start_over("the autopilot has rebooted")
-        if self.clocks.corrections > corrections:
+        if clocks.reboots > reboots or clocks.jumps > jumps:
+            self._start_over(
+                "the autopilot " + ("has rebooted" if clocks.reboots > reboots else "has set its clock")
+            )
+        if clocks.corrections > corrections:
             self._monitor.rejected["clock_corrections"] += 1
-            self._reset("the clocks' offset was wrong: the link had been held up")
+            self._reset("the clocks' offset was wrong: the link had been held up, or they run at different rates")
         return self._estimate(aligned, aligned.t_ns + delay_ns)
 
     def delay_ns(self, message: Message) -> int:
@@ -240,7 +242,7 @@ class Pipeline:
     def _noted(self, estimates: Iterable[Estimate], doubt: str = "") -> list[Output]:
         """Publish estimates; those that follow from our own motion are not valid if it is in doubt."""
         outputs: list[Output] = []
-        doubt = doubt or (self._doubt and f"our own motion is in doubt: {self._doubt}")
+        doubt = doubt or self.clocks.doubt or (self._doubt and f"our own motion is in doubt: {self._doubt}")
         if self.clocks.late_ns > TIMEOUT_NS:
             doubt = doubt or "the autopilot's messages are held up on their way"
         for made in estimates:
@@ -275,8 +277,7 @@ class Pipeline:
 
     def health(self, t_recv_ns: int, sinks: dict[str, SinkHealth] | None = None) -> Health:
         """How the program is doing, as of a time on this computer's clock."""
-        clocks, monitor = self.clocks, self._monitor
-        offset, round_trip = clocks.offset_ns, clocks.round_trip_ns
+        clocks, monitor, offset = self.clocks, self._monitor, self.clocks.offset_ns
         sources = (monitor.rejected, monitor.errors.counts, clocks.rejected, self.ownship.rejected)
         return Health(
             t_ns=t_recv_ns - offset if offset is not None else 0,
@@ -286,7 +287,8 @@ class Pipeline:
             autopilot_reboots=clocks.reboots,
             clock_source=clocks.source,
             clock_offset_ns=offset,
-            round_trip=round_trip * 1e-9 if round_trip is not None else None,
+            clock_rate=clocks.rate,
+            round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * 1e-9,
             streams=monitor.streams(t_recv_ns),
             states=dict(monitor.states),
             verdicts=dict(monitor.verdicts) | counted_verdicts(self.estimators),

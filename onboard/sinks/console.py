@@ -6,6 +6,7 @@ from typing import Final
 from onboard.messages import Estimate, Health, Lifecycle, LinkHealth, Refusal, SinkHealth
 
 MOST_REFUSALS: Final = 5  # lines about refused messages at once; afterwards one a second
+RATE_CHANGES: Final = 0.005
 REFUSED_AGAIN_NS: Final = 10_000_000_000  # between lines about the same refusal
 
 
@@ -21,6 +22,7 @@ class Console:
         self._refusals: dict[tuple[str, str], Refusal] = {}  # as they were shown last
         self._refusals_left = MOST_REFUSALS
         self._is_silent = False
+        self._rate = 1.0
 
     def show_state(self, estimate: Estimate) -> None:
         """An estimator's state, when it has changed."""
@@ -33,6 +35,12 @@ class Console:
         if is_silent != self._is_silent:
             self._is_silent = is_silent
             self._report("the autopilot is silent: no estimates" if is_silent else "the autopilot is heard again")
+
+    def show_rate(self, rate: float) -> None:
+        """A simulator's clock runs at another rate than ours, and estimates are right by its own seconds."""
+        if abs(rate - self._rate) > RATE_CHANGES:
+            self._rate = rate
+            self._report(f"the autopilot's clock runs at {rate:.3f} of this computer's")
 
     def show_errors(self, lines: Sequence[str]) -> None:
         """Exceptions over single messages, the first of each kind. `lines` only grows."""

@@ -139,5 +139,5 @@ def test_state_does_not_grow_with_time() -> None:
         t = 5 * S + i * 20 * MS
         clocks.align(sample(t, EPOCH + t + round(rng.exponential() * 5 * MS)))
         clocks.receive_reply(reply(t, MS, MS))
-        assert len(clocks._fastest) < 100
-        assert len(clocks._synced) <= math.ceil(10 / 0.02) + 1
+        assert len(clocks._offset.fastest) < 100
+        assert len(clocks._offset.replies) <= math.ceil(10 / 0.02) + 1

@@ -1,0 +1,65 @@
+"""Stamps that do not fit: whether the autopilot's clock has jumped, or a link delivers the past again."""
+
+from collections import deque
+from typing import Final
+
+from msgspec.structs import replace
+
+from onboard.messages import Message
+
+CONFIRM: Final = 5
+AGREE_NS: Final = 1_000_000_000  # stamps of one clock differ from their arrivals alike
+REPEATED_NS: Final = 10_000_000_000  # a second link delivers what the first one lost so late at the most
+REMEMBERED: Final = 10_000  # messages, to know them again however late
+ALONE_NS: Final = 1_000_000_000  # only stamps of the recent past for so long: no link repeats them
+BACK_LASTS_NS: Final = 250_000_000  # only stamps behind the newest for so long: the clock has jumped back
+
+
+class OddStamps:
+    """Stamps that do not fit, since the last one that did. After a reboot the stamps of before never come again; a
+    second link, or a router, repeats the past, late and many at once, while the first one goes on."""
+
+    def __init__(self) -> None:
+        self._odd: list[tuple[int, int]] = []  # (t_recv, offset) of those that agree
+        self._back: list[int] = []  # arrivals of those behind the newest
+        self._newest_stamp = 0
+        self._received: deque[int] = deque()  # hashes of the last messages
+        self._known: set[int] = set()  # the same
+
+    def fit(self, newest_stamp: int) -> None:
+        """A stamp fits; the newest is this now."""
+        self._newest_stamp = newest_stamp
+        self._odd.clear()
+        self._back.clear()
+
+    def repeats(self, message: Message) -> bool:
+        """Whether the same message was received before, to the last digit."""
+        key = hash(replace(message, t_recv_ns=0))
+        if key in self._known:
+            return True
+        self._known.add(key)
+        self._received.append(key)
+        if len(self._received) > REMEMBERED:
+            self._known.discard(self._received.popleft())
+        return False
+
+    def confirm(self, t_recv: int, stamp: int, base_ns: int, is_repeated: bool) -> bool:
+        """Whether enough other stamps that do not fit either agree with this one. Those that a link may repeat
+        must have come alone for a while. `base_ns`: arrival less stamp, of those that fit."""
+        if is_repeated:
+            self._odd.clear()
+            return False
+        offset = t_recv - stamp
+        self._odd = [o for o in self._odd if abs(o[1] - offset) < AGREE_NS]
+        self._odd = [*self._odd[: CONFIRM - 1], (t_recv, offset)]
+        is_alone = t_recv - self._odd[0][0] >= ALONE_NS
+        return len(self._odd) == CONFIRM and (is_alone or not self.may_repeat(stamp, offset - base_ns))
+
+    def may_repeat(self, stamp: int, late_ns: int) -> bool:
+        """Whether a stamp, so late, may be of the recent past of the same clock."""
+        return 0 < late_ns <= REPEATED_NS and stamp <= self._newest_stamp
+
+    def stays_back(self, t_recv: int) -> bool:
+        """Whether all stamps have been behind the newest for a while, after one that is."""
+        self._back = [*self._back[: CONFIRM - 1], t_recv]
+        return len(self._back) == CONFIRM and t_recv - self._back[0] >= BACK_LASTS_NS

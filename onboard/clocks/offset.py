@@ -1,0 +1,173 @@
+"""The offset between this computer's clock and the autopilot's boot clock, and how it changes.
+
+It comes from TIMESYNC where there are replies, else from the fastest of the messages: the lower envelope of
+arrival minus stamp. While a link is held up, even its fastest messages are late, so the envelope rises no faster
+than clocks drift apart. A simulator's clock may run slower or faster than ours: where the offset changes steadily
+and by far more than two quartzes would let it, its slope is followed.
+"""
+
+import math
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+WINDOW_NS: Final = 10_000_000_000
+DRIFT: Final = 300e-6  # the most by which two clocks drift apart; simulated autopilots: 150e-6
+BLOCK_NS: Final = 250_000_000  # the fastest message of each such time shows how the offset changes
+FIT_NS: Final = 5_000_000_000  # over which the slope is fitted
+FEWEST: Final = 5  # points of a fit
+LEAST_NS: Final = {"timesync": 1_000_000_000, "arrival": 3_000_000_000}  # span of a fit that is followed
+SHOWN_NS: Final = 750_000_000  # span of one that is a doubt
+FLOOR_NS: Final = {"timesync": 300_000, "arrival": 2_000_000}  # noise of a point, at least
+SLOPE: Final = 1e-3  # smaller ones are followed by the newest messages
+DOUBTFUL: Final = 5e-3  # a larger one that is not followed yet bends what is estimated
+SIGMAS: Final = 5.0
+STRAIGHT: Final = 0.1  # noise around a steady slope, as a share of what it makes over the span: a step has more
+UNSTEADY: Final = 0.1  # share by which a slope may change
+ROUND_TRIPS_DIFFER_NS: Final = 5_000_000  # by more than what their round trips allow: the clock has jumped
+
+
+class Reply(NamedTuple):
+    """A TIMESYNC reply: its round trip, its arrival, and the offset in the middle of the round trip, ns."""
+
+    round_trip: int
+    t_recv: int
+    offset: int
+
+
+class Offset:
+    """Host clock minus boot clock, ns. `slope`: by how much it grows per second of the host clock; 0.1 where the
+    boot clock runs at 0.9 of ours. `doubt`: such a slope shows, but is not certain enough to be followed."""
+
+    def __init__(self) -> None:
+        self.slope = 0.0
+        self.doubt = False
+        self.fastest: list[tuple[int, int]] = []  # (t_recv, host - boot), the lower envelope, the lowest first
+        self.replies: list[Reply] = []
+        self._best: Reply | None = None  # of the replies; None until it is asked for
+        self._blocks: list[tuple[int, int]] = []  # the fastest of each block
+        self._shown: list[Reply] = []  # replies to fit
+
+    @property
+    def round_trip_ns(self) -> int | None:
+        """The shortest round trip of the last seconds, None without replies."""
+        return min(self.replies).round_trip if self.replies else None
+
+    def at(self, t_ns: int) -> int | None:
+        """The offset at a time of the host clock, None before the first message."""
+        if self.replies:
+            if self._best is None:
+                newest, spread = self.replies[-1].t_recv, self._spread
+                self._best = min(self.replies, key=lambda r: 0.5 * r.round_trip + spread * (newest - r.t_recv))
+            since_ns, offset = self._best.t_recv - self._best.round_trip // 2, self._best.offset
+        elif self.fastest:
+            since_ns, offset = self.fastest[0]
+        else:
+            return None
+        return offset + round(self.slope * (t_ns - since_ns))
+
+    def clear(self) -> None:
+        """Forget what was learnt: one of the clocks has been set. Two clocks keep their rates."""
+        self.fastest.clear()
+        self.replies.clear()
+        self._best = None
+        self._blocks.clear()
+        self._shown.clear()
+
+    def add_arrival(self, t_recv: int, offset: int) -> None:
+        """Learn from a message that arrived `offset` after its stamp."""
+        while self.replies and t_recv - self.replies[0].t_recv >= WINDOW_NS:
+            self.replies.pop(0)
+            self._best = None
+        lower(self.fastest, offset, t_recv, self.slope, self._spread)
+        blocks = self._blocks
+        if not blocks or t_recv // BLOCK_NS > blocks[-1][0] // BLOCK_NS:
+            if blocks and not self.replies:
+                self._fit([(float(t), float(o)) for t, o in blocks if t_recv - t < FIT_NS], "arrival")
+            blocks.append((t_recv, offset))
+            while t_recv - blocks[0][0] >= WINDOW_NS:
+                blocks.pop(0)
+        elif offset < blocks[-1][1]:
+            blocks[-1] = t_recv, offset
+
+    def add_reply(self, reply: Reply) -> None:
+        """Learn from a reply. Where the last two contradict those before them, the clock has jumped."""
+        self.replies = [r for r in self.replies if reply.t_recv - r.t_recv < WINDOW_NS]
+        if self.replies and self._agree(self.replies[-1], reply):
+            self.replies = [r for r in self.replies if self._agree(r, reply)]
+        self.replies.append(reply)
+        self._best = None
+        self._shown = [r for r in self._shown if 0 <= reply.t_recv - r.t_recv < FIT_NS]
+        self._shown.append(reply)
+        usual = 2 * min(self._shown).round_trip + ROUND_TRIPS_DIFFER_NS
+        good = [(r.t_recv - 0.5 * r.round_trip, float(r.offset)) for r in self._shown if r.round_trip <= usual]
+        self._fit(good, "timesync")
+
+    def keep(self, arrivals: list[int]) -> None:
+        """Keep only the replies that arrived at these times: the others are not ours."""
+        self.replies = [r for r in self.replies if r.t_recv in arrivals]
+        self._shown = [r for r in self._shown if r.t_recv in arrivals]
+        self._best = None
+
+    @property
+    def _spread(self) -> float:
+        """By how much the offset may grow otherwise than by its slope, per second."""
+        return DRIFT + UNSTEADY * abs(self.slope)
+
+    def _agree(self, a: Reply, b: Reply) -> bool:
+        apart = abs(b.offset - a.offset - self.slope * (b.t_recv - a.t_recv))
+        known = 0.5 * (a.round_trip + b.round_trip) + self._spread * abs(b.t_recv - a.t_recv)
+        return apart <= known + ROUND_TRIPS_DIFFER_NS
+
+    def _fit(self, points: list[tuple[float, float]], source: str) -> None:
+        """Fit a straight line to offsets, and follow its slope if it is certain."""
+        if len(points) < FEWEST:
+            return
+        n, (t0, o0) = len(points), points[0]
+        x, y = [t - t0 for t, _ in points], [o - o0 for _, o in points]
+        mean_x, mean_y = sum(x) / n, sum(y) / n
+        sxx = sum((a - mean_x) ** 2 for a in x)
+        span = x[-1] - x[0]
+        if sxx == 0.0 or span < SHOWN_NS:
+            return
+        slope = sum((a - mean_x) * (b - mean_y) for a, b in zip(x, y, strict=True)) / sxx
+        left = [b - mean_y - slope * (a - mean_x) for a, b in zip(x, y, strict=True)]
+        noise = max(math.sqrt(sum(e * e for e in left) / n), FLOOR_NS[source])
+        sigma = noise / math.sqrt(sxx)
+        steps = sorted((d - b) / (c - a) for (a, b), (c, d) in pairwise(points) if c > a)
+        usual = steps[len(steps) // 2]  # of a single step, or of a link that has stopped meanwhile, it is 0
+        is_steady = noise < STRAIGHT * abs(slope) * span and abs(usual - slope) < 0.5 * abs(slope)
+        is_large = is_steady and abs(slope) > max(SLOPE, SIGMAS * sigma)
+        if span < LEAST_NS[source]:
+            self.doubt = is_large and abs(slope - self.slope) > DOUBTFUL
+            return
+        self.doubt = False
+        if is_large:
+            self._follow(slope)
+        elif abs(slope) + SIGMAS * sigma < 2 * SLOPE:
+            self._follow(0.0)
+
+    def _follow(self, slope: float) -> None:
+        if slope == self.slope:
+            return
+        self.slope = slope
+        self._best = None
+        self.fastest.clear()
+        for t_recv, offset in self._blocks:
+            lower(self.fastest, offset, t_recv, slope, self._spread)
+
+
+def lower(
+    fastest: list[tuple[int, int]], offset: int, t_recv: int, slope: float = 0.0, spread: float = DRIFT
+) -> None:
+    """Add a message to the lower envelope: by arrival, and each slower than all before it, which have grown by
+    their slope. What was fastest is carried on, as far as the clocks may have drifted apart meanwhile."""
+    while fastest and fastest[-1][1] + round(slope * (t_recv - fastest[-1][0])) >= offset:
+        fastest.pop()
+    if fastest and t_recv - fastest[0][0] >= WINDOW_NS:
+        carried = fastest[0][1] + round((slope + spread) * (t_recv - fastest[0][0]))
+        while fastest and t_recv - fastest[0][0] >= WINDOW_NS:
+            fastest.pop(0)
+        first = fastest[0][1] + round(slope * (t_recv - fastest[0][0])) if fastest else offset
+        if carried < first:
+            fastest.insert(0, (t_recv, carried))
+    fastest.append((t_recv, offset))
