@@ -8,7 +8,7 @@ the sinks before the next datagram is read.
 
 import asyncio
 import signal
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -24,7 +24,7 @@ from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Output
+from onboard.messages import Datagram, Estimate, Message, Output
 from onboard.pipeline import Pipeline
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
@@ -113,20 +113,26 @@ class Daemon:
         except* Exception as group:  # a mistake of ours: its own traceback says more than the group's
             raise _first(group) from _first(group).__cause__
 
-    def _deliver(self, datagram: Datagram) -> None:
-        """One datagram's way through the program. An exception costs this datagram, never the link."""
+    def _deliver(self, datagram: Datagram) -> bool:
+        """One datagram's way through the program; whether it gave a message. An exception costs this datagram,
+        never the link."""
         datagram = replace(datagram, wall_step_ns=self._clock.step_ns())
         recorder = self._sinks.get("recorder")
         if recorder is not None:
             recorder.put(datagram)
         try:
-            self._process(datagram)
+            messages = self._pipeline.decode(datagram)
         except Exception as error:  # of any kind
             self._pipeline.count_error("daemon", error)
+            return False
+        try:
+            self._process(datagram, messages)
+        except Exception as error:  # of any kind
+            self._pipeline.count_error("daemon", error)
+        return bool(messages)
 
-    def _process(self, datagram: Datagram) -> None:
+    def _process(self, datagram: Datagram, messages: Sequence[Message]) -> None:
         pipeline = self._pipeline
-        messages = pipeline.decode(datagram)
         before, reboots = pipeline.autopilot, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
             self._take(output)

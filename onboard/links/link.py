@@ -8,7 +8,7 @@ from typing import Any, Final, Protocol
 from onboard.errors import UserError
 from onboard.messages import Datagram, LinkHealth
 
-Deliver = Callable[[Datagram], None]
+Deliver = Callable[[Datagram], bool | None]  # whether its sender may be answered
 NowNs = Callable[[], int]
 
 FIRST_RETRY_S: Final = 0.1
@@ -61,13 +61,14 @@ def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:
     """`deliver` for event-loop callbacks, which would only log an exception: it is set in `failed`, which `run`
     awaits."""
 
-    def safe(datagram: Datagram) -> None:
+    def safe(datagram: Datagram) -> bool | None:
         if failed.done():
-            return
+            return False
         try:
-            deliver(datagram)
+            return deliver(datagram)
         except Exception as error:  # of any kind: it must reach run()
             failed.set_exception(error)
+            return False
 
     return safe
 

@@ -1,8 +1,9 @@
 """MAVLink over UDP: whole frames in datagrams.
 
-`udpin` listens, and sends to the address of the last datagram that begins like a MAVLink frame: a bridge that
-restarts on another port is followed at once, and a stray probe does not divert the replies. Two senders on one
-port would get the replies in turn: give each its own link. `udpout` sends first, and receives only from that
+`udpin` listens, and sends to the address of the last datagram that gave a message: a bridge that restarts on
+another port is followed at once. Whether it did, its receiver says: what is garbage, has a wrong checksum, or
+lacks the signature that the link wants diverts no reply. Two senders on one port would get the replies in turn:
+give each its own link. `udpout` sends first, and receives only from that
 address.
 """
 
@@ -17,8 +18,6 @@ from typing import Any, Final
 from onboard.links.link import Deliver, LinkError, NowNs, bind, guarded, resolve
 from onboard.messages import Datagram, Encoding, LinkHealth
 
-SHORTEST_FRAME: Final = 8  # bytes of an empty MAVLink 1 frame
-MAGIC: Final = (0xFD, 0xFE)
 LARGEST: Final = 65_535
 RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
 BURST: Final = 64  # datagrams read per wake-up, so that a busy link does not delay the others
@@ -142,10 +141,13 @@ class UdpLink:
             if not self._budget.admits(sender, t_recv_ns):
                 self.shed += 1
                 continue
-            if self._listening and len(data) >= SHORTEST_FRAME and data[0] in MAGIC:
-                self._peer = sender
             self.received += 1
-            deliver(Datagram(channel=self.channel, encoding=self._encoding, t_recv_ns=t_recv_ns, data=data))
+            before = self._peer
+            if self._listening:
+                self._peer = sender  # what is answered at once goes to who asked
+            datagram = Datagram(channel=self.channel, encoding=self._encoding, t_recv_ns=t_recv_ns, data=data)
+            if not deliver(datagram):
+                self._peer = before
 
 
 class Budget:

@@ -57,7 +57,8 @@ class DatagramDecoder:
     def decode(self, datagram: Datagram) -> list[Message]:
         """The messages in one datagram, in SI units."""
         if datagram.encoding in (Encoding.MAVLINK, Encoding.MAVLINK_STREAM):
-            return self._decoder(datagram).decode(datagram.data, datagram.t_recv_ns)
+            step_ns = datagram.wall_step_ns or 0
+            return self._decoder(datagram).decode(datagram.data, datagram.t_recv_ns, step_ns)
         try:
             return self._document(datagram)
         except BadDocumentError as error:
@@ -73,7 +74,7 @@ class DatagramDecoder:
             decoder = MavlinkDecoder(
                 stream=datagram.encoding is Encoding.MAVLINK_STREAM,
                 on_error=self._on_error,
-                verifier=None if key is None else Verifier(key),
+                verifier=None if key is None else Verifier(key, partial(self._on_refused, datagram.channel)),
                 trackers=TrackerDecoder(self._cameras, partial(self._refuse_tracker, datagram.channel)),
             )
             self._mavlink[datagram.channel] = decoder

@@ -53,9 +53,12 @@ class MavlinkDecoder:
         self._rest = b""  # of a stream: the frame that is not complete yet
         self._points = PointAssembler(self.rejected)
         self._trackers = trackers or TrackerDecoder({})
+        self._wall_step_ns = 0
 
-    def decode(self, data: bytes, t_recv_ns: int) -> list[Message]:
-        """Messages in `data`, in order. `t_recv_ns` is when the bytes arrived."""
+    def decode(self, data: bytes, t_recv_ns: int, wall_step_ns: int = 0) -> list[Message]:
+        """Messages in `data`, in order. `t_recv_ns` is when the bytes arrived; `wall_step_ns` how far the wall
+        clock, by which signatures are stamped, has been set since."""
+        self._wall_step_ns = wall_step_ns
         data = self._rest + data
         messages: list[Message] = []
         at = 0
@@ -97,7 +100,7 @@ class MavlinkDecoder:
         if not is_sound(frame[1 : end + CHECKSUM], extra):
             self.rejected["bad_frame"] += 1
             return None
-        reason = "" if self._verifier is None else self._verifier.check(frame, t_recv_ns)
+        reason = "" if self._verifier is None else self._verifier.check(frame, t_recv_ns, self._wall_step_ns)
         if reason:
             self.rejected[reason] += 1
             return None

@@ -1,13 +1,17 @@
 """MAVLink 2 signatures: made for what is sent on a link, and tested on what arrives on it.
 
 A signature is the first 6 bytes of SHA-256 over the key and the frame with its link id and its time stamp, in
-units of 10 us since 2015. A stream (link id, system, component) accepts only rising stamps. The digest is compared
-first: a forged frame must not move the stamp, or it would block the stream.
+units of 10 us since 2015. A stream (link id, system, component) accepts only rising stamps, and none that is far
+from now: one from the future would refuse the owner's own until then. The digest is compared first: a forged
+frame must not move the stamp, or it would block the stream. Stamps are of the wall clock, which may be set at any
+time, so they are compared with it.
 """
 
 import hashlib
 import hmac
 from binascii import crc_hqx
+from collections.abc import Callable
+from datetime import UTC, datetime
 from typing import Final
 
 from onboard.wire.mavlink_frame import (
@@ -26,31 +30,44 @@ STAMP: Final = 6
 EPOCH_NS: Final = 1_420_070_400 * 10**9  # 2015-01-01, UTC
 UNIT_NS: Final = 10_000
 NEW_STREAM: Final = 6_000_000  # 60 s: a stream that is new may be this much older than now
+AHEAD: Final = 6_000_000  # 60 s: no frame may be this much newer than now
+SET_SINCE: Final = 1_704_067_200 * 10**9  # 2024-01-01: a clock that says less was never set
 KEY_BYTES: Final = 32
 MOST_STREAMS: Final = 256
 EXTRA: Final = {number: extra for number, (_, extra) in MESSAGES.items()} | UNLISTED_EXTRA
 
+OnRefused = Callable[[str, int], None]
+
 
 class Verifier:
-    """Tests the frames of one link. `check` is given whole frames whose checksum is right."""
+    """Tests the frames of one link. `check` is given whole frames whose checksum is right. `on_refused` is called
+    with the reason and the arrival where a clock is wrong, since a person must set it."""
 
-    def __init__(self, key: bytes) -> None:
-        self._key = key
+    def __init__(self, key: bytes, on_refused: OnRefused = lambda _reason, _t_recv_ns: None) -> None:
+        self._key, self._on_refused = key, on_refused
         self._newest: dict[tuple[int, int, int], int] = {}  # stamp by stream
+        self._reasons: dict[tuple[int, int, int], str] = {}  # as first said, so that one cause stays one line
 
-    def check(self, frame: bytes, t_recv_ns: int) -> str:
-        """Why a frame is refused; nothing if it is signed with our key and new. Only then its stamp counts."""
+    def check(self, frame: bytes, t_recv_ns: int, wall_step_ns: int = 0) -> str:
+        """Why a frame is refused; nothing if it is signed with our key, new, and of about now. Only then its stamp
+        counts. `wall_step_ns`: the wall clock less that of arrivals."""
         if frame[0] != V2 or not frame[2] & SIGNED:
             return "unsigned"
         if not hmac.compare_digest(digest(self._key, frame[:-DIGEST]), frame[-DIGEST:]):
             return "forged"
         stream = frame[-SIGNATURE], frame[5], frame[6]
         stamp = int.from_bytes(frame[-SIGNATURE + 1 : -DIGEST], "little")
-        newest = self._newest.get(stream)
-        oldest = stamp_of(t_recv_ns) - NEW_STREAM if newest is None else newest + 1
-        if stamp < oldest or (newest is None and len(self._newest) >= MOST_STREAMS):
+        newest, now = self._newest.get(stream), stamp_of(t_recv_ns + wall_step_ns)
+        if stamp > now + AHEAD or (newest is None and stamp < now - NEW_STREAM):
+            if len(self._reasons) < MOST_STREAMS:
+                self._reasons.setdefault(stream, _which_clock(stamp, t_recv_ns + wall_step_ns, stream))
+            if stream in self._reasons:
+                self._on_refused(self._reasons[stream], t_recv_ns)
+            return "signed_ahead" if stamp > now else "replayed"
+        if (newest is not None and stamp <= newest) or (newest is None and len(self._newest) >= MOST_STREAMS):
             return "replayed"
         self._newest[stream] = stamp
+        self._reasons.pop(stream, None)
         return ""
 
 
@@ -82,6 +99,30 @@ def digest(key: bytes, signed: bytes) -> bytes:
 def stamp_of(unix_ns: int) -> int:
     """A time as a signature's stamp."""
     return max(unix_ns - EPOCH_NS, 0) // UNIT_NS
+
+
+def _which_clock(stamp: int, wall_ns: int, stream: tuple[int, int, int]) -> str:
+    """In words, which clock is wrong, where signed frames are far from now."""
+    _, system, component = stream
+    signed_ns = EPOCH_NS + stamp * UNIT_NS
+    if wall_ns < SET_SINCE:
+        return f"signed frames: this computer's clock is not set, it says {_day(wall_ns)}; set it (NTP, GPS, RTC)"
+    who = f"system {system}, component {component}"
+    if signed_ns < SET_SINCE:
+        return f"signed frames: the clock of {who} is not set, it signs as of {_day(signed_ns)}; set it"
+    which = "ahead of" if signed_ns > wall_ns else "behind"
+    return (
+        f"signed frames: the clock of {who} is {which} this computer's, which says {_day(wall_ns)}, by more than "
+        f"{AHEAD * UNIT_NS // 10**9} s: it signs as of {_day(signed_ns)}; set the wrong one, or they are replayed"
+    )
+
+
+def _day(unix_ns: int) -> str:
+    """A time as a day; one that no calendar has, in seconds."""
+    try:
+        return datetime.fromtimestamp(unix_ns // 10**9, UTC).strftime("%Y-%m-%d %H:%M")
+    except (OverflowError, ValueError, OSError):
+        return f"{unix_ns // 10**9} s"
 
 
 def checksum(covered: bytes, extra: int) -> bytes:

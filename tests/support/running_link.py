@@ -8,6 +8,7 @@ from typing import Any
 
 from onboard.links import parse_link
 from onboard.messages import Datagram
+from onboard.wire.datagrams import DatagramDecoder
 
 TIMEOUT_S = 300.0  # what takes longer hangs
 
@@ -19,14 +20,28 @@ async def until(condition: Callable[[], Any]) -> None:
             await asyncio.sleep(0.005)
 
 
-def with_link(spec: str, test: Callable[[Any, list[Datagram]], Awaitable[None]], **options: Any) -> None:
-    """Open and run a link during `test(link, received)`, then cancel it."""
+def with_link(
+    spec: str,
+    test: Callable[[Any, list[Datagram]], Awaitable[None]],
+    *,
+    passes: Callable[[Datagram], bool] | None = None,
+    **options: Any,
+) -> None:
+    """Open and run a link during `test(link, received)`, then cancel it. `passes`: whether a datagram's sender may
+    be answered; by default, if it gives a message."""
+    decoder = DatagramDecoder()
+    passes = passes or (lambda datagram: bool(decoder.decode(datagram)))
 
     async def main() -> None:
         link = parse_link(spec, "autopilot", **options)
         await link.open()
         received: list[Datagram] = []
-        task = asyncio.create_task(link.run(received.append, time.time_ns))
+
+        def deliver(datagram: Datagram) -> bool:
+            received.append(datagram)
+            return passes(datagram)
+
+        task = asyncio.create_task(link.run(deliver, time.time_ns))
         await asyncio.sleep(0)
         try:
             await test(link, received)

@@ -10,10 +10,13 @@ import pytest
 
 from onboard.links import Link, LinkError, parse_link
 from onboard.messages import Datagram, Encoding
+from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support.programs import free_ports
 from tests.support.running_link import TIMEOUT_S, until, with_link
+from tests.support.streams import heartbeat
 
-FRAME = bytes.fromhex("fe0009010100000000000000")
+FRAME = MavlinkEncoder(1, 1).encode(heartbeat(0))
+BROKEN = FRAME[:-1] + bytes([FRAME[-1] ^ 1])  # its checksum is wrong
 
 
 def udp_peer() -> socket.socket:
@@ -105,7 +108,7 @@ def test_udpin_sends_to_nobody_before_a_mavlink_frame_and_then_to_its_sender() -
             assert (link.sent, link.errors) == (0, 1)
             for n, peer in enumerate((first, second), 2):
                 peer.sendto(FRAME, link.address)
-                stray.sendto(b"\xfe", link.address)
+                stray.sendto(BROKEN, link.address)
                 await until(lambda n=n: len(received) == 2 * n - 1)
                 link.send(b"to %d" % n)
                 assert await asyncio.to_thread(peer.recv, 100) == b"to %d" % n
