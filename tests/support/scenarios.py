@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from onboard.config import load_config
-from onboard.messages import Datagram, Encoding, Estimate, Truth
+from onboard.messages import Datagram, Encoding, Estimate, Health, NavState, Truth
 from onboard.pipeline import Pipeline
 from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.reference import reference_from_records
@@ -17,6 +17,7 @@ SECONDS: Final = {  # of flight, where it matters
     "formation-out-of-view": 48.0,  # in view again after 42 s
     "formation-hover": 60.0,
     "formation-speed-change": 60.0,
+    "mission": 32.0,  # a motor weakens at 30 s
 }
 SHORT: Final = 25.0  # the others: from 15 s on it is scored
 
@@ -29,11 +30,15 @@ class Recorded(NamedTuple):
 
 
 class Replayed(NamedTuple):
-    """The estimates of a flight's leader, their score, and the boot time at which the flight begins."""
+    """The estimates of a flight's leader, their score, the boot time at which the flight begins, our own states,
+    and the health and the exceptions at the end."""
 
     estimates: list[Estimate]
     score: LeaderScore
     boot_ns: int
+    own: list[NavState]
+    health: Health
+    errors: list[str]
 
     def at(self, begin: float, end: float) -> list[Estimate]:
         """Estimates between two times of flight, s."""
@@ -68,10 +73,12 @@ class Flights:
         path.write_text(daemon_config(loaded), encoding="utf-8")
         pipeline = Pipeline(load_config(path, settings))
         flight = self._flight(scenario)
-        outputs = (o for datagram in flight.datagrams for o in pipeline.feed(datagram))
-        estimates = [o for o in outputs if isinstance(o, Estimate) and o.is_primary]
+        made = [o for d in flight.datagrams for o in pipeline.feed(d) if isinstance(o, Estimate) and o.is_primary]
+        own = [o for o in made if isinstance(o, NavState)]
+        estimates = [o for o in made if not isinstance(o, NavState)]
         score = score_leader(estimates, reference_from_records(flight.truths))
-        return Replayed(estimates, score, boot_ns_of(loaded))
+        health = pipeline.health(flight.datagrams[-1].t_recv_ns)
+        return Replayed(estimates, score, boot_ns_of(loaded), own, health, pipeline.errors)
 
     def _flight(self, scenario: str) -> Recorded:
         if scenario not in self._recorded:
