@@ -37,9 +37,9 @@ def _beside(scenario: Scenario) -> list[str]:
     """Whose broadcasts and ranges are the leader's."""
     lines: list[str] = []
     if scenario.broadcast is not None and scenario.broadcast.says == "adsb":
-        lines += ["", "[estimator.leader.broadcast]", f'icao = "{FIRST_ICAO + LEADER:06x}"']
+        lines += ["", "[estimator.leader.broadcast]", f'icao = "{FIRST_ICAO + LEADER:06x}"', "trusted = true"]
     elif scenario.broadcast is not None:
-        lines += ["", "[estimator.leader.broadcast]", f"system = {FIRST_SYSTEM + LEADER}"]
+        lines += ["", "[estimator.leader.broadcast]", f"system = {FIRST_SYSTEM + LEADER}", "trusted = true"]
     if scenario.rangefinder is not None:
         lines += ["", "[estimator.leader.range]", f"sensor = {scenario.rangefinder.sensor}"]
     return lines

@@ -28,6 +28,7 @@ class BroadcastConfig(Record, frozen=True, kw_only=True):
     latency_s: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.2  # age of a report when it arrives
     latency_sigma_s: NotNegative = 0.1  # by which that is wrong, for long and anew in each report
     geoid_undulation_m: float = 0.0  # of an `icao`: mean sea level = GNSS height - this
+    trusted: bool = False  # nobody else can send in its name (a signed link): it carries beyond validity_timeout_s
     max_speed_m_s: Positive = 350.0  # faster reports are implausible
     timeout_s: Annotated[float, msgspec.Meta(gt=0, le=30)] = 10.0  # without a report: it carries the track no more
 

@@ -30,6 +30,7 @@ from onboard.ownship import Ownship
 
 NAME: Final = "leader"
 LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind)
+CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
 MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
@@ -64,7 +65,8 @@ class Estimator:
     @property
     def verdicts(self) -> Counter[str]:
         """Verdicts on all images, and on what is measured of the leader beside them."""
-        return sum((source.verdicts for source in self._sources), self._verdicts)
+        wrong = Counter({CONTRADICTED: self._beside.contradictions} if self._beside.contradictions else {})
+        return sum((source.verdicts for source in self._sources), self._verdicts + wrong)
 
     @property
     def listens(self) -> tuple[type[Message], ...]:

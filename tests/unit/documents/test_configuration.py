@@ -187,7 +187,7 @@ def test_each_scenario_has_a_configuration_that_loads(scenario: str, tmp_path: P
     leader = tomllib.loads(daemon_config(described))["estimator"]["leader"]
     beside = {*leader.pop("broadcast", {}), *leader.pop("range", {})}
     assert set(leader) <= {"size_prior_m", "leader_class", "center_on_wing"}
-    assert beside <= {"system", "icao", "sensor"}
+    assert beside <= {"system", "icao", "trusted", "sensor"}
     own = tomllib.loads(daemon_config(described))["estimator"].get("own_state", {})
     assert set(own) <= {"airframe", "custom"}
     assert tomllib.loads(daemon_config(described))["estimator"].get("traffic", {}) == {}

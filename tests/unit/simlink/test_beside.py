@@ -77,8 +77,8 @@ def test_without_the_table_the_leader_is_silent() -> None:
 @pytest.mark.parametrize(
     ("name", "section"),
     [
-        ("formation-broadcast", "[estimator.leader.broadcast]\nsystem = 100"),
-        ("formation-adsb", '[estimator.leader.broadcast]\nicao = "4b19ff"'),
+        ("formation-broadcast", "[estimator.leader.broadcast]\nsystem = 100\ntrusted = true"),
+        ("formation-adsb", '[estimator.leader.broadcast]\nicao = "4b19ff"\ntrusted = true'),
         ("formation-range", "[estimator.leader.range]\nsensor = 1"),
     ],
 )

@@ -29,9 +29,13 @@ from onboard.messages import Estimate, Lifecycle, Verdict
 from onboard.models import relative_motion
 from onboard.ownship import Ownship
 
+ELSEWHERE: Final = "its broadcast had led elsewhere"
 CARRIED: Final = "carried by its broadcast"
 PRESSURE_BIAS: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
 UNSURE: Final = 1.4  # times the configured errors of our yaw and velocity: those are guesses, too
+LIAR: Final = 15.0  # m/s: so fast a false report could lead an estimate away, unnoticed
+SIZES: Final = 3.0  # sigmas of the configured size: no report that may be false teaches another
+DISTRUSTED_S: Final = 10.0  # for so long a broadcast that was wrong is not used, and an estimate says so
 SHOWN_SPEED: Final = 8.0  # m/s: how far the velocity may be off before the first report
 KEPT_NS: Final = 4 * NS_PER_S  # what the camera showed
 APART_NS: Final = 50_000_000  # between two samples of that
@@ -39,6 +43,7 @@ LOST_NS: Final = 30 * NS_PER_S  # without a measurement: nothing that was known 
 NEAR_NS: Final = 150_000_000  # of a measurement's time: so near it is used
 GATE: Final = 0.9999  # the probability that a measurement passes that is true
 AGAIN_S: Final = 1.0  # after so long without images the leader is seen again: is it where it was believed?
+AGAIN: Final = 0.999  # the probability that its place then fits: once in a while, not at each measurement
 CONTRADICTED: Final = 4  # positions in a row that contradict what is carried: it is not believed
 TAUGHT: Final = (0.25, 0.9)  # of its sigma: a size that moved by more, or is surer than this share, is passed on
 SUREST: Final = 0.003  # of the size: as sure as the filters are made of it
@@ -61,6 +66,10 @@ class Beside:
     def __init__(self, config: Config) -> None:
         b = config.broadcast
         self._timeout_s = b.timeout_s + b.latency_s
+        self._is_trusted, self._validity_s = b.trusted or not b.is_used, config.validity_timeout_s
+        sigma = config.size_prior_sigma_m or 0.02 * config.size_prior_m
+        self._sizes = config.size_prior_m - SIZES * sigma, config.size_prior_m + SIZES * sigma
+        self.contradictions = 0  # how often the leader, seen again, was not where reports had led it
         height = b.altitude_bias_m if b.altitude_bias_m is not None else (PRESSURE_BIAS if b.icao else b.bias_m)
         bias = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m)
         own, lasting = UNSURE * config.own_velocity_sigma_m_s, config.range.bias_m
@@ -74,13 +83,14 @@ class Beside:
         self._samples: deque[Sample] = deque()
         self._belief: Belief | None = None
         self._t_ns = self._seen_ns = self._reported_ns = 0
-        self._was_used = False  # the last measurement
+        self._image_ns = 0  # the newest fused image
+        self._was_used = self._is_shown = False  # the last measurement; and an image near it
         self._gated = 0  # positions in a row
         self._taught: Size | None = None
         self._ahead = 0, np.zeros(3)  # our way since `_t_ns`, and until when
         self._template: Estimate | None = None  # the last estimate with a belief
         self._since_ns: int | None = None  # since when it carries the track
-        self.contradictions = 0  # how often the leader, seen again, was not where reports had led it
+        self._contradicted_ns: int | None = None
 
     # ------------------------------------------------------------------------------- measurements
 
@@ -114,7 +124,10 @@ class Beside:
             v = near.v + pose.v_F_n
             belief = reference.start(self._errors, _at(near, t_ns), *size, v, SHOWN_SPEED)
             self._seen_ns = t_ns
+        self._is_shown = near is not None
         self._belief, self._t_ns, self._ahead = belief, t_ns, (t_ns, np.zeros(3))
+        if is_position and self._was_wrong(t_ns):
+            return Verdict.GATED
         if not (is_position or reference.knows_direction(belief)):
             return Verdict.UNASSOCIATED
         after, nis = correct(belief)
@@ -134,17 +147,19 @@ class Beside:
         if near is None or since <= 0.0:
             return belief
         if since > AGAIN_S:
-            if not reference.knows_direction(belief):
+            if reference.misfit(belief, _at(near, t_ns), since) > chi_square_threshold(AGAIN, 3):
+                if self._reported_ns > self._seen_ns:
+                    self.contradictions, self._contradicted_ns = self.contradictions + 1, t_ns
                 return None
-            if reference.misfit(belief, _at(near, t_ns), since) > chi_square_threshold(GATE, 3):
-                self.contradictions += 1
+            if not reference.knows_direction(belief):
                 return None
         self._seen_ns = t_ns
         return reference.see(belief, _at(near, t_ns), since)
 
     def lesson(self) -> Size | None:
-        """The size, if it has become another or surer by the last measurement since it was passed on."""
-        if self._belief is None or not self._was_used:
+        """The size, if it has become another or surer by the last measurement since it was passed on, beside
+        an image: alone, a report or a range says nothing of the size."""
+        if self._belief is None or not (self._was_used and self._is_shown and self._is_credible(self._belief)):
             return None
         value, variance = float(self._belief.mean[SIZE]), self._size_variance(self._belief)
         sigma, last = max(math.sqrt(variance), SUREST * value), self._taught
@@ -156,6 +171,10 @@ class Beside:
             return None
         self._taught = Size(value, sigma)
         return self._taught
+
+    def _is_credible(self, belief: Belief) -> bool:
+        """Whether reports that may be false have left the size within what was configured."""
+        return self._is_trusted or self._sizes[0] < float(belief.mean[SIZE]) < self._sizes[1]
 
     def _size_variance(self, belief: Belief) -> float:
         """With what a delay of reports does, if there were any."""
@@ -172,6 +191,8 @@ class Beside:
             self._ahead = estimate.t_ns, self._way_to(estimate.t_ns, ownship)
         if estimate.mean is not None:
             self._template = estimate
+        if estimate.age is not None:
+            self._image_ns = estimate.t_ns - round(estimate.age * NS_PER_S)
         follows = estimate.state is Lifecycle.TRACKING
         if follows:
             self._remember(estimate, shows_size=shows_size)
@@ -180,7 +201,7 @@ class Beside:
             made = self._carried(estimate, ownship)
         if made is None or (estimate.valid and not _is_nearer(made, estimate)):
             self._since_ns = None
-            return estimate
+            return self._told(estimate)
         if self._since_ns is None:
             self._since_ns = estimate.t_ns
         state = estimate.state if estimate.valid else Lifecycle.COASTING
@@ -194,6 +215,17 @@ class Beside:
             covariance=tuple(map(tuple, made.covariance.tolist())),
             modes=(),
         )
+
+    def _told(self, estimate: Estimate) -> Estimate:
+        """The estimate of images, which says whether its broadcast was wrong lately."""
+        if not self._was_wrong(estimate.t_ns):
+            return estimate
+        return msgspec.structs.replace(estimate, reason=f"{estimate.reason}; {ELSEWHERE}")
+
+    def _was_wrong(self, t_ns: int) -> bool:
+        """Whether the leader, seen again lately, was not where reports had led it."""
+        wrong_ns = self._contradicted_ns
+        return wrong_ns is not None and (t_ns - wrong_ns) * S_PER_NS < DISTRUSTED_S
 
     def _remember(self, estimate: Estimate, *, shows_size: bool) -> None:
         """Keep what the camera shows at an estimate's time."""
@@ -219,15 +251,21 @@ class Beside:
 
     def _carried(self, estimate: Estimate, ownship: Ownship) -> Belief | None:
         """The belief by the reports at an estimate's time; None without one, without a report for too long, or
-        where reports contradict it."""
+        where reports contradict it. Reports that may be false carry for no longer than images are valid, and the
+        covariance holds what a liar could do meanwhile."""
         t_ns, template, pose = estimate.t_ns, self._template, ownship.pose_at(estimate.t_ns)
         if self._belief is None or template is None or pose is None or self._gated >= CONTRADICTED:
             return None
         if (t_ns - self._reported_ns) * S_PER_NS > self._timeout_s:
             return None
         dt, moved = (t_ns - self._t_ns) * S_PER_NS, self._way_to(t_ns, ownship)
-        now = reference.predict(self._errors, self._belief, dt, moved)
-        return as_leader(reference.with_delay(self._errors, now), template, pose.v_F_n)
+        now = reference.with_delay(self._errors, reference.predict(self._errors, self._belief, dt, moved))
+        if not self._is_trusted:
+            unseen = (t_ns - self._image_ns) * S_PER_NS
+            if unseen > self._validity_s or not self._is_credible(now):
+                return None
+            now.covariance[reference.R, reference.R] += (LIAR * unseen) ** 2 * np.eye(3)
+        return as_leader(now, template, pose.v_F_n)
 
 
 def _at(sample: Sample, t_ns: int) -> Shown:

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import Config
-from onboard.estimators.leader.beside.measurements import CARRIED
+from onboard.estimators.leader.beside.measurements import CARRIED, ELSEWHERE
 from onboard.messages import AdsbVehicle, AltitudeType, Clock, Estimate, FollowTarget, GlobalPosition, Lifecycle
 from onboard.models.relative_motion import SIZE, R
 from tests.support.broadcast import LEADER, follow_target, leader_positions, merged, own_positions, white
@@ -33,6 +33,7 @@ TIP_95 = 7.815  # chi-square with three degrees of freedom
 def configured(*overrides: str, filter_: str = "wing-line") -> Config:
     """With a size that is 25 % too large, at a standard deviation of 30 %."""
     prior = ("size_prior_m=2.5", "size_prior_sigma_m=0.75", f"filter={filter_}", f"broadcast.system={LEADER}")
+    prior = (*prior, "broadcast.trusted=true")
     return make_config(*(f"estimator.leader.{key}" for key in prior), *overrides)
 
 
@@ -256,3 +257,49 @@ def test_after_a_reboot_nothing_of_the_broadcast_is_left() -> None:
     estimator.observe(leader_positions(8.0, 9.0)[0].message, ownship)
     ownship.receive(CIRCLE.position(9 * S), 9 * S)
     assert not estimator.tick(ownship)[0].valid
+
+
+UNTRUSTED = "estimator.leader.broadcast.trusted=false"
+
+
+def carried_off(speed: float, since: float) -> Callable[[float], np.ndarray]:
+    """False reports, which begin gently and drift to the east."""
+    return lambda t: np.array([0.0, speed * max(t - since, 0.0), 0.0])
+
+
+@pytest.mark.parametrize("by", ["mavlink", "adsb"])
+@pytest.mark.parametrize("speed", [0.5, 2.0, 15.0])
+def test_out_of_view_a_false_report_leads_an_estimate_no_farther_than_2_s(speed: float, by: str) -> None:
+    reports = leader_positions(6.0, 28.0, error=carried_off(speed, 13.0))
+    config = configured(UNTRUSTED)
+    if by == "adsb":
+        reports = [adsb(item, 0x4B1A00) for item in reports]
+        config = configured(
+            UNTRUSTED, "estimator.leader.broadcast.system=0", 'estimator.leader.broadcast.icao="4b1a00"'
+        )
+    run = fly(reports, 28.0, lambda t: not 14.0 <= t < 26.0, config)
+    assert not any(e.valid for e in between(run, 16.1, 26.0))
+    blind = [e for e in between(run, 14.0, 16.1) if e.valid]
+    assert inside(blind) > 0.92
+    again = between(run, 27.0, 28.0)
+    assert all(e.valid for e in again)
+    assert inside(again) > 0.92
+
+
+def test_a_broadcast_that_led_elsewhere_is_counted_and_named() -> None:
+    """Trusted or not, once the leader is seen again."""
+    reports = leader_positions(6.0, 34.0, error=carried_off(2.0, 13.0))
+    for trusted in ("true", "false"):
+        config = configured(f"estimator.leader.broadcast.trusted={trusted}")
+        run = fly(reports, 31.0, lambda t: not 14.0 <= t < 28.0, config)
+        assert counts(run)["contradicted"] == 1
+        assert run.estimates[-1].reason.endswith(ELSEWHERE)
+        assert inside(between(run, 30.0, 31.0)) > 0.92
+
+
+def test_a_false_report_teaches_no_size_beyond_what_was_configured() -> None:
+    """Seen all the way; reports that recede by 0.5 m/s. The size that was configured is right to 5 %."""
+    north = lambda t: 0.5 * max(t - 8.0, 0.0) * CIRCLE.relative(t)[0] / 28.0  # noqa: E731
+    config = configured(UNTRUSTED, "estimator.leader.size_prior_m=2.0", "estimator.leader.size_prior_sigma_m=0.1")
+    run = fly(leader_positions(6.0, 40.0, error=north), 40.0, config=config)
+    assert all(abs(size_of(e)[0]) < 0.16 for e in between(run, 8.0, 40.0))
