@@ -188,7 +188,11 @@ class Config(Record, frozen=True, kw_only=True):
         """What decoding needs of each camera, by name."""
         shapes = [self.estimator.get("leader"), *self.target.values()]
         points = (name for shape in shapes for name in getattr(shape, "points_m", ()))
-        return camera_inputs(self._cameras(), tuple(dict.fromkeys(points)))
+        sizes = [size for shape in shapes for size in _wingspans(shape)]
+        inputs = camera_inputs(self._cameras(), tuple(dict.fromkeys(points)))
+        if not sizes:
+            return inputs
+        return {name: c._replace(sizes=(min(sizes), max(sizes))) for name, c in inputs.items()}
 
     def camera_delays_ns(self) -> dict[str, int]:
         """The delay of each camera that has one of its own, by name."""
@@ -232,3 +236,12 @@ def source_delays_ns(delay: DelayConfig, autopilot: int) -> dict[type[Message], 
         TargetPoints: ns(delay.camera_s, 0.0),
         TargetDetection: ns(delay.camera_s, 0.0),
     }
+
+
+def _wingspans(shape: Any) -> tuple[float, ...]:
+    """The smallest and the largest wingspan of a class, m; none of a section that has no size."""
+    prior = getattr(shape, "size_prior_m", None)
+    if prior is None:
+        return ()
+    sigma = shape.size_prior_sigma_m or 0.0
+    return max(prior - 3.0 * sigma, 0.0), prior + 3.0 * sigma

@@ -1,5 +1,6 @@
 """What decoding needs to know of our cameras, by their names."""
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ class CameraInput(NamedTuple):
     tracker: int | None = None  # the MAVLink component whose CAMERA_TRACKING_IMAGE_STATUS is of this camera
     is_landing_target: bool = False  # each LANDING_TARGET is a whole aircraft, seen by this camera
     mount: Camera | None = None
+    sizes: tuple[float, float] = (0.0, math.inf)  # m: wingspans of what it may see
     ros_topic: str = ""  # of its detections in ROS
 
 

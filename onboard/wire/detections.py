@@ -28,6 +28,7 @@ from onboard.messages import (
     TargetPoints,
 )
 from onboard.messages.target import WING_POINTS
+from onboard.wire import agreement
 from onboard.wire.cameras import CameraInput, Cameras, find
 from onboard.wire.document import BadDocumentError, parse
 from onboard.wire.points import check_target, lens_of
@@ -106,6 +107,7 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
         raise BadDocumentError(f"`{detection.class_name}` is not followed; {followed} - at `$.{at}.class`")
     _check_range(detection, at)
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
+    agreement.check(detection, lens, camera.sizes, sigma_px, at)
     points, box = detection.points, detection.box
     if detection.pose is not None:
         head["pose"] = relative_pose(detection.pose, sigma_px / lens.f_px, f"{at}.pose")

@@ -15,6 +15,7 @@ from tests.support.mavlink_frames import RECV
 LENS = Lens(fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, width_px=640.0, height_px=480.0)
 CAMERAS = {
     "front": CameraInput("front", LENS, sigma_px=1.0, min_confidence=0.3),
+    "sized": CameraInput("sized", LENS, sigma_px=1.0, min_confidence=0.0, sizes=(1.8, 2.2)),
     "tele": CameraInput("tele", LENS, sigma_px=2.0, min_confidence=0.0),
     "shaped": CameraInput("shaped", LENS, 1.0, 0.0, points=("center", "left", "right", "nose", "tail")),
     "picky": CameraInput("picky", LENS, sigma_px=1.0, min_confidence=0.0, classes=("drone", "plane")),
@@ -141,7 +142,7 @@ def with_detection(**detection: Any) -> dict[str, Any]:
         ({"t_ns": 1}, "missing required field `clock`; the fields of CameraDetections are t_ns, clock, came"),
         (
             {**HEAD, "camera": "rear"},
-            "no camera is called `rear`; known: front, tele, shaped, picky - at `$.camera`",
+            "no camera is called `rear`; known: front, sized, tele, shaped, picky - at `$.camera`",
         ),
         (
             {**HEAD, "intrinsics": {"fx_px": 0, "fy_px": 1, "cx_px": 1, "cy_px": 1}},
@@ -229,3 +230,66 @@ def test_a_range_that_is_none_is_refused(given: dict[str, float], reason: str) -
     decoded = Decoded({**HEAD, "detections": [{"points": {"center": CENTER}, **given}]})
     assert decoded.reasons == [reason]
     assert not decoded.messages
+
+
+SEEN = {"u_px": 370.0, "v_px": 300.0, "width_px": 40.0, "height_px": 20.0}  # 2 m at 25 m
+WHERE = (2.5, 3.0, 25.0)  # right, down, forward: so it is there
+BOTH = "`$.detections[0].pose.position_m` and `$.detections[0].box`"
+
+
+def sized(**detection: Any) -> Decoded:
+    return Decoded({**HEAD, "camera": "sized", "detections": [detection, {"box": SEEN}]})
+
+
+@pytest.mark.parametrize(
+    "detection",
+    [
+        {"box": SEEN, "pose": {"position_m": WHERE}},
+        {"box": SEEN, "range_m": 25.0},
+        {"box": SEEN | {"width_px": 12.0, "height_px": 12.0}, "range_m": 25.0},  # from its edge
+        {"box": SEEN, "range_m": 40.0},
+        {"points": {"center": CENTER}, "pose": {"position_m": (2.5, 0.5, 25.0)}},
+        {"box": {"u_px": 630.0, "v_px": 240.0, "width_px": 20.0, "height_px": 6.0}, "range_m": 5.0},  # cut off
+    ],
+)
+def test_statements_of_one_detection_that_agree_are_used(detection: dict[str, Any]) -> None:
+    decoded = sized(**detection)
+    assert decoded.reasons == []
+    assert len(decoded.messages) == 2
+
+
+@pytest.mark.parametrize(
+    ("detection", "reason"),
+    [
+        (
+            {"pose": {"position_m": (2500.0, 3000.0, 25000.0)}},
+            f"2e+03 m large, of a wingspan of 1.8 to 2.2 m; expected metres - at {BOTH}",
+        ),
+        (
+            {"pose": {"position_m": (2.5, -3.0, 25.0)}},
+            f"the position is 13 degrees from `box`; expected right, down, forward in metres - at {BOTH}",
+        ),
+        (
+            {"pose": {"position_m": (-2.5, 3.0, 25.0)}},
+            f"the position is 11 degrees from `box`; expected right, down, forward in metres - at {BOTH}",
+        ),
+        ({"range_m": 25000.0}, "expected metres - at `$.detections[0].range_m` and `$.detections[0].box`"),
+        (
+            {"range_m": 0.5},
+            "at 0.5 m the box would be 0.04 m large, of a wingspan of 1.8 to 2.2 m; expected metres",
+        ),
+        ({"range_m": 82.0}, "at 82 m the box would be 6.56 m large"),  # feet
+    ],
+)
+def test_statements_of_one_detection_that_cannot_both_be_are_refused_and_both_named(
+    detection: dict[str, Any], reason: str
+) -> None:
+    decoded = sized(box=SEEN, **detection)
+    assert len(decoded.messages) == 1
+    (found,) = decoded.reasons
+    assert reason in found
+
+
+def test_a_position_beside_its_center_elsewhere_is_refused() -> None:
+    decoded = sized(points={"center": CENTER | {"v_px": 300.0}}, pose={"position_m": (2.5, -3.0, 25.0)})
+    assert "the position is 13 degrees from `points.center`" in decoded.reasons[0]

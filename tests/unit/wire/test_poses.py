@@ -59,7 +59,7 @@ def test_the_position_is_the_center_where_no_point_is_named() -> None:
     # of down: 0.02 m^2, and 0.25 m^2 along an axis that is seen at -0.1
     assert m.features[0].sigma == pytest.approx(math.sqrt(0.02 + 0.01 * 0.25) / 20)
     assert [f.name for f in one(pose=pose(), points={"left": LEFT}).features] == ["left"]
-    whole = one(pose=pose(), points={"center": CENTER, "left": LEFT, "right": RIGHT})
+    whole = one(pose=pose(), points={"center": CENTER | {"v_px": 200.0}, "left": LEFT, "right": RIGHT})
     assert isinstance(whole, TargetPoints)
     assert whole.pose is not None
 
