@@ -55,6 +55,7 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
     gimbal: GimbalId | None = None  # of a moving mount: gimbal_device_id (1 to 6), or the gimbal's component
+    gimbal_frame: Literal["as flagged", "body", "earth"] = "as flagged"  # of its angles, whatever its flags say
     mount_sigma_deg: NotNegative | None = (
         None  # lasting error of the mount about each axis; None: 0.5 with a gimbal
     )
@@ -154,7 +155,7 @@ def camera_model(cameras: list[CameraConfig]) -> Camera:
 
 def _camera(c: CameraConfig) -> Camera:
     lens = lens_of(c)
-    return make_camera(
+    camera = make_camera(
         name=c.name,
         f_px=lens.f_px,
         width_px=lens.width_px,
@@ -164,6 +165,7 @@ def _camera(c: CameraConfig) -> Camera:
         sigma_px=c.sigma_px,
         gimbal=c.gimbal,
     )
+    return camera if c.gimbal_frame == "as flagged" else dataclasses.replace(camera, gimbal_frame=c.gimbal_frame)
 
 
 class MountErrors(NamedTuple):

@@ -5,6 +5,7 @@ Camera frame as in Oh & Johnson: X forward along the optical axis, Y right, Z do
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +18,7 @@ from onboard.geometry.rotations import matrix_from_euler
 class Camera:
     """A camera on a vehicle. `R_bc` (3, 3) camera to body; `r_FC_b` (3,) m; intrinsics in pixels; `sigma_px` the
     standard deviation of one image coordinate. `gimbal`: the id of the moving mount that it is on; `R_bc` is then
-    camera to the mount's head."""
+    camera to the mount's head, whose angles are against `gimbal_frame`, "" where the gimbal itself says so."""
 
     name: str
     f_px: float
@@ -27,6 +28,7 @@ class Camera:
     r_FC_b: Array
     sigma_px: float = 1.0
     gimbal: int | None = None
+    gimbal_frame: Literal["", "body", "earth"] = ""
     others: "tuple[Camera, ...]" = ()  # further cameras on the same vehicle
 
     def named(self, name: str) -> "Camera":

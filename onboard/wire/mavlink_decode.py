@@ -23,6 +23,7 @@ from onboard.wire.tracking import TrackerDecoder
 START: Final = re.compile(b"[\xfd\xfe]")
 NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
 TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
+FIELD_OF_VIEW: Final = Layout("<I6i6f", boot_ms=0)  # CAMERA_FOV_STATUS
 OnError = Callable[[str, Exception], None]
 
 
@@ -121,6 +122,9 @@ class MavlinkDecoder:
         if name == "CAMERA_TRACKING_IMAGE_STATUS":
             fields = TRACKING.fields(payload)
             return self._trackers.tracking(fields, TRACKING.header(fields, t_recv_ns, system, component))
+        if name == "CAMERA_FOV_STATUS":
+            self._trackers.field_of_view(FIELD_OF_VIEW.fields(payload), component)
+            return None
         read = CONVERT.get(name)
         if read is None:
             return None

@@ -1,6 +1,7 @@
 """Whole aircraft in MAVLink, one message each: CAMERA_TRACKING_IMAGE_STATUS, and LANDING_TARGET where a camera's
 section says `landing_target = "aircraft"`. Both become detections, as if they had come as JSON.
 
+- CAMERA_FOV_STATUS says how far such a camera zooms: the focal length of its images from then on.
 - CAMERA_TRACKING_IMAGE_STATUS: a rectangle is a box, and so is a point with a radius; a point alone is the center.
   It has no time: its arrival counts, less the camera's `delay_s`.
 - LANDING_TARGET: with `size_x` or `size_y` it is a box, else the center, at `angle_x` and `angle_y`. With
@@ -8,6 +9,7 @@ section says `landing_target = "aircraft"`. Both become detections, as if they h
   `distance` is the range.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any, Final
@@ -34,6 +36,9 @@ from onboard.wire.poses import TO_C
 ACTIVE, COASTING = 1, 8  # CAMERA_TRACKING_STATUS_FLAGS
 POINT, RECTANGLE = 1, 2  # CAMERA_TRACKING_MODE
 BODY_FRD: Final = 12  # MAV_FRAME
+AS_CONFIGURED: Final = (
+    0.05  # of the focal length: a calibrated one is better than one so near that a camera states
+)
 UNKNOWN_Q: Final = ((0.0,) * 4, (1.0, 0.0, 0.0, 0.0))  # what senders fill in that know no rotation
 Refuse = Callable[[str, int], None]
 
@@ -49,6 +54,7 @@ class TrackerDecoder:
     def __init__(self, cameras: Cameras, refuse: Refuse = ignore) -> None:
         self._refuse = refuse
         self._trackers = {c.tracker: c for c in cameras.values() if c.tracker is not None}
+        self._lenses = {component: c.lens for component, c in self._trackers.items()}  # as they zoom
         self._landing = next((c for c in cameras.values() if c.is_landing_target), None)
 
     @property
@@ -63,7 +69,19 @@ class TrackerDecoder:
         if camera is None or not status & ACTIVE or status & COASTING:
             return None
         head = header | {"t_ns": header["t_recv_ns"], "clock": Clock.HOST}
-        return self._image(camera, camera.lens, head, lambda: _tracked(fields, camera.lens))
+        lens = self._lenses[header["component"]]
+        return self._image(camera, lens, head, lambda: _tracked(fields, lens))
+
+    def field_of_view(self, fields: tuple[Any, ...], component: int) -> None:
+        """Take a CAMERA_FOV_STATUS of a tracking camera: its zoom is as its horizontal field of view."""
+        camera, hfov = self._trackers.get(component), math.radians(fields[11])
+        if camera is None or not 0.0 < hfov < math.pi:  # NaN or 0: not known
+            return
+        lens = camera.lens
+        zoom = 0.5 * lens.width_px / math.tan(0.5 * hfov) / lens.fx_px
+        if abs(zoom - 1.0) < AS_CONFIGURED:
+            zoom = 1.0
+        self._lenses[component] = dataclasses.replace(lens, fx_px=zoom * lens.fx_px, fy_px=zoom * lens.fy_px)
 
     def landing_target(self, fields: tuple[Any, ...], header: dict[str, Any]) -> TargetImage | None:
         """The image of a LANDING_TARGET that is a whole aircraft; target 0 is the leader."""

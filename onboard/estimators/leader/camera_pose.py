@@ -90,7 +90,7 @@ def _head(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | No
     """Where the head of a moving mount points at a time; None where that is not known."""
     if mount is not None or camera.gimbal is None:
         return mount
-    return ownship.gimbals.at(camera.gimbal, t_ns)
+    return _framed(ownship.gimbals.at(camera.gimbal, t_ns), camera)
 
 
 def _rates(R_cn: Array, camera: Camera, before_ns: int, ownship: Ownship, mount: MountAttitude | None) -> Array:
@@ -114,3 +114,11 @@ def _noise_c(R_cn: Array, head: MountAttitude, pose: Pose) -> Array:
         return np.asarray((R_cb * pose.attitude_noise**2) @ R_cb.T)
     heading = float(pose.R_nb[2] ** 2 @ pose.attitude_noise**2)
     return heading * np.outer(R_cn[:, 2], R_cn[:, 2])
+
+
+def _framed(mount: MountAttitude | None, camera: Camera) -> MountAttitude | None:
+    """What a gimbal says, against the frame that is configured: servos send angles against the body, under flags
+    that say otherwise."""
+    if mount is None or camera.gimbal_frame == "":
+        return mount
+    return MountAttitude(q=mount.q, frame=camera.gimbal_frame)

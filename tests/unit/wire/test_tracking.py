@@ -70,6 +70,35 @@ def landing(
 # ---------------------------------------------------------------------------------------- camera tracking
 
 
+def zoomed(hfov: float, component: int = 100) -> bytes:
+    return frame(
+        271, 22, struct.pack("<I6i6f", 5_000, *[0] * 6, 1.0, 0.0, 0.0, 0.0, hfov, 20.0), component=component
+    )
+
+
+@pytest.mark.parametrize(
+    ("says", "zoom"),
+    [
+        ("twice", 2.0),
+        ("half", 0.5),
+        ("nearly as configured", 1.0),
+        ("nan", 1.0),
+        ("zero", 1.0),
+        ("another camera", 1.0),
+    ],
+)
+def test_a_tracking_camera_that_zooms_says_its_focal_length(says: str, zoom: float) -> None:
+    """CAMERA_FOV_STATUS, as ArduPilot and QGroundControl use it."""
+    plain = one(tracking(rect=(0.5, 0.25, 0.6, 0.35), mode=2), tracker=100)
+    width, f_px = 640.0, 554.256
+    of = lambda k: math.degrees(2.0 * math.atan(width / 2 / (k * f_px)))  # noqa: E731
+    hfov = {"twice": of(2.0), "half": of(0.5), "nearly as configured": of(1.02), "nan": NAN, "zero": 0.0}.get(says)
+    status = zoomed(of(2.0), component=101) if hfov is None else zoomed(hfov)
+    m = one(status + tracking(rect=(0.5, 0.25, 0.6, 0.35), mode=2), tracker=100)
+    assert m.half_width == pytest.approx(plain.half_width / zoom, rel=1e-5)
+    assert m.features[0].point == pytest.approx([x / zoom for x in plain.features[0].point], rel=1e-5)
+
+
 def test_a_tracked_rectangle_is_a_box_at_its_arrival() -> None:
     m = one(tracking(rect=(0.5, 0.25, 0.6, 0.35), mode=2), tracker=100)
     (box,) = m.features

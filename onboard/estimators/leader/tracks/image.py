@@ -85,8 +85,7 @@ def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPos
     if image.final:
         return image.pose
     message = image.message
-    camera = poses.camera.named(message.camera)
-    return poses.at(message.t_ns, ownship, camera, message.mount) or image.pose
+    return poses.at(message.t_ns, ownship, poses.camera.named(message.camera), message.mount) or image.pose
 
 
 def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, edge_px: float) -> bool:

@@ -1,5 +1,6 @@
 """Where the camera sits on our vehicle counts: in its view, and in flight."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.geometry.camera import make_camera
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler
-from onboard.messages import Attitude, LocalPosition
+from onboard.messages import Attitude, GimbalAttitude, LocalPosition, MountAttitude
 from onboard.ownship import Ownship
 from tests.support.streams import MS, Flight, S, Stream, advance, heartbeat, make_config, position_error
 
@@ -81,3 +82,19 @@ def test_a_flight_with_an_offset_camera_is_as_accurate_as_one_without_seed_1(t0:
     assert position_error(last, flown) < 0.19  # the size is known to 2 %
     ignored = advance(messages, make_config(fixed_wing)).estimates[-1]
     assert position_error(ignored, flown) > 1.85
+
+
+@pytest.mark.parametrize("flagged", ["heading", "earth"])
+@pytest.mark.parametrize(("frame", "is_fixed"), [("", False), ("body", True), ("earth", False)])
+def test_a_servo_gimbal_sends_angles_against_the_body_whatever_its_flags_say(
+    flagged: str, frame: str, is_fixed: bool
+) -> None:
+    """It stands still on the body, which banks: so does the camera."""
+    rpy = (0.4, -0.2, 2.0)
+    known = ownship(rpy)
+    mount = MountAttitude(q=(1.0, 0.0, 0.0, 0.0), frame=flagged)
+    known.receive(GimbalAttitude(t_ns=S, t_recv_ns=S, device=1, mount=mount), S)
+    camera = make_camera(f_px=500.0, width_px=640, height_px=480, gimbal=1)
+    pose = CameraPoses(dataclasses.replace(camera, gimbal_frame=frame)).at(S, known)
+    assert pose is not None
+    assert np.allclose(pose.R_cn.T, matrix_from_euler(*rpy), atol=1e-6) is is_fixed
