@@ -141,7 +141,7 @@ class Daemon:
         if pipeline.autopilot is not None and pipeline.autopilot is not before:
             for line in self._output.connect(pipeline.autopilot):
                 self._report(line)
-            why = " (the one before has fallen silent)" if before is not None else ""
+            why = f" ({pipeline.why_followed})" if before is not None else ""
             self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}{why}")
         if pipeline.clocks.reboots > reboots:
             self._warn("the autopilot has rebooted")
@@ -199,6 +199,7 @@ class Daemon:
             self._publish(health)
             self._console.show_refusals(health)
             self._console.show_rate(health.clock_rate)
+            self._console.show_beside(health)
 
     def _take(self, output: Output) -> None:
         """Publish what the pipeline gives, and send the autopilot what it wants of it."""

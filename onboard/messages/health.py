@@ -60,7 +60,7 @@ class Health(Record, frozen=True, kw_only=True):
     estimator; `verdicts` count measurements, `rejected` messages by reason. `faults`: present faults of our own
     vehicle. `refusals`: which camera messages were refused and why, the latest last. `own_motion_sources`: how
     often attitude and velocity of our own vehicle came to be taken from the autopilot or from our own state's
-    estimator (`[ownship] source`), by which and why."""
+    estimator (`[ownship] source`), by which and why. `beside`: other autopilots that are heard."""
 
     t_ns: int
     t_recv_ns: int
@@ -80,3 +80,4 @@ class Health(Record, frozen=True, kw_only=True):
     refusals: tuple[Refusal, ...] = ()
     own_motion_sources: dict[str, int] = msgspec.field(default_factory=dict)
     clock_rate: float = 1.0
+    beside: tuple[str, ...] = ()

@@ -25,13 +25,8 @@ from onboard.messages import (
     Wind,
 )
 from onboard.ownship import is_usable
+from onboard.pipeline.latching import Latch
 
-MAV_AUTOPILOT_INVALID: Final = 8
-# MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
-VEHICLES: Final = frozenset({*range(1, 5), *range(7, 18), *range(19, 26), 28, 29, 35, 43, 45, 46, 47})
-GENERIC: Final = 0  # MAV_TYPE of a vehicle only from the component of an autopilot
-AUTOPILOT_COMPONENT: Final = 1
-LATCH_AGAIN_NS: Final = 5_000_000_000  # silence after which another autopilot may be ours
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 # A sensor stamps these, and they can be used once our own pose at that time is known.
 SENSED: Final = (TargetImage, RadarScan, PeerRanges)
@@ -50,11 +45,25 @@ class Admission:
     def __init__(
         self, config: AutopilotConfig, listened: Container[type[Message]], virtual: Collection[int] = ()
     ) -> None:
-        self.autopilot: Heartbeat | None = None
         self.heard_ns: int | None = None
-        self._beside: set[tuple[int, int]] = set()  # other autopilots, heard while ours was heard
+        self._latch = Latch(config.system)
         self._config, self._virtual = config, frozenset(virtual)
         self._listened = listened
+
+    @property
+    def autopilot(self) -> Heartbeat | None:
+        """The heartbeat of the autopilot that is followed, None before it."""
+        return None if self._latch.ours is None else self._latch.ours.heartbeat
+
+    @property
+    def why(self) -> str:
+        """Why it took the place of another."""
+        return self._latch.why
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """The other vehicles that are heard."""
+        return self._latch.beside
 
     def is_ours(self, message: Message) -> bool:
         """Whether a message comes from our own vehicle (any component of it) or this computer."""
@@ -69,23 +78,15 @@ class Admission:
         return isinstance(message, UNSTAMPED)
 
     def latch(self, heartbeat: Heartbeat) -> bool:
-        """Let the first heartbeat of an autopilot decide whose vehicle this is; True if this one does. After a
-        long silence another one may: ours has rebooted with other ids. One that was heard beside ours is another
-        vehicle's."""
-        if not _is_vehicle(heartbeat) or self._config.system not in {0, heartbeat.system}:
-            return False
-        if self.autopilot is not None:
-            its = heartbeat.system, heartbeat.component
-            is_silent = heartbeat.t_recv_ns - (self.heard_ns or 0) > LATCH_AGAIN_NS
-            if not is_silent and not self._is_from_autopilot(heartbeat):
-                self._beside.add(its)
-            if not is_silent or its in self._beside or self._is_from_autopilot(heartbeat):
-                return False
-        self.autopilot = heartbeat
-        return True
+        """Let heartbeats decide whose vehicle this is (`latching`); True if it is this one's from now on."""
+        if self._latch.judge(heartbeat):
+            self.heard_ns = heartbeat.t_recv_ns
+            return True
+        return False
 
     def admit(self, message: Message) -> Message | str:
         """The message, as estimators know it, or the reason why it is rejected."""
+        self._latch.receive(message)
         if message.system in self._virtual and not self._is_from_autopilot(message):
             return "our_own"  # the virtual leader, come back by another way: no traffic
         if not self.is_ours(message):
@@ -123,9 +124,3 @@ class Admission:
             message = replace(message, t_ns=message.t_recv_ns, clock=Clock.NONE)
         is_wanted = self.autopilot is not None and isinstance(message, UNSTAMPED)
         return message if is_wanted and type(message) in self._listened else None
-
-
-def _is_vehicle(heartbeat: Heartbeat) -> bool:
-    """Whether this is the heartbeat of a vehicle's autopilot."""
-    is_generic = heartbeat.vehicle_type == GENERIC and heartbeat.component == AUTOPILOT_COMPONENT
-    return heartbeat.autopilot != MAV_AUTOPILOT_INVALID and (heartbeat.vehicle_type in VEHICLES or is_generic)

@@ -136,7 +136,7 @@ class Pipeline:
         self._delays_ns = source_delays_ns(self._config.delay, heartbeat.autopilot)
         if before is not None:
             self.clocks.restart()
-            self._start_over("another autopilot is followed")
+            self._start_over(f"another autopilot is followed: {self.why_followed}")
 
     # ------------------------------------------------------------------------------- one time base
 
@@ -261,6 +261,11 @@ class Pipeline:
         return self._admission.autopilot
 
     @property
+    def why_followed(self) -> str:
+        """Why it took the place of another autopilot."""
+        return self._admission.why
+
+    @property
     def heard_ns(self) -> int | None:
         """Arrival of the latched autopilot's last message, None before the first."""
         return self._admission.heard_ns
@@ -288,6 +293,7 @@ class Pipeline:
             clock_source=clocks.source,
             clock_offset_ns=offset,
             clock_rate=clocks.rate,
+            beside=self._admission.beside,
             round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * 1e-9,
             streams=monitor.streams(t_recv_ns),
             states=dict(monitor.states),

@@ -6,6 +6,7 @@ from typing import Final
 from onboard.messages import Estimate, Health, Lifecycle, LinkHealth, Refusal, SinkHealth
 
 MOST_REFUSALS: Final = 5  # lines about refused messages at once; afterwards one a second
+MOST_BESIDE: Final = 16
 RATE_CHANGES: Final = 0.005
 REFUSED_AGAIN_NS: Final = 10_000_000_000  # between lines about the same refusal
 
@@ -23,6 +24,7 @@ class Console:
         self._refusals_left = MOST_REFUSALS
         self._is_silent = False
         self._rate = 1.0
+        self._beside: set[str] = set()
 
     def show_state(self, estimate: Estimate) -> None:
         """An estimator's state, when it has changed."""
@@ -41,6 +43,12 @@ class Console:
         if abs(rate - self._rate) > RATE_CHANGES:
             self._rate = rate
             self._report(f"the autopilot's clock runs at {rate:.3f} of this computer's")
+
+    def show_beside(self, health: Health) -> None:
+        """Other autopilots that are heard, each once: the one that is followed may be the wrong one."""
+        for name in [n for n in health.beside if n not in self._beside][: MOST_BESIDE - len(self._beside)]:
+            self._beside.add(name)
+            self._report(f"also heard: {name}; followed is {health.autopilot} (`autopilot.system` chooses)")
 
     def show_errors(self, lines: Sequence[str]) -> None:
         """Exceptions over single messages, the first of each kind. `lines` only grows."""

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 import pytest
 from msgspec.structs import replace
 
-from onboard.messages import Datagram, Heartbeat
+from onboard.messages import Attitude, Datagram, Heartbeat, LocalPosition
 from tests.faults.test_silence import flying
-from tests.support.faulty_flight import DATAGRAMS, T0, T1, assert_on_target, flown
+from tests.support.faulty_flight import DATAGRAMS, ITEMS, T0, T1, assert_on_target, flown
 from tests.support.streams import EPOCH, Item, Run, S, Stream, encode, feed, heartbeat, make_config
 
 NO_VEHICLES = GIMBAL, CAMERA, CONTROLLER, GROUND, ADSB, ODID = 26, 30, 18, 6, 27, 34
@@ -98,6 +98,65 @@ def test_a_wingman_heard_beside_ours_is_not_latched_when_ours_falls_silent() -> 
     run = feed(sorted([*DATAGRAMS, *strangers], key=lambda d: d.t_recv_ns))
     assert run.pipeline.autopilot is not None
     assert run.pipeline.autopilot.system == 1
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.5, 3.0, 8.0])
+def test_another_id_is_followed_within_five_seconds(gap: float) -> None:
+    """A wrong id at boot, or a restart; the first id is never heard again."""
+    run = after(Again(gap=gap, system=2))
+    assert run.pipeline.autopilot is not None
+    assert run.pipeline.autopilot.system == 2
+    first = next(e for e in run.estimates if e.t_ns < 14 * S)
+    assert first.t_ns < (6.0 + 5.0) * S
+    assert_on_target(run)
+
+
+FORGED = {
+    "another system": {"system": 66, "component": 1, "kind": 2, "autopilot": 3},
+    "another system, of no known kind": {"system": 66, "component": 1, "kind": 2, "autopilot": 0},
+    "our gimbal, as a generic autopilot": {"system": 1, "component": 154, "kind": 2, "autopilot": 0},
+    "component 2 of our system": {"system": 1, "component": 2, "kind": 2, "autopilot": 12},
+}
+
+
+@pytest.mark.parametrize("forged", FORGED)
+@pytest.mark.parametrize("moves", [False, True])
+def test_who_speaks_first_and_is_not_our_autopilot_is_let_go(forged: str, moves: bool) -> None:
+    """It speaks for as long as the flight lasts; with its own attitude it is told from ours in our system only."""
+    ids = FORGED[forged]
+    beats = [beat(t, **ids) for t in range(round(T0) - 2, 52)]
+    attitudes = [
+        encode([Item(i.t_recv_ns, replace(i.message, system=ids["system"], component=ids["component"]))])[0]
+        for i in ITEMS
+        if isinstance(i.message, Attitude) and moves and ids["system"] == 1
+    ]
+    run = flown(sorted([*beats, *attitudes, *DATAGRAMS], key=lambda d: d.t_recv_ns))
+    latched = run.pipeline.autopilot
+    assert latched is not None
+    assert (latched.system, latched.component) == (1, 1)
+    assert_on_target(run)
+    assert next(e for e in run.estimates if e.valid).t_ns < (T0 + 5.0) * S
+    (other,) = run.pipeline.health(0).beside
+    assert other.endswith(f"system {ids['system']}")
+
+
+def test_ours_without_a_position_is_not_left_for_a_wingman_that_has_one() -> None:
+    theirs = encode([Item(i.t_recv_ns, replace(i.message, system=9)) for i in ITEMS])
+    ours = encode([i for i in ITEMS if not isinstance(i.message, LocalPosition)])
+    run = feed(sorted([*ours, *theirs], key=lambda d: d.t_recv_ns))
+    assert run.pipeline.autopilot is not None
+    assert run.pipeline.autopilot.system == 1
+
+
+def test_a_flood_of_heartbeats_hides_no_autopilot() -> None:
+    beats = [
+        beat(T0 - 1 + 0.01 * k, system=2 + k % 250, component=1, kind=2, autopilot=12)
+        for k in range(round(100 * (T1 - T0 + 1)))
+    ]
+    run = flown(sorted([*beats, *DATAGRAMS], key=lambda d: d.t_recv_ns))
+    assert run.pipeline.autopilot is not None
+    assert run.pipeline.autopilot.system == 1
+    assert len(run.pipeline.health(0).beside) < 20
 
 
 def test_a_configured_system_is_never_left() -> None:

@@ -1,0 +1,124 @@
+"""Which autopilot is ours: the first vehicle that is heard, until a better one shows.
+
+Ours is let go when it has fallen silent and a vehicle comes that was never heard beside it (the same one, with
+another id), at once only if it brings motion; or when ours brings no motion while another one does. A wingman is
+heard beside ours: its motion is not ours, whatever becomes of ours.
+"""
+
+from typing import Final
+
+from onboard.health import autopilot_name
+from onboard.messages import Attitude, GlobalPosition, Heartbeat, LocalPosition, Message
+
+MAV_AUTOPILOT_INVALID: Final = 8
+# MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.
+VEHICLES: Final = frozenset({*range(1, 5), *range(7, 18), *range(19, 26), 28, 29, 35, 43, 45, 46, 47})
+GENERIC: Final = 0  # MAV_TYPE of a vehicle only from the component of an autopilot; MAV_AUTOPILOT of no known one
+AUTOPILOT_COMPONENT: Final = 1
+SILENT_NS: Final = 3_000_000_000  # silence after which another autopilot may be ours
+PATIENCE_NS: Final = 3_000_000_000  # in which an autopilot is to bring motion, once another one does
+RECENT_NS: Final = 2_000_000_000  # motion that is as new is brought
+OVERLAP_NS: Final = 200_000_000  # messages on their way: an autopilot may change its id
+MOST: Final = 16  # vehicles that are remembered
+
+Id = tuple[int, int]  # MAVLink system and component
+
+
+class Vehicle:
+    """An autopilot that is heard: its heartbeat, the arrivals of its first and its last message, and those of its
+    last attitude and position."""
+
+    def __init__(self, heartbeat: Heartbeat) -> None:
+        self.heartbeat = heartbeat
+        self.first_ns = self.last_ns = heartbeat.t_recv_ns
+        self.attitude_ns: int | None = None
+        self.position_ns: int | None = None
+
+    def receive(self, message: Message) -> None:
+        """Note a message of its own."""
+        self.last_ns = message.t_recv_ns
+        if isinstance(message, Attitude):
+            self.attitude_ns = message.t_recv_ns
+        elif isinstance(message, LocalPosition | GlobalPosition):
+            self.position_ns = message.t_recv_ns
+
+    def is_complete(self, t_ns: int) -> bool:
+        """Whether it brings attitude and position."""
+        times = self.attitude_ns, self.position_ns
+        return all(t is not None and t_ns - t < RECENT_NS for t in times)
+
+    @property
+    def rank(self) -> tuple[bool, bool]:
+        """Of two parts of one vehicle, the higher one is its autopilot."""
+        h = self.heartbeat
+        return h.component == AUTOPILOT_COMPONENT, h.autopilot != GENERIC
+
+
+class Latch:
+    """The autopilot that is followed, and why it took the place of another. `system`: the only one that may be; 0
+    for any."""
+
+    def __init__(self, system: int) -> None:
+        self.ours: Vehicle | None = None
+        self.why = ""
+        self._system = system
+        self._since_ns = 0  # arrival of the heartbeat that was latched
+        self._heard: dict[Id, Vehicle] = {}
+
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """The other vehicles that are heard."""
+        return tuple(autopilot_name(v.heartbeat) for v in self._heard.values() if v is not self.ours)
+
+    def receive(self, message: Message) -> None:
+        """Note a message of any sender."""
+        vehicle = self._heard.get((message.system, message.component))
+        if vehicle is not None:
+            vehicle.receive(message)
+
+    def judge(self, heartbeat: Heartbeat) -> bool:
+        """Take a heartbeat; True if its sender is followed from now on."""
+        if not _is_vehicle(heartbeat) or self._system not in {0, heartbeat.system}:
+            return False
+        its = heartbeat.system, heartbeat.component
+        if its not in self._heard:
+            self._make_room()
+            self._heard[its] = Vehicle(heartbeat)
+        vehicle = self._heard[its]
+        if vehicle is self.ours:
+            return False
+        if self.ours is not None:
+            why = self._why(self.ours, vehicle, heartbeat.t_recv_ns)
+            if not why:
+                return False
+            self.why = why
+        self.ours, self._since_ns = vehicle, heartbeat.t_recv_ns
+        vehicle.heartbeat = heartbeat
+        return True
+
+    def _why(self, ours: Vehicle, other: Vehicle, t_ns: int) -> str:
+        """Why another vehicle takes the place of ours; "" if it does not."""
+        later_ns, is_complete = other.first_ns - ours.last_ns, other.is_complete(t_ns)
+        is_silent = t_ns - ours.last_ns > SILENT_NS
+        if is_silent and (later_ns > SILENT_NS or (is_complete and later_ns > -OVERLAP_NS)):
+            return "the one before has fallen silent"
+        if not is_complete:
+            return ""
+        if other.heartbeat.system == ours.heartbeat.system and other.rank > ours.rank:
+            return "the one before is another part of the vehicle"
+        brings = ours.attitude_ns is not None or ours.position_ns is not None
+        if not brings and t_ns - self._since_ns > PATIENCE_NS:
+            return "the one before brings no motion"
+        return ""
+
+    def _make_room(self) -> None:
+        """Forget a vehicle that is not ours: one without motion first, then the one that was heard longest ago."""
+        others = [(v.attitude_ns or 0, v.last_ns, key) for key, v in self._heard.items() if v is not self.ours]
+        if len(self._heard) >= MOST:
+            del self._heard[min(others)[2]]
+
+
+def _is_vehicle(heartbeat: Heartbeat) -> bool:
+    """Whether this is the heartbeat of a vehicle's autopilot."""
+    is_generic = heartbeat.vehicle_type == GENERIC and heartbeat.component == AUTOPILOT_COMPONENT
+    return heartbeat.autopilot != MAV_AUTOPILOT_INVALID and (heartbeat.vehicle_type in VEHICLES or is_generic)
