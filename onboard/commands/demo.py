@@ -36,7 +36,7 @@ def main(arguments: argparse.Namespace) -> int:
 
         def prepare(names: Iterable[str]) -> None:
             modules = needed_by_flight(estimator_modules(names))
-            compile_shown(modules, console, announce_once(console, "this flight", "half a minute"))
+            compile_shown(modules, console, announce_once(console, "this flight", "two minutes"))
             stack.enter_context(bar)  # after the bar of the compilation: a terminal shows one at a time
 
         def on_progress(flown: float, newest: Estimate | None) -> None:
