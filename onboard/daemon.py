@@ -50,7 +50,7 @@ class Daemon:
         self._config = config
         keys = {link.name: key for link in config.link if (key := signing_key(link)) is not None}
         self._pipeline = Pipeline(config, keys)
-        self._output = AutopilotOutput(config, _parameters(config), keys)
+        self._output = AutopilotOutput(config, _parameters(config), keys, self._pipeline.refuse)
         self._console = Console(report, warn=self._warn)
         self._links: list[Link] = [parse_link(link.url, link.name) for link in config.link]
         self._sinks: dict[str, SinkRunner[Any]] = {}

@@ -26,6 +26,7 @@ from onboard.messages import (
     NavState,
     Output,
 )
+from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.signing import Signer
 
 PX4 = 12  # MAV_AUTOPILOT
@@ -40,17 +41,22 @@ class Outgoing(NamedTuple):
 
 class AutopilotOutput:
     """Sans-IO: frames are returned, not sent. There are none before `connect`. `leader`: the newest state of the
-    leader, as of the last tick that wanted it."""
+    leader, as of the last tick that wanted it. `refuse` is called with the sender,
+    the reason and the arrival of what others may not ask for."""
 
     def __init__(
-        self, config: Config, parameters: Parameters | None = None, keys: Mapping[str, bytes] | None = None
+        self,
+        config: Config,
+        parameters: Parameters | None = None,
+        keys: Mapping[str, bytes] | None = None,
+        refuse: OnRefused = ignore,
     ) -> None:
         self._signers = {name: Signer(key, link_id) for link_id, (name, key) in enumerate((keys or {}).items())}
         self.leader: LeaderState | None = None
         self._config, self._camera = config, config.camera_model()
         self._autopilot: Heartbeat | None = None
         self.notices = Notices()
-        self._requests = Requests()
+        self._requests = Requests(config.autopilot.trusted, refuse)
         self._requests.offer("AUTOPILOT_VERSION", version)
         parameters = parameters or Parameters(config)
         metadata = Metadata(parameters.names, config.autopilot.component)
@@ -78,6 +84,8 @@ class AutopilotOutput:
             if session.lines:
                 taken += session.lines
                 session.lines.clear()
+        taken += self._requests.lines
+        self._requests.lines.clear()
         for line in taken:
             self.notices.add(WARNING, line)
         return taken

@@ -1,8 +1,8 @@
-"""Requests for our messages: REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, GET_MESSAGE_INTERVAL. None of them
-moves a vehicle."""
+"""Requests for our messages: REQUEST_MESSAGE, SET_MESSAGE_INTERVAL, GET_MESSAGE_INTERVAL. The intervals of what
+flies a vehicle are changed for trusted systems only."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -11,8 +11,14 @@ from onboard import __version__
 from onboard.autopilot.stream import Stream
 from onboard.config import FASTEST_OUT_HZ
 from onboard.messages import Clock, Command, Message, MessageInterval, Version
+from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink_encode import message_number
 
+STEERING: Final = (  # what an autopilot follows, fuses or avoids
+    *("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "TARGET_RELATIVE", "LANDING_TARGET", "ADSB_VEHICLE"),
+    *("COLLISION", "ODOMETRY"),
+)
+STEERING_NUMBERS: Final = {message_number(name): name for name in STEERING}
 ACCEPTED, TEMPORARILY_REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3  # MAV_RESULT
 
 
@@ -35,9 +41,13 @@ Make = Callable[[int], Message]
 
 class Requests:
     """What may be requested on each link: streams, which have an interval, and messages that are made on request
-    from the time (ns, this computer's clock)."""
+    from the time (ns, this computer's clock). `trusted`: systems that may change what flies a vehicle. `lines`:
+    for a person, who changed what. `refuse` is called with the sender, the reason and the arrival."""
 
-    def __init__(self) -> None:
+    def __init__(self, trusted: Collection[int] = (), refuse: OnRefused = ignore) -> None:
+        self.lines: list[str] = []
+        self._trusted = frozenset(trusted)
+        self._refuse = refuse
         self._streams: dict[tuple[str, int], list[Offered]] = {}
         self._single: dict[int, Make] = {}
 
@@ -68,7 +78,14 @@ class Requests:
                 **stamp(now_ns), number=int(number), interval_us=streams[0].stream.interval_us
             )
             return Answer(ACCEPTED, (interval,))
+        name = STEERING_NUMBERS.get(int(number))
+        if name is not None and command.system not in self._trusted:
+            self._refuse(sender_of(command), f"the interval of {name}: {UNTRUSTED}", command.t_recv_ns)
+            return Answer(DENIED)
+        before = streams[0].stream.interval_us
         done = [offered.stream.set_interval(command.params[1], FASTEST_OUT_HZ) for offered in streams]
+        if name is not None and streams[0].stream.interval_us != before:
+            self.lines.append(f"{name} {_words(streams[0].stream)} by {sender_of(command)}")
         return Answer(ACCEPTED if all(done) else DENIED)
 
     def _request(self, number: int, streams: list[Offered], now_ns: int) -> Answer:
@@ -89,6 +106,18 @@ COMMANDS: Final = frozenset(
         dialect.MAV_CMD_GET_MESSAGE_INTERVAL,
     }
 )
+
+
+UNTRUSTED: Final = "only systems of `autopilot.trusted` may change it"
+
+
+def sender_of(message: Message) -> str:
+    """Who sent a message, in words."""
+    return f"system {message.system}, component {message.component}"
+
+
+def _words(stream: Stream) -> str:
+    return f"at {1e6 / stream.interval_us:.3g} Hz" if stream.interval_us > 0 else "off"
 
 
 def stamp(now_ns: int) -> dict[str, Any]:

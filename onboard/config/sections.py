@@ -51,6 +51,7 @@ class AutopilotConfig(Record, frozen=True, kw_only=True):
 
     system: SystemId = 0  # its MAVLink system id; 0: that of the first autopilot heard
     component: SystemId = 191  # our own component id (MAV_COMP_ID_ONBOARD_COMPUTER)
+    trusted: tuple[SystemId, ...] = ()  # systems that may change how often what flies a vehicle is sent
     request_rates: bool = True
     rates_hz: dict[str, float] = msgspec.field(
         default_factory=lambda: {

@@ -58,9 +58,10 @@ class Health(Record, frozen=True, kw_only=True):
     """The condition of the daemon, once a second. `uptime` and `round_trip` (of TIMESYNC) in s; `clock_offset_ns`:
     host clock minus boot clock; `clock_rate`: seconds of the boot clock in one of the host's. `states` by
     estimator; `verdicts` count measurements, `rejected` messages by reason. `faults`: present faults of our own
-    vehicle. `refusals`: which camera messages were refused and why, the latest last. `own_motion_sources`: how
-    often attitude and velocity of our own vehicle came to be taken from the autopilot or from our own state's
-    estimator (`[ownship] source`), by which and why. `beside`: other autopilots that are heard."""
+    vehicle. `refusals`: which camera messages, signed frames and requests of others were refused and why, of each
+    the latest last. `own_motion_sources`: how often attitude and velocity of our own vehicle came to be taken from
+    the autopilot or from our own state's estimator (`[ownship] source`), by which and why. `beside`: other
+    autopilots that are heard."""
 
     t_ns: int
     t_recv_ns: int

@@ -11,8 +11,8 @@ from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
-from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Postpones, counted_verdicts, load
-from onboard.health import Monitor, autopilot_name, total
+from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Postpones, load
+from onboard.health import Monitor
 from onboard.messages import (
     Attitude,
     Clock,
@@ -31,6 +31,7 @@ from onboard.messages import (
 )
 from onboard.pipeline.admission import FROM_ARRIVAL, SENSED, Admission
 from onboard.pipeline.own_motion import OwnMotionSource
+from onboard.pipeline.report import Parts, health
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
@@ -64,7 +65,8 @@ class Pipeline:
         self._last_words = LastWords()
         self._doubt = ""  # of our own motion; estimates that follow from it are not valid
         self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
-        self._decoder = DatagramDecoder(self.count_error, self._monitor.refusals.add, config.camera_inputs(), keys)
+        self.refuse = self._monitor.refusals.add  # by source and reason, what nobody could use
+        self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys)
 
     def feed(self, datagram: Datagram) -> list[Output]:
         """Estimates and own poses that follow from one datagram, in order."""
@@ -191,8 +193,7 @@ class Pipeline:
         if not is_navigation:
             return self._observe(message)
         self._own_recv_ns = message.t_recv_ns
-        own = self.ownship.own_pose(self.ownship.now_ns)
-        if own is not None:
+        if (own := self.ownship.own_pose(self.ownship.now_ns)) is not None:
             outputs.append(own)
         for waited in (*self._waiting.ready(self.ownship), message):
             outputs.extend(self._observe(waited))
@@ -282,25 +283,5 @@ class Pipeline:
 
     def health(self, t_recv_ns: int, sinks: dict[str, SinkHealth] | None = None) -> Health:
         """How the program is doing, as of a time on this computer's clock."""
-        clocks, monitor, offset = self.clocks, self._monitor, self.clocks.offset_ns
-        sources = (monitor.rejected, monitor.errors.counts, clocks.rejected, self.ownship.rejected)
-        return Health(
-            t_ns=t_recv_ns - offset if offset is not None else 0,
-            t_recv_ns=t_recv_ns,
-            uptime=(t_recv_ns - (self._first_recv_ns or t_recv_ns)) * 1e-9,
-            autopilot=autopilot_name(self.autopilot),
-            autopilot_reboots=clocks.reboots,
-            clock_source=clocks.source,
-            clock_offset_ns=offset,
-            clock_rate=clocks.rate,
-            beside=self._admission.beside,
-            round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * 1e-9,
-            streams=monitor.streams(t_recv_ns),
-            states=dict(monitor.states),
-            verdicts=dict(monitor.verdicts) | counted_verdicts(self.estimators),
-            rejected=total([*sources, self._decoder.rejected]),
-            own_motion_sources=self.ownship.source_changes,
-            sinks=sinks or {},
-            faults=monitor.faults,
-            refusals=monitor.refusals.latest,
-        )
+        parts = Parts(self.clocks, self.ownship, self._admission, self._monitor, self._decoder, self.estimators)
+        return health(parts, t_recv_ns, self._first_recv_ns or t_recv_ns, sinks or {})

@@ -7,14 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from onboard.autopilot.output import AutopilotOutput
+from onboard.autopilot.requests import STEERING
 from onboard.config import Config, parse_config
 from onboard.daemon import Daemon
 from onboard.links.udp import UdpLink
 from onboard.messages import Datagram, Encoding
 from onboard.pipeline import Pipeline
-from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 from onboard.wire.signing import Signer
+from tests.support.emitted import LINK, command_long, everything
+from tests.support.leader import AUTOPILOT
 from tests.support.running_link import until, with_link
 from tests.support.streams import heartbeat
 
@@ -124,3 +130,51 @@ def test_signatures_are_compared_with_the_clock_that_is_set() -> None:
     assert link.accepts(NOW, arrival=began, step=HALF_A_YEAR)
     assert not Signed().accepts(began, arrival=began, step=HALF_A_YEAR)  # half a year old: a recording
     assert not Signed().accepts(began + 30 * S, arrival=began, step=HALF_A_YEAR)
+
+
+FLIES = (
+    *("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "TARGET_RELATIVE", "LANDING_TARGET", "ADSB_VEHICLE"),
+    *("COLLISION", "ODOMETRY"),
+)
+
+
+def asked(out: AutopilotOutput, command: int, *params: float, system: int = 66) -> list[Any]:
+    """The daemon's answers to a command of that system."""
+    message = replace(command_long(command, *params), system=system, component=66)
+    parser = dialect.MAVLink(None)
+    return [m for frame in out.respond(LINK, [message], NOW).frames for m in parser.parse_buffer(frame) or []]
+
+
+@pytest.mark.parametrize("name", FLIES)
+def test_a_stranger_does_not_change_what_flies_the_vehicle(name: str) -> None:
+    refused: list[tuple[str, str, int]] = []
+    out, number = everything(refuse=lambda *r: refused.append(r)), message_number(name)
+    before = asked(out, 510, number)[1].interval_us
+    for interval in (-1, 1_000_000, 0):
+        (ack,) = asked(out, 511, number, interval)
+        assert ack.result == 2, "MAV_RESULT_DENIED"
+    assert asked(out, 510, number)[1].interval_us == before > 0
+    assert out.take_lines() == []
+    assert {(source, name in reason) for source, reason, _ in refused} == {("system 66, component 66", True)}
+    (ack,) = asked(out, 511, number, -1, system=255)
+    assert ack.result == 0
+    assert out.take_lines() == [f"{name} off by system 255, component 66"]
+    assert asked(out, 511, number, -1, system=255)[0].result == 0
+    assert out.take_lines() == [], "nothing has changed"
+
+
+def test_what_an_autopilot_may_follow_fuse_or_avoid_is_named() -> None:
+    assert set(STEERING) == set(FLIES)
+    assert Config().autopilot.trusted == ()
+
+
+def test_a_refused_request_is_in_the_health() -> None:
+    rows = {"leader_out": [{"link": "autopilot"}], "zenoh": {"enabled": False}}
+    daemon = Daemon(parse_config(rows), report=lambda _: None)
+    daemon._output.connect(AUTOPILOT)
+    number = message_number("FOLLOW_TARGET")
+    message = replace(command_long(511, number, -1), system=66, component=66)
+    daemon._output.respond("autopilot", [message], NOW)
+    (refusal,) = daemon._pipeline.health(NOW).refusals
+    assert (refusal.source, refusal.count) == ("system 66, component 66", 1)
+    assert "FOLLOW_TARGET" in refusal.reason

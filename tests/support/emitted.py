@@ -18,6 +18,7 @@ from onboard.messages import (
     Ping,
     TimeSync,
 )
+from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink_encode import message_number
 from tests.support.leader import AUTOPILOT, S, T, estimate, origin, own_pose
 from tests.support.vehicle_records import TRAFFIC, nav_state
@@ -39,18 +40,19 @@ ANSWERS: Final = frozenset(
 )
 
 
-def everything(keys: dict[str, bytes] | None = None) -> AutopilotOutput:
+def everything(keys: dict[str, bytes] | None = None, refuse: OnRefused = ignore) -> AutopilotOutput:
     """An output that sends all it can on one link, with a leader and an autopilot."""
     config = parse_config(
         {
             "link": [{"name": LINK, "url": "udpin:127.0.0.1:0"}],
+            "autopilot": {"trusted": [255]},
             "odometry": {"link": LINK},
             "traffic_out": {"link": LINK, "adsb_vehicle": "all"},
             "leader_out": [{"link": LINK, "system": 99, "rates_hz": dict.fromkeys(LEADER, 20.0)}],
             "estimator": {"leader": {}},
         }
     )
-    out = AutopilotOutput(config, Parameters(config, lambda _: None), keys)
+    out = AutopilotOutput(config, Parameters(config, lambda _: None), keys, refuse)
     out.connect(AUTOPILOT)
     for record in (own_pose(), estimate()):
         list(out.publish(record))

@@ -15,7 +15,7 @@ from tests.support.vehicle_records import TRAFFIC, nav_state
 NOW = 1_800_000_000 * S
 CONFIG = {
     "link": [{"name": "fc", "url": "udpin:127.0.0.1:0"}, {"name": "gcs", "url": "udpin:127.0.0.1:0"}],
-    "autopilot": {"request_rates": False},
+    "autopilot": {"request_rates": False, "trusted": [255]},
     "odometry": {"link": "gcs"},
     "traffic_out": {"link": "gcs", "adsb_vehicle": "all"},
     "leader_out": [{"link": "gcs", "system": 99, "rates_hz": {"FOLLOW_TARGET": 20.0, "TARGET_RELATIVE": 5.0}}],

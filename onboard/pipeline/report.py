@@ -1,0 +1,50 @@
+"""The health of the pipeline, of what its parts have counted."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from onboard.clocks import Clocks
+from onboard.estimators import EstimatorProtocol, counted_verdicts
+from onboard.geometry.units import S_PER_NS
+from onboard.health import Monitor, autopilot_name, total
+from onboard.messages import Health, SinkHealth
+from onboard.ownship import Ownship
+from onboard.pipeline.admission import Admission
+from onboard.wire.datagrams import DatagramDecoder
+
+
+class Parts(NamedTuple):
+    """What a pipeline is made of, and counts."""
+
+    clocks: Clocks
+    ownship: Ownship
+    admission: Admission
+    monitor: Monitor
+    decoder: DatagramDecoder
+    estimators: Mapping[str, EstimatorProtocol]
+
+
+def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, sinks: dict[str, SinkHealth]) -> Health:
+    """How the program is doing, as of a time on this computer's clock; `first_recv_ns`: of the first datagram."""
+    clocks, monitor, offset = parts.clocks, parts.monitor, parts.clocks.offset_ns
+    rejected = (monitor.rejected, monitor.errors.counts, clocks.rejected, parts.ownship.rejected)
+    return Health(
+        t_ns=t_recv_ns - offset if offset is not None else 0,
+        t_recv_ns=t_recv_ns,
+        uptime=(t_recv_ns - first_recv_ns) * S_PER_NS,
+        autopilot=autopilot_name(parts.admission.autopilot),
+        autopilot_reboots=clocks.reboots,
+        clock_source=clocks.source,
+        clock_offset_ns=offset,
+        clock_rate=clocks.rate,
+        beside=parts.admission.beside,
+        round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * S_PER_NS,
+        streams=monitor.streams(t_recv_ns),
+        states=dict(monitor.states),
+        verdicts=dict(monitor.verdicts) | counted_verdicts(parts.estimators),
+        rejected=total([*rejected, parts.decoder.rejected]),
+        own_motion_sources=parts.ownship.source_changes,
+        sinks=sinks,
+        faults=monitor.faults,
+        refusals=monitor.refusals.latest,
+    )
