@@ -13,6 +13,7 @@ from typing import Any, Final
 import msgspec
 
 from onboard.config.cameras import CameraConfig
+from onboard.config.ranges import out_of_range
 from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.errors import UserError
 from onboard.estimators import config_type, known, module_name
@@ -121,7 +122,10 @@ def parse_config(table: dict[str, Any]) -> Config:
         given = _shared(config, errors, kind) | section if isinstance(section, dict) else section
         sections[name] = _convert(given, kind, f"estimator.{name}")
     _check_broadcast(config, sections.get(SEES))
-    return msgspec.structs.replace(config, estimator=sections)
+    whole = msgspec.structs.replace(config, estimator=sections)
+    for reason in out_of_range(whole):
+        raise ConfigError(reason)
+    return whole
 
 
 def _check_broadcast(config: Config, leader: Any) -> None:

@@ -83,7 +83,7 @@ def test_a_value_that_is_set_is_kept_and_holds_after_a_restart(tmp_path: Path) -
     assert after.camera.f_px == 610.5
     assert after.camera.mount_rpy_deg == (0.0, 15.0, 0.0)
     assert after.estimator["leader"].size_prior_m == 0.3  # as a person writes it, not as 32 bits have it
-    assert load_config(file, ("camera.f_px=1.0",)).camera.f_px == 1.0
+    assert load_config(file, ("camera.f_px=300.0",)).camera.f_px == 300.0
     assert stored.stat().st_mode & 0o777 == 0o640
     stored.write_text("[camera]\nf_px = -1\n", encoding="utf-8")
     with pytest.raises(ConfigError, match=r"camera\.f_px"):

@@ -1,0 +1,81 @@
+"""Within which bounds a number of the configuration can fly. The file, `--set` and MAVLink parameters share them.
+
+A number that is only positive may still be one with which no estimate is ever valid, found out after the next start.
+The bounds are wide: they refuse what no vehicle has, and what is in another unit.
+"""
+
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple
+
+from onboard.config.sections import Config
+
+
+class Range(NamedTuple):
+    """The least and the greatest value, and the reason for them."""
+
+    low: float
+    high: float
+    why: str
+
+
+ANGLE: Final = Range(-360.0, 360.0, "it is an angle in degrees")
+OFFSET: Final = Range(-50.0, 50.0, "it is a distance on our own vehicle in metres")
+DELAY: Final = Range(-10.0, 10.0, "it is a delay in seconds; older images are not fused")
+RANGES: Final = {
+    "estimator.leader.size_prior_m": Range(0.02, 200.0, "it is an aircraft's wingspan in metres"),
+    "estimator.leader.size_prior_sigma_m": Range(1e-6, 100.0, "it is the error of a wingspan in metres"),
+    "estimator.leader.own_tilt_sigma_deg": Range(0.0, 45.0, "with a greater error nobody knows which way is up"),
+    "estimator.leader.own_yaw_sigma_deg": Range(0.0, 90.0, "with a greater error nobody knows which way is north"),
+    "estimator.leader.own_velocity_sigma_m_s": Range(0.0, 100.0, "it is the error of a velocity in m/s"),
+    "estimator.leader.delay_sigma_s": Range(0.0, 1.0, "it is the error of a delay in seconds"),
+    "estimator.leader.coast_after_s": Range(0.02, 3600.0, "it is a time without images in seconds"),
+    "estimator.leader.validity_timeout_s": Range(0.02, 3600.0, "it is a time without images in seconds"),
+    "estimator.leader.reset_timeout_s": Range(0.02, 3600.0, "it is a time without images in seconds"),
+    "delay.camera_s": DELAY,
+}
+OF_A_CAMERA: Final = {
+    "mount_rpy_deg": ANGLE,
+    "mount_offset_m": OFFSET,
+    "delay_s": DELAY,
+    "mount_sigma_deg": Range(0.0, 45.0, "with a greater error nobody knows where the camera looks"),
+    "mount_yaw_sigma_deg": Range(0.0, 90.0, "with a greater error nobody knows where the camera looks"),
+}
+FOCAL: Final = Range(0.01, 100.0, "the field of view is then between 0.6 and 179 degrees")  # of the width
+SIGMA: Final = Range(1e-5, 0.02, "a greater error hides a wing, a smaller one no detector has")  # of the width
+
+
+def out_of_range(config: Config) -> Iterator[str]:
+    """A line for each number that cannot fly: its key, its value, what is wanted, and why."""
+    for key, bounds in RANGES.items():
+        yield from _checked(key, _find(config, key), bounds)
+    cameras = {"camera": config.camera} | {f"cameras.{name}": c for name, c in config.cameras.items()}
+    for name, camera in cameras.items():
+        for key, bounds in OF_A_CAMERA.items():
+            yield from _checked(f"{name}.{key}", getattr(camera, key), bounds)
+        width = camera.width_px
+        yield from _checked(f"{name}.sigma_px", camera.sigma_px, _scaled(SIGMA, width))
+        for key in ("f_px", "fy_px"):
+            yield from _checked(f"{name}.{key}", getattr(camera, key), _scaled(FOCAL, width))
+
+
+def _scaled(bounds: Range, by: float) -> Range:
+    return bounds._replace(low=bounds.low * by, high=bounds.high * by)
+
+
+def _find(config: Config, key: str) -> Any:
+    """The value of a key, None where there is none."""
+    found: Any = config
+    for part in key.split("."):
+        found = found.get(part) if isinstance(found, dict) else getattr(found, part, None)
+    return found
+
+
+def _checked(key: str, value: Any, bounds: Range) -> Iterator[str]:
+    if value is None:
+        return
+    if isinstance(value, tuple):
+        for i, item in enumerate(value):
+            yield from _checked(f"{key}[{i}]", item, bounds)
+    elif not bounds.low <= value <= bounds.high:
+        wanted = f"expected {bounds.low:.6g} to {bounds.high:.6g}"
+        yield f"{key}: {value:.6g} cannot fly; {wanted}, since {bounds.why}"

@@ -1,0 +1,75 @@
+"""Numbers that cannot fly are refused, in the file and as parameters alike; those at the bounds do fly."""
+
+import pytest
+
+from onboard.autopilot.parameters import KEYS, Parameters
+from onboard.config import ConfigError, load_config
+from onboard.config.ranges import OF_A_CAMERA, RANGES, out_of_range
+from onboard.messages import Estimate
+from tests.support.faulty_flight import DATAGRAMS
+from tests.support.streams import feed, make_config
+
+LEADER = "estimator.leader.size_prior_m=2.5"
+CANNOT = [
+    ("CAM_F_PX", 1e-45),
+    ("CAM_F_PX", 1e20),
+    ("CAM_F_PX", 1.0),
+    ("CAM_SIGMA_PX", 100.0),
+    ("CAM_SIGMA_PX", 1e-30),
+    ("LDR_OWN_YAW_DEG", 1e9),
+    ("LDR_OWN_TILT_DEG", 1e9),
+    ("LDR_OWN_VEL_M_S", 1e6),
+    ("LDR_SIZE_M", 1e-9),
+    ("LDR_SIZE_M", 1e9),
+    ("LDR_SIZE_SIG_M", 1e9),
+    ("LDR_DELAY_SIG_S", 1e3),
+    ("LDR_COAST_S", 0.0),
+    ("LDR_RESET_S", 1e30),
+    ("CAM_X_M", 3e38),
+    ("CAM_Y_M", -3e38),
+    ("CAM_Z_M", 51.0),
+    ("CAM_ROLL_DEG", 1e9),
+    ("CAM_YAW_DEG", -361.0),
+    ("CAM_DELAY_S", 1e9),
+]
+
+
+@pytest.mark.parametrize(("name", "value"), CANNOT)
+def test_a_parameter_that_cannot_fly_is_refused_with_the_reason_and_not_stored(name: str, value: float) -> None:
+    stored: list[object] = []
+    parameters = Parameters(load_config(None, (LEADER,)), stored.append)
+    before = parameters.value(name)
+    reason = parameters.set(name, value)
+    key = KEYS[name][0]
+    assert key.rstrip(".012") in reason
+    assert not stored
+    assert parameters.value(name) == before
+    if not key[-1].isdecimal():
+        with pytest.raises(ConfigError, match="cannot fly; expected|must") as refused:
+            load_config(None, (LEADER, f"{key}={value!r}"))
+        assert str(refused.value).split(";")[0] in reason
+
+
+def test_every_parameter_has_a_range() -> None:
+    for key, _ in KEYS.values():
+        section, _, rest = key.partition(".")
+        assert key in RANGES or (section == "camera" and rest.split(".")[0] in {*OF_A_CAMERA, "f_px", "sigma_px"})
+
+
+def test_further_cameras_and_arrays_are_named() -> None:
+    with pytest.raises(
+        ConfigError, match=r"^cameras\.rear\.mount_offset_m\[1\]: 60 cannot fly; expected -50 to 50"
+    ):
+        load_config(None, ("cameras.rear.mount_offset_m=[0, 60, 0]",))
+    with pytest.raises(ConfigError, match=r"^cameras\.rear\.f_px: 1 "):
+        load_config(None, ("cameras.rear.f_px=1",))
+
+
+def test_the_defaults_are_within() -> None:
+    assert not list(out_of_range(load_config(None, (LEADER,))))
+
+
+@pytest.mark.parametrize("setting", ["camera.sigma_px=12", "camera.sigma_px=0.0064"])
+def test_at_the_bounds_estimates_are_valid(setting: str) -> None:
+    run = feed(DATAGRAMS, make_config(setting))
+    assert any(e.valid for e in run.outputs if isinstance(e, Estimate))
