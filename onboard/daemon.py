@@ -9,7 +9,6 @@ the sinks before the next datagram is read.
 import asyncio
 import signal
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,7 +18,7 @@ from onboard.autopilot.notices import WARNING
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.stream import Stream
-from onboard.config import Config, check_storable, read_stored, signing_key, store
+from onboard.config import Config, Storing, check_storable, read_stored, signing_key
 from onboard.links import Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer
@@ -50,7 +49,8 @@ class Daemon:
         self._config = config
         keys = {link.name: key for link in config.link if (key := signing_key(link)) is not None}
         self._pipeline = Pipeline(config, keys)
-        self._output = AutopilotOutput(config, _parameters(config), keys, self._pipeline.refuse)
+        self._storing = _storing(config)
+        self._output = AutopilotOutput(config, _parameters(config, self._storing), keys, self._pipeline.refuse)
         self._console = Console(report, warn=self._warn)
         self._links: list[Link] = [parse_link(link.url, link.name) for link in config.link]
         self._sinks: dict[str, SinkRunner[Any]] = {}
@@ -76,6 +76,8 @@ class Daemon:
         finally:
             if self._zenoh is not None:
                 await asyncio.to_thread(self._zenoh.close)
+            if self._storing is not None:
+                await asyncio.to_thread(self._storing.close)
             self._report("stopped")
 
     async def _open(self) -> None:
@@ -200,6 +202,8 @@ class Daemon:
             self._console.show_refusals(health)
             self._console.show_rate(health.clock_rate)
             self._console.show_beside(health)
+            if self._storing is not None and (error := self._storing.take_error()):
+                self._warn(error)
 
     def _take(self, output: Output) -> None:
         """Publish what the pipeline gives, and send the autopilot what it wants of it."""
@@ -235,13 +239,19 @@ class Daemon:
                         link.send(self._output.signed(channel, frame, self._wall_ns()))
 
 
-def _parameters(config: Config) -> Parameters:
-    """The parameters, and where they are kept. Raises ConfigError."""
+def _storing(config: Config) -> Storing | None:
+    """Where parameters are kept. Raises ConfigError."""
     if config.parameters.path is None:
+        return None
+    check_storable(Path(config.parameters.path))
+    return Storing(Path(config.parameters.path))
+
+
+def _parameters(config: Config, storing: Storing | None) -> Parameters:
+    """The parameters, and what was set before. Raises ConfigError."""
+    if storing is None or config.parameters.path is None:
         return Parameters(config)
-    path = Path(config.parameters.path)
-    check_storable(path)
-    return Parameters(config, partial(store, path), read_stored(path))
+    return Parameters(config, storing.put, read_stored(Path(config.parameters.path)))
 
 
 def _first(group: BaseExceptionGroup[Any]) -> BaseException:

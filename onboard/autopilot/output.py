@@ -12,11 +12,13 @@ from onboard.autopilot.metadata import Metadata
 from onboard.autopilot.notices import WARNING, Notices
 from onboard.autopilot.odometry import OdometryStream
 from onboard.autopilot.parameters import Parameters
+from onboard.autopilot.rations import Rations
 from onboard.autopilot.requests import Requests, version
 from onboard.autopilot.session import Session
 from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import Config, source_delays_ns
 from onboard.messages import (
+    Command,
     ComputerStatus,
     Estimate,
     GlobalPosition,
@@ -61,9 +63,11 @@ class AutopilotOutput:
         parameters = parameters or Parameters(config)
         metadata = Metadata(parameters.names, config.autopilot.component)
         self._requests.offer("COMPONENT_METADATA", metadata.message)
-        files = Files(metadata.files)
+        files, self._rations = Files(metadata.files), Rations()
         self._sessions = {
-            link.name: Session(config.autopilot, link.name, self._requests, parameters, files)
+            link.name: Session(
+                config.autopilot, link.name, self._requests, parameters, files, self._rations, refuse
+            )
             for link in config.link
             if link.is_autopilot
         }
@@ -154,8 +158,16 @@ class AutopilotOutput:
         frames = self._sessions[channel].respond(messages, now_ns)
         for out in self._leader_outputs:
             if out.link == channel:
-                frames.extend(out.respond(messages, now_ns))
+                frames.extend(self._of_camera(out, messages, now_ns))
         return Outgoing(channel, frames)
+
+    def _of_camera(self, out: LeaderOutput, messages: Sequence[Message], now_ns: int) -> Iterator[bytes]:
+        """What a camera answers, from the same rations."""
+        for message in messages:
+            if isinstance(message, Command) and self._rations.admits(message, now_ns):
+                answers = out.respond([message], now_ns)
+                self._rations.spend(message, sum(map(len, answers)), now_ns)
+                yield from answers
 
     def show_computer(self, status: ComputerStatus) -> None:
         """Take the state of this computer, to be sent."""

@@ -13,7 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from onboard.autopilot.component import TO_ALL, Component
 from onboard.autopilot.files import Files
 from onboard.autopilot.parameters import Parameters
-from onboard.autopilot.requests import Requests, stamp
+from onboard.autopilot.rations import STORED, Rations
+from onboard.autopilot.requests import Requests, sender_of, stamp
 from onboard.autopilot.stream import Stream
 from onboard.config import AutopilotConfig, Config
 from onboard.geometry.units import NS_PER_S
@@ -24,11 +25,13 @@ from onboard.messages import (
     FileRequest,
     Heartbeat,
     Message,
+    ParamAction,
     ParamRequest,
     Ping,
     TimeSync,
     tagged,
 )
+from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.mavlink_encode import message_number
 
 TIMESYNC_HZ: Final = 5.0
@@ -44,6 +47,9 @@ DONE: Final = frozenset({0, 5})  # MAV_RESULT accepted, in progress
 ORIGIN_AGAIN_NS: Final = 5 * NS_PER_S
 
 
+ASKING: Final = (TimeSync, Ping, ParamRequest, FileRequest, CommandAck, Command)
+
+
 class Session:
     """The conversation on one link. Nothing is sent before an autopilot is heard. `computer` is the state of this
     computer, if it is known."""
@@ -55,10 +61,13 @@ class Session:
         requests: Requests | None = None,
         parameters: Parameters | None = None,
         files: Files | None = None,
+        rations: Rations | None = None,
+        refuse: OnRefused = ignore,
     ) -> None:
         self.lines: list[str] = []  # for a person, since the start
         self._config, self._channel, self._requests_of_us = config, channel, requests or Requests()
         self._parameters, self._files = parameters or Parameters(Config()), files or Files({})
+        self._rations, self._refuse = rations or Rations(), refuse
         self._refusals = self._status_requests = 0
         self.computer: ComputerStatus | None = None
         self._us: Component | None = None
@@ -118,24 +127,38 @@ class Session:
             return []
         frames = []
         for m in messages:
-            if us.is_sender(m):
+            if us.is_sender(m) or not isinstance(m, ASKING):
                 continue
-            if isinstance(m, TimeSync) and m.tc1_ns == 0:
-                frames.append(self._pack(TimeSync(**stamp(now_ns), tc1_ns=now_ns, ts1_ns=m.ts1_ns)))
-            elif isinstance(m, Ping) and m.target_system == m.target_component == 0:
-                frames.append(self._pack(_pong(m, now_ns)))
-            elif isinstance(m, ParamRequest) and us.is_target(m):
-                replies, refusal = self._parameters.answer(m, now_ns)
-                frames.extend(map(self._pack, replies))
-                if refusal:
-                    self.lines.append(f"parameter refused: {refusal}")
-            elif isinstance(m, FileRequest) and us.is_target(m) and m.target_component != TO_ALL:
-                frames.extend(map(self._pack, self._files.answer(m, now_ns)))
-            elif isinstance(m, CommandAck) and us.is_target(m):
-                self._read_ack(m)
-            elif isinstance(m, Command) and us.is_target(m):
-                frames.extend(us.answer(m, now_ns))
+            if not self._rations.admits(m, now_ns):
+                self._refuse(
+                    sender_of(m), "answers are rationed: it asks for too much in too short a time", m.t_recv_ns
+                )
+                continue
+            answers = self._answer(us, m, now_ns)
+            size = sum(map(len, answers))
+            is_set = isinstance(m, ParamRequest) and m.action is ParamAction.SET and us.is_target(m)
+            self._rations.spend(m, size + STORED * is_set, now_ns)
+            frames += answers
         return frames
+
+    def _answer(self, us: Component, m: Message, now_ns: int) -> list[bytes]:
+        """What to send on one message."""
+        if isinstance(m, TimeSync) and m.tc1_ns == 0:
+            return [self._pack(TimeSync(**stamp(now_ns), tc1_ns=now_ns, ts1_ns=m.ts1_ns))]
+        if isinstance(m, Ping) and m.target_system == m.target_component == 0:
+            return [self._pack(_pong(m, now_ns))]
+        if isinstance(m, ParamRequest) and us.is_target(m):
+            replies, refusal = self._parameters.answer(m, now_ns)
+            if refusal:
+                self.lines.append(f"parameter refused: {refusal}")
+            return list(map(self._pack, replies))
+        if isinstance(m, FileRequest) and us.is_target(m) and m.target_component != TO_ALL:
+            return list(map(self._pack, self._files.answer(m, now_ns)))
+        if isinstance(m, CommandAck) and us.is_target(m):
+            self._read_ack(m)
+        if isinstance(m, Command) and us.is_target(m):
+            return us.answer(m, now_ns)
+        return []
 
     def _read_ack(self, m: CommandAck) -> None:
         """A refusal of our requests for message rates is reported once; the answer does not say which message. The

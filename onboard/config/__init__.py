@@ -24,7 +24,7 @@ from onboard.config.sections import (
     TrafficOutConfig,
     source_delays_ns,
 )
-from onboard.config.storing import check_storable, read_stored, signing_key, store
+from onboard.config.storing import Storing, check_storable, read_stored, signing_key, store
 
 __all__ = [
     "FASTEST_OUT_HZ",
@@ -40,6 +40,7 @@ __all__ = [
     "OwnshipConfig",
     "ParametersConfig",
     "RecorderConfig",
+    "Storing",
     "TrafficOutConfig",
     "check_storable",
     "estimator_modules",

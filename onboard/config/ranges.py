@@ -1,6 +1,6 @@
 """Within which bounds a number of the configuration can fly. The file, `--set` and MAVLink parameters share them.
 
-A number that is only positive may still be one with which no estimate is ever valid, found out after the next start.
+A number that is only positive may still be one with which no estimate is ever valid, as the next start shows.
 The bounds are wide: they refuse what no vehicle has, and what is in another unit.
 """
 

@@ -1,7 +1,9 @@
 """Values that were set while the daemon ran, kept in a TOML file that goes over the configuration's."""
 
 import os
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -49,11 +51,67 @@ def store(path: Path, table: dict[str, Any]) -> None:
     Raises OSError."""
     new = path.with_name(f"{path.name}.new")
     text = HEAD + "".join(f"{key} = {_toml(value)}\n" for key, value in _flat(table, ""))
-    with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE), "w", encoding="utf-8") as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    new.replace(path)
+    try:
+        with os.fdopen(
+            os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE), "w", encoding="utf-8"
+        ) as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        new.replace(path)
+    except OSError:  # a full disk: what is half written is of no use, and takes the room
+        with suppress(OSError):
+            new.unlink(missing_ok=True)
+        raise
+
+
+class Storing:
+    """Stores tables in a thread of its own: a file is on an SD card only after tens of milliseconds, in which
+    estimates must not wait. Of tables that come meanwhile the newest is stored."""
+
+    def __init__(self, path: Path, store_table: Callable[[Path, dict[str, Any]], None] = store) -> None:
+        self._path, self._store = path, store_table
+        self._lock = threading.Lock()
+        self._waiting: dict[str, Any] | None = None
+        self._thread: threading.Thread | None = None
+        self._error = ""
+
+    def put(self, table: dict[str, Any]) -> None:
+        """Let a table be stored. Never waits for the disk."""
+        with self._lock:
+            self._waiting = table
+            if self._thread is None:
+                self._thread = threading.Thread(target=self._run, name="parameters", daemon=True)
+                self._thread.start()
+
+    def take_error(self) -> str:
+        """Why the newest table is not stored, once; nothing if it is."""
+        with self._lock:
+            error, self._error = self._error, ""
+        return error
+
+    def close(self) -> None:
+        """Wait until all that was put is stored, or cannot be."""
+        with self._lock:
+            thread = self._thread
+        if thread is not None:
+            thread.join()
+
+    def _run(self) -> None:
+        """Store until nothing waits."""
+        while True:
+            with self._lock:
+                table, self._waiting = self._waiting, None
+                if table is None:
+                    self._thread = None
+                    return
+            try:
+                self._store(self._path, table)
+                error = ""
+            except OSError as failed:
+                error = f"parameters cannot be stored in {self._path}: {failed.strerror or failed}"
+            with self._lock:
+                self._error = error
 
 
 def _flat(table: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:

@@ -1,6 +1,8 @@
 """Strangers on our ports: who holds no key, or is no system of ours, takes and changes nothing."""
 
+import os
 import socket
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,11 +13,12 @@ from msgspec.structs import replace
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.output import AutopilotOutput
+from onboard.autopilot.rations import BYTES_PER_S, MOST_BYTES, SOURCES, Rations
 from onboard.autopilot.requests import STEERING
-from onboard.config import Config, parse_config
+from onboard.config import Config, Storing, parse_config, read_stored
 from onboard.daemon import Daemon
 from onboard.links.udp import UdpLink
-from onboard.messages import Datagram, Encoding
+from onboard.messages import Clock, Datagram, Encoding, FileRequest, Message, ParamAction, ParamRequest
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 from onboard.wire.signing import Signer
@@ -178,3 +181,91 @@ def test_a_refused_request_is_in_the_health() -> None:
     (refusal,) = daemon._pipeline.health(NOW).refusals
     assert (refusal.source, refusal.count) == ("system 66, component 66", 1)
     assert "FOLLOW_TARGET" in refusal.reason
+
+
+def asks(kind: str, system: int, number: int) -> Message:
+    """A message whose answer is much longer."""
+    who: dict[str, Any] = {"t_ns": NOW, "t_recv_ns": NOW, "clock": Clock.NONE, "system": system, "component": 66}
+    to_us = {"target_system": 7, "target_component": 191}
+    if kind == "file":
+        return FileRequest(**who, **to_us, number=number, session=0, opcode=15, size=239, offset=0, data=b"")
+    if kind in {"list", "extended list"}:
+        return ParamRequest(**who, **to_us, action=ParamAction.LIST, extended=kind != "list")
+    to = 100 if kind == "CAMERA_INFORMATION" else 191
+    return replace(command_long(512, message_number(kind), component=to), system=system, component=66)
+
+
+@pytest.mark.parametrize("kind", ["list", "extended list", "file", "AUTOPILOT_VERSION", "CAMERA_INFORMATION"])
+def test_answers_are_rationed_by_source_and_counted(kind: str) -> None:
+    refused: list[tuple[str, str, int]] = []
+    out = everything(refuse=lambda *r: refused.append(r))
+    opens = replace(asks("file", 66, 0), opcode=4, data=b"general.json")
+    out.respond(LINK, [opens], NOW)
+    sent = 0
+    for k in range(1000):  # in ten seconds
+        sent += sum(map(len, out.respond(LINK, [asks(kind, 66, k)], NOW + 10 * k * 10**6).frames))
+    assert BYTES_PER_S < sent / 10 < BYTES_PER_S + (MOST_BYTES + 4000) / 10
+    assert {source for source, *_ in refused} == {"system 66, component 66"}
+    assert out.respond(LINK, [asks("list", 255, 0)], NOW + 10 * S).frames, "others are answered"
+
+
+def test_strangers_without_number_share_one_ration() -> None:
+    out = everything()
+    answered = [out.respond(LINK, [asks("list", k % 250, k // 250)], NOW + k).frames for k in range(2000)]
+    sent = sum(len(frame) for frames in answered for frame in frames)
+    assert sent < (SOURCES + 1) * (MOST_BYTES + 2000)
+    assert len(out._rations._left) <= SOURCES + 1
+
+
+def test_a_ration_is_whole_again_after_two_seconds_and_not_by_a_clock_that_goes_back() -> None:
+    rations, m = Rations(), asks("list", 66, 0)
+    rations.spend(m, 2 * MOST_BYTES, NOW)
+    assert not rations.admits(m, NOW)
+    assert not rations.admits(m, NOW - 100 * S)
+    assert not rations.admits(m, NOW + 2 * S)
+    assert rations.admits(m, NOW + 2 * S + S // 1000)
+
+
+def test_a_parameter_is_stored_beside_the_event_loop_and_of_several_the_newest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk is as slow as can be: it writes nothing until all has been asked for."""
+    path, may_write, writers = tmp_path / "set.toml", threading.Event(), list[threading.Thread]()
+
+    def fsync(_: int) -> None:
+        writers.append(threading.current_thread())
+        if writers[-1] is not threading.main_thread():
+            may_write.wait()
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    rows = {"parameters": {"path": str(path)}, "zenoh": {"enabled": False}}
+    daemon = Daemon(parse_config(rows), report=lambda _: None)
+    daemon._output.connect(AUTOPILOT)
+    sets = replace(asks("list", 66, 0), action=ParamAction.SET, name="CAM_SIGMA_PX")
+    for k in range(1000):
+        daemon._output.respond("autopilot", [replace(sets, value=1.0 + k / 1000)], NOW)
+    assert not path.exists()
+    kept = daemon._output._sessions["autopilot"]._parameters.value("CAM_SIGMA_PX")
+    may_write.set()
+    assert daemon._storing is not None
+    daemon._storing.close()
+    assert read_stored(path)["camera"]["sigma_px"] == kept
+    assert 1 <= len(writers) <= 2
+    assert threading.main_thread() not in writers
+    assert 1.005 < kept < 1.05, "so many are set at once"
+
+
+def test_a_full_disk_is_told_once_and_leaves_nothing_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fsync(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    storing = Storing(tmp_path / "set.toml")
+    storing.put({"camera": {"f_px": 600.0}})
+    storing.close()
+    assert "cannot be stored" in (error := storing.take_error())
+    assert "No space left on device" in error
+    assert storing.take_error() == ""
+    assert list(tmp_path.iterdir()) == []

@@ -45,7 +45,7 @@ def test_a_parameter_that_cannot_fly_is_refused_with_the_reason_and_not_stored(n
     assert not stored
     assert parameters.value(name) == before
     if not key[-1].isdecimal():
-        with pytest.raises(ConfigError, match="cannot fly; expected|must") as refused:
+        with pytest.raises(ConfigError, match=r"cannot fly; expected|must") as refused:
             load_config(None, (LEADER, f"{key}={value!r}"))
         assert str(refused.value).split(";")[0] in reason
 
