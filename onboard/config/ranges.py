@@ -40,6 +40,10 @@ OF_A_CAMERA: Final = {
     "mount_sigma_deg": Range(0.0, 45.0, "with a greater error nobody knows where the camera looks"),
     "mount_yaw_sigma_deg": Range(0.0, 90.0, "with a greater error nobody knows where the camera looks"),
 }
+# What the file of stored parameters may set: whoever can set a parameter opens no link and names no file by it.
+TUNABLE: Final = frozenset(RANGES) | {
+    f"camera.{key}" for key in ("f_px", "sigma_px", "mount_rpy_deg", "mount_offset_m")
+}
 FOCAL: Final = Range(0.01, 100.0, "the field of view is then between 0.6 and 179 degrees")  # of the width
 SIGMA: Final = Range(1e-5, 0.02, "a greater error hides a wing, a smaller one no detector has")  # of the width
 
@@ -56,6 +60,16 @@ def out_of_range(config: Config) -> Iterator[str]:
         yield from _checked(f"{name}.sigma_px", camera.sigma_px, _scaled(SIGMA, width))
         for key in ("f_px", "fy_px"):
             yield from _checked(f"{name}.{key}", getattr(camera, key), _scaled(FOCAL, width))
+
+
+def not_tunable(table: dict[str, Any], prefix: str = "") -> Iterator[str]:
+    """The keys of a table that no parameter sets."""
+    for name, value in table.items():
+        key = f"{prefix}{name}"
+        if isinstance(value, dict) and key not in TUNABLE:
+            yield from not_tunable(value, f"{key}.")
+        elif key not in TUNABLE:
+            yield key
 
 
 def _scaled(bounds: Range, by: float) -> Range:

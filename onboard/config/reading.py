@@ -13,7 +13,7 @@ from typing import Any, Final
 import msgspec
 
 from onboard.config.cameras import CameraConfig
-from onboard.config.ranges import out_of_range
+from onboard.config.ranges import not_tunable, out_of_range
 from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.errors import UserError
 from onboard.estimators import config_type, known, module_name
@@ -56,7 +56,10 @@ def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, 
     stored = table.get("parameters", {})
     stored_path = stored.get("path") if isinstance(stored, dict) else None
     if isinstance(stored_path, str) and Path(stored_path).exists():
-        table = _merged(table, read_toml(Path(stored_path)))
+        kept = read_toml(Path(stored_path))
+        for key in not_tunable(kept):
+            raise ConfigError(f"{stored_path}: {key} is no parameter; write it into the configuration file itself")
+        table = _merged(table, kept)
     for override in overrides:
         _put(table, override)
     table.setdefault("estimator", {"leader": {}})
@@ -69,6 +72,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+    except RecursionError as error:
+        raise ConfigError(f"{path} is nested too deeply") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not TOML: {error}") from error
 

@@ -60,6 +60,8 @@ class Recorder:
         if self._wanted.is_dir():
             hint = f"it is a folder; name a file in it, such as {self._wanted / 'flight.mcap'}"
             raise SinkError(f"cannot record to {self._wanted}: {hint}")
+        if self._wanted.exists() and not self._wanted.is_file():
+            raise SinkError(f"cannot record to {self._wanted}: it is a device or a pipe; name a file on a disk")
         try:
             folder.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
         except OSError as error:

@@ -12,7 +12,7 @@ import msgspec
 import pytest
 import zenoh
 
-from onboard.links.zenoh import ZenohLink
+from onboard.links.zenoh import WAITING, ZenohLink
 from onboard.messages import Datagram, Encoding, Estimate, Health, Lifecycle, OwnPose
 from onboard.sinks import SinkRunner
 from onboard.sinks.zenoh import ZenohSink
@@ -225,8 +225,8 @@ def test_a_flood_of_points_costs_points_not_memory(session: Any, client: Any) ->
                     client.put(key, b"x")
                 time.sleep(0.05)  # noqa: ASYNC251 - the loop is to be late
             before = len(received)
-            await asyncio.sleep(0.05)
-            assert len(received) - before <= 1000
+            await asyncio.sleep(0)  # all that waited for the loop is before this in its queue, and nothing else
+            assert 0 < len(received) - before <= WAITING
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task

@@ -1,11 +1,15 @@
 """Numbers that cannot fly are refused, in the file and as parameters alike; those at the bounds do fly."""
 
+from pathlib import Path
+
 import pytest
 
 from onboard.autopilot.parameters import KEYS, Parameters
 from onboard.config import ConfigError, load_config
-from onboard.config.ranges import OF_A_CAMERA, RANGES, out_of_range
+from onboard.config.ranges import OF_A_CAMERA, RANGES, TUNABLE, out_of_range
 from onboard.messages import Estimate
+from onboard.sinks import SinkError
+from onboard.sinks.recorder import Recorder
 from tests.support.faulty_flight import DATAGRAMS
 from tests.support.streams import feed, make_config
 
@@ -73,3 +77,38 @@ def test_the_defaults_are_within() -> None:
 def test_at_the_bounds_estimates_are_valid(setting: str) -> None:
     run = feed(DATAGRAMS, make_config(setting))
     assert any(e.valid for e in run.outputs if isinstance(e, Estimate))
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        'recorder.path = "/tmp/x.mcap"',
+        'link = [{name = "a", url = "udpin:0.0.0.0:1"}]',
+        "autopilot.trusted = [66]",
+    ],
+)
+def test_the_file_of_stored_parameters_sets_nothing_else(tmp_path: Path, line: str) -> None:
+    stored, file = tmp_path / "set.toml", tmp_path / "onboard.toml"
+    file.write_text(f'[parameters]\npath = "{stored}"\n', encoding="utf-8")
+    stored.write_text(f"{line}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match="is no parameter; write it into the configuration file"):
+        load_config(file)
+    stored.write_text("camera.f_px = 610.0\n", encoding="utf-8")
+    assert load_config(file).camera.f_px == 610.0
+
+
+def test_every_parameter_is_read_again() -> None:
+    assert {key.rstrip("012").rstrip(".") for key, _ in KEYS.values()} == TUNABLE
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 10_000, "a = " + "{b = " * 10_000])
+def test_a_file_that_is_nested_ten_thousand_deep_is_refused_in_words(tmp_path: Path, text: str) -> None:
+    (tmp_path / "deep.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError, match="nested too deeply"):
+        load_config(tmp_path / "deep.toml")
+
+
+@pytest.mark.parametrize("path", ["/dev/full", "/dev/null/flight.mcap", "/dev"])
+def test_what_cannot_hold_a_recording_is_refused_at_the_start(path: str) -> None:
+    with pytest.raises(SinkError, match="cannot record to"):
+        Recorder(Path(path)).check()
