@@ -10,7 +10,6 @@ from onboard.messages import Datagram, Encoding
 MAGIC_V2: Final = 0xFD
 MAGIC_V1: Final = 0xFE
 SIGNED: Final = 0x01
-LONGEST: Final = 8 + 280 + 13
 EARLIEST_US: Final = 0
 LATEST_US: Final = 4_102_444_800_000_000  # the year 2100
 

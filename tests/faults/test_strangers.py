@@ -1,5 +1,6 @@
 """Strangers on our ports: who holds no key, or is no system of ours, takes and changes nothing."""
 
+import asyncio
 import os
 import socket
 import threading
@@ -269,3 +270,19 @@ def test_a_full_disk_is_told_once_and_leaves_nothing_half_written(
     assert "No space left on device" in error
     assert storing.take_error() == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_every_link_is_open_and_named_before_the_flight() -> None:
+    lines: list[str] = []
+    urls = ["udpin:127.0.0.1:0", "json:127.0.0.1:0"]
+    rows = {"link": [{"name": f"l{i}", "url": url} for i, url in enumerate(urls)], "zenoh": {"enabled": False}}
+    daemon = Daemon(parse_config(rows), report=lines.append)
+    asyncio.run(daemon._open())
+    try:
+        assert lines == [f"link l{i}: {url}" for i, url in enumerate(urls)]
+        assert all(isinstance(link, UdpLink) and link.address[1] > 0 for link in daemon._links)
+    finally:
+        for link in daemon._links:
+            assert isinstance(link, UdpLink)
+            assert link._socket is not None
+            link._socket.close()

@@ -9,10 +9,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard import __version__
 from onboard.autopilot.output import AutopilotOutput
+from onboard.autopilot.requests import version
 from onboard.autopilot.session import Session
 from onboard.config import AutopilotConfig, Config
 from onboard.messages import Clock, Command, CommandAck, Heartbeat, Ping, TimeSync
 from onboard.messages.vehicle import OUR_TAG
+from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support.emitted import command_long
 
 MS = 1_000_000
@@ -227,3 +229,12 @@ def test_request_for_our_heartbeat_is_accepted_and_brings_one_at_once() -> None:
 @pytest.mark.parametrize(("system", "component"), [(42, 1), (42, 0), (43, 191), (0, 0)])
 def test_command_to_others_or_to_all_is_left_to_them(system: int, component: int) -> None:
     assert connected().respond([command(400, 1.0, system=system, component=component)], T0) == []
+
+
+def test_our_version_claims_no_board_vendor_or_hash() -> None:
+    sent = version(T0)
+    (frame,) = parsed([MavlinkEncoder(7, 191).encode(sent)])
+    for field in ("middleware_sw_version", "os_sw_version", "board_version", "vendor_id", "product_id", "uid"):
+        assert getattr(frame, field) == 0
+    for field in ("flight_custom_version", "middleware_custom_version", "os_custom_version"):
+        assert bytes(getattr(frame, field)) == bytes(8)

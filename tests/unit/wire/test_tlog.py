@@ -80,3 +80,12 @@ def test_a_log_with_anything_in_it_never_raises(at: int, noise: bytes) -> None:
         assert consumed <= len(LOG) + 200
         if datagram is not None:
             decoder.decode(datagram.data, datagram.t_recv_ns)
+
+
+def test_a_stamp_is_of_the_years_until_2100() -> None:
+    frame, us = DATAGRAMS[0].data, 1_000
+    new_year = 4_102_444_800 * 10**9
+    for t_ns in (0, new_year - us):
+        assert [d.t_recv_ns for d in records(tlog_record(t_ns, frame))] == [t_ns]
+    with pytest.raises(NotALogError):
+        records(tlog_record(new_year, frame))
