@@ -8,7 +8,7 @@ from typing import Final
 from onboard.messages import Datagram, Encoding, Message, TargetImage
 from onboard.wire.cameras import Cameras, find, of_topic
 from onboard.wire.detections import decode_detections, images_of
-from onboard.wire.document import BadDocumentError
+from onboard.wire.document import BadDocumentError, Refuse
 from onboard.wire.mavlink_decode import MavlinkDecoder, OnError, raise_error
 from onboard.wire.points import decode_points
 from onboard.wire.radar import decode_radar
@@ -17,8 +17,8 @@ from onboard.wire.ros import decode_ros
 from onboard.wire.signing import Verifier
 from onboard.wire.tracking import TrackerDecoder
 
-DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int], Message]]] = {
-    Encoding.POINTS: decode_points,
+DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int, Refuse], Message]]] = {
+    Encoding.POINTS: lambda data, t_recv_ns, _: decode_points(data, t_recv_ns),
     Encoding.RADAR: decode_radar,
     Encoding.RANGES: decode_ranges,
 }
@@ -88,7 +88,7 @@ class DatagramDecoder:
             camera = of_topic(self._cameras, datagram.channel)
             return [*images_of(decode_ros(data), t_recv_ns, camera, camera.lens, refuse, ignored)]
         if datagram.encoding is not Encoding.DETECTIONS:
-            message = DOCUMENTS[datagram.encoding](data, t_recv_ns)
+            message = DOCUMENTS[datagram.encoding](data, t_recv_ns, refuse)
             if isinstance(message, TargetImage) and self._cameras:
                 find(self._cameras, message.camera)
             return [message]

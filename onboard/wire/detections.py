@@ -6,7 +6,7 @@ Where no point is named, the position of a pose is the center.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import msgspec
@@ -30,7 +30,7 @@ from onboard.messages import (
 from onboard.messages.target import WING_POINTS
 from onboard.wire import agreement
 from onboard.wire.cameras import CameraInput, Cameras, find
-from onboard.wire.document import BadDocumentError, parse
+from onboard.wire.document import BadDocumentError, Refuse, load, parse_rows
 from onboard.wire.points import check_target, lens_of
 from onboard.wire.poses import relative_pose
 
@@ -46,7 +46,6 @@ INSIDE: Final[dict[str, type[Record]]] = {
     "attitude": MountAttitude,
 }
 
-Refuse = Callable[[str], None]
 _decoder = msgspec.json.Decoder(CameraDetections)
 
 
@@ -59,23 +58,30 @@ def decode_detections(
     called with each field and each point that is not known. Raises BadDocumentError (see `document.parse`) for a
     document that cannot be used at all.
     """
-    document = parse(_decoder, data)
+    document, numbers = parse_rows(_decoder, data, refuse)
     mount = document.attitude
     if mount is not None and not 0.5 < math.hypot(*mount.q) < 2.0:
         raise BadDocumentError("expected a quaternion w, x, y, z of length 1 - at `$.attitude.q`")
-    for field in _unknown(msgspec.json.decode(data), CameraDetections, ""):
+    for field in _unknown(load(data, CameraDetections), CameraDetections, ""):
         ignore(field)
     camera = find(cameras, document.camera)
     lens = camera.lens if document.intrinsics is None else lens_of(document.intrinsics)
-    return images_of(document, t_recv_ns, camera, lens, refuse, ignore)
+    return images_of(document, t_recv_ns, camera, lens, refuse, ignore, numbers)
 
 
 def images_of(
-    document: CameraDetections, t_recv_ns: int, camera: CameraInput, lens: Lens, refuse: Refuse, ignore: Refuse
+    document: CameraDetections,
+    t_recv_ns: int,
+    camera: CameraInput,
+    lens: Lens,
+    refuse: Refuse,
+    ignore: Refuse,
+    numbers: Sequence[int] | None = None,
 ) -> list[TargetImage]:
-    """A message for each detection of a document, whose pixels are those of `lens`; see `decode_detections`."""
+    """A message for each detection of a document, whose pixels are those of `lens`; see `decode_detections`.
+    `numbers`: which detection each one was in what was sent; None: all are there."""
     found: list[TargetImage] = []
-    for i, detection in enumerate(document.detections):
+    for i, detection in zip(numbers or range(len(document.detections)), document.detections, strict=True):
         head = {
             "t_ns": document.t_ns,
             "t_recv_ns": t_recv_ns,

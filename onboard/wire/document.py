@@ -1,17 +1,36 @@
 """What camera points, radar detections and pseudoranges have in common as JSON documents."""
 
+import json
+import math
 import re
-from typing import Final, TypeVar
+from collections.abc import Callable
+from typing import Any, Final, TypeVar
 
 import msgspec
 
-from onboard.messages import CameraDetections, CameraPoints, Pseudoranges, RadarDetections, Record
+from onboard.messages import (
+    CameraDetections,
+    CameraPoints,
+    Detection,
+    Pseudoranges,
+    RadarDetection,
+    RadarDetections,
+    Record,
+    SatelliteRange,
+)
 
 LATEST_NS: Final = 2**63
 LARGEST: Final = 65_536  # bytes; three labelled points are 400, a radar's echo a hundred
 NAME: Final = re.compile(r"[A-Za-z0-9_.-]{1,64}")  # of a camera or a radar: one part of a key
 
+ROWS: Final[dict[type[Record], tuple[str, type[Record]]]] = {  # the field that lists what was measured
+    CameraDetections: ("detections", Detection),
+    RadarDetections: ("detections", RadarDetection),
+    Pseudoranges: ("satellites", SatelliteRange),
+}
+
 D = TypeVar("D", CameraDetections, CameraPoints, RadarDetections, Pseudoranges)
+Refuse = Callable[[str], None]
 
 
 class BadDocumentError(ValueError):
@@ -19,22 +38,117 @@ class BadDocumentError(ValueError):
 
 
 def parse(decoder: msgspec.json.Decoder[D], data: bytes) -> D:
-    """The record of one JSON document.
+    """The record of one JSON document. Whole numbers may be written with a point.
 
     Raises BadDocumentError when it is not JSON in UTF-8, too large, a field is missing, unknown or of the wrong
     type, or the time does not fit into 64 bits (it could not be published again).
     """
+    return parse_rows(decoder, data, raise_reason)[0]
+
+
+def parse_rows(decoder: msgspec.json.Decoder[D], data: bytes, refuse: Refuse) -> tuple[D, list[int]]:
+    """The record of one JSON document, and the number that each of its rows (`ROWS`) has in the document.
+
+    A row that cannot be read costs the others nothing: it is left out, and `refuse` is called with the reason.
+    Raises BadDocumentError as `parse` does, for all that is not in a row.
+    """
     if len(data) > LARGEST:
         raise BadDocumentError(f"the document has more than {LARGEST} bytes")
+    name, _ = ROWS.get(decoder.type, ("", Record))
     try:
         document = decoder.decode(data)
-    except msgspec.ValidationError as error:
-        raise BadDocumentError(f"{error}{_known(decoder.type, str(error))}") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:  # the latter for text that is not UTF-8
-        raise BadDocumentError(f"{error}; expected one JSON object of {decoder.type.__name__}") from error
+        numbers = list(range(len(getattr(document, name, ()))))
+    except (msgspec.DecodeError, UnicodeDecodeError):  # the latter for text that is not UTF-8
+        document, numbers = _row_by_row(decoder.type, load(data, decoder.type), refuse)
     if not -LATEST_NS < document.t_ns < LATEST_NS:
         raise BadDocumentError("a time must fit into 64 bits - at `$.t_ns`")
-    return document
+    return document, numbers
+
+
+def parse_measurements(
+    decoder: msgspec.json.Decoder[D],
+    data: bytes,
+    is_possible: Callable[[Any], bool],
+    possible: str,
+    refuse: Refuse,
+) -> D:
+    """The record of one JSON document with those of its rows that can be measured, as `possible` says. Raises
+    BadDocumentError when there are rows and none of them can: it is no measurement of nothing."""
+    reasons: list[str] = []
+    document, numbers = parse_rows(decoder, data, reasons.append)
+    name, _ = ROWS[decoder.type]
+    found = []
+    for i, row in zip(numbers, getattr(document, name), strict=True):
+        if is_possible(row):
+            found.append(row)
+        else:
+            reasons.append(f"{possible} - at `$.{name}[{i}]`")
+    if reasons and not found:
+        raise BadDocumentError(reasons[0])
+    for reason in reasons:
+        refuse(reason)
+    return msgspec.structs.replace(document, **{name: tuple(found)})
+
+
+def load(data: bytes, kind: type[Record]) -> Any:
+    """A JSON document as dictionaries and lists. NaN and Infinity, which are not JSON but are written by Python,
+    are read: the check of the field that holds them names it. Raises BadDocumentError."""
+    try:
+        return msgspec.json.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as strict:
+        try:
+            return json.loads(data.decode("utf-8"))
+        except (ValueError, RecursionError):
+            raise BadDocumentError(f"{strict}; expected one JSON object of {kind.__name__}") from strict
+
+
+def _row_by_row(kind: type[D], tree: Any, refuse: Refuse) -> tuple[D, list[int]]:
+    """The record without the rows that cannot be read, and the numbers of those that can."""
+    name, row_kind = ROWS.get(kind, ("", Record))
+    rows = tree.get(name) if isinstance(tree, dict) else None
+    if not isinstance(rows, list):
+        return _convert(tree, kind, ""), []
+    document = _convert({**tree, name: []}, kind, "")
+    found: dict[int, Any] = {}
+    for i, row in enumerate(rows):
+        try:
+            found[i] = _convert(row, row_kind, f".{name}[{i}]")
+        except BadDocumentError as error:
+            refuse(str(error))
+    return msgspec.structs.replace(document, **{name: tuple(found.values())}), list(found)
+
+
+def _convert(tree: Any, kind: type[Any], at: str) -> Any:
+    """A record of part of a document, which stands at `at`. Raises BadDocumentError."""
+    try:
+        return msgspec.convert(_whole(tree, at), kind)
+    except msgspec.ValidationError as error:
+        reason = str(error)
+        if not at:
+            raise BadDocumentError(f"{reason}{_known(kind, reason)}") from error
+        named = reason.replace(" at `$", f" at `${at}") if " at `$" in reason else f"{reason} - at `${at}`"
+        raise BadDocumentError(named) from error
+    except RecursionError as error:
+        raise BadDocumentError(f"lists or objects within each other without end - at `${at}`") from error
+
+
+def _whole(value: Any, at: str) -> Any:
+    """The same with whole numbers as integers, which records take for either. Raises BadDocumentError, with its
+    place, for a number that is none."""
+    if isinstance(value, dict):
+        return {name: _whole(inner, f"{at}.{name}") for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_whole(inner, f"{at}[{i}]") for i, inner in enumerate(value)]
+    if not isinstance(value, float):
+        return value
+    if not math.isfinite(value):
+        raise BadDocumentError(f"expected a finite number, got {value} - at `${at}`")
+    return int(value) if value.is_integer() and abs(value) < LATEST_NS else value
+
+
+def raise_reason(reason: str) -> None:
+    """Refuse a whole document for one of its rows, where nobody counts these."""
+    raise BadDocumentError(reason)
 
 
 def _known(kind: type[Record], error: str) -> str:

@@ -6,27 +6,25 @@ from typing import Final
 import msgspec
 
 from onboard.messages import RadarDetection, RadarDetections, RadarScan
-from onboard.wire.document import BadDocumentError, check_name, parse
+from onboard.wire.document import BadDocumentError, Refuse, check_name, parse_measurements, raise_reason
 
+POSSIBLE: Final = "range > 0, azimuth within +-2 pi, elevation within +-pi/2, sigma > 0"
 MOST: Final = 4096  # detections in one scan; no radar of a small aircraft resolves more
 
 _decoder = msgspec.json.Decoder(RadarDetections)
 
 
-def decode_radar(data: bytes, t_recv_ns: int) -> RadarScan:
-    """RadarScan of one JSON document of RadarDetections.
+def decode_radar(data: bytes, t_recv_ns: int, refuse: Refuse = raise_reason) -> RadarScan:
+    """RadarScan of one JSON document of RadarDetections. `refuse` is called with the reason for each echo that
+    cannot be used; it costs the others nothing.
 
-    Raises BadDocumentError (see `document.parse`), also when a number is out of its range.
+    Raises BadDocumentError (see `document.parse`), also when no echo of several can be used: an empty scan would
+    say that the radar sees nothing.
     """
-    m = parse(_decoder, data)
+    m = parse_measurements(_decoder, data, _possible, POSSIBLE, refuse)
     check_name(m.radar, "radar")
     if len(m.detections) > MOST:
         raise BadDocumentError(f"more than {MOST} detections - at `$.detections`")
-    for i, detection in enumerate(m.detections):
-        if not _possible(detection):
-            raise BadDocumentError(
-                f"range > 0, azimuth within +-2 pi, elevation within +-pi/2, sigma > 0 - at `$.detections[{i}]`"
-            )
     return RadarScan(
         t_ns=m.t_ns,
         t_recv_ns=t_recv_ns,

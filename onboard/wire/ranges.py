@@ -6,33 +6,31 @@ from typing import Final
 import msgspec
 
 from onboard.messages import PeerRanges, Pseudoranges, SatelliteRange
-from onboard.wire.document import BadDocumentError, parse
+from onboard.wire.document import BadDocumentError, Refuse, parse_measurements, raise_reason
 
 MOST: Final = 64  # satellites; no receiver follows more of one kind
 ORBITS: Final = (6.4e6, 1e8)  # m from the Earth's centre
 FASTEST: Final = 2e4  # m/s
 FARTHEST: Final = 1e9  # m: a pseudorange contains the error of the receiver's clock
+POSSIBLE: Final = (
+    "orbits are 6400 to 100000 km from the Earth's centre, pseudoranges to 1e9 m, rates and "
+    "velocities to 20 km/s, sigma > 0"
+)
 
 _decoder = msgspec.json.Decoder(Pseudoranges)
 
 
-def decode_ranges(data: bytes, t_recv_ns: int) -> PeerRanges:
-    """PeerRanges of one JSON document of Pseudoranges.
+def decode_ranges(data: bytes, t_recv_ns: int, refuse: Refuse = raise_reason) -> PeerRanges:
+    """PeerRanges of one JSON document of Pseudoranges. `refuse` is called with the reason for each satellite that
+    cannot be used; it costs the others nothing.
 
-    Raises BadDocumentError (see `document.parse`), also when a number is out of its range or a satellite occurs
-    twice.
+    Raises BadDocumentError (see `document.parse`), also when no satellite can be used, or one occurs twice.
     """
-    m = parse(_decoder, data)
+    m = parse_measurements(_decoder, data, _possible, POSSIBLE, refuse)
     if not 1 <= m.peer <= 255:
         raise BadDocumentError("a system number is 1 to 255 - at `$.peer`")
     if len(m.satellites) > MOST or len({s.satellite for s in m.satellites}) < len(m.satellites):
         raise BadDocumentError(f"at most {MOST} satellites, each once - at `$.satellites`")
-    for i, satellite in enumerate(m.satellites):
-        if not _possible(satellite):
-            raise BadDocumentError(
-                "orbits are 6400 to 100000 km from the Earth's centre, pseudoranges to 1e9 m, rates and "
-                f"velocities to 20 km/s, sigma > 0 - at `$.satellites[{i}]`"
-            )
     return PeerRanges(
         t_ns=m.t_ns,
         t_recv_ns=t_recv_ns,

@@ -293,3 +293,40 @@ def test_statements_of_one_detection_that_cannot_both_be_are_refused_and_both_na
 def test_a_position_beside_its_center_elsewhere_is_refused() -> None:
     decoded = sized(points={"center": CENTER | {"v_px": 300.0}}, pose={"position_m": (2.5, -3.0, 25.0)})
     assert "the position is 13 degrees from `points.center`" in decoded.reasons[0]
+@pytest.mark.parametrize(
+    ("odd", "reason"),
+    [
+        ({"class": 4}, "Expected `str`, got `int` - at `$.detections[0].class`"),
+        ({"class": None}, "Expected `str`, got `null` - at `$.detections[0].class`"),
+        ({"id": 7.5}, "Expected `int | str | null`, got `float` - at `$.detections[0].id`"),
+        ({"target": None}, "Expected `str`, got `null` - at `$.detections[0].target`"),
+        ({"confidence": float("nan")}, "expected a finite number, got nan - at `$.detections[0].confidence`"),
+        ({"confidence": float("inf")}, "expected a finite number, got inf - at `$.detections[0].confidence`"),
+        ({"confidence": "0.9"}, "Expected `float | null`, got `str` - at `$.detections[0].confidence`"),
+        ({"box": [1, 2, 3, 4]}, "Expected `object | null`, got `array` - at `$.detections[0].box`"),
+        ({"points": {"left": None}}, "Expected `object`, got `null` - at `$.detections[0].points[...]`"),
+        ({"range_m": [float("-inf")]}, "expected a finite number, got -inf - at `$.detections[0].range_m[0]`"),
+    ],
+    ids=str,
+)
+def test_a_detection_that_cannot_be_read_costs_the_others_nothing(odd: dict[str, Any], reason: str) -> None:
+    decoded = Decoded({**HEAD, "detections": [{"box": BOX, **odd}, {"box": BOX, "confidence": 0.9}]})
+    assert decoded.messages == Decoded({**HEAD, "detections": [{"box": BOX, "confidence": 0.9}]}).messages
+    assert decoded.reasons == [reason]
+    assert decoded.rejected == {"bad_detections": 1}
+
+
+def test_what_follows_a_detection_that_cannot_be_read_is_named_by_its_own_number() -> None:
+    rows = [{"box": BOX, "class": 4}, {"box": BOX}, {"box": BOX, "confidence": 80}]
+    reasons = Decoded({**HEAD, "detections": rows}).reasons
+    assert [reason.split(" - at ")[1] for reason in reasons] == [
+        "`$.detections[0].class`",
+        "`$.detections[2].confidence`",
+    ]
+
+
+def test_a_whole_number_may_be_written_with_a_point() -> None:
+    plain = Decoded({**HEAD, "detections": [{"box": BOX, "id": 7}]})
+    floats = Decoded({**HEAD, "t_ns": 5e9, "detections": [{"box": BOX, "id": 7.0}]})
+    assert (floats.messages, floats.reasons) == (plain.messages, [])
+    assert "Expected `int`, got `float` - at `$.t_ns`" in Decoded({**HEAD, "t_ns": 1.7e9 + 0.25}).reasons[0]

@@ -64,3 +64,27 @@ def test_a_scan_goes_out_and_comes_back() -> None:
     sent = RadarDetections(t_ns=5, clock=Clock.HOST, radar="nose", frame="ned", detections=(echo,))
     scan = decode_radar(encode_radar(sent), RECV)
     assert (scan.t_ns, scan.clock, scan.frame, scan.detections) == (5, Clock.HOST, "ned", (echo,))
+
+
+@pytest.mark.parametrize(
+    ("odd", "field"),
+    [
+        ({"range": float("nan")}, "range"),
+        ({"azimuth": "left"}, "azimuth"),
+        ({"snr_db": "high"}, "snr_db"),
+        ({"sigma": [1.0, None, 1.0]}, "sigma[1]"),
+        ({"range": 0.0}, ""),
+    ],
+    ids=str,
+)
+def test_an_echo_that_cannot_be_used_costs_the_others_nothing(odd: dict[str, Any], field: str) -> None:
+    reasons: list[str] = []
+    scan = decode_radar(document(detections=[ECHO | odd, ECHO]), RECV, reasons.append)
+    assert scan == decode_radar(document(), RECV)
+    (reason,) = reasons
+    assert reason.endswith(f"at `$.detections[0]{'.' if field else ''}{field}`")
+
+
+def test_a_scan_of_which_no_echo_can_be_used_is_not_an_empty_one() -> None:
+    with pytest.raises(BadDocumentError, match=r"detections\[0\].range"):
+        decode_radar(document(detections=[ECHO | {"range": None}]), RECV, lambda _: None)

@@ -132,6 +132,17 @@ def test_an_impossible_epoch_is_refused_with_the_field_s_name(change: dict[str, 
         decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)  # type: ignore[arg-type]  # of its type
 
 
+def test_a_satellite_that_cannot_be_used_costs_the_others_nothing() -> None:
+    first, *others = EPOCH.satellites
+    odd = msgspec.structs.replace(first, sigma=0.0)
+    reasons: list[str] = []
+    m = decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, satellites=(odd, *others))), 9, reasons.append)
+    assert m.satellites == tuple(others)
+    data = encode_ranges(EPOCH).replace(b'"sigma":5.0', b'"sigma":NaN', 1)
+    assert decode_ranges(data, 9, reasons.append).satellites == tuple(others)
+    assert [reason.split(" - at ")[1] for reason in reasons] == ["`$.satellites[0]`", "`$.satellites[0].sigma`"]
+
+
 # ------------------------------------------------------------------------------------------------ fix
 
 
