@@ -1,9 +1,10 @@
 """MAVLink bytes -> records in SI units. Sans-IO: bytes in, messages out; bad bytes are counted, not raised.
 
 Two framings. UDP: every datagram stands alone, so a truncated one cannot eat the next. Streams (TCP, serial): a
-frame that is cut off waits for its other part. Every frame's checksum is tested, but only the payloads of messages
-that become records are read. Signatures are tested where there is a key, and else skipped. Tests hold frames,
-counts and records to pymavlink's.
+frame that is cut off waits for its other part. Behind a bad checksum the search goes on at the next byte: the
+length may be what is wrong, and it must not eat good frames. Every frame's checksum is tested, but only the
+payloads of messages that become records are read. Signatures are tested where there is a key, and else skipped.
+Tests hold frames, counts and records to pymavlink's.
 """
 
 import re
@@ -22,6 +23,7 @@ from onboard.wire.tracking import TrackerDecoder
 
 START: Final = re.compile(b"[\xfd\xfe]")
 NAMES: Final = {number: (name, bytes([MIRRORED[extra]])) for number, (name, extra) in MESSAGES.items()}
+UNKNOWN: Final = "unknown_message"
 TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
 FIELD_OF_VIEW: Final = Layout("<I6i6f", boot_ms=0)  # CAMERA_FOV_STATUS
 OnError = Callable[[str, Exception], None]
@@ -52,6 +54,7 @@ class MavlinkDecoder:
         self._on_error = on_error
         self._verifier = verifier
         self._rest = b""  # of a stream: the frame that is not complete yet
+        self._is_lost = False  # within a stretch of bytes that are no frames
         self._points = PointAssembler(self.rejected)
         self._trackers = trackers or TrackerDecoder({})
         self._wall_step_ns = 0
@@ -63,51 +66,53 @@ class MavlinkDecoder:
         data = self._rest + data
         messages: list[Message] = []
         at = 0
+        self._is_lost = self._is_lost and self._stream
         while at < len(data):
             if data[at] not in (V1, V2):
                 start = START.search(data, at)
                 at = len(data) if start is None else start.start()
-                self.rejected["bad_frame"] += 1
+                self._lose("bad_frame")
                 continue
             end = at + _length(data, at)
-            if end > len(data):
+            if end > len(data) and self._stream:
                 break
-            message = self._message(data[at:end], t_recv_ns)
-            if message is not None:
-                messages.append(message)
+            reason = "truncated" if end > len(data) else flaw(data[at:end])
+            if reason == UNKNOWN and end == len(data) and self._stream:
+                break  # the byte behind it says whether it is a frame
+            if reason == UNKNOWN and (end == len(data) or data[end] in (V1, V2)):
+                self.rejected[UNKNOWN] += 1  # no false start in noise: another frame follows
+            elif reason:
+                self._lose(reason)
+                at += 1  # a length that is not confirmed by a checksum may be wrong, too
+                continue
+            else:
+                message = self._message(data[at:end], t_recv_ns)
+                if message is not None:
+                    messages.append(message)
+            self._is_lost = False
             at = end
         if self._stream:
             self._rest = data[at:]
-        elif at < len(data):
-            self.rejected["truncated"] += 1
         return messages
 
+    def _lose(self, reason: str) -> None:
+        """Count a stretch of bytes that are no frame, once, by what was wrong first."""
+        if not self._is_lost:
+            self.rejected[reason] += 1
+        self._is_lost = True
+
     def _message(self, frame: bytes, t_recv_ns: int) -> Message | None:
-        """The record of one frame of the right length, None if it has none."""
-        if frame[0] == V1:
-            head, system, component, number = V1_HEAD, frame[3], frame[4], frame[5]
-        elif frame[2] & ~SIGNED:
-            self.rejected["bad_frame"] += 1
-            return None
-        else:
-            head, system, component = V2_HEAD, frame[5], frame[6]
-            number = int.from_bytes(frame[7:10], "little")
-        known = NAMES.get(number)
-        if known is None:
-            self.rejected["unknown_message"] += 1  # without its CRC_EXTRA the checksum cannot be tested
-            return None
-        name, extra = known
-        end = head + frame[1]
-        if not is_sound(frame[1 : end + CHECKSUM], extra):
-            self.rejected["bad_frame"] += 1
-            return None
+        """The record of one sound frame, None if it has none."""
+        head, number = _head(frame)
+        system, component = (frame[3], frame[4]) if head == V1_HEAD else (frame[5], frame[6])
+        name, _ = NAMES[number]
         reason = "" if self._verifier is None else self._verifier.check(frame, t_recv_ns, self._wall_step_ns)
         if reason:
             self.rejected[reason] += 1
             return None
         self.names[name] += 1
         try:
-            return self._record(name, frame[head:end], t_recv_ns, system, component)
+            return self._record(name, frame[head : head + frame[1]], t_recv_ns, system, component)
         except Exception as error:  # of any kind: it costs this frame
             self._on_error(name, error)
             return None
@@ -140,6 +145,24 @@ def _length(data: bytes, at: int) -> int:
     if data[at] == V1:
         return V1_HEAD + data[at + 1] + CHECKSUM
     return V2_HEAD + data[at + 1] + CHECKSUM + (SIGNATURE if data[at + 2] & SIGNED else 0)
+
+
+def _head(frame: bytes) -> tuple[int, int]:
+    """The length of a frame's header, and the number of its message."""
+    if frame[0] == V1:
+        return V1_HEAD, frame[5]
+    return V2_HEAD, int.from_bytes(frame[7:10], "little")
+
+
+def flaw(frame: bytes) -> str:
+    """Why the bytes of one frame, of the length that its header says, cannot be read; empty if they can."""
+    if frame[0] == V2 and frame[2] & ~SIGNED:
+        return "bad_frame"
+    head, number = _head(frame)
+    known = NAMES.get(number)
+    if known is None:
+        return UNKNOWN  # without its CRC_EXTRA the checksum cannot be tested
+    return "" if is_sound(frame[1 : head + frame[1] + CHECKSUM], known[1]) else "bad_frame"
 
 
 def is_sound(checked: bytes, extra: bytes) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from onboard.messages import Datagram, Encoding
+from onboard.wire.mavlink_decode import flaw
 
 MAGIC_V2: Final = 0xFD
 MAGIC_V1: Final = 0xFE
@@ -40,7 +41,7 @@ def read_tlog(data: bytes, channel: str = "tlog") -> Iterator[tuple[Datagram | N
     at, lost = 0, False
     while at + 8 < len(view):
         length = frame_length(view, at + 8) if _record_at(view, at) else None
-        if length is None or at + 8 + length > len(view):
+        if length is None or not _is_whole(view, at + 8, at + 8 + length):
             at += 1
             lost = True
             continue
@@ -53,6 +54,12 @@ def read_tlog(data: bytes, channel: str = "tlog") -> Iterator[tuple[Datagram | N
         yield Datagram(channel=channel, encoding=Encoding.MAVLINK, t_recv_ns=t_us * 1000, data=frame), at
     if lost or at < len(view):
         yield None, len(view)
+
+
+def _is_whole(view: memoryview, start: int, end: int) -> bool:
+    """Whether a frame ends where its header says: a record follows, or its checksum is right. A wrong length would
+    eat the records behind it."""
+    return end == len(view) or _record_at(view, end) or (end < len(view) and not flaw(bytes(view[start:end])))
 
 
 def _record_at(view: memoryview, at: int) -> bool:

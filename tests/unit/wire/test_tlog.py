@@ -50,6 +50,17 @@ def test_damage_that_hides_a_header_costs_that_record() -> None:
     assert len(found) == len(DATAGRAMS)
 
 
+@pytest.mark.parametrize("length", [0, 5, 200, 255])
+def test_a_wrong_length_costs_that_record_alone(length: int) -> None:
+    damaged = bytearray(LOG)
+    at = sum(8 + len(d.data) for d in DATAGRAMS[:10]) + 8
+    assert damaged[at + 1] != length
+    damaged[at + 1] = length
+    found = records(bytes(damaged))
+    assert [d.data for d in found if d is not None] == [d.data for d in (*DATAGRAMS[:10], *DATAGRAMS[11:])]
+    assert found.count(None) == 1
+
+
 def test_a_log_cut_off_anywhere_gives_all_whole_records() -> None:
     short = LOG[: sum(8 + len(d.data) for d in DATAGRAMS[:5])]
     ends = np.cumsum([8 + len(d.data) for d in DATAGRAMS[:5]])
