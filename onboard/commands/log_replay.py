@@ -24,7 +24,8 @@ class ReplayError(UserError, ValueError):
 
 class Replayed(NamedTuple):
     """What a replay made: every estimate of others and of our own state, the health at the end, records read,
-    stretches that were no record, the seconds that it lasted, and the boot time of its end, s."""
+    stretches that were no record and rows that could not be used, the seconds that it lasted, and the boot time of
+    its end, s."""
 
     estimates: list[Estimate]
     health: Health
@@ -52,9 +53,15 @@ def replay(
     estimates: list[Estimate] = []
     own_states: list[NavState] = []
     total = _size(log)
-    count = damaged = first = last = 0
+    count = damaged = first = last = lost = 0
+
+    def lose(reason: str) -> None:
+        nonlocal lost
+        lost += 1
+        pipeline.refuse(log.name, reason, last)
+
     try:
-        for item, done in read_log(log):
+        for item, done in read_log(log, lose):
             if item is None:
                 damaged += 1
                 continue
@@ -76,7 +83,7 @@ def replay(
         raise ReplayError(f"{log}: {error}") from error
     progress(total, total)
     health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
-    return Replayed(estimates, health, count, damaged, (last - first) * 1e-9, own_states, end)
+    return Replayed(estimates, health, count, damaged + lost, (last - first) * 1e-9, own_states, end)
 
 
 def check_log(log: Path) -> None:
@@ -90,9 +97,11 @@ def check_log(log: Path) -> None:
         raise ReplayError(f"{log}: there is no record in it that can be read")
 
 
-def read_log(log: Path) -> Iterator[tuple[Datagram | Message | None, int]]:
+def read_log(
+    log: Path, lose: Callable[[str], None] = lambda _: None
+) -> Iterator[tuple[Datagram | Message | None, int]]:
     """What a log holds, with the bytes read so far: the datagrams of a .tlog or a recording of ours, the messages
-    of a ULog; None for damage.
+    of a ULog; None for damage. `lose` is called with the reason for each row of a ULog that cannot be used.
 
     Raises ReplayError, NotALogError.
     """
@@ -100,7 +109,7 @@ def read_log(log: Path) -> Iterator[tuple[Datagram | Message | None, int]]:
         with log.open("rb") as file:
             head = file.read(16)
         if head.startswith(ulog.MAGIC):
-            return ((message, 0) for message in ulog.read_ulog(log))
+            return ((message, 0) for message in ulog.read_ulog(log, lose))
         if is_recording(log):
             return read_recording(log)
         data = log.read_bytes()

@@ -4,9 +4,12 @@ Stamps are the autopilot's boot clock; the time of arrival is taken to be the sa
 """
 
 import heapq
+import itertools
+import struct
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -18,28 +21,80 @@ PX4: Final = 12
 RATES: Final = "vehicle_angular_velocity"
 SPEEDS: Final = ("rollspeed", "pitchspeed", "yawspeed")
 ACTIVE: Final = 4
+DISORDER_US: Final = 1_000_000  # rows of one topic are in order but for this
+LONGEST_GAP_US: Final = 60_000_000  # in which a topic may be silent
+LATEST_US: Final = 2**53  # 285 years after boot
+UNREADABLE: Final = (
+    *(TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError),
+    *(OverflowError, MemoryError, struct.error),
+)
+Lose = Callable[[str], None]
 
 
-def read_ulog(path: Path) -> Iterator[Message]:
-    """The messages of a ULog in time order, after one heartbeat that names the autopilot and the vehicle type.
+def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
+    """The messages of a ULog in time order, after one heartbeat that names the autopilot and the vehicle type. Of
+    each topic it is the first instance that has rows.
 
-    Raises NotALogError when it cannot be read.
+    A row that cannot be used is left out, and a topic without a field that it needs; `lose` is called with the
+    reason for each. Raises NotALogError when the log cannot be read.
     """
     from pyulog import ULog  # noqa: PLC0415 - a flight never needs it
 
     try:
         log = ULog(str(path), [*CONVERT, RATES], disable_str_exceptions=True)
-    except (TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError) as error:
+    except UNREADABLE as error:
         raise NotALogError(f"this ULog cannot be read: {error}") from error
-    topics = {topic.name: topic.data for topic in log.data_list if topic.multi_id == 0}
+    topics: dict[str, Any] = {}
+    for topic in sorted(log.data_list, key=lambda topic: topic.multi_id, reverse=True):
+        if len(topic.data["timestamp"]):
+            topics[topic.name] = topic.data
+    topics = {name: _in_order(columns, partial(_name, lose, name)) for name, columns in topics.items()}
     _add_rates(topics)
-    streams = [_stream(name, data) for name, data in topics.items() if name in CONVERT]
+    system = int(_parameter(log, "MAV_SYS_ID", 1))
+    streams = []
+    for name, convert in CONVERT.items():
+        if name not in topics:
+            continue
+        missing = [field for field in convert.needs(topics[name]) if field not in topics[name]]
+        if missing:
+            lose(f"{name}: it has no field {', '.join(missing)}; the topic is not used")
+            continue
+        streams.append(_stream(convert, topics[name], system, partial(_name, lose, name)))
     if not streams:
         raise NotALogError("this ULog holds no attitude, position, IMU or GPS")
-    kind = int(log.initial_parameters.get("MAV_TYPE", 2))
-    start_ns = int(log.start_timestamp) * 1000
-    yield Heartbeat(**_header(start_ns), vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
+    kind, start_ns = int(_parameter(log, "MAV_TYPE", 2)), int(log.start_timestamp) * 1000
+    header = _header(start_ns, system)
+    yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
     yield from heapq.merge(*streams, key=lambda m: m.t_ns)
+
+
+def _name(lose: Lose, topic: str, reason: str) -> None:
+    lose(f"{topic}: {reason}")
+
+
+def _parameter(log: Any, name: str, default: int) -> int:
+    """A parameter from 1 to 255 at the start, the default where it is none."""
+    value = log.initial_parameters.get(name, default)
+    return int(value) if isinstance(value, (int, float)) and 1 <= value <= 255 else default
+
+
+def _in_order(columns: Any, lose: Lose) -> Any:
+    """A topic's rows in the order of their stamps, without those whose stamp is far from the rows around it."""
+    stamps = columns["timestamp"].tolist()
+    kept, last = [], None
+    for i, (t, following) in enumerate(itertools.zip_longest(stamps, stamps[1:])):
+        is_near = last is not None and abs(t - last) <= DISORDER_US
+        if following is None:
+            is_near = is_near or last is None or 0 <= t - last <= LONGEST_GAP_US
+        elif not is_near:
+            is_near = -DISORDER_US <= following - t <= LONGEST_GAP_US
+        if not is_near or t >= LATEST_US:
+            lose("a row's stamp is far from those of the rows around it")
+            continue
+        kept.append(i)
+        last = t
+    order = np.array(kept, dtype=int)[np.argsort([stamps[i] for i in kept], kind="stable")]
+    return {name: values[order] for name, values in columns.items()}
 
 
 def _add_rates(topics: dict[str, Any]) -> None:
@@ -48,23 +103,30 @@ def _add_rates(topics: dict[str, Any]) -> None:
     rates, fields = topics.get(RATES), [f"xyz[{k}]" for k in range(3)]
     if rates is None:
         rates, fields = topics.get("sensor_combined"), [f"gyro_rad[{k}]" for k in range(3)]
-    if attitude is None or rates is None or "rollspeed" in attitude or not len(rates["timestamp"]):
+    if attitude is None or rates is None or "rollspeed" in attitude or not all(f in rates for f in fields):
+        return
+    known = np.isfinite([rates[field] for field in fields]).all(axis=0)
+    if not known.any():
         return
     for name, field in zip(SPEEDS, fields, strict=True):
-        attitude[name] = np.interp(attitude["timestamp"], rates["timestamp"], rates[field])
+        attitude[name] = np.interp(attitude["timestamp"], rates["timestamp"][known], rates[field][known])
 
 
-def _stream(name: str, columns: Any) -> Iterator[Message]:
+def _stream(convert: "Converter", columns: Any, system: int, lose: Lose) -> Iterator[Message]:
     """One topic's messages. `columns` maps each field's name to an array over the topic's rows."""
-    convert = CONVERT[name]
+    needs = convert.needs(columns)
     for i, t_us in enumerate(columns["timestamp"].tolist()):
-        message = convert(columns, i, _header(t_us * 1000))
+        unknown = [name for name in needs if not np.isfinite(columns[name][i])]
+        if unknown:
+            lose(f"a row's {', '.join(unknown)} is no finite number")
+            continue
+        message = convert.read(columns, i, _header(t_us * 1000, system))
         if message is not None:
             yield message
 
 
-def _header(t_ns: int) -> dict[str, Any]:
-    return {"t_ns": t_ns, "t_recv_ns": t_ns, "clock": Clock.BOOT}
+def _header(t_ns: int, system: int) -> dict[str, Any]:
+    return {"t_ns": t_ns, "t_recv_ns": t_ns, "clock": Clock.BOOT, "system": system}
 
 
 def _vector(columns: Any, i: int, *names: str) -> Any:
@@ -72,20 +134,25 @@ def _vector(columns: Any, i: int, *names: str) -> Any:
     return tuple(float(columns[name][i]) for name in names)
 
 
+def _known(columns: Any, i: int, name: str) -> float | None:
+    """A field that may be missing or NaN, which are unknown."""
+    value = float(columns[name][i]) if name in columns else np.nan
+    return value if np.isfinite(value) else None
+
+
 def _attitude(c: Any, i: int, header: dict[str, Any]) -> Message:
     omega = _vector(c, i, *SPEEDS) if SPEEDS[0] in c else (0.0, 0.0, 0.0)
-    return Attitude(**header, q_nb=_vector(c, i, "q[0]", "q[1]", "q[2]", "q[3]"), omega_b=omega)
+    return Attitude(**header, q_nb=_vector(c, i, *QUATERNION), omega_b=omega)
 
 
 def _local_position(c: Any, i: int, header: dict[str, Any]) -> Message | None:
     if not (c["xy_valid"][i] and c["z_valid"][i]):
         return None
-    return LocalPosition(**header, r_OF_n=_vector(c, i, "x", "y", "z"), v_F_n=_vector(c, i, "vx", "vy", "vz"))
+    return LocalPosition(**header, r_OF_n=_vector(c, i, *POSITION[:3]), v_F_n=_vector(c, i, *POSITION[3:]))
 
 
 def _imu(c: Any, i: int, header: dict[str, Any]) -> Message:
-    f_b = _vector(c, i, *(f"accelerometer_m_s2[{k}]" for k in range(3)))
-    return Imu(**header, f_b=f_b, omega_b=_vector(c, i, *(f"gyro_rad[{k}]" for k in range(3))))
+    return Imu(**header, f_b=_vector(c, i, *IMU[:3]), omega_b=_vector(c, i, *IMU[3:]))
 
 
 def _air_data(c: Any, i: int, header: dict[str, Any]) -> Message:
@@ -93,32 +160,49 @@ def _air_data(c: Any, i: int, header: dict[str, Any]) -> Message:
 
 
 def _gps(c: Any, i: int, header: dict[str, Any]) -> Message:
-    if "latitude_deg" in c:
-        lat, lon, alt = _vector(c, i, "latitude_deg", "longitude_deg", "altitude_msl_m")
-    else:  # before PX4 1.14: degE7 and mm
-        lat, lon, alt = (
-            x * s for x, s in zip(_vector(c, i, "lat", "lon", "alt"), (1e-7, 1e-7, 1e-3), strict=True)
-        )
-    speed, course, eph, epv = _vector(c, i, "vel_m_s", "cog_rad", "eph", "epv")
+    lat, lon, alt = _vector(c, i, *_place(c)[:3])
+    if "latitude_deg" not in c:
+        lat, lon, alt = lat * 1e-7, lon * 1e-7, alt * 1e-3
     return GpsFix(
         **header,
         fix_type=int(c["fix_type"][i]),
-        satellites=int(c["satellites_used"][i]),
+        satellites=int(c["satellites_used"][i]) if "satellites_used" in c else None,
         lat_deg=lat,
         lon_deg=lon,
         alt_msl=alt,
-        ground_speed=speed,
-        course_rad=course,
-        h_acc=eph,
-        v_acc=epv,
-        v_down=float(c["vel_d_m_s"][i]) if c["vel_ned_valid"][i] else None,
+        ground_speed=_known(c, i, "vel_m_s"),
+        course_rad=_known(c, i, "cog_rad"),
+        h_acc=_known(c, i, "eph"),
+        v_acc=_known(c, i, "epv"),
+        v_down=_known(c, i, "vel_d_m_s") if "vel_ned_valid" in c and c["vel_ned_valid"][i] else None,
     )
 
 
-CONVERT: Final[dict[str, Callable[[Any, int, dict[str, Any]], Message | None]]] = {
-    "vehicle_attitude": _attitude,
-    "vehicle_local_position": _local_position,
-    "sensor_combined": _imu,
-    "vehicle_air_data": _air_data,
-    "vehicle_gps_position": _gps,
+def _place(columns: Any) -> tuple[str, ...]:
+    """The fields that a fix needs: before PX4 1.14 in degE7 and mm."""
+    is_new = "latitude_deg" in columns
+    return (*(NEW_PLACE if is_new else ("lat", "lon", "alt")), "fix_type")
+
+
+class Converter(NamedTuple):
+    """What makes a message of a topic's row, and the fields that it cannot do without."""
+
+    read: Callable[[Any, int, dict[str, Any]], Message | None]
+    needs: Callable[[Any], tuple[str, ...]]
+
+
+def _always(*names: str) -> Callable[[Any], tuple[str, ...]]:
+    return lambda _: names
+
+
+QUATERNION: Final = tuple(f"q[{k}]" for k in range(4))
+POSITION: Final = ("x", "y", "z", "vx", "vy", "vz")
+IMU: Final = (*(f"accelerometer_m_s2[{k}]" for k in range(3)), *(f"gyro_rad[{k}]" for k in range(3)))
+NEW_PLACE: Final = ("latitude_deg", "longitude_deg", "altitude_msl_m")
+CONVERT: Final = {
+    "vehicle_attitude": Converter(_attitude, _always(*QUATERNION)),
+    "vehicle_local_position": Converter(_local_position, _always(*POSITION, "xy_valid", "z_valid")),
+    "sensor_combined": Converter(_imu, _always(*IMU)),
+    "vehicle_air_data": Converter(_air_data, _always("baro_alt_meter")),
+    "vehicle_gps_position": Converter(_gps, _place),
 }

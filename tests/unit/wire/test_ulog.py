@@ -1,0 +1,121 @@
+"""PX4's own logs: rows out of order, stamps that cannot be, fields that are missing or unknown."""
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from onboard.messages import GpsFix, Heartbeat, Message
+from onboard.wire.tlog import NotALogError
+from onboard.wire.ulog import MAGIC, read_ulog
+
+TYPES = {"uint64_t": "Q", "int32_t": "i", "uint8_t": "B", "float": "f", "double": "d"}
+GPS = {
+    "timestamp": "uint64_t",
+    **dict.fromkeys(("latitude_deg", "longitude_deg", "altitude_msl_m"), "double"),
+    **dict.fromkeys(("eph", "epv", "vel_m_s", "cog_rad", "vel_d_m_s"), "float"),
+    **dict.fromkeys(("fix_type", "satellites_used", "vel_ned_valid"), "uint8_t"),
+}
+ROW = dict(zip(GPS, (0, 50.0, 10.0, 300.0, 1.0, 2.0, 5.0, 0.5, 0.25, 3, 12, 1), strict=True))
+Rows = list[dict[str, Any]]
+
+
+def message(kind: bytes, data: bytes) -> bytes:
+    return struct.pack("<HB", len(data), kind[0]) + data
+
+
+def ulog(path: Path, rows: Rows, *, fields: dict[str, str] = GPS, instance: int = 0, system: int = 1) -> Path:
+    """A log of one topic, `vehicle_gps_position`."""
+    name = "vehicle_gps_position"
+    form = f"{name}:{';'.join(f'{kind} {field}' for field, kind in fields.items())};"
+    key = b"int32_t MAV_SYS_ID"
+    layout = struct.Struct("<H" + "".join(TYPES[kind] for kind in fields.values()))
+    path.write_bytes(
+        MAGIC
+        + struct.pack("<BQ", 1, 1_000_000)
+        + message(b"B", bytes(40))
+        + message(b"F", form.encode())
+        + message(b"P", bytes([len(key)]) + key + struct.pack("<i", system))
+        + message(b"A", struct.pack("<BH", instance, 0) + name.encode())
+        + b"".join(message(b"D", layout.pack(0, *(row[field] for field in fields))) for row in rows)
+    )
+    return path
+
+
+def rows_at(*stamps_s: float) -> Rows:
+    return [ROW | {"timestamp": round(t * 1e6)} for t in stamps_s]
+
+
+def read(path: Path) -> tuple[list[Message], list[str]]:
+    lost: list[str] = []
+    messages = list(read_ulog(path, lost.append))
+    return messages, lost
+
+
+STAMPS = tuple(2.0 + 0.2 * k for k in range(1500))
+
+
+def with_stamp(k: int, t: float) -> Rows:
+    return rows_at(*STAMPS[:k], t, *STAMPS[k + 1 :])
+
+
+@pytest.mark.parametrize("k", [0, 500, 1499])
+@pytest.mark.parametrize("t", [0.0, 1e6, 1.8e13], ids=["zero", "11 days", "the last there is"])
+def test_a_stamp_that_cannot_be_costs_its_row_alone(tmp_path: Path, k: int, t: float) -> None:
+    (_, *fixes), lost = read(ulog(tmp_path / "a.ulg", with_stamp(k, t)))
+    if (k, t) == (0, 0.0):  # which may well be: two seconds before the next
+        assert (len(fixes), lost) == (1500, [])
+        return
+    assert [m.t_ns for m in fixes] == [round(s * 1e6) * 1000 for i, s in enumerate(STAMPS) if i != k]
+    assert lost == ["vehicle_gps_position: a row's stamp is far from those of the rows around it"]
+
+
+def test_rows_out_of_order_are_put_in_order_and_gaps_are_kept(tmp_path: Path) -> None:
+    stamps = (1.0, 1.4, 1.2, 1.6, 40.0, 40.2)
+    (_, *fixes), lost = read(ulog(tmp_path / "a.ulg", rows_at(*stamps)))
+    assert [m.t_ns for m in fixes] == [round(s * 1e6) * 1000 for s in sorted(stamps)]
+    assert lost == []
+
+
+@pytest.mark.parametrize(
+    ("field", "attribute"),
+    [
+        ("cog_rad", "course_rad"),
+        ("vel_m_s", "ground_speed"),
+        ("eph", "h_acc"),
+        ("epv", "v_acc"),
+        ("vel_d_m_s", "v_down"),
+    ],
+)
+def test_nan_and_a_missing_field_are_unknown(tmp_path: Path, field: str, attribute: str) -> None:
+    (_, plain), _ = read(ulog(tmp_path / "a.ulg", rows_at(1.0)))
+    assert getattr(plain, attribute) == ROW[field]
+    (_, fix), lost = read(ulog(tmp_path / "a.ulg", [ROW | {field: float("nan")}]))
+    assert (getattr(fix, attribute), lost) == (None, [])
+    fields = {name: kind for name, kind in GPS.items() if name != field}
+    (_, fix), lost = read(ulog(tmp_path / "a.ulg", rows_at(1.0), fields=fields))
+    assert (getattr(fix, attribute), lost) == (None, [])
+
+
+def test_a_row_without_what_it_needs_is_one_lost_row(tmp_path: Path) -> None:
+    rows = rows_at(1.0, 1.2, 1.4)
+    rows[1]["latitude_deg"] = float("nan")
+    (_, *fixes), lost = read(ulog(tmp_path / "a.ulg", rows))
+    assert [m.t_ns for m in fixes] == [1_000_000_000, 1_400_000_000]
+    assert lost == ["vehicle_gps_position: a row's latitude_deg is no finite number"]
+
+
+def test_a_topic_without_what_it_needs_is_named(tmp_path: Path) -> None:
+    fields = {name: kind for name, kind in GPS.items() if name != "altitude_msl_m"}
+    lost: list[str] = []
+    with pytest.raises(NotALogError, match="holds no attitude"):
+        list(read_ulog(ulog(tmp_path / "a.ulg", rows_at(1.0), fields=fields), lost.append))
+    assert lost == ["vehicle_gps_position: it has no field altitude_msl_m; the topic is not used"]
+
+
+def test_another_instance_and_another_system_are_read(tmp_path: Path) -> None:
+    (heartbeat, fix), lost = read(ulog(tmp_path / "a.ulg", rows_at(1.0), instance=1, system=7))
+    assert isinstance(heartbeat, Heartbeat)
+    assert isinstance(fix, GpsFix)
+    assert (heartbeat.system, fix.system, lost) == (7, 7, [])
