@@ -9,6 +9,7 @@ from typing import Annotated, Final, Literal, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
+from onboard.config.calibration import part_of, read_calibration
 from onboard.geometry.camera import Camera, make_camera
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import NotNegative, Positive, Record, Vec3
@@ -21,16 +22,11 @@ from onboard.wire.cameras import CameraInput
 GIMBAL_SIGMA_DEG: Final = 0.5
 GIMBAL_YAW_SIGMA_DEG: Final = 1.0
 ComponentId = Annotated[int, msgspec.Meta(ge=1, le=255)]
+WIDTH_PX: Final = 640.0
+HEIGHT_PX: Final = 480.0
+Crop = tuple[NotNegative, NotNegative, Positive, Positive]
 GimbalId = Annotated[int, msgspec.Meta(ge=1, le=255)]
-Model = Literal["radial-tangential", "fisheye"]
 TOPIC: Final = re.compile(r"(\w+(/\w+)*)?", re.ASCII)
-ROS_MODELS: Final[dict[str, Model]] = {
-    "plumb_bob": "radial-tangential",
-    "rational_polynomial": "radial-tangential",
-    "equidistant": "fisheye",
-    "fisheye": "fisheye",
-}
-MATRIX: Final = r"^{}:\s*\n(?:[ \t]+(?:rows|cols):.*\n)*[ \t]+data:\s*(\[[^\]]*\]|(?:\n\s*-\s*\S+)+)"
 
 
 class CameraConfig(Record, frozen=True, kw_only=True):
@@ -44,11 +40,12 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     fy_px: Positive | None = None  # vertical focal length; None: as f_px
     cx_px: float | None = None  # principal point; None: the image's middle
     cy_px: float | None = None
-    width_px: Positive = 640.0
-    height_px: Positive = 480.0
+    width_px: Positive | None = None  # None: 640, or that of the calibration
+    height_px: Positive | None = None  # None: 480, or that of the calibration
     distortion_model: Literal["radial-tangential", "fisheye"] = "radial-tangential"
     distortion: tuple[float, ...] = ()  # OpenCV's coefficients, in its order; of pixels that are undistorted: none
-    calibration: str | None = None  # a camera_info file of ROS, instead of the keys above from f_px on
+    calibration: str | None = None  # a file, instead of the keys above; beside a size: of an image resized to it
+    crop_px: Crop | None = None  # left, upper, width, height: the part of the calibrated image that is used
     sigma_px: Positive = 1.0  # standard deviation of each image coordinate
     min_confidence: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.3  # of a detection that says how sure it is
     classes: tuple[str, ...] = ()  # what is followed, by the names that the detector gives; none: anything
@@ -75,71 +72,27 @@ class CameraConfig(Record, frozen=True, kw_only=True):
 def lens_of(c: CameraConfig) -> Lens:
     """The lens of a camera. Raises ValueError."""
     if c.calibration is not None:
-        return read_camera_info(Path(c.calibration))
+        lens = read_calibration(Path(c.calibration).expanduser())
+        try:
+            return part_of(lens, c.crop_px, c.width_px, c.height_px)
+        except LensError as error:
+            raise ValueError(f"calibration: {c.calibration}: {error}") from error
+    if c.crop_px is not None:
+        raise ValueError("crop_px: is of a `calibration`, which is missing")
+    width_px, height_px = c.width_px or WIDTH_PX, c.height_px or HEIGHT_PX
     try:
         return Lens(
             fx_px=c.f_px,
             fy_px=c.fy_px or c.f_px,
-            cx_px=c.width_px / 2 if c.cx_px is None else c.cx_px,
-            cy_px=c.height_px / 2 if c.cy_px is None else c.cy_px,
-            width_px=c.width_px,
-            height_px=c.height_px,
+            cx_px=width_px / 2 if c.cx_px is None else c.cx_px,
+            cy_px=height_px / 2 if c.cy_px is None else c.cy_px,
+            width_px=width_px,
+            height_px=height_px,
             model=c.distortion_model,
             distortion=c.distortion,
         )
     except LensError as error:
         raise ValueError(f"distortion: {error}") from error
-
-
-def read_camera_info(path: Path) -> Lens:
-    """The lens of a camera_info file as ROS's camera_calibration writes it: camera_matrix, distortion_model and
-    distortion_coefficients. The rectification and projection matrices are not used: pixels are those of the image
-    as it is. Raises ValueError."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"calibration: cannot read {path}: {error}") from error
-    k, d = _numbers(text, "camera_matrix", path), _numbers(text, "distortion_coefficients", path)
-    size = [_scalar(text, name, path) for name in ("image_width", "image_height")]
-    ros_model = _scalar(text, "distortion_model", path)
-    if len(k) != 9 or ros_model not in ROS_MODELS:
-        known = ", ".join(ROS_MODELS)
-        raise ValueError(
-            f"calibration: {path}: distortion_model is {ros_model}, known: {known}; camera_matrix is 3x3"
-        )
-    if any(d[8:]):
-        raise ValueError(f"calibration: {path}: thin prism and tilt coefficients are not supported")
-    try:
-        return Lens(
-            fx_px=k[0],
-            fy_px=k[4],
-            cx_px=k[2],
-            cy_px=k[5],
-            width_px=float(size[0]),
-            height_px=float(size[1]),
-            model=ROS_MODELS[ros_model],
-            distortion=tuple(d[:8]),
-        )
-    except ValueError as error:
-        raise ValueError(f"calibration: {path}: {error}") from error
-
-
-def _scalar(text: str, name: str, path: Path) -> str:
-    found = re.search(rf"^{name}:\s*(\S+)\s*$", text, re.MULTILINE)
-    if found is None:
-        raise ValueError(f"calibration: {path} has no {name}; expected a camera_info file of ROS")
-    return found[1]
-
-
-def _numbers(text: str, name: str, path: Path) -> list[float]:
-    """The `data` of a matrix, in brackets or as a list of lines."""
-    found = re.search(MATRIX.format(name), text, re.MULTILINE)
-    if found is None:
-        raise ValueError(f"calibration: {path} has no {name} with data; expected a camera_info file of ROS")
-    try:
-        return [float(x) for x in re.findall(r"[^\s,\[\]]+", found[1]) if x != "-"]
-    except ValueError as error:
-        raise ValueError(f"calibration: {path}: {name}: {error}") from error
 
 
 def named(first: CameraConfig, others: Mapping[str, CameraConfig]) -> list[CameraConfig]:

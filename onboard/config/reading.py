@@ -31,6 +31,7 @@ NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
 }
 
 
+IN_CALIBRATION: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
 GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 GIMBAL_HZ: Final = 25.0
 SEES: Final = "leader"  # the estimator that follows what the cameras see
@@ -104,6 +105,7 @@ def parse_config(table: dict[str, Any]) -> Config:
     """The configuration of a table as TOML gives it. Raises ConfigError."""
     config: Config = _convert({k: v for k, v in table.items() if k != "estimator"}, Config, "")
     _check_cameras(config)
+    _check_lenses(table)
     _check_own_reports(config)
     config = _with_gimbals(config)
     for name, rate in config.autopilot.rates_hz.items():
@@ -152,6 +154,16 @@ def _check_cameras(config: Config) -> None:
             raise ConfigError(f"cameras.{name}.name: the section is its name")
         if not NAME.fullmatch(name):
             raise ConfigError(f"cameras.{name}: a name is of letters, digits and -_., 64 at most")
+
+
+def _check_lenses(table: dict[str, Any]) -> None:
+    """Raise ConfigError for a key of a camera that has no effect beside its `calibration`."""
+    sections = {"camera": table.get("camera", {})}
+    sections |= {f"cameras.{name}": section for name, section in table.get("cameras", {}).items()}
+    for at, section in sections.items():
+        without = [key for key in IN_CALIBRATION if key in section]
+        if section.get("calibration") is not None and without:
+            raise ConfigError(f"{at}.{without[0]}: it is in the file of {at}.calibration; remove one of them")
 
 
 def _shared(config: Config, errors: OwnErrors, kind: type[Record]) -> dict[str, Any]:

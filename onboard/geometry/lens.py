@@ -27,7 +27,7 @@ class LensError(ValueError):
 class Lens:
     """Focal lengths and principal point in pixels, the size of the image (0: not known), and the distortion.
 
-    Raises LensError for a number of coefficients that OpenCV does not have.
+    Raises LensError for a number of coefficients that OpenCV does not have, and for numbers that no lens has.
     """
 
     fx_px: float
@@ -43,6 +43,11 @@ class Lens:
         if len(self.distortion) not in COUNTS[self.model]:
             counts = ", ".join(str(n) for n in COUNTS[self.model] if n)
             raise LensError(f"{self.model} has {counts} coefficients, not {len(self.distortion)}")
+        if not (self.fx_px > 0.0 and self.fy_px > 0.0):
+            raise LensError(f"focal lengths must be positive, not {self.fx_px:g} and {self.fy_px:g} px")
+        numbers = (self.fx_px, self.fy_px, self.cx_px, self.cy_px, self.width_px, self.height_px, *self.distortion)
+        if not all(map(math.isfinite, numbers)):
+            raise LensError("focal lengths, principal point, size and distortion must be finite numbers")
 
     @property
     def f_px(self) -> float:

@@ -105,10 +105,6 @@ class Pipeline:
         for estimator in (e for e in self.estimators.values() if isinstance(e, Postpones)):
             estimator.finish()
 
-    def refuse(self, source: str, reason: str, t_recv_ns: int) -> None:
-        """Count what a reader in front of us could not use, and name it."""
-        self._monitor.refusals.add(source, reason, t_recv_ns)
-
     def count_error(self, place: str, error: Exception) -> None:
         """Count an exception over one message in the health, also one of what follows the pipeline."""
         self._monitor.errors.count(place, error)

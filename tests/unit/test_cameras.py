@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from onboard.config import Config, ConfigError, load_config, parse_config
-from onboard.config.cameras import lens_of, read_camera_info
+from onboard.config.calibration import read_calibration
+from onboard.config.cameras import lens_of
 from onboard.geometry.camera import project
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import Datagram, Encoding, TargetPoints, Verdict
@@ -159,10 +160,10 @@ def test_camera_info_of_ros_is_read_as_it_is(tmp_path: Path) -> None:
     assert (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px) == (520.3, 518.7, 318.9, 243.1)
     assert (lens.width_px, lens.height_px, lens.model, lens.distortion) == (640, 480, "radial-tangential", BARREL)
     file.write_text(CAMERA_INFO.replace("plumb_bob", "equidistant").replace(", 0.011000]", "]"))
-    assert read_camera_info(file).model == "fisheye"
+    assert read_calibration(file).model == "fisheye"
     as_lines = "data:\n" + "".join(f"  - {x}\n" for x in BARREL)
     file.write_text(CAMERA_INFO.replace("data: [-0.2812, 0.0711, 0.0012, -0.0009, 0.011000]\n", as_lines))
-    assert read_camera_info(file).distortion == BARREL
+    assert read_calibration(file).distortion == BARREL
 
 
 @pytest.mark.parametrize(
@@ -170,7 +171,7 @@ def test_camera_info_of_ros_is_read_as_it_is(tmp_path: Path) -> None:
     [
         ("image_width: 640\n", "", "has no image_width"),
         ("plumb_bob", "thin_prism", "distortion_model is thin_prism, known: plumb_bob, rational"),
-        ("data: [-0.2812", "data: [x", "distortion_coefficients: could not convert"),
+        ("data: [-0.2812", "data: [x", "distortion_coefficients: expected a number, got 'x'"),
         ("camera_matrix:", "matrix:", "has no camera_matrix with data"),
         (", 0.011000]", "]\n", None),
         (", -0.0009, 0.011000]", "]", "coefficients, not 3"),
@@ -199,6 +200,7 @@ def test_other_files_are_refused_in_one_line(tmp_path: Path, old: str, new: str,
         ({"cameras": {"tele": {"f_px": -1.0}}}, "cameras"),
         ({"camera": {"distortion": [0.1, 0.2]}}, "camera: distortion: radial-tangential has 4, 5, 8 coeff"),
         ({"camera": {"calibration": "/nowhere.yaml"}}, "calibration: cannot read /nowhere.yaml"),
+        ({"camera": {"crop_px": [0.0, 0.0, 1.0, 1.0]}}, "crop_px: is of a `calibration`, which is missing"),
     ],
 )
 def test_a_camera_that_cannot_be_is_a_configuration_error(tables: dict[str, Any], expected: str) -> None:
