@@ -50,8 +50,12 @@ def recover(source: Path, target: Path) -> tuple[int, int]:
                 schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
             if channel.id not in channels:
                 number = schemas.get(channel.schema_id, 0)
-                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
-            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+                channels[channel.id] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number, channel.metadata
+                )
+            writer.add_message(
+                channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence
+            )
             count += 1
         writer.finish()
     return count, damaged

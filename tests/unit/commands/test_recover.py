@@ -94,3 +94,24 @@ def test_what_is_no_recording_is_one_line(
     assert cli.main(["recover", str(path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["flight.tlog"]
+
+
+def test_the_wall_clock_of_each_arrival_is_recovered(tmp_path: Path) -> None:
+    """Channels' metadata say that the publish time is the wall clock's, which is set during the flight."""
+    recorder = Recorder(tmp_path / "flight.mcap", monotonic=iter(range(10**6)).__next__)
+    recorder.open()
+    sent = [
+        Datagram(
+            channel="a",
+            encoding=Encoding.DETECTIONS,
+            t_recv_ns=10**18 + n,
+            data=bytes([n]),
+            wall_step_ns=0 if n < 5 else 3_600_000_000_000,
+        )
+        for n in range(10)
+    ]
+    recorder.write(sent)
+    recorder.close()
+    assert cli.main(["recover", str(recorder.path)]) == 0
+    path = recorder.path.with_name(f"{recorder.path.stem}-recovered.mcap")
+    assert [d for d, _ in read_recording(path) if d is not None] == sent
