@@ -19,7 +19,7 @@ from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.stream import Stream
 from onboard.config import Config, Storing, check_storable, read_stored, signing_key
-from onboard.links import Link, LinkError, health_of, parse_link
+from onboard.links import AbsentError, Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer
 from onboard.links.zenoh import ZenohLink
@@ -71,14 +71,24 @@ class Daemon:
         for number in end_signals:
             loop.add_signal_handler(number, stop.set)
         try:
-            await self._open()
-            await self._fly(stop)
+            if await self._opened(stop):
+                await self._fly(stop)
         finally:
             if self._zenoh is not None:
                 await asyncio.to_thread(self._zenoh.close)
             if self._storing is not None:
                 await asyncio.to_thread(self._storing.close)
             self._report("stopped")
+
+    async def _opened(self, stop: asyncio.Event) -> bool:
+        """Open everything, until `stop`, which may come while a name server is silent; whether all is open."""
+        opening, stopping = asyncio.ensure_future(self._open()), asyncio.ensure_future(stop.wait())
+        await asyncio.wait({opening, stopping}, return_when=asyncio.FIRST_COMPLETED)
+        for task in (opening, stopping):
+            task.cancel()
+        if opening.done():
+            opening.result()
+        return not stop.is_set()
 
     async def _open(self) -> None:
         """Claim ports, devices and files, so that a mistake shows before the flight does."""
@@ -97,7 +107,10 @@ class Daemon:
             self._sinks["recorder"] = recording.runner(recorder)
             self._report(f"recording to {config.recorder.path}")
         for link in self._links:
-            await link.open()
+            try:
+                await link.open()
+            except AbsentError as error:  # it may come later: `run` tries again
+                self._report(f"{error}; trying again")
         for described in config.link:
             self._report(f"link {described.name}: {described.url}")
 

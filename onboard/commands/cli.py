@@ -25,6 +25,7 @@ USER_ERROR: Final = 2
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
 MOST_SEEDS: Final = 1_000_000
 DISK_FAULTS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+NO_CACHE: Final = "cannot cache function"
 STARTS_PROCESSES: Final = ("compile", "demo", "study", "view")
 
 
@@ -52,6 +53,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of our output has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or Python complains when it flushes
         return 0
+    except RuntimeError as error:  # Numba's, where a module with kernels is loaded
+        if NO_CACHE not in str(error):
+            raise
+        report("onboard: no folder for compiled filters can be written to; set NUMBA_CACHE_DIR to one that can")
+        return USER_ERROR
     except OSError as error:
         if error.errno not in DISK_FAULTS:
             raise

@@ -3,12 +3,13 @@
 import argparse
 import asyncio
 import signal
+import sys
 import time
 from collections.abc import Callable
 from typing import Final
 
+from onboard.commands import terminal
 from onboard.commands.loading import go_first, loading, release_compiler, share_heap
-from onboard.commands.terminal import end_signals, report
 from onboard.filters.numba_internals import on_compile
 
 PROGRESS_S: Final = 10.0  # between lines about compiling
@@ -16,16 +17,29 @@ PROGRESS_S: Final = 10.0  # between lines about compiling
 
 def main(arguments: argparse.Namespace) -> int:
     """Fly until a signal, which may come while the daemon still loads. Raises UserError."""
-    for number in end_signals():
+    for number in terminal.end_signals():
         signal.signal(number, signal.default_int_handler)
+    lines = _lines()
+    report = lines or terminal.report
     try:
-        return fly(arguments)
+        return fly(arguments, report)
     except KeyboardInterrupt:
         report("stopped")
         return 0
+    finally:
+        if lines is not None:
+            lines.close()
 
 
-def fly(arguments: argparse.Namespace) -> int:
+def _lines() -> terminal.Lines | None:
+    """What writes lines without waiting for their reader; None where standard error is no file of the system's."""
+    try:
+        return terminal.Lines(sys.stderr.fileno())
+    except (AttributeError, OSError):
+        return None
+
+
+def fly(arguments: argparse.Namespace, report: Callable[[str], None]) -> int:
     """Load, and run the daemon to its end."""
     on_compile(Compiling(report))
     share_heap()
@@ -37,7 +51,7 @@ def fly(arguments: argparse.Namespace) -> int:
         daemon = Daemon(config, report=report)
     release_compiler()
     go_first()
-    asyncio.run(daemon.run(end_signals()))
+    asyncio.run(daemon.run(terminal.end_signals()))
     return 0
 
 

@@ -1,14 +1,55 @@
 """What a program that runs for hours tells a terminal, and what a terminal tells it. It may close at any time."""
 
+import os
+import queue
 import signal
 import sys
+import threading
 from contextlib import suppress
+from typing import Final
+
+MOST_LINES: Final = 256  # that wait for a reader
+LAST_S: Final = 1.0  # for the last lines of a program whose lines nobody may read
 
 
 def report(line: str) -> None:
     """A line for a person, on standard error. Nobody may read it any more: that ends no flight."""
     with suppress(OSError):
         print(line, file=sys.stderr, flush=True)
+
+
+class Lines:
+    """Lines for a person, on standard error, whose reader may have stopped reading: a terminal after Ctrl-S, a
+    frozen remote session, a stuck log. A thread writes them; what it has no room for is dropped and counted."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._waiting: queue.Queue[str | None] = queue.Queue(MOST_LINES)
+        self._dropped = 0
+        self._thread = threading.Thread(target=self._write, daemon=True, name="lines")
+        self._thread.start()
+
+    def __call__(self, line: str) -> None:
+        """Queue a line. Never blocks."""
+        try:
+            self._waiting.put_nowait(line)
+        except queue.Full:
+            self._dropped += 1
+
+    def close(self) -> None:
+        """Wait for what is still queued, but not for a reader that does not read."""
+        with suppress(queue.Full):
+            self._waiting.put_nowait(None)
+        self._thread.join(LAST_S)
+
+    def _write(self) -> None:
+        while (line := self._waiting.get()) is not None:
+            dropped, self._dropped = self._dropped, 0
+            missing = f"({dropped} lines were dropped: nobody read them)\n" if dropped else ""
+            data = f"{missing}{line}\n".encode(errors="backslashreplace")
+            with suppress(OSError):  # nobody may read it any more: that ends no flight
+                while data:
+                    data = data[os.write(self._descriptor, data) :]
 
 
 def end_signals() -> tuple[signal.Signals, ...]:

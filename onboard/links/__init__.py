@@ -2,13 +2,13 @@
 
 from typing import Final
 
-from onboard.links.link import Deliver, Link, LinkError, NowNs, health_of
+from onboard.links.link import AbsentError, Deliver, Link, LinkError, NowNs, health_of
 from onboard.links.serial import SerialLink
 from onboard.links.tcp import TcpClientLink, TcpServerLink
 from onboard.links.udp import UdpLink
 from onboard.messages import Encoding
 
-__all__ = ["Deliver", "Link", "LinkError", "NowNs", "health_of", "parse_link"]
+__all__ = ["AbsentError", "Deliver", "Link", "LinkError", "NowNs", "health_of", "parse_link"]
 
 FORMS: Final = (
     "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, serial:DEVICE:BAUD or json:HOST:PORT"

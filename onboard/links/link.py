@@ -1,7 +1,10 @@
 """The interface of all links, their error, and functions that several of them use."""
 
 import asyncio
+import errno
+import os
 import socket
+import termios
 from collections.abc import Awaitable, Callable
 from typing import Any, Final, Protocol
 
@@ -11,12 +14,21 @@ from onboard.messages import Datagram, LinkHealth
 Deliver = Callable[[Datagram], bool | None]  # whether its sender may be answered
 NowNs = Callable[[], int]
 
+# What opening a port, a device or a name may raise: UnicodeError, of a name, is a ValueError, and termios has an
+# error of its own.
+OPENING: Final = (OSError, ValueError, OverflowError, termios.error)
+ABSENT: Final = (errno.ENOENT, errno.ENODEV, errno.ENXIO)  # of a device
+UNKNOWN_NAME: Final = (socket.EAI_NONAME, socket.EAI_AGAIN, socket.EAI_NODATA)
 FIRST_RETRY_S: Final = 0.1
 LONGEST_RETRY_S: Final = 1.0  # a peer that comes back must not wait
 
 
 class LinkError(UserError):
     """A link cannot be opened or has ended; the message names the link, the reason, and a remedy."""
+
+
+class AbsentError(LinkError):
+    """What may come later is not there yet: a device that is not plugged in, a name that is not known."""
 
 
 class Link(Protocol):
@@ -99,22 +111,31 @@ async def keep_connected(
         delay_s = min(2 * delay_s, LONGEST_RETRY_S)
 
 
-async def until_lost(lost: "asyncio.Future[None]", failed: "asyncio.Future[None]") -> None:
+async def until_lost(lost: "asyncio.Future[Any]", failed: "asyncio.Future[None]") -> None:
     """Wait for either future; raise the exception of `failed`."""
     await asyncio.wait({lost, failed}, return_when=asyncio.FIRST_COMPLETED)
     if failed.done():
         failed.result()
 
 
-async def resolve(spec: str, host: str, port: int, kind: socket.SocketKind) -> tuple[int, Any]:
-    """(address family, socket address) of a host. Raises LinkError if the name is unknown."""
+def reason_of(error: BaseException) -> str:
+    """The reason of an error of `OPENING`, in words."""
+    number = error.args[0] if isinstance(error, termios.error) and error.args else getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) and number > 0 else str(error)
+
+
+async def resolve(spec: str, host: str, port: int, kind: socket.SocketKind) -> list[tuple[int, Any]]:
+    """(address family, socket address) of each address of a host. Raises AbsentError if the name is unknown,
+    LinkError if it can be no name."""
     loop = asyncio.get_running_loop()
     try:
         found = await loop.getaddrinfo(host, port, type=kind)
-    except OSError as error:
-        raise LinkError(f"{spec}: no such host {host!r} ({error.strerror})") from error
-    family, _, _, _, address = found[0]
-    return family, address
+    except socket.gaierror as error:
+        kind_of = AbsentError if error.errno in UNKNOWN_NAME else LinkError
+        raise kind_of(f"{spec}: no such host {host!r} ({error.strerror})") from error
+    except OPENING as error:
+        raise LinkError(f"{spec}: {host!r} can be no host ({error})") from error
+    return [(family, address) for family, _, _, _, address in found]
 
 
 def bind(spec: str, sock: socket.socket, address: Any) -> None:

@@ -2,10 +2,21 @@
 
 import asyncio
 import os
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from onboard.links.link import Deliver, LinkError, NowNs, keep_connected, until_lost
+from onboard.links.link import (
+    ABSENT,
+    OPENING,
+    AbsentError,
+    Deliver,
+    LinkError,
+    NowNs,
+    keep_connected,
+    reason_of,
+    until_lost,
+)
 from onboard.messages import Datagram, Encoding
 
 if TYPE_CHECKING:
@@ -50,14 +61,14 @@ class SerialLink:
             self._flush(self._port.fileno())
 
     def _open_port(self) -> "Serial":
-        from serial import Serial, SerialException  # noqa: PLC0415 - most setups have no serial port
+        from serial import Serial  # noqa: PLC0415 - most setups have no serial port
 
         try:
             return Serial(self._device, self._baud, timeout=0, exclusive=True)
-        except (SerialException, ValueError, OSError) as error:
-            reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
+        except OPENING as error:  # SerialException is an OSError
             hint = "is it plugged in, free, and are you in its group (dialout)?"
-            raise LinkError(f"{self._spec}: cannot open {self._device} ({reason}); {hint}") from error
+            kind = AbsentError if getattr(error, "errno", None) in ABSENT else LinkError
+            raise kind(f"{self._spec}: cannot open {self._device} ({reason_of(error)}); {hint}") from error
 
     async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
         """Use the port until it is lost, which raises LinkError."""
@@ -75,7 +86,8 @@ class SerialLink:
             loop.remove_writer(fd)
             self._pending.clear()
             self._port = None
-            port.close()
+            with suppress(*OPENING):  # the device is gone
+                port.close()
         raise LinkError(f"{self._spec}: {self._device} is gone")
 
     def _read(self, fd: int, deliver: Deliver, now_ns: NowNs, lost: "asyncio.Future[None]") -> None:

@@ -2,12 +2,22 @@
 listens."""
 
 import asyncio
-import os
 import socket
 from functools import partial
 from typing import Any, Final, cast
 
-from onboard.links.link import Deliver, LinkError, NowNs, bind, guarded, keep_connected, resolve, until_lost
+from onboard.links.link import (
+    OPENING,
+    Deliver,
+    LinkError,
+    NowNs,
+    bind,
+    guarded,
+    keep_connected,
+    reason_of,
+    resolve,
+    until_lost,
+)
 from onboard.messages import Datagram, Encoding
 
 CONNECT_TIMEOUT_S: Final = 3.0
@@ -111,20 +121,23 @@ class TcpClientLink:
         raise LinkError(f"{self._spec}: the other end closed the connection")
 
     async def _connect(self) -> socket.socket:
-        family, address = await resolve(self._spec, self._host, self._port, socket.SOCK_STREAM)
-        sock = socket.socket(family, socket.SOCK_STREAM)
-        sock.setblocking(False)
-        try:
-            async with asyncio.timeout(CONNECT_TIMEOUT_S):
-                await asyncio.get_running_loop().sock_connect(sock, address)
-        except OSError as error:  # TimeoutError is one
-            sock.close()
-            reason = os.strerror(error.errno) if error.errno else "no answer"  # asyncio's own names no reason
-            raise LinkError(f"{self._spec}: cannot connect ({reason})") from error
-        except BaseException:
-            sock.close()
-            raise
-        return sock
+        """A connection to the first address of the host that answers. Raises LinkError."""
+        reasons: dict[str, None] = {}
+        for family, address in await resolve(self._spec, self._host, self._port, socket.SOCK_STREAM):
+            sock = socket.socket(family, socket.SOCK_STREAM)
+            sock.setblocking(False)
+            try:
+                async with asyncio.timeout(CONNECT_TIMEOUT_S):
+                    await asyncio.get_running_loop().sock_connect(sock, address)
+            except OPENING as error:  # TimeoutError is an OSError, and asyncio's own names no reason
+                sock.close()
+                reasons[reason_of(error) or "no answer"] = None
+            except BaseException:
+                sock.close()
+                raise
+            else:
+                return sock
+        raise LinkError(f"{self._spec}: cannot connect ({', '.join(reasons)})")
 
 
 class TcpServerLink:
@@ -143,7 +156,7 @@ class TcpServerLink:
 
     async def open(self) -> None:
         """Bind and listen. Raises LinkError."""
-        family, address = await resolve(self._spec, self._host, self._port, socket.SOCK_STREAM)
+        (family, address), *_ = await resolve(self._spec, self._host, self._port, socket.SOCK_STREAM)
         sock = socket.socket(family, socket.SOCK_STREAM)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # else a restart would wait for TIME_WAIT
         bind(self._spec, sock, address)

@@ -8,18 +8,21 @@ address.
 """
 
 import asyncio
+import errno
 import socket
 import struct
 import time
 from collections import Counter
 from contextlib import suppress
+from functools import partial
 from typing import Any, Final
 
-from onboard.links.link import Deliver, LinkError, NowNs, bind, guarded, resolve
+from onboard.links.link import Deliver, LinkError, NowNs, bind, keep_connected, reason_of, resolve, until_lost
 from onboard.messages import Datagram, Encoding, LinkHealth
 
 LARGEST: Final = 65_535
 RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
+PASSING: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ECONNREFUSED)  # no room, or nobody listens there yet
 BURST: Final = 64  # datagrams read per wake-up, so that a busy link does not delay the others
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
 SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
@@ -51,6 +54,8 @@ class UdpLink:
         self.errors = 0
         self.dropped = 0
         self.shed = 0
+        self.trouble = ""
+        self._lost: asyncio.Future[str] | None = None
         self.address: Any = None
         self._spec, self._host, self._port, self._listening = spec, host, port, listening
         self._socket: socket.socket | None = None
@@ -67,11 +72,12 @@ class UdpLink:
             dropped=self.dropped,
             buffer_bytes=self._buffer_bytes,
             shed=self.shed,
+            error=self.trouble,
         )
 
     async def open(self) -> None:
         """Bind (udpin) or connect (udpout). Raises LinkError."""
-        family, address = await resolve(self._spec, self._host, self._port, socket.SOCK_DGRAM)
+        (family, address), *_ = await resolve(self._spec, self._host, self._port, socket.SOCK_DGRAM)
         sock = socket.socket(family, socket.SOCK_DGRAM)
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
@@ -94,20 +100,27 @@ class UdpLink:
         self.address = sock.getsockname()
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
-        """Call `deliver` with each datagram until cancelled."""
+        """Call `deliver` with each datagram until cancelled. A name that is not known is asked for again, and a
+        socket whose network has changed is opened anew."""
+        await keep_connected(self, partial(self._converse, now_ns), deliver, retry=True)
+
+    async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
+        """Use one socket until it can send no more, which raises LinkError."""
         if self._socket is None:
             await self.open()
         sock = self._socket
         assert sock is not None  # noqa: S101 - open() raises otherwise
+        self.trouble = ""
         loop = asyncio.get_running_loop()
-        failed: asyncio.Future[None] = loop.create_future()
-        loop.add_reader(sock, self._drain, sock, guarded(deliver, failed), now_ns)
+        self._lost = loop.create_future()
+        loop.add_reader(sock, self._drain, sock, deliver, now_ns)
         try:
-            await failed
+            await until_lost(self._lost, failed)
         finally:
             loop.remove_reader(sock)
             self._socket = None
             sock.close()
+        raise LinkError(f"{self._spec}: cannot send to it ({self._lost.result()})")
 
     def send(self, data: bytes) -> None:
         """Send one datagram to the peer, if there is one."""
@@ -119,8 +132,10 @@ class UdpLink:
                 self._socket.sendto(data, self._peer)
             else:
                 self._socket.send(data)
-        except OSError:  # no room, no peer yet, network down: the next one may succeed
+        except OSError as error:  # no room, no peer yet: the next one may succeed
             self.errors += 1
+            if not self._listening and error.errno not in PASSING and self._lost and not self._lost.done():
+                self._lost.set_result(reason_of(error))  # the address that the socket sends from may be gone
         else:
             self.sent += 1
 

@@ -103,8 +103,8 @@ MISTAKES: list[tuple[tuple[str, ...], tuple[str, ...]]] = [
     (("run", "--set", "link=[{name='a', url='udpin:127.0.0.1:x'}]"), ("'x'", "port")),
     (("run", "--set", "link=[{name='a', url='serial:/dev/ttyUSB0'}]"), ("serial:DEVICE:BAUD",)),
     (
-        ("run", "--set", "zenoh.enabled=false", "--set", "link=[{name='a', url='serial:/dev/no-such:57600'}]"),
-        ("/dev/no-such",),
+        ("run", "--set", "zenoh.enabled=false", "--set", "link=[{name='a', url='serial:/dev/null:57600'}]"),
+        ("/dev/null",),
     ),
     (("run", "--set", "zenoh.enabled=false", "--set", "recorder.path='words.txt/f.mcap'"), ("words.txt/f.mcap",)),
     # logs
@@ -268,3 +268,16 @@ def test_output_into_a_pipe_that_closes_is_no_error() -> None:
         )
     assert done.stderr == b""
     assert done.returncode == 0
+
+
+def test_no_folder_for_compiled_filters_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def main(_: object) -> int:
+        raise RuntimeError("cannot cache function 'predict': no locator available for file 'kernels.py'")
+
+    monkeypatch.setattr("onboard.commands.replay.main", main)
+    assert cli.main(["replay", "flight.tlog"]) == 2
+    assert capsys.readouterr().err == (
+        "onboard: no folder for compiled filters can be written to; set NUMBA_CACHE_DIR to one that can\n"
+    )

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from onboard.commands.terminal import end_signals, report
+from onboard.commands.terminal import Lines, end_signals, report
 from tests.support.programs import ROOT, environment, started
 
 
@@ -77,3 +77,32 @@ def test_a_daemon_whose_messages_nobody_reads_flies() -> None:
         [sys.executable, "-c", UNREAD], cwd=ROOT, capture_output=True, text=True, check=False, env=environment()
     )
     assert (done.returncode, done.stdout) == (0, "flying\n")
+
+
+def test_lines_that_nobody_reads_are_dropped_and_counted_and_hold_up_nothing() -> None:
+    reading, writing = os.pipe()
+    lines = Lines(writing)
+    for n in range(2000):  # more than a pipe and the queue hold; none waits for the reader
+        lines(f"{n} {'x' * 100}")
+    lines.close()  # nor does the end
+    found = b""
+    while b"were dropped" not in found:
+        lines("again")
+        found += os.read(reading, 65536)
+    numbers = [int(line.split()[0]) for line in found.splitlines() if line.endswith(b"x")]
+    assert 200 < len(numbers) < 2000
+    assert numbers == sorted(numbers)
+    lines.close()
+    os.close(reading)
+    os.close(writing)
+
+
+def test_lines_that_are_read_come_in_order_and_all() -> None:
+    reading, writing = os.pipe()
+    lines = Lines(writing)
+    for n in range(100):
+        lines(f"{n}")
+    lines.close()
+    assert os.read(reading, 65536).split() == [f"{n}".encode() for n in range(100)]
+    os.close(reading)
+    os.close(writing)
