@@ -72,7 +72,7 @@ class CameraConfig(Record, frozen=True, kw_only=True):
 def lens_of(c: CameraConfig) -> Lens:
     """The lens of a camera. Raises ValueError."""
     if c.calibration is not None:
-        lens = read_calibration(Path(c.calibration).expanduser())
+        lens = read_calibration(Path(c.calibration))
         try:
             return part_of(lens, c.crop_px, c.width_px, c.height_px)
         except LensError as error:

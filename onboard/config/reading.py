@@ -5,6 +5,7 @@
 
 import difflib
 import math
+import os
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -31,6 +32,7 @@ NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
 }
 
 
+PATHS: Final = ("path", "calibration")
 IN_CALIBRATION: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
 GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 GIMBAL_HZ: Final = 25.0
@@ -46,7 +48,7 @@ def load_config(path: Path | None, overrides: tuple[str, ...] = ()) -> Config:
 
     Raises ConfigError.
     """
-    return parse_config(read_table(path, overrides))
+    return parse_config(_with_paths(read_table(path, overrides)))
 
 
 def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -54,6 +56,7 @@ def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, 
     table: dict[str, Any] = {}
     if path is not None:
         table = read_toml(path)
+    table = _with_paths(table)
     stored = table.get("parameters", {})
     stored_path = stored.get("path") if isinstance(stored, dict) else None
     if isinstance(stored_path, str) and Path(stored_path).exists():
@@ -70,13 +73,23 @@ def read_table(path: Path | None, overrides: tuple[str, ...] = ()) -> dict[str, 
 def read_toml(path: Path) -> dict[str, Any]:
     """The table of a TOML file. Raises ConfigError."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))  # editors of Windows begin with a mark
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except RecursionError as error:
         raise ConfigError(f"{path} is nested too deeply") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not TOML: {error}") from error
+
+
+def _with_paths(value: Any, key: str = "") -> Any:
+    """A table whose names of files are those that a shell would make of them: `~` and `$HOME` are the home's."""
+    if isinstance(value, dict):
+        return {name: _with_paths(inner, name) for name, inner in value.items()}
+    if isinstance(value, list):
+        return [_with_paths(inner, key) for inner in value]
+    is_path = isinstance(value, str) and (key in PATHS or key.endswith("_file"))
+    return os.path.expandvars(Path(value).expanduser()) if is_path and value.startswith(("~", "$")) else value
 
 
 def _merged(table: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
@@ -222,11 +235,25 @@ def _put(table: dict[str, Any], override: str) -> None:
     except tomllib.TOMLDecodeError:
         value = text.strip()  # a bare word is a string
     *path, last = key.strip().split(".")
+    if not isinstance(value, str) and _is_text((*path, last)):
+        value = text.strip()  # 7 is a name, too
     for part in path:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise ConfigError(f"--set {override!r}: `{part}` holds a value, not a table")
     table[last] = value
+
+
+def _is_text(path: tuple[str, ...]) -> bool:
+    """Whether the key of this path takes text and nothing else."""
+    kind: Any = Config
+    for key in path:
+        if kind in NAMED:
+            kind = NAMED[kind]
+            continue
+        fields = msgspec.structs.fields(kind) if isinstance(kind, type) and issubclass(kind, Record) else ()
+        kind = next((field.type for field in fields if field.name == key), None)
+    return kind in (str, str | None)
 
 
 def _convert(table: Any, kind: type[Any], at: str) -> Any:

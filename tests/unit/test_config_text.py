@@ -1,0 +1,55 @@
+"""Configuration as people write it: paths of a shell, files of other editors, names that look like numbers."""
+
+from pathlib import Path
+
+import pytest
+
+from onboard.config import ConfigError, load_config
+
+TABLES = """
+[recorder]
+path = "PLACE/flight.mcap"
+[parameters]
+path = "PLACE/set.toml"
+[zenoh]
+ca_file = "PLACE/ca.pem"
+[[link]]
+name = "a"
+url = "udpin:127.0.0.1:14540"
+key_file = "PLACE/key"
+"""
+
+
+@pytest.mark.parametrize("place", ["~", "$HOME", "${HOME}"])
+def test_a_path_is_what_a_shell_makes_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "c.toml").write_text(TABLES.replace("PLACE", place))
+    config = load_config(tmp_path / "c.toml")
+    found = (config.recorder.path, config.parameters.path, config.zenoh.ca_file, config.link[0].key_file)
+    assert found == tuple(f"{tmp_path}/{name}" for name in ("flight.mcap", "set.toml", "ca.pem", "key"))
+    assert load_config(None, (f"recorder.path={place}/x.mcap",)).recorder.path == f"{tmp_path}/x.mcap"
+    (tmp_path / "set.toml").write_text("[camera]\nsigma_px = 3.0\n")
+    assert load_config(tmp_path / "c.toml").camera.sigma_px == 3.0
+
+
+def test_a_path_that_names_no_home_stays(tmp_path: Path) -> None:
+    assert load_config(None, ("recorder.path='a~b$c.mcap'",)).recorder.path == "a~b$c.mcap"
+    assert load_config(None, (f"recorder.path='{tmp_path}'",)).recorder.path == str(tmp_path)
+
+
+def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
+    (tmp_path / "c.toml").write_text("\ufeff[camera]\r\nsigma_px = 2.0\r\n", encoding="utf-8")
+    assert load_config(tmp_path / "c.toml").camera.sigma_px == 2.0
+
+
+@pytest.mark.parametrize("text", ["7", "0x1", "1.5", "true", "uav-1", "'7'"])
+def test_a_key_for_text_takes_text(text: str) -> None:
+    assert load_config(None, (f"zenoh.vehicle={text}",)).zenoh.vehicle == text.strip("'")
+    assert load_config(None, (f"camera.name={text}",)).camera.name == text.strip("'")
+    assert load_config(None, (f"zenoh.user={text}",)).zenoh.user == text.strip("'")
+
+
+def test_a_key_for_a_number_takes_no_text() -> None:
+    with pytest.raises(ConfigError, match=r"camera\.sigma_px"):
+        load_config(None, ("camera.sigma_px=wide",))
+    assert load_config(None, ("camera.sigma_px=2",)).camera.sigma_px == 2.0
