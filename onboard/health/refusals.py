@@ -1,5 +1,6 @@
 """Which messages of cameras are refused, in words for the detector's author: the field, and what was expected."""
 
+import re
 from typing import Final
 
 from msgspec.structs import replace
@@ -7,6 +8,7 @@ from msgspec.structs import replace
 from onboard.messages import Estimate, MeasurementReport, Message, Refusal, TargetImage, Verdict
 
 MOST: Final = 32  # kinds that are remembered: a source and a reason each
+NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")  # that is no part of a name
 LONGEST: Final = 240  # characters; the text may quote what came
 
 REASONS: Final = {
@@ -47,9 +49,10 @@ class Refusals:
         return tuple(self._kinds.values())
 
     def add(self, source: str, reason: str, t_recv_ns: int, *, kind: str = "") -> None:
-        """Count a message that was refused. Reasons of one `kind` differ only in a number: the first is kept."""
+        """Count a message that was refused. Reasons of one `kind`, or that differ only in numbers, are one: the
+        first is kept."""
         source, reason = _plain(source), _plain(reason)
-        key = source, kind or reason
+        key = source, kind or NUMBER.sub("#", reason)
         before = self._kinds.pop(key, None)
         if before is None:
             before = Refusal(source=source, reason=reason, count=0, t_recv_ns=t_recv_ns)
