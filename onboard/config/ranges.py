@@ -7,6 +7,7 @@ The bounds are wide: they refuse what no vehicle has, and what is in another uni
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
+from onboard.config.cameras import lens_of
 from onboard.config.sections import Config
 
 
@@ -56,7 +57,7 @@ def out_of_range(config: Config) -> Iterator[str]:
     for name, camera in cameras.items():
         for key, bounds in OF_A_CAMERA.items():
             yield from _checked(f"{name}.{key}", getattr(camera, key), bounds)
-        width = camera.width_px
+        width = lens_of(camera).width_px
         yield from _checked(f"{name}.sigma_px", camera.sigma_px, _scaled(SIGMA, width))
         for key in ("f_px", "fy_px"):
             yield from _checked(f"{name}.{key}", getattr(camera, key), _scaled(FOCAL, width))
