@@ -5,8 +5,8 @@
 
 docs/figures.json holds every measured figure by its key, as it is shown. "measured" is written here, from the
 JSON files of the commands in docs/measurements.md; "noted" is written by hand, for what no command writes to JSON.
-The pages name figures as {{ key }}, and Sphinx puts them in. Several files of `make bench` give the range they
-span.
+A page has a figure as <!--key-->1.9<!--/-->: the comments are not shown, and what stands between is written here.
+No line may begin with one: Markdown takes such a line as HTML. Several files of `make bench` give a range.
 """
 
 import argparse
@@ -23,6 +23,8 @@ DOCS = Path(__file__).parent
 FIGURES = DOCS / "figures.json"
 README = DOCS.parent / "README.md"
 PUBLISHED = DOCS / "published.md"
+PAGES = DOCS
+FIGURE = re.compile(r"<!--(\w+)-->(.*?)<!--/-->", re.DOTALL)
 
 README_TABLE = """\
 | what | measured with | result (RMS) |
@@ -157,6 +159,11 @@ def readme_table(figures: Figures) -> str:
     return README_TABLE.format_map(figures)
 
 
+def with_figures(text: str, figures: Figures) -> str:
+    """`text` of a page with every figure between its comments as in `figures`. Raises KeyError."""
+    return FIGURE.sub(lambda m: f"<!--{m[1]}-->{figures[m[1]]}<!--/-->", text)
+
+
 def between(text: str, marker: str, inside: str) -> str:
     """`text` with what stands between the comments `marker: begin` and `marker: end` replaced."""
     pattern = rf"(<!-- {marker}: begin[^>]*-->\n).*?(<!-- {marker}: end -->)"
@@ -195,6 +202,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         (PUBLISHED, "schema", schemas.describe().strip()),
     ):
         path.write_text(between(path.read_text(encoding="utf-8"), marker, inside), encoding="utf-8")
+    for path in sorted(PAGES.rglob("*.md")):
+        text = path.read_text(encoding="utf-8")
+        path.write_text(with_figures(text, groups["noted"] | measured), encoding="utf-8")
 
 
 if __name__ == "__main__":

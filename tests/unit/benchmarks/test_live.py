@@ -43,7 +43,7 @@ def render() -> ModuleType:
 
 
 def test_every_figure_of_the_page_comes_from_the_history() -> None:
-    used = set(re.findall(r"{{ (live_\w+) }}", documents.text("performance")))
+    used = set(re.findall(r"<!--(live_\w+)-->", documents.text("performance")))
     found = render().of_live("{}\n" + json.dumps(RUN))
     assert len(used) > 30
     assert used == set(found)

@@ -28,6 +28,7 @@ def render(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     module = load_render()
     for name in ("FIGURES", "README", "PUBLISHED"):
         monkeypatch.setattr(module, name, Path(shutil.copy(getattr(module, name), tmp_path)))
+    monkeypatch.setattr(module, "PAGES", Path(shutil.copytree(module.PAGES, tmp_path / "pages")))
     return module
 
 
@@ -47,10 +48,19 @@ def test_the_readme_s_table_is_made_of_the_figures() -> None:
 
 
 def test_every_figure_named_exists_and_every_figure_is_named() -> None:
-    named = {name for path in documents.ALL for name in re.findall(r"\{\{ (\w+) \}\}", documents.text(path))}
+    named = {name for path in documents.ALL for name in re.findall(r"<!--(\w+)-->", documents.text(path))}
     in_readme = set(re.findall(r"\{(\w+)\}", load_render().README_TABLE))
     assert named | in_readme == set(FIGURES)
     assert not set(GROUPS["measured"]) & set(GROUPS["noted"])
+
+
+def test_pages_carry_the_figures_as_committed() -> None:
+    for path in documents.ALL:
+        text = documents.text(path)
+        assert "{{" not in text, path
+        assert text == load_render().with_figures(text, FIGURES), path
+        assert not re.search(r"^\s*<!--\w+-->", text, re.MULTILINE), path  # Markdown would take the line as HTML
+        assert text.count("<!--/-->") == len(load_render().FIGURE.findall(text)), path
 
 
 def test_without_files_nothing_changes(render: Any) -> None:
@@ -83,6 +93,7 @@ def test_a_scorecard_changes_its_figures_and_the_readme(render: Any, tmp_path: P
         "demo_nis_dof": "6",
         "demo_inside_percent": "93",
     }
+    assert "<!--demo_position_m-->0.99<!--/-->" in documents.text(render.PAGES / "measurements.md")
     assert "range 7.1 %, position 0.99 m at 28 m" in documents.text(render.README)
     both = {
         "scenario": "mission",
