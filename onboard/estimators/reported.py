@@ -8,6 +8,7 @@ from onboard.messages import AdsbVehicle, AltitudeType, FollowTarget, PeerPositi
 
 LOWEST: Final = -1000.0  # m
 HIGHEST: Final = 30_000.0  # m; no aircraft that flies by lift is higher
+NOWHERE: Final = (0.0, 0.0)  # latitude and longitude that a sender without a position reports
 STANDSTILL: Final = 1.0  # m/s; below it an aircraft may report the same position twice
 
 
@@ -26,7 +27,7 @@ def of_adsb(
 ) -> Reported | Verdict:
     """What an ADSB_VEHICLE reports. Mean sea level is a GNSS height less the undulation, m, or a pressure altitude
     with the offset, m; `fastest`: m/s."""
-    if m.lat_deg is None or m.lon_deg is None or m.altitude is None:
+    if m.lat_deg is None or m.lon_deg is None or m.altitude is None or (m.lat_deg, m.lon_deg) == NOWHERE:
         return Verdict.NO_POSITION
     speed, course, climb = m.ground_speed, m.course, m.climb
     height = m.altitude
@@ -44,8 +45,8 @@ def of_adsb(
 
 def of_peer(m: PeerPosition | FollowTarget, *, fastest: float) -> Reported | Verdict:
     """What another vehicle's own position message reports; `fastest`: m/s."""
-    if (m.lat_deg, m.lon_deg) == (0.0, 0.0):
-        return Verdict.NO_POSITION  # what an autopilot without a position reports
+    if (m.lat_deg, m.lon_deg) == NOWHERE:
+        return Verdict.NO_POSITION
     reported = Reported((m.lat_deg, m.lon_deg, m.alt_msl), m.v_n)
     return reported if is_plausible(reported.place, m.v_n, fastest) else Verdict.IMPLAUSIBLE
 

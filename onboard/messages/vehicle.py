@@ -55,10 +55,10 @@ class LocalPosition(Message, frozen=True, kw_only=True):
 
 class EstimatorStatus(Message, frozen=True, kw_only=True):
     """EKF_STATUS_REPORT or ESTIMATOR_STATUS: whether the autopilot's filter knows our horizontal velocity and
-    position. In constant-position mode it knows neither."""
+    position. In constant-position mode it knows neither. None: the report is empty, and says nothing."""
 
-    horizontal_velocity: bool
-    horizontal_position: bool
+    horizontal_velocity: bool | None
+    horizontal_position: bool | None
 
 
 class GlobalOrigin(Message, frozen=True, kw_only=True):

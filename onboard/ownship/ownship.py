@@ -29,6 +29,7 @@ from onboard.ownship.contradictions import ANOTHER_WAY, ELSEWHERE, Contradiction
 from onboard.ownship.gimbals import Gimbals
 from onboard.ownship.histories import Attitudes, AttitudeSample, Navigation, NavSample, Step
 from onboard.ownship.limits import FARTHEST, FASTEST, QUICKEST, within
+from onboard.ownship.reckoning import Reckoning
 from onboard.ownship.source import OwnMotion, Source, Wanted
 from onboard.ownship.turning import turned, unit
 
@@ -68,6 +69,7 @@ class Ownship:
         self._last_local_ns = -FALLBACK_NS
         self._status: EstimatorStatus | None = None
         self._contradictions = Contradictions()
+        self._reckoning = Reckoning()
         self._ways: dict[tuple[int, int], Sequence[Step]] = {}  # since the last navigation sample
         self.rejected: dict[str, int] = {}
 
@@ -84,7 +86,7 @@ class Ownship:
             self._contradictions.add_imu(message.t_ns, message.f_b, attitude.q if attitude else None)
             return False
         if isinstance(message, LocalPosition):
-            if self._status_at(message) is False:
+            if not self._has_velocity(message):
                 return self._reject("filter_has_no_velocity")
             if within(message.r_OF_n, FARTHEST) and within(
                 message.v_F_n, FASTEST
@@ -93,23 +95,20 @@ class Ownship:
             return self._add_nav(message, message.r_OF_n, message.v_F_n, stamp_ns, own)
         if isinstance(message, GlobalPosition) and stamp_ns - self._last_local_ns > FALLBACK_NS:
             # no local origin: velocity and height are known, horizontal position is not needed
-            known = self._status_at(message)
-            if known is None:
-                known = any(message.v_F_n)  # a filter without velocity sends zeros
-            if not known:
+            if not self._has_velocity(message):
                 return self._reject("filter_has_no_velocity")
             return self._add_nav(message, (0.0, 0.0, -message.height), message.v_F_n, stamp_ns, own, UNKNOWN)
         return False
 
     def receive_status(self, status: EstimatorStatus) -> bool:
-        """Take the autopilot's word on its own filter. True if the filter has a horizontal velocity."""
+        """Take the autopilot's word on its own filter. True if the filter may have a horizontal velocity."""
         self._status = status
-        return status.horizontal_velocity
+        return status.horizontal_velocity is not False
 
     def has_position(self, message: Message) -> bool:
         """Whether the autopilot's filter may have a horizontal position when a message arrives."""
-        status = self._status
-        return status is None or self._status_at(message) is None or status.horizontal_position
+        status = self._recent_status(message)
+        return status is None or status.horizontal_position is not False
 
     @property
     def doubt(self) -> str:
@@ -207,12 +206,19 @@ class Ownship:
         a, b, c = correction
         return AttitudeSample(unit(turned(stated.q, (a, b, c), 1.0)), omega, (x, y, z))
 
-    def _status_at(self, message: Message) -> bool | None:
-        """Whether the filter has a horizontal velocity when a message arrives; None if nothing recent says so."""
+    def _recent_status(self, message: Message) -> EstimatorStatus | None:
+        """The autopilot's word on its filter when a message arrives; None if nothing recent says so."""
         status = self._status
-        if status is None or not 0 <= message.t_recv_ns - status.t_recv_ns <= STATUS_NS:
-            return None
-        return status.horizontal_velocity
+        is_recent = status is not None and 0 <= message.t_recv_ns - status.t_recv_ns <= STATUS_NS
+        return status if is_recent else None
+
+    def _has_velocity(self, message: LocalPosition | GlobalPosition) -> bool:
+        """Whether a message's velocity is known. A filter without one sends zeros: those of GLOBAL_POSITION_INT
+        are unknown unless the filter says that it has one, and all are if its report is empty."""
+        status = self._recent_status(message)
+        if status is not None and status.horizontal_velocity is not None:
+            return status.horizontal_velocity
+        return (status is None and isinstance(message, LocalPosition)) or any(message.v_F_n)
 
     def _add_nav(
         self,
@@ -232,7 +238,7 @@ class Ownship:
         if self._contradictions.leaps(m.t_ns, v_n):
             return self._reject("velocity_leaps")
         r = np.array(r_n) + unknown
-        self._contradictions.add_nav(m.t_ns, r.tolist(), v_n)
+        self._contradictions.add_nav(m.t_ns, self._reckoning.complete(m.t_ns, r, v_n), v_n)
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
         self._ways.clear()

@@ -6,7 +6,7 @@ layout ends in zeros that MAVLink 2 cuts off, or in extensions that its sender d
 
 import math
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from onboard.geometry.rotations import quaternion_from_euler
@@ -132,8 +132,10 @@ def _global_position(f: Fields, h: Header) -> Message:
     )
 
 
-def _estimator_status(flags: int, h: Header) -> Message:
-    """Both autopilots use the same bits."""
+def _estimator_status(flags: int, ratios: Sequence[float], h: Header) -> Message:
+    """Both autopilots use the same bits. A report of zeros only is one that nobody has filled in."""
+    if flags == 0 and not any(ratios):
+        return EstimatorStatus(**h, horizontal_velocity=None, horizontal_position=None)
     fixed = bool(flags & CONST_POS_MODE)
     return EstimatorStatus(
         **h,
@@ -267,8 +269,8 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "ATTITUDE": (Layout("<I6f", boot_ms=0), _attitude),
     "LOCAL_POSITION_NED": (Layout("<I6f", boot_ms=0), _local_position),
     "GLOBAL_POSITION_INT": (Layout("<I4i3hH", boot_ms=0), _global_position),
-    "EKF_STATUS_REPORT": (Layout("<5fHf"), lambda f, h: _estimator_status(f[5], h)),
-    "ESTIMATOR_STATUS": (Layout("<Q8fH", usec=0), lambda f, h: _estimator_status(f[9], h)),
+    "EKF_STATUS_REPORT": (Layout("<5fHf"), lambda f, h: _estimator_status(f[5], f[:5], h)),
+    "ESTIMATOR_STATUS": (Layout("<Q8fH", usec=0), lambda f, h: _estimator_status(f[9], f[1:9], h)),
     "GIMBAL_DEVICE_ATTITUDE_STATUS": (Layout(gimbal.FORM, boot_ms=0), gimbal.attitude),
     "DISTANCE_SENSOR": (Layout(distance.FORM), distance.reading),
     "GPS_GLOBAL_ORIGIN": (Layout("<3iQ", usec=3), _global_origin),

@@ -178,6 +178,39 @@ def no_velocity(items: list[Item], _: np.random.Generator) -> list[Item]:
     return sorted([*items, *reports], key=lambda i: i.t_recv_ns)
 
 
+def empty_status(items: list[Item], _: np.random.Generator) -> list[Item]:
+    """The autopilot's reports on its filter hold nothing while the fault lasts."""
+    reports = []
+    for tenth in range(round(BEGINS * 10), round(ENDS * 10)):
+        t_ns = tenth * 100 * MS
+        status = EstimatorStatus(
+            t_ns=t_ns, t_recv_ns=EPOCH + t_ns, horizontal_velocity=None, horizontal_position=None
+        )
+        reports.append(Item(EPOCH + t_ns + MS, status))
+    return sorted([*items, *reports], key=lambda i: i.t_recv_ns)
+
+
+def empty_and_zero(items: list[Item], rng: np.random.Generator) -> list[Item]:
+    """The same, and velocities are zero."""
+    still = each(lambda m: replace(m, v_F_n=(0.0, 0.0, 0.0)), LocalPosition)
+    return empty_status([i for i in still(items, rng) if isinstance(i, Item)], rng)
+
+
+def by_another_way(s: float) -> Fault:
+    """A second link delivers the autopilot's messages again, so late."""
+    return lambda items, _: sorted(
+        (
+            *items,
+            *(
+                Item(i.t_recv_ns + round(s * S) + 1, i.message)
+                for i in items
+                if lasts(i) and not isinstance(i.message, TargetPoints)
+            ),
+        ),
+        key=lambda i: i.t_recv_ns,
+    )
+
+
 def another(apart_s: float, **ids: int) -> Fault:
     """The same messages again, of another sender or boot clock."""
     return lambda items, _: [
@@ -231,6 +264,9 @@ ROWS = (
     Row("no position", without(LocalPosition), False, SILENT, noticed=1.1),
     Row("no image", without(TargetPoints)),
     Row("GPS lost", no_velocity, False, SILENT, "filter_has_no_velocity"),
+    Row("an empty report on the filter", empty_status),
+    Row("an empty report and zeros", empty_and_zero, False, SILENT, "filter_has_no_velocity", noticed=1.1),
+    *(Row(f"received again {s} s late", by_another_way(s)) for s in (0.5, 1.2, 2.0)),
     Row("GPS jumps", each(lambda m: replace(m, r_OF_n=(m.r_OF_n[0] + 80.0, *m.r_OF_n[1:])), LocalPosition)),
     Row("velocity jumps", each(lambda m: replace(m, v_F_n=RACE), LocalPosition), False, "doubt", recovers=LEAPT),
     Row("attitude hangs", each(lambda m: replace(m, q_nb=Q), Attitude), False, "attitude hangs", recovers=AGREE),

@@ -106,7 +106,9 @@ def _global_position(m: Any, h: dict[str, Any]) -> Message:
 
 
 def _estimator_status(m: Any, h: dict[str, Any]) -> Message:
-    """Both autopilots use the same bits."""
+    """Both autopilots use the same bits. A report of zeros only says nothing."""
+    if not any(v for k, v in m.to_dict().items() if k not in {"mavpackettype", "time_usec", "airspeed_variance"}):
+        return EstimatorStatus(**h, horizontal_velocity=None, horizontal_position=None)
     fixed = bool(m.flags & dialect.ESTIMATOR_CONST_POS_MODE)
     position = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
     return EstimatorStatus(

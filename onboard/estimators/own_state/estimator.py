@@ -162,6 +162,7 @@ class Estimator:
             return []
         self._inputs.noise.add_fix(measurement.t_ns, measurement.y[3:])
         self._inputs.manoeuvres.add_fix(measurement.t_ns, measurement.y[3:], np.sqrt(np.diag(measurement.R)[3:]))
+        self._drop_old_track(measurement.t_ns)
         if self._track is None:
             self._start(measurement)
             return [self._publish(refused(message, GPS, Verdict.INITIALISING))]
@@ -188,6 +189,7 @@ class Estimator:
     def _fuse(self, measurement: Measurement) -> Outcome | None:
         """Insert a measurement at its own time and judge its innovation; None without a track, or where the track
         does not reach back so far."""
+        self._drop_old_track(measurement.t_ns)
         if self._track is None or not self._track.reaches(measurement.t_ns):
             return None
         try:
@@ -205,6 +207,12 @@ class Estimator:
         self._track = None
         self._reason = reason
 
+    def _drop_old_track(self, t_ns: int) -> None:
+        """End the track before it is predicted to a time too far from its last fix: the way there is cut into
+        short steps, and an hour has many."""
+        if self._track is not None and self._track.age(t_ns) > self._config.reset_timeout_s:
+            self._drop_track("no fix for longer than the reset timeout")
+
     def _life(self, t_ns: int) -> tuple[Lifecycle, str]:
         """The state of the life cycle at a time, and its reason."""
         if self._track is None:
@@ -221,8 +229,7 @@ class Estimator:
 
     def _publish(self, reported: Reported | None) -> Estimate:
         newest_ns = self._sources.newest_ns
-        if self._track is not None and self._track.age(newest_ns) > self._config.reset_timeout_s:
-            self._drop_track("no fix for longer than the reset timeout")
+        self._drop_old_track(newest_ns)
         self._sequence += 1
         estimate = nav_state(
             self._track,

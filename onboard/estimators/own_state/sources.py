@@ -19,6 +19,7 @@ ORIGIN_WAIT_NS: Final = 2 * NS_PER_S  # for a GLOBAL_POSITION_INT, which shows w
 FIX_3D: Final = 3
 NO_ORIGIN: Final = (0.0, 0.0, 0.0)  # for a fix that is refused in any case
 HIGHEST: Final = 1e5  # m
+NOWHERE: Final = (0.0, 0.0)
 ORIGIN_MOVED: Final = 1.0  # m; less is rounding
 
 
@@ -124,6 +125,8 @@ def _place(message: GlobalOrigin | GlobalPosition | GpsFix) -> Vec3:
 
 def is_place(where: Vec3) -> bool:
     """Whether there is such a place (degrees, degrees, metres) on or above the Earth: all later positions are
-    relative to the first."""
+    relative to the first. What has no position reports latitude and longitude 0."""
     lat, lon, alt = where
+    if (lat, lon) == NOWHERE:
+        return False
     return abs(lat) <= 90.0 and abs(lon) <= 180.0 and abs(alt) < HIGHEST
