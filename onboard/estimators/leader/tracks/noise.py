@@ -19,6 +19,7 @@ from onboard.arrays import Array
 WINDOW: Final = 60  # images
 MEDIAN: Final = 2.0 * math.log(2.0)  # of chi-square with two degrees of freedom
 TOO_LARGE: Final = 2.0  # times that: no chance
+NOISE: Final = 13.8  # as chi-square is in all but one of a thousand
 MOST: Final = 6.0  # times the configured noise
 WORTH: Final = 1.3  # a scale above it is told
 
@@ -39,7 +40,10 @@ class NoiseScale:
     def add(self, innovation: Array, covariance: Array) -> None:
         """An image was compared with its prediction: innovation (m,), covariance (m, m), the direction first."""
         e = innovation[:2]
-        self._nis.append(float(e @ np.linalg.solve(covariance[:2, :2], e)))
+        nis = float(e @ np.linalg.solve(covariance[:2, :2], e))
+        if nis * self.scale**2 > NOISE * MOST**2:
+            return  # of something else: an outlier, which the gate stops
+        self._nis.append(nis)
         if len(self._nis) < WINDOW:
             return
         found = median(self._nis)

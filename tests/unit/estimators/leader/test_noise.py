@@ -37,11 +37,18 @@ def test_outliers_and_a_short_manoeuvre_change_nothing() -> None:
     assert learnt.scale == 1.0
 
 
+def test_outliers_far_off_are_no_noise_however_many() -> None:
+    learnt = NoiseScale()
+    for k in range(20 * WINDOW):
+        learnt.add(np.full(2, 0.8 if k % 15 == 0 else 200.0), np.eye(2))
+    assert learnt.scale == 1.0
+
+
 def test_what_no_noise_explains_ends_valid_until_it_fits_again() -> None:
-    learnt = taught(100.0, 3)
+    learnt = taught(14.0, 5)
     assert learnt.scale == MOST
     assert learnt.contradiction.startswith("the images do not fit: NIS ")
-    for _ in range(WINDOW):
+    for _ in range(2 * WINDOW):
         learnt.add(np.ones(2), MOST**2 * np.eye(2))
     assert not learnt.contradiction
 
