@@ -16,7 +16,7 @@ from simlink.simulation import datagrams
 
 FLIGHTS = ("traffic", "quadrotor")  # the first has a leader, too
 
-NOTHING = {("leader", "quadrotor"), ("traffic", "quadrotor")}  # there is none
+NOTHING = {(name, "quadrotor") for name in ("leader", "oh_johnson", "traffic")}  # there is none
 
 
 def flown(name: str, scenario: str, seconds: float = 5.0) -> list[Output]:
