@@ -116,6 +116,8 @@ def _add_demo(demo: argparse.ArgumentParser) -> None:
     demo.add_argument("--duration", type=_seconds, default=60.0, metavar="S", help="s (default: %(default)s)")
     found = "program that finds the leader in the pictures of scenario `pictures`, such as examples/contour.py"
     demo.add_argument("--detector", type=Path, metavar="FILE.py", help=found)
+    beside = "another filter of the leader in the same flight: the paper's (Oh & Johnson)"
+    demo.add_argument("--beside", choices=["paper"], help=beside)
     demo.add_argument("--headless", action="store_true", help="no window: only write the recording (.rrd)")
     demo.add_argument("--out", type=Path, default=Path("out"), metavar="DIR", help="(default: %(default)s)")
     demo.add_argument("--json", type=Path, metavar="FILE", help="write the scorecard's numbers here as well")

@@ -49,6 +49,7 @@ def main(arguments: argparse.Namespace) -> int:
             directory=a.out,
             overrides=tuple(a.set),
             detector=a.detector,
+            beside=a.beside,
             prepare=prepare,
             view=lambda config: open_view(config, rrd, console, headless=a.headless),
             on_progress=on_progress,
@@ -94,6 +95,8 @@ def print_report(report: Report, rrd: Path) -> None:
     if not is_alone(report):
         title = f"Leader: {flown} (NED, relative to us)"
         print_leader_score(out, title, report.score, report.latency_ms)
+        for name, score in report.beside.items():
+            print_leader_score(out, f"beside it: {name}", score)
     if report.own_state is not None:
         out.print()
         print_own_state_score(out, f"Own state: {flown}", report.own_state, report.fault)

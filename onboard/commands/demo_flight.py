@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
+import msgspec
+
 from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 WAIT_FOR_DAEMON_S: Final = 15
 EXAMPLES: Final = {"pictures": "contour.py", "pictures-tag": "tag.py"}
 LINGER_S: Final = 0.5
+JUDGED: Final = "leader"  # the estimator that the demo shows; others of the same leader fly beside it
+BESIDE: Final = {"paper": "oh_johnson"}  # their sections, by what --beside calls them
 
 
 class Drops(Record, frozen=True, kw_only=True):
@@ -51,6 +55,7 @@ class Report(Record, frozen=True, kw_only=True):
     drops: Drops
     own_state: OwnStateScore | None = None
     fault: FaultScore | None = None
+    beside: dict[str, LeaderScore] = msgspec.field(default_factory=dict)
 
 
 class Flight(NamedTuple):
@@ -63,6 +68,7 @@ class Flight(NamedTuple):
     to_publish_ms: list[float]
     own_ms: list[float]
     own_states: list[NavState]
+    beside: dict[str, list[Estimate]]
 
 
 def run_demo(
@@ -73,6 +79,7 @@ def run_demo(
     directory: Path,
     overrides: tuple[str, ...],
     detector: Path | None,
+    beside: str | None = None,
     prepare: Callable[[Iterable[str]], object],
     view: "Callable[[Config], View | None]",
     on_progress: Callable[[float, Estimate | None], None],
@@ -90,6 +97,8 @@ def run_demo(
     autopilot_port, camera_port, zenoh_port = free_ports()
     endpoint = f"tcp/127.0.0.1:{zenoh_port}"
     settings = (*overrides, f"zenoh.listen=['{endpoint}']")
+    if beside is not None:
+        settings = (*settings, flown_beside(beside, load_config(described, settings)))
     config = load_config(described, settings)
     prepare(config.estimator)
     links = (
@@ -104,7 +113,7 @@ def run_demo(
         *("--mavlink", f"udpout:127.0.0.1:{autopilot_port}"),
         *("--camera-mavlink", f"udpout:127.0.0.1:{camera_port}"),
     ]
-    beside: tuple[Process, ...] = ()
+    helpers: tuple[Process, ...] = ()
     with contextlib.ExitStack() as stack:
         heed = stack.enter_context(interruptions())
         daemon = stack.enter_context(process(daemon_command, directory / f"{name}.daemon.log"))
@@ -115,10 +124,17 @@ def run_demo(
             stack.callback(shown.close)
         if detector is not None:
             finder = [str(detector), "--connect", endpoint, "--vehicle", config.zenoh.vehicle]
-            beside = (stack.enter_context(process(finder, directory / f"{name}.detector.log")),)
+            helpers = (stack.enter_context(process(finder, directory / f"{name}.detector.log")),)
         simlink = stack.enter_context(process(simlink_command, directory / f"{name}.simlink.log"))
-        flight = _watch(client, shown, (daemon, simlink), beside, on_progress, heed)
+        flight = _watch(client, shown, (daemon, simlink), helpers, on_progress, heed)
     return _report(flight, scenario, seed, duration)
+
+
+def flown_beside(beside: str, config: Config) -> str:
+    """The setting that flies another filter of the leader, which knows the same wingspan."""
+    leader = config.estimator.get(JUDGED)
+    known = "{}" if leader is None else f"{{size_prior_m={leader.size_prior_m}}}"
+    return f"estimator.{BESIDE[beside]}={known}"
 
 
 def _example(scenario: str) -> Path | None:
@@ -159,7 +175,7 @@ def _watch(
 ) -> Flight:
     """Take and show all records until the simulator says it has finished and the last ones have come, or `heed`
     raises."""
-    flight = Flight([], [], None, None, [], [], [])
+    flight = Flight([], [], None, None, [], [], [], {})
     daemon, simlink = processes
     newest: Estimate | None = None
     finished_at: float | None = None
@@ -179,6 +195,8 @@ def _watch(
         match record:
             case NavState():
                 flight.own_states.append(record)
+            case Estimate() if record.is_primary and record.name != JUDGED:
+                flight.beside.setdefault(record.name, []).append(record)
             case Estimate() if record.is_primary:
                 flight.estimates.append(record)
                 newest = record
@@ -236,4 +254,5 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
         ),
         own_state=score_own_state(flight.own_states, flight.truths),
         fault=score_fault(flight.own_states, flight.truths),
+        beside={name: score_leader(estimates, truth) for name, estimates in flight.beside.items()},
     )

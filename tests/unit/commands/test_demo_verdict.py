@@ -8,7 +8,8 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.commands import demo
-from onboard.commands.demo_flight import Drops, Report
+from onboard.commands.demo_flight import Drops, Report, flown_beside
+from onboard.config import parse_config
 from onboard.scoring.leader import score_leader
 from onboard.scoring.own_state import OwnStateScore
 from onboard.scoring.statistics import Latency
@@ -55,6 +56,7 @@ def exit_code(
     monkeypatch.setattr(demo, "run_demo", flown)
     arguments = argparse.Namespace(
         detector=None,
+        beside=None,
         scenario="formation",
         seed=1,
         duration=5.0,
@@ -97,3 +99,8 @@ def test_a_vehicle_whose_own_state_is_hardly_ever_valid_fails(
     """Alone or behind a leader, whose estimate fails only where there is one."""
     own = replace(OWN, valid_percent=valid)
     assert exit_code(monkeypatch, tmp_path, diverged=not images, images=images, own=own) == code
+
+
+def test_a_filter_beside_is_given_the_leader_s_wingspan() -> None:
+    setting = flown_beside("paper", parse_config({"estimator": {"leader": {"size_prior_m": 2.667}}}))
+    assert setting == "estimator.oh_johnson={size_prior_m=2.667}"

@@ -293,6 +293,8 @@ def test_statements_of_one_detection_that_cannot_both_be_are_refused_and_both_na
 def test_a_position_beside_its_center_elsewhere_is_refused() -> None:
     decoded = sized(points={"center": CENTER | {"v_px": 300.0}}, pose={"position_m": (2.5, -3.0, 25.0)})
     assert "the position is 13 degrees from `points.center`" in decoded.reasons[0]
+
+
 @pytest.mark.parametrize(
     ("odd", "reason"),
     [
