@@ -9,6 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.arrays import Array
+from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.commands.calibration import CALM, Calibration, Images, OwnMotion, calibrate
 from onboard.commands.files import check_targets
 from onboard.commands.log_replay import check_log, read_log
@@ -36,6 +37,10 @@ def main(arguments: argparse.Namespace) -> int:
     check_log(arguments.log)
     check_targets(arguments.svg, inputs=(arguments.log,))
     config = load_config(arguments.config, tuple(arguments.set))
+    if arguments.mass is not None:
+        for line in calibrate_airframe(arguments, config):
+            print(line)
+        return 0
     images, own = collect(arguments.log, config)
     leader = config.estimator.get("leader")
     if leader is None:

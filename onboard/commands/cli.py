@@ -90,7 +90,7 @@ def parser() -> argparse.ArgumentParser:
     _add_run(add("run", "run the daemon", examples.RUN))
     _add_demo(add("demo", "simulator, daemon and view together, and a scorecard", examples.DEMO))
     _add_replay(add("replay", "a recorded flight through the same pipeline", examples.REPLAY))
-    _add_calibrate(add("calibrate", "a camera's delay, mount and focal length from a flight", examples.CALIBRATE))
+    _add_calibrate(add("calibrate", "a camera's mount, or the airframe, from a flight", examples.CALIBRATE))
     _add_router(add("router", "let vehicles and ground stations of a fleet meet", examples.ROUTER))
     _add_recover(add("recover", "a recording of a killed daemon, for other programs' readers", examples.RECOVER))
     _add_view(add("view", "watch a running daemon, or open a recorded view", examples.VIEW))
@@ -139,6 +139,14 @@ def _add_calibrate(calibrate: argparse.ArgumentParser) -> None:
     calibrate.add_argument("log", type=Path, help=".tlog, PX4 .ulg, or .mcap recorded by `onboard run`")
     calibrate.add_argument("--config", type=Path, metavar="C", help="TOML file that was flown with")
     calibrate.add_argument("--svg", type=Path, metavar="FILE.svg", help="draw the residuals")
+    airframe = calibrate.add_argument_group("the airframe, instead of the camera")
+    airframe.add_argument("--mass", type=float, metavar="KG", help="the vehicle's mass")
+    airframe.add_argument("--rotors", metavar="[[X,Y,S],...]", help="places forward and right (m), sense 1 or -1")
+    airframe.add_argument(
+        "--pwm", type=float, nargs=2, default=(1000.0, 2000.0), metavar=("LOW", "HIGH"), help="outputs' range"
+    )
+    airframe.add_argument("--voltage", type=float, metavar="V", help="for which thrust is wanted")
+    airframe.add_argument("--until", type=float, metavar="S", help="use the log's first seconds only")
     _add_set(calibrate)
 
 

@@ -45,9 +45,11 @@ examples:
 CALIBRATE: Final = """\
 example:
   onboard calibrate flight.mcap --config companion.toml --svg residuals.svg
+  onboard calibrate flight.mcap --mass 0.468 --rotors "[[0.2,0,1],[0,0.2,-1],[-0.2,0,1],[0,-0.2,-1]]"
 
 Fly behind a leader that flies calmly, and turn, roll and pitch for a minute. Prints each correction with its
 standard deviation, and lines to paste into the configuration for those that the flight determines.
+With --mass: the airframe of [estimator.own_state].
 """
 RECOVER: Final = """\
 example:

@@ -1,0 +1,185 @@
+"""An airframe's constants from one ordinary flight, by linear least squares.
+
+Commands and motion are compared as means over a fifth of a second, as the fault monitor does. The specific force
+along b's z axis over the sum of squared commands is thrust over mass; the change of a body rate over their
+difference is thrust times arm over a moment of inertia; the specific force along x and y over velocity is drag.
+Sigmas are those of the residuals with their correlation over time (Newey & West 1987).
+
+A flight does not show the mass: it is given. Nor does it show Izz: only the rotors' torque over Izz turns the
+vehicle. A flat vehicle's Izz is Ixx + Iyy, which is used, and the torque goes with it.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.errors import UserError
+
+WINDOW_S: Final = 0.2  # of one comparison
+CORRELATED_S: Final = 4.0  # residuals further apart count as independent
+LONGEST_GAP_S: Final = 0.1  # between two samples of one window
+FLYING: Final = 0.6  # of the usual lift; with less, the ground carries the vehicle
+FEWEST: Final = 100  # windows
+ACCELEROMETER: Final = 0.05 / 9.81  # share of the weight: its bias along z looks like thrust
+PARTS: Final = ("lift", "roll", "pitch", "yaw")
+
+
+class Flight(NamedTuple):
+    """One flight on one clock. IMU: times (n,) s, specific force and rates (n, 3) in b; velocity (n, 3) in b, m/s.
+    Commands: times (k,), shares of the range (k, rotors), and the voltage at them (k,), 1 where it is unused."""
+
+    t: Array
+    f_b: Array
+    omega_b: Array
+    v_b: Array
+    command_t: Array
+    commands: Array
+    voltage: Array
+
+
+class Known(NamedTuple):
+    """What the owner says: mass (kg), rotors (n, 3): places forward and right (m) and sense, the motors' lag (s),
+    and the voltage (V) at which the thrust is wanted, 1 where it is unused."""
+
+    mass: float
+    rotors: Array
+    motor_time: float
+    full_voltage: float
+
+
+class Found(NamedTuple):
+    """A value and its standard deviation."""
+
+    value: float
+    sigma: float
+
+    @property
+    def share(self) -> float:
+        """The sigma over the value; infinite for a value that is not positive."""
+        return self.sigma / self.value if self.value > 0 else math.inf
+
+
+class AirframeFit(NamedTuple):
+    """`thrust` in N of one rotor at full command; `drag` in 1/s; `ixx`, `iyy` in kg m^2; `torque_over_izz` in
+    1/(kg m): torque per thrust over Izz. `hover`: the usual command. `windows`: how many were compared."""
+
+    thrust: Found
+    drag: Found
+    ixx: Found
+    iyy: Found
+    torque_over_izz: Found
+    hover: float
+    windows: int
+
+    @property
+    def izz(self) -> float:
+        """That of a flat vehicle, kg m^2."""
+        return self.ixx.value + self.iyy.value
+
+
+def fit_airframe(flight: Flight, known: Known) -> AirframeFit:
+    """The constants that fit a flight best. Raises UserError for a flight with too few windows in the air."""
+    squared = _followed(flight, known.motor_time) ** 2
+    squared *= (np.interp(flight.t, flight.command_t, flight.voltage)[:, None] / known.full_voltage) ** 2
+    x, right, spin = known.rotors.T
+    mixed = squared @ np.column_stack([np.ones(len(x)), -right, x, spin])
+    first, last = _windows(flight, mixed[:, 0])
+    if len(first) < FEWEST:
+        raise UserError(f"{len(first)} windows of {WINDOW_S} s in the air: at least {FEWEST} are needed")
+    span = flight.t[last] - flight.t[first]
+
+    def mean(values: Array) -> Array:
+        steps = 0.5 * np.diff(flight.t)[:, None] * (values[1:] + values[:-1])
+        sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(steps, axis=0)])
+        return np.asarray((sums[last] - sums[first]) / span[:, None])
+
+    inputs, force, velocity = mean(mixed), mean(flight.f_b), mean(flight.v_b)
+    p, q, r = flight.omega_b.T
+    turning = (flight.omega_b[last] - flight.omega_b[first]) / span[:, None]
+    coupling = mean(np.column_stack([q * r, p * r, p * q]))
+    t = flight.t[first]
+    lift = _slope(t, -force[:, 2], inputs[:, :1])
+    lift = Found(lift.value, math.hypot(lift.sigma, ACCELEROMETER * lift.value))
+    one, none = np.ones(len(t)), np.zeros(len(t))
+    drag = _slope(
+        np.concatenate([t, t]),
+        -force[:, :2].T.ravel(),
+        np.column_stack([velocity[:, :2].T.ravel(), np.concatenate([one, none]), np.concatenate([none, one])]),
+    )
+    roll, pitch, yaw = (_turning(t, turning[:, i], inputs[:, i + 1], coupling[:, i]) for i in range(3))
+    thrust = Found(known.mass * lift.value, known.mass * lift.sigma)
+    return AirframeFit(
+        thrust,
+        drag,
+        _ratio(thrust, roll),
+        _ratio(thrust, pitch),
+        _ratio(yaw, thrust),
+        float(np.median(np.sqrt(inputs[:, 0] / len(x)))),
+        len(t),
+    )
+
+
+def _followed(flight: Flight, lag: float) -> Array:
+    """The commands as the motors follow them, at the IMU's times."""
+    index = np.clip(np.searchsorted(flight.command_t, flight.t, side="right") - 1, 0, None)
+    held = flight.commands[index]
+    if lag <= 0:
+        return held
+    fading = np.exp(-np.diff(flight.t, prepend=flight.t[0]) / lag)
+    followed = held.copy()
+    for i in range(1, len(held)):
+        followed[i] = held[i] + (followed[i - 1] - held[i]) * fading[i]
+    return followed
+
+
+def _windows(flight: Flight, lift: Array) -> tuple[Array, Array]:
+    """First and last sample of each window in the air in which neither IMU nor commands have a gap."""
+    t = flight.t
+    first = np.searchsorted(t, np.arange(t[0], t[-1] - WINDOW_S, WINDOW_S))
+    last = np.searchsorted(t, t[first] + WINDOW_S * 0.999)
+    inside = last < len(t)
+    first, last = first[inside], last[inside]
+    usual = np.median(lift[lift > 0.5 * np.quantile(lift, 0.9)])
+    command_age = t - flight.command_t[np.clip(np.searchsorted(flight.command_t, t, side="right") - 1, 0, None)]
+    bad = (lift < FLYING * usual) | (np.diff(t, prepend=t[0]) > LONGEST_GAP_S)
+    bad |= (command_age < 0) | (command_age > LONGEST_GAP_S)
+    count = np.concatenate([[0], np.cumsum(bad)])
+    good = count[last + 1] == count[first]
+    return first[good], last[good]
+
+
+def _turning(t: Array, y: Array, x: Array, coupling: Array) -> Found:
+    """The angular acceleration (n,) that one unit of `x` gives. Commands are rounded and sampled, so that their
+    differences are noisy, which would make the slope too small: the neighbouring windows are the instrument."""
+    beside = 0.5 * (x[:-2] + x[2:])
+    one = np.ones(len(beside))
+    X = np.column_stack([x[1:-1], coupling[1:-1], one])
+    return _slope(t[1:-1], y[1:-1], X, np.column_stack([beside, coupling[1:-1], one]))
+
+
+def _slope(t: Array, y: Array, X: Array, Z: Array | None = None) -> Found:
+    """The first coefficient of y = X b with instruments Z, and its sigma with correlated residuals (n,) at `t`."""
+    Z = X if Z is None else Z
+    inverse = np.linalg.pinv(Z.T @ X)
+    b = inverse @ Z.T @ y
+    scores = Z * (y - X @ b)[:, None]
+    bins = np.round((t - t.min()) / WINDOW_S).astype(int)
+    series = np.zeros((bins.max() + 1, X.shape[1]))
+    np.add.at(series, bins, scores)
+    lags = min(round(CORRELATED_S / WINDOW_S), len(series) - 1)
+    middle = series.T @ series
+    for lag in range(1, lags + 1):
+        cross = series[lag:].T @ series[:-lag]
+        middle += (1 - lag / (lags + 1)) * (cross + cross.T)
+    variance = max(float((inverse @ middle @ inverse.T)[0, 0]), 0.0)
+    return Found(float(b[0]), math.sqrt(variance))
+
+
+def _ratio(a: Found, b: Found) -> Found:
+    """a / b; unknown where one of them is nothing."""
+    if a.value == 0.0 or b.value == 0.0:
+        return Found(0.0, math.inf)
+    value = a.value / b.value
+    return Found(value, abs(value) * math.hypot(a.sigma / a.value, b.sigma / b.value))

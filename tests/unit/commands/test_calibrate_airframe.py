@@ -1,0 +1,73 @@
+"""`onboard calibrate --mass`: the airframe's constants that a made flight has are found again."""
+
+import numpy as np
+import pytest
+
+from onboard.commands.airframe_calibration import Flight, Known, fit_airframe
+from onboard.commands.calibrate_airframe import described_airframe
+from onboard.errors import UserError
+
+MASS, THRUST, DRAG, INERTIA, TORQUE = 0.6, 3.4, 0.13, (5.5e-3, 4.1e-3, 9.6e-3), 0.03
+ROTORS = np.array([[0.2, 0.0, 1.0], [0.0, 0.2, -1.0], [-0.2, 0.0, 1.0], [0.0, -0.2, -1.0]])
+KNOWN = Known(MASS, ROTORS, 0.0, 1.0)
+DT = 0.01
+
+
+def flight(seed: int, seconds: float = 60.0) -> Flight:
+    """Rotor commands that rise and fall slowly, and the motion that they give, with a sensor's noise."""
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, DT)
+    usual = MASS * 9.81 / (4 * THRUST)
+    waves = [np.sin(2 * np.pi * f * t + random.uniform(1.4, 1.7)) for f in (0.31, 0.43, 0.37, 0.29)]
+    mixing = np.column_stack([np.ones(4), -ROTORS[:, 1], ROTORS[:, 0], ROTORS[:, 2]])
+    wanted = np.column_stack([usual * (1 + 0.1 * waves[0]) * 4, *(0.0012 * w for w in waves[1:])])
+    wanted[:, 3] *= 10
+    commands = np.round(1000 * np.sqrt(wanted @ np.linalg.inv(mixing))) / 1000
+    squared = wanted @ np.linalg.inv(mixing)
+    torque = THRUST * squared @ mixing[:, 1:] * (1.0, 1.0, TORQUE)
+    omega = np.zeros((len(t), 3))
+    i, j, k = INERTIA
+    for n in range(len(t) - 1):
+        p, q, r = omega[n]
+        gyroscopic = np.array([(j - k) * q * r, (k - i) * p * r, (i - j) * p * q])
+        omega[n + 1] = omega[n] + DT * (torque[n] + gyroscopic) / INERTIA
+    v = np.column_stack([2 * np.sin(0.5 * t), 2 * np.cos(0.7 * t), np.zeros(len(t))])
+    f = np.column_stack([-DRAG * v[:, 0] + 0.02, -DRAG * v[:, 1], -THRUST * squared.sum(axis=1) / MASS])
+    f += 0.1 * random.standard_normal(f.shape)
+    return Flight(t, f, omega + 0.01 * random.standard_normal(f.shape), v, t, commands, np.ones(len(t)))
+
+
+def test_constants_are_found_within_their_sigmas_seeds_1_to_10() -> None:
+    truth = (THRUST, DRAG, INERTIA[0], INERTIA[1], TORQUE / INERTIA[2])
+    scores = []
+    for seed in range(1, 11):
+        found = fit_airframe(flight(seed), KNOWN)[:5]
+        scores.append([(one.value - true) / one.sigma for one, true in zip(found, truth, strict=True)])
+        assert abs(found[0].value / THRUST - 1) < 0.01
+        assert abs(found[1].value / DRAG - 1) < 0.05
+        assert max(abs(one.value / true - 1) for one, true in zip(found, truth, strict=True)) < 0.1
+    assert np.sqrt(np.mean(np.square(scores), axis=0)).max() < 2.0
+
+
+def test_what_is_offered_is_what_was_found_and_what_is_not_shown_is_said_seed_1() -> None:
+    found = fit_airframe(flight(1), KNOWN)
+    text = "\n".join(described_airframe(found, KNOWN, (1000.0, 2000.0)))
+    assert 'airframe = "custom"' in text
+    assert f"thrust_max_n = {found.thrust.value:.4g}" in text
+    assert "not shown by a flight: Izz" in text
+
+
+def test_a_flight_that_does_not_turn_offers_nothing_seed_1() -> None:
+    calm = flight(1)
+    still = calm._replace(
+        commands=np.repeat(calm.commands.mean(axis=1)[:, None], 4, axis=1),
+        omega_b=0.01 * np.random.default_rng(1).standard_normal(calm.omega_b.shape),
+    )
+    text = "\n".join(described_airframe(fit_airframe(still, KNOWN), KNOWN, (1000.0, 2000.0)))
+    assert "nothing is offered" in text
+    assert "thrust_max_n =" not in text
+
+
+def test_a_flight_that_is_too_short_is_refused() -> None:
+    with pytest.raises(UserError, match="windows"):
+        fit_airframe(flight(1, seconds=10.0), KNOWN)
