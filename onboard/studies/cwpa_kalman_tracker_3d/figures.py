@@ -14,6 +14,7 @@ from onboard.studies.report.drawing import COLOURS, STYLE, legend, panels, save
 
 SHOWN = (17, 29, 34, 42, 45, 49)  # the steps of figures 3-5
 ONE_SIGMA_PLANE = 2.2789  # chi-square of two, 68 %
+MARGIN = 6.0  # m around what a panel of figures 3-5 shows: twice an ellipse
 
 
 def draw(runs: Runs, out: Path) -> tuple[str, ...]:
@@ -43,21 +44,50 @@ def _trajectory(runs: Runs) -> Figure:
 
 
 def _steps(runs: Runs) -> Figure:
-    figure, axes = panels("Figures 3-5: the filter at single steps, with its 68 % ellipse", 2, 3, (10.5, 7.0))
-    F = wiener_acceleration(DT, DENSITY).F
+    """Around the estimate of each step, its ellipse and that of the next step; in a corner, where that is."""
+    title = "Figures 3-5: the filter at single steps, with the 68 % ellipses of the estimate and of the prediction"
+    figure, axes = panels(title, 2, 3, (10.5, 7.4))
+    F, Q = wiener_acceleration(DT, DENSITY)
     for axis, step in zip(axes.flat, SHOWN, strict=True):
         k = step - 1
-        axis.plot(*runs.measured[: k + 1, 0, :2].T, ".", color=COLOURS["raw"], markersize=3, label="measured")
+        mean, P = runs.mean[k, 0], runs.covariance[k]
+        after = F @ mean
+        axis.plot(*runs.measured[: k + 1, 0, :2].T, ".", color=COLOURS["raw"], markersize=5, label="measured")
         axis.plot(*runs.truth[:, 0, :2].T, color="black", linewidth=0.8, label="real")
-        axis.plot(*runs.mean[: k + 1, 0, :2].T, "--", color=COLOURS["ukf"], label="filtered")
-        mean = runs.mean[k, 0]
-        axis.plot(*_ellipse(mean[:2], runs.covariance[k, :2, :2]), color=COLOURS["ukf"], linewidth=0.8)
-        axis.plot(*mean[:2], "o", color=COLOURS["ukf"], markersize=4)
-        axis.plot(*(F @ mean)[:2], "o", color=COLOURS["ekf"], fillstyle="none", label="predicted next")
+        real = runs.truth[k, 0, :2]
+        axis.plot(*real, "x", color="black", markersize=6, label="real at this step")
+        axis.plot(*runs.mean[: k + 1, 0, :2].T, "--", color=COLOURS["ukf"])
+        _believed(axis, mean, P, COLOURS["ukf"], "filtered")
+        _believed(axis, after, F @ P @ F.T + Q, COLOURS["ekf"], "predicted next")
+        _around(axis, real, mean[:2], after[:2])
+        _whole(axis, runs.truth[:, 0, :2], mean[:2])
         axis.set_title(f"step {step}", loc="left", fontsize=9)
         _label_axes(axis, "m")
-    legend(figure, axes[0, 0])
+    legend(figure, axes[0, 0], columns=5)
     return figure
+
+
+def _believed(axis: Axes, mean: Array, P: Array, colour: str, label: str) -> None:
+    """A state's place in the plane, with its ellipse."""
+    axis.fill(*_ellipse(mean[:2], P[:2, :2]), facecolor=colour, edgecolor=colour, alpha=0.3)
+    axis.plot(*mean[:2], "o", color=colour, markersize=4, label=label)
+
+
+def _around(axis: Axes, *places: Array) -> None:
+    """Equal scales, and a window that holds the places and their ellipses."""
+    low, high = np.min(places, axis=0), np.max(places, axis=0)
+    half = MARGIN + float(np.max(high - low)) / 2
+    axis.set_aspect("equal")
+    for limit, middle in zip((axis.set_xlim, axis.set_ylim), (low + high) / 2, strict=True):
+        limit(middle - half, middle + half)
+
+
+def _whole(axis: Axes, path: Array, here: Array) -> None:
+    """The whole path in a corner, and where the panel is on it."""
+    corner = axis.inset_axes((0.02, 0.02, 0.24, 0.24), xticks=[], yticks=[])
+    corner.plot(*path.T, color="black", linewidth=0.7)
+    corner.plot(*here, "s", color=COLOURS["ukf"], fillstyle="none", markersize=5)
+    corner.margins(0.15)
 
 
 def _ellipse(centre: Array, covariance: Array) -> Array:
