@@ -77,9 +77,10 @@ def _around(axis: Axes, *places: Array) -> None:
     """Equal scales, and a window that holds the places and their ellipses."""
     low, high = np.min(places, axis=0), np.max(places, axis=0)
     half = MARGIN + float(np.max(high - low)) / 2
+    x, y = (low + high) / 2
     axis.set_aspect("equal")
-    for limit, middle in zip((axis.set_xlim, axis.set_ylim), (low + high) / 2, strict=True):
-        limit(middle - half, middle + half)
+    axis.set_xlim(x - half, x + half)
+    axis.set_ylim(y - half, y + half)
 
 
 def _whole(axis: Axes, path: Array, here: Array) -> None:

@@ -1,4 +1,4 @@
-"""The paper's figures 8-14, redrawn: estimates against the truth, and their errors. Feet left, SI right."""
+"""The paper's figures 6-14, redrawn: measurements, estimates against the truth, errors. Feet left, SI right."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,12 +13,14 @@ from onboard.arrays import Array
 from onboard.filters.gating import normalised_squared
 from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
 from onboard.studies.relative_motion.formation import FT, Track
+from onboard.studies.relative_motion.image_figures import image_points, measured_angles
 from onboard.studies.relative_motion.report import Result
 from onboard.studies.relative_motion.scores import relative_acceleration, truth_of
 from onboard.studies.relative_motion.variant_figures import COLOURS, compared, over_time
 from onboard.studies.relative_motion.variants import SHOWN
 from onboard.studies.report.drawing import STYLE, TRUTH, legend, panels, save
 from simlink.flight import Flight
+from simlink.scenarios.camera import Camera
 
 Examples = Mapping[str, Mapping[str, Array]]  # see `over_time`
 LABELS: Final = {method.name: method.label for method in SHOWN}
@@ -41,10 +43,10 @@ class Components(NamedTuple):
 
 
 def draw(
-    flight: Flight, tracks: Mapping[str, Track], result: Result, examples: Examples, out: Path
+    flight: Flight, camera: Camera, tracks: Mapping[str, Track], result: Result, examples: Examples, out: Path
 ) -> tuple[str, ...]:
-    """Write the figures into the folder `out`: methods compared over all variants, the rest of one flight. Returns
-    the file names, the comparison first."""
+    """Write the figures into the folder `out`: methods compared over all variants, the rest of one flight with its
+    camera. Returns the file names, the comparison first."""
     position, velocity, acceleration, target = _quantities(flight, tracks)
     t = flight.nav_t
     with mpl.rc_context(STYLE):
@@ -53,6 +55,8 @@ def draw(
                 "comparison.png": compared(result.rows, result.bounds),
                 "over-time.png": over_time(examples),
                 "overview.png": _overview(flight, tracks),
+                "figure-06-image-points.png": image_points(flight, camera),
+                "figure-07-measurements.png": measured_angles(flight, camera),
                 "figure-08-relative-position.png": _against_truth(t, position),
                 "figure-09-relative-velocity.png": _against_truth(t, velocity),
                 "figure-10-relative-acceleration.png": _against_truth(t, acceleration),

@@ -136,4 +136,4 @@ def _draw(result: Result, examples: dict[str, dict[str, Array]], out: Path) -> t
 
     flights, setting = flown(VARIANTS[0], (result.first_seed,))
     tracks = {method.name: _tracks(VARIANTS[0], flights, setting, method)[0] for method in SHOWN}
-    return figures.draw(flights.one(0), tracks, result, examples, out)
+    return figures.draw(flights.one(0), setting.camera, tracks, result, examples, out)

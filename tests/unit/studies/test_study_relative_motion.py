@@ -37,7 +37,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Ran:
 def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None:
     found, out, calls = result
     assert calls == [(i + 1, len(FLOWN)) for i in range(len(FLOWN))]
-    assert len(found.figures) == 10
+    assert len(found.figures) == 12
     for name in found.figures:
         assert (out / name).read_bytes().startswith(b"\x89PNG")
     document = json.loads((out / "result.json").read_text(encoding="utf-8"))
