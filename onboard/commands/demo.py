@@ -1,7 +1,7 @@
 """`onboard demo`: the main job on simulated input, a view of it, and a scorecard."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -14,7 +14,7 @@ from onboard.commands.demo_flight import Report, flight_name, run_demo
 from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import Config, estimator_modules
-from onboard.messages import Estimate
+from onboard.messages import Estimate, Record
 from onboard.scoring.scorecard import explain_bounds, print_leader_score, print_own_state_score
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ def main(arguments: argparse.Namespace) -> int:
         bar = progress_bar(console)
         task = bar.add_task("starting simulator and daemon", total=a.duration)
 
-        def prepare(names: Iterable[str]) -> None:
-            modules = needed_by_flight(estimator_modules(names))
+        def prepare(estimators: Mapping[str, Record]) -> None:
+            modules = needed_by_flight(estimator_modules(estimators))
             compile_shown(modules, console, announce_once(console, "this flight", "two minutes"))
             stack.enter_context(bar)  # after the bar of the compilation: a terminal shows one at a time
 

@@ -8,7 +8,7 @@ import contextlib
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -80,13 +80,13 @@ def run_demo(
     overrides: tuple[str, ...],
     detector: Path | None,
     beside: str | None = None,
-    prepare: Callable[[Iterable[str]], object],
+    prepare: Callable[[Mapping[str, Record]], object],
     view: "Callable[[Config], View | None]",
     on_progress: Callable[[float, Estimate | None], None],
 ) -> Report:
-    """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the names of
-    the estimators before any is loaded; `on_progress` the seconds flown and the newest estimate. `detector` is a
-    program that finds the leader in pictures: it runs beside, as `python FILE --connect ENDPOINT`.
+    """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the
+    sections of the estimators before any is loaded; `on_progress` the seconds flown and the newest estimate.
+    `detector` is a program that finds the leader in pictures: it runs beside, as `python FILE --connect ENDPOINT`.
 
     Raises DemoError, and ConfigError for bad overrides.
     """

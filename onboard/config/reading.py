@@ -7,7 +7,7 @@ import difflib
 import math
 import os
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ from onboard.config.cameras import CameraConfig
 from onboard.config.ranges import not_tunable, out_of_range
 from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.errors import UserError
-from onboard.estimators import config_type, known, module_name
+from onboard.estimators import config_type, flown_modules, known
 from onboard.messages import Record, TargetClass
 from onboard.wire.document import NAME
 from onboard.wire.mavlink_encode import message_number
@@ -109,9 +109,11 @@ def named_estimators(table: dict[str, Any]) -> dict[str, Any]:
     return sections
 
 
-def estimator_modules(names: Iterable[str] | None = None) -> list[str]:
-    """The modules of these estimators, by default of all there are, without loading any."""
-    return [module_name(name) for name in (known() if names is None else names)]
+def estimator_modules(sections: Mapping[str, Record] | None = None) -> list[str]:
+    """The modules that estimators of these configurations load by their names, without loading any. By default all
+    estimators that there are, each as it ships."""
+    chosen = {name: config_type(name)() for name in known()} if sections is None else sections
+    return [module for name, section in chosen.items() for module in flown_modules(name, section)]
 
 
 def parse_config(table: dict[str, Any]) -> Config:

@@ -58,6 +58,14 @@ class StatesOwnMotion(Protocol):
 
 
 @runtime_checkable
+class NamesModules(Protocol):
+    """A configuration of an estimator that decides which further modules are loaded."""
+
+    def named_modules(self) -> tuple[str, ...]:
+        """The whole names of modules that no import of the estimator names, without loading any."""
+
+
+@runtime_checkable
 class Postpones(Protocol):
     """An estimator that postpones work until its estimates are published, so that they are not late."""
 
@@ -114,6 +122,12 @@ def module_name(name: str, part: str = "estimator") -> str:
     whole = f"{__name__}.{name}"
     found = find_spec(whole)
     return f"{whole}.{part}" if found is not None and found.submodule_search_locations is not None else whole
+
+
+def flown_modules(name: str, section: Record) -> tuple[str, ...]:
+    """The modules that an estimator with this configuration loads by their names: its own, and those that the
+    configuration names."""
+    return (module_name(name), *(section.named_modules() if isinstance(section, NamesModules) else ()))
 
 
 def _module(name: str, part: str) -> ModuleType:

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 import onboard.filters
-from onboard.filters import FilterError, Method
+from onboard.filters import FilterError, Method, families
 from tests.support import documents
 from tests.support.programs import ROOT
 
+SMOOTH = ("cubature_smooth", "smooth_variable_structure")  # modules of smooth variable structure filters
 BLOCKS = documents.blocks(documents.text("notebook"), "python")
 
 
@@ -32,6 +33,12 @@ def test_every_method_and_module_is_found_by_name() -> None:
     assert issubclass(FilterError, ValueError)
 
 
+def test_each_method_is_in_the_module_that_the_table_says() -> None:
+    assert {name: families.method(name) for name in families.MODULES} == onboard.filters.methods()
+    with pytest.raises(KeyError, match="no filter named 'kalmann'; there are: augmented, "):
+        families.method("kalmann")
+
+
 def test_two_methods_of_one_name_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     from onboard.filters import unscented  # noqa: PLC0415
 
@@ -40,7 +47,17 @@ def test_two_methods_of_one_name_are_an_error(monkeypatch: pytest.MonkeyPatch) -
         onboard.filters.methods()
 
 
+def loaded(code: str) -> set[str]:
+    """The modules that a process of its own has loaded after some code."""
+    command = [sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules)"]
+    return {*subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout.split()}
+
+
 def test_importing_the_package_loads_no_compiler() -> None:
-    code = "import sys, onboard.filters; print('numba' in sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.strip() == "False"
+    assert "numba" not in loaded("import onboard.filters")
+
+
+def test_one_method_loads_no_other_family() -> None:
+    every = {f"onboard.filters.{module}" for module in families.MODULES.values()}
+    found = every & loaded("from onboard.filters.families import method; method('csvsf-adaptive')")
+    assert found == {f"onboard.filters.{m}" for m in (*SMOOTH, "cubature", "unscented")}

@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from onboard.arrays import Array
-from onboard.filters import methods
 from onboard.filters.belief import Belief, Method, Rows, Update
+from onboard.filters.families import method
 
 BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "model_error"}
 
@@ -25,10 +25,11 @@ class Filtered(NamedTuple):
 
 
 class SensorFilter:
-    """One of `onboard.filters.methods()`, called with the sensor's name. Holds nothing that changes."""
+    """A filter of `onboard.filters`, called with the sensor's name. Holds nothing that changes. No other filter is
+    loaded than the one named."""
 
     def __init__(self, name: str) -> None:
-        self._method: Method = methods()[name]
+        self._method: Method = method(name)
 
     def start(self, mean: Array, covariance: Array) -> Filtered:
         """A state before any measurement."""

@@ -25,7 +25,7 @@ from onboard.commands.compiling import (
     needed_by_flight,
     path_lengths,
 )
-from onboard.config import estimator_modules
+from onboard.config import estimator_modules, parse_config
 from onboard.filters import numba_internals
 from onboard.models import relative_motion
 from simlink import cli as simlink
@@ -101,7 +101,19 @@ def test_a_flight_imports_no_kernels_but_those_foreseen(tmp_path: Path) -> None:
     for section, *modules in flown:
         imported = {name for name in modules if name in kernel_modules()}
         assert any("kernels" in name for name in imported)
-        assert imported <= needed_by_flight(estimator_modules([section]))
+        assert imported <= needed_by_flight(
+            estimator_modules(parse_config({"estimator": {section: {}}}).estimator)
+        )
+
+
+def test_a_flight_needs_the_kernels_of_the_filter_that_its_configuration_names_and_of_no_other() -> None:
+    kernels = "onboard.filters.kernels"
+    others = {f"{kernels}.{name}" for name in ("augmented", "multiple_model", "square_root", "triangularisation")}
+    expected = {"csvsf-adaptive": "variable_structure", "augmented": "augmented", "imm": "multiple_model"}
+    for name, kernel in expected.items():
+        config = parse_config({"estimator": {"own_state": {"filter": name}}})
+        needed = needed_by_flight(estimator_modules(config.estimator))
+        assert needed & (others | {f"{kernels}.variable_structure"}) == {f"{kernels}.{kernel}"}
 
 
 def test_modules_with_kernels_are_found() -> None:
