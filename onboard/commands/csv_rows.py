@@ -15,18 +15,18 @@ UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad", "ra
 
 
 class CsvWriter:
-    """One row per estimate. Columns carry their units; NED, leader relative to follower, on the boot clock. The
-    numbers of an estimate that is not valid are left out."""
+    """One row per estimate of any estimator, which the last column names. Columns carry their units; NED, leader
+    relative to follower, on the boot clock. The numbers of an estimate that is not valid are left out."""
 
     def __init__(self, file: IO[str]) -> None:
         self._writer = csv.writer(file, lineterminator="\n")
-        self._writer.writerow(header(relative_motion.COMPONENTS, relative_motion.UNITS))
+        self._writer.writerow([*header(relative_motion.COMPONENTS, relative_motion.UNITS), "estimator"])
 
     def write(self, estimate: Output) -> None:
         """Append an estimate's row; other records have none."""
         nine = len(relative_motion.COMPONENTS)
         if isinstance(estimate, Estimate) and estimate.components[:nine] == relative_motion.COMPONENTS:
-            self._writer.writerow(row(estimate, nine))
+            self._writer.writerow([*row(estimate, nine), estimate.name])
 
 
 class OwnCsvWriter:

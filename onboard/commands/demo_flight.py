@@ -17,6 +17,7 @@ import msgspec
 from onboard.commands.processes import DemoError, Process, connect, free_ports, interruptions, process
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, Health, NavState, Record, SimStatus, Truth
+from onboard.scoring.beside import JUDGED
 from onboard.scoring.fault import FaultScore, score_fault
 from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.own_state import OwnStateScore, score_own_state
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 WAIT_FOR_DAEMON_S: Final = 15
 EXAMPLES: Final = {"pictures": "contour.py", "pictures-tag": "tag.py"}
 LINGER_S: Final = 0.5
-JUDGED: Final = "leader"  # the estimator that the demo shows; others of the same leader fly beside it
 BESIDE: Final = {"paper": "oh_johnson"}  # their sections, by what --beside calls them
 
 

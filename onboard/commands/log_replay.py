@@ -11,6 +11,7 @@ from onboard.config import Config
 from onboard.errors import UserError
 from onboard.messages import Datagram, Estimate, Health, Message, NavState, Output
 from onboard.pipeline import Pipeline
+from onboard.scoring.beside import judged
 from onboard.wire import ulog
 from onboard.wire.recording import is_recording, read_recording
 from onboard.wire.tlog import NotALogError, read_tlog
@@ -23,9 +24,9 @@ class ReplayError(UserError, ValueError):
 
 
 class Replayed(NamedTuple):
-    """What a replay made: every estimate of others and of our own state, the health at the end, records read,
+    """What a replay made: every estimate of the leader and of our own state, the health at the end, records read,
     stretches that were no record and rows that could not be used, the seconds that it lasted, and the boot time of
-    its end, s."""
+    its end, s. `estimates` are the judged estimator's (`onboard.scoring.beside`); others are in `beside`."""
 
     estimates: list[Estimate]
     health: Health
@@ -34,6 +35,7 @@ class Replayed(NamedTuple):
     duration: float
     own_states: list[NavState]
     end: float
+    beside: dict[str, list[Estimate]]
 
 
 def replay(
@@ -50,7 +52,7 @@ def replay(
     Raises ReplayError.
     """
     pipeline = Pipeline(config)
-    estimates: list[Estimate] = []
+    estimates: dict[str, list[Estimate]] = {}
     own_states: list[NavState] = []
     total = _size(log)
     count = damaged = first = last = lost = 0
@@ -73,7 +75,7 @@ def replay(
                 if isinstance(output, NavState):
                     own_states.append(output)
                 elif isinstance(output, Estimate) and output.is_primary:
-                    estimates.append(output)
+                    estimates.setdefault(output.name, []).append(output)
             first = first or item.t_recv_ns
             last = max(last, item.t_recv_ns)
             count += 1
@@ -83,7 +85,8 @@ def replay(
         raise ReplayError(f"{log}: {error}") from error
     progress(total, total)
     health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
-    return Replayed(estimates, health, count, damaged + lost, (last - first) * 1e-9, own_states, end)
+    main, seconds = estimates.pop(judged(estimates), []), (last - first) * 1e-9
+    return Replayed(main, health, count, damaged + lost, seconds, own_states, end, estimates)
 
 
 def check_log(log: Path) -> None:

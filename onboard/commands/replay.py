@@ -16,7 +16,8 @@ from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
 from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output
-from onboard.scoring.leader import LeaderScore, LeaderScorer
+from onboard.scoring.beside import LeaderScorers
+from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_csv
 from onboard.scoring.scorecard import OwnStateSummary, explain_bounds, print_health, print_leader_score
 
@@ -44,8 +45,8 @@ def replay_log(
     check_log(log)
     check_targets(out, json_file, rrd, own, inputs=(log, truth))
     with ExitStack() as stack:
-        scorer, own_summary = LeaderScorer(reference), OwnStateSummary()
-        takers: list[Callable[[Any], None]] = [lambda output: _score(output, scorer, own_summary)]
+        scorers, own_summary = LeaderScorers(reference), OwnStateSummary()
+        takers: list[Callable[[Any], None]] = [lambda output: _score(output, scorers, own_summary)]
         if rrd is not None:
             from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
 
@@ -67,31 +68,36 @@ def replay_log(
             progress=lambda done, total: bar.update(task, completed=done, total=total),
             keep=False,
         )
-    result = scorer.score(replayed.end)
-    _print_replay(log, replayed, result, own_summary, out, own, rrd)
+    result, beside = scorers.scores(replayed.end)
+    _print_replay(log, replayed, result, beside, own_summary, out, own, rrd)
     if json_file is not None:
-        write_json(json_file, replay_numbers(replayed, result))
+        write_json(json_file, replay_numbers(replayed, result, beside))
     return 0
 
 
-def replay_numbers(replayed: Replayed, result: LeaderScore) -> dict[str, Any]:
-    """The summary of a replay as plain values."""
+def replay_numbers(replayed: Replayed, result: LeaderScore, beside: dict[str, LeaderScore]) -> dict[str, Any]:
+    """The summary of a replay as plain values; `beside` are the scores of other estimators of the leader."""
     numbers: dict[str, Any] = msgspec.to_builtins(result)
     log = {"duration_s": replayed.duration, "records": replayed.records, "damaged": replayed.damaged}
     health: dict[str, Any] = msgspec.to_builtins(replayed.health)
     del health["links"]  # a replay has none
-    return {**numbers, "log": log, "health": health}
+    return {**numbers, "beside": msgspec.to_builtins(beside), "log": log, "health": health}
 
 
-def _score(output: Output, scorer: LeaderScorer, own_summary: OwnStateSummary) -> None:
+def _score(output: Output, scorers: LeaderScorers, own_summary: OwnStateSummary) -> None:
     if isinstance(output, NavState):
         own_summary.add(output)
-    elif isinstance(output, Estimate) and output.is_primary:
-        scorer.add(output)
+    elif isinstance(output, Estimate):
+        scorers.add(output)
 
 
 def _print_replay(
-    log: Path, replayed: Replayed, result: LeaderScore, own_summary: OwnStateSummary, *written: Path | None
+    log: Path,
+    replayed: Replayed,
+    result: LeaderScore,
+    beside: dict[str, LeaderScore],
+    own_summary: OwnStateSummary,
+    *written: Path | None,
 ) -> None:
     console = Console()
     damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
@@ -104,6 +110,8 @@ def _print_replay(
     if not result.verdicts:
         console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
     print_leader_score(console, "leader relative to follower, NED", result)
+    for name, score in beside.items():
+        print_leader_score(console, f"beside it: {name}", score)
     explain_bounds(console)
     own_summary.print(console)
     for path in written:

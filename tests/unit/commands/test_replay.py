@@ -1,10 +1,16 @@
-"""A replay's own parts: whose estimates are scored as the leader's."""
+"""A replay's own parts: whose estimates are scored as the leader's, and what flies beside."""
 
+import csv
+import json
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import pytest
 
 from onboard.commands.log_replay import replay
+from onboard.commands.replay import replay_log
+from onboard.config import Config, load_config
 from onboard.messages import CameraPoints, Clock, Datagram, Encoding, Intrinsics, Pixel, TargetPoints
 from onboard.sinks.recorder import Recorder
 from tests.support.streams import F_PX, Stream, encode, make_config
@@ -29,6 +35,48 @@ def as_json(image: TargetPoints, target: str) -> bytes:
     return msgspec.json.encode(points)
 
 
+def record(file: Path, datagrams: list[Datagram]) -> None:
+    recorder = Recorder(file)
+    recorder.open()
+    recorder.write(datagrams)
+    recorder.close()
+
+
+def replayed_numbers(log: Path, config: Config) -> tuple[dict[str, Any], list[dict[str, str]]]:
+    """The JSON of a replay, and the rows of its `--out`."""
+    rows, numbers = log.with_suffix(".csv"), log.with_suffix(".json")
+    replay_log(log, config, out=rows, truth=None, json_file=numbers, rrd=None)
+    with rows.open(encoding="utf-8") as file:
+        return json.loads(numbers.read_text("utf-8")), list(csv.DictReader(file))
+
+
+SCORED = ("estimates", "valid", "nis_mean", "images_scored", "verdicts")
+
+
+def test_two_estimators_of_the_leader_are_scored_each_by_itself(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, paper = tmp_path / "flight.mcap", "estimator.oh_johnson={}"
+    record(log, encode(Stream(t1=20.0).items()))
+    both, rows = replayed_numbers(log, make_config(paper))
+    assert "beside it: oh_johnson" in capsys.readouterr().out
+    alone, of_leader = replayed_numbers(log, make_config())
+    assert alone["beside"] == {}
+    assert [both[key] for key in SCORED] == [alone[key] for key in SCORED]
+    assert list(both["beside"]) == ["oh_johnson"]
+    assert [row for row in rows if row["estimator"] == "leader"] == of_leader
+    of_paper = [row for row in rows if row["estimator"] == "oh_johnson"]
+    assert len(of_paper) == both["beside"]["oh_johnson"]["estimates"]
+    only = load_config(None, (paper,))
+    assert "leader" not in only.estimator
+    by_itself, _ = replayed_numbers(log, only)  # with no other, it is the one that is judged
+    assert [by_itself[key] for key in SCORED] == [both["beside"]["oh_johnson"][key] for key in SCORED]
+    assert by_itself["beside"] == {}
+    kept = replay(log, make_config(paper))
+    assert {e.name for e in kept.estimates} == {"leader"}
+    assert len(kept.beside["oh_johnson"]) == len(of_paper)
+
+
 def test_a_second_leader_called_wingman_is_not_scored_as_the_leader(tmp_path: Path) -> None:
     items = Stream(t1=8.0).items()
     datagrams = []
@@ -39,10 +87,7 @@ def test_a_second_leader_called_wingman_is_not_scored_as_the_leader(tmp_path: Pa
             datagrams.append(
                 Datagram(channel="points", encoding=Encoding.POINTS, t_recv_ns=item.t_recv_ns, data=data)
             )
-    recorder = Recorder(tmp_path / "flight.mcap")
-    recorder.open()
-    recorder.write(datagrams)
-    recorder.close()
+    record(tmp_path / "flight.mcap", datagrams)
     every: set[str] = set()
     replayed = replay(
         tmp_path / "flight.mcap", make_config(), take=lambda output: every.add(getattr(output, "target", ""))
