@@ -6,21 +6,20 @@ import numpy as np
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief, process_noise
-from onboard.estimators.leader.settings import HONEST
+from onboard.estimators.oh_johnson.noise import HOVER_SPEED, first_belief, process_noise
 from onboard.filters import Belief, unscented
 from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
 
 N: Final = relative_motion.N
-SIZE, DT, EPS = 2.667, 0.02, HONEST.hover_speed
+SIZE, DT, EPS = 2.667, 0.02, HOVER_SPEED
 ANGLES = np.array([0.05, -0.03, 0.09])
 R = np.diag([0.0018, 0.0018, 0.0026]) ** 2
 R_CN, R_FC_N = np.eye(3), np.zeros(3)
 V, A = np.array([20.0, 0.0, 0.0]), np.array([0.0, 2.4, 0.0])
 FOLLOWER = relative_motion.FollowerMotion(V, V + DT * A, A, A)
-START = initial_belief(HONEST, ANGLES, R, SIZE, 0.02 * SIZE, R_CN, R_FC_N)
-Q = np.diag(process_noise(HONEST, SIZE) * DT)
+START = first_belief(ANGLES, SIZE, 0.02 * SIZE, R_CN, R_FC_N)
+Q = process_noise(SIZE) * DT
 WEIGHTS: Final = unscented.julier_weights(N)
 RULE: Final = unscented.rule(WEIGHTS, N, camera_angles.M, camera_angles.ANGULAR)
 

@@ -1,4 +1,4 @@
-"""Sequences of images of all kinds through the leader's estimator: right, wrong and impossible ones, doubled, out
+"""Sequences of images of all kinds through the leader's estimators: right, wrong and impossible ones, doubled, out
 of order, late, early and missing, of one target and of several, with own motion as bad.
 
     nice python -m tests.fuzz --sequences 1000000 --seed 7       # most of an hour on one core
@@ -19,7 +19,9 @@ from msgspec.structs import replace
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from onboard.arrays import Array
+from onboard.estimators import EstimatorProtocol
 from onboard.estimators.leader import estimator as leader
+from onboard.estimators.oh_johnson import estimator as oh_johnson
 from onboard.geometry.camera import make_camera
 from onboard.messages import Estimate, Lifecycle, Message, TargetPoints
 from onboard.ownship import Ownship
@@ -37,9 +39,9 @@ SETTINGS: Final = {
     "wing-line exact attitude": ("own_tilt_sigma_deg=0", "own_yaw_sigma_deg=0", "initialise_images=1"),
     "wing-line middle": ("center_on_wing=true", "initialise_images=1"),
     "wing-line delay, size unknown": ("delay_sigma_s=0.3", "size_prior_sigma_m=2.0", "initialise_images=1"),
-    "subtended": ("filter=subtended", "initialise_images=1"),
-    "paper": ("filter=paper",),
 }
+PAPER: Final = "oh_johnson"  # the paper's filter, an estimator of its own, with its defaults
+NAMES: Final = (*SETTINGS, PAPER)
 CONFIGS: Final = {
     name: make_config(*(f"estimator.leader.{s}" for s in settings)).estimator["leader"]
     for name, settings in SETTINGS.items()
@@ -68,7 +70,7 @@ def run(seed: int, number: int, name: str | None = None, longest: int = 8) -> Co
     """
     rng = np.random.default_rng([seed, number])
     drawn = _draw(rng, name, longest)
-    one, ownship = leader.Estimator(CONFIGS[drawn.name], CAMERA), Ownship(max_extrapolation=0.1)
+    one, ownship = estimator(drawn.name), Ownship(max_extrapolation=0.1)
     count: Counter[str] = Counter()
     _fly(drawn.flight, 5 * S - 60 * MS, ownship, None)
     for arrived_ns, message in _in_order_of_arrival(rng, drawn):
@@ -83,6 +85,13 @@ def run(seed: int, number: int, name: str | None = None, longest: int = 8) -> Co
         check(estimates, count)
         count.update(str(e.measurement.verdict) for e in estimates if e.measurement is not None)
     return count
+
+
+def estimator(name: str) -> EstimatorProtocol:
+    """The estimator that is flown with the settings of a name."""
+    if name == PAPER:
+        return oh_johnson.Estimator(make_config("estimator.oh_johnson={}").estimator[PAPER], CAMERA)
+    return leader.Estimator(CONFIGS[name], CAMERA)
 
 
 def _fly(flight: Flight, t_ns: int, ownship: Ownship, spoil: tuple[np.random.Generator, float] | None) -> None:
@@ -112,7 +121,7 @@ def _draw(rng: np.random.Generator, name: str | None, longest: int) -> Drawn:
     tame = u[3] < 0.5
     wrong, lost = (0.2, 0.02) if tame else (0.7, 0.3)
     return Drawn(
-        name or list(SETTINGS)[int(len(SETTINGS) * u[4])],
+        name or NAMES[int(len(NAMES) * u[4])],
         flight,
         wrong,
         lost,

@@ -68,17 +68,6 @@ def _accelerations(v_L, a_lat, a_long, eps):  # type: ignore[no-untyped-def]
     return a
 
 
-def rotation_covariance(mean: Array, sigma_n: Array) -> Array:
-    """Covariance (9, 9) of a relative motion (9,) from a constant small error of our attitude, with standard
-    deviations `sigma_n` (3,) rad about north, east and down, which rotates both vectors."""
-    J = np.zeros((N, 3))
-    for at in (R, V):
-        x, y, z = mean[at]
-        J[at] = [[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]]  # d(rotation x vector) / d rotation
-    scaled = J * sigma_n
-    return np.asarray(scaled @ scaled.T)
-
-
 def process(points: Array, dt: float, follower: FollowerMotion, eps: float) -> Array:
     """State rows (k, 9) after `dt` seconds: eqs 5-10 without noise, one step of RK4 with the follower's
     velocity and acceleration interpolated over it."""

@@ -18,6 +18,7 @@ from tests.support.programs import run
 from tests.support.scenarios import SHORT, Flights, seconds
 
 SEED = 1
+PAPER = "estimator.oh_johnson={size_prior_m=2.667}"  # the paper's filter, beside ours
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +187,7 @@ def test_nav_error_seed_1_is_carried_in_the_covariance(replay: Flights) -> None:
 
 def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Flights) -> None:
     """Oh & Johnson's settings: NEES near 0.2 of 9 and NIS near 0.003 of 3: bounds far wider than the errors."""
-    score = replay("formation", "estimator.leader.filter=paper").score
+    score = replay("formation", PAPER).beside["oh_johnson"]
     assert not score.diverged
     assert 0.16 < score.nees_mean < 0.3
     assert 0.0015 < score.nis_mean < 0.0028
@@ -197,6 +198,6 @@ def test_the_papers_noise_seed_1_is_as_pessimistic_as_the_paper_shows(replay: Fl
 def test_a_leader_viewed_from_the_side_seed_1_is_too_far_by_the_papers_angles(replay: Flights) -> None:
     """Yawed by 40 degrees its image is 0.8 times as wide: a quarter farther, if the wing were in the image
     plane."""
-    score = replay("formation-from-the-side", "estimator.leader.filter=subtended").score
+    score = replay("formation-from-the-side", PAPER).beside["oh_johnson"]
     assert not score.diverged
     assert 15 < score.range_error_rms_percent < 35

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.oh_johnson_noise import process_noise
-from onboard.estimators.leader.settings import PAPER
+from onboard.estimators.oh_johnson import noise as flown
 from onboard.filters import unscented
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE
 from onboard.studies.relative_motion.formation import FT, Method, Setting, track
 from onboard.studies.relative_motion.methods import PAPER_MENDED, TUNED
+from onboard.studies.relative_motion.noise import PAPER, process_noise
 from onboard.studies.relative_motion.scores import truth_of
 from simlink.flights import fly_many
 from simlink.scenarios.scenario import load_scenario
@@ -32,9 +32,12 @@ def test_paper_settings_are_eqs_51_to_54() -> None:
     foot = 0.3048
     expected = [5, 5, 5, 10, 10, 10, 0.01 * 8.75, 2, 2]
     assert np.sqrt(process_noise(PAPER, 8.75 * foot)) / foot == pytest.approx(expected, rel=1e-12)
-    assert (PAPER.initial_position or 0.0) / foot == pytest.approx(1.0)
-    assert PAPER.initial_velocity / foot == pytest.approx(1.0)
-    assert PAPER.initial_acceleration / foot == pytest.approx(10.0)
+    assert np.array_equal(flown.process_noise(8.75 * foot), np.diag(process_noise(PAPER, 8.75 * foot)))
+    first = flown.first_belief(np.array([0.1, -0.05, 0.08]), 8.75 * foot, 0.2 * foot, np.eye(3), np.zeros(3))
+    sigmas = [1, 1, 1, 1, 1, 1, 0.2, 10, 10]
+    assert np.sqrt(np.diag(first.covariance)) / foot == pytest.approx(sigmas, rel=1e-12)
+    assert np.degrees(np.sqrt(np.diag(flown.ANGLES))) == pytest.approx([5.0, 4.0, 3.0], rel=1e-12)
+    assert not PAPER.ties_size_to_range
     assert PAPER.angles_deg == (5.0, 4.0, 3.0)
     assert PAPER.gate_probability is None
     assert not PAPER.consider_size

@@ -11,14 +11,13 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief, process_noise
-from onboard.estimators.leader.settings import PAPER, Noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.geometry.rotations import matrix_from_quaternion, wrap_angle
 from onboard.models import camera_angles, relative_motion
 from onboard.studies.relative_motion.formation import B0, SIZE_SIGMA
 from onboard.studies.relative_motion.methods import TUNED_NOISE
+from onboard.studies.relative_motion.noise import PAPER, Noise, initial_belief, process_noise
 from simlink.flight import Flight, fly
 from simlink.scenarios.scenario import load_scenario
 from tests.conformance.problems import in_sigmas

@@ -10,6 +10,8 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator
+from onboard.estimators.leader.filters import wing_line
+from onboard.filters.belief import FilterError
 from onboard.messages import Estimate
 from onboard.ownship import Ownship
 from onboard.pipeline import Pipeline
@@ -19,7 +21,7 @@ from tests.support.streams import MS, Flight, S, Stream, make_config
 SEQUENCES = 100  # of each
 
 
-@pytest.mark.parametrize("name", fuzz.SETTINGS)
+@pytest.mark.parametrize("name", fuzz.NAMES)
 def test_no_sequence_of_images_breaks_a_track_seed_7(name: str) -> None:
     count: Counter[str] = Counter()
     for number in range(SEQUENCES):
@@ -29,12 +31,13 @@ def test_no_sequence_of_images_breaks_a_track_seed_7(name: str) -> None:
         "duplicate",
         "degenerate",
         "not_finite",
-        "out_of_view",
         "too_new",
         "no_pose",
         "tracking",
         "lost",
     }
+    if name != fuzz.PAPER:
+        met.add("out_of_view")  # the paper's filter knows no edge of an image
     assert met <= set(count), "the fuzz must be of all kinds"
 
 
@@ -58,16 +61,21 @@ def test_the_fuzz_would_find_unsound_estimates() -> None:
             fuzz.check([bad], Counter())
 
 
-def test_a_filter_that_fails_ends_its_track_and_not_the_program() -> None:
-    """The paper's model of a hovering leader is 0/0: the fuzz met it, and so does anybody on a bench."""
-    at_rest = Flight(radius=None, speed=0.0)
-    config = replace(fuzz.CONFIGS["paper"], publish_rate_hz=1000.0)
+def test_a_filter_that_fails_ends_its_track_and_not_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise FilterError("process: gave states that are not finite")
+
+    flight = Flight()
+    config = replace(fuzz.CONFIGS["wing-line middle"], filter="wing-line", publish_rate_hz=1000.0)
     one, ownship = estimator.Estimator(config, fuzz.CAMERA), Ownship(max_extrapolation=0.1)
     for i in range(3):
         t_ns = 5 * S + i * 20 * MS
-        for message in (at_rest.attitude(t_ns), replace(at_rest.position(t_ns), v_F_n=(0.0, 0.0, 0.0))):
+        for message in (flight.attitude(t_ns), flight.position(t_ns)):
             ownship.receive(message, t_ns)
-        (estimate,) = one.observe(at_rest.image(t_ns), ownship) if i == 1 else one.tick(ownship)
+        (estimate,) = one.observe(flight.image(t_ns), ownship) if i == 1 else one.tick(ownship)
+        if i == 1:
+            assert estimate.mean is not None
+            monkeypatch.setattr(wing_line, "advance", fail)
     assert estimate.mean is None
     assert not estimate.valid
     assert estimate.reason == "the filter failed: process: gave states that are not finite"

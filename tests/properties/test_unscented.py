@@ -10,12 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief, process_noise
-from onboard.estimators.leader.settings import HONEST, PAPER, Noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update
 from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
+from onboard.studies.relative_motion.noise import HONEST, PAPER, Noise, initial_belief, process_noise
 
 SEED = st.integers(0, 2**32 - 1)
 EXACT = 1e-9

@@ -1,12 +1,14 @@
 """simlink's scenarios flown in this process: each is simulated once, however many settings it is replayed with."""
 
+import math
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from onboard.config import load_config
 from onboard.messages import Datagram, Encoding, Estimate, Health, NavState, Truth
 from onboard.pipeline import Pipeline
-from onboard.scoring.leader import LeaderScore, score_leader
+from onboard.scoring.beside import JUDGED, LeaderScorers
+from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_records
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
@@ -31,7 +33,7 @@ class Recorded(NamedTuple):
 
 class Replayed(NamedTuple):
     """The estimates of a flight's leader, their score, the boot time at which the flight begins, our own states,
-    and the health and the exceptions at the end."""
+    and the health and the exceptions at the end; the scores of other estimators of the leader, by their names."""
 
     estimates: list[Estimate]
     score: LeaderScore
@@ -39,6 +41,7 @@ class Replayed(NamedTuple):
     own: list[NavState]
     health: Health
     errors: list[str]
+    beside: dict[str, LeaderScore]
 
     def at(self, begin: float, end: float) -> list[Estimate]:
         """Estimates between two times of flight, s."""
@@ -76,9 +79,13 @@ class Flights:
         made = [o for d in flight.datagrams for o in pipeline.feed(d) if isinstance(o, Estimate) and o.is_primary]
         own = [o for o in made if isinstance(o, NavState)]
         estimates = [o for o in made if not isinstance(o, NavState)]
-        score = score_leader(estimates, reference_from_records(flight.truths))
+        scorers = LeaderScorers(reference_from_records(flight.truths))
+        for estimate in estimates:
+            scorers.add(estimate)
+        score, beside = scorers.scores(math.inf)
+        of_leader = [e for e in estimates if e.name == JUDGED]
         health = pipeline.health(flight.datagrams[-1].t_recv_ns)
-        return Replayed(estimates, score, boot_ns_of(loaded), own, health, pipeline.errors)
+        return Replayed(of_leader, score, boot_ns_of(loaded), own, health, pipeline.errors, beside)
 
     def _flight(self, scenario: str) -> Recorded:
         if scenario not in self._recorded:

@@ -40,7 +40,7 @@ def test_values_of_a_file_are_taken(tmp_path: Path) -> None:
         mount_rpy_deg = [0, 15, 0]
         [estimator.leader]
         size_prior_m = 2.67
-        filter = "paper"
+        filter = "wing-line"
         process_noise = { velocity_random_walk = 0.5 }
         """,
     )

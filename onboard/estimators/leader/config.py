@@ -77,7 +77,9 @@ class Config(Record, frozen=True, kw_only=True):
     Raises ValueError for timeouts out of order, and for a `process_noise` that the chosen filter cannot use.
     """
 
-    filter: Literal["any-side", "wing-line", "subtended", "paper"] = "any-side"  # see docs/estimators/leader.md
+    filter: Literal["any-side", "wing-line", "subtended", "paper"] = (
+        "any-side"  # the last two: refused, with advice
+    )
     size_prior_m: Positive = 2.0  # the leader's wingspan
     size_prior_sigma_m: Positive | None = None  # None: 2 % of the wingspan
     leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # how freely it changes its speed
@@ -91,7 +93,7 @@ class Config(Record, frozen=True, kw_only=True):
     pose_scale_sigma: NotNegative = 0.02  # of the range: lasting error of poses: a marker's size, the focal length
     particles: Annotated[int, msgspec.Meta(ge=100, le=100_000)] = PARTICLES  # any-side: of its cloud of noses
     process_noise: dict[str, float] = msgspec.field(default_factory=dict)  # overrides the filter's `settings`
-    initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = 3  # that must agree to start (paper: 1)
+    initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = 3  # that must agree to start
     own_tilt_sigma_deg: NotNegative = 0.3  # steady error of our own roll and pitch, mount included
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw; 0 for both: our attitude is exact
     own_attitude_time_s: Positive = 60.0  # correlation time of these errors
@@ -116,7 +118,11 @@ class Config(Record, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if not self.coast_after_s <= self.validity_timeout_s <= self.reset_timeout_s:
             raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
-        settings_for(self.filter, self.leader_class, self.process_noise)
+        if self.filter in {"paper", "subtended"}:
+            raise ValueError(
+                f'filter: "{self.filter}" is an estimator of its own now: write [estimator.oh_johnson]'
+            )
+        settings_for(self.leader_class, self.process_noise)
         check_points(self.points_m, self.size_prior_m)
         check_wings(self.points_m, wings=self.wings)
 

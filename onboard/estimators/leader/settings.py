@@ -1,14 +1,13 @@
 """What the leader's filters assume of how a leader flies and of noise, and how `process_noise` overrides it.
 
 Plain numbers: reading a configuration imports neither NumPy nor Numba. The functions that make matrices of these
-settings stand in `wing_line_noise` and `oh_johnson_noise`.
+settings stand in `wing_line_noise`.
 """
 
 import math
 from collections.abc import Mapping
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
-FT: Final = 0.3048
 PARTICLES: Final = 900  # of the cloud of noses
 SECTION: Final = "estimator.leader.process_noise"
 RENAMED: Final = {
@@ -144,86 +143,13 @@ MULTIROTOR: Final = ManoeuvreModel(
 MANOEUVRE_MODELS: Final = {"fixed_wing": FIXED_WING, "multirotor": MULTIROTOR}
 
 
-class Noise(NamedTuple):
-    """What Oh & Johnson's filter assumes of noise: standard deviations, and process noise densities
-    (`_random_walk`), of which Q = dt diag(density^2), eqs 52-53."""
+def settings_for(leader_class: str, overrides: Mapping[str, float]) -> ManoeuvreModel:
+    """The settings for a leader of class "fixed_wing" or "multirotor", with single ones overridden.
 
-    position_random_walk: float  # m / sqrt(s)
-    velocity_random_walk: float  # m/s / sqrt(s)
-    size_random_walk: float  # fraction of the prior size / sqrt(s)
-    a_lat_random_walk: float  # m/s^2 / sqrt(s)
-    a_long_random_walk: float  # m/s^2 / sqrt(s)
-    initial_position: float | None  # m; None: from the first image, with the range-size correlation kept
-    initial_velocity: float  # m/s
-    initial_acceleration: float  # m/s^2
-    angles_deg: tuple[float, float, float] | None  # of the measurement; None: from the pixels' own
-    gate_probability: float | None  # None: no gate
-    hover_speed: float  # m/s, `eps` of `relative_motion.leader_acceleration`
-    initialise_images: int | None  # None: as configured
-    consider_size: bool  # carry the size's uncertainty, but let no image correct it
-
-
-PAPER: Final = Noise(
-    position_random_walk=5 * FT,
-    velocity_random_walk=10 * FT,
-    size_random_walk=0.01,
-    a_lat_random_walk=2 * FT,
-    a_long_random_walk=2 * FT,
-    initial_position=1 * FT,
-    initial_velocity=1 * FT,
-    initial_acceleration=10 * FT,
-    angles_deg=(5.0, 4.0, 3.0),
-    gate_probability=None,
-    hover_speed=0.0,
-    initialise_images=1,
-    consider_size=False,
-)
-
-# A fixed-wing leader, as the paper's: only the model's two accelerations change its velocity much.
-HONEST: Final = Noise(
-    position_random_walk=0.02 * FT,
-    velocity_random_walk=0.1 * FT,
-    size_random_walk=1e-5,
-    a_lat_random_walk=1 * FT,
-    a_long_random_walk=0.3 * FT,
-    initial_position=None,
-    initial_velocity=12 * FT,
-    initial_acceleration=10 * FT,
-    angles_deg=None,
-    gate_probability=0.999,
-    hover_speed=1.0,
-    initialise_images=None,
-    consider_size=True,
-)
-
-MULTIROTOR_VELOCITY: Final = 0.3  # m/s / sqrt(s): it accelerates and stops along its track, unknown to the model
-NOT_OVERRIDABLE: Final = {"initial_position", "angles_deg", "initialise_images", "consider_size"}
-
-
-def noise_for(noise: str, leader_class: str) -> Noise:
-    """The settings named "paper" or "honest", for a leader of class "fixed_wing" or "multirotor"."""
-    if noise == "paper":
-        return PAPER
-    if leader_class == "multirotor":
-        return HONEST._replace(velocity_random_walk=MULTIROTOR_VELOCITY)
-    return HONEST
-
-
-def settings_for(filter_: str, leader_class: str, overrides: Mapping[str, float]) -> ManoeuvreModel | Noise:
-    """The settings of a filter, "any-side", "wing-line", "subtended" or "paper", with single ones overridden.
-
-    Raises ValueError, which names the key: a name that is no setting of this filter, or a value out of range.
+    Raises ValueError, which names the key: a name that is no setting, or a value out of range.
     """
-    if filter_ in {"any-side", "wing-line"}:
-        return _overridden(MANOEUVRE_MODELS[leader_class], overrides)
-    return _overridden(noise_for("paper" if filter_ == "paper" else "honest", leader_class), overrides)
-
-
-T = TypeVar("T", ManoeuvreModel, Noise)
-
-
-def _overridden(settings: T, overrides: Mapping[str, float]) -> T:
-    known = [name for name in settings._fields if name not in NOT_OVERRIDABLE]
+    settings = MANOEUVRE_MODELS[leader_class]
+    known = settings._fields
     for name, value in overrides.items():
         key = f"{SECTION}.{name}"
         if RENAMED.get(name) in known:
@@ -234,4 +160,4 @@ def _overridden(settings: T, overrides: Mapping[str, float]) -> T:
             raise ValueError(f"{key} must be positive and finite, not {value}")
         if name == "gate_probability" and not value < 1:
             raise ValueError(f"{key} must be below 1, not {value}")
-    return settings._replace(**overrides)  # type: ignore[arg-type]  # every name above is of a float
+    return settings._replace(**overrides)

@@ -14,16 +14,22 @@ from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE, R
 
 FT: Final = 0.3048  # m
+POSITION_WALK: Final = 5 * FT  # m / sqrt(s); this and the next three: eqs 52-53
+VELOCITY_WALK: Final = 10 * FT  # m/s / sqrt(s)
 SIZE_WALK: Final = 0.01  # fraction of the size / sqrt(s)
-ANGLES: Final = np.diag(np.radians([5.0, 4.0, 3.0]) ** 2)  # rad^2: azimuth, elevation, subtended; eq 54
+ACCELERATION_WALK: Final = 2 * FT  # m/s^2 / sqrt(s), of both
+FIRST_POSITION: Final = 1 * FT  # m; this and the next two: eq 51
+FIRST_VELOCITY: Final = 1 * FT  # m/s
+FIRST_ACCELERATION: Final = 10 * FT  # m/s^2
+ANGLES_DEG: Final = 5.0, 4.0, 3.0  # azimuth, elevation, subtended; eq 54
+ANGLES: Final = np.diag(np.radians(ANGLES_DEG) ** 2)  # rad^2
 HOVER_SPEED: Final = 1.0  # m/s, eps of eq 2: as printed, it is 0/0 when the leader hovers
 
 
 def process_noise(size: float) -> Array:
     """Q (9, 9) per second of a leader of wingspan `size` in m: eqs 52-53."""
-    feet = np.array([5, 5, 5, 10, 10, 10, 0, 2, 2]) * FT
-    feet[SIZE] = SIZE_WALK * size
-    return np.diag(feet**2)
+    walks = [POSITION_WALK] * 3 + [VELOCITY_WALK] * 3 + [SIZE_WALK * size] + [ACCELERATION_WALK] * 2
+    return np.diag(np.square(walks))
 
 
 def first_belief(angles: Array, size: float, size_sigma: float, R_cn: Array, r_FC_n: Array) -> Belief:
@@ -32,6 +38,5 @@ def first_belief(angles: Array, size: float, size_sigma: float, R_cn: Array, r_F
     mean = np.zeros(relative_motion.N)
     mean[R] = camera_angles.position_from_angles(angles[None], np.array([size]), R_cn, r_FC_n)[0]
     mean[SIZE] = size
-    sigma = np.array([1, 1, 1, 1, 1, 1, 0, 10, 10]) * FT
-    sigma[SIZE] = size_sigma
-    return Belief(mean, np.diag(sigma**2))
+    sigma = [FIRST_POSITION] * 3 + [FIRST_VELOCITY] * 3 + [size_sigma] + [FIRST_ACCELERATION] * 2
+    return Belief(mean, np.diag(np.square(sigma)))

@@ -16,13 +16,12 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.oh_johnson_noise import process_noise
-from onboard.estimators.leader.settings import Noise
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Record
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, SIZE, FollowerMotion, R, V
 from onboard.studies.relative_motion.formation import B0, FT, SIZE_SIGMA
+from onboard.studies.relative_motion.noise import Noise, process_noise
 from onboard.studies.report.runs import rms
 from simlink.flights import Flights
 from simlink.scenarios.camera import Camera

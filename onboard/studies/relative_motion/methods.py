@@ -7,22 +7,21 @@ from typing import Final, Literal
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.oh_johnson_noise import initial_belief, process_noise
-from onboard.estimators.leader.settings import PAPER, Noise, noise_for
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import R, V
 from onboard.studies.relative_motion.formation import Filter, Images, ImageUpdate, Method, Setting, Step
+from onboard.studies.relative_motion.noise import PAPER, Noise, honest_noise, initial_belief, process_noise
 
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
 # R from the settings' degrees; the same for all images, diag(1, 1, 2) (sigma_px / f)^2; from each image's points
 ImageNoise = Literal["degrees", "constant", "points"]
 
-# the daemon's noise, ungated, the size estimated
-TUNED_NOISE: Final = noise_for("honest", "fixed_wing")._replace(
-    gate_probability=None, hover_speed=0.0, initialise_images=1, consider_size=False
+# honest noise, ungated, the size estimated
+TUNED_NOISE: Final = honest_noise("fixed_wing")._replace(
+    gate_probability=None, hover_speed=0.0, consider_size=False
 )
 
 
@@ -35,8 +34,8 @@ def unscented_filter(setting: Setting, noise: Noise, image_noise: ImageNoise, fo
     measured = partial(_angles_and_noise, noise=noise, image_noise=image_noise)
     measure = _measure_folded if fold else camera_angles.measure_batch
     considered = (relative_motion.SIZE,) if noise.consider_size else ()
-    # The error of our own attitude is nearly constant, so no innovation shows it: like the daemon, the filter adds
-    # its known sigma to the reported covariance, and not to its own. The paper takes its attitude as known.
+    # The error of our own attitude is nearly constant, so no innovation shows it: the filter adds its known
+    # sigma to the reported covariance, and not to its own. The paper takes its attitude as known.
     attitude_sigma = np.radians(setting.nav.attitude_deg.sigma) * (noise.angles_deg is None)
 
     def start(images: Images) -> Belief:
@@ -81,8 +80,8 @@ def _angles_and_noise(images: Images, noise: Noise, image_noise: ImageNoise) -> 
 
 
 def with_attitude_error(belief: Belief, sigma: float) -> Belief:
-    """Beliefs (B, 9) widened by the error (rad, 1 sigma about each axis) of our own attitude, as
-    `relative_motion.rotation_covariance` gives it."""
+    """Beliefs (B, 9) widened by a constant small error of our own attitude (rad, 1 sigma about each axis), which
+    rotates both vectors."""
     slopes = np.zeros((*belief.mean.shape, 3))
     for at in (R, V):
         x, y, z = np.moveaxis(belief.mean[:, at], -1, 0) * sigma
@@ -110,7 +109,7 @@ def _measure_folded(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
 
 
 def _honest(setting: Setting) -> Filter:
-    return unscented_filter(setting, noise_for("honest", setting.leader_class), "points")
+    return unscented_filter(setting, honest_noise(setting.leader_class), "points")
 
 
 PAPER_MENDED: Final = Method(
@@ -124,7 +123,7 @@ AS_PRINTED: Final = Method(
 TUNED: Final = Method(
     "tuned", "R from pixels, Q to match", lambda setting: unscented_filter(setting, TUNED_NOISE, "constant")
 )
-# with the daemon's allowance for an error of its own attitude only if the setting has one
+# with an allowance for an error of our own attitude only if the setting has one
 HONEST: Final = Method("honest", "size considered, gated", _honest)
 R_ALONE: Final = Method(
     "r-alone",

@@ -13,11 +13,11 @@ from typing import Final, NamedTuple
 import msgspec
 
 from onboard.arrays import Array
-from onboard.estimators.leader.settings import noise_for
 from onboard.studies.relative_motion import shipped
 from onboard.studies.relative_motion.bound import FlightBound, bounds, over_flights
 from onboard.studies.relative_motion.claims import claims_of
 from onboard.studies.relative_motion.formation import Setting, Track, track
+from onboard.studies.relative_motion.noise import honest_noise
 from onboard.studies.relative_motion.reference import compare
 from onboard.studies.relative_motion.report import Result, findings
 from onboard.studies.relative_motion.scores import SETTLED, Score, error_over_time, make_row, score_flight
@@ -109,7 +109,7 @@ def fly_some(name: str, seeds: tuple[int, ...], duration: float | None = None) -
         scores[method.name] = [score_flight(flights, b, one) for b, one in tracks.items()]
     limits = []
     if name in BOUNDED:
-        limits = bounds(flights, setting.camera, noise_for("honest", setting.leader_class), SETTLED)
+        limits = bounds(flights, setting.camera, honest_noise(setting.leader_class), SETTLED)
     return Flown(scores, limits, examples)
 
 

@@ -8,7 +8,6 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.filters.belief import Belief, FilterError
-from onboard.models.relative_motion import rotation_covariance
 from onboard.studies.relative_motion.formation import Filter, Images, ImageUpdate, Lateness, Method, Setting, track
 from onboard.studies.relative_motion.methods import HONEST, PAPER_MENDED, TUNED
 from onboard.studies.relative_motion.scores import score, truth_of
@@ -110,7 +109,9 @@ def test_a_known_attitude_error_widens_the_reported_covariance_seed_1(flights: F
     without, known = (track(flights, Setting(SCENARIO.camera, nav=n), HONEST).one(0) for n in (Nav(), nav))
     assert np.array_equal(without.mean, known.mean, equal_nan=True)
     added = known.covariance[-1] - without.covariance[-1]
-    expected = rotation_covariance(without.mean[-1], np.full(3, np.radians(0.5)))
+    place, velocity = without.mean[-1, :3], without.mean[-1, 3:6]
+    turns = np.radians(0.5) * np.array([[*np.cross(e, place), *np.cross(e, velocity), 0, 0, 0] for e in np.eye(3)])
+    expected = turns.T @ turns  # a small turn about north, east and down each moves both vectors
     np.testing.assert_allclose(added, expected, rtol=1e-6, atol=1e-12)
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.estimators.leader.settings import noise_for
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.studies.relative_motion.bound import bounds
 from onboard.studies.relative_motion.formation import FT, Track
+from onboard.studies.relative_motion.noise import honest_noise
 from onboard.studies.relative_motion.reference import compare
 from onboard.studies.relative_motion.scores import Score, make_row, score, truth_of, unseen_samples
 from simlink.flight import Flight
@@ -157,13 +157,13 @@ def test_comparisons_agree_within_two_standard_errors(flight: Flight) -> None:
 
 def test_the_bound_is_below_what_filters_reach_seeds_1_to_3(flights: Flights) -> None:
     """The position's error is that of the size prior, 2 % of 90 ft."""
-    least = bounds(flights, SCENARIO.camera, noise_for("honest", "fixed_wing"), 15.0)
+    least = bounds(flights, SCENARIO.camera, honest_noise("fixed_wing"), 15.0)
     assert [b.seed for b in least] == [1, 2, 3]
     for one in least:
         assert 1.5 < one.range_percent < 2.0
         assert 1.3 < one.position_ft < 1.9
         assert 0.2 < one.velocity_ft_s < 0.6
     alone = fly_many(SCENARIO, [2], duration=20.0)
-    assert bounds(alone, SCENARIO.camera, noise_for("honest", "fixed_wing"), 15.0)[0].position_ft == pytest.approx(
+    assert bounds(alone, SCENARIO.camera, honest_noise("fixed_wing"), 15.0)[0].position_ft == pytest.approx(
         least[1].position_ft, rel=1e-4
     )

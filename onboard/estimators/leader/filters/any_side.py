@@ -88,7 +88,7 @@ class AnySideFilter:
         self.shape: Shape | None = shape
         self.components, self.units = wing_line.components, wing_line.units
         self.measured_components, self.measured_units = wing_line.measured_components, wing_line.measured_units
-        self.gate, self.images = wing_line.gate, wing_line.images
+        self.gate = wing_line.gate
         self._wing_line, self._settings = wing_line, settings
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:

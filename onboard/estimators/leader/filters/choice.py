@@ -1,8 +1,7 @@
 """The filter that a configuration chooses, for one target.
 
 `any-side` is what we fly by default. `wing-line` is its sharper half alone, which takes the nose to be on the
-course. `paper` and `subtended` are Oh & Johnson's nine states and three angles, with their noise settings as
-printed and with honest ones.
+course.
 """
 
 import math
@@ -18,7 +17,7 @@ from onboard.estimators.leader.filters.any_side import AnySideFilter
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open
 from onboard.estimators.leader.filters.modes import Modes
 from onboard.estimators.leader.filters.wing_line_noise import Extras
-from onboard.estimators.leader.settings import ManoeuvreModel, NoseModel, settings_for
+from onboard.estimators.leader.settings import NoseModel, settings_for
 from onboard.estimators.leader.shape import Shape, shape_of
 from onboard.estimators.leader.size import Size, with_size
 from onboard.estimators.leader.wind import Wind
@@ -39,25 +38,20 @@ def make_filter(config: Config) -> LeaderFilter:
     size, size_sigma = config.size_prior_m, config.size_prior_sigma_m or 0.02 * config.size_prior_m
     tilt, yaw = np.radians([config.own_tilt_sigma_deg, config.own_yaw_sigma_deg])
     attitude_sigma = np.array([tilt, tilt, yaw])
-    settings = settings_for(config.filter, config.leader_class, config.process_noise)
-    if isinstance(settings, ManoeuvreModel):
-        estimated = config.estimate_bias and bool(attitude_sigma.max() > 0)
-        bias = tuple(np.maximum(attitude_sigma, SMALLEST_SIGMA).tolist()) if estimated else (0.0, 0.0, 0.0)
-        extras = Extras(
-            config.delay_sigma_s,
-            bias,
-            config.own_attitude_time_s,
-            config.own_velocity_sigma_m_s,
-            config.center_on_wing,
-        )
-        sharp = _WingLine(wing_line.Filter(size, size_sigma, settings, extras))
-        if config.filter == "wing-line":
-            return sharp
-        return AnySideFilter(sharp, _nose_model(config, size, size_sigma), shape_of(config))
-    from onboard.estimators.leader.filters import oh_johnson  # noqa: PLC0415 - machine code that few flights need
-
-    # the paper takes its own attitude as known, so its settings stay as printed
-    return oh_johnson.OhJohnson(settings, size, size_sigma, attitude_sigma * (config.filter != "paper"))
+    settings = settings_for(config.leader_class, config.process_noise)
+    estimated = config.estimate_bias and bool(attitude_sigma.max() > 0)
+    bias = tuple(np.maximum(attitude_sigma, SMALLEST_SIGMA).tolist()) if estimated else (0.0, 0.0, 0.0)
+    extras = Extras(
+        config.delay_sigma_s,
+        bias,
+        config.own_attitude_time_s,
+        config.own_velocity_sigma_m_s,
+        config.center_on_wing,
+    )
+    sharp = _WingLine(wing_line.Filter(size, size_sigma, settings, extras))
+    if config.filter == "wing-line":
+        return sharp
+    return AnySideFilter(sharp, _nose_model(config, size, size_sigma), shape_of(config))
 
 
 def _nose_model(config: Config, size: float, size_sigma: float) -> NoseModel:
@@ -98,7 +92,6 @@ class _WingLine:
         self.measured_components: tuple[str, ...] = measurement_model.COMPONENTS[: filter_.m]
         self.measured_units: tuple[str, ...] = measurement_model.UNITS[: filter_.m]
         self.gate: float | None = filter_.gate
-        self.images: int | None = None
         self.shape: Shape | None = None
         self._filter = filter_
 

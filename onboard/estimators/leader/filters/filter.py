@@ -75,7 +75,6 @@ class LeaderFilter(Protocol):
     measured_units: tuple[str, ...]
     gate: float | None  # NIS above which an image is not fused; None: all are
     shape: Shape | None  # of what it follows; None: the filter uses nothing but center and wing
-    images: int | None  # that must agree before a track starts; None: as configured
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:
         """The measurement of image points (3, 2), center, left and right, with standard deviations (3,), all in

@@ -58,7 +58,7 @@ class Track:
         self.half_wing, self.is_metric, self._full = 1.0, False, full
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
         self._history: History[Any, Ownship] | None = None
-        self._images = filter_.images or config.initialise_images  # that must agree before a track starts
+        self._images = config.initialise_images  # that must agree before a track starts
         self._held: deque[Image] = deque(maxlen=self._images)
         self.rate_limit = RateLimit(config.publish_rate_hz)
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
@@ -66,7 +66,6 @@ class Track:
         self._guard = Guard(config.size_prior_m)
         self._sight, self.noise = LastSight(), NoiseScale()
         self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
-        self._guarded = config.filter in {"any-side", "wing-line"}  # the paper's covariances are far too small
         self._report = partial(report, filter_)
         self._sequence = 0
         reason = "as many targets are followed as may be" if full else "no image yet"
@@ -184,7 +183,7 @@ class Track:
         was_lost = self._status.is_lost(message.t_ns)
         outcome: Outcome = history.insert(message.t_ns, image, ownship)
         self._settle(history, ownship, inserted=True)
-        if self._guarded and math.isfinite(outcome.update.nis):
+        if math.isfinite(outcome.update.nis):
             self.noise.add(outcome.update.innovation, outcome.update.innovation_covariance)
         if not outcome.fused:
             self._exchange.gated(image)
@@ -282,7 +281,7 @@ class Track:
                 state, reason = Lifecycle.LOST, ASTRAY
             elif misfit := self.noise.contradiction:
                 state, reason = Lifecycle.LOST, misfit
-            elif self._guarded and (contradiction := self._guard.contradiction(t_ns, belief, ownship)):
+            elif contradiction := self._guard.contradiction(t_ns, belief, ownship):
                 state, reason = Lifecycle.LOST, contradiction
             if finding := self.noise.finding:
                 reason = f"{reason}; {finding}"

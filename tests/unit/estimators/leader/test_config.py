@@ -14,13 +14,9 @@ from onboard.config import ConfigError, load_config
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.settings import (
     FIXED_WING,
-    HONEST,
     MULTIROTOR,
-    NOT_OVERRIDABLE,
-    PAPER,
     RENAMED,
     ManoeuvreModel,
-    Noise,
     settings_for,
 )
 
@@ -49,7 +45,7 @@ def test_timeouts_out_of_order_are_refused(timeouts: dict[str, float]) -> None:
     assert Config(coast_after_s=2.0, validity_timeout_s=2.0, reset_timeout_s=2.0)
 
 
-@pytest.mark.parametrize("chosen", ["wing-line", "subtended", "paper"])
+@pytest.mark.parametrize("chosen", ["any-side", "wing-line"])
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
@@ -68,37 +64,31 @@ def test_an_unusable_override_is_refused_by_its_key(chosen: Any, name: str, valu
         Config(filter=chosen, process_noise={"hover_speed": 1.0, name: value})
 
 
-def test_a_setting_of_the_other_filter_is_unknown() -> None:
-    assert Config(process_noise={"accelerating": 2.5}).process_noise == {"accelerating": 2.5}
-    for name in ("accelerating", "push"):
-        with pytest.raises(ValueError, match=rf"^unknown key {KEY}\.{name}; known: "):
-            Config(filter="paper", process_noise={name: 2.5})
+@pytest.mark.parametrize("name", ["paper", "subtended"])
+def test_the_paper_s_filter_is_to_be_had_as_an_estimator_of_its_own(name: str) -> None:
+    reason = f'filter: "{name}" is an estimator of its own now: write [estimator.oh_johnson]'
+    with pytest.raises(ConfigError, match=re.escape(reason)):
+        load_config(None, (f"estimator.leader.filter={name}",))
 
 
 def test_every_old_name_is_answered_with_a_setting_there_is() -> None:
-    assert set(RENAMED.values()) <= {*ManoeuvreModel._fields, *Noise._fields}
-    assert not set(RENAMED) & {*ManoeuvreModel._fields, *Noise._fields}
+    assert set(RENAMED.values()) <= set(ManoeuvreModel._fields)
+    assert not set(RENAMED) & set(ManoeuvreModel._fields)
     for old, new in RENAMED.items():
         with pytest.raises(ConfigError, match=rf"{KEY}\.{old} is now called {KEY}\.{new}$"):
             load_config(None, (f"{KEY}.{old}=1.0",))
 
 
 def test_overrides_replace_single_settings() -> None:
-    for chosen, leader_class, default in (
-        ("wing-line", "multirotor", MULTIROTOR),
-        ("wing-line", "fixed_wing", FIXED_WING),
-        ("subtended", "fixed_wing", HONEST),
-        ("paper", "multirotor", PAPER),
-    ):
-        assert settings_for(chosen, leader_class, {}) == default
-        changed = settings_for(chosen, leader_class, {"velocity_random_walk": 0.5, "gate_probability": 0.9})
+    for leader_class, default in (("multirotor", MULTIROTOR), ("fixed_wing", FIXED_WING)):
+        assert settings_for(leader_class, {}) == default
+        changed = settings_for(leader_class, {"velocity_random_walk": 0.5, "gate_probability": 0.9})
         assert changed == default._replace(velocity_random_walk=0.5, gate_probability=0.9)
 
 
 def test_only_numbers_can_be_overridden() -> None:
-    for settings in (MULTIROTOR, HONEST):
-        for name, value in settings._asdict().items():
-            assert isinstance(value, float) == (name not in NOT_OVERRIDABLE), name
+    for name, value in MULTIROTOR._asdict().items():
+        assert isinstance(value, float), name
 
 
 @pytest.mark.parametrize("degrees", [1.0, 2.0, 5.0, 10.0, 20.0])

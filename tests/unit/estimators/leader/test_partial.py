@@ -13,7 +13,7 @@ from onboard.messages import ImageFeature, Lifecycle, Message, TargetDetection, 
 from tests.support.streams import CIRCLE, F_PX, Run, S, Stream, advance, make_config, position_error
 
 SIGMA = 1 / F_PX
-FILTERS = ("any-side", "wing-line", "subtended")
+FILTERS = ("any-side", "wing-line")
 
 
 def less(image: TargetPoints, *names: str, box: float | None = None, target: str = "leader") -> TargetDetection:

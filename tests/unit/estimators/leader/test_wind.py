@@ -23,7 +23,6 @@ CRAB: Final = math.radians(20.0)
 SPEED: Final = 15.0
 FIXED_WING: Final = "estimator.leader.leader_class=fixed_wing"
 WING_LINE: Final = "estimator.leader.filter=wing-line"
-PAPER: Final = "estimator.leader.filter=paper"
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ def test_a_wind_that_cannot_be_is_counted_and_changes_nothing_seed_1(east: float
     assert run.estimates[-1].mean == without.estimates[-1].mean
 
 
-@pytest.mark.parametrize("settings", [(), (FIXED_WING, WING_LINE), (FIXED_WING, PAPER)])
+@pytest.mark.parametrize("settings", [(), (FIXED_WING, WING_LINE)])
 def test_nothing_else_makes_use_of_the_wind_seed_1(settings: tuple[str, ...]) -> None:
     """A copter may point its nose anywhere in any wind, and no other filter has a nose beside its course."""
     one_, other = flown(7.0, *winds(5.0, 7.0), settings=settings), flown(7.0, settings=settings)

@@ -1,15 +1,18 @@
-"""The paper's filter as an estimator: beside the leader on the same images, late images, a failure of it."""
+"""The paper's filter as an estimator: beside the leader on the same images; late, missing and wrong images; a
+failure of it."""
 
 import math
 
 import pytest
+from msgspec.structs import replace
 
-from onboard.config import parse_config
+from onboard.config import load_config, parse_config
 from onboard.filters.belief import FilterError
-from onboard.messages import Datagram, Estimate, Output, TargetPoints, Verdict
+from onboard.messages import Datagram, Estimate, Lifecycle, Output, TargetPoints, Verdict
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
+from tests.support.streams import Item, Run, Stream, advance
 
 SIZE = 2.667
 
@@ -65,3 +68,60 @@ def test_an_image_that_comes_again_is_a_duplicate_seed_3() -> None:
     made = pipeline.estimators["oh_johnson"].observe(again, pipeline.ownship)
     assert made[0].measurement is not None
     assert made[0].measurement.verdict is Verdict.DUPLICATE
+
+
+def alone(items: list[Item], *settings: str) -> Run:
+    return advance((item.message for item in items), load_config(None, ("estimator.oh_johnson={}", *settings)))
+
+
+def test_an_image_that_comes_late_changes_the_belief_as_one_in_time_seed_1() -> None:
+    items = Stream(t1=7.0).items()
+    at = next(i for i, item in enumerate(items) if isinstance(item.message, TargetPoints) and i > len(items) // 2)
+    late = [*items[:at], *items[at + 1 : at + 12], items[at], *items[at + 12 :]]
+    in_time, after = alone(items), alone(late)
+    assert in_time.verdicts().get(Verdict.FUSED_LATE, 0) == 0
+    assert after.verdicts()[Verdict.FUSED_LATE] == 1
+    assert after.estimates[-1].mean == pytest.approx(in_time.estimates[-1].mean, rel=1e-9, abs=1e-9)
+    too_late = alone(late, "estimator.oh_johnson.rewind_horizon_s=0.05")
+    assert too_late.verdicts()[Verdict.TOO_OLD] == 1
+    assert too_late.estimates[-1].valid
+
+
+def test_without_images_it_coasts_is_lost_and_forgets_seed_1() -> None:
+    run = alone(Stream(t1=18.5, images=lambda t: t < 6.0 or t > 18.0).items())
+    states: list[tuple[Lifecycle, bool]] = []
+    for e in run.estimates:
+        if not states or states[-1] != (e.state, e.valid):
+            states.append((e.state, e.valid))
+    assert states == [
+        (Lifecycle.SEARCHING, False),
+        (Lifecycle.TRACKING, True),
+        (Lifecycle.COASTING, True),
+        (Lifecycle.LOST, False),
+        (Lifecycle.SEARCHING, False),
+        (Lifecycle.TRACKING, True),
+    ]
+    coasting = [e for e in run.estimates if e.state is Lifecycle.COASTING]
+    assert 0.25 < coasting[0].age < coasting[-1].age <= 2.0  # type: ignore[operator]
+    spread = [sum(e.covariance[i][i] for i in range(3)) for e in coasting if e.covariance is not None]
+    assert spread[-1] > 2.0 * spread[0]
+    assert run.estimates[-1].reset_count == 1
+
+
+def test_an_image_of_something_else_is_gated_and_changes_nothing_seed_1() -> None:
+    items = Stream(t1=7.0).items()
+    at = max(i for i, item in enumerate(items) if isinstance(item.message, TargetPoints))
+    image = items[at].message
+    assert isinstance(image, TargetPoints)
+    center, left, right = ((u + 0.8, v + 0.6) for u, v in (image.center, image.left, image.right))
+    wrong = items.copy()
+    wrong[at] = items[at]._replace(message=replace(image, center=center, left=left, right=right))
+    often = "estimator.oh_johnson.publish_rate_hz=1000"  # both at the same times, then
+    without, gated = alone([*items[:at], *items[at + 1 :]], often), alone(wrong, often)
+    report = next(e.measurement for e in reversed(gated.estimates) if e.measurement)
+    assert report.verdict is Verdict.GATED
+    assert report.nis is not None
+    assert report.gate is not None
+    assert report.nis > report.gate
+    assert gated.estimates[-1].t_ns == without.estimates[-1].t_ns
+    assert gated.estimates[-1].mean == pytest.approx(without.estimates[-1].mean, rel=1e-12)
