@@ -9,6 +9,7 @@ the sinks before the next datagram is read.
 import asyncio
 import signal
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,10 +30,11 @@ from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
 from onboard.sinks.console import Console
-from onboard.sinks.zenoh_session import ZenohSession, open_session
+from onboard.sinks.zenoh_session import RouterAbsentError, ZenohSession, open_session
 
 TICK_S: Final = 0.02
 FINISH_S: Final = 0.001  # after an estimate with an image: sinks publish within
+ROUTER_RETRY_S: Final = 1.0
 LEADER_HZ: Final = 20.0
 HEALTH_PERIOD_NS: Final = 1_000_000_000
 SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: no longer healthy
@@ -94,13 +96,10 @@ class Daemon:
         """Claim ports, devices and files, so that a mistake shows before the flight does."""
         config = self._config
         if config.zenoh.enabled:
-            self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
-            sink = publishing.ZenohSink(self._zenoh, config.zenoh.prefix)
-            self._sinks["zenoh"] = publishing.runner(sink)
-            camera, ros = config.camera.name, config.ros_keys()
-            self._links.append(ZenohLink(self._zenoh, config.zenoh.prefix, camera=camera, ros=ros))
-            where = ", ".join(config.zenoh.listens()) or "no plain listener"
-            self._report(f"zenoh: {config.zenoh.mode} at {where}, {config.zenoh.prefix}/**")
+            try:
+                await self._open_zenoh()
+            except RouterAbsentError as error:  # a client's; `_await_router` tries again
+                self._report(f"{error}; trying again")
         if config.recorder.path is not None:
             recorder = recording.Recorder(Path(config.recorder.path))
             recorder.check()
@@ -114,11 +113,32 @@ class Daemon:
         for described in config.link:
             self._report(f"link {described.name}: {described.url}")
 
+    async def _open_zenoh(self) -> tuple[SinkRunner[Any], ZenohLink]:
+        """Publish, and receive sensors, over Zenoh. Raises SinkError."""
+        config = self._config
+        self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
+        prefix = config.zenoh.prefix
+        sink = self._sinks["zenoh"] = publishing.runner(publishing.ZenohSink(self._zenoh, prefix))
+        link = ZenohLink(self._zenoh, prefix, camera=config.camera.name, ros=config.ros_keys())
+        self._links.append(link)
+        self._report(f"zenoh: {self._zenoh.words()}, {prefix}/**")
+        return sink, link
+
+    async def _await_router(self, group: asyncio.TaskGroup, tasks: list[asyncio.Task[None]]) -> None:
+        """Open Zenoh once a client's router answers that did not at the start; the flight goes on without it."""
+        while self._zenoh is None:
+            await asyncio.sleep(ROUTER_RETRY_S)
+            with suppress(RouterAbsentError):
+                sink, link = await self._open_zenoh()
+                tasks += [group.create_task(sink.run()), group.create_task(link.run(self._deliver, self._now_ns))]
+
     async def _fly(self, stop: asyncio.Event) -> None:
         try:
             async with asyncio.TaskGroup() as group:
                 tasks = [group.create_task(sink.run()) for sink in self._sinks.values()]
                 tasks += [group.create_task(link.run(self._deliver, self._now_ns)) for link in self._links]
+                if self._config.zenoh.enabled and self._zenoh is None:
+                    tasks.append(group.create_task(self._await_router(group, tasks)))
                 tasks += [group.create_task(self._keep_time()), group.create_task(self._finish())]
                 await stop.wait()
                 for task in reversed(tasks):  # sinks last: they still write what is queued

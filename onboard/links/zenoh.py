@@ -17,6 +17,7 @@ from onboard.links.link import Deliver, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding, LinkHealth
 
 LARGEST: Final = 65_536  # bytes that the decoder accepts (`onboard.wire.document`)
+WATCH_S: Final = 2.0  # between looks at who is connected
 WAITING: Final = 256  # samples of one source: in a flood the newest are dropped, memory stays bounded
 
 
@@ -32,6 +33,7 @@ class ZenohLink:
         self.received = 0
         self.sent = 0
         self.errors = 0
+        self.trouble = ""
         self._session = session
         self._keys = {
             f"{prefix}/camera/*/points": Encoding.POINTS,
@@ -70,6 +72,9 @@ class ZenohLink:
             with suppress(RuntimeError):  # the loop has closed: so will this link
                 loop.call_soon_threadsafe(enter, _datagram(sample, t_recv_ns, encoding), room)
 
+        ended = threading.Event()
+        # A thread of its own, which nobody waits for at the end: a name server may be silent for a minute.
+        threading.Thread(target=self._watch, args=(ended,), name="zenoh-watch", daemon=True).start()
         subscribers: list[Any] = []
         try:
             for key, encoding in self._keys.items():
@@ -77,13 +82,25 @@ class ZenohLink:
                 subscribers.append(await asyncio.to_thread(self._session.declare_subscriber, key, callback))
             await failed
         finally:
+            ended.set()
             for subscriber in subscribers:
                 subscriber.undeclare()
 
+    def _watch(self, ended: threading.Event) -> None:
+        """Look who is connected, until `ended`."""
+        while True:
+            try:
+                self.trouble = self._session.trouble()
+            except Exception as error:  # of any kind: the session may be closing; it must not end the flight
+                self.trouble = f"cannot tell who is connected ({error})"
+            if ended.wait(WATCH_S):
+                return
+
     def health(self) -> LinkHealth:
-        """Counts so far, and how many routers are connected."""
+        """Counts so far, how many routers are connected, and which cannot be reached."""
         routers = 0 if self._session.is_closed() else len(self._session.info.routers_zid())
-        return LinkHealth(received=self.received, sent=self.sent, errors=self.errors, routers=routers)
+        counts = {"received": self.received, "sent": self.sent, "errors": self.errors}
+        return LinkHealth(**counts, routers=routers, error=self.trouble)
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature
         """This link cannot send; counts an error."""

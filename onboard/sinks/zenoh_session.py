@@ -9,23 +9,36 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import msgspec
+from yaml import YAMLError
 
 from onboard.messages import Record
 from onboard.sinks.secrets import secret
 from onboard.sinks.sink import SinkError
+from onboard.sinks.zenoh_reach import ANSWERS, Trust, probed, trouble
+from onboard.sinks.zenoh_stated import is_stated, stated_in
 
 SECURE: Final = ("tls/", "quic/")
 FORBIDDEN: Final = "*$?#/"
 DEFAULT_LISTEN: Final = ("tcp/127.0.0.1:7447",)
 CLOSE_TIMEOUT_S: Final = 2.0
+TLS_SETTINGS: Final = (
+    "root_ca_certificate",
+    "connect_certificate",
+    "connect_private_key",
+    "verify_name_on_connect",
+)
+
+
+class RouterAbsentError(SinkError):
+    """No router answers a client, or not yet."""
 
 
 class ZenohConfig(Record, frozen=True, kw_only=True):
     """Configuration of Zenoh. By default the program is a router on this computer's loopback interface only.
 
     The files of certificates and keys (PEM) and the password are for the endpoints of `connect`.
-    `config_file` is a Zenoh JSON5 file for further settings (TLS, passwords, access control). It takes precedence;
-    settings that it does not contain keep our defaults, `mode`, `listen` and `connect` included.
+    `config_file` is a Zenoh JSON5 file for further settings (TLS, passwords, access control). What it states takes
+    precedence, also where it equals Zenoh's default; what it does not state keeps ours.
     """
 
     enabled: bool = True
@@ -70,8 +83,16 @@ class ZenohSession:
     aborts the process ("FATAL: exception not rethrown") after a successful run.
     """
 
-    def __init__(self, session: Any) -> None:
+    def __init__(self, session: Any, settings: Any = None) -> None:
         self._session = session
+        self.mode, self._trust = "", Trust()
+        self.listening: tuple[str, ...] = ()
+        self._connecting: tuple[str, ...] = ()
+        if settings is not None:
+            self.mode = _mode(settings)
+            self.listening = tuple(_endpoints(settings, "listen", self.mode))
+            self._connecting = tuple(_endpoints(settings, "connect", self.mode))
+            self._trust = _trust(settings)
         self._lock = threading.Lock()  # prevents declarations during `close`
         self._started = 0
         self._ending: queue.SimpleQueue[threading.Thread] = queue.SimpleQueue()
@@ -95,10 +116,22 @@ class ZenohSession:
         with self._lock:
             return self._session.liveliness().declare_subscriber(key, self._counted(callback), history=True)
 
+    def trouble(self) -> str:
+        """Which endpoints of `connect` cannot be reached, and why; "" if all is well. May take seconds."""
+        return "" if self._session.is_closed() else trouble(self._connecting, self._session, self._trust)
+
+    def words(self) -> str:
+        """What the session does, for a person: its mode, and where it listens and connects."""
+        where = ", ".join(self.listening) or "no plain listener"
+        return f"{self.mode} at {where}" + (f", to {', '.join(self._connecting)}" if self._connecting else "")
+
     def close(self) -> None:
         """Undeclare everything, and wait at most `CLOSE_TIMEOUT_S` for running callbacks."""
+        import zenoh  # noqa: PLC0415 - loaded already: there is a session
+
         with self._lock:
-            self._session.close()
+            with suppress(zenoh.ZError):  # what answers, but is no router, may hold it up; it is closed then, too
+                self._session.close()
             started, self._started = self._started, 0
         deadline = time.monotonic() + CLOSE_TIMEOUT_S
         for _ in range(started):
@@ -119,43 +152,65 @@ class ZenohSession:
 def open_session(config: ZenohConfig) -> ZenohSession:
     """Open the session. Blocks for about ten milliseconds (with mode client or `connect`: until the peer answers).
 
-    Raises SinkError: port in use, no router there, unreadable file.
+    Raises SinkError: port in use, unreadable file; RouterAbsentError: a client's router does not answer.
     """
     import zenoh  # noqa: PLC0415 - replay never loads it
 
+    settings = _zenoh_config(config)
     try:
-        return ZenohSession(zenoh.open(_zenoh_config(config)))
+        return ZenohSession(zenoh.open(settings), settings)
     except zenoh.ZError as error:
-        raise SinkError(_explanation(config, str(error))) from error
+        kind, reason = _explanation(settings, str(error))
+        raise kind(f"zenoh: {reason}") from error
 
 
-def _explanation(config: ZenohConfig, error: str) -> str:
+def _explanation(settings: Any, error: str) -> tuple[type[SinkError], str]:
     """Zenoh's error in one line."""
+    mode = _mode(settings)
     if "Address already in use" in error:
-        return f"zenoh: {', '.join(config.listens())} is in use: is another router, or another onboard, running?"
-    if config.mode == "client":
-        refuses = " or it refuses us (certificate, user, password)" if config.ca_file else ""
-        return f"zenoh: no router answers at {', '.join(config.connect) or 'any address: set connect'}{refuses}"
+        where = ", ".join(_endpoints(settings, "listen", mode))
+        return SinkError, f"{where} is in use: is another router, or another onboard, running?"
+    if mode == "client":
+        endpoints = _endpoints(settings, "connect", mode)
+        if not endpoints:
+            return SinkError, "no router answers at any address: set connect"
+        trust = _trust(settings)
+        why = ", ".join(f"{e}: {probed(e, trust) or ANSWERS}" for e in endpoints)
+        return RouterAbsentError, f"no router answers at {', '.join(endpoints)} ({why})"
     reason = error.splitlines()[0].split(" at /")[0]  # the rest are places in Zenoh's sources
-    return f"zenoh: cannot open a session ({reason})"
+    return SinkError, f"cannot open a session ({reason})"
 
 
 def _zenoh_config(config: ZenohConfig) -> Any:
-    """The configuration in Zenoh's form. Raises SinkError if the file cannot be read."""
+    """The configuration in Zenoh's form: what the file states, and ours. Raises SinkError if the file cannot be
+    read."""
     import zenoh  # noqa: PLC0415 - replay never loads it
 
-    untouched = zenoh.Config()
+    path, stated = config.config_file, frozenset[str]()
     try:
-        result = zenoh.Config.from_file(config.config_file) if config.config_file else zenoh.Config()
-    except zenoh.ZError as error:
-        problem = "cannot be read as Zenoh JSON5" if Path(str(config.config_file)).exists() else "does not exist"
-        raise SinkError(f"zenoh: config_file {config.config_file} {problem}") from error
-    for key, value in _credentials(config).items():
+        result = zenoh.Config.from_file(path) if path else zenoh.Config()
+        stated = stated_in(path) if path else stated
+    except (zenoh.ZError, OSError, ValueError, YAMLError) as error:
+        problem = "cannot be read as Zenoh JSON5" if Path(str(path)).exists() else "does not exist"
+        raise SinkError(f"zenoh: config_file {path} {problem}") from error
+    for key, value in _ours(config, result, stated).items():
+        if isinstance(value, dict) and is_stated(key, stated):  # a part of it may be
+            theirs = msgspec.json.decode(result.get_json(key)) or {}
+            value |= {name: theirs[name] for name in theirs if is_stated(f"{key}/{name}", stated)}
+        elif is_stated(key, stated):
+            continue
         result.insert_json5(key, msgspec.json.encode(value).decode())
-    in_file = [e for key in ("listen", "connect") for e in _endpoints(result, key)]
-    ours = {
+    return result
+
+
+def _ours(config: ZenohConfig, theirs: Any, stated: frozenset[str]) -> dict[str, Any]:
+    """Our settings, which count where the file's do not state them."""
+    in_file = [e for key in ("listen", "connect") for e in _endpoints(theirs, key) if is_stated(key, stated)]
+    mode = msgspec.json.decode(theirs.get_json("mode")) if is_stated("mode", stated) else config.mode
+    return {
+        **_credentials(config),
         "mode": config.mode,
-        "listen/endpoints": [] if config.mode == "client" else list(config.listens(in_file)),
+        "listen/endpoints": [] if mode == "client" else list(config.listens(in_file)),
         "connect/endpoints": list(config.connect),
         # a router that comes back is found within 2 s; the default waits up to 4
         "connect/retry": {"period_init_ms": 500, "period_max_ms": 2000, "period_increase_factor": 2},
@@ -171,10 +226,19 @@ def _zenoh_config(config: ZenohConfig) -> Any:
         # A killed process would leave segments behind, and our messages are too short to benefit.
         "transport/shared_memory/enabled": False,
     }
-    for key, value in ours.items():
-        if result.get_json(key) == untouched.get_json(key):
-            result.insert_json5(key, msgspec.json.encode(value).decode())
-    return result
+
+
+def _mode(settings: Any) -> str:
+    """The mode of a Zenoh configuration."""
+    return str(msgspec.json.decode(settings.get_json("mode")))
+
+
+def _trust(settings: Any) -> Trust:
+    """What Zenoh's configuration trusts over TLS."""
+    key = "transport/link/tls"
+    tls = {name: msgspec.json.decode(settings.get_json(f"{key}/{name}")) for name in TLS_SETTINGS}
+    ca, certificate, private_key, checks_name = tls.values()
+    return Trust(ca, certificate, private_key, checks_name is not False)
 
 
 def _credentials(config: ZenohConfig) -> dict[str, object]:
@@ -200,8 +264,10 @@ def _credentials(config: ZenohConfig) -> dict[str, object]:
     return settings
 
 
-def _endpoints(config: Any, key: str) -> list[str]:
-    """The endpoints of a Zenoh configuration, for any of its modes."""
+def _endpoints(config: Any, key: str, mode: str = "") -> list[str]:
+    """The endpoints of a Zenoh configuration, for this mode, or for any."""
     value = msgspec.json.decode(config.get_json(f"{key}/endpoints"))
-    parts = value.values() if isinstance(value, dict) else [value]
+    parts = (
+        [part for name, part in value.items() if not mode or name == mode] if isinstance(value, dict) else [value]
+    )
     return [endpoint for part in parts if isinstance(part, list) for endpoint in part if isinstance(endpoint, str)]

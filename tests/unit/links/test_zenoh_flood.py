@@ -33,6 +33,9 @@ class Session:
             self._loop.call_soon_threadsafe(self.subscribed.set)
         return SimpleNamespace(undeclare=lambda: None)
 
+    def trouble(self) -> str:
+        return ""
+
     def send(self, key: str, data: bytes) -> None:
         kind = key.split("/")[2::2]
         (callback,) = [c for pattern, c in self.callbacks.items() if pattern.split("/")[2::2] == kind]

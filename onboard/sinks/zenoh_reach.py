@@ -1,0 +1,88 @@
+"""Why a router cannot be reached. Zenoh tries again for ever and says nothing: whether a router is away, its
+certificate has expired, or it is another's, looks like a flight without one."""
+
+import socket
+import ssl
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple
+
+TIMEOUT_S: Final = 1.0
+ANSWERS: Final = "it answers, but lets us open no session: is it a Zenoh router, are user and password right?"
+
+
+class Trust(NamedTuple):
+    """Zenoh's settings of TLS: files (PEM), None where there are none."""
+
+    ca_file: str | None = None
+    certificate_file: str | None = None
+    private_key_file: str | None = None
+    checks_name: bool = True
+
+
+def trouble(endpoints: Iterable[str], session: Any, trust: Trust) -> str:
+    """Which endpoints are not reached, and why, in words; "" where all is well. Takes a second for each at most.
+
+    Two endpoints may lead to one router, with which Zenoh keeps one connection: one that answers is well if
+    another is connected.
+    """
+    linked = {(protocol(str(link.dst)), port(str(link.dst))) for link in session.info.links()}
+    missing = [e for e in endpoints if (protocol(e), port(e)) not in linked]
+    is_alone = len(missing) == len(tuple(endpoints))
+    reasons = {e: probed(e, trust) for e in missing}
+    return "; ".join(
+        f"cannot reach {e} ({reason or ANSWERS})" for e, reason in reasons.items() if reason or is_alone
+    )
+
+
+def probed(endpoint: str, trust: Trust) -> str:
+    """Why an endpoint refuses a connection (TCP, with TLS where it is used), "" if it takes one, or is of another
+    protocol."""
+    name = protocol(endpoint)
+    if name not in ("tcp", "tls"):
+        return ""
+    try:
+        with socket.create_connection((host(endpoint), int(port(endpoint))), TIMEOUT_S) as plain:
+            if name == "tls":
+                _shake_hands(plain, host(endpoint), trust)
+    except ssl.SSLCertVerificationError as error:
+        return f"its certificate is not accepted: {error.verify_message}"
+    except ssl.SSLError as error:
+        return f"TLS: {(error.reason or str(error)).lower().replace('_', ' ')}"
+    except (OSError, ValueError) as error:
+        return getattr(error, "strerror", None) or str(error) or "no answer"
+    return ""
+
+
+def _shake_hands(plain: socket.socket, name: str, trust: Trust) -> None:
+    """Open TLS as Zenoh does, and wait a moment for an alert, with which a router refuses our certificate. Raises
+    OSError, of which ssl.SSLError is one."""
+    context = ssl.create_default_context(cafile=trust.ca_file)
+    context.check_hostname = trust.checks_name
+    if trust.certificate_file and trust.private_key_file:
+        context.load_cert_chain(trust.certificate_file, trust.private_key_file)
+    with context.wrap_socket(plain, server_hostname=name) as secured:
+        secured.settimeout(0.2)
+        try:
+            secured.recv(1)
+        except TimeoutError:
+            return
+
+
+def protocol(endpoint: str) -> str:
+    """`tls` of `tls/host:7447`."""
+    return endpoint.partition("/")[0].lower()
+
+
+def host(endpoint: str) -> str:
+    """The host of an endpoint, without the brackets of IPv6."""
+    return _address(endpoint).rpartition(":")[0].strip("[]")
+
+
+def port(endpoint: str) -> str:
+    """The port of an endpoint."""
+    return _address(endpoint).rpartition(":")[2]
+
+
+def _address(endpoint: str) -> str:
+    """Without protocol, metadata and settings."""
+    return endpoint.partition("/")[2].partition("?")[0].partition("#")[0]

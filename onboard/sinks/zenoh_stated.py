@@ -1,0 +1,49 @@
+"""Which settings a Zenoh file states. Zenoh itself only tells which differ from its defaults, and a setting that
+is stated must count although it equals one."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+TOKEN: Final = re.compile(
+    r"""//[^\n\r\u2028\u2029]*|/\*.*?\*/"""  # comments
+    r"""|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'"""
+    r"""|[{}\[\],:]|[^\s{}\[\],:"'/]+""",
+    re.DOTALL,
+)
+
+
+def stated_in(path: str) -> frozenset[str]:
+    """The paths of all settings, such as `connect/retry`, that a file states, which Zenoh has read already: JSON5,
+    or YAML by its name. Raises OSError, ValueError."""
+    text = Path(path).read_text(encoding="utf-8-sig")
+    if path.lower().endswith((".yaml", ".yml")):
+        return frozenset(_of_tree(yaml.safe_load(text), ""))
+    return frozenset(_of_json5(text))
+
+
+def is_stated(key: str, stated: frozenset[str]) -> bool:
+    """Whether this setting, or a part of it, is among those that are stated."""
+    return any(path == key or path.startswith(f"{key}/") for path in stated)
+
+
+def _of_json5(text: str) -> Iterator[str]:
+    tokens = [t for t in TOKEN.findall(text) if not t.startswith(("//", "/*"))]
+    place: list[str | None] = []  # the key in each object that is open; None: an array
+    for part, after in zip(tokens, [*tokens[1:], ""], strict=True):
+        if part in "{[":
+            place.append("" if part == "{" else None)
+        elif part in "}]":
+            place.pop()
+        elif after == ":" and place and None not in place:
+            place[-1] = part[1:-1] if part[0] in "\"'" else part
+            yield "/".join(str(key) for key in place)
+
+
+def _of_tree(tree: Any, prefix: str) -> Iterator[str]:
+    for key, value in tree.items() if isinstance(tree, dict) else ():
+        yield f"{prefix}{key}"
+        yield from _of_tree(value, f"{prefix}{key}/")

@@ -1,0 +1,69 @@
+"""A router that is away, not a router, expired or foreign is named, and so is one that comes."""
+
+import socket
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from onboard.sinks.zenoh_reach import Trust, probed
+from onboard.sinks.zenoh_session import RouterAbsentError, ZenohConfig, open_session
+from tests.support.fleet import files, make_certificates, router
+from tests.support.programs import free_endpoint
+
+
+def wait_until(is_so: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20.0
+    while not is_so():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_router_that_is_away_is_named_until_it_is_there() -> None:
+    endpoint = free_endpoint()
+    ours = open_session(ZenohConfig(mode="peer", listen=(), connect=(endpoint,)))
+    try:
+        assert ours.trouble() == f"cannot reach {endpoint} (Connection refused)"
+        theirs = open_session(ZenohConfig(listen=(endpoint,)))
+        try:
+            wait_until(lambda: ours.trouble() == "")
+        finally:
+            theirs.close()
+        wait_until(lambda: "Connection refused" in ours.trouble())
+    finally:
+        ours.close()
+
+
+def test_what_answers_but_is_no_router_is_named() -> None:
+    server = socket.create_server(("127.0.0.1", 0))
+    endpoint = f"tcp/127.0.0.1:{server.getsockname()[1]}"
+    ours = open_session(ZenohConfig(mode="peer", listen=(), connect=(endpoint,)))
+    try:
+        assert "lets us open no session" in ours.trouble()
+    finally:
+        server.close()  # first: Zenoh waits for what it has begun
+        ours.close()
+
+
+def test_a_client_s_absent_router_may_come_later() -> None:
+    endpoint = free_endpoint()
+    with pytest.raises(RouterAbsentError, match=rf"no router answers at {endpoint} \(.*Connection refused"):
+        open_session(ZenohConfig(mode="client", connect=(endpoint,)))
+
+
+def test_a_foreign_router_and_a_certificate_that_it_does_not_know_are_named(tmp_path: Path) -> None:
+    for folder in ("ours", "theirs"):
+        (tmp_path / folder).mkdir()
+        make_certificates(tmp_path / folder / "certs", "ground", "uav-1")
+    port = int(free_endpoint().rpartition(":")[2])
+    endpoint = f"tls/127.0.0.1:{port}"
+    certs = files(tmp_path / "ours" / "certs", "uav-1")
+    ours = Trust(certs["ca_file"], certs["certificate_file"], certs["private_key_file"])
+    theirs = ours._replace(ca_file=str(tmp_path / "theirs" / "certs" / "ca.pem"))
+    with router(tmp_path / "ours", port):
+        assert probed(endpoint, ours) == ""
+        assert probed(endpoint, theirs).startswith("its certificate is not accepted: ")
+        other = files(tmp_path / "theirs" / "certs", "uav-1")
+        stranger = Trust(certs["ca_file"], other["certificate_file"], other["private_key_file"])
+        assert "TLS: " in probed(endpoint, stranger)
