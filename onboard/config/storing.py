@@ -39,6 +39,8 @@ def signing_key(link: LinkConfig) -> bytes | None:
         key = read_key(path.read_bytes())
     except OSError as error:
         raise ConfigError(f"{where}: {error.strerror}") from error
+    except ValueError as error:
+        raise ConfigError(f"{where}: {error}") from error
     if not is_ours:
         raise ConfigError(f"{where}: others can read it; chmod 600 it, as its owner")
     if key is None:

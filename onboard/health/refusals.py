@@ -1,11 +1,12 @@
 """Which messages of cameras are refused, in words for the detector's author: the field, and what was expected."""
 
 import re
+from functools import lru_cache
 from typing import Final
 
 from msgspec.structs import replace
 
-from onboard.messages import Estimate, MeasurementReport, Message, Refusal, TargetImage, Verdict
+from onboard.messages import Estimate, MeasurementReport, Message, NavState, Refusal, TargetImage, Verdict
 
 MOST: Final = 32  # kinds that are remembered: a source and a reason each
 NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")  # that is no part of a name
@@ -26,7 +27,7 @@ VERDICTS: Final = {
     Verdict.DUPLICATE: "`t_ns` is that of an earlier image of this target; expected a new time for each image",
     Verdict.STALE: "the points have not changed at all although the camera has turned: does the camera hang?",
     Verdict.TOO_OLD: "`t_ns` is {age:.2f} s before the autopilot's newest message; expected at most "
-    "`rewind_horizon_s`",
+    "`rewind_horizon_s`, and a time of exposure on the clock that `clock` names",
     Verdict.TOO_NEW: "`t_ns` is {lead:.2f} s after the autopilot's newest message; expected a time of exposure on "
     "the clock that `clock` names",
     Verdict.NO_POSE: "our own attitude at `t_ns`, {age:.2f} s before the autopilot's newest message, is not known"
@@ -34,6 +35,11 @@ VERDICTS: Final = {
     Verdict.DIRECTION_ONLY: "it shows no wing, and a direction alone starts no track; expected `left` and "
     "`right` in the first images",
     Verdict.FULL: "as many targets are followed as `max_targets` allows",
+}
+
+OWN: Final = {  # of our own state's sensors
+    Verdict.NOT_FINITE: "a field is not a finite number; expected one, or what MAVLink sends where it is not known",
+    Verdict.DEGENERATE: "it states what no vehicle does; expected the units and scales of the MAVLink message",
 }
 
 
@@ -51,8 +57,7 @@ class Refusals:
     def add(self, source: str, reason: str, t_recv_ns: int, *, kind: str = "") -> None:
         """Count a message that was refused. Reasons of one `kind`, or that differ only in numbers, are one: the
         first is kept."""
-        source, reason = _plain(source), _plain(reason)
-        key = source, kind or NUMBER.sub("#", reason)
+        source, reason, key = _sorted(source, reason, kind)
         before = self._kinds.pop(key, None)
         if before is None:
             before = Refusal(source=source, reason=reason, count=0, t_recv_ns=t_recv_ns)
@@ -69,12 +74,22 @@ class Refusals:
 
     def add_verdict(self, estimate: Estimate, report: MeasurementReport) -> None:
         """Count an image that an estimator could not use. A gated image could be used: it only fits no track."""
+        if isinstance(estimate, NavState) and report.verdict in OWN:
+            self.add(f"our own {report.source}", f"{report.verdict}: {OWN[report.verdict]}", report.t_recv_ns)
+            return
         text = VERDICTS.get(report.verdict)
         if text is None or report.points is None:
             return
         lead = (report.t_ns - estimate.t_ns) * 1e-9
         reason = f"{report.verdict}: {text.format(lead=lead, age=-lead)}"
         self.add(f"camera {report.source}", reason, report.t_recv_ns, kind=report.verdict)
+
+
+@lru_cache(maxsize=4 * MOST)  # a flood says the same
+def _sorted(source: str, reason: str, kind: str) -> tuple[str, str, tuple[str, str]]:
+    """Source and reason as they are shown, and the key of their kind."""
+    source, reason = _plain(source), _plain(reason)
+    return source, reason, (source, kind or NUMBER.sub("#", reason))
 
 
 def _plain(text: str) -> str:

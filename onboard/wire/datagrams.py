@@ -25,6 +25,7 @@ DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int, Refuse], Message]]] = {
 NO_CAMERAS: Final[Cameras] = {}
 NO_KEYS: Final[Mapping[str, bytes]] = {}
 MOST_IGNORED: Final = 64  # unknown fields that are named, each once
+FOREIGN: Final = 10  # pieces without a frame: more than what a connection in the midst of one begins with
 LONGEST_NAME: Final = 200  # characters of what is named
 OnRefused = Callable[[str, str, int], None]
 
@@ -53,12 +54,17 @@ class DatagramDecoder:
         self._mavlink: dict[str, MavlinkDecoder] = {}
         self._bad: Counter[str] = Counter()
         self._ignored: set[str] = set()
+        self._foreign: Counter[str] = Counter()  # pieces by channel, before its first frame
 
     def decode(self, datagram: Datagram) -> list[Message]:
         """The messages in one datagram, in SI units."""
         if datagram.encoding in (Encoding.MAVLINK, Encoding.MAVLINK_STREAM):
             step_ns = datagram.wall_step_ns or 0
-            return self._decoder(datagram).decode(datagram.data, datagram.t_recv_ns, step_ns)
+            decoder = self._decoder(datagram)
+            messages = decoder.decode(datagram.data, datagram.t_recv_ns, step_ns)
+            if not decoder.names and decoder.rejected["bad_frame"]:
+                self._doubt(datagram)
+            return messages
         try:
             return self._document(datagram)
         except BadDocumentError as error:
@@ -79,6 +85,16 @@ class DatagramDecoder:
             )
             self._mavlink[datagram.channel] = decoder
         return decoder
+
+    def _doubt(self, datagram: Datagram) -> None:
+        """Say what a channel seems to be on which no frame has come yet, but other bytes have, for a while."""
+        self._foreign[datagram.channel] += 1
+        if self._foreign[datagram.channel] >= FOREIGN:
+            is_json = datagram.data.lstrip()[:1] in (b"{", b"[")
+            hint = (
+                "it looks like JSON, which a `json:` link takes" if is_json else "of a serial port: the baud rate?"
+            )
+            self._on_refused(datagram.channel, f"no MAVLink frame is in what arrives; {hint}", datagram.t_recv_ns)
 
     def _document(self, datagram: Datagram) -> list[Message]:
         """The messages of one document. Raises BadDocumentError."""

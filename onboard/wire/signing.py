@@ -9,7 +9,9 @@ time, so they are compared with it.
 
 import hashlib
 import hmac
+import re
 from binascii import crc_hqx
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Final
@@ -33,15 +35,21 @@ NEW_STREAM: Final = 6_000_000  # 60 s: a stream that is new may be this much old
 AHEAD: Final = 6_000_000  # 60 s: no frame may be this much newer than now
 SET_SINCE: Final = 1_704_067_200 * 10**9  # 2024-01-01: a clock that says less was never set
 KEY_BYTES: Final = 32
+NEAR: Final = 4  # characters by which a key of 64 digits may be mistaken and is still no passphrase
+HEX_DIGITS: Final = b"0123456789abcdefABCDEF"
+SEPARATORS: Final = re.compile(rb"[\s:,-]|(?<=[\s,])0x")
 MOST_STREAMS: Final = 256
 EXTRA: Final = {number: extra for number, (_, extra) in MESSAGES.items()} | UNLISTED_EXTRA
+
+UNSIGNED: Final = "frames are not signed, and this link has a `key_file`; give the sender its key, and MAVLink 2"
+FORGED: Final = "frames are signed with another key than that of this link's `key_file`; give both the same"
 
 OnRefused = Callable[[str, int], None]
 
 
 class Verifier:
     """Tests the frames of one link. `check` is given whole frames whose checksum is right. `on_refused` is called
-    with the reason and the arrival where a clock is wrong, since a person must set it."""
+    with the reason and the arrival where a person must set a key or a clock."""
 
     def __init__(self, key: bytes, on_refused: OnRefused = lambda _reason, _t_recv_ns: None) -> None:
         self._key, self._on_refused = key, on_refused
@@ -52,8 +60,10 @@ class Verifier:
         """Why a frame is refused; nothing if it is signed with our key, new, and of about now. Only then its stamp
         counts. `wall_step_ns`: the wall clock less that of arrivals."""
         if frame[0] != V2 or not frame[2] & SIGNED:
+            self._on_refused(UNSIGNED, t_recv_ns)
             return "unsigned"
         if not hmac.compare_digest(digest(self._key, frame[:-DIGEST]), frame[-DIGEST:]):
+            self._on_refused(FORGED, t_recv_ns)
             return "forged"
         stream = frame[-SIGNATURE], frame[5], frame[6]
         stamp = int.from_bytes(frame[-SIGNATURE + 1 : -DIGEST], "little")
@@ -133,12 +143,24 @@ def checksum(covered: bytes, extra: int) -> bytes:
 
 def read_key(text: bytes) -> bytes | None:
     """The key (32) of a file's content: 64 hexadecimal digits, or a passphrase, of which ground stations take the
-    SHA-256. None for an empty one."""
-    line = text.strip()
+    SHA-256. None for an empty one. Editors of Windows put a mark before the text.
+
+    Raises ValueError for what is nearly 64 digits: a slip would silently become a passphrase.
+    """
+    line = text.removeprefix(BOM_UTF8).strip()
     if not line:
         return None
+    if line.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        raise ValueError("is UTF-16; save it as UTF-8")
     try:
         key = bytes.fromhex(line.decode("ascii"))
     except (UnicodeDecodeError, ValueError):
         key = b""
-    return key if len(key) == KEY_BYTES else hashlib.sha256(line).digest()
+    if len(key) == KEY_BYTES:
+        return key
+    packed = SEPARATORS.sub(b"", line.removeprefix(b"0x"))
+    wrong = len(packed.translate(None, HEX_DIGITS))
+    if abs(len(packed) - 2 * KEY_BYTES) <= NEAR and wrong <= NEAR:
+        digits = f"{len(packed)} characters, of which {wrong} are no hexadecimal digits"
+        raise ValueError(f"is nearly a key: {digits}; expected 64 digits and nothing else, or a passphrase")
+    return hashlib.sha256(line).digest()

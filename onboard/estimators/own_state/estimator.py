@@ -16,7 +16,7 @@ from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.estimators.own_state.filters import SensorFilter
 from onboard.estimators.own_state.innovations import OutlierMonitor
 from onboard.estimators.own_state.inputs import Inputs
-from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement
+from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement, unusable
 from onboard.estimators.own_state.noise import SensorNoise
 from onboard.estimators.own_state.report import VALID, Reported, nav_state, own_motion, refused, report
 from onboard.estimators.own_state.sources import Sources, next_due_ns
@@ -157,6 +157,8 @@ class Estimator:
     def _receive_fix(self, message: GpsFix, ownship: Ownship) -> list[Estimate]:
         measurement = self._sources.fix(message, ownship)
         if isinstance(measurement, Verdict):
+            if self._track is None:
+                self._reason = f"GPS fixes cannot be used: {unusable(message)}"
             return [self._publish(refused(message, GPS, measurement))]
         if measurement is None:
             return []

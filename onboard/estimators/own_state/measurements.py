@@ -66,6 +66,15 @@ def from_attitude(m: Attitude, sigmas: Array) -> Measurement | Verdict:
     return Measurement(ATTITUDE_SENSOR, m.t_ns, m.t_recv_ns, y, np.diag(sigmas**2), matrix_from_quaternion(q))
 
 
+def unusable(m: GpsFix) -> str:
+    """What is wrong with a fix that is none, by its field where one is no number."""
+    numbers = ("lat_deg", "lon_deg", "alt_msl", "ground_speed", "course_rad", "v_down")
+    wrong = [n for n in numbers if not math.isfinite(getattr(m, n) or 0.0)]
+    if wrong:
+        return f"{' and '.join(wrong)}: not a finite number"
+    return f"a place or a velocity that no vehicle has (latitude {m.lat_deg:g}, longitude {m.lon_deg:g})"
+
+
 def from_fix(m: GpsFix, origin: Vec3, config: Config, speed_sigmas: Array) -> Measurement | Verdict:
     """Position from O (`origin`: latitude, longitude, altitude) and as much of the velocity as the fix has, whose
     standard deviations are (3,)."""

@@ -128,9 +128,21 @@ def images(change: Any, *overrides: str) -> Health:
         (lambda m: replace(m, t_ns=5500 * MS), "duplicate: `t_ns` is that of an earlier image of this target"),
         (lambda m: replace(m, t_ns=m.t_ns + 20 * S), "too_new: `t_ns` is 19.96 s after"),
         (lambda m: replace(m, t_ns=m.t_ns - 900 * MS), "too_old: `t_ns` is 0.9"),
+        (lambda m: replace(m, t_ns=5500 * MS, left=(-0.9, 0.0)), "out_of_view: a point is at or beyond the edge"),
+        (lambda m: replace(m, t_ns=m.t_ns - 3 * S), "too_old: `t_ns` is 3.0"),
         (lambda m: replace(m, system=9), "it is of another MAVLink system; expected the system of our autopilot"),
     ],
-    ids=["not finite", "degenerate", "out of view", "duplicate", "too new", "too old", "other system"],
+    ids=[
+        "not finite",
+        "degenerate",
+        "out of view",
+        "duplicate",
+        "too new",
+        "too old",
+        "out of view, though of a stamp that came",
+        "another clock",
+        "other system",
+    ],
 )
 def test_images_that_cannot_be_used_are_named_too(change: Any, expected: str) -> None:
     kinds = [r for r in images(change).refusals if expected in r.reason]

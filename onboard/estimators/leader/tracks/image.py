@@ -65,8 +65,7 @@ def prepare(
         return Verdict.NOT_FINITE
     pose = poses.at(message.t_ns, ownship, camera, message.mount)
     if pose is None:
-        newer = message.t_ns > ownship.now_ns and ownship.now_ns > 0
-        return Verdict.TOO_NEW if newer else Verdict.NO_POSE
+        return _why_no_pose(message.t_ns - ownship.now_ns, config) if ownship.now_ns > 0 else Verdict.NO_POSE
     if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
     points = saw.points if saw.has_wing else saw.points[:1]
@@ -78,6 +77,13 @@ def prepare(
         return Verdict.DEGENERATE
     is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
     return Image(message, measurement.has_extent, measurement, pose, is_final)
+
+
+def _why_no_pose(lead_ns: int, config: Config) -> Verdict:
+    """Why there is no pose at a time so long after our own newest: it may be that of another clock."""
+    if lead_ns > 0:
+        return Verdict.TOO_NEW
+    return Verdict.TOO_OLD if -lead_ns > config.rewind_horizon_s * NS_PER_S else Verdict.NO_POSE
 
 
 def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPose:

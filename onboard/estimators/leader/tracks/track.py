@@ -156,12 +156,12 @@ class Track:
         """Use an image if it can be used, and report the verdict."""
         if self._full:
             return self._report(message, Verdict.FULL)
-        if self._repeats.is_duplicate(message):
-            return self._report(message, Verdict.DUPLICATE)
         settings = self._filter, self._config, self.half_wing, self.noise.scale
         image = prepare(message, ownship, self._poses, *settings)
         if isinstance(image, Verdict):
             return self._report(message, image)
+        if self._repeats.is_duplicate(message):  # after what is wrong with the image itself
+            return self._report(message, Verdict.DUPLICATE)
         if self._repeats.add(image):
             if self._history is not None:  # which has taken some of the same images
                 self._forget("the camera hangs: its image stays although we turn")

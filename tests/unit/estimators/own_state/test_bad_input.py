@@ -68,3 +68,19 @@ def test_nan_from_the_accelerometer_is_ignored() -> None:
     states = states_of(p, [heartbeat(), *messages, imu(5000, (math.nan, 0, 0)), attitude(5010), attitude(5020)])
     assert states[-1].valid
     assert np.isfinite(states[-1].mean).all()  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"lat_deg": math.nan}, "lat_deg: not a finite number"),
+        ({"alt_msl": math.inf, "v_down": math.nan}, "alt_msl and v_down: not a finite number"),
+        ({"ground_speed": 1e5}, "a place or a velocity that no vehicle has"),
+    ],
+)
+def test_fixes_that_cannot_be_used_are_not_taken_for_none(changes: dict[str, float], reason: str) -> None:
+    p = pipeline()
+    stream = [replace(m, **changes) if isinstance(m, GpsFix) else m for m in hovering(1000, 6000)]
+    assert reason in states_of(p, [heartbeat(), *stream])[-1].reason
+    (refusal,) = [r for r in p.health(0).refusals if r.source == "our own gps"]
+    assert "expected" in refusal.reason
