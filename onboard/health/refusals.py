@@ -38,7 +38,7 @@ VERDICTS: Final = {
 }
 
 OWN: Final = {  # of our own state's sensors
-    Verdict.NOT_FINITE: "a field is not a finite number; expected one, or what MAVLink sends where it is not known",
+    Verdict.NOT_FINITE: "a field is not a finite number; expected one, or MAVLink's value for not known",
     Verdict.DEGENERATE: "it states what no vehicle does; expected the units and scales of the MAVLink message",
 }
 
