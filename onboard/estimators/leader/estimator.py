@@ -25,6 +25,7 @@ from onboard.estimators.leader.tracks.image import Image, prepare
 from onboard.estimators.leader.tracks.track import Track
 from onboard.estimators.leader.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.geometry.camera import Camera
+from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, TargetImage, TargetPoints, Verdict
 from onboard.ownship import Ownship
 
@@ -32,6 +33,9 @@ NAME: Final = "leader"
 LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
+UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
+FOLLOWED: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)  # in which a track is valid
+PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
 MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
 FARTHER: Final = 3.0
@@ -58,6 +62,8 @@ class Estimator:
         )
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
+        self._is_named = False  # images say which target is the leader
+        self._heir_since_ns: int | None = None  # since when another could be the leader, who is not valid
         self._next_refusal_ns = 0
         self._exposures = Exposures()
         self._wind, self._wind_ns = UNKNOWN, 0
@@ -85,6 +91,7 @@ class Estimator:
             track = self._nearest(message, ownship)
         else:
             track = self._named(message.target, ownship)
+            self._is_named |= message.target == NAME
         if track is None:
             return self._refuse(message, ownship)
         if track.is_followed and message.target != NO_ID:
@@ -103,6 +110,7 @@ class Estimator:
         the first."""
         if self._wind.is_known and ownship.now_ns - self._wind_ns > TIMEOUT_NS:
             self._set_wind(UNKNOWN, ownship)
+        self._pass_name_on(ownship.now_ns)
         estimates = []
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
@@ -128,7 +136,28 @@ class Estimator:
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = 0
+        self._heir_since_ns = None
         self._wind = UNKNOWN
+
+    def _pass_name_on(self, now_ns: int) -> None:
+        """Without ids, what was seen first is the leader, and may be a tree. Once it is gone, or has not been
+        valid for `reset_timeout_s` while another target is tracked, the first of these is the leader. Where images
+        or a broadcast say who the leader is, no other takes its name."""
+        leader = self._tracks[NAME]
+        is_known = self._is_named or self._sources or leader.state in FOLLOWED
+        heirs = [] if is_known else [t for t in self._tracks.values() if _may_lead(t)]
+        if not heirs:
+            self._heir_since_ns = None
+            return
+        if self._heir_since_ns is None:
+            self._heir_since_ns = now_ns
+        waited_s = (now_ns - self._heir_since_ns) / NS_PER_S
+        if leader.is_idle(now_ns) or waited_s > self._config.reset_timeout_s:
+            name = heirs[0].target
+            _swap_names(leader, heirs[0])
+            self._tracks[NAME], self._tracks[name] = self._tracks[name], leader
+            self._verdicts[PASSED_ON] += 1
+            self._heir_since_ns = None
 
     def _feel(self, wind: Wind | None, ownship: Ownship) -> None:
         """The wind that our autopilot reports, not more often than it changes."""
@@ -168,7 +197,7 @@ class Estimator:
         if ownship.now_ns < self._next_refusal_ns:
             return []
         self._next_refusal_ns = ownship.now_ns + REFUSAL_PERIOD_NS
-        target = message.target or f"unnamed/{self._numbered}"
+        target = message.target or f"{UNNAMED}{self._numbered}"
         return [self._track(target, full=True).observe(message, ownship)]
 
     def _named(self, target: str, ownship: Ownship) -> Track | None:
@@ -200,7 +229,7 @@ class Estimator:
         if visible and len(visible) >= self._exposures.aircraft(message) and min(visible.values()) < APART:
             return self._tracks[min(visible, key=lambda target: visible[target])]  # an outlier of this track
         self._numbered += 1
-        return self._named(f"unnamed/{self._numbered}", ownship)
+        return self._named(f"{UNNAMED}{self._numbered}", ownship)
 
     def _candidates(self, image: Image) -> list[Track]:
         """The tracks that an image may belong to: all without a recent image, whose target may be anywhere, and
@@ -215,3 +244,15 @@ class Estimator:
         direction = image.direction_n.tolist()
         tracks = self._tracks.values()
         return {t.target: math.dist(t.direction_n, direction) for t in tracks if t.direction_n is not None}
+
+
+def _may_lead(track: Track) -> bool:
+    """Whether a target without an id is tracked, so that it may be the leader."""
+    return track.target.startswith(UNNAMED) and track.state is Lifecycle.TRACKING
+
+
+def _swap_names(one: Track, other: Track) -> None:
+    """Let two targets change their names. Each name's counts go on: its state has changed, as after a reset."""
+    one.target, other.target = other.target, one.target
+    one.sequence, other.sequence = other.sequence, one.sequence
+    one.status.resets, other.status.resets = other.status.resets + 1, one.status.resets + 1

@@ -40,8 +40,8 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 class Track:
     """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a recent
     image; `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
-    poses, and says nothing of the size; `noise`: of its detector; `rate_limit`: when a tick is due. A track that
-    is `full`, one too many, rejects every image."""
+    poses, and says nothing of the size; `noise`: of its detector; `rate_limit`: when a tick is due; `sequence` and
+    `status`: counts that go on with its name. A track that is `full`, one too many, rejects every image."""
 
     def __init__(
         self,
@@ -67,9 +67,9 @@ class Track:
         self._sight, self.noise = LastSight(), NoiseScale()
         self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
         self._report = partial(report, filter_)
-        self._sequence = 0
+        self.sequence = 0
         reason = "as many targets are followed as may be" if full else "no image yet"
-        self._status = Status(config, self._images, reason)
+        self.status = Status(config, self._images, reason)
 
     def observe(self, message: TargetImage, ownship: Ownship) -> Estimate:
         """Check an image, then start the track with it or fuse it."""
@@ -87,7 +87,7 @@ class Track:
                 self._settle(self._history, ownship)
             except FilterError as error:
                 self._forget(f"the filter failed: {error}")
-        if self._history is not None and self._status.is_over(ownship.now_ns):
+        if self._history is not None and self.status.is_over(ownship.now_ns):
             self._forget("no image for longer than the reset timeout")
         return self._estimate(ownship, None)
 
@@ -131,7 +131,7 @@ class Track:
     @property
     def state(self) -> Lifecycle:
         """The state of the last estimate."""
-        return self._status.latest
+        return self.status.latest
 
     def is_idle(self, t_ns: int) -> bool:
         """Whether there is no track, nor any image within the last second: older images are not held."""
@@ -178,16 +178,16 @@ class Track:
 
     def _insert(self, history: History[Any, Ownship], image: Image, ownship: Ownship) -> MeasurementReport:
         """Fuse an image at its own time, unless the gate stops it."""
-        message, last_ns = image.message, self._status.last_fused_ns
+        message, last_ns = image.message, self.status.last_fused_ns
         late = last_ns is not None and message.t_ns < last_ns
-        was_lost = self._status.is_lost(message.t_ns)
+        was_lost = self.status.is_lost(message.t_ns)
         outcome: Outcome = history.insert(message.t_ns, image, ownship)
         self._settle(history, ownship, inserted=True)
         if math.isfinite(outcome.update.nis):
             self.noise.add(outcome.update.innovation, outcome.update.innovation_covariance)
         if not outcome.fused:
             self._exchange.gated(image)
-            if image.has_extent and self._status.gated(message.t_ns):
+            if image.has_extent and self.status.gated(message.t_ns):
                 self._exchange.ended()
                 self._forget("every image was gated")
                 self._start(image, ownship, None)
@@ -196,19 +196,19 @@ class Track:
         self._sight.see(message.t_ns, image.measurement.axes, image.pose)
         if image.measurement.has_wing:
             self._guard.seen(image.measurement.span, image.measurement.span_sigma)
-        self._status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
+        self.status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
     def _is_wide(self, history: History[Any, Ownship], t_ns: int, ownship: Ownship) -> bool:
         """Whether the track has coasted until its position is too uncertain to be corrected."""
-        coasting = self._status.is_coasting(t_ns)
+        coasting = self.status.is_coasting(t_ns)
         return coasting and self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1], TOO_WIDE)
 
     def _start(self, image: Image, ownship: Ownship, before: History[Any, Ownship] | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
         held = self._held
         hold(held, image)
-        self._status.reason = f"{len(held)} of {self._images} images"
+        self.status.reason = f"{len(held)} of {self._images} images"
         if len(held) < self._images:
             return
         images = sorted(held, key=lambda i: i.message.t_ns)
@@ -221,7 +221,7 @@ class Track:
             self._history.insert(first.message.t_ns, known, ownship)
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
-        self._status.started(first.message.t_ns, again=before is not None)
+        self.status.started(first.message.t_ns, again=before is not None)
         self._sight.see(image.message.t_ns, image.measurement.axes, image.pose)
         self._settle(self._history, ownship, inserted=True)
         held.clear()
@@ -230,10 +230,10 @@ class Track:
         """Come up to the newest own motion. The history fuses and gates its images anew where that changes them:
         the gate may let pass an image that it stopped at first."""
         if history.settle(ownship) or inserted:
-            self._status.judged_again(history.newest(lambda outcome: outcome.fused))
+            self.status.judged_again(history.newest(lambda outcome: outcome.fused))
 
     def _forget(self, reason: str) -> None:
-        self._status.forgotten(reason, had_track=self._history is not None)
+        self.status.forgotten(reason, had_track=self._history is not None)
         self._guard.clear()
         self._sight.clear()
         self.noise.restart()
@@ -266,15 +266,15 @@ class Track:
         """The estimate now, with the report on the image that it follows, if any."""
         found = self._belief(ownship)
         t_ns, belief = ownship.now_ns, None
-        state, reason = Lifecycle.INITIALISING if self._held else Lifecycle.SEARCHING, self._status.reason
+        state, reason = Lifecycle.INITIALISING if self._held else Lifecycle.SEARCHING, self.status.reason
         modes: tuple[Mode, ...] = ()
         self.direction_n = None
         if found is not None:
             t_ns, belief, left = found
             self.is_metric = left.is_metric
-            coasting = self._status.is_coasting(t_ns)
+            coasting = self.status.is_coasting(t_ns)
             in_view = not coasting or self._poses.see(belief.mean[R], t_ns, ownship)
-            state, reason = self._status.state(t_ns, in_view=in_view)
+            state, reason = self.status.state(t_ns, in_view=in_view)
             if self._exchange.is_in_question(t_ns):
                 state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
             elif self._sight.contradicts(belief.mean[R]):
@@ -292,8 +292,8 @@ class Track:
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
             if not coasting:
                 self.direction_n = tuple(x / range_ for x in r)
-        self._sequence += 1
+        self.sequence += 1
         self.rate_limit.published(t_ns)
-        fields = {"name": self._name, "target": self.target, "sequence": self._sequence, "t_ns": t_ns}
+        fields = {"name": self._name, "target": self.target, "sequence": self.sequence, "t_ns": t_ns}
         fields |= {"state": state, "reason": reason, "measurement": measurement, "modes": modes}
-        return published(self._filter, self._status, belief, **fields)
+        return published(self._filter, self.status, belief, **fields)

@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 from msgspec.structs import replace
 
-from onboard.messages import Message, TargetPoints
+from onboard.messages import Estimate, Message, TargetPoints
 from tests.support.streams import CIRCLE, Flight, S, Stream, advance
 
 STRAIGHT, TIGHT = Flight(radius=None, gap=25.0), Flight(radius=60.0, gap=15.0)
@@ -74,3 +74,28 @@ def test_an_image_far_from_every_track_begins_one_although_it_is_alone_seed_1() 
             other = replace(m, camera="right", t_ns=m.t_ns - 10_000_000, center=center, left=left, right=right)
             messages.append(other)
     assert set(fused(messages)) == {"leader", "unnamed/1"}
+
+
+@pytest.mark.parametrize("leader_id", ["", "leader"])
+@pytest.mark.parametrize("stays", [False, True], ids=["goes", "stays, but is not valid"])
+def test_the_name_passes_on_from_what_was_seen_first_unless_images_name_it_seed_1(
+    stays: bool, leader_id: str
+) -> None:
+    """What was seen first has no wing any more: its track is not valid, whether it is still seen or not."""
+    messages: list[Message] = []
+    for m in unnamed(STRAIGHT, 1, 26.0):
+        if not isinstance(m, TargetPoints):
+            messages.append(m)
+            continue
+        center, left, right = ((u + SIDE, v) for u, v in (m.center, m.left, m.right))
+        if m.t_ns < 8 * S:
+            messages.append(replace(m, target=leader_id))
+        elif stays:
+            messages.append(replace(m, target=leader_id, left=m.center, right=m.center))
+        messages.append(replace(m, center=center, left=left, right=right))
+    estimates = [e for e in advance(messages).estimates if isinstance(e, Estimate) and e.t_ns > 24 * S]
+    by_target = {e.target: e for e in estimates}
+    assert by_target["leader"].valid is (leader_id == "")
+    assert ("unnamed/1" in by_target and by_target["unnamed/1"].valid) is (leader_id == "leader")
+    counts = [(e.sequence, e.reset_count) for e in estimates if e.target == "leader"]
+    assert counts == sorted(counts)
