@@ -108,7 +108,7 @@ def _row_by_row(kind: type[D], tree: Any, refuse: Refuse) -> tuple[D, list[int]]
     rows = tree.get(name) if isinstance(tree, dict) else None
     if not isinstance(rows, list):
         return _convert(tree, kind, ""), []
-    document = _convert({**tree, name: []}, kind, "")
+    document = _convert({**_stated(tree, kind, refuse), name: []}, kind, "")
     found: dict[int, Any] = {}
     for i, row in enumerate(rows):
         try:
@@ -116,6 +116,16 @@ def _row_by_row(kind: type[D], tree: Any, refuse: Refuse) -> tuple[D, list[int]]
         except BadDocumentError as error:
             refuse(str(error))
     return msgspec.structs.replace(document, **{name: tuple(found.values())}), list(found)
+
+
+def _stated(tree: dict[str, Any], kind: type[Record], refuse: Refuse) -> dict[str, Any]:
+    """A document without those of its own fields that are null but may be left out: null states nothing. Each is
+    named by `refuse`."""
+    fields = msgspec.structs.fields(kind)
+    empty = {f.encode_name for f in fields if not f.required and tree.get(f.encode_name, f) is None}
+    for field in sorted(empty):
+        refuse(f"(the rest is used) null is taken as not stated - at `$.{field}`")
+    return {key: value for key, value in tree.items() if key not in empty}
 
 
 def _convert(tree: Any, kind: type[Any], at: str) -> Any:
