@@ -18,10 +18,10 @@ MOST_KINDS: Final = 1000  # of refusals that are counted apart; further kinds ar
 
 def main(arguments: argparse.Namespace) -> int:
     """Route until a signal. Raises UserError."""
+    config = load_config(arguments.config, tuple(arguments.set)).router
     stop = threading.Event()
     for number in end_signals():
         signal.signal(number, lambda *_: stop.set())
-    config = load_config(arguments.config, tuple(arguments.set)).router
     refusals = Refusals(config.watchers)
     _read_log(refusals.read)
     session = open_router(config)

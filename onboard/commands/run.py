@@ -2,7 +2,6 @@
 
 import argparse
 import asyncio
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -17,15 +16,11 @@ PROGRESS_S: Final = 10.0  # between lines about compiling
 
 def main(arguments: argparse.Namespace) -> int:
     """Fly until a signal, which may come while the daemon still loads. Raises UserError."""
-    for number in terminal.end_signals():
-        signal.signal(number, signal.default_int_handler)
+    terminal.end_at_once()
     lines = _lines()
     report = lines or terminal.report
     try:
         return fly(arguments, report)
-    except KeyboardInterrupt:
-        report("stopped")
-        return 0
     finally:
         if lines is not None:
             lines.close()

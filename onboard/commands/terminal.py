@@ -6,7 +6,8 @@ import signal
 import sys
 import threading
 from contextlib import suppress
-from typing import Final
+from types import FrameType
+from typing import Final, NoReturn
 
 MOST_LINES: Final = 256  # that wait for a reader
 LAST_S: Final = 1.0  # for the last lines of a program whose lines nobody may read
@@ -56,3 +57,18 @@ def end_signals() -> tuple[signal.Signals, ...]:
     """The signals that end a program: Ctrl-C's, SIGTERM, and a closed terminal's unless `nohup` ignores it."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return (signal.SIGINT, signal.SIGTERM, *(() if ignored else (signal.SIGHUP,)))
+
+
+def end_at_once() -> None:
+    """Let these signals end the program while it loads, with exit code 0: there is nothing to close yet. An
+    exception would not do: compilers and callbacks from C swallow it, or fail of it with another."""
+    for number in end_signals():
+        signal.signal(number, _stop)
+
+
+def _stop(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 - the signature of handlers
+    with suppress(AttributeError, OSError):  # standard error may be closed
+        last = Lines(sys.stderr.fileno())
+        last("stopped")
+        last.close()
+    os._exit(0)

@@ -1,6 +1,8 @@
 """`onboard run` says when it compiles: what a start waits for is on standard error."""
 
 import signal
+import subprocess
+import sys
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
@@ -9,20 +11,23 @@ import pytest
 from numba import float64, njit
 from numba.core import event
 
-from onboard.commands.cli import main
+from onboard.commands.cli import USER_ERROR, main
 from onboard.commands.run import PROGRESS_S, Compiling
+from onboard.errors import UserError
 from onboard.filters.numba_internals import on_compile
+from tests.support.programs import PATIENCE, environment
 
 
 @pytest.fixture(autouse=True)
 def listeners() -> Any:
     """Numba's listeners as they were; so are the signals, which `onboard run` sets."""
     before = {kind: list(found) for kind, found in event._registered.items()}
-    handler = signal.getsignal(signal.SIGTERM)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     yield
     event._registered.clear()
     event._registered.update(before)
-    signal.signal(signal.SIGTERM, handler)
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
 def compile_one() -> None:
@@ -54,14 +59,14 @@ def test_a_start_that_compiles_has_a_line(
 ) -> None:
     def load_config(*_: Any) -> Any:
         compile_one()
-        raise KeyboardInterrupt
+        raise UserError("that was all")
 
     monkeypatch.setattr("onboard.config.load_config", load_config)
-    assert main(["run"]) == 0
+    assert main(["run"]) == USER_ERROR
     first, second = capsys.readouterr().err.splitlines()
     assert first.startswith("compiling the filters")
     assert "`onboard compile`" in first
-    assert second == "stopped"
+    assert second == "onboard: that was all"
 
 
 def test_a_long_one_has_a_line_now_and_then() -> None:
@@ -73,3 +78,44 @@ def test_a_long_one_has_a_line_now_and_then() -> None:
         now += 0.25 * PROGRESS_S
     assert len(lines) == 25
     assert lines[1] == f"still compiling: 4 functions in {PROGRESS_S:.0f} s"
+
+
+LOADS = """
+import os, signal, sys
+from onboard.commands import {module}
+
+def load(*_):
+    try:
+        os.kill(os.getpid(), signal.Signals.{number})
+        for _ in range(1000000): pass
+    except BaseException as error:  # as a compiler's callback does
+        print("swallowed", type(error).__name__, file=sys.stderr)
+    raise RuntimeError("no compiled object yet")
+
+{patch}
+sys.argv = ["onboard", *{arguments}]
+from onboard.__main__ import main
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "module", "patch", "arguments"),
+    [
+        ("SIGINT", "run", "import onboard.config; onboard.config.load_config = load", ["run"]),
+        ("SIGTERM", "router", "router.load_config = load", ["router", "x.toml"]),
+        ("SIGTERM", "cli", "cli.parser = load", ["run"]),
+        ("SIGHUP", "cli", "cli.parser = load", ["router", "x.toml"]),
+    ],
+)
+def test_a_signal_while_it_loads_ends_it_well(number: str, module: str, patch: str, arguments: list[str]) -> None:
+    code = LOADS.format(number=number, module=module, patch=patch, arguments=arguments)
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        env=environment(),
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "stopped\n")
