@@ -5,7 +5,7 @@ from typing import Final
 from onboard.links.link import AbsentError, Deliver, Link, LinkError, NowNs, health_of
 from onboard.links.serial import SerialLink
 from onboard.links.tcp import TcpClientLink, TcpServerLink
-from onboard.links.udp import UdpLink
+from onboard.links.udp import Surplus, UdpLink
 from onboard.messages import Encoding
 
 __all__ = ["AbsentError", "Deliver", "Link", "LinkError", "NowNs", "health_of", "parse_link"]
@@ -15,12 +15,13 @@ FORMS: Final = (
 )
 
 
-def parse_link(spec: str, channel: str, *, retry: bool = True) -> Link:
+def parse_link(spec: str, channel: str, *, retry: bool = True, surplus: Surplus = lambda _: 0) -> Link:
     """The link that a link string describes, not opened yet.
 
     With `retry`, TCP clients and serial ports that lose their peer reconnect, with growing delays; without, their
     `run` raises LinkError. `json` listens for detections, one JSON document in each UDP datagram. An IPv6 address
-    is in brackets. Port 0 of a listening link: any free port.
+    is in brackets. Port 0 of a listening link: any free port. `surplus`: how readily a UDP link leaves a datagram
+    out where too many wait, 0: never.
 
     Raises LinkError with the string and the valid forms.
     """
@@ -39,7 +40,7 @@ def parse_link(spec: str, channel: str, *, retry: bool = True) -> Link:
         return TcpServerLink(spec, channel, host, port)
     if kind == "json":
         return UdpLink(spec, channel, host, port, listening=True, encoding=Encoding.DETECTIONS)
-    return UdpLink(spec, channel, host, port, listening=kind == "udpin")
+    return UdpLink(spec, channel, host, port, listening=kind == "udpin", surplus=surplus)
 
 
 def _host_and_port(spec: str, text: str, *, listening: bool) -> tuple[str, int]:

@@ -13,6 +13,7 @@ import socket
 import struct
 import time
 from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
@@ -20,10 +21,13 @@ from typing import Any, Final
 from onboard.links.link import Deliver, LinkError, NowNs, bind, keep_connected, reason_of, resolve, until_lost
 from onboard.messages import Datagram, Encoding, LinkHealth
 
+Surplus = Callable[[bytes], int]
+
 LARGEST: Final = 65_535
 RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
 PASSING: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ECONNREFUSED)  # no room, or nobody listens there yet
-BURST: Final = 64  # datagrams read per wake-up, so that a busy link does not delay the others
+BURST: Final = 128  # datagrams delivered per wake-up: ten milliseconds, for which others wait
+GROUP: Final = 1024  # read per wake-up: what is newest among them must not wait behind the oldest
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
 SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
 SO_RXQ_OVFL: Final = 40  # of Linux: with each datagram, how many were dropped before it
@@ -35,7 +39,8 @@ LONGEST_WAIT_NS: Final = 10_000_000_000  # a longer wait means that the clock wa
 
 
 class UdpLink:
-    """A UDP socket. `address`: its local address, once open."""
+    """A UDP socket. `address`: its local address, once open. `surplus`: how readily a datagram is left out where
+    more of them wait than `BURST`, 0: never."""
 
     def __init__(
         self,
@@ -46,8 +51,9 @@ class UdpLink:
         *,
         listening: bool,
         encoding: Encoding = Encoding.MAVLINK,
+        surplus: Surplus = lambda _: 0,
     ) -> None:
-        self._encoding = encoding
+        self._encoding, self._surplus = encoding, surplus
         self.channel = channel
         self.received = 0
         self.sent = 0
@@ -140,7 +146,24 @@ class UdpLink:
             self.sent += 1
 
     def _drain(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> None:
-        for _ in range(BURST):
+        """Deliver a group of what waits. Where that is more than there is time for, surplus is left out."""
+        group = list(self._group(sock, now_ns))
+        left_out = oldest_surplus([rank for rank, _, _ in group], BURST)
+        self.shed += len(left_out)
+        for k, (_, datagram, sender) in enumerate(group):
+            if k in left_out:
+                continue
+            self.received += 1
+            before = self._peer
+            if self._listening:
+                self._peer = sender  # what is answered at once goes to who asked
+            if not deliver(datagram):
+                self._peer = before
+
+    def _group(self, sock: socket.socket, now_ns: NowNs) -> Iterator[tuple[int, Datagram, Any]]:
+        """Datagrams that wait in the kernel, each after its `surplus` and before its sender."""
+        needed = 0
+        for _ in range(GROUP):
             try:
                 data, ancillary, _, sender = sock.recvmsg(LARGEST, ANCILLARY)
             except BlockingIOError:
@@ -152,17 +175,25 @@ class UdpLink:
             self.dropped = _dropped(ancillary, self.dropped)
             if not data:
                 self.errors += 1
-                continue
-            if not self._budget.admits(sender, t_recv_ns):
+            elif not self._budget.admits(sender, t_recv_ns):
                 self.shed += 1
-                continue
-            self.received += 1
-            before = self._peer
-            if self._listening:
-                self._peer = sender  # what is answered at once goes to who asked
-            datagram = Datagram(channel=self.channel, encoding=self._encoding, t_recv_ns=t_recv_ns, data=data)
-            if not deliver(datagram):
-                self._peer = before
+            else:
+                rank = self._surplus(data)
+                yield (
+                    rank,
+                    Datagram(channel=self.channel, encoding=self._encoding, t_recv_ns=t_recv_ns, data=data),
+                    sender,
+                )
+                needed += not rank
+                if needed >= BURST:
+                    return
+
+
+def oldest_surplus(ranks: Sequence[int], most: int) -> frozenset[int]:
+    """Which of a group to leave out, by place, so that `most` are left: the greatest ranks first, of these the
+    oldest, which come first; never those of rank 0."""
+    excess = max(0, len(ranks) - most)
+    return frozenset(sorted((k for k, rank in enumerate(ranks) if rank), key=lambda k: -ranks[k])[:excess])
 
 
 class Budget:

@@ -25,6 +25,7 @@ class Console:
         self._is_silent = False
         self._rate = 1.0
         self._beside: set[str] = set()
+        self._shedding: set[str] = set()  # links that have left datagrams out
 
     def show_state(self, estimate: Estimate) -> None:
         """An estimator's state, when it has changed."""
@@ -82,6 +83,10 @@ class Console:
             if trouble != self._troubles.get(name, ""):
                 self._report(f"link {name}: {f'{trouble}; trying again' if trouble else 'connected'}")
         self._troubles = troubles
+        for name, health in links.items():
+            if health.shed and name not in self._shedding:
+                self._shedding.add(name)
+                self._report(f"link {name}: too many messages; those beyond are left out (`shed` in the health)")
 
     def show_sinks(self, sinks: Mapping[str, SinkHealth]) -> None:
         """A sink that fails does not end the flight, but somebody should know: a recording may be missing."""

@@ -1,0 +1,105 @@
+"""A socket is read in groups: where more waits than there is time for, samples of the IMU and other aircraft's
+reports are left out, the oldest first, and nothing else is."""
+
+import random
+import socket
+from typing import Any
+
+import pytest
+
+from onboard.links import udp
+from onboard.links.udp import oldest_surplus
+from onboard.messages import Datagram, LinkHealth
+from onboard.sinks.console import Console
+from onboard.wire.mavlink_frame import V1, V2
+from onboard.wire.surplus import KINDS, NEEDED, OF_IMU, OF_OTHERS, surplus
+from tests.support.running_link import until, with_link
+
+HEARTBEAT, ATTITUDE, HIGHRES_IMU, ADSB_VEHICLE = 0, 30, 105, 246
+
+
+def frame(number: int, count: int = 0, *, signed: bool = False) -> bytes:
+    head = bytes([V2, 4, int(signed), 0, 0, 1, 1]) + number.to_bytes(3, "little")
+    return head + count.to_bytes(4, "little") + bytes(15 if signed else 2)
+
+
+def count_of(datagram: Datagram) -> int:
+    return int.from_bytes(datagram.data[10:14], "little")
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_what_may_be_left_out(signed: bool) -> None:
+    ranks = {number: surplus(frame(number, signed=signed)) for number in range(1000)}
+    assert {number: rank for number, rank in ranks.items() if rank} == KINDS
+    assert (ranks[HIGHRES_IMU], ranks[ADSB_VEHICLE]) == (OF_IMU, OF_OTHERS)
+    assert surplus(bytes([V1, 4, 0, 1, 1, HIGHRES_IMU]) + bytes(6)) == OF_IMU
+
+
+def test_a_datagram_of_several_frames_is_needed_and_so_is_what_is_none() -> None:
+    assert surplus(frame(HIGHRES_IMU) + frame(ATTITUDE)) == NEEDED
+    for data in (b"", b"\xfd", frame(HIGHRES_IMU)[:9], frame(HIGHRES_IMU)[:-1], bytes(30)):
+        assert surplus(data) == NEEDED
+
+
+def test_the_oldest_of_the_greatest_rank_go_first_with_seed_3() -> None:
+    assert oldest_surplus([1, 2, 0, 1, 2, 0], 6) == set()
+    assert oldest_surplus([1, 2, 0, 1, 2, 0], 5) == {1}
+    assert oldest_surplus([1, 2, 0, 1, 2, 0], 3) == {0, 1, 4}
+    assert oldest_surplus([1, 2, 0, 1, 2, 0], 0) == {0, 1, 3, 4}
+    ranks = random.Random(3).choices((0, 1, 2), k=500)
+    assert len(oldest_surplus(ranks, 400)) == 100
+
+
+def flooded(kinds: list[int]) -> tuple[list[Datagram], int]:
+    """What a link delivers of these frames, numbered from 0, all of which wait when it begins to read; how many it
+    has left out."""
+    found: list[Datagram] = []
+    shed = 0
+
+    async def test(link: Any, received: list[Datagram]) -> None:
+        nonlocal shed
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for k, kind in enumerate(kinds):
+                sender.sendto(frame(kind, k), link.address)
+        await until(lambda: link.received + link.shed == len(kinds))
+        found.extend(received)
+        shed = link.health().shed
+
+    with_link("udpin:127.0.0.1:0", test, surplus=surplus)
+    return found, shed
+
+
+def test_in_a_flood_of_the_imu_all_else_arrives_and_the_newest_samples() -> None:
+    kinds = [ATTITUDE if k % 20 == 0 else HIGHRES_IMU for k in range(1000)]
+    found, shed = flooded(kinds)
+    assert len(found) == udp.BURST
+    assert shed == 1000 - udp.BURST
+    needed = [k for k, kind in enumerate(kinds) if kind == ATTITUDE]
+    newest = [k for k, kind in enumerate(kinds) if kind == HIGHRES_IMU][len(needed) - udp.BURST :]
+    assert [count_of(d) for d in found] == sorted(needed + newest), "in the order of arrival"
+
+
+def test_other_aircraft_are_left_out_before_the_imu() -> None:
+    found, _ = flooded([ADSB_VEHICLE] * 900 + [HIGHRES_IMU] * 100)
+    assert [count_of(d) for d in found] == list(range(1000 - udp.BURST, 1000))
+    found, _ = flooded([HIGHRES_IMU] * 100 + [ADSB_VEHICLE] * 900)
+    assert [count_of(d) for d in found[:100]] == list(range(100))
+
+
+def test_nothing_else_is_ever_left_out() -> None:
+    found, shed = flooded([HEARTBEAT] * 1000)
+    assert ([count_of(d) for d in found], shed) == (list(range(1000)), 0)
+
+
+def test_fewer_than_a_group_are_all_delivered() -> None:
+    found, shed = flooded([HIGHRES_IMU] * udp.BURST)
+    assert (len(found), shed) == (udp.BURST, 0)
+
+
+def test_that_something_is_left_out_is_said_once() -> None:
+    lines: list[str] = []
+    console = Console(lines.append, warn=lines.append)
+    for shed in (0, 10, 20):
+        console.show_links({"a": LinkHealth(received=1, sent=0, errors=0, shed=shed)})
+    (line,) = lines
+    assert line.startswith("link a: too many messages")
