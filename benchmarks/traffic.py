@@ -95,7 +95,8 @@ def _geodetic(r: Array) -> tuple[float, float, float]:
 
 def load(count: int, seconds: int, name: FilterName) -> tuple[float, int]:
     """Share of one core that `count` aircraft take with the filter of that name, and how many are tracked."""
-    estimator = Estimator(Config(filter=name), make_camera(f_px=1.0, width_px=1.0, height_px=1.0))
+    config = Config(filter=name, max_reported=COUNTS[-1])
+    estimator = Estimator(config, make_camera(f_px=1.0, width_px=1.0, height_px=1.0))
     ownship = Ownship(max_extrapolation=0.1)
     tracked: set[str] = set()
     start = 0.0

@@ -20,6 +20,7 @@ class Config(Record, frozen=True, kw_only=True):
     filter: FilterName = "imm"
     publish_hz: Rate = 10.0  # estimates of each track
     max_tracks: Annotated[int, msgspec.Meta(ge=1, le=10_000)] = 1000
+    max_reported: Count = 200  # of these, begun by reports; a nearer one takes the place of the farthest
     own_icao: IcaoAddress = ""  # address of our own transponder, six hexadecimal digits: its reports are ignored
 
     # ADS-B and other vehicles' GLOBAL_POSITION_INT: age on reception, noise, and steady error

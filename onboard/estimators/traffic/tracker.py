@@ -34,6 +34,7 @@ from onboard.estimators.traffic.report_association import (
     associate_reports,
 )
 from onboard.estimators.traffic.reports import Key, Report, ReportMessage
+from onboard.estimators.traffic.room import make_room
 from onboard.estimators.traffic.track import Track, name_of
 from onboard.estimators.traffic.waiting import WaitingReports
 from onboard.filters.association import Places
@@ -57,6 +58,7 @@ class Tracker:
         self._waiting = WaitingReports(config)
         self._keys: frozenset[Key | None] = frozenset()  # addresses with a track, as of the last publication
         self._turn = 0
+        self._own_r = np.zeros(3)  # where we were at the last publication
         self._ended: list[Estimate] = []  # the last ones of removed tracks, until they are published
         self._last_number = 0
 
@@ -84,7 +86,7 @@ class Tracker:
         """Fuse all reports that wait."""
         for reports in self._waiting.take():
             timely = [r for r in reports if self._is_timely(r)]
-            self._carry_out(associate_reports(timely, self.tracks, self.batch, self._config))
+            self._carry_out(associate_reports(self._with_room(timely), self.tracks, self.batch, self._config))
 
     def fuse_scan(self, scan: RadarScan, own: OwnMotion | None) -> None:
         """Fuse a radar scan: echoes go to established tracks first, which also register the radar, then to the
@@ -122,6 +124,7 @@ class Tracker:
         """The tracks to be published now, with their beliefs (k, 15) and (k, 15, 15): each has its next sequence
         number, and its newest measurement if that was not published yet. Of many tracks, see `in_turn`."""
         rows = [i for i, t in enumerate(self.tracks) if t.established]
+        self._own_r = own.r
         rows = in_turn(rows, self.batch.belief().mean[rows, :3] - own.r, self._turn)
         self._turn += 1
         published = [self.tracks[i]._replace(sequence=self.tracks[i].sequence + 1) for i in rows]
@@ -150,6 +153,14 @@ class Tracker:
             return True
         self.verdicts[Verdict.TOO_OLD if lag > 0 else Verdict.TOO_NEW] += 1
         return False
+
+    def _with_room(self, reports: list[Report]) -> list[Report]:
+        """The reports that there is room for; far tracks give way to near aircraft."""
+        r = self.batch.belief().mean[:, :3]
+        gone, left = make_room(self.tracks, r, self._own_r, reports, self._config.max_reported)
+        self._remove(gone, "nearer aircraft have taken its place")
+        self.verdicts[Verdict.FULL] += len(reports) - len(left)
+        return left
 
     def _carry_out(self, association: ReportAssociation) -> None:
         if association.updates is not None:
@@ -257,8 +268,7 @@ class Tracker:
         """Merge new tracks with the older ones that they continue."""
         if not found:
             return
-        belief = self.batch.belief()
-        same = continuations(found, self.tracks, belief, t_ns, self._config)
+        same = continuations(found, self.tracks, belief := self.batch.belief(), t_ns, self._config)
         for new, row in same:
             self.batch.restart(row, Belief(belief.mean[new], belief.covariance[new]))
             self.tracks[row] = self.tracks[row].merged(self.tracks[new])

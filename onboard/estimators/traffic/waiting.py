@@ -10,7 +10,7 @@ from onboard.estimators.traffic.reports import Key, Report, ReportMessage, make_
 from onboard.messages import AdsbVehicle, PeerRanges, Verdict
 
 MOST: Final = 5000  # reports; more in a tenth of a second is a flood
-MOST_NEW: Final = 200  # of addresses without a track
+MOST_NEW: Final = 40  # of addresses without a track: all of a busy sky in a second
 
 
 def key_of(message: ReportMessage) -> Key:

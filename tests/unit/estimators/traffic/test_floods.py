@@ -6,7 +6,7 @@ import numpy as np
 
 from onboard.estimators.traffic import waiting
 from onboard.estimators.traffic.track import Track
-from tests.support.traffic import R0, V0, Sky, fly_with_reports
+from tests.support.traffic import NAME, R0, V0, Sky, fly_with_reports
 
 FAR = np.array([15_000.0, 10_000.0, -2_000.0])
 
@@ -33,7 +33,7 @@ def test_publications_are_bounded_and_the_nearest_is_in_all_of_them() -> None:
 
 
 def test_every_track_is_published_in_its_turn() -> None:
-    sky = Sky()
+    sky = Sky(max_reported=1000)
     for _ in range(10):
         flood(sky, 0x100000, 400)
         sky.fly(0.2)
@@ -62,6 +62,23 @@ def test_a_flood_of_new_addresses_costs_no_report_of_a_known_one() -> None:
         sky.fly(1.0)
     assert sky.verdicts["fused"] == before + 2
     assert sky.newest[near].valid
+
+
+def test_ten_thousand_addresses_cost_no_more_than_two_hundred_and_the_nearest_get_in() -> None:
+    sky = Sky()
+    for k in range(8):
+        flood(sky, 0x100000 + 1000 * k, 1000)
+        sky.fly(0.2)
+    assert len(sky.estimator._tracker.tracks) == sky.estimator._config.max_reported == 200
+    flood(sky, 0x300000, 20)
+    sky.receive(sky.adsb(R0 + V0 * sky.t, V0))
+    sky.fly(0.2)
+    assert len(sky.estimator._tracker.tracks) == 200
+    assert NAME in {t.target for t in sky.estimator._tracker.tracks}
+    before = {t.target for t in sky.estimator._tracker.tracks}
+    sky.receive(sky.adsb(2.0 * FAR, V0, icao=0x200000))
+    sky.fly(0.2)
+    assert {t.target for t in sky.estimator._tracker.tracks} == before, "a farther one takes no place"
 
 
 def test_a_track_s_sources_stay_few_however_many_radars_there_are() -> None:
