@@ -158,7 +158,9 @@ def _add_recover(recover: argparse.ArgumentParser) -> None:
 def _add_view(view: argparse.ArgumentParser) -> None:
     view.add_argument("recording", nargs="?", type=Path, help=".rrd to open instead of a running daemon")
     view.add_argument("--png", type=Path, help="with a recording: draw it to a picture, without a screen")
-    view.add_argument("--at", type=_seconds, metavar="S", help="with --png: the time shown, s since boot")
+    view.add_argument(
+        "--at", type=_moment, metavar="S", help="with --png: the time shown, s from the recording's start"
+    )
     view.add_argument("--connect", help="a daemon's or router's Zenoh (default: the file's, or this computer's)")
     view.add_argument("--vehicle", help="its id, or all (default: 1, with a file: all)")
     view.add_argument("--config", type=Path, metavar="C", help="TOML file: camera, and certificates for a router")
@@ -216,10 +218,17 @@ def _seeds(text: str) -> int:
 
 
 def _seconds(text: str) -> float:
+    number = _moment(text)
+    if not number > 0:
+        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, not {text!r}")
+    return number
+
+
+def _moment(text: str) -> float:
     try:
         number = float(text)
     except ValueError:
         number = math.nan
-    if not 0 < number < 1e7:
-        raise argparse.ArgumentTypeError(f"must be a positive number of seconds, not {text!r}")
+    if not 0 <= number < 1e7:
+        raise argparse.ArgumentTypeError(f"must be 0 or a positive number of seconds, not {text!r}")
     return number

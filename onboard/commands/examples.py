@@ -73,7 +73,7 @@ examples:
   onboard view --connect tcp/192.168.1.20:7447 --rrd flight.rrd
   onboard view --config configs/ground.toml               all vehicles of a fleet, through their router
   onboard view out/formation-1.rrd
-  onboard view out/formation-1.rrd --png view.png --at 60
+  onboard view out/formation-1.rrd --png view.png --at 45
 """
 STUDY: Final = """\
 examples:

@@ -1,5 +1,6 @@
 """The packaged desktop viewer: opened on a display, or without one to take a picture."""
 
+import math
 import os
 import socket
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from onboard.errors import UserError
+from onboard.view.columns import TIMELINE
 
 EQUAL_PICTURES: Final = 5  # in a row, RETRY_S apart: painting is complete
 RETRY_S: Final = 0.2
@@ -73,9 +75,9 @@ def screenshot(
 ) -> None:
     """Picture of a recording (a file, or the URL of a server) as the viewer shows it, without a screen.
 
-    `at` is the time shown, s since boot; None: the end. Needs Vulkan, which mesa's software driver provides.
-    Raises `FileNotFoundError` if the file is not there, `ViewerError` with the end of the viewer's
-    log if it cannot draw.
+    `at` is the time shown, s from the recording's start; None: the end. Needs Vulkan, which mesa's software driver
+    provides. Raises `FileNotFoundError` if the file is not there, `UserError` if `at` lies outside the recording,
+    `ViewerError` with the end of the viewer's log if it cannot draw.
     """
     is_url = "://" in str(source)
     if not is_url and not Path(source).is_file():
@@ -107,6 +109,16 @@ def screenshot(
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait(5)
+
+
+def time_shown(at: float, start_ns: int, end_ns: int) -> float:
+    """The time, s since boot, that is `at` seconds after the start of a recording from `start_ns` to `end_ns`.
+    Raises `UserError` if the recording does not hold it: a viewer would show an empty picture."""
+    length = (end_ns - start_ns) * 1e-9
+    if not 0.0 <= at <= length:
+        # rounded down, so that the time named is one that the recording holds
+        raise UserError(f"no picture at {at:g} s: the recording holds 0 to {math.floor(10.0 * length) / 10.0:g} s")
+    return start_ns * 1e-9 + at
 
 
 def _end_of_log(log: str) -> str:
@@ -148,7 +160,10 @@ def _take_screenshot(
             break
         wait("loading the recording")
     if at is not None:
-        client.set_time("boot_time", duration=at, play_state="paused")
+        times = [t for r in state.recordings for t in r.timelines if t.name == TIMELINE]
+        starts, ends = [t.start for t in times if t.start is not None], [t.end for t in times if t.end is not None]
+        shown = time_shown(at, min(starts, default=0), max(ends, default=0))
+        client.set_time(TIMELINE, duration=shown, play_state="paused")
     picture, equal, begun = b"", 0, time.monotonic()
     while equal < EQUAL_PICTURES and time.monotonic() < begun + PAINTING_S:
         newest = client.take_screenshot()  # once it is painted

@@ -1,6 +1,7 @@
 """The recording that the live view writes, and pictures made of one."""
 
 import math
+import re
 import subprocess
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from onboard.errors import UserError
 from onboard.messages import Estimate, Truth
 from tests.support.view_flight import NEEDS_RERUN, START_S, flight, record_flight, rows_of, truth_of
 
@@ -98,12 +100,36 @@ def has_vulkan() -> bool:
     return any(any(Path(folder).glob("*.json")) for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"))
 
 
+@pytest.mark.parametrize("at", [0.0, 6.0, 8.0])
+def test_a_time_in_the_recording_counts_from_its_start(at: float) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    assert viewer.time_shown(at, 12_000_000_000, 20_000_000_000) == 12.0 + at
+
+
+@pytest.mark.parametrize("at", [-0.1, 8.2, START_S + 6.0, math.nan])
+def test_no_picture_of_a_time_outside_the_recording(at: float) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    with pytest.raises(UserError, match=r"no picture at .* s: the recording holds 0 to 8\.1 s"):
+        viewer.time_shown(at, 12_000_000_000, 20_190_000_000)
+
+
+def test_a_picture_of_a_time_outside_the_recording(recording: Path, tmp_path: Path) -> None:
+    viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
+    png = tmp_path / "view.png"
+    with pytest.raises(UserError) as raised:
+        viewer.screenshot(recording, png, at=60.0, size=(400, 300), timeout=300)
+    if "graphics adapter" in str(raised.value) or not has_vulkan():
+        pytest.skip("no Vulkan driver here: Debian's mesa-vulkan-drivers has one in software")
+    assert re.fullmatch(r"no picture at 60 s: the recording holds 0 to [78](\.\d)? s", str(raised.value))
+    assert not png.exists()
+
+
 def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
     viewer = pytest.importorskip("onboard.view.viewer", reason=NEEDS_RERUN, exc_type=ImportError)
     psutil = pytest.importorskip("psutil")
     png = tmp_path / "view.png"
     try:
-        viewer.screenshot(recording, png, at=START_S + 6.0, size=(1000, 700), timeout=300)
+        viewer.screenshot(recording, png, at=6.0, size=(1000, 700), timeout=300)
     except viewer.ViewerError as error:
         if "graphics adapter" in str(error) or not has_vulkan():
             pytest.skip("no Vulkan driver here: Debian's mesa-vulkan-drivers has one in software")
