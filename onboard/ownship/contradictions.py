@@ -122,6 +122,7 @@ class Contradictions:
         self._attitude: Sample | None = None
         self._nav: Sample | None = None
         self._turns, self._moves = Strides(RATE, RATE_SHARE), Strides(SPEED, SPEED_SHARE)
+        self._climbs = Strides(SPEED, SPEED_SHARE)  # of what moves down: a share of the way forward would hide it
         self._same_q, self._same_r = Still(), Still()
         self._speeds = Scatter(3)  # of what velocity changes otherwise than in the step before
         self._change: list[float] | None = None  # the last step's slope of the velocity
@@ -195,7 +196,10 @@ class Contradictions:
         mean = [0.5 * (a + b) for a, b in zip(before.rate, now.rate, strict=True)]
         speed = math.hypot(*mean)
         off = [b - a - v * dt for a, b, v in zip(before.x, now.x, mean, strict=True)]
-        if self._moves.contradict(before.t_ns, t_ns, off, speed * dt):
+        moves = self._moves.contradict(before.t_ns, t_ns, off, speed * dt)
+        down = max(abs(mean[2]) * dt, abs(now.x[2] - before.x[2]))
+        climbs = self._climbs.contradict(before.t_ns, t_ns, (0.0, 0.0, off[2]), down)
+        if moves or climbs:
             self.note(t_ns, "position contradicts the velocity")
         if self._same_r.hangs(before, now, speed * dt, SAME_WAY):
             self.note(t_ns, "position hangs")
