@@ -67,7 +67,10 @@ def statuses(wire: Wire) -> list[int]:
     return [m.system_status for m in parsed(wire.frames) if m.get_type() == "HEARTBEAT"]
 
 
-@pytest.mark.parametrize("chatter", [heartbeat(0, system=255, autopilot=8), heartbeat(0, system=9)])
+@pytest.mark.parametrize(
+    "chatter",
+    [heartbeat(0, system=255, autopilot=8), pytest.param(heartbeat(0, system=9), marks=pytest.mark.slow)],
+)
 def test_others_that_talk_do_not_make_a_dead_autopilot_healthy(chatter: Any) -> None:
     daemon, wire, lines = flying()
     for tenth in range(80):
