@@ -5,7 +5,7 @@ import pkgutil
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from rich.console import Console
 from rich.markdown import Markdown
@@ -17,6 +17,7 @@ from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import estimator_modules
 from onboard.errors import UserError
+from onboard.studies.report.findings import Verdict
 from onboard.studies.together import run_all, run_study
 
 
@@ -58,10 +59,12 @@ def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
     _compile(known)
     results = _measure_all(known, seeds, out)
     name_column = Column("study", no_wrap=True)
-    table = Table(name_column, "claims: hold", "only if", "do not", "agree with reference", box=None)
+    table = Table(
+        name_column, "claims: hold", "only if", "do not", "not decided", "agree with reference", box=None
+    )
     for name, result in results.items():
         verdicts = [claim["verdict"] for claim in result.get("claims", ())]
-        held = [str(verdicts.count(verdict)) for verdict in ("holds", "holds only if", "does not hold")]
+        held = [str(verdicts.count(verdict)) for verdict in get_args(Verdict)]
         compared = [c["agrees"] for c in result.get("checks", result.get("comparisons", ()))]
         table.add_row(name, *held, f"{sum(compared)} of {len(compared)}")
     Console().print(table)

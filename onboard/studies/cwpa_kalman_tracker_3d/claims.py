@@ -47,6 +47,7 @@ def claims_of(drawn: Scores, rest: Scores, printed: Scores) -> tuple[Claim, ...]
             verdict=verdict(abs(third - pade) < abs(third - taylor)),
             evidence=f"Its factor of F³ is {third:.4f}: that of the Taylor series is {taylor:.4f}, of Padé's "
             f"(1, 1) {pade:.4f}. Here the series ends: F³ = 0, so three terms are exact (eq 13).",
+            sampled=False,
         ),
     )
 

@@ -14,11 +14,13 @@ from onboard.studies.encounters.reference import Pair
 from onboard.studies.encounters.results import checks_of, claims_of, requirements, table_of
 from onboard.studies.encounters.scores import over_all, score
 from onboard.studies.report.findings import Findings
+from onboard.studies.report.sampling import decided
 from onboard.studies.report.workers import Part, Progress, compute, require_seeds
 from onboard.studies.tracking.publish import drawing, publish
 
 NAME: Final = "encounters"
 TITLE: Final = "Encounters: the leader from any side"
+LEAST: Final = 40  # seeds to decide the claims
 FIRST_SEED: Final = 501  # settings are chosen on seeds 1 to 100
 COMPARED: Final = 8  # of so many encounters one is flown by the reference, too: that takes ten times as long
 
@@ -47,7 +49,7 @@ def run(
     flights = {case: flown[k * seeds : (k + 1) * seeds] for k, case in enumerate(cases)}
     references = {case: referred[k * len(few) : (k + 1) * len(few)] for k, case in enumerate(beside)}
     shown = {case: each[0] for case, each in flights.items() if case in DEFAULTS}
-    return publish(findings(flights, first_seed, settings, references), out, draw, shown)
+    return publish(decided(findings(flights, first_seed, settings, references), LEAST), out, draw, shown)
 
 
 def findings(

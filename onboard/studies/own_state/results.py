@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from onboard.studies.own_state.flights import DEFAULT, EXPECTED, FAULT_AT, SECONDS, FlightScore
 from onboard.studies.report.findings import Check, Claim, Table, check, verdict
+from onboard.studies.report.sampling import all_of, at_least, at_most, rarer
 
 HEAVIER: Final = ("quadrotor-heavier", "quadrotor-much-heavier")  # `EXPECTED` of both is mass ...
 WEAKER: Final = ("quadrotor-weak-inputs",)  # ... and of this, too: nothing else fits what is seen
@@ -89,34 +90,34 @@ def claims_of(flights: Flights) -> tuple[Claim, ...]:
     wrong, hours = _false_alarms(flights)
     named = [f.named for name in EXPECTED if EXPECTED[name] is not None for f in flights[name, DEFAULT]]
     share = float(np.mean(named))
-    weak, heavy = (_named_percent(flights, names) for names in (WEAKER, HEAVIER))
+    weak, heavy = (_named(flights, names) for names in (WEAKER, HEAVIER))
     return (
         Claim(
             claim="Motor loss, mass change, gust and outliers are distinguished within 1 s.",
             where="our own",
-            verdict=verdict(share >= 0.95),
+            verdict=verdict(at_least(sum(named), len(named), 0.95)),
             evidence=f"{100 * share:.1f} % of {len(named)} flights.",
         ),
         Claim(
             claim="Fewer than one false alarm in an hour.",
             where="our own",
-            verdict=verdict(wrong / hours < 1.0),
+            verdict=verdict(rarer(wrong, hours, 1.0)),
             evidence=f"{wrong} in {hours:.2f} simulated hours.",
         ),
         Claim(
             claim="Another mass is distinguished from weaker motors.",
             where="our own",
-            verdict=verdict(heavy >= 95.0 and weak <= 5.0),
-            evidence=f"Named mass: {heavy:.0f} % of flights with another mass, {weak:.0f} % of those with motors "
-            "that are all weaker. In hover both lift less for the same commands and give no torque.",
+            verdict=verdict(all_of([at_least(sum(heavy), len(heavy), 0.95), at_most(sum(weak), len(weak), 0.05)])),
+            evidence=f"Named mass: {100 * np.mean(heavy):.0f} % of flights with another mass, "
+            f"{100 * np.mean(weak):.0f} % of those with motors that are all weaker. "
+            "In hover both lift less for the same commands and give no torque.",
         ),
     )
 
 
-def _named_percent(flights: Flights, names: Sequence[str]) -> float:
-    """Share of the flights of these scenarios, %, whose fault was named mass in time by the default method."""
-    named = [f.named for name in names for f in flights[name, DEFAULT]]
-    return 100.0 * float(np.mean(named))
+def _named(flights: Flights, names: Sequence[str]) -> list[bool]:
+    """Of each flight of these scenarios, whether its fault was named mass in time by the default method."""
+    return [f.named for name in names for f in flights[name, DEFAULT]]
 
 
 def _false_alarms(flights: Flights) -> tuple[int, float]:

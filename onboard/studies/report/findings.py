@@ -5,7 +5,8 @@ from typing import Literal
 
 from onboard.messages import Record
 
-Verdict = Literal["holds", "holds only if", "does not hold"]
+Verdict = Literal["holds", "holds only if", "does not hold", "not decided"]
+Outcome = bool | None  # None: the runs do not decide (`sampling`)
 Cell = str | float | None
 
 
@@ -16,6 +17,7 @@ class Claim(Record, frozen=True, kw_only=True):
     where: str
     verdict: Verdict
     evidence: str
+    sampled: bool = True  # whether runs enter, so that few cannot decide it
 
 
 class Misprint(Record, frozen=True, kw_only=True):
@@ -66,10 +68,13 @@ class Findings(Record, frozen=True, kw_only=True):
     figures: tuple[str, ...]
 
 
-def verdict(holds: bool, only_if: bool = False) -> Verdict:
-    """The verdict on a claim that holds, or else holds under the condition that its evidence states."""
+def verdict(holds: Outcome, only_if: Outcome = False) -> Verdict:
+    """The verdict on a claim that holds, or else holds under the condition that its evidence states. It is not
+    decided where the runs leave open which of these it is."""
     if holds:
         return "holds"
+    if holds is None or only_if is None:
+        return "not decided"
     return "holds only if" if only_if else "does not hold"
 
 

@@ -23,6 +23,7 @@ from onboard.messages import Estimate, TrafficTruth, Truth
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import LEAD_S, AircraftScore, Encounter, TrafficScore, score_traffic
 from onboard.studies.report.findings import Cell, Check, Claim, Findings, Table, check, verdict
+from onboard.studies.report.sampling import decided
 from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
@@ -30,6 +31,7 @@ from simlink.simulation import datagrams
 
 NAME: Final = "traffic"
 TITLE: Final = "Traffic: twenty aircraft by ADS-B, MAVLink and radar"
+LEAST: Final = 20  # seeds to decide the claims
 SCENARIO: Final = "traffic"
 STRAIGHT, STEADY, CHANGING = "straight", "steady", "changing"
 LOW, HIGH = 93.0, 97.0  # percent: what a 95 % ellipsoid is to hold
@@ -79,7 +81,7 @@ def run(
 ) -> Findings:
     """The study over `seeds` flights of three minutes; with `out`, the report is written."""
     every = require_seeds(seeds, first_seed)
-    found = findings(compute([Part(fly, (seed,)) for seed in every], jobs, progress), first_seed)
+    found = decided(findings(compute([Part(fly, (seed,)) for seed in every], jobs, progress), first_seed), LEAST)
     if out is not None:
         write(found, out)
     return found

@@ -69,7 +69,7 @@ def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(result: Ran) ->
     seen = np.hypot(np.cos(bank) * np.cos(yaw), np.sin(bank))
     assert values["k45", "paper"]["range_percent"] == pytest.approx(100 * (1 / seen - 1), abs=5.0)
     verdicts = {claim.where: claim.verdict for claim in result[0].claims}
-    assert verdicts["eq 54"] == "does not hold"
+    assert verdicts["eq 54"] == "not decided"  # two runs
 
 
 @pytest.mark.slow

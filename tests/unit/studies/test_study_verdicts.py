@@ -19,7 +19,7 @@ from onboard.studies.tracking.outcomes import Outcome, WindowErrors
 from onboard.studies.ukf_radar_launch_vehicle import claims as launch
 
 Claims = tuple[Claim, ...]
-RUNS = 10
+RUNS = 60
 WINDOWS = ("settled", "all", "first", "nominal", "jammed", "after", "degraded", "lost", "between")
 
 
@@ -35,7 +35,7 @@ class Drawn:
 
     def some(self) -> int:
         """Runs that fail."""
-        return int(self.rng.choice([0, 0, 3, RUNS]))
+        return int(self.rng.choice([0, 0, 6, RUNS]))
 
     def outcome(self, n: int = 9, names: Sequence[str] = WINDOWS) -> Outcome:
         windows = {
@@ -69,19 +69,32 @@ class Rows(dict[tuple[str, str], Any]):
             diverged_percent=100.0 * drawn.some() / RUNS,
             nees_bounds=(8.0, 10.0),
             a_lat_converged_s=1.0,
-            scores=[drawn_score(drawn) for _ in range(3)],
+            scores=drawn_scores(drawn, value),
         )
         return self[key]
 
 
-def drawn_score(drawn: Drawn) -> Any:
-    return SimpleNamespace(
-        diverged=None,
-        a_lat_converged_s=None if drawn.rng.uniform() < 0.2 else 1.0,
-        size_error_first_percent=2.0,
-        size_error_last_percent=drawn.about(1.2),
-        angle_error_deg=tuple(drawn.about(x) for x in (3.0, 3.0, 2.0)),
-    )
+def drawn_scores(drawn: Drawn, value: Callable[[str], float]) -> list[Any]:
+    """One score for each run: about the row's figures, by a hundredth."""
+    diverged, never = drawn.some(), int(drawn.rng.uniform() < 0.2)
+    angles, last = [drawn.about(x) for x in (3.0, 3.0, 2.0)], drawn.about(1.2)
+    figures = ("velocity_m_s", "rates_rad_s", "range_percent", "a_long_ft_s2")
+
+    def near(right: float) -> float:
+        return right * (1.0 + 0.01 * float(drawn.rng.standard_normal()))
+
+    return [
+        SimpleNamespace(
+            seed=k,
+            diverged="x" if k < diverged else None,
+            a_lat_converged_s=None if k < never else 1.0,
+            size_error_first_percent=near(2.0),
+            size_error_last_percent=near(last),
+            angle_error_deg=tuple(near(x) for x in angles),
+            **{name: near(value(name)) for name in figures},
+        )
+        for k in range(RUNS)
+    ]
 
 
 def of_cwpa(drawn: Drawn) -> Claims:
@@ -133,7 +146,7 @@ def of_own_state(drawn: Drawn) -> Claims:
         wrong = ("gust",) * int(drawn.rng.uniform() < alarms)
         return FlightScore(0.1, 0.01, 0.2, 100.0, named, 0.3, 0.1, wrong, 60.0, 0)
 
-    return own_state.claims_of({(name, DEFAULT): [flight(name) for _ in range(4)] for name in EXPECTED})
+    return own_state.claims_of({(name, DEFAULT): [flight(name) for _ in range(40)] for name in EXPECTED})
 
 
 @pytest.mark.parametrize(
