@@ -54,24 +54,7 @@ def collect_flight(
 ) -> Flight:
     """IMU, commands, voltage and velocity of a log on the boot clock, up to `until` s from its start. Without
     `full_voltage` voltages are not used. Raises UserError."""
-    pipeline = Pipeline(replace(config, estimator={}))
-    poses: list[OwnPose] = []
-    found: list[Message] = []
-    try:
-        for item, _ in read_log(log):
-            if item is None:
-                continue
-            messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
-            poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose)]
-            for message in messages:
-                if isinstance(message, WANTED):
-                    aligned = pipeline.clocks.align(message, pipeline.delay_ns(message))
-                    found += [] if aligned is None else [aligned]
-    except NotALogError as error:
-        raise UserError(f"{log}: {error}") from error
-    ordered = sorted({(type(m), m.t_ns): m for m in found}.values(), key=lambda m: m.t_ns)
-    start = ordered[0].t_ns if ordered else 0
-    ordered = [m for m in ordered if until is None or (m.t_ns - start) * 1e-9 <= until]
+    ordered, poses = _aligned(log, config, until)
     imu = [m for m in ordered if isinstance(m, Imu)]
     outputs = [m for m in ordered if isinstance(m, ActuatorOutputs) and len(m.pwm_us) >= rotors]
     batteries = [m for m in ordered if isinstance(m, Battery)]
@@ -96,6 +79,28 @@ def collect_flight(
         np.clip(commands, 0.0, 1.0),
         voltage,
     )
+
+
+def _aligned(log: Path, config: Config, until: float | None) -> tuple[list[Message], list[OwnPose]]:
+    """What is wanted of a log's first seconds, in time order on the boot clock, and all own poses."""
+    pipeline = Pipeline(replace(config, estimator={}))
+    poses: list[OwnPose] = []
+    found: list[Message] = []
+    try:
+        for item, _ in read_log(log):
+            if item is None:
+                continue
+            messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
+            poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose)]
+            for message in messages:
+                if isinstance(message, WANTED):
+                    aligned = pipeline.clocks.align(message, pipeline.delay_ns(message))
+                    found += [] if aligned is None else [aligned]
+    except NotALogError as error:
+        raise UserError(f"{log}: {error}") from error
+    ordered = sorted({(type(m), m.t_ns): m for m in found}.values(), key=lambda m: m.t_ns)
+    start = ordered[0].t_ns if ordered else 0
+    return [m for m in ordered if until is None or (m.t_ns - start) * 1e-9 <= until], poses
 
 
 def _seconds(messages: list[Imu] | list[ActuatorOutputs] | list[Battery]) -> Array:
