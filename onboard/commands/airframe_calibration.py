@@ -1,6 +1,7 @@
 """An airframe's constants from one ordinary flight, by linear least squares.
 
-Commands and motion are compared as means over a fifth of a second, as the fault monitor does. The specific force
+Commands and motion are compared as means over a fifth of a second, about as the fault monitor does; where a log
+holds them more seldom, over five of its samples. The specific force
 along b's z axis over the sum of squared commands is thrust over mass; the change of a body rate over their
 difference is thrust times arm over a moment of inertia; the specific force along x and y over velocity is drag.
 Sigmas are those of the residuals with their correlation over time (Newey & West 1987).
@@ -18,10 +19,11 @@ from onboard.arrays import Array
 from onboard.errors import UserError
 
 WINDOW_S: Final = 0.2  # of one comparison
+SAMPLES: Final = 5  # in a window, at least
 CORRELATED_S: Final = 4.0  # residuals further apart count as independent
-LONGEST_GAP_S: Final = 0.1  # between two samples of one window
+LONGEST_GAP: Final = 0.5  # of a window: between two of its samples
 FLYING: Final = 0.6  # of the usual lift; with less, the ground carries the vehicle
-FEWEST: Final = 100  # windows
+SHORTEST_S: Final = 20.0  # in the air
 ACCELEROMETER: Final = 0.05 / 9.81  # share of the weight: its bias along z looks like thrust
 PARTS: Final = ("lift", "roll", "pitch", "yaw")
 
@@ -63,7 +65,8 @@ class Found(NamedTuple):
 
 class AirframeFit(NamedTuple):
     """`thrust` in N of one rotor at full command; `drag` in 1/s; `ixx`, `iyy` in kg m^2; `torque_over_izz` in
-    1/(kg m): torque per thrust over Izz. `hover`: the usual command. `windows`: how many were compared."""
+    1/(kg m): torque per thrust over Izz. `hover`: the usual command. `windows`: how many were compared, each of
+    `window` s."""
 
     thrust: Found
     drag: Found
@@ -72,6 +75,7 @@ class AirframeFit(NamedTuple):
     torque_over_izz: Found
     hover: float
     windows: int
+    window: float
 
     @property
     def izz(self) -> float:
@@ -85,9 +89,12 @@ def fit_airframe(flight: Flight, known: Known) -> AirframeFit:
     squared *= (np.interp(flight.t, flight.command_t, flight.voltage)[:, None] / known.full_voltage) ** 2
     x, right, spin = known.rotors.T
     mixed = squared @ np.column_stack([np.ones(len(x)), -right, x, spin])
-    first, last = _windows(flight, mixed[:, 0])
-    if len(first) < FEWEST:
-        raise UserError(f"{len(first)} windows of {WINDOW_S} s in the air: at least {FEWEST} are needed")
+    window = max(WINDOW_S, SAMPLES * max(float(np.median(np.diff(t))) for t in (flight.t, flight.command_t)))
+    first, last = _windows(flight, mixed[:, 0], window)
+    if len(first) * window < SHORTEST_S:
+        raise UserError(
+            f"{len(first)} windows of {window:.2g} s without a gap in the air: {SHORTEST_S:.0f} s are needed"
+        )
     span = flight.t[last] - flight.t[first]
 
     def mean(values: Array) -> Array:
@@ -118,6 +125,7 @@ def fit_airframe(flight: Flight, known: Known) -> AirframeFit:
         _ratio(yaw, thrust),
         float(np.median(np.sqrt(inputs[:, 0] / len(x)))),
         len(t),
+        window,
     )
 
 
@@ -134,17 +142,17 @@ def _followed(flight: Flight, lag: float) -> Array:
     return followed
 
 
-def _windows(flight: Flight, lift: Array) -> tuple[Array, Array]:
+def _windows(flight: Flight, lift: Array, window: float) -> tuple[Array, Array]:
     """First and last sample of each window in the air in which neither IMU nor commands have a gap."""
     t = flight.t
-    first = np.searchsorted(t, np.arange(t[0], t[-1] - WINDOW_S, WINDOW_S))
-    last = np.searchsorted(t, t[first] + WINDOW_S * 0.999)
+    first = np.searchsorted(t, np.arange(t[0], t[-1] - window, window))
+    last = np.searchsorted(t, t[first] + window * 0.999)
     inside = last < len(t)
     first, last = first[inside], last[inside]
     usual = np.median(lift[lift > 0.5 * np.quantile(lift, 0.9)])
     command_age = t - flight.command_t[np.clip(np.searchsorted(flight.command_t, t, side="right") - 1, 0, None)]
-    bad = (lift < FLYING * usual) | (np.diff(t, prepend=t[0]) > LONGEST_GAP_S)
-    bad |= (command_age < 0) | (command_age > LONGEST_GAP_S)
+    bad = (lift < FLYING * usual) | (np.diff(t, prepend=t[0]) > LONGEST_GAP * window)
+    bad |= (command_age < 0) | (command_age > LONGEST_GAP * window)
     count = np.concatenate([[0], np.cumsum(bad)])
     good = count[last + 1] == count[first]
     return first[good], last[good]

@@ -60,8 +60,8 @@ def collect_flight(
     batteries = [m for m in ordered if isinstance(m, Battery)]
     if len(imu) < 2 or len(outputs) < 2 or len(poses) < 2:
         raise UserError(
-            f"{log}: {len(imu)} IMU samples, {len(outputs)} SERVO_OUTPUT_RAW of {rotors} motors, {len(poses)} own"
-            " poses: all three are needed"
+            f"{log}: {len(imu)} IMU samples, {len(outputs)} outputs of {rotors} motors (SERVO_OUTPUT_RAW),"
+            f" {len(poses)} own poses: all three are needed"
         )
     if full_voltage is not None and not batteries:
         raise UserError(f"{log}: no battery's voltage (BATTERY_STATUS or SYS_STATUS), but --voltage is given")
@@ -125,7 +125,8 @@ def described_airframe(found: AirframeFit, known: Known, pwm_us: tuple[float, fl
     )
     lines = [f"{name:16} {one.value:11.5g} +- {one.sigma:.2g} {unit}" for name, one, unit in rows]
     lines += [
-        f"hover command    {found.hover:11.3f} of the range; {found.windows} windows of the flight were used",
+        f"hover command    {found.hover:11.3f} of the range",
+        f"from {found.windows} windows of {found.window:.2g} s in the air",
         f"given: mass {known.mass:g} kg, to which thrust and inertia are in proportion; the rotors' places",
         "not shown by a flight: Izz apart from torque_per_thrust_m (Izz = Ixx + Iyy is taken, as of a flat one);",
         f"not shown either: motor_time_s ({known.motor_time:g} is taken)",

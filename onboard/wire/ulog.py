@@ -13,7 +13,18 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from onboard.messages import Attitude, Barometer, Clock, GpsFix, Heartbeat, Imu, LocalPosition, Message
+from onboard.messages import (
+    ActuatorOutputs,
+    Attitude,
+    Barometer,
+    Battery,
+    Clock,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    LocalPosition,
+    Message,
+)
 from onboard.wire.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -33,7 +44,8 @@ Lose = Callable[[str], None]
 
 def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     """The messages of a ULog in time order, after one heartbeat that names the autopilot and the vehicle type. Of
-    each topic it is the first instance that has rows.
+    each topic it is the first instance that has rows; of the actuators' outputs, that whose outputs move most: the
+    others are other boards or unused.
 
     A row that cannot be used is left out, and a topic without a field that it needs; `lose` is called with the
     reason for each. Raises NotALogError when the log cannot be read.
@@ -48,6 +60,7 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     for topic in sorted(log.data_list, key=lambda topic: topic.multi_id, reverse=True):
         if len(topic.data["timestamp"]):
             topics[topic.name] = topic.data
+    _choose_outputs(log.data_list, topics)
     topics = {name: _in_order(columns, partial(_name, lose, name)) for name, columns in topics.items()}
     _add_rates(topics)
     system = int(_parameter(log, "MAV_SYS_ID", 1))
@@ -95,6 +108,15 @@ def _in_order(columns: Any, lose: Lose) -> Any:
         last = t
     order = np.array(kept, dtype=int)[np.argsort([stamps[i] for i in kept], kind="stable")]
     return {name: values[order] for name, values in columns.items()}
+
+
+def _choose_outputs(instances: Any, topics: dict[str, Any]) -> None:
+    """Put that instance of the actuators' outputs among the topics that moves most."""
+    boards = [one.data for one in instances if one.name == OUTPUTS and len(one.data["timestamp"])]
+    if len(boards) > 1:
+        topics[OUTPUTS] = max(
+            boards, key=lambda c: sum(float(np.ptp(c[f])) for f in OUTPUT if f in c and np.isfinite(c[f]).all())
+        )
 
 
 def _add_rates(topics: dict[str, Any]) -> None:
@@ -178,6 +200,16 @@ def _gps(c: Any, i: int, header: dict[str, Any]) -> Message:
     )
 
 
+def _outputs(c: Any, i: int, header: dict[str, Any]) -> Message:
+    values = [float(c[name][i]) for name in OUTPUT[: int(c["noutputs"][i])] if name in c]
+    return ActuatorOutputs(**header, pwm_us=tuple(round(v) if np.isfinite(v) else 0 for v in values))
+
+
+def _battery(c: Any, i: int, header: dict[str, Any]) -> Message | None:
+    voltage = float(c["voltage_v"][i])
+    return Battery(**header, voltage_v=voltage) if voltage > 0 else None
+
+
 def _place(columns: Any) -> tuple[str, ...]:
     """The fields that a fix needs: before PX4 1.14 in degE7 and mm."""
     is_new = "latitude_deg" in columns
@@ -198,11 +230,15 @@ def _always(*names: str) -> Callable[[Any], tuple[str, ...]]:
 QUATERNION: Final = tuple(f"q[{k}]" for k in range(4))
 POSITION: Final = ("x", "y", "z", "vx", "vy", "vz")
 IMU: Final = (*(f"accelerometer_m_s2[{k}]" for k in range(3)), *(f"gyro_rad[{k}]" for k in range(3)))
+OUTPUTS: Final = "actuator_outputs"
+OUTPUT: Final = tuple(f"output[{k}]" for k in range(16))
 NEW_PLACE: Final = ("latitude_deg", "longitude_deg", "altitude_msl_m")
 CONVERT: Final = {
     "vehicle_attitude": Converter(_attitude, _always(*QUATERNION)),
     "vehicle_local_position": Converter(_local_position, _always(*POSITION, "xy_valid", "z_valid")),
     "sensor_combined": Converter(_imu, _always(*IMU)),
+    OUTPUTS: Converter(_outputs, _always("noutputs")),
+    "battery_status": Converter(_battery, _always("voltage_v")),
     "vehicle_air_data": Converter(_air_data, _always("baro_alt_meter")),
     "vehicle_gps_position": Converter(_gps, _place),
 }

@@ -68,6 +68,15 @@ def test_a_flight_that_does_not_turn_offers_nothing_seed_1() -> None:
     assert "thrust_max_n =" not in text
 
 
+def test_a_log_of_few_samples_a_second_is_compared_over_longer_windows_seed_1() -> None:
+    dense = flight(1)
+    few = Flight(*(values[::12] for values in dense))
+    found = fit_airframe(few, KNOWN)
+    assert found.window == pytest.approx(0.6)
+    assert found.thrust.value == pytest.approx(THRUST, rel=0.01)
+    assert found.drag.value == pytest.approx(DRAG, rel=0.1)
+
+
 def test_a_flight_that_is_too_short_is_refused() -> None:
     with pytest.raises(UserError, match="windows"):
         fit_airframe(flight(1, seconds=10.0), KNOWN)

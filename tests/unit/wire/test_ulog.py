@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from onboard.messages import GpsFix, Heartbeat, Message
+from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Message
 from onboard.wire.tlog import NotALogError
 from onboard.wire.ulog import MAGIC, read_ulog
 
@@ -25,9 +25,17 @@ def message(kind: bytes, data: bytes) -> bytes:
     return struct.pack("<HB", len(data), kind[0]) + data
 
 
-def ulog(path: Path, rows: Rows, *, fields: dict[str, str] = GPS, instance: int = 0, system: int = 1) -> Path:
-    """A log of one topic, `vehicle_gps_position`."""
-    name = "vehicle_gps_position"
+def ulog(
+    path: Path,
+    rows: Rows,
+    *,
+    fields: dict[str, str] = GPS,
+    instance: int = 0,
+    system: int = 1,
+    name: str = "vehicle_gps_position",
+    boards: tuple[Rows, ...] = (),
+) -> Path:
+    """A log of one topic; `boards` are further instances of it."""
     form = f"{name}:{';'.join(f'{kind} {field}' for field, kind in fields.items())};"
     key = b"int32_t MAV_SYS_ID"
     layout = struct.Struct("<H" + "".join(TYPES[kind] for kind in fields.values()))
@@ -38,7 +46,12 @@ def ulog(path: Path, rows: Rows, *, fields: dict[str, str] = GPS, instance: int 
         + message(b"F", form.encode())
         + message(b"P", bytes([len(key)]) + key + struct.pack("<i", system))
         + message(b"A", struct.pack("<BH", instance, 0) + name.encode())
-        + b"".join(message(b"D", layout.pack(0, *(row[field] for field in fields))) for row in rows)
+        + b"".join(message(b"A", struct.pack("<BH", k, k) + name.encode()) for k in range(1, len(boards) + 1))
+        + b"".join(
+            message(b"D", layout.pack(k, *(row[field] for field in fields)))
+            for k, part in enumerate((rows, *boards))
+            for row in part
+        )
     )
     return path
 
@@ -119,3 +132,36 @@ def test_another_instance_and_another_system_are_read(tmp_path: Path) -> None:
     assert isinstance(heartbeat, Heartbeat)
     assert isinstance(fix, GpsFix)
     assert (heartbeat.system, fix.system, lost) == (7, 7, [])
+
+
+def test_the_motors_are_the_outputs_that_move_most(tmp_path: Path) -> None:
+    fields = {"timestamp": "uint64_t", "noutputs": "uint8_t", **{f"output[{k}]": "float" for k in range(5)}}
+
+    def board(*first: float) -> Rows:
+        outputs = {f"output[{k}]": 1500.0 for k in range(1, 5)}
+        return [
+            {"timestamp": 1_000_000 + 100_000 * i, "noutputs": 4, **outputs, "output[0]": value}
+            for i, value in enumerate(first)
+        ]
+
+    path = ulog(
+        tmp_path / "a.ulg",
+        board(0.0, 0.0),
+        fields=fields,
+        name="actuator_outputs",
+        boards=(board(1400.4, 1612.6), board(1008.0, 1009.0)),
+    )
+    (_, *outputs), lost = read(path)
+    assert [type(m) for m in outputs] == [ActuatorOutputs, ActuatorOutputs]
+    assert [m.pwm_us for m in outputs if isinstance(m, ActuatorOutputs)] == [
+        (1400, 1500, 1500, 1500),
+        (1613, 1500, 1500, 1500),
+    ]
+    assert lost == []
+
+
+def test_a_battery_without_a_voltage_is_left_out(tmp_path: Path) -> None:
+    fields = {"timestamp": "uint64_t", "voltage_v": "float"}
+    rows = [{"timestamp": 1_000_000 + 100_000 * i, "voltage_v": v} for i, v in enumerate((22.5, 0.0))]
+    (_, *batteries), _ = read(ulog(tmp_path / "a.ulg", rows, fields=fields, name="battery_status"))
+    assert [m.voltage_v for m in batteries if isinstance(m, Battery)] == [22.5]
