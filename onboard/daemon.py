@@ -106,6 +106,8 @@ class Daemon:
             recorder.check()
             self._sinks["recorder"] = recording.runner(recorder)
             self._report(f"recording to {config.recorder.path}")
+        if unnamed := config.unnamed_faults():
+            self._report(unnamed)
         for link in self._links:
             try:
                 await link.open()

@@ -185,6 +185,16 @@ class Config(Record, frozen=True, kw_only=True):
         airframe = None if own is None else own.known_airframe()
         return () if airframe is None else airframe.rotors
 
+    def unnamed_faults(self) -> str:
+        """Which faults of our own vehicle cannot be named with this configuration, and the remedy, in one line; ""
+        where all can be, or none is looked for."""
+        if "own_state" not in self.estimator or self.rotors():
+            return ""
+        return (
+            "own_state: airframe unknown: no weak motor, change of mass or gust is named"
+            " (`onboard calibrate --mass` finds its constants in a flight)"
+        )
+
     def camera_inputs(self) -> dict[str, CameraInput]:
         """What decoding needs of each camera, by name."""
         shapes = [self.estimator.get("leader"), *self.target.values()]

@@ -1,11 +1,26 @@
 """`onboard calibrate --mass`: the airframe's constants that a made flight has are found again."""
 
+import json
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
 from onboard.commands.airframe_calibration import Flight, Known, fit_airframe
 from onboard.commands.calibrate_airframe import described_airframe
+from onboard.commands.cli import main as onboard
+from onboard.config import parse_config
 from onboard.errors import UserError
+from onboard.estimators.own_state.config import Airframe
+from onboard.estimators.own_state.faults import FaultMonitor
+from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu, NavState
+from simlink.cli import main as simlink
+from simlink.scenarios.scenario import parse_scenario
+from simlink.simulation import datagrams
+from tests.support.own_vehicle import pipeline
 
 MASS, THRUST, DRAG, INERTIA, TORQUE = 0.6, 3.4, 0.13, (5.5e-3, 4.1e-3, 9.6e-3), 0.03
 ROTORS = np.array([[0.2, 0.0, 1.0], [0.0, 0.2, -1.0], [-0.2, 0.0, 1.0], [0.0, -0.2, -1.0]])
@@ -13,8 +28,9 @@ KNOWN = Known(MASS, ROTORS, 0.0, 1.0)
 DT = 0.01
 
 
-def flight(seed: int, seconds: float = 60.0) -> Flight:
-    """Rotor commands that rise and fall slowly, and the motion that they give, with a sensor's noise."""
+def flight(seed: int, seconds: float = 60.0, weak_from: float = np.inf) -> Flight:
+    """Rotor commands that rise and fall slowly, and the motion that they give, with a sensor's noise. From
+    `weak_from` s on, the third motor gives three quarters of its thrust."""
     random = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, DT)
     usual = MASS * 9.81 / (4 * THRUST)
@@ -24,6 +40,7 @@ def flight(seed: int, seconds: float = 60.0) -> Flight:
     wanted[:, 3] *= 10
     commands = np.round(1000 * np.sqrt(wanted @ np.linalg.inv(mixing))) / 1000
     squared = wanted @ np.linalg.inv(mixing)
+    squared[t >= weak_from, 2] *= 0.75
     torque = THRUST * squared @ mixing[:, 1:] * (1.0, 1.0, TORQUE)
     omega = np.zeros((len(t), 3))
     i, j, k = INERTIA
@@ -55,6 +72,71 @@ def test_what_is_offered_is_what_was_found_and_what_is_not_shown_is_said_seed_1(
     assert 'airframe = "custom"' in text
     assert f"thrust_max_n = {found.thrust.value:.4g}" in text
     assert "not shown by a flight: Izz" in text
+
+
+def pasted(lines: str) -> dict[str, Any]:
+    """The section that is offered."""
+    section = tomllib.loads(lines[lines.index("[estimator.own_state]") :])
+    parse_config(section)
+    return dict(section["estimator"]["own_state"])
+
+
+def named(airframe: Airframe, flown: Flight) -> Iterator[tuple[float, Fault]]:
+    """Each fault that is present, by time."""
+    monitor = FaultMonitor(airframe)
+    for t, f, omega, v, command in zip(flown.t, flown.f_b, flown.omega_b, flown.v_b, flown.commands, strict=True):
+        at = {"t_ns": round(t * 1e9), "t_recv_ns": round(t * 1e9)}
+        monitor.receive_outputs(ActuatorOutputs(**at, pwm_us=tuple(np.rint(1000 + 1000 * command).astype(int))))
+        monitor.receive_imu(Imu(**at, f_b=tuple(f), omega_b=tuple(omega)), v)
+        yield from ((float(t), fault) for fault in monitor.faults())
+
+
+def test_a_weak_motor_is_named_with_what_is_offered_seed_1() -> None:
+    offered = pasted("\n".join(described_airframe(fit_airframe(flight(1), KNOWN), KNOWN, (1000.0, 2000.0))))
+    airframe = parse_config({"estimator": {"own_state": offered}}).estimator["own_state"].known_airframe()
+    assert [*named(airframe, flight(2, seconds=8.0))] == []
+    after, fault = next(named(airframe, flight(2, seconds=8.0, weak_from=7.0)))
+    assert (fault.kind, fault.part) == (FaultKind.MOTOR, "motor 3")
+    assert 7.0 < after < 7.6
+    assert fault.magnitude == pytest.approx(0.25, abs=0.07)
+
+
+DRAWN = """
+extends = "quadrotor"
+[quadrotor]
+mass = 0.58
+inertia = [4.1e-3, 5.6e-3, 1.05e-2]
+thrust_max = 2.7
+drag = 0.13
+torque_per_thrust = 0.031
+"""
+
+
+@pytest.mark.slow
+def test_a_drawn_airframe_is_found_and_its_fault_named_seed_921(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a user does it: a flight of 90 s, the command, and its lines pasted."""
+    scenario, log = tmp_path / "drawn.toml", tmp_path / "drawn.tlog"
+    scenario.write_text(DRAWN, encoding="utf-8")
+    assert simlink(["log", str(scenario), "--seed", "921", "--duration", "90", "--out", str(log)]) == 0
+    capsys.readouterr()
+    rotors = json.dumps(parse_scenario(DRAWN, "drawn").quadrotor.rotors)  # type: ignore[union-attr]
+    assert onboard(["calibrate", str(log), "--mass", "0.58", "--rotors", rotors]) == 0
+    offered = pasted(capsys.readouterr().out)
+    assert offered["custom"]["thrust_max_n"] == pytest.approx(2.7, rel=0.05)
+    assert offered["custom"]["drag_per_s"] == pytest.approx(0.13, rel=0.15)
+    weak = f"{DRAWN}[quadrotor.fault]\nat = 7.0\nmotor = 3\nmotor_loss = 0.25\n"
+    daemon = pipeline(gps_s=0.1, **offered)
+    states = [
+        output
+        for item in datagrams(parse_scenario(weak, "weak"), 922, 10.0, camera="none")
+        for output in daemon.feed(item)  # type: ignore[arg-type]
+        if isinstance(output, NavState)
+    ]
+    faults = [(state.t_ns, fault) for state in states for fault in state.faults]
+    assert {(fault.kind, fault.part) for _, fault in faults} == {(FaultKind.MOTOR, "motor 3")}
+    assert 5.0 < (faults[0][0] - states[0].t_ns) * 1e-9 < 8.0
 
 
 def test_a_flight_that_does_not_turn_offers_nothing_seed_1() -> None:
