@@ -1,9 +1,9 @@
 """An airframe's constants from one ordinary flight, by linear least squares.
 
-Commands and motion are compared as means over a fifth of a second, about as the fault monitor does; where a log
-holds them more seldom, over five of its samples. The specific force
-along b's z axis over the sum of squared commands is thrust over mass; the change of a body rate over their
-difference is thrust times arm over a moment of inertia; the specific force along x and y over velocity is drag.
+Commands and motion are compared over 0.6 s, or over five samples where a log holds few: shorter windows show more
+of the rounding of commands and of the gyro's noise. The specific force along b's z axis over the sum of squared
+commands is thrust over mass; the growth of a body rate over their difference is thrust times arm over a moment of
+inertia; the specific force along x and y over velocity is drag.
 Sigmas are those of the residuals with their correlation over time (Newey & West 1987).
 
 A flight does not show the mass: it is given. Nor does it show Izz: only the rotors' torque over Izz turns the
@@ -18,14 +18,13 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.errors import UserError
 
-WINDOW_S: Final = 0.2  # of one comparison
+WINDOW_S: Final = 0.6  # of one comparison
 SAMPLES: Final = 5  # in a window, at least
 CORRELATED_S: Final = 4.0  # residuals further apart count as independent
 LONGEST_GAP: Final = 0.5  # of a window: between two of its samples
 FLYING: Final = 0.6  # of the usual lift; with less, the ground carries the vehicle
 SHORTEST_S: Final = 20.0  # in the air
 ACCELEROMETER: Final = 0.05 / 9.81  # share of the weight: its bias along z looks like thrust
-PARTS: Final = ("lift", "roll", "pitch", "yaw")
 
 
 class Flight(NamedTuple):
@@ -97,15 +96,18 @@ def fit_airframe(flight: Flight, known: Known) -> AirframeFit:
         )
     span = flight.t[last] - flight.t[first]
 
-    def mean(values: Array) -> Array:
+    def integral(values: Array) -> Array:
         steps = 0.5 * np.diff(flight.t)[:, None] * (values[1:] + values[:-1])
-        sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(steps, axis=0)])
+        return np.vstack([np.zeros(values.shape[1]), np.cumsum(steps, axis=0)])
+
+    def mean(values: Array) -> Array:
+        sums = integral(values)
         return np.asarray((sums[last] - sums[first]) / span[:, None])
 
     inputs, force, velocity = mean(mixed), mean(flight.f_b), mean(flight.v_b)
     p, q, r = flight.omega_b.T
-    turning = (flight.omega_b[last] - flight.omega_b[first]) / span[:, None]
-    coupling = mean(np.column_stack([q * r, p * r, p * q]))
+    coupling = np.column_stack([q * r, p * r, p * q])
+    turns = _growth(flight.t, np.hstack([flight.omega_b, integral(mixed[:, 1:]), integral(coupling)]), first, last)
     t = flight.t[first]
     lift = _slope(t, -force[:, 2], inputs[:, :1])
     lift = Found(lift.value, math.hypot(lift.sigma, ACCELEROMETER * lift.value))
@@ -115,7 +117,7 @@ def fit_airframe(flight: Flight, known: Known) -> AirframeFit:
         -force[:, :2].T.ravel(),
         np.column_stack([velocity[:, :2].T.ravel(), np.concatenate([one, none]), np.concatenate([none, one])]),
     )
-    roll, pitch, yaw = (_turning(t, turning[:, i], inputs[:, i + 1], coupling[:, i]) for i in range(3))
+    roll, pitch, yaw = (_turning(t, *turns[:, i::3].T) for i in range(3))
     thrust = Found(known.mass * lift.value, known.mass * lift.sigma)
     return AirframeFit(
         thrust,
@@ -156,6 +158,20 @@ def _windows(flight: Flight, lift: Array, window: float) -> tuple[Array, Array]:
     count = np.concatenate([[0], np.cumsum(bad)])
     good = count[last + 1] == count[first]
     return first[good], last[good]
+
+
+def _growth(t: Array, values: Array, first: Array, last: Array) -> Array:
+    """How fast values (n, k) grow in each window, 1/s: the slope of the line through its samples, in which a
+    sensor's noise counts less than in the difference of two."""
+    count = (last - first + 1)[:, None]
+
+    def total(each: Array) -> Array:
+        sums = np.vstack([np.zeros(each.shape[1]), np.cumsum(each, axis=0)])
+        return np.asarray(sums[last + 1] - sums[first])
+
+    at = (t - t[0])[:, None]
+    spread = total(at**2) - total(at) ** 2 / count
+    return np.asarray((total(at * values) - total(at) * total(values) / count) / spread)
 
 
 def _turning(t: Array, y: Array, x: Array, coupling: Array) -> Found:

@@ -16,7 +16,7 @@ from onboard.config import parse_config
 from onboard.errors import UserError
 from onboard.estimators.own_state.config import Airframe
 from onboard.estimators.own_state.faults import FaultMonitor
-from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu, NavState
+from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu, NavState, Truth
 from simlink.cli import main as simlink
 from simlink.scenarios.scenario import parse_scenario
 from simlink.simulation import datagrams
@@ -131,7 +131,8 @@ def test_a_drawn_airframe_is_found_and_its_fault_named_seed_921(
     states = [
         output
         for item in datagrams(parse_scenario(weak, "weak"), 922, 10.0, camera="none")
-        for output in daemon.feed(item)  # type: ignore[arg-type]
+        if not isinstance(item, Truth)
+        for output in daemon.feed(item)
         if isinstance(output, NavState)
     ]
     faults = [(state.t_ns, fault) for state in states for fault in state.faults]
@@ -152,9 +153,9 @@ def test_a_flight_that_does_not_turn_offers_nothing_seed_1() -> None:
 
 def test_a_log_of_few_samples_a_second_is_compared_over_longer_windows_seed_1() -> None:
     dense = flight(1)
-    few = Flight(*(values[::12] for values in dense))
+    few = Flight(*(values[::20] for values in dense))
     found = fit_airframe(few, KNOWN)
-    assert found.window == pytest.approx(0.6)
+    assert found.window == pytest.approx(1.0)
     assert found.thrust.value == pytest.approx(THRUST, rel=0.01)
     assert found.drag.value == pytest.approx(DRAG, rel=0.1)
 
