@@ -176,11 +176,14 @@ def _growth(t: Array, values: Array, first: Array, last: Array) -> Array:
 
 def _turning(t: Array, y: Array, x: Array, coupling: Array) -> Found:
     """The angular acceleration (n,) that one unit of `x` gives. Commands are rounded and sampled, so that their
-    differences are noisy, which would make the slope too small: the neighbouring windows are the instrument."""
-    beside = 0.5 * (x[:-2] + x[2:])
-    one = np.ones(len(beside))
-    X = np.column_stack([x[1:-1], coupling[1:-1], one])
-    return _slope(t[1:-1], y[1:-1], X, np.column_stack([beside, coupling[1:-1], one]))
+    differences are noisy, which would make the slope too small: the two windows on either side are the
+    instruments (two-stage least squares)."""
+    middle = slice(2, -2)
+    others = np.column_stack([coupling[middle], np.ones(len(t) - 4)])
+    beside = np.column_stack([x[1:-3] + x[3:-1], x[:-4] + x[4:], others])
+    instrument = beside @ np.linalg.lstsq(beside, x[middle], rcond=None)[0]
+    X = np.column_stack([x[middle], others])
+    return _slope(t[middle], y[middle], X, np.column_stack([instrument, others]))
 
 
 def _slope(t: Array, y: Array, X: Array, Z: Array | None = None) -> Found:

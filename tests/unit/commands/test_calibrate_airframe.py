@@ -104,33 +104,33 @@ def test_a_weak_motor_is_named_with_what_is_offered_seed_1() -> None:
 DRAWN = """
 extends = "quadrotor"
 [quadrotor]
-mass = 0.58
-inertia = [4.1e-3, 5.6e-3, 1.05e-2]
-thrust_max = 2.7
-drag = 0.13
-torque_per_thrust = 0.031
+mass = 0.6196
+inertia = [0.005038, 0.005965, 0.006904]
+thrust_max = 2.811
+drag = 0.09093
+torque_per_thrust = 0.0307
 """
 
 
 @pytest.mark.slow
-def test_a_drawn_airframe_is_found_and_its_fault_named_seed_921(
+def test_a_drawn_airframe_is_found_and_its_fault_named_seed_903(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As a user does it: a flight of 90 s, the command, and its lines pasted."""
     scenario, log = tmp_path / "drawn.toml", tmp_path / "drawn.tlog"
     scenario.write_text(DRAWN, encoding="utf-8")
-    assert simlink(["log", str(scenario), "--seed", "921", "--duration", "90", "--out", str(log)]) == 0
+    assert simlink(["log", str(scenario), "--seed", "903", "--duration", "90", "--out", str(log)]) == 0
     capsys.readouterr()
     rotors = json.dumps(parse_scenario(DRAWN, "drawn").quadrotor.rotors)  # type: ignore[union-attr]
-    assert onboard(["calibrate", str(log), "--mass", "0.58", "--rotors", rotors]) == 0
+    assert onboard(["calibrate", str(log), "--mass", "0.6196", "--rotors", rotors]) == 0
     offered = pasted(capsys.readouterr().out)
-    assert offered["custom"]["thrust_max_n"] == pytest.approx(2.7, rel=0.05)
-    assert offered["custom"]["drag_per_s"] == pytest.approx(0.13, rel=0.15)
+    assert offered["custom"]["thrust_max_n"] == pytest.approx(2.811, rel=0.05)
+    assert offered["custom"]["drag_per_s"] == pytest.approx(0.09093, rel=0.15)
     weak = f"{DRAWN}[quadrotor.fault]\nat = 7.0\nmotor = 3\nmotor_loss = 0.25\n"
     daemon = pipeline(gps_s=0.1, **offered)
     states = [
         output
-        for item in datagrams(parse_scenario(weak, "weak"), 922, 10.0, camera="none")
+        for item in datagrams(parse_scenario(weak, "weak"), 953, 10.0, camera="none")
         if not isinstance(item, Truth)
         for output in daemon.feed(item)
         if isinstance(output, NavState)
