@@ -31,7 +31,6 @@ from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
 from onboard.sinks.console import Console
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohSession, open_session
-from onboard.wire.surplus import surplus
 
 TICK_S: Final = 0.02
 FINISH_S: Final = 0.001  # after an estimate with an image: sinks publish within
@@ -55,7 +54,9 @@ class Daemon:
         self._storing = _storing(config)
         self._output = AutopilotOutput(config, _parameters(config, self._storing), keys, self._pipeline.refuse)
         self._console = Console(report, warn=self._warn)
-        self._links: list[Link] = [parse_link(link.url, link.name, surplus=surplus) for link in config.link]
+        self._links: list[Link] = [
+            parse_link(link.url, link.name, surplus=Pipeline.surplus) for link in config.link
+        ]
         self._sinks: dict[str, SinkRunner[Any]] = {}
         self._zenoh: ZenohSession | None = None
         self._frames: Mapping[str, int] = {}

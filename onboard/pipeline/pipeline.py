@@ -35,11 +35,15 @@ from onboard.pipeline.report import Parts, health
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
+from onboard.wire.surplus import surplus
 
 
 class Pipeline:
     """State lives in five places: the decoder's buffers, the clocks, ownship's history, the images that wait until
-    our own pose at their time is known, and each estimator. `Monitor` only counts."""
+    our own pose at their time is known, and each estimator. `Monitor` only counts. `surplus`: what may be left out
+    before it is decoded, where more comes than can be."""
+
+    surplus = staticmethod(surplus)
 
     def __init__(self, config: Config, keys: Mapping[str, bytes] = NO_KEYS) -> None:
         self.clocks = Clocks()

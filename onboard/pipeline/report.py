@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 from onboard.clocks import Clocks
 from onboard.estimators import EstimatorProtocol, counted_verdicts
-from onboard.geometry.units import S_PER_NS
 from onboard.health import Monitor, autopilot_name, total
 from onboard.messages import Health, SinkHealth
 from onboard.ownship import Ownship
@@ -31,14 +30,14 @@ def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, sinks: dict[str, Si
     return Health(
         t_ns=t_recv_ns - offset if offset is not None else 0,
         t_recv_ns=t_recv_ns,
-        uptime=(t_recv_ns - first_recv_ns) * S_PER_NS,
+        uptime=(t_recv_ns - first_recv_ns) * 1e-9,
         autopilot=autopilot_name(parts.admission.autopilot),
         autopilot_reboots=clocks.reboots,
         clock_source=clocks.source,
         clock_offset_ns=offset,
         clock_rate=clocks.rate,
         beside=parts.admission.beside,
-        round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * S_PER_NS,
+        round_trip=None if clocks.round_trip_ns is None else clocks.round_trip_ns * 1e-9,
         streams=monitor.streams(t_recv_ns),
         states=dict(monitor.states),
         verdicts=dict(monitor.verdicts) | counted_verdicts(parts.estimators),
