@@ -54,7 +54,7 @@ def test_heartbeats_at_0_9_mb_a_second_and_rubbish_change_no_estimate_with_seed_
     assert_on_target(run, 1.0)
     assert [e for e in run.outputs if isinstance(e, Estimate)] == clean().estimates
     assert run.rejected["other_system"] == beats > 40_000
-    assert run.rejected["bad_frame"] > 1000
+    assert run.rejected["bad_frame"] >= 60  # each piece of rubbish, once
     assert not run.pipeline.errors
 
 

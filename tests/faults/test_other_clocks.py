@@ -186,16 +186,17 @@ def test_images_stamped_later_than_they_arrive_are_refused_and_named_seed_21(lat
     assert "clock `host`" in refusal.reason
 
 
-def test_images_stamped_by_the_synced_boot_clock_later_than_they_arrive_are_refused_seed_21() -> None:
-    for later_ms, refused in ((3, False), (60, True)):
+def test_images_stamped_by_the_boot_clock_later_than_they_arrive_are_awaited_seed_21() -> None:
+    """In the recorded ArduPilot flights they were put into the log half a second before their stamps."""
+    for later_ms in (3, 60):
         items = [
             Item(t, replace(m, t_ns=t - EPOCH + later_ms * MS) if isinstance(m, TargetPoints) else m)
             for t, m in ITEMS
         ]
         sync = [i for i in at_rate(lambda _: 1.0, timesync=True) if isinstance(i.message, TimeSync)]
         run = flown([*items[:1], *sync, *items[1:]])
-        assert (run.verdicts().get(Verdict.FUSED, 0) > 100) != refused
-        assert ("later_than_arrival" in run.rejected) == refused
+        assert run.verdicts().get(Verdict.FUSED, 0) > 100
+        assert "later_than_arrival" not in run.rejected
 
 
 ITEMS_CAMERA = next(m.camera for _, m in ITEMS if isinstance(m, TargetPoints))

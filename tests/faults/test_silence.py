@@ -16,6 +16,7 @@ from onboard.messages import (
     Health,
     Imu,
     Lifecycle,
+    LinkHealth,
     NavState,
     SinkHealth,
     TargetPoints,
@@ -28,9 +29,7 @@ END = EPOCH + round(T1 * S)
 
 
 class Wire:
-    """A link that only keeps what is sent, and a sink that only keeps what is published."""
-
-    channel = "udp"
+    """Keeps what is sent over a link, and is a sink that only keeps what is published."""
 
     def __init__(self) -> None:
         self.frames: list[bytes] = []
@@ -46,12 +45,24 @@ class Wire:
         return SinkHealth()
 
 
+class Link:
+    """The link of a wire."""
+
+    channel = "udp"
+
+    def __init__(self, wire: Wire) -> None:
+        self.send = wire.send
+
+    def health(self) -> LinkHealth:
+        return LinkHealth()
+
+
 def flying(*overrides: str) -> tuple[Daemon, Wire, list[str]]:
     """A daemon after the flight, tracking; its clock is that of the arguments."""
     lines: list[str] = []
     config = make_config("link=[{name='udp', url='udpin:127.0.0.1:0'}]", "zenoh.enabled=false", *overrides)
     daemon, wire = Daemon(config, report=lines.append), Wire()
-    daemon._links, daemon._sinks = [wire], {"wire": wire}  # type: ignore[list-item, dict-item]
+    daemon._links, daemon._sinks = [Link(wire)], {"wire": wire}  # type: ignore[list-item, dict-item]
     for datagram in DATAGRAMS:
         daemon._deliver(datagram)
     return daemon, wire, lines

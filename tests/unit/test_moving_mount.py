@@ -219,7 +219,7 @@ def test_without_a_word_of_the_gimbal_images_are_refused_by_name() -> None:
     ("attitude", "expected"),
     [
         ({"q": [0, 0, 0, 0], "frame": "body"}, "expected a quaternion w, x, y, z of length 1 - at `$.attitude.q`"),
-        ({"q": [1, 0, 0], "frame": "body"}, "Expected `array` of length 4 - at `$.attitude.q`"),
+        ({"q": [1, 0, 0], "frame": "body"}, "Expected `array` of length 4, got 3 - at `$.attitude.q`"),
         ({"q": [1, 0, 0, 0], "frame": "ned"}, "Invalid enum value 'ned' - at `$.attitude.frame`"),
         ({"q": [1, 0, 0, 0]}, "Object missing required field `frame` - at `$.attitude`"),
         (
