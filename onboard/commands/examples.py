@@ -30,7 +30,7 @@ examples:
   onboard demo
   onboard demo --headless --duration 60 --seed 1 --json score.json
   onboard demo --scenario formation              two fixed wings: the flight of Oh & Johnson
-  onboard demo --scenario formation-out-of-view --set estimator.leader.filter=paper
+  onboard demo --scenario formation-out-of-view --set estimator.leader.filter=wing-line
 
 DIR gets the view (.rrd), the configuration used (.toml) and the output of both programs (.log).
 Exit code 1: an estimate diverged, or was hardly ever valid.

@@ -157,7 +157,8 @@ def assert_good_citizen(frames: list[Any]) -> None:
 
 
 def test_daemon_survives_a_reboot_of_the_autopilot_seeds_3_and_4(setup: Setup) -> None:
-    """The simulator is killed and restarted: no valid estimate meanwhile, then a new track."""
+    """The simulator is killed and restarted: no valid estimate meanwhile, then a new track. Its boot clock begins
+    where it began before, some seconds back, and not near zero: for us it has set its clock."""
     links = ("--mavlink", f"udpout:127.0.0.1:{setup.autopilot}", "--tcp", "none", "--zenoh", setup.endpoint)
     key = "onboard/1/estimate/leader"
     with setup.daemon(f"udpin:127.0.0.1:{setup.autopilot}") as daemon:
@@ -179,16 +180,11 @@ def test_daemon_survives_a_reboot_of_the_autopilot_seeds_3_and_4(setup: Setup) -
         observer.receive()
         before = len(observer.estimates)
         with setup.simulator(*links, "--wait", "300", log="again.log", seed=4):
-            daemon.wait_for("has rebooted")
+            daemon.wait_for("the autopilot has set its clock")
             daemon.wait_for("the autopilot is heard again")
             until(observer.is_tracking, "a new track")
             assert len(observer.estimates) > before
 
-            def counted() -> bool:
-                observer.receive()
-                return observer.newest().autopilot_reboots == 1
-
-            until(counted, "the reboot in the health")
         assert daemon.end() == 0
     assert "Traceback" not in daemon.output()
     new = observer.estimates[before:]

@@ -11,6 +11,9 @@ from tests.support import documents
 from tests.support.programs import run
 from tests.support.view_flight import rows_of
 
+# In real time, with two estimators: what it shows is asserted without a clock in test_both_estimators.
+pytestmark = pytest.mark.slow
+
 SECONDS = 21
 EARLY = (
     "extends = 'mission'\n[quadrotor.fault]\nat = 16.0\n[quadrotor.gust]\nwhen = { start = 11.0, end = 13.0 }\n"

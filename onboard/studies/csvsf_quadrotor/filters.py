@@ -36,16 +36,18 @@ class Method(NamedTuple):
 CKF: Final = Method("ckf", "CKF", "cubature")
 WIDE: Final = Method("ckf-wide", "CKF, vel and rate Q x 300", "cubature", widened=300.0)
 UKF: Final = Method("ukf", "UKF", "unscented")
+EKF: Final = Method("ekf", "EKF", "extended")
+AUGMENTED: Final = Method("ukf-augmented", "UKF, augmented by the noise", "augmented")
 SVSF: Final = Method("svsf", "SVSF, zero layer", "svsf-zero-layer")
 LAYER: Final = Method("svsf-layer", "SVSF, layer 5 sigma", "svsf")
 PRINTED: Final = Method("csvsf-printed", "CSVSF as printed", "csvsf-printed")
 RECURSIVE: Final = Method("csvsf", "CSVSF recursive", "csvsf")
 ROBUST: Final = Method("csvsf-robust", "CSVSF robust (3 samples)", "csvsf-robust")
 ADAPTIVE: Final = Method("csvsf-adaptive", "CSVSF adaptive", "csvsf-adaptive")
-METHODS: Final = (CKF, WIDE, UKF, SVSF, LAYER, PRINTED, RECURSIVE, ROBUST, ADAPTIVE)
+METHODS: Final = (CKF, WIDE, UKF, EKF, AUGMENTED, SVSF, LAYER, PRINTED, RECURSIVE, ROBUST, ADAPTIVE)
 
 MAIN: Final = ("none", "weak", "motor", "outliers")  # the reference's columns
-OTHERS: Final = tuple(m for m in METHODS if m not in (UKF, LAYER))
+OTHERS: Final = tuple(m for m in METHODS if m not in (UKF, EKF, AUGMENTED, LAYER))
 
 THRUST: Final = tuple(
     m._replace(name=f"{m.name}-thrust", label=f"{m.label}, thrust measured", inputs="thrust")

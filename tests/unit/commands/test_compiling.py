@@ -31,11 +31,7 @@ from onboard.models import relative_motion
 from simlink import cli as simlink
 
 ROOT = Path(__file__).parents[3]
-LEADER_ONLY = {
-    "onboard.filters.kernels.unscented",
-    "onboard.models.relative_motion",
-    "onboard.models.camera_angles",
-}
+LEADER_ONLY = {"onboard.models.relative_motion", "onboard.models.wing_line"}
 
 
 @pytest.mark.slow

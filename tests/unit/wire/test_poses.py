@@ -94,11 +94,11 @@ def test_either_part_may_be_missing_and_its_covariance_is_not_read() -> None:
         (pose(position_m=[0.0, 0.0, 1e6]), f"expected metres below 100000{AT}.position_m`"),
         (pose(q=[0.0, 0.0, 0.0, 0.0]), f"expected a quaternion w, x, y, z of length 1{AT}.q`"),
         (pose(q=[3.0, 0.0, 0.0, 0.0]), f"expected a quaternion w, x, y, z of length 1{AT}.q`"),
-        (pose(q=[1.0, 0.0, 0.0]), f"Expected `array` of length 4{AT}.q`"),
+        (pose(q=[1.0, 0.0, 0.0]), f"Expected `array` of length 4, got 3{AT}.q`"),
         (pose(covariance=(-DIAGONAL).tolist()), f"a covariance is positive definite{AT}.covariance`"),
         (pose(covariance=np.zeros((6, 6)).tolist()), f"a covariance is positive definite{AT}.covariance`"),
         (pose(covariance=SKEW.tolist()), f"a covariance is symmetric{AT}.covariance`"),
-        (pose(covariance=np.eye(5).tolist()), f"Expected `array` of length 6{AT}.covariance[0]`"),
+        (pose(covariance=np.eye(5).tolist()), f"Expected `array` of length 6, got 5{AT}.covariance`"),
     ],
 )
 def test_what_cannot_be_a_pose_is_refused_by_its_field(bad: dict[str, Any], expected: str) -> None:

@@ -26,7 +26,7 @@ def fuse(
         return filter_.in_wind(state, taken), NO_OUTCOME
     pose = newest_pose(taken, poses, ownship)
     try:
-        update = filter_.fuse(state, taken.measurement, pose)
+        update = filter_.fuse(state, taken.measurement.with_attitude_noise(pose.noise_c), pose)
     except FilterError:
         if taken.has_extent:
             raise

@@ -72,7 +72,7 @@ def prepare(
     view = visible_part(camera, message.view, config.edge_px)
     if not is_inside(points, view):
         return Verdict.OUT_OF_VIEW
-    measurement = partial.measure(filter_, saw, view).with_attitude_noise(pose.noise_c)
+    measurement = partial.measure(filter_, saw, view)
     if saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
         return Verdict.DEGENERATE
     is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)

@@ -214,7 +214,7 @@ class Track:
         images = sorted(held, key=lambda i: i.message.t_ns)
         first = images[0]
         earlier = before.belief_at(first.message.t_ns, ownship)[1] if before else None
-        begun = self._filter.start(first.measurement, first.pose, earlier)
+        begun = self._filter.start(first.measurement.with_attitude_noise(first.pose.noise_c), first.pose, earlier)
         t_ns, horizon_ns = first.message.t_ns, round(self._config.rewind_horizon_s * NS_PER_S)
         self._history = History(t_ns, begun, horizon_ns=horizon_ns, advance=self._advance, fuse=self._fuse)
         for known in self._known.values():

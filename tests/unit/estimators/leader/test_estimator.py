@@ -135,9 +135,8 @@ def test_a_camera_that_hangs_is_not_taken_for_an_aircraft() -> None:
 
 
 def test_points_at_the_edge_of_the_image_are_rejected() -> None:
-    run = feed(
-        encode(Stream(flight=NEAR, t1=6.0).items()), make_config("camera.width_px=40", "camera.height_px=400")
-    )
+    narrow = "camera.width_px=40", "camera.height_px=400", "camera.sigma_px=0.5"
+    run = feed(encode(Stream(flight=NEAR, t1=6.0).items()), make_config(*narrow))
     assert set(run.verdicts()) == {Verdict.OUT_OF_VIEW}
 
 
