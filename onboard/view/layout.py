@@ -1,5 +1,7 @@
 """The layout of the window, for 1400 x 900. The blueprint goes with the data, so that it need not be arranged."""
 
+from collections.abc import Iterable, Sequence
+
 from onboard.geometry.camera import Camera
 from onboard.view import scene, traffic
 from onboard.view.columns import TIMELINE
@@ -11,6 +13,7 @@ TRAIL_S = 10.0
 BACKGROUND = [18, 20, 23]
 
 Point = tuple[float, float, float]
+Sides = tuple[float, float]
 
 
 def last(seconds: float) -> "rrb.VisibleTimeRanges":
@@ -38,120 +41,113 @@ def plot(name: str, entity: str, *, legend: bool = False) -> "rrb.TimeSeriesView
     )
 
 
-def banner(entity: str = scene.BANNER) -> "rrb.Spatial2DView":
-    """A headline, in the colour of the state."""
+def flat(name: str, entity: str, x: Sides, y: Sides, *, titlebar: bool = True) -> "rrb.Spatial2DView":
+    """A picture of one entity between the sides `x`, left and right, and `y`, above and below."""
     return rrb.Spatial2DView(
-        name="State",
+        name=name,
         origin=f"/{entity}",
-        titlebar=False,
+        titlebar=None if titlebar else False,
         background=BACKGROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=[-400.0, 400.0], y_range=[-9.0, 31.0]),
+        visual_bounds=rrb.VisualBounds2D(x_range=x, y_range=y),
     )
 
 
-def orbit(position: Point, target: Point) -> "rrb.EyeControls3D":
-    """The camera of a 3-D view at `position`, looking at `target` and turning about it; m, z down."""
+def banner(entity: str = scene.BANNER) -> "rrb.Spatial2DView":
+    """A headline, in the colour of the state."""
+    return flat("State", entity, (-400.0, 400.0), (-9.0, 31.0), titlebar=False)
+
+
+def solid(
+    name: str, entity: str, contents: Sequence[str], position: Point, target: Point, trails: Iterable[str] = ()
+) -> "rrb.Spatial3DView":
+    """A scene in the frame of an entity, from `position`, looking at `target` and turning about it; m, z down. Of
+    `trails` the last seconds are seen."""
     kind = rrb.Eye3DKind.Orbital
-    return rrb.EyeControls3D(kind=kind, position=position, look_target=target, eye_up=(0.0, 0.0, -1.0))
+    eye = rrb.EyeControls3D(kind=kind, position=position, look_target=target, eye_up=(0.0, 0.0, -1.0))
+    return rrb.Spatial3DView(
+        name=name,
+        origin=f"/{entity}",
+        contents=contents,
+        eye_controls=eye,
+        line_grid=False,
+        spatial_information=rrb.SpatialInformation.from_fields(show_axes=False),
+        background=BACKGROUND,
+        overrides={trail: last(TRAIL_S) for trail in trails},
+    )
 
 
 def chase_view() -> "rrb.Spatial3DView":
     """From behind and above, turning with our heading: the leader stays ahead."""
-    return rrb.Spatial3DView(
-        name=f"Chase view: 10 m grid at our altitude, leader drawn at {scene.ENLARGEMENT:.0f} times its size",
-        origin=f"/{scene.HEADING}",
-        contents=[
-            f"+ /{scene.SCENE}/**",
-            # its outline would cover the leader at this distance; the truth has its trail and the close view
-            *(
-                f"- /{entity}/**"
-                for entity in (scene.HEADING, scene.LEADER_TRUTH, scene.TRUE_SIZE, scene.MAGNIFIER)
-            ),
-            *(f"- /{scene.CAMERA}/{name}" for name in ("verdict", "frame")),
-        ],
-        eye_controls=orbit((-5.5, -7.5, -10.0), (9.0, 0.0, 0.5)),
-        line_grid=False,
-        spatial_information=rrb.SpatialInformation.from_fields(show_axes=False),
-        background=BACKGROUND,
-        overrides={entity: last(TRAIL_S) for entity in scene.TRAILS.values()},
-    )
+    # its outline would cover the leader at this distance; the truth has its trail and the close view
+    without = [
+        *(scene.HEADING, scene.LEADER_TRUTH, scene.TRUE_SIZE, scene.MAGNIFIER),
+        *(f"{scene.CAMERA}/{name}" for name in ("verdict", "frame")),
+    ]
+    name = f"Chase view: 10 m grid at our altitude, leader drawn at {scene.ENLARGEMENT:.0f} times its size"
+    contents = [f"+ /{scene.SCENE}/**", *(f"- /{entity}/**" for entity in without)]
+    return solid(name, scene.HEADING, contents, (-5.5, -7.5, -10.0), (9.0, 0.0, 0.5), scene.TRAILS.values())
 
 
 def close_view() -> "rrb.Spatial3DView":
-    """The leader by itself: estimate, truth and the ellipsoid between them."""
-    return rrb.Spatial3DView(
-        name="Leader, close",
-        origin=f"/{scene.AROUND_LEADER}",
-        contents=[f"+ /{entity}/**" for entity in (scene.TRUE_SIZE, scene.LEADER_TRUTH, scene.UNCERTAINTY)],
-        eye_controls=orbit((-3.5, -2.6, -2.4), (0.0, 0.0, 0.0)),
-        line_grid=False,
-        spatial_information=rrb.SpatialInformation.from_fields(show_axes=False),
-        background=BACKGROUND,
-    )
+    """The leader by itself: estimate, truth and the ellipsoid between them, and where others place it."""
+    entities = (scene.TRUE_SIZE, scene.LEADER_TRUTH, scene.UNCERTAINTY, scene.BESIDE)
+    contents = [f"+ /{entity}/**" for entity in entities]
+    return solid("Leader, close", scene.AROUND_LEADER, contents, (-3.5, -2.6, -2.4), (0.0, 0.0, 0.0))
 
 
 def camera_view(camera: Camera) -> "rrb.Spatial2DView":
     """The camera's image."""
-    return rrb.Spatial2DView(
-        name=f"Camera {plain(camera.name)}, wing x5 below",
-        origin=f"/{scene.CAMERA}",
-        background=BACKGROUND,
-        visual_bounds=rrb.VisualBounds2D(
-            x_range=[-8.0, camera.width_px + 8.0], y_range=[-8.0, 1.54 * camera.height_px + 8.0]
-        ),
-    )
+    x, y = (-8.0, camera.width_px + 8.0), (-8.0, 1.54 * camera.height_px + 8.0)
+    return flat(f"Camera {plain(camera.name)}, wing x5 below", scene.CAMERA, x, y)
 
 
 def rotors_view() -> "rrb.Spatial2DView":
     """Our vehicle from above, with its rotors and what is wrong with them."""
-    return rrb.Spatial2DView(
-        name="Our rotors",
-        origin=f"/{scene.ROTORS}",
-        background=BACKGROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=[-1.0, 1.0], y_range=[-0.75, 0.9]),
-    )
+    return flat("Our rotors", scene.ROTORS, (-1.0, 1.0), (-0.75, 0.9))
 
 
 def traffic_view() -> "rrb.Spatial2DView":
     """The map of other aircraft."""
-    bounds = [-0.5 * traffic.SHOWN, 0.5 * traffic.SHOWN]
-    return rrb.Spatial2DView(
-        name="Traffic: north up, ways of the next 20 s relative to us",
-        origin=f"/{traffic.MAP}",
-        background=BACKGROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=bounds, y_range=bounds),
-    )
+    side = 0.5 * traffic.SHOWN
+    name = "Traffic: north up, ways of the next 20 s relative to us"
+    return flat(name, traffic.MAP, (-side, side), (-side, side))
 
 
-def overview() -> "rrb.Vertical":
-    """The first page: where the leader is, and how far to trust that."""
+def range_plots(others: str) -> list["rrb.TimeSeriesView"]:
+    """How far the leader is, and how far that is off; `others` names the curves of other estimators."""
+    return [
+        plot(f"Leader: range [m] ±3σ; truth white{others}", "range"),
+        plot(f"Leader: error in range [m] ±3σ{others}", "range_error"),
+    ]
+
+
+def overview(others: str) -> "rrb.Vertical":
+    """Where the leader is, and how far to trust that."""
     return rrb.Vertical(
-        plot("Range [m]: estimate ±3σ, truth white", "range"),
-        plot("Error in range [m], ±3σ", "range_error"),
-        plot("Wingspan of the leader [m], ±3σ", "size"),
+        *range_plots(others),
+        plot(f"Wingspan of the leader [m], ±3σ{others}", "size"),
         plot("Innovations [σ], gates at ±3", "innovation"),
         name="Overview",
     )
 
 
-def both() -> "rrb.Vertical":
+def both(others: str) -> "rrb.Vertical":
     """The first page where our own state is estimated, too: both, and how far to trust either."""
     return rrb.Vertical(
-        plot("Leader: range [m] ±3σ; truth white", "range"),
-        plot("Leader: error in range [m] ±3σ", "range_error"),
+        *range_plots(others),
         plot("Own velocity: error [m/s] ±3σ; north red, east green, down blue", "own/velocity_error"),
         plot("Own attitude: error [°] ±3σ; roll red, pitch green, yaw blue", "own/attitude_error"),
         name="Both",
     )
 
 
-def plots(*, own_state: bool) -> "rrb.Tabs":
+def plots(*, own_state: bool, others: str) -> "rrb.Tabs":
     """Six pages of plots, and one of traffic; where our own state is estimated, one of both before them."""
     return rrb.Tabs(
-        *([both()] if own_state else []),
-        overview(),
+        *([both(others)] if own_state else []),
+        overview(others),
         rrb.Vertical(
-            *(plot(f"Error {axis} [m], ±3σ", f"error/{axis}") for axis in scene.AXIS_NAMES), name="Errors"
+            *(plot(f"Error {axis} [m], ±3σ{others}", f"error/{axis}") for axis in scene.AXIS_NAMES), name="Errors"
         ),
         rrb.Vertical(
             *(plot(f"Relative velocity {axis} [m/s], ±3σ", f"velocity/{axis}") for axis in scene.AXIS_NAMES),
@@ -192,7 +188,7 @@ def plots(*, own_state: bool) -> "rrb.Tabs":
     )
 
 
-def window(camera: Camera, *, own_state: bool) -> "rrb.Horizontal":
+def window(camera: Camera, *, own_state: bool, others: str) -> "rrb.Horizontal":
     """The scene on the left, plots on the right; with our own state, its headline and our rotors as well."""
     now = rrb.TextDocumentView(name="Now", origin="/status")
     scenery: list[rrb.Container | rrb.View] = [
@@ -210,7 +206,7 @@ def window(camera: Camera, *, own_state: bool) -> "rrb.Horizontal":
     return rrb.Horizontal(
         rrb.Vertical(*scenery, row_shares=[*([0.13] * (len(scenery) - 2)), 1.6, 1.0]),
         rrb.Vertical(
-            plots(own_state=own_state),
+            plots(own_state=own_state, others=others),
             rrb.StateTimelineView(
                 name="Track, images, own state and faults" if own_state else "Track and images",
                 origin="/",
@@ -224,10 +220,14 @@ def window(camera: Camera, *, own_state: bool) -> "rrb.Horizontal":
     )
 
 
-def blueprint(camera: Camera, *, own_state: bool = False) -> "rrb.Blueprint":
-    """The whole window; with `own_state`, for a vehicle that estimates its own state beside the leader."""
+def blueprint(
+    camera: Camera, *, own_state: bool = False, beside: Sequence[tuple[str, str]] = ()
+) -> "rrb.Blueprint":
+    """The whole window; with `own_state`, for a vehicle that estimates its own state beside the leader. `beside`:
+    names of other estimators of the leader, and of their colours."""
+    others = "".join(f", {plain(name)} {colour}" for name, colour in beside)
     return rrb.Blueprint(
-        window(camera, own_state=own_state),
+        window(camera, own_state=own_state, others=others),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="collapsed"),

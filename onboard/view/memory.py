@@ -1,6 +1,6 @@
 """What the view keeps between records: the latest of each kind, and what a later record needs of earlier ones."""
 
-from collections import deque
+from collections import defaultdict, deque
 from dataclasses import dataclass, field
 
 from onboard.messages import Estimate, MeasurementReport, NavState, OwnPose, Truth
@@ -15,7 +15,9 @@ class Memory:
 
     own: OwnPose | None = None
     truths: deque[Truth] = field(default_factory=lambda: deque(maxlen=100))
-    waiting: deque[LeaderState] = field(default_factory=lambda: deque(maxlen=200))  # for a truth of their time
+    waiting: defaultdict[str, deque[LeaderState]] = field(  # by estimator, for a truth of their time
+        default_factory=lambda: defaultdict(lambda: deque(maxlen=200))
+    )
     own_states: deque[NavState] = field(default_factory=lambda: deque(maxlen=100))
     report: MeasurementReport | None = None
     t_image_ns: int = NEVER

@@ -21,6 +21,12 @@ VIOLET: Colour = (160, 130, 255)
 GREY: Colour = (105, 110, 115)
 DARK: Colour = (60, 63, 66)
 
+BESIDE: dict[str, Colour] = {  # other estimators of the leader, by the colour's name
+    "lime": (170, 235, 80),
+    "copper": (215, 130, 85),
+    "turquoise": (80, 220, 205),
+}
+
 STATES: dict[str, Colour] = {
     Lifecycle.SEARCHING: GREY,
     Lifecycle.INITIALISING: VIOLET,

@@ -20,8 +20,10 @@ QUANTITIES = {
     7: "acceleration/lateral",
     8: "acceleration/longitudinal",
 }
+ERROR_PLOTS = ("range_error", *(f"error/{axis}" for axis in scene.AXIS_NAMES))
 NIS_CLIP = 3.0
 GAP = np.full(3, np.nan)  # of a curve and its band
+OURS = ""  # the estimator that the view is about, among those that wait for a truth
 
 
 def banded(value: float, sigma: float) -> Array:
@@ -39,7 +41,7 @@ def plot_leader(columns: Columns, memory: Memory, t_ns: int, leader: LeaderState
     columns.add(scalars, "plots/range/estimate", t_ns, banded(r.range, r.sigma))
     for k, name in QUANTITIES.items():
         columns.add(scalars, f"plots/{name}/estimate", t_ns, banded(leader.mean[k], leader.sigma[k]))
-    memory.waiting.append(leader)
+    memory.waiting[OURS].append(leader)
 
 
 def plot_truth(columns: Columns, truth: Truth) -> None:
@@ -51,20 +53,29 @@ def plot_truth(columns: Columns, truth: Truth) -> None:
 
 
 def plot_errors(columns: Columns, memory: Memory) -> None:
-    """Errors of the waiting states whose time the truth has reached."""
+    """Errors of the waiting states whose time the truth has reached, of every estimator of the leader."""
     newest = memory.truths[-1].t_ns if memory.truths else None
-    while memory.waiting and newest is not None and memory.waiting[0].t_ns <= newest:
-        leader = memory.waiting.popleft()
-        truth = truth_at(memory.truths, leader.t_ns)
-        if truth is None:
-            continue
-        error, sigma, r = leader.r - truth[:3], leader.sigma, range_estimate(leader)
-        memory.error = float(np.linalg.norm(error))
-        range_error, edge = r.range - float(np.linalg.norm(truth[:3])), scene.SIGMAS * r.sigma
-        columns.add(scalars, "plots/range_error", leader.t_ns, np.array([range_error, edge, -edge]))
-        for k, axis in enumerate(scene.AXIS_NAMES):
-            edge = scene.SIGMAS * sigma[k]
-            columns.add(scalars, f"plots/error/{axis}", leader.t_ns, np.array([error[k], edge, -edge]))
+    for name, waiting in memory.waiting.items():
+        while waiting and newest is not None and waiting[0].t_ns <= newest:
+            leader = waiting.popleft()
+            truth = truth_at(memory.truths, leader.t_ns)
+            if truth is None:
+                continue
+            if name == OURS:
+                memory.error = float(np.linalg.norm(leader.r - truth[:3]))
+            _plot_error(columns, name, leader, truth[:3])
+
+
+def _plot_error(columns: Columns, name: str, leader: LeaderState, r: Array) -> None:
+    """The error of a state where the leader truly is at `r` (3,) m: ours with its band, another's without."""
+    ours = range_estimate(leader)
+    errors = [ours.range - float(np.linalg.norm(r)), *(leader.r - r)]
+    for plot, error, sigma in zip(ERROR_PLOTS, errors, (ours.sigma, *leader.sigma[:3]), strict=True):
+        edge = scene.SIGMAS * sigma
+        if name == OURS:
+            columns.add(scalars, f"plots/{plot}", leader.t_ns, np.array([error, edge, -edge]))
+        else:
+            columns.add(scalars, f"plots/{plot}/{name}", leader.t_ns, error)
 
 
 def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, stream: "rr.RecordingStream") -> None:

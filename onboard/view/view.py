@@ -13,8 +13,8 @@ import numpy as np
 from onboard.errors import UserError
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Health, NavState, OwnPose, Picture, Truth
-from onboard.view import image, own, palette, plots, scene, space, traffic, words
-from onboard.view.columns import Columns, ImagePoints, colours_2d, labels, pictures, texts
+from onboard.view import beside, image, own, palette, plots, scene, space, traffic, words
+from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, poses, texts
 from onboard.view.layout import blueprint
 from onboard.view.memory import Memory
 from onboard.view.motion import LeaderState, leader_state
@@ -60,6 +60,7 @@ class View:
             raise ValueError("a view needs somewhere to draw to: rrd, grpc_port, spawn or server")
         self._camera, self._estimator, self._rotors = camera, estimator, rotors
         self._shows_own = False
+        self._beside: list[str] = []  # other estimators of the leader
         self._columns, self._memory = Columns(), Memory()
         self._t_first_ns: int | None = None
         self._t_flush_ns = 0
@@ -97,6 +98,8 @@ class View:
             raise ValueError("this view is closed")
         if not isinstance(record, Estimate | OwnPose | Truth | Health | Picture):
             return
+        if record.t_ns <= 0:
+            return  # no boot time is known yet, and the recording would begin at 0
         self._keep_time(record.t_ns)
         match record:
             case NavState():
@@ -107,6 +110,8 @@ class View:
                     self._show_estimate(record)
                 elif record.name == TRAFFIC:
                     traffic.draw_traffic(self._columns, self._memory, record)
+                elif record.is_primary:
+                    self._show_beside(record)
             case OwnPose():
                 space.draw_own(self._columns, self._memory, record)
                 own.plot_autopilot(self._columns, self._memory, record)
@@ -186,11 +191,28 @@ class View:
         if memory.due("status", t_ns, STATUS_HZ):
             self._show_status(estimate, leader)
 
+    def _show_beside(self, estimate: Estimate) -> None:
+        """Another estimator of the leader; it appears in the window with its first state."""
+        leader, name = leader_state(estimate), estimate.name
+        if name not in self._beside:
+            if leader is None:
+                return
+            self._beside.append(name)
+            beside.log_static(self._stream, name, beside.colour_of(len(self._beside) - 1)[1])
+            self._columns.add(poses, f"{scene.BESIDE}/{name}", self._t_first_ns or 0, HIDDEN)
+            self._arrange()
+        beside.draw(self._columns, self._memory, estimate, leader, beside.colour_of(self._beside.index(name))[1])
+
     def _arrange_own(self) -> None:
         """Arrange the window for both estimators when our own state comes first."""
         if not self._shows_own:
             self._shows_own = True
-            self._stream.send_blueprint(blueprint(self._camera, own_state=True))
+            self._arrange()
+
+    def _arrange(self) -> None:
+        """Arrange the window for what there is by now."""
+        others = tuple((name, beside.colour_of(k)[0]) for k, name in enumerate(self._beside))
+        self._stream.send_blueprint(blueprint(self._camera, own_state=self._shows_own, beside=others))
 
     def _show_status(self, estimate: Estimate, leader: LeaderState | None) -> None:
         """The texts: the banner, the panel, and the tag beside the leader."""

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -185,6 +186,23 @@ def flight(seconds: float = 30.0) -> Iterator[Estimate | OwnPose | Truth | Healt
 def late_estimate() -> Estimate:
     """Of a track that has settled."""
     return [r for r in flight(4.0) if isinstance(r, Estimate)][-1]
+
+
+class Kept:
+    """What was drawn: the newest value by entity."""
+
+    def __init__(self) -> None:
+        self.values: dict[str, Any] = {}
+
+    def add(self, _kind: Any, entity: str, _t_ns: int, value: Any) -> None:
+        self.values[entity] = np.asarray(value)
+
+
+class Drawn(Kept):
+    """The newest value by entity, as it was given."""
+
+    def add(self, _kind: Any, entity: str, _t_ns: int, value: Any) -> None:
+        self.values[entity] = value
 
 
 def record_flight(path: Path, records: list[Estimate | OwnPose | Truth | Health]) -> Path:

@@ -18,24 +18,7 @@ pytest.importorskip("rerun")
 from onboard.view import layout, own, palette, scene, words
 from onboard.view.columns import HIDDEN
 from onboard.view.memory import Memory
-from tests.support.view_flight import START_S, flight, health_of, record_flight, rows_of, truth_of
-
-
-class Kept:
-    """What was drawn: the newest value by entity."""
-
-    def __init__(self) -> None:
-        self.values: dict[str, Any] = {}
-
-    def add(self, _kind: Any, entity: str, _t_ns: int, value: Any) -> None:
-        self.values[entity] = np.asarray(value)
-
-
-class Drawn(Kept):
-    """The newest value by entity, as it was given."""
-
-    def add(self, _kind: Any, entity: str, _t_ns: int, value: Any) -> None:
-        self.values[entity] = value
+from tests.support.view_flight import START_S, Drawn, Kept, flight, health_of, record_flight, rows_of, truth_of
 
 
 def test_estimate_autopilot_and_truth_share_their_plots() -> None:
@@ -126,9 +109,9 @@ def test_the_window_is_arranged_for_both_once_our_own_state_comes(
 ) -> None:
     made: list[bool] = []
 
-    def counted(camera: Camera, *, own_state: bool = False) -> Any:
+    def counted(camera: Camera, *, own_state: bool = False, **others: Any) -> Any:
         made.append(own_state)
-        return layout.blueprint(camera, own_state=own_state)
+        return layout.blueprint(camera, own_state=own_state, **others)
 
     monkeypatch.setattr("onboard.view.view.blueprint", counted)
     records = list(flight(2.0))

@@ -11,7 +11,7 @@ import pytest
 
 from onboard.errors import UserError
 from onboard.messages import Estimate, Truth
-from tests.support.view_flight import NEEDS_RERUN, START_S, flight, record_flight, rows_of, truth_of
+from tests.support.view_flight import NEEDS_RERUN, START_S, flight, health_of, record_flight, rows_of, truth_of
 
 
 @pytest.fixture(scope="module")
@@ -138,3 +138,16 @@ def test_a_picture_without_a_screen(recording: Path, tmp_path: Path) -> None:
     assert png.stat().st_size > 30_000  # an empty window has a tenth of it
     # other tests' worker pools may have left Python's own helper process to this one
     assert not [c for c in psutil.Process().children(recursive=True) if "rerun" in c.name()]
+
+
+def test_a_recording_begins_with_the_first_boot_time(tmp_path: Path) -> None:
+    """Before the autopilot is heard, health has none: the recording does not begin at 0."""
+    chunk = pytest.importorskip("rerun.chunk", reason=NEEDS_RERUN)
+    path = record_flight(tmp_path / "early.rrd", [health_of(0), *flight(2.0)])
+    times = [
+        int(t)
+        for one in chunk.RrdReader(path).stream().to_chunks()
+        if not one.is_static
+        for t in one.to_record_batch().column("boot_time").to_numpy(zero_copy_only=False).astype("int64")
+    ]
+    assert min(times) == round(START_S * 1e9)

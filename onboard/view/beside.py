@@ -1,0 +1,57 @@
+"""Other estimators of the leader, beside the one that the view is about: a curve of each in its plots, and an
+outline where each places the leader. Their bands are not drawn: one far too wide would flatten every plot."""
+
+from typing import Final
+
+import numpy as np
+
+from onboard.messages import Estimate
+from onboard.view import palette, plots, scene, shapes, space
+from onboard.view.columns import HIDDEN, Columns, Pose, no_tags, poses, scalars, tags
+from onboard.view.memory import Memory
+from onboard.view.motion import LeaderState
+from onboard.view.sdk import rr
+
+COMPONENTS: Final = ("range", *plots.QUANTITIES.values())
+
+
+def colour_of(place: int) -> tuple[str, palette.Colour]:
+    """The colour of the estimator at this place among the others, with its name."""
+    colours = tuple(palette.BESIDE.items())
+    return colours[place % len(colours)]
+
+
+def log_static(stream: "rr.RecordingStream", name: str, colour: palette.Colour) -> None:
+    """Its curves, its outline and its label, which do not change."""
+    for plot in (*COMPONENTS, *plots.ERROR_PLOTS):
+        scene.log_curves(stream, f"plots/{plot}/{name}", [(name, colour, 1.5)])
+    scene.log_lines(stream, f"{scene.BESIDE}/{name}/outline", shapes.aeroplane_outline(), colour, 0.8)
+    stream.log(f"{scene.BESIDE}/{name}", rr.TransformAxes3D(axis_length=0.0), static=True)
+    label = rr.Points3D.from_fields(radii=0.0, show_labels=True)
+    stream.log(f"{scene.BESIDE_TAG}/{name}", label, static=True)
+
+
+def draw(
+    columns: Columns, memory: Memory, estimate: Estimate, leader: LeaderState | None, colour: palette.Colour
+) -> None:
+    """Its range and components; its error follows with the truth (`plots.plot_errors`)."""
+    name, t_ns = estimate.name, estimate.t_ns
+    outline, label = f"{scene.BESIDE}/{name}", f"{scene.BESIDE_TAG}/{name}"
+    if leader is None:
+        for plot in COMPONENTS:
+            columns.add(scalars, f"plots/{plot}/{name}", t_ns, np.nan)
+        columns.add(poses, outline, t_ns, HIDDEN)
+        columns.add(no_tags, label, t_ns, None)
+        return
+    columns.add(scalars, f"plots/range/{name}", t_ns, float(np.linalg.norm(leader.r)))
+    for k, plot in plots.QUANTITIES.items():
+        columns.add(scalars, f"plots/{plot}/{name}", t_ns, leader.mean[k])
+    memory.waiting[name].append(leader)
+    if not memory.due(f"beside {name}", t_ns, space.SCENE_HZ):
+        return
+    v_F_n = np.zeros(3) if memory.own is None else np.asarray(memory.own.v_F_n, dtype=float)
+    attitude = space.leader_attitude(memory, t_ns, v_F_n + leader.mean[3:6])
+    span = leader.mean[6] if np.isfinite(leader.mean[6]) else 1.0
+    columns.add(poses, outline, t_ns, Pose(leader.r, attitude, np.full(3, span)))
+    below = leader.r + np.array([0.0, 0.0, space.TAG_ABOVE])
+    columns.add(tags, label, t_ns, (below, colour, name))
