@@ -30,7 +30,7 @@ from onboard.ownship.gimbals import Gimbals
 from onboard.ownship.histories import Attitudes, AttitudeSample, Navigation, NavSample, Step
 from onboard.ownship.limits import FARTHEST, FASTEST, QUICKEST, within
 from onboard.ownship.reckoning import Reckoning
-from onboard.ownship.source import OwnMotion, Source, Wanted
+from onboard.ownship.source import Comparison, OwnMotion, Source, Wanted
 from onboard.ownship.turning import turned, unit
 
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
@@ -195,8 +195,9 @@ class Ownship:
         """An attitude as its source states it, with its noise."""
         noise = self._contradictions.attitude_noise
         apart = None if own is None else turn(stated.q, own.q_nb)
-        sigma = (0.0, 0.0, 0.0) if own is None else own.attitude_sigma
-        weight, correction = self._source_of_attitude.correction(t_ns, apart, sigma, noise, ANOTHER_WAY)
+        sigma = NO_NOISE if own is None else own.attitude_sigma
+        compared = Comparison(apart, sigma, noise, ANOTHER_WAY)
+        weight, correction = self._source_of_attitude.correction(t_ns, compared)
         x, y, z = [
             math.hypot((1.0 - weight) * a, weight * b) for a, b in zip(noise or NO_NOISE, sigma, strict=True)
         ]
@@ -249,8 +250,8 @@ class Ownship:
         """Position and velocity as their source states them."""
         apart = None if own is None else [*(own.v_F_n - stated.v).tolist(), *(own.r_OF_n - stated.r).tolist()]
         sigma = NO_NOISE if own is None else own.velocity_sigma
-        noise = self._contradictions.velocity_noise
-        weight, correction = self._source_of_velocity.correction(t_ns, apart, sigma, noise, ANOTHER_SPEED)
+        compared = Comparison(apart, sigma, self._contradictions.velocity_noise, ANOTHER_SPEED)
+        weight, correction = self._source_of_velocity.correction(t_ns, compared)
         if weight == 0.0:
             return stated
         return NavSample(stated.r + correction[3:], stated.v + correction[:3])

@@ -1,8 +1,8 @@
-"""Whose word on our own motion counts: the autopilot's, or that of an estimator of our own state.
+"""The source of our own motion: the autopilot, or an estimator of our own state.
 
-Attitude is one quantity, velocity with position another; each has a source of its own. An estimator's word counts
-where it is valid and, with `auto`, surer than the autopilot's, whose white noise is measured (`scatter`). Biases
-of either are seen by nobody, and are configured. A change of source takes `RAMP_S`, so that nothing jumps.
+Attitude is one quantity, velocity with position another; each has a source of its own. The estimator is used where
+it is valid and, with `auto`, surer than the autopilot, whose white noise is measured (`scatter`). Biases of either
+cannot be measured here, and are configured. A change of source takes `RAMP_S`, so that nothing jumps.
 """
 
 from collections import Counter
@@ -13,19 +13,17 @@ from onboard.messages import Quaternion, Vec3
 
 Wanted = Literal["autopilot", "own_state", "auto"]
 
-RAMP_S: Final = 1.0  # a change of source takes
-SURER: Final = 0.5  # of the autopilot's standard deviation: an estimator's word counts from here on ...
-LESS_SURE: Final = 0.8  # ... and until here
-DWELL_NS: Final = (
-    1_000_000_000  # what speaks for a change must hold for so long; a loss of validity counts at once
-)
+RAMP_S: Final = 1.0  # duration of a change of source
+SURER: Final = 0.5  # of the autopilot's standard deviation: with a smaller one the estimator is used ...
+LESS_SURE: Final = 0.8  # ... until it is larger than this share
+DWELL_NS: Final = 1_000_000_000  # the reason for a change must hold for so long; a loss of validity counts at once
 LEAST_NOISE: Final = 1e-9
 
 
 class OwnMotion(NamedTuple):
-    """An estimator's word on our own motion at one time: attitude and body rates (rad/s), position from O (m) and
-    velocity (m/s) in n. Standard deviations of its own, without errors that last: of the attitude about b's axes
-    (rad), and of the velocity."""
+    """What an estimator states of our own motion at one time: attitude and body rates (rad/s), position from O (m)
+    and velocity (m/s) in n. Standard deviations without biases: of the attitude about b's axes (rad), and of the
+    velocity."""
 
     q_nb: Quaternion
     omega_b: Vec3
@@ -35,51 +33,45 @@ class OwnMotion(NamedTuple):
     velocity_sigma: Vec3
 
 
+class Comparison(NamedTuple):
+    """The estimator beside the autopilot. `apart`: its estimate less the autopilot's, None without one. `sigma`
+    and `noise`: standard deviations of both, of the components that are compared, the first of `apart`; `noise` is
+    None before it is known. Estimates that differ by more than `limit` and 3 sigma are of different motions, and
+    the autopilot's is used."""
+
+    apart: Sequence[float] | None
+    sigma: Sequence[float]
+    noise: Sequence[float] | None
+    limit: float
+
+
 class Source:
-    """The source of one quantity. `changes` counts changes by what they were to and why."""
+    """The source of one quantity. `changes` counts changes by the new source and the reason."""
 
     def __init__(self, quantity: str, wanted: Wanted) -> None:
         self.changes: Counter[str] = Counter()
-        self.is_own = False  # whether an estimator's word counts
+        self.is_own = False  # whether the estimator is used
         self._quantity, self._wanted = quantity, wanted
         self._weight, self._t_ns = 0.0, 0
-        self._apart: tuple[float, ...] | None = None  # the estimator's word less the autopilot's, when last known
+        self._apart: Sequence[float] | None = None  # as last known
         self._since_ns: int | None = None  # since when a change is due
 
-    def correction(
-        self,
-        t_ns: int,
-        apart: Sequence[float] | None,
-        sigma: Sequence[float],
-        noise: Sequence[float] | None,
-        limit: float,
-    ) -> tuple[float, tuple[float, ...]]:
-        """(weight of the estimator's word, what to add to the autopilot's) at a time.
-
-        `apart` is the estimator's word less the autopilot's, None without one. `sigma` and `noise` are the
-        standard deviations of both, of as many components as are compared. Words that differ by more than
-        `limit` and 3 sigma are of different motions, and the autopilot's counts.
-        """
+    def correction(self, t_ns: int, compared: Comparison) -> tuple[float, tuple[float, ...]]:
+        """(weight of the estimator, what to add to the autopilot's values) at a time."""
         dt, self._t_ns = (t_ns - self._t_ns) * 1e-9 if self._t_ns else 0.0, t_ns
-        self._decide(t_ns, apart, sigma, noise, limit)
+        self._decide(t_ns, compared)
         step = max(dt, 0.0) / RAMP_S
         self._weight = min(self._weight + step, 1.0) if self.is_own else max(self._weight - step, 0.0)
-        if apart is not None:
-            self._apart = tuple(apart)
+        if compared.apart is not None:
+            self._apart = compared.apart
         if self._apart is None or self._weight == 0.0:
             return 0.0, ()
         return self._weight, tuple([self._weight * x for x in self._apart])
 
-    def _decide(
-        self,
-        t_ns: int,
-        apart: Sequence[float] | None,
-        sigma: Sequence[float],
-        noise: Sequence[float] | None,
-        limit: float,
-    ) -> None:
+    def _decide(self, t_ns: int, compared: Comparison) -> None:
         if self._wanted == "autopilot":
             return
+        apart, sigma, noise, limit = compared
         if apart is None:
             self._change(own=False, why="own_state_is_not_valid")
             return

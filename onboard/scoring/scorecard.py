@@ -44,21 +44,15 @@ def explain_bounds(console: Console) -> None:
 
 def score_rows(s: LeaderScore, latency: Latency | None) -> list[Row]:
     """The lines of the leader's estimate."""
-    rows = [("estimates", f"{s.estimates} ({s.valid} valid, {s.scored} scored)", "")]
-    if s.valid_percent is not None:
-        rows.append(("valid", f"{s.valid_percent:.1f} % of the time", f"after {s.settle_s:g} s"))
+    rows = [("estimates", f"{s.estimates} ({s.valid} valid, {s.scored} scored)", ""), *_valid_rows(s)]
     if s.range_error_rms_percent is not None:
-        after = f"RMS, valid, after {s.settle_s:g} s"
+        after = _scored(s)
         rows += [
             ("range error", f"{s.range_error_rms_percent:.2f} %", after),
             ("position error", f"{s.position_rmse_m or 0:.3f} m", after),
             ("velocity error", f"{s.velocity_rmse_m_s or 0:.3f} m/s", after),
             ("size error", f"{s.size_error_rms_percent or 0:.2f} %", "no better than its prior"),
-            (
-                f"NEES ({s.nees_dof})",
-                _judged(s.nees_mean or 0.0, ".2f", s.nees_bounds),
-                _between(s.nees_bounds, "95 % of flights"),
-            ),
+            _nees_row(s),
             (
                 "confidently wrong",
                 f"{s.confidently_wrong_percent or 0:.1f} %",
@@ -67,7 +61,7 @@ def score_rows(s: LeaderScore, latency: Latency | None) -> list[Row]:
             ("truth inside the 95 % ellipsoid", f"{s.inside_95_percent or 0:.1f} %", "95 % over many flights"),
         ]
     if s.nis_mean is not None:
-        nis = _judged(s.nis_mean, ".2f", s.nis_bounds)
+        nis = _judged(s.nis_mean, s.nis_bounds)
         rows.append((f"NIS ({s.nis_dof})", nis, _between(s.nis_bounds, "95 % of means")))
     count = sum(s.verdicts.values())
     verdicts = ", ".join(f"{n} {v}" for v, n in sorted(s.verdicts.items()))
@@ -131,20 +125,14 @@ def print_own_state_score(
 
 def own_state_rows(s: OwnStateScore) -> list[Row]:
     """The lines of our own state."""
-    rows = [("states", f"{s.states} ({s.valid} valid)", "")]
-    if s.valid_percent is not None:
-        rows.append(("valid", f"{s.valid_percent:.1f} % of the time", f"after {s.settle_s:g} s"))
+    rows = [("states", f"{s.states} ({s.valid} valid)", ""), *_valid_rows(s)]
     if s.velocity_rmse_m_s is not None:
-        after = f"RMS, valid, after {s.settle_s:g} s"
+        after = _scored(s)
         rows += [
             ("velocity error", f"{s.velocity_rmse_m_s:.3f} m/s", after),
             ("attitude error", f"{s.attitude_rmse_deg or 0:.2f} degrees", after),
             ("velocity within 3 sigmas", f"{s.inside_3_sigma_percent or 0:.1f} %", "99.7 % over many flights"),
-            (
-                f"NEES ({s.nees_dof})",
-                _judged(s.nees_mean or 0.0, ".2f", s.nees_bounds),
-                _between(s.nees_bounds, "95 % of flights"),
-            ),
+            _nees_row(s),
         ]
     if s.nis_ratio is not None:
         rows.append(("NIS, of its expectation", f"{s.nis_ratio:.2f}", "1"))
@@ -164,13 +152,30 @@ def fault_rows(f: FaultScore) -> list[Row]:
     return rows
 
 
+def _scored(s: LeaderScore | OwnStateScore) -> str:
+    """Which estimates an error is of."""
+    return f"RMS, valid, after {s.settle_s:g} s"
+
+
+def _valid_rows(s: LeaderScore | OwnStateScore) -> list[Row]:
+    """How often there was a valid estimate; no line where that is not known."""
+    if s.valid_percent is None:
+        return []
+    return [("valid", f"{s.valid_percent:.1f} % of the time", f"after {s.settle_s:g} s")]
+
+
+def _nees_row(s: LeaderScore | OwnStateScore) -> Row:
+    judged = _judged(s.nees_mean or 0.0, s.nees_bounds)
+    return f"NEES ({s.nees_dof})", judged, _between(s.nees_bounds, "95 % of flights")
+
+
 def _between(bounds: tuple[float, float] | None, what: str) -> str:
     return f"{bounds[0]:.2f} to {bounds[1]:.2f} ({what})" if bounds else ""
 
 
-def _judged(value: float, shown: str, bounds: tuple[float, float] | None) -> str:
+def _judged(value: float, bounds: tuple[float, float] | None) -> str:
     """A mean NIS or NEES, and in words what it says where it is outside its bounds."""
     words = ""
     if bounds is not None and not bounds[0] <= value <= bounds[1]:
         words = ", too cautious" if value < bounds[0] else ", too sure"
-    return f"{value:{shown}}{words}"
+    return f"{value:.2f}{words}"

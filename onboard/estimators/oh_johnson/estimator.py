@@ -9,7 +9,6 @@ Around them stands what every estimator needs: images are fused at their own tim
 a life cycle, and a report on each image. There is one target, the leader; images of others are not looked at.
 """
 
-import math
 from collections import deque
 from functools import partial
 from typing import Final, NamedTuple
@@ -20,6 +19,7 @@ from onboard.arrays import Array
 from onboard.estimators.history import History
 from onboard.estimators.oh_johnson.config import Config
 from onboard.estimators.oh_johnson.noise import ANGLES, HOVER_SPEED, first_belief, process_noise
+from onboard.estimators.reports import image_report, of_belief
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import chi_square_threshold
@@ -232,12 +232,11 @@ class Estimator:
             frame=relative_motion.FRAME,
             components=relative_motion.COMPONENTS,
             units=relative_motion.UNITS,
-            mean=None if belief is None else tuple(belief.mean.tolist()),
-            covariance=None if belief is None else tuple(map(tuple, belief.covariance.tolist())),
             age=None if belief is None else self._age(t_ns),
             reset_count=self._resets,
             state_since_ns=self._since[1],
             measurement=report,
+            **of_belief(belief),
         )
 
     def _report(
@@ -248,20 +247,12 @@ class Estimator:
         outcome: Outcome | None = None,
     ) -> MeasurementReport:
         """The record of one image, with as much as was known when the verdict was reached."""
-        update = None if outcome is None else outcome.update
-        sigmas = () if update is None else update.innovation_covariance.diagonal().tolist()
-        return MeasurementReport(
-            source=message.camera,
-            t_ns=message.t_ns,
-            t_recv_ns=message.t_recv_ns,
-            verdict=verdict,
+        return image_report(
+            message,
+            verdict,
             components=camera_angles.COMPONENTS,
             units=camera_angles.UNITS,
             gate=self._gate,
-            points=message.image_points,
-            measured=None if image is None else tuple(image.angles.tolist()),
-            predicted=None if update is None else tuple(update.predicted.tolist()),
-            innovation=None if update is None else tuple(update.innovation.tolist()),
-            innovation_sigma=None if update is None else tuple(map(math.sqrt, sigmas)),
-            nis=None if update is None else update.nis,
+            measured=None if image is None else image.angles,
+            update=None if outcome is None else outcome.update,
         )

@@ -4,7 +4,7 @@ The settings are about fifty times too large for a camera with an error of a pix
 0.2, not 9. They are flown as printed.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -14,10 +14,6 @@ from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE, R
 
 FT: Final = 0.3048  # m
-POSITION_WALK: Final = 5 * FT  # m / sqrt(s); this and the next three: eqs 52-53
-VELOCITY_WALK: Final = 10 * FT  # m/s / sqrt(s)
-SIZE_WALK: Final = 0.01  # fraction of the size / sqrt(s)
-ACCELERATION_WALK: Final = 2 * FT  # m/s^2 / sqrt(s), of both
 FIRST_POSITION: Final = 1 * FT  # m; this and the next two: eq 51
 FIRST_VELOCITY: Final = 1 * FT  # m/s
 FIRST_ACCELERATION: Final = 10 * FT  # m/s^2
@@ -26,10 +22,25 @@ ANGLES: Final = np.diag(np.radians(ANGLES_DEG) ** 2)  # rad^2
 HOVER_SPEED: Final = 1.0  # m/s, eps of eq 2: as printed, it is 0/0 when the leader hovers
 
 
-def process_noise(size: float) -> Array:
+class RandomWalks(NamedTuple):
+    """Process noise densities: standard deviations that grow with the square root of the time in s."""
+
+    position: float  # m
+    velocity: float  # m/s
+    size: float  # share of the size
+    a_lat: float  # m/s^2
+    a_long: float  # m/s^2
+
+
+PRINTED: Final = RandomWalks(
+    position=5 * FT, velocity=10 * FT, size=0.01, a_lat=2 * FT, a_long=2 * FT
+)  # eqs 52-53
+
+
+def process_noise(size: float, walks: RandomWalks = PRINTED) -> Array:
     """Q (9, 9) per second of a leader of wingspan `size` in m: eqs 52-53."""
-    walks = [POSITION_WALK] * 3 + [VELOCITY_WALK] * 3 + [SIZE_WALK * size] + [ACCELERATION_WALK] * 2
-    return np.diag(np.square(walks))
+    densities = [walks.position] * 3 + [walks.velocity] * 3 + [walks.size * size, walks.a_lat, walks.a_long]
+    return np.diag(np.square(densities))
 
 
 def first_belief(angles: Array, size: float, size_sigma: float, R_cn: Array, r_FC_n: Array) -> Belief:

@@ -8,6 +8,7 @@ from onboard.arrays import Array
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.measurements import Measurement
 from onboard.estimators.own_state.track import Outcome, Posterior, Track
+from onboard.estimators.reports import of_update
 from onboard.geometry.rotations import euler_from_quaternion, quaternion_from_matrix
 from onboard.messages import Fault, Lifecycle, MeasurementReport, Message, NavState, Vec3, Verdict
 from onboard.models import own_motion as model
@@ -36,19 +37,16 @@ def report(measurement: Measurement, outcome: Outcome | None) -> Reported:
     if outcome is None:
         return MeasurementReport(**head, verdict=Verdict.INITIALISING), None
     update = outcome.update
-    sigma = tuple(np.sqrt(np.diag(update.innovation_covariance)).tolist())
+    fields = of_update(update)
     reported = MeasurementReport(
         **head,
+        **fields,
         verdict=Verdict.FUSED if outcome.fused else Verdict.GATED,
         components=measurement.components,
         units=measurement.units,
         measured=tuple((update.predicted + update.innovation).tolist()),
-        predicted=tuple(update.predicted.tolist()),
-        innovation=tuple(update.innovation.tolist()),
-        innovation_sigma=sigma,
-        nis=float(update.nis),
     )
-    return reported, sigma
+    return reported, fields["innovation_sigma"]
 
 
 def nav_state(

@@ -16,12 +16,13 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.oh_johnson.noise import process_noise
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Record
 from onboard.models import relative_motion
 from onboard.models.relative_motion import A_LAT, SIZE, FollowerMotion, R, V
 from onboard.studies.relative_motion.formation import B0, FT, SIZE_SIGMA
-from onboard.studies.relative_motion.noise import Noise, process_noise
+from onboard.studies.relative_motion.noise import Noise
 from onboard.studies.report.runs import rms
 from simlink.flights import Flights
 from simlink.scenarios.camera import Camera
@@ -78,7 +79,7 @@ def bounds(flights: Flights, camera: Camera, noise: Noise, settled: float) -> li
         if k:
             dt = float(t[k] - t[k - 1])
             F = _transition(flights, states[:, k - 1], k, dt, noise)
-            P = F @ P @ np.swapaxes(F, 1, 2) + np.diag(process_noise(noise, B0) * dt)
+            P = F @ P @ np.swapaxes(F, 1, 2) + process_noise(B0, noise.walks) * dt
         image = image_at.get(k)
         if image is not None:
             at = registered[:, image]

@@ -7,13 +7,14 @@ from typing import Final, Literal
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.estimators.oh_johnson.noise import process_noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import R, V
 from onboard.studies.relative_motion.formation import Filter, Images, ImageUpdate, Method, Setting, Step
-from onboard.studies.relative_motion.noise import PAPER, Noise, honest_noise, initial_belief, process_noise
+from onboard.studies.relative_motion.noise import PAPER, Noise, honest_noise, initial_belief
 
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)
 # R from the settings' degrees; the same for all images, diag(1, 1, 2) (sigma_px / f)^2; from each image's points
@@ -27,7 +28,7 @@ TUNED_NOISE: Final = honest_noise("fixed_wing")._replace(
 
 def unscented_filter(setting: Setting, noise: Noise, image_noise: ImageNoise, fold: bool = False) -> Filter:
     """The nine-state filter. `fold`: eq 14's arctangents as printed: a leader behind looks as if ahead."""
-    Q = np.diag(process_noise(noise, setting.size))
+    Q = process_noise(setting.size, noise.walks)
     gate = (
         np.inf if noise.gate_probability is None else chi_square_threshold(noise.gate_probability, camera_angles.M)
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.oh_johnson import noise as printed
-from onboard.estimators.oh_johnson.noise import FT, first_belief
+from onboard.estimators.oh_johnson.noise import FT, RandomWalks, first_belief
 from onboard.filters.belief import Belief
 from onboard.filters.unscented_transform import julier_weights, recombine, sigma_points
 from onboard.models import camera_angles, relative_motion
@@ -14,14 +14,9 @@ from onboard.models.relative_motion import SIZE, R
 
 
 class Noise(NamedTuple):
-    """What Oh & Johnson's filter assumes of noise: standard deviations, and process noise densities
-    (`_random_walk`), of which Q = dt diag(density^2), eqs 52-53."""
+    """What Oh & Johnson's filter assumes of noise: process noise, and standard deviations."""
 
-    position_random_walk: float  # m / sqrt(s)
-    velocity_random_walk: float  # m/s / sqrt(s)
-    size_random_walk: float  # fraction of the prior size / sqrt(s)
-    a_lat_random_walk: float  # m/s^2 / sqrt(s)
-    a_long_random_walk: float  # m/s^2 / sqrt(s)
+    walks: RandomWalks  # eqs 52-53
     ties_size_to_range: bool  # in the first belief, which follows from the first image's noise; else the paper's
     initial_velocity: float  # m/s
     initial_acceleration: float  # m/s^2
@@ -32,11 +27,7 @@ class Noise(NamedTuple):
 
 
 PAPER: Final = Noise(
-    position_random_walk=printed.POSITION_WALK,
-    velocity_random_walk=printed.VELOCITY_WALK,
-    size_random_walk=printed.SIZE_WALK,
-    a_lat_random_walk=printed.ACCELERATION_WALK,
-    a_long_random_walk=printed.ACCELERATION_WALK,
+    walks=printed.PRINTED,
     ties_size_to_range=False,
     initial_velocity=printed.FIRST_VELOCITY,
     initial_acceleration=printed.FIRST_ACCELERATION,
@@ -48,11 +39,7 @@ PAPER: Final = Noise(
 
 # A fixed-wing leader, as the paper's: only the model's two accelerations change its velocity much.
 HONEST: Final = Noise(
-    position_random_walk=0.02 * FT,
-    velocity_random_walk=0.1 * FT,
-    size_random_walk=1e-5,
-    a_lat_random_walk=1 * FT,
-    a_long_random_walk=0.3 * FT,
+    walks=RandomWalks(position=0.02 * FT, velocity=0.1 * FT, size=1e-5, a_lat=1 * FT, a_long=0.3 * FT),
     ties_size_to_range=True,
     initial_velocity=12 * FT,
     initial_acceleration=10 * FT,
@@ -68,15 +55,8 @@ MULTIROTOR_VELOCITY: Final = 0.3  # m/s / sqrt(s): it accelerates and stops alon
 def honest_noise(leader_class: str) -> Noise:
     """The honest settings for a leader of class "fixed_wing" or "multirotor"."""
     if leader_class == "multirotor":
-        return HONEST._replace(velocity_random_walk=MULTIROTOR_VELOCITY)
+        return HONEST._replace(walks=HONEST.walks._replace(velocity=MULTIROTOR_VELOCITY))
     return HONEST
-
-
-def process_noise(noise: Noise, size: float) -> Array:
-    """Q (9,) per second, the diagonal of eq 53, with a prior `size` in m."""
-    densities = [noise.position_random_walk] * 3 + [noise.velocity_random_walk] * 3
-    densities += [noise.size_random_walk * size, noise.a_lat_random_walk, noise.a_long_random_walk]
-    return np.array(densities) ** 2
 
 
 def initial_belief(

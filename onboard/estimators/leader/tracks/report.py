@@ -9,6 +9,7 @@ from onboard.estimators.leader.filters.filter import LeaderFilter
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.tracks.image import Image
 from onboard.estimators.leader.tracks.status import Status
+from onboard.estimators.reports import image_report, of_belief
 from onboard.filters.belief import Belief, Update
 from onboard.messages import Estimate, ImagePoint, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
 from onboard.models import relative_motion
@@ -40,29 +41,19 @@ def report(
     outcome: Outcome | None = None,
 ) -> MeasurementReport:
     """The report of a verdict, with as much as was known when it was reached."""
-    fields: dict[str, Any] = {}
-    if image is not None:
-        fields["measured"] = tuple(image.measurement.y.tolist())
+    update, more = None, dict[str, Any]()
     if image is not None and outcome is not None:
         update = outcome.update
-        fields |= {
-            "predicted": tuple(update.predicted.tolist()),
-            "innovation": tuple(update.innovation.tolist()),
-            "innovation_sigma": tuple(map(math.sqrt, update.innovation_covariance.diagonal().tolist())),
-            "nis": update.nis,
-            "misfits": update.misfits,
-            "predicted_points": _predicted_points(filter_, image, outcome),
-        }
-    return MeasurementReport(
-        source=message.camera,
-        t_ns=message.t_ns,
-        t_recv_ns=message.t_recv_ns,
-        verdict=verdict,
+        more = {"misfits": update.misfits, "predicted_points": _predicted_points(filter_, image, outcome)}
+    return image_report(
+        message,
+        verdict,
         components=filter_.measured_components,
         units=filter_.measured_units,
         gate=filter_.gate,
-        points=message.image_points,
-        **fields,
+        measured=None if image is None else image.measurement.y,
+        update=update,
+        **more,
     )
 
 
@@ -76,24 +67,16 @@ def published(filter_: LeaderFilter, status: Status, belief: Belief | None, **fi
         frame=relative_motion.FRAME,
         components=filter_.components,
         units=filter_.units,
-        mean=None if belief is None else tuple(belief.mean.tolist()),
-        covariance=None if belief is None else tuple(map(tuple, belief.covariance.tolist())),
         age=None if age == math.inf else age,
         reset_count=status.resets,
+        **of_belief(belief),
         **fields,
     )
 
 
 def modes_of(places: Iterable[Place]) -> tuple[Mode, ...]:
     """Places as records."""
-    return tuple(
-        Mode(
-            weight=place.weight,
-            mean=tuple(place.mean.tolist()),
-            covariance=tuple(map(tuple, place.covariance.tolist())),
-        )
-        for place in places
-    )
+    return tuple(Mode(weight=p.weight, **of_belief(Belief(p.mean, p.covariance))) for p in places)
 
 
 def _predicted_points(filter_: LeaderFilter, image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] | None:
