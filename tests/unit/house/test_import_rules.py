@@ -28,7 +28,10 @@ FLOOR = {part: floor for floor, parts in enumerate(FLOORS) for part in parts}
 STRANGERS = {"estimators", "links", "sinks"}  # never see each other
 # Parts of parts, the lower first; those that stand on one floor do not see each other.
 INSIDE = {
-    "onboard.estimators": ({"frame", "history"}, {"reported", "reports"}, {"leader", "oh_johnson", "own_state", "traffic"}),
+    "onboard.estimators": (
+        *({"frame", "history"}, {"reported", "reports"}),
+        {"leader", "oh_johnson", "own_state", "traffic"},
+    ),
     "onboard.studies": ({"report"}, {"tracking"}, {"*"}, {"together"}),
     "simlink": (
         *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot", "encounters", "flight"}),
