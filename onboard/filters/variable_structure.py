@@ -85,7 +85,7 @@ def predict(state: State, process: Rows, Q: Array) -> State:
     Raises FilterError, NotPositiveDefiniteError.
     """
     mean, covariance = cubature.predict(Belief(state.mean, state.covariance), process, Q)
-    return state._replace(mean=mean, covariance=covariance)
+    return State(mean, covariance, *state[2:])
 
 
 def correct(
@@ -163,7 +163,7 @@ def method(
 
 def wrapped(difference: Array, angular: Any) -> Array:
     """Differences (..., m) with those of angles (a mask (m,)) in [-pi, pi]."""
-    if not angular.any():
+    if not angular.any() or np.abs(difference).max(initial=0.0) <= np.pi:
         return difference
     turns = np.where(angular, np.rint(difference / (2 * np.pi)), 0).astype(difference.dtype)
     return np.asarray(difference - 2 * np.pi * turns)

@@ -1,5 +1,6 @@
 """Rotations: unit quaternions (Hamilton, scalar first), matrices, and ZYX Euler angles, in radians."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -38,20 +39,21 @@ def _rows(w: Any, x: Any, y: Any, z: Any) -> list[list[Any]]:
 
 def quaternion_from_matrix(R_nb: ArrayLike) -> Array:
     """q_nb (4,) with non-negative scalar part from R_nb (3, 3), by Shepperd's method (largest pivot)."""
-    m = np.asarray(R_nb, dtype=float)
-    trace = m[0, 0] + m[1, 1] + m[2, 2]
-    k = np.array(
-        [
-            [trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], m[1, 2] + m[2, 1]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1]],
-        ]
-    )
-    pivot = int(np.argmax(np.diag(k)))
-    q = k[pivot] + np.eye(4)[pivot]
-    q = q / np.linalg.norm(q)
-    return np.asarray(-q if q[0] < 0 else q)
+    # in plain numbers, which are many times faster
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(R_nb, dtype=float).tolist()
+    diagonal = [a + e + i, a - e - i, e - a - i, i - a - e]
+    pivot = diagonal.index(max(diagonal))
+    if pivot == 0:
+        row = [diagonal[0] + 1.0, h - f, c - g, d - b]
+    elif pivot == 1:
+        row = [h - f, diagonal[1] + 1.0, b + d, c + g]
+    elif pivot == 2:
+        row = [c - g, b + d, diagonal[2] + 1.0, f + h]
+    else:
+        row = [d - b, c + g, f + h, diagonal[3] + 1.0]
+    q = np.array(row)
+    q /= math.sqrt(q @ q)
+    return -q if q[0] < 0 else q
 
 
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import ROWS, VECTOR
+from onboard.filters.compiled import CUBE, ROWS, VECTOR
 from onboard.models.quadrotor import ATTITUDE, POSITION, RATES, VELOCITY
 
 N: Final = 16
@@ -99,16 +99,15 @@ def rotations(rows):  # type: ignore[no-untyped-def]
     return R
 
 
-def angles(R: Array) -> Array:
-    """ZYX Euler angles (..., 3) of rotations (..., 3, 3)."""
-    return np.stack(
-        [
-            np.arctan2(R[..., 2, 1], R[..., 2, 2]),
-            np.arcsin(np.clip(-R[..., 2, 0], -1.0, 1.0)),
-            np.arctan2(R[..., 1, 0], R[..., 0, 0]),
-        ],
-        axis=-1,
-    )
+@njit((CUBE,), cache=True, error_model="numpy")
+def angles(R):  # type: ignore[no-untyped-def]
+    """ZYX Euler angles (k, 3) of rotations (k, 3, 3)."""
+    found = np.empty((R.shape[0], 3))
+    for s in range(R.shape[0]):
+        found[s, 0] = np.arctan2(R[s, 2, 1], R[s, 2, 2])
+        found[s, 1] = np.arcsin(min(max(-R[s, 2, 0], -1.0), 1.0))
+        found[s, 2] = np.arctan2(R[s, 1, 0], R[s, 0, 0])
+    return found
 
 
 def change_reference(rows: Array, R_ca: Array) -> Array:
@@ -118,12 +117,24 @@ def change_reference(rows: Array, R_ca: Array) -> Array:
     return after
 
 
-def navigation_covariance(covariance: Array, mean: Array) -> Array:
+@njit((ROWS, VECTOR), cache=True, error_model="numpy")
+def navigation_covariance(covariance, mean):  # type: ignore[no-untyped-def]
     """Covariance (12, 12) of [r, v, attitude error (a rotation vector in b, rad), rates] from that of the states
-    (16, 16)."""
-    P = np.array(covariance[np.ix_(NAVIGATION, NAVIGATION)])
-    phi, theta = mean[ATTITUDE[0]], mean[ATTITUDE[1]]
-    c_phi, s_phi, c_th = np.cos(phi), np.sin(phi), np.cos(theta)
-    E = np.eye(12)
-    E[6:9, 6:9] = [[1.0, 0.0, -np.sin(theta)], [0.0, c_phi, s_phi * c_th], [0.0, -s_phi, c_phi * c_th]]
-    return np.asarray(E @ P @ E.T)
+    (16, 16), whose mean is (16,)."""
+    P = np.empty((12, 12))
+    for i in range(12):
+        for j in range(12):
+            P[i, j] = covariance[NAVIGATION[i], NAVIGATION[j]]
+    c_phi, s_phi = np.cos(mean[ATTITUDE[0]]), np.sin(mean[ATTITUDE[0]])
+    c_th, s_th = np.cos(mean[ATTITUDE[1]]), np.sin(mean[ATTITUDE[1]])
+    for j in range(12):  # E P, of an E that is 1 but for the angles
+        phi, theta, psi = P[6, j], P[7, j], P[8, j]
+        P[6, j] = phi - s_th * psi
+        P[7, j] = c_phi * theta + s_phi * c_th * psi
+        P[8, j] = c_phi * c_th * psi - s_phi * theta
+    for i in range(12):  # and that times E^T
+        phi, theta, psi = P[i, 6], P[i, 7], P[i, 8]
+        P[i, 6] = phi - s_th * psi
+        P[i, 7] = c_phi * theta + s_phi * c_th * psi
+        P[i, 8] = c_phi * c_th * psi - s_phi * theta
+    return P

@@ -7,6 +7,7 @@ all motors weaker, which in hover looks the same) takes thrust and no torque; a 
 rotor can.
 """
 
+import math
 from collections import deque
 from typing import Final, NamedTuple
 
@@ -76,15 +77,15 @@ class Alarm:
 
 
 class Balance(NamedTuple):
-    """Integrals over time up to one IMU sample: unexplained force, each rotor's thrust, torque, lateral specific
-    force; and the angular momentum at that time."""
+    """Integrals over time up to one IMU sample, in one array: unexplained force, torque (3), lateral specific
+    force (2), and each rotor's thrust; and the angular momentum (3,) at that time."""
 
     t_ns: int
-    force: float
-    thrusts: Array
-    torque: Array
-    lateral: Array
+    integrals: Array
     momentum: Array
+
+
+TORQUE, LATERAL, THRUSTS = slice(1, 4), slice(4, 6), slice(6, None)
 
 
 class FaultMonitor:
@@ -98,6 +99,7 @@ class FaultMonitor:
             spin = places[:, 2] * airframe.torque_per_thrust_m
             self._mixing = np.stack([np.ones(len(places)), -places[:, 1], places[:, 0], spin])  # (4, rotors)
             self._arms = np.abs(self._mixing).max(axis=1)
+            self._sigma = np.array(MIXING_SIGMA) * self._arms  # of a motor with a thrust of 1 N
         self._scale = ThrustScale(None if airframe is None else airframe.full_voltage_v)
         self._commands: Array | None = None  # shares of the range, (rotors,)
         self._commands_ns = 0
@@ -151,9 +153,10 @@ class FaultMonitor:
         torque = wrench[1:] - _cross(omega, momentum)
         drag = np.zeros(2) if velocity_b is None else a.drag_per_s * velocity_b[:2]
         force, lateral = -f_b[2] * a.mass_kg - wrench[0], f_b[:2] + drag
-        step = Balance(t_ns, dt * force, dt * thrusts, dt * torque, dt * lateral, momentum)
-        self._balances.append(step if last is None else _accumulated(last, step))
-        self._judge(a, self._balances[-1])
+        step = dt * np.concatenate(([force], torque, lateral, thrusts))
+        now = Balance(t_ns, step if last is None else last.integrals + step, momentum)
+        self._balances.append(now)
+        self._judge(a, now)
         return np.asarray((torque + self._missing_torque) / self._inertia)
 
     def _judge(self, a: Airframe, now: Balance) -> None:
@@ -164,16 +167,16 @@ class FaultMonitor:
         if now.t_ns - then.t_ns < 0.9 * WINDOW_NS:
             return
         span = (now.t_ns - then.t_ns) / NS_PER_S
-        thrusts = (now.thrusts - then.thrusts) / span
+        change = now.integrals - then.integrals
+        thrusts = change[THRUSTS] / span
         if not self._is_flying(a, now.t_ns, float(thrusts.sum())):
             self._absent(now.t_ns)
             self._scale.rest(now.t_ns)
             return
-        missing = np.empty(4)
-        missing[0] = (now.force - then.force) / span
-        missing[1:] = (now.momentum - then.momentum - (now.torque - then.torque)) / span
+        missing = change[:4] / span
+        missing[1:] = (now.momentum - then.momentum - change[TORQUE]) / span
         self._missing_torque = missing[1:]
-        push = float(np.linalg.norm((now.lateral - then.lateral) / span))
+        push = math.hypot(*(change[LATERAL] / span).tolist())
         if self._scale.settles(now.t_ns):
             self._absent(now.t_ns)
         else:
@@ -197,7 +200,7 @@ class FaultMonitor:
     def _judge_motors(self, missing: Array, thrusts: Array, push: float, t_ns: int) -> None:
         """One weak motor, or another mass. Not the mass while something pushes: on a tilted vehicle a push lifts,
         too. `missing` (4,) is the thrust (N) and torque (N m) that the commands do not explain."""
-        sigma = np.array(MIXING_SIGMA) * self._arms * thrusts.mean()
+        sigma = self._sigma * thrusts.mean()
         sigma[0] *= len(thrusts)
         e = missing / sigma
         columns = -self._mixing * thrusts / sigma[:, None]  # what the loss of one whole motor would leave
@@ -212,16 +215,6 @@ class FaultMonitor:
         change = abs(mass - 1.0)
         is_mass = not is_motor and torque < TORQUE_CLEAR and push < 0.5 * PUSH and change > MASS_CHANGE
         self._mass.judge(t_ns, is_mass, mass, MASS_CHANGE / max(change, MASS_CHANGE) * mass)
-
-
-def _accumulated(last: Balance, step: Balance) -> Balance:
-    """The integrals up to the end of a step."""
-    return step._replace(
-        force=last.force + step.force,
-        thrusts=last.thrusts + step.thrusts,
-        torque=last.torque + step.torque,
-        lateral=last.lateral + step.lateral,
-    )
 
 
 def _cross(a: Array, b: Array) -> Array:

@@ -37,15 +37,16 @@ class SensorFilter:
 
     def predict(self, filtered: Filtered, process: Rows, Q: Array) -> Filtered:
         """Time update. Raises FilterError, NotPositiveDefiniteError."""
-        return filtered._replace(state=self._method.predict(filtered.state, process, Q))
+        state, memories, model_errors = filtered
+        return Filtered(self._method.predict(state, process, Q), memories, model_errors)
 
     def update(
         self, filtered: Filtered, sensor: str, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]
     ) -> tuple[Filtered, Update]:
         """Measurement update. Raises FilterError, NotPositiveDefiniteError."""
-        belief = self.belief(filtered)
         memory = filtered.memories.get(sensor)
         if memory is None:
+            belief = self.belief(filtered)
             memory = _memory(self._method.start(belief.mean, belief.covariance))
         state = _with_memory(filtered.state, memory)
         update = self._method.update(state, y, measure, R, angular)

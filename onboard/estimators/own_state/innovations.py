@@ -29,18 +29,21 @@ class Counts:
 
     def __init__(self, sigmas: float) -> None:
         self._sigmas = sigmas
-        self._recent: deque[tuple[int, int, int, float]] = deque()  # t_ns, outside, components, NIS
+        self._recent: deque[tuple[int, int, int]] = deque()  # t_ns, outside, components
+        self._nis: deque[float] = deque()  # of the same
         self._outside = self._components = 0  # sums over those
 
     def add(self, t_ns: int, update: Update) -> Outside:
         """Count a measurement; which of its components were outside (m,)."""
-        layer = self._sigmas * np.sqrt(np.diag(update.innovation_covariance))
+        layer = self._sigmas * np.sqrt(update.innovation_covariance.diagonal())
         outside: Outside = np.abs(update.innovation) > layer
-        self._recent.append((t_ns, int(outside.sum()), len(outside), float(update.nis)))
+        self._recent.append((t_ns, int(outside.sum()), len(outside)))
+        self._nis.append(float(update.nis))
         self._outside += self._recent[-1][1]
         self._components += len(outside)
         while self._recent[0][0] < t_ns - NS_PER_S:
-            _, old_outside, old_components, _ = self._recent.popleft()
+            _, old_outside, old_components = self._recent.popleft()
+            self._nis.popleft()
             self._outside -= old_outside
             self._components -= old_components
         return outside
@@ -53,7 +56,7 @@ class Counts:
     @property
     def nis_ratio(self) -> float | None:
         """NIS over the number of components: 1 where the covariance is right."""
-        return sum(nis for _, _, _, nis in self._recent) / self._components if self._components else None
+        return sum(self._nis) / self._components if self._components else None
 
 
 class OutlierMonitor:
@@ -73,7 +76,7 @@ class OutlierMonitor:
         outside, was small before, and is small after or as far to the other side, was a wrong value; otherwise the
         model is wrong. `onsets_ns` are those of the vehicle's present faults."""
         # 1 or -1 outside, 0 well inside, a half between
-        near = np.abs(update.innovation) < NEAR * np.sqrt(np.diag(update.innovation_covariance))
+        near = np.abs(update.innovation) < NEAR * np.sqrt(update.innovation_covariance.diagonal())
         signs = np.where(outside, 1.0, 0.5) * np.sign(update.innovation) * ~near
         sensor, t_ns = measurement.sensor, measurement.t_ns
         last_ns, before, last = self._signs.get(sensor, (0, 0.0 * signs, 0.0 * signs))

@@ -89,7 +89,7 @@ class Samples:
     def _integral(self, t_ns: int) -> Array:
         i = max(bisect_right(self.times, t_ns) - 1, 0)
         dt = (t_ns - self.times[i]) * S_PER_NS
-        return self._sums[i] + 0.5 * dt * (self._values[i] + self._at(t_ns))
+        return self._sums[i] + 0.5 * dt * (self._values[i] + self._at(t_ns)) if dt else self._sums[i]
 
 
 class Manoeuvres:

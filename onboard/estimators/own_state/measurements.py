@@ -110,7 +110,7 @@ def relative_to(R_na: Array, measurement: Measurement) -> tuple[Array, tuple[int
     if measurement.sensor != ATTITUDE_SENSOR:
         return measurement.y, ()
     y = measurement.y.copy()
-    y[:3] = own_motion.angles(R_na.T @ measurement.R_nb)
+    y[:3] = own_motion.angles((R_na.T @ measurement.R_nb)[None])[0]
     return y, (0, 1, 2)
 
 

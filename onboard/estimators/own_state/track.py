@@ -29,7 +29,8 @@ HOVERING: Final = np.array([0.0, 0.0, -own_motion.GRAVITY])  # the specific forc
 HOVERING_NOISE: Final = 3.0  # m/s^2 per square root of Hz, of that
 NO_ACCELERATION: Final = np.zeros(3)
 LEAST_VARIANCE: Final = 1e-18  # keeps a process noise positive definite
-VELOCITIES: Final = np.ix_(VELOCITY, VELOCITY)
+# The same states as slices: a view takes a tenth of the time that indices take.
+MOVING, TURNED, TURNING = (slice(states[0], states[-1] + 1, 2) for states in (VELOCITY, ATTITUDE, RATES))
 
 
 class Cell(NamedTuple):
@@ -133,10 +134,10 @@ class Track:
         dt = (t1_ns - t0_ns) * S_PER_NS
         force, acceleration = inputs.force.mean(t0_ns, t1_ns), inputs.angular_acceleration.mean(t0_ns, t1_ns)
         variance = self._noise * dt
-        variance[list(RATES)] = inputs.noise.turning(t1_ns) * dt
+        variance[TURNING] = inputs.noise.turning(t1_ns) * dt
         if force is None:
             force = HOVERING
-            variance[list(VELOCITY)] += HOVERING_NOISE**2 * dt
+            variance[MOVING] += HOVERING_NOISE**2 * dt
         omega_dot = NO_ACCELERATION if acceleration is None else acceleration
         # On a shaking vehicle the accelerometer and the force of hovering are weighted by how well each is known.
         scatter = inputs.force.density(t1_ns)
@@ -145,18 +146,18 @@ class Track:
         force = HOVERING + weight * (force - HOVERING)
         Q = np.diag(variance)
         R_nb = cell.R_na @ own_motion.rotations(self._filter.belief(cell.filtered).mean[None])[0]
-        Q[VELOCITIES] += (R_nb * (dt * weight * scatter)) @ R_nb.T
+        Q[MOVING, MOVING] += (R_nb * (dt * weight * scatter)) @ R_nb.T
         filtered = self._filter.predict(
             cell.filtered,
             lambda rows: own_motion.process(rows, dt, force, omega_dot, cell.R_na, self._inertia, self._fading),
             Q,
         )
-        return cell._replace(filtered=filtered)
+        return Cell(cell.R_na, filtered, cell.rejected)
 
     def _recentred(self, cell: Cell) -> Cell:
         """The same state; where an angle has grown too large, relative to the present attitude."""
         mean = self._filter.belief(cell.filtered).mean
-        if np.abs(mean[list(ATTITUDE)]).max() < own_motion.LARGEST:
+        if np.abs(mean[TURNED]).max() < own_motion.LARGEST:
             return cell
         R_ac = own_motion.rotations(mean[None])[0]
         no_noise = np.diag(np.full(own_motion.N, LEAST_VARIANCE))
@@ -171,7 +172,7 @@ class Track:
         arguments = sensor, y, measurement_model(measurement), measurement.R, angular
         filtered, update = self._filter.update(cell.filtered, *arguments)
         if self._has_layer and sensor != BAROMETER:
-            return cell._replace(filtered=filtered), Outcome(True, update)
+            return Cell(cell.R_na, filtered, cell.rejected), Outcome(True, update)
         # A filter without layers has a gate before it. A run of rejections means that the model is wrong.
         gated = update.nis > chi_square_threshold(self._gate_probability, len(y))
         run = cell.rejected.get(sensor, 0) + 1 if gated else 0
