@@ -51,10 +51,10 @@ class Listens(Protocol):
 
 @runtime_checkable
 class StatesOwnMotion(Protocol):
-    """An estimator of our own motion, whose word may count in place of the autopilot's (`[ownship] source`)."""
+    """An estimator of our own motion that may replace the autopilot's (`[ownship] source`)."""
 
     def own_motion_at(self, t_ns: int) -> "OwnMotion | None":
-        """Its word on a time, by what has been measured until then; None where it has none that is valid."""
+        """Our own motion at a time, by measurements until then; None where it is not valid."""
 
 
 @runtime_checkable

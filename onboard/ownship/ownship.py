@@ -1,7 +1,7 @@
 """Our own vehicle over the last seconds: its pose, interpolated at any time, and its motion between two times.
 
 Attitude comes from one stream and position and velocity from another, each at its own rate and with its own
-stamps; both are kept as short histories on the boot clock (`histories`), in the words of their `source`.
+stamps; both are kept as short histories on the boot clock (`histories`), each from its `source`.
 """
 
 import math
@@ -34,7 +34,7 @@ from onboard.ownship.source import Comparison, OwnMotion, Source, Wanted
 from onboard.ownship.turning import turned, unit
 
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
-STATUS_NS: Final = 5_000_000_000  # the autopilot's word on its filter holds for so long after its arrival
+STATUS_NS: Final = 5_000_000_000  # the autopilot's report on its filter holds for so long after its arrival
 UNKNOWN: Final = np.array([math.nan, math.nan, 0.0])  # added to a position that is known in height only
 NO_NOISE: Final = (0.0, 0.0, 0.0)
 ANOTHER_SPEED: Final = 1.0  # m/s; velocities of two sources that differ more are of two motions
@@ -75,7 +75,7 @@ class Ownship:
 
     def receive(self, message: Message, stamp_ns: int, own: OwnMotion | None = None) -> bool:
         """Take one message, true at `message.t_ns` and stamped `stamp_ns` before its delay was taken off; `own` is
-        an estimator's word on that time, if there is one. True if it brought a new navigation sample."""
+        what an estimator states of that time, if there is one. True if it brought a new navigation sample."""
         if isinstance(message, Attitude):
             self._add_attitude(message, stamp_ns, own)
             return False
@@ -101,7 +101,7 @@ class Ownship:
         return False
 
     def receive_status(self, status: EstimatorStatus) -> bool:
-        """Take the autopilot's word on its own filter. True if the filter may have a horizontal velocity."""
+        """Take the autopilot's report on its own filter. True if the filter may have a horizontal velocity."""
         self._status = status
         return status.horizontal_velocity is not False
 
@@ -208,7 +208,7 @@ class Ownship:
         return AttitudeSample(unit(turned(stated.q, (a, b, c), 1.0)), omega, (x, y, z))
 
     def _recent_status(self, message: Message) -> EstimatorStatus | None:
-        """The autopilot's word on its filter when a message arrives; None if nothing recent says so."""
+        """The autopilot's report on its filter when a message arrives; None without a recent one."""
         status = self._status
         is_recent = status is not None and 0 <= message.t_recv_ns - status.t_recv_ns <= STATUS_NS
         return status if is_recent else None

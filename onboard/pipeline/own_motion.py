@@ -1,4 +1,4 @@
-"""The word of an estimator of our own state on our own motion, where it may count."""
+"""Our own motion by an estimator of our own state, where it may replace the autopilot's."""
 
 from collections.abc import Callable, Mapping
 
@@ -7,7 +7,7 @@ from onboard.estimators import EstimatorProtocol, StatesOwnMotion
 from onboard.messages import Attitude, GlobalPosition, LocalPosition, Message
 from onboard.ownship import OwnMotion, Ownship
 
-STATES: tuple[type[Message], ...] = (Attitude, LocalPosition, GlobalPosition)  # the autopilot's own word
+STATES: tuple[type[Message], ...] = (Attitude, LocalPosition, GlobalPosition)  # the autopilot's own motion
 
 
 class OwnMotionSource:
@@ -28,12 +28,12 @@ class OwnMotionSource:
         return Ownship(max_extrapolation=self._config.max_extrapolation_s, source=self._config.source)
 
     def at(self, message: Message) -> OwnMotion | None:
-        """The estimator's word on the time of a message that states own motion; None without one."""
+        """The estimator's own motion at the time of a message that states the autopilot's; None without one."""
         if not isinstance(message, STATES):
             return None
         for name, estimator in self._stating:
             try:
                 return estimator.own_motion_at(message.t_ns)
-            except Exception as error:  # of any kind: the autopilot's word is there
+            except Exception as error:  # of any kind: the autopilot's own motion is there
                 self._on_error(name, error)
         return None

@@ -7,11 +7,11 @@ from onboard.messages import Fault, FaultKind, NavState, Record, Truth
 
 GUST: Final = "gust"  # the air's doing, not the vehicle's: in a flight with both, the fault is the other one
 KINDS: Final = {"inputs": FaultKind.MASS, "mass": FaultKind.MASS, GUST: FaultKind.GUST}
-TOLD: Final = (
+JUDGED: Final = (
     FaultKind.MOTOR,
     FaultKind.MASS,
     FaultKind.GUST,
-)  # kinds of which the truth says when they are there
+)  # kinds that are in the truth
 AFTER_NS: Final = 3_000_000_000  # a fault that is over may be reported for so long
 
 
@@ -51,7 +51,7 @@ def score_fault(states: Sequence[NavState], truths: Sequence[Truth]) -> FaultSco
     wrong = {
         _name(f)
         for key, f in last.items()
-        if f.kind in TOLD and not any(_is(name, f, first[key], span) for name, span in intervals.items())
+        if f.kind in JUDGED and not any(_is(name, f, first[key], span) for name, span in intervals.items())
     }
     return FaultScore(
         happened=happened,

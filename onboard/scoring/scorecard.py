@@ -1,6 +1,6 @@
 """Scores printed: for each figure its value with the unit and, where there is one, the bound it should keep.
 
-Bounds of NIS and NEES are those of a filter whose every sigma is the true one. What lies outside is said in words:
+Bounds of NIS and NEES are those of a filter whose every sigma is the true one. A value outside is explained:
 below them errors are smaller than the filter claims, above them larger.
 """
 
@@ -141,7 +141,7 @@ def own_state_rows(s: OwnStateScore) -> list[Row]:
 
 
 def fault_rows(f: FaultScore) -> list[Row]:
-    """The lines of a fault: what happened, and what was said of it."""
+    """The lines of a fault: what happened, and what was named."""
     rows = []
     if f.happened is not None:
         named = "NOT NAMED"
@@ -174,7 +174,7 @@ def _between(bounds: tuple[float, float] | None, what: str) -> str:
 
 
 def _judged(value: float, bounds: tuple[float, float] | None) -> str:
-    """A mean NIS or NEES, and in words what it says where it is outside its bounds."""
+    """A mean NIS or NEES, and what it means where it is outside its bounds."""
     words = ""
     if bounds is not None and not bounds[0] <= value <= bounds[1]:
         words = ", too cautious" if value < bounds[0] else ", too sure"

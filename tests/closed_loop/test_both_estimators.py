@@ -52,14 +52,14 @@ def test_our_own_state_is_honest_and_names_the_motor_seed_1(flights: Flights) ->
 def test_an_estimator_of_our_own_state_that_fails_takes_no_leader_down_seed_1(
     flights: Flights, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It says nothing for ten seconds, then raises."""
+    """It states nothing for ten seconds, then raises."""
     stated = Estimator.own_motion_at
 
     def failing(self: Estimator, t_ns: int) -> Any:
-        word, begin = stated(self, t_ns), begin_ns.setdefault("t", t_ns)
+        motion, begin = stated(self, t_ns), begin_ns.setdefault("t", t_ns)
         if t_ns > begin + 20 * 10**9:
             raise RuntimeError("broken")
-        return None if t_ns > begin + 10 * 10**9 else word
+        return None if t_ns > begin + 10 * 10**9 else motion
 
     begin_ns: dict[str, int] = {}
     monkeypatch.setattr(Estimator, "own_motion_at", failing)

@@ -86,7 +86,7 @@ def nav_state(
 
 
 def own_motion(posterior: Posterior) -> OwnMotion:
-    """The belief at a time as a word on our own motion."""
+    """The belief at a time as our own motion."""
     _, R_na, (x, P) = posterior
     w, a, b, c = quaternion_from_matrix(R_na @ model.rotations(x[None])[0]).tolist()
     sigma = np.sqrt(np.diag(model.navigation_covariance(P, x)))

@@ -1,4 +1,4 @@
-"""Whose word on our own motion counts: the surer one's, without a jump, and for a counted reason."""
+"""The source of our own motion: the surer one, without a jump, and for a counted reason."""
 
 import math
 
@@ -17,20 +17,20 @@ def about_down(yaw: float) -> Quaternion:
     return math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)
 
 
-def word(sigma: float, *, yaw: float = 0.0, v: Vec3 = STILL) -> OwnMotion:
+def stated(sigma: float, *, yaw: float = 0.0, v: Vec3 = STILL) -> OwnMotion:
     return OwnMotion(about_down(yaw), STILL, (sigma,) * 3, (5.0, 6.0, 7.0), v, (0.05,) * 3)
 
 
-def yaws(own: Ownship, noise: float, word_at: dict[float, OwnMotion | None], until: float) -> list[float]:
-    """Our yaw at each attitude of a hovering vehicle whose yaw has white noise, seed 71. `word_at`: what the
-    estimator says from a time on."""
-    rng, made, said = np.random.default_rng(71), [], None
+def yaws(own: Ownship, noise: float, stated_at: dict[float, OwnMotion | None], until: float) -> list[float]:
+    """Our yaw at each attitude of a hovering vehicle whose yaw has white noise, seed 71. `stated_at`: what the
+    estimator states from a time on."""
+    rng, made, own_motion = np.random.default_rng(71), [], None
     for k in range(round(until * 100)):
         t_ns = 5 * S + k * 10 * MS
-        said = word_at.get(k / 100, said)
+        own_motion = stated_at.get(k / 100, own_motion)
         q = about_down(noise * rng.normal())
-        own.receive(Attitude(t_ns=t_ns, t_recv_ns=t_ns, q_nb=q, omega_b=STILL), t_ns, said)
-        own.receive(LocalPosition(t_ns=t_ns, t_recv_ns=t_ns, r_OF_n=STILL, v_F_n=STILL), t_ns, said)
+        own.receive(Attitude(t_ns=t_ns, t_recv_ns=t_ns, q_nb=q, omega_b=STILL), t_ns, own_motion)
+        own.receive(LocalPosition(t_ns=t_ns, t_recv_ns=t_ns, r_OF_n=STILL, v_F_n=STILL), t_ns, own_motion)
         pose = own.pose_at(t_ns)
         assert pose is not None
         made.append(2 * math.atan2(pose.q_nb[3], pose.q_nb[0]))
@@ -48,7 +48,7 @@ def yaws(own: Ownship, noise: float, word_at: dict[float, OwnMotion | None], unt
 )
 def test_the_surer_ones_attitude_counts(source: Wanted, sigma: float, is_own: bool) -> None:
     own = Ownship(max_extrapolation=0.1, source=source)
-    made = yaws(own, 0.01, {0.0: word(sigma)}, 6.0)
+    made = yaws(own, 0.01, {0.0: stated(sigma)}, 6.0)
     assert (np.std(made[400:]) < 0.001) == is_own
     pose = own.pose_at(own.now_ns)
     assert pose is not None
@@ -57,7 +57,7 @@ def test_the_surer_ones_attitude_counts(source: Wanted, sigma: float, is_own: bo
 
 def test_a_quiet_autopilots_velocity_stays_its_own() -> None:
     own = Ownship(max_extrapolation=0.1, source="auto")
-    yaws(own, 0.01, {0.0: word(0.001, v=(0.3, 0.0, 0.0))}, 6.0)
+    yaws(own, 0.01, {0.0: stated(0.001, v=(0.3, 0.0, 0.0))}, 6.0)
     pose = own.pose_at(own.now_ns)
     assert pose is not None
     assert pose.v_F_n[0] == 0.0
@@ -66,7 +66,7 @@ def test_a_quiet_autopilots_velocity_stays_its_own() -> None:
 
 def test_both_are_taken_where_they_are_wanted() -> None:
     own = Ownship(max_extrapolation=0.1, source="own_state")
-    yaws(own, 0.01, {0.0: word(0.001, v=(0.3, 0.0, 0.0))}, 6.0)
+    yaws(own, 0.01, {0.0: stated(0.001, v=(0.3, 0.0, 0.0))}, 6.0)
     pose = own.pose_at(own.now_ns)
     assert pose is not None
     np.testing.assert_allclose(pose.v_F_n, [0.3, 0.0, 0.0])
@@ -75,7 +75,7 @@ def test_both_are_taken_where_they_are_wanted() -> None:
 
 def test_a_change_of_source_and_a_loss_are_no_jumps() -> None:
     own = Ownship(max_extrapolation=0.1, source="own_state")
-    made = yaws(own, 0.0, {2.0: word(0.001, yaw=0.03), 6.0: None}, 10.0)
+    made = yaws(own, 0.0, {2.0: stated(0.001, yaw=0.03), 6.0: None}, 10.0)
     assert max(np.abs(np.diff(made))) < 0.03 / 100 * 1.1  # within a second, at 100 Hz
     assert made[150] == 0.0
     assert made[550] == pytest.approx(0.03, rel=1e-4)
@@ -85,6 +85,6 @@ def test_a_change_of_source_and_a_loss_are_no_jumps() -> None:
 
 def test_an_estimator_that_contradicts_the_autopilot_does_not_count() -> None:
     own = Ownship(max_extrapolation=0.1, source="own_state")
-    made = yaws(own, 0.001, {0.0: word(0.001), 4.0: word(0.001, yaw=0.2)}, 8.0)
+    made = yaws(own, 0.001, {0.0: stated(0.001), 4.0: stated(0.001, yaw=0.2)}, 8.0)
     assert own.source_changes["attitude_from_autopilot.own_state_contradicts_it"] == 1
     assert abs(made[-1]) < 0.01

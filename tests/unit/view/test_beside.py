@@ -24,7 +24,7 @@ FARTHER = 2.0  # m: by how much it is wrong
 
 
 def farther(estimate: Estimate) -> Estimate:
-    """Another estimator's word of the same time: the leader 2 m farther away."""
+    """Another estimator's estimate of the same time: the leader 2 m farther away."""
     assert estimate.mean is not None
     r = np.array(estimate.mean[:3])
     moved = r * (1 + FARTHER / np.linalg.norm(r))
