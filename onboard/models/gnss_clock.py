@@ -16,7 +16,6 @@ N: Final = 11
 POSITION: Final = variable_turn.POSITION
 VELOCITY: Final = variable_turn.VELOCITY
 ACCELERATION: Final = variable_turn.ACCELERATION
-CLOCK: Final = (9, 10)
 COMPONENTS: Final = (*variable_turn.COMPONENTS, "clock", "clock_drift")
 UNITS: Final = (*variable_turn.UNITS, "m", "m/s")
 

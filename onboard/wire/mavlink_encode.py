@@ -6,7 +6,6 @@ from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import (
     ActuatorOutputs,
     AdsbVehicle,
@@ -48,12 +47,6 @@ class MavlinkEncoder:
         Raises KeyError for a record type that has no MAVLink form.
         """
         return b"".join(self._pack(m) for m in ENCODE[type(message)](message))
-
-    def attitude_euler(self, message: Attitude) -> bytes:
-        """ATTITUDE (Euler angles), for receivers that do not read ATTITUDE_QUATERNION."""
-        roll, pitch, yaw = euler_from_quaternion(message.q_nb)
-        boot_ms = message.t_ns // 1_000_000
-        return self._pack(dialect.MAVLink_attitude_message(boot_ms, roll, pitch, yaw, *message.omega_b))
 
     def _pack(self, m: Any) -> bytes:
         data: bytes = m.pack(self._mav)
