@@ -9,10 +9,10 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.gating import normalised_squared
 from onboard.messages import NavState, Quaternion, Record, Truth
+from onboard.messages.between import nav_state_at
 from onboard.scoring.statistics import availability, percent, rms, single_bounds
 
 SETTLE: Final = 10.0  # s after the first state
-NEAREST_NS: Final = 6_000_000  # of a state to a truth: stamps are whole milliseconds, steps of the world 5
 DOF: Final = 6
 JUDGED: Final = slice(3, 3 + DOF)  # velocity and attitude; the positions have an origin each
 
@@ -78,12 +78,11 @@ def score_own_state(
 
 
 def _errors(states: Sequence[NavState], truths: Sequence[Truth], begin_ns: int) -> Iterator[_Error]:
-    """The error at each truth with a valid state near it, from begin_ns on."""
+    """The error at each truth with valid states around it, from begin_ns on."""
     valid = [s for s in states if s.valid and s.t_ns >= begin_ns]
-    times = np.array([s.t_ns for s in valid])
-    for truth in truths if valid else ():
-        s = valid[int(np.argmin(np.abs(times - truth.t_ns)))]
-        if abs(s.t_ns - truth.t_ns) > NEAREST_NS or s.mean is None or s.covariance is None or s.q_nb is None:
+    for truth in truths:
+        s = nav_state_at(valid, truth.t_ns)
+        if s is None or s.mean is None or s.covariance is None or s.q_nb is None:
             continue
         velocity = np.subtract(truth.v_F_n, s.mean[3:6])
         P = np.array(s.covariance)

@@ -5,6 +5,7 @@ import numpy as np
 
 from onboard.geometry.rotations import euler_from_quaternion, quaternion_product, vector_from_quaternion
 from onboard.messages import FaultKind, NavState, OwnPose, Truth
+from onboard.messages.between import nav_state_at
 from onboard.view import palette, scene, words
 from onboard.view.columns import (
     HIDDEN,
@@ -26,7 +27,6 @@ from onboard.view.plots import plot_state as plot_strip
 
 PLOT_HZ = 25.0
 STATUS_HZ = 5.0
-SAME_NS = 6_000_000  # a state and a truth so near are of one time: stamps are whole milliseconds
 ANGLES = scene.OWN_NAMES[3:6]
 ERRORS = ("velocity_error", "attitude_error")
 WORDS_BELOW = 0.75  # of the rotors' panel, in spans
@@ -36,10 +36,11 @@ UNDISTURBED = Pose((0.0, 0.0, 0.0), LEVEL, (1.0, 1.0, 1.0))
 def show_state(columns: Columns, memory: Memory, state: NavState, rotors: scene.Rotors) -> None:
     """Everything that a state of ours changes in the view."""
     plot_state(columns, memory, state)
+    last_ns = memory.own_states[-1].t_ns if memory.own_states else state.t_ns
     memory.own_states.append(state)
-    near = next((t for t in reversed(memory.truths) if abs(t.t_ns - state.t_ns) <= SAME_NS), None)
-    if near is not None:
-        plot_error(columns, state, near)
+    for truth in memory.truths:
+        if last_ns < truth.t_ns <= state.t_ns:
+            plot_error(columns, memory, truth)
     by_weight = sorted(state.faults, key=lambda f: f.kind is FaultKind.GUST)  # a gust passes
     named = [str(f.part or f.kind) for f in by_weight]
     plot_strip(columns, memory, "own_state", state.t_ns, state.state)
@@ -78,13 +79,14 @@ def draw_rotors(columns: Columns, state: NavState, rotors: scene.Rotors) -> None
         columns.add(poses, f"{scene.WEAK}/{k}", state.t_ns, UNDISTURBED if name in lost else HIDDEN)
 
 
-def plot_error(columns: Columns, state: NavState, truth: Truth) -> None:
-    """How far velocity (m/s) and attitude (degrees, about b's axes) are off."""
-    if state.mean is None or state.q_nb is None:
+def plot_error(columns: Columns, memory: Memory, truth: Truth) -> None:
+    """How far velocity (m/s) and attitude (degrees, about b's axes) are off at the time of a truth."""
+    state = nav_state_at(list(memory.own_states), truth.t_ns)
+    if state is None or state.mean is None or state.q_nb is None:
         return
-    columns.add(scalars, "plots/own/velocity_error/error", state.t_ns, np.subtract(state.mean[3:6], truth.v_F_n))
+    columns.add(scalars, "plots/own/velocity_error/error", truth.t_ns, np.subtract(state.mean[3:6], truth.v_F_n))
     turn = vector_from_quaternion(quaternion_product(np.multiply(truth.q_nF, (1, -1, -1, -1)), state.q_nb))
-    columns.add(scalars, "plots/own/attitude_error/error", state.t_ns, np.degrees(turn))
+    columns.add(scalars, "plots/own/attitude_error/error", truth.t_ns, np.degrees(turn))
 
 
 def plot_state(columns: Columns, memory: Memory, state: NavState) -> None:
@@ -121,9 +123,8 @@ def plot_truth(columns: Columns, memory: Memory, truth: Truth) -> None:
     """The truth of the same quantities, and what the state of that time is off by."""
     if "own state" in memory.drawn_ns:
         _add(columns, "truth", truth.t_ns, truth.v_F_n, truth.q_nF, truth.r_OF_n[2])
-        near = next((s for s in reversed(memory.own_states) if abs(s.t_ns - truth.t_ns) <= SAME_NS), None)
-        if near is not None:
-            plot_error(columns, near, truth)
+        if memory.own_states and truth.t_ns <= memory.own_states[-1].t_ns:
+            plot_error(columns, memory, truth)  # otherwise with the state that comes next
 
 
 def _add(

@@ -19,7 +19,7 @@ from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR, BAROMETER, GPS, Measurement, unusable
 from onboard.estimators.own_state.noise import SensorNoise
 from onboard.estimators.own_state.report import VALID, Reported, nav_state, own_motion, refused, report
-from onboard.estimators.own_state.sources import Sources, next_multiple_ns
+from onboard.estimators.own_state.sources import Sources, next_due_ns
 from onboard.estimators.own_state.track import Outcome, Track
 from onboard.filters.belief import FilterError
 from onboard.geometry.camera import Camera
@@ -151,7 +151,7 @@ class Estimator:
         outcome = self._fuse(measurement)
         if message.t_ns < self._next_due_ns:
             return []
-        self._next_due_ns = next_multiple_ns(message.t_ns, self._config.publish_rate_hz)
+        self._next_due_ns = next_due_ns(message.t_ns, self._config.publish_rate_hz)
         return [self._publish(report(measurement, outcome))]
 
     def _receive_fix(self, message: GpsFix, ownship: Ownship) -> list[Estimate]:

@@ -14,7 +14,6 @@ from onboard.messages import Attitude, Barometer, GlobalOrigin, GlobalPosition, 
 from onboard.ownship import Ownship
 
 ATTITUDES: Final = 200  # kept for the start of a track
-EARLY_NS: Final = NS_PER_S // 1000
 NEAREST_NS: Final = NS_PER_S // 2  # of an attitude to the fix at which a track starts
 ORIGIN_WAIT_NS: Final = 2 * NS_PER_S  # for a GLOBAL_POSITION_INT, which shows where the autopilot's origin is
 FIX_3D: Final = 3
@@ -109,14 +108,7 @@ def distance(a: Vec3, b: Vec3) -> float:
 
 def next_due_ns(t_ns: int, rate_hz: float) -> int:
     """The earliest time at which the next message after `t_ns` is due; a millisecond early for rounded stamps."""
-    return t_ns + round(NS_PER_S / rate_hz) - EARLY_NS
-
-
-def next_multiple_ns(t_ns: int, rate_hz: float) -> int:
-    """The same on multiples of the period, whichever message came first: states, and a truth of such a rate, have
-    the same times."""
-    period = round(NS_PER_S / rate_hz)
-    return ((t_ns + EARLY_NS) // period + 1) * period - EARLY_NS
+    return t_ns + round(NS_PER_S / rate_hz) - NS_PER_S // 1000
 
 
 def _origin(message: GlobalPosition | GpsFix, ownship: Ownship) -> Vec3 | None:

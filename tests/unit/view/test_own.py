@@ -86,12 +86,13 @@ def test_every_fault_that_can_be_named_has_a_colour_in_the_strip() -> None:
     assert {f"motor {k}" for k in range(1, 9)} <= set(palette.FAULTS)
 
 
+@pytest.mark.parametrize("t_ms", [4998, 4990])  # of a state, and between two
 @pytest.mark.parametrize("truth_first", [True, False])
-def test_errors_are_those_of_a_truth_of_the_same_time(truth_first: bool) -> None:
+def test_errors_are_those_of_a_truth_at_its_own_time(truth_first: bool, t_ms: int) -> None:
     kept, memory = Drawn(), Memory()
     q = tuple(quaternion_from_euler(0.0, 0.0, math.pi / 2 + 0.1).tolist())
-    before, same = truth(4_900_000_000, v_F_n=(9, 9, 9)), truth(5_001_000_000, v_F_n=(3.5, 5, 6), q_nF=q)
-    own.show_state(kept, memory, nav_state(4000), ())  # type: ignore[arg-type]
+    before, same = truth(4_900_000_000, v_F_n=(9, 9, 9)), truth(t_ms * 1_000_000, v_F_n=(3.5, 5, 6), q_nF=q)
+    own.show_state(kept, memory, nav_state(4980), ())  # type: ignore[arg-type]
     if truth_first:
         memory.truths.extend([before, same])
         own.show_state(kept, memory, nav_state(5000), ())  # type: ignore[arg-type]

@@ -5,7 +5,6 @@ import pytest
 from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
-from onboard.estimators.own_state.measurements import ATTITUDE_SENSOR
 from onboard.geometry.rotations import quaternion_from_vector, quaternion_product
 from onboard.messages import Imu, Message
 from tests.support.own_vehicle import MS, ORIGIN, G, attitude, fix, heartbeat, hovering, imu, pipeline, states_of
@@ -147,12 +146,3 @@ def test_a_step_of_the_barometer_moves_nothing_and_becomes_the_new_datum(name: s
     assert abs(states[-1].mean[5]) < 6e-6  # type: ignore[index]
     assert abs(states[-1].mean[2]) < 1e-5  # type: ignore[index]
     assert (states[-1].reset_count, states[-1].faults) == (0, ())
-
-
-@pytest.mark.parametrize("first", [1000, 1010])
-def test_states_come_at_multiples_of_their_period_whichever_message_is_first(first: int) -> None:
-    """Attitudes at 100 Hz, states at 50 Hz: a truth of every 40 ms has a state of its time."""
-    states = states_of(pipeline(), [heartbeat(), *hovering(first, first + 3000)])
-    published = [s.t_ns // MS for s in states if s.mean is not None and s.measurement.source == ATTITUDE_SENSOR]  # type: ignore[union-attr]
-    assert len(published) > 40
-    assert {t % 20 for t in published} == {0}
