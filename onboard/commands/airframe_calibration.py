@@ -41,7 +41,7 @@ class Flight(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What the owner says: mass (kg), rotors (n, 3): places forward and right (m) and sense, the motors' lag (s),
+    """What is given: mass (kg), rotors (n, 3): places forward and right (m) and sense, the motors' lag (s),
     and the voltage (V) at which the thrust is wanted, 1 where it is unused."""
 
     mass: float
