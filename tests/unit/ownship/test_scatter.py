@@ -42,6 +42,14 @@ def test_a_constant_contradiction_is_no_noise() -> None:
     assert max(scatter.white or (1.0,)) < 1e-3
 
 
+def test_a_constant_contradiction_in_noise_is_no_walk_seed_54() -> None:
+    with_it, without = Scatter(3), Scatter(3)
+    for e in increments(np.random.default_rng(54), 0.01, 0.0, 1500):
+        with_it.add((e + 0.01).tolist(), DT)
+        without.add(e.tolist(), DT)
+    assert with_it.deviation(100) == pytest.approx(without.deviation(100), rel=0.2)
+
+
 def test_single_wrong_values_count_little_seed_52() -> None:
     rng, scatter = np.random.default_rng(52), Scatter(3)
     for k, e in enumerate(increments(rng, 0.01, 0.0, 1000)):
