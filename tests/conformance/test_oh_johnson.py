@@ -10,7 +10,7 @@ from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE
 from onboard.studies.relative_motion.formation import FT, Method, Setting, track
 from onboard.studies.relative_motion.methods import PAPER_MENDED, TUNED
-from onboard.studies.relative_motion.noise import PAPER, process_noise
+from onboard.studies.relative_motion.noise import PAPER
 from onboard.studies.relative_motion.scores import truth_of
 from simlink.flights import fly_many
 from simlink.scenarios.scenario import load_scenario
@@ -31,8 +31,9 @@ def test_weights_are_eqs_23_to_25() -> None:
 def test_paper_settings_are_eqs_51_to_54() -> None:
     foot = 0.3048
     expected = [5, 5, 5, 10, 10, 10, 0.01 * 8.75, 2, 2]
-    assert np.sqrt(process_noise(PAPER, 8.75 * foot)) / foot == pytest.approx(expected, rel=1e-12)
-    assert np.array_equal(flown.process_noise(8.75 * foot), np.diag(process_noise(PAPER, 8.75 * foot)))
+    Q = flown.process_noise(8.75 * foot, PAPER.walks)
+    assert np.sqrt(np.diag(Q)) / foot == pytest.approx(expected, rel=1e-12)
+    assert np.array_equal(flown.process_noise(8.75 * foot), Q)
     first = flown.first_belief(np.array([0.1, -0.05, 0.08]), 8.75 * foot, 0.2 * foot, np.eye(3), np.zeros(3))
     sigmas = [1, 1, 1, 1, 1, 1, 0.2, 10, 10]
     assert np.sqrt(np.diag(first.covariance)) / foot == pytest.approx(sigmas, rel=1e-12)

@@ -11,13 +11,14 @@ import pytest
 from filterpy.kalman import JulierSigmaPoints, UnscentedKalmanFilter
 
 from onboard.arrays import Array
+from onboard.estimators.oh_johnson.noise import process_noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.geometry.rotations import matrix_from_quaternion, wrap_angle
 from onboard.models import camera_angles, relative_motion
 from onboard.studies.relative_motion.formation import B0, SIZE_SIGMA
 from onboard.studies.relative_motion.methods import TUNED_NOISE
-from onboard.studies.relative_motion.noise import PAPER, Noise, initial_belief, process_noise
+from onboard.studies.relative_motion.noise import PAPER, Noise, initial_belief
 from simlink.flight import Flight, fly
 from simlink.scenarios.scenario import load_scenario
 from tests.conformance.problems import in_sigmas
@@ -56,7 +57,7 @@ def test_predict_and_update_equal_filterpy_over_600_steps_seed_4(flight: Flight,
     angles = camera_angles.angles_from_points(flight.image_points[0])
     R_cn = matrix_from_quaternion(flight.nav_q_nb[0]).T
     belief = initial_belief(noise, angles, R, B0, SIZE_SIGMA, R_cn, np.zeros(3))
-    Q = np.diag(process_noise(noise, B0) * 0.02)
+    Q = process_noise(B0, noise.walks) * 0.02
     other = theirs(belief, Q)
     worst, updates = np.zeros(2), 0
     for k in range(1, STEPS + 1):

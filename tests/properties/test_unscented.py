@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.arrays import Array
+from onboard.estimators.oh_johnson.noise import process_noise
 from onboard.filters import unscented
 from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update
 from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
-from onboard.studies.relative_motion.noise import HONEST, PAPER, Noise, initial_belief, process_noise
+from onboard.studies.relative_motion.noise import HONEST, PAPER, Noise, initial_belief
 
 SEED = st.integers(0, 2**32 - 1)
 EXACT = 1e-9
@@ -156,7 +157,7 @@ def vision_run(noise: Noise, steps: int, seed: int) -> list[Belief]:
         np.array([0.0, 2.4, 0.0]),
         np.array([0.0, 2.4, 0.0]),
     )
-    Q, R = np.diag(process_noise(noise, 2.667) * 0.02), np.diag([0.002, 0.002, 0.0026]) ** 2
+    Q, R = process_noise(2.667, noise.walks) * 0.02, np.diag([0.002, 0.002, 0.0026]) ** 2
     beliefs = [vision_start(noise)]
     for k in range(steps):
         belief = unscented.predict(
