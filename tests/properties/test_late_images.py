@@ -1,6 +1,7 @@
 """Late, shuffled and doubled images give the same belief; wrong and absurd ones do not break the filter."""
 
 import math
+import re
 from collections.abc import Iterable
 from functools import cache
 
@@ -10,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from onboard.estimators.leader.tracks.noise import WINDOW
 from onboard.messages import Estimate, Message, TargetPoints, Verdict
 from tests.support.streams import (
     CIRCLE,
     EPOCH,
+    F_PX,
     MS,
     Item,
     Run,
@@ -96,6 +97,24 @@ def test_late_and_shuffled_images_of_seed(seed: int) -> None:
     assert_same_belief(run)
 
 
+@pytest.mark.parametrize("seed", [6, 7])
+def test_the_noise_of_a_detector_is_learnt_from_late_images_as_from_those_in_order_with_seed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    noisy = []
+    for m in IMAGES:
+        points = np.array([m.center, m.left, m.right]) + 2.5 * rng.normal(size=(3, 2)) / F_PX
+        center, left, right = (tuple(p) for p in points.tolist())
+        noisy.append(replace(m, center=center, left=left, right=right))
+    delays = [
+        45 if m.t_ns < ENTANGLED else d for m, d in zip(noisy, rng.integers(0, 440, len(noisy)), strict=True)
+    ]
+    run = delivered((m.t_ns + int(d) * MS, m) for m, d in zip(noisy, delays, strict=True))
+    found = re.search(r"the detector is ([\d.]+) times as noisy as configured", last(run).reason)
+    assert found, last(run).reason
+    assert 1.8 < float(found[1]) < 3.2
+    assert_same_belief(run, in_order(noisy))
+
+
 def test_images_before_own_motion_is_known_give_the_same_belief_once_it_is() -> None:
     # delivered with no latency at all: the pose of each is extrapolated at first
     assert_same_belief(late_by([0] * len(IMAGES)))
@@ -110,7 +129,7 @@ def test_images_between_the_samples_of_a_turning_camera_give_the_same_belief_onc
 
 def test_a_jerking_cameras_extrapolated_attitude_leaves_no_trace() -> None:
     """The attitude turns otherwise than the rates of the sample before predict. So wrong a prediction looks like a
-    noisy detector, which is learnt as images arrive: fewer images than that takes."""
+    noisy detector; what is learnt of one is learnt from the final poses."""
 
     def run(delay: int) -> Run:
         items = []
@@ -119,7 +138,7 @@ def test_a_jerking_cameras_extrapolated_attitude_leaves_no_trace() -> None:
             if type(m).__name__ == "Attitude":
                 m = replace(m, omega_b=(0.8 * math.sin(m.t_ns * 1e-9 * 9), 0.5, -0.6))
             items.append(Item(item.t_recv_ns, m))
-        for m in IMAGES[: WINDOW - 1]:
+        for m in IMAGES:
             shifted = replace(m, t_ns=m.t_ns + 13 * MS)
             wait = 45 * MS if m.t_ns < ENTANGLED else delay
             items.append(Item(EPOCH + shifted.t_ns + wait, shifted))

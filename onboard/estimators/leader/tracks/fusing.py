@@ -1,13 +1,15 @@
-"""What a filter's state becomes by what a track takes: an image, a size, the wind."""
+"""A track's state, and what it becomes: by our own motion, an image, a size, the wind."""
 
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.filters.filter import LeaderFilter
 from onboard.estimators.leader.filters.partial import refused
 from onboard.estimators.leader.sight import sight
 from onboard.estimators.leader.size import Size
-from onboard.estimators.leader.tracks.image import Image, newest_pose
+from onboard.estimators.leader.tracks.image import Image, measured, newest_pose
+from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.report import NO_OUTCOME, Outcome
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError
@@ -15,23 +17,43 @@ from onboard.models.relative_motion import R
 from onboard.ownship import Ownship
 
 
+class TrackState(NamedTuple):
+    """The filter's state, and what is known of the detector's noise."""
+
+    leader: Any
+    noise: NoiseScale
+
+
+def advance(filter_: LeaderFilter, state: TrackState, t0_ns: int, t1_ns: int, ownship: Ownship) -> TrackState:
+    """The state predicted from one time to another. Raises FilterError."""
+    leader = state.leader
+    for step in ownship.steps(t0_ns, t1_ns):
+        leader = filter_.advance(leader, step)
+    return state._replace(leader=leader)
+
+
 def fuse(
-    filter_: LeaderFilter, poses: CameraPoses, state: Any, taken: Image | Size | Wind, ownship: Ownship
-) -> tuple[Any, Any]:
+    filter_: LeaderFilter, poses: CameraPoses, state: TrackState, taken: Image | Size | Wind, ownship: Ownship
+) -> tuple[TrackState, Any]:
     """The state after it, and its outcome. An image is fused if it passes the gate, and if the leader is then in
     front of the camera that saw it. Raises FilterError."""
+    leader = state.leader
     if isinstance(taken, Size):
-        return filter_.resized(state, taken), NO_OUTCOME
+        return state._replace(leader=filter_.resized(leader, taken)), NO_OUTCOME
     if isinstance(taken, Wind):
-        return filter_.in_wind(state, taken), NO_OUTCOME
+        return state._replace(leader=filter_.in_wind(leader, taken)), NO_OUTCOME
     pose = newest_pose(taken, poses, ownship)
+    measurement = measured(taken, filter_, state.noise.scale).with_attitude_noise(pose.noise_c)
     try:
-        update = filter_.fuse(state, taken.measurement.with_attitude_noise(pose.noise_c), pose)
+        update = filter_.fuse(leader, measurement, pose)
     except FilterError:
         if taken.has_extent:
             raise
-        return state, Outcome(False, refused(taken.measurement, state), state, pose)
+        return state, Outcome(False, refused(measurement, leader), leader, pose)
+    noise = state.noise
+    if math.isfinite(update.nis):
+        noise = noise.after(update.innovation, update.innovation_covariance)
     fused = filter_.gate is None or update.nis <= filter_.gate
-    if fused and not sight(taken.measurement.axes, pose).shows(filter_.belief(update.belief).mean[R]):
+    if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[R]):
         fused = False
-    return (update.belief if fused else state), Outcome(fused, update, state, pose)
+    return TrackState(update.belief if fused else leader, noise), Outcome(fused, update, leader, pose)

@@ -12,7 +12,7 @@ from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters import partial
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement
-from onboard.estimators.leader.filters.partial import Edges
+from onboard.estimators.leader.filters.partial import Edges, Seen
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import ImagePoint, TargetImage, Verdict
@@ -28,13 +28,17 @@ SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
 class Image(NamedTuple):
     """A usable image, with the camera's pose when it was taken. The pose is `final` if it was interpolated; an
     extrapolated one is computed again when the image is fused. Without an extent (`has_extent`) it shows a
-    direction alone (see `partial`)."""
+    direction alone (see `partial`). The measurement supposes a detector that is `noise_scale` times as noisy as
+    `points` states, in a camera of these `edges`."""
 
     message: TargetImage
     has_extent: bool
     measurement: Measurement
     pose: CameraPose
     final: bool
+    points: Seen
+    edges: Edges
+    noise_scale: float
 
     @property
     def direction_n(self) -> Array:
@@ -53,11 +57,11 @@ def prepare(
     noise_scale: float = 1.0,
 ) -> Image | Verdict:
     """The image, or why it cannot be used (`half_wing`: see `partial.seen`), by a detector that is `noise_scale`
-    times as noisy as configured. Points within `edge_px` of the
-    image's edge count as outside: the edge may cut an aircraft off, and then they are not its wingtips."""
+    times as noisy as configured. Points within `edge_px` of the image's edge count as outside: the edge may cut an
+    aircraft off, and then they are not its wingtips."""
     camera = poses.camera.named(message.camera)
     saw = partial.seen(message, camera.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
-    saw = saw.noisier(noise_scale)
+    stated, saw = saw, saw.noisier(noise_scale)
     # a few: Python's arithmetic is fast
     sigmas = *saw.sigmas, *(feature.sigma for feature in saw.named)
     numbers = [x for points in (saw.points, saw.named_points) for point in points for x in point]
@@ -76,7 +80,7 @@ def prepare(
     if saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
         return Verdict.DEGENERATE
     is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
-    return Image(message, measurement.has_extent, measurement, pose, is_final)
+    return Image(message, measurement.has_extent, measurement, pose, is_final, stated, view, noise_scale)
 
 
 def _why_no_pose(lead_ns: int, config: Config) -> Verdict:
@@ -84,6 +88,13 @@ def _why_no_pose(lead_ns: int, config: Config) -> Verdict:
     if lead_ns > 0:
         return Verdict.TOO_NEW
     return Verdict.TOO_OLD if -lead_ns > config.rewind_horizon_s * NS_PER_S else Verdict.NO_POSE
+
+
+def measured(image: Image, filter_: LeaderFilter, noise_scale: float) -> Measurement:
+    """What an image measures by a detector that is so many times as noisy as configured."""
+    if noise_scale == image.noise_scale:
+        return image.measurement
+    return partial.measure(filter_, image.points.noisier(noise_scale), image.edges)
 
 
 def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPose:

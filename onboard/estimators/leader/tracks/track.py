@@ -9,7 +9,7 @@ life cycle.
 import math
 from collections import deque
 from functools import partial
-from typing import Any, Final
+from typing import Final
 
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
@@ -18,7 +18,7 @@ from onboard.estimators.leader.filters.filter import LeaderFilter, Open
 from onboard.estimators.leader.sight import ASTRAY, LastSight
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.tracks.exchange import Exchange
-from onboard.estimators.leader.tracks.fusing import fuse
+from onboard.estimators.leader.tracks.fusing import TrackState, advance, fuse
 from onboard.estimators.leader.tracks.guard import Guard
 from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
 from onboard.estimators.leader.tracks.noise import NoiseScale
@@ -57,14 +57,14 @@ class Track:
         self.direction_n: tuple[float, ...] | None = None
         self.half_wing, self.is_metric, self._full = 1.0, False, full
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
-        self._history: History[Any, Ownship] | None = None
+        self._history: History[TrackState, Ownship] | None = None
         self._images = config.initialise_images  # that must agree before a track starts
         self._held: deque[Image] = deque(maxlen=self._images)
         self.rate_limit = RateLimit(config.publish_rate_hz)
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._guard = Guard(config.size_prior_m)
-        self._sight, self.noise = LastSight(), NoiseScale()
+        self._sight, self._noise = LastSight(), NoiseScale()  # of the tracks before
         self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
         self._report = partial(report, filter_)
         self.sequence = 0
@@ -94,7 +94,7 @@ class Track:
     def finish(self) -> None:
         """Compute what the filter has postponed."""
         if self._history is not None:
-            self._filter.finish(self._history.newest_belief)
+            self._filter.finish(self._history.newest_belief.leader)
 
     def set_class(self, filter_: LeaderFilter, config: Config) -> None:
         """Images of a class of targets come. A track stays what it started as."""
@@ -133,6 +133,11 @@ class Track:
         """The state of the last estimate."""
         return self.status.latest
 
+    @property
+    def noise(self) -> NoiseScale:
+        """Of its detector, by all images until now."""
+        return self._noise if self._history is None else self._history.newest_belief.noise
+
     def is_idle(self, t_ns: int) -> bool:
         """Whether there is no track, nor any image within the last second: older images are not held."""
         newest_ns = self._repeats.newest_ns
@@ -145,7 +150,7 @@ class Track:
             return 1.0 if near else math.inf
         try:
             _, state = self._history.belief_at(image.message.t_ns, ownship)
-            outcome = self._fuse(state, image, ownship)[1]
+            outcome = fuse(self._filter, self._poses, state, image, ownship)[1]
         except FilterError:
             return math.inf
         return float(outcome.update.nis) / (self._filter.gate or math.inf)
@@ -176,15 +181,13 @@ class Track:
         self._start(image, ownship, history)
         return self._report(message, Verdict.INITIALISING, image)
 
-    def _insert(self, history: History[Any, Ownship], image: Image, ownship: Ownship) -> MeasurementReport:
+    def _insert(self, history: History[TrackState, Ownship], image: Image, ownship: Ownship) -> MeasurementReport:
         """Fuse an image at its own time, unless the gate stops it."""
         message, last_ns = image.message, self.status.last_fused_ns
         late = last_ns is not None and message.t_ns < last_ns
         was_lost = self.status.is_lost(message.t_ns)
         outcome: Outcome = history.insert(message.t_ns, image, ownship)
         self._settle(history, ownship, inserted=True)
-        if math.isfinite(outcome.update.nis):
-            self.noise.add(outcome.update.innovation, outcome.update.innovation_covariance)
         if not outcome.fused:
             self._exchange.gated(image)
             if image.has_extent and self.status.gated(message.t_ns):
@@ -199,12 +202,12 @@ class Track:
         self.status.fused(message.t_ns, was_lost=was_lost, has_wing=image.has_extent)
         return self._report(message, Verdict.FUSED_LATE if late else Verdict.FUSED, image, outcome)
 
-    def _is_wide(self, history: History[Any, Ownship], t_ns: int, ownship: Ownship) -> bool:
+    def _is_wide(self, history: History[TrackState, Ownship], t_ns: int, ownship: Ownship) -> bool:
         """Whether the track has coasted until its position is too uncertain to be corrected."""
         coasting = self.status.is_coasting(t_ns)
-        return coasting and self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1], TOO_WIDE)
+        return coasting and self._filter.is_too_wide(history.belief_at(t_ns, ownship)[1].leader, TOO_WIDE)
 
-    def _start(self, image: Image, ownship: Ownship, before: History[Any, Ownship] | None) -> None:
+    def _start(self, image: Image, ownship: Ownship, before: History[TrackState, Ownship] | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
         held = self._held
         hold(held, image)
@@ -213,10 +216,12 @@ class Track:
             return
         images = sorted(held, key=lambda i: i.message.t_ns)
         first = images[0]
-        earlier = before.belief_at(first.message.t_ns, ownship)[1] if before else None
-        begun = self._filter.start(first.measurement.with_attitude_noise(first.pose.noise_c), first.pose, earlier)
+        earlier = before.belief_at(first.message.t_ns, ownship)[1].leader if before else None
+        measurement = first.measurement.with_attitude_noise(first.pose.noise_c)
+        begun = TrackState(self._filter.start(measurement, first.pose, earlier), self.noise)
         t_ns, horizon_ns = first.message.t_ns, round(self._config.rewind_horizon_s * NS_PER_S)
-        self._history = History(t_ns, begun, horizon_ns=horizon_ns, advance=self._advance, fuse=self._fuse)
+        forward, take = partial(advance, self._filter), partial(fuse, self._filter, self._poses)
+        self._history = History(t_ns, begun, horizon_ns=horizon_ns, advance=forward, fuse=take)
         for known in self._known.values():
             self._history.insert(first.message.t_ns, known, ownship)
         for other in images[1:]:
@@ -226,7 +231,7 @@ class Track:
         self._settle(self._history, ownship, inserted=True)
         held.clear()
 
-    def _settle(self, history: History[Any, Ownship], ownship: Ownship, *, inserted: bool = False) -> None:
+    def _settle(self, history: History[TrackState, Ownship], ownship: Ownship, *, inserted: bool = False) -> None:
         """Come up to the newest own motion. The history fuses and gates its images anew where that changes them:
         the gate may let pass an image that it stopped at first."""
         if history.settle(ownship) or inserted:
@@ -236,16 +241,8 @@ class Track:
         self.status.forgotten(reason, had_track=self._history is not None)
         self._guard.clear()
         self._sight.clear()
-        self.noise.restart()
+        self._noise = self.noise.restarted()
         self._history = None
-
-    def _advance(self, state: Any, t0_ns: int, t1_ns: int, ownship: Ownship) -> Any:
-        for step in ownship.steps(t0_ns, t1_ns):
-            state = self._filter.advance(state, step)
-        return state
-
-    def _fuse(self, state: Any, image: Image | Size | Wind, ownship: Ownship) -> tuple[Any, Any]:
-        return fuse(self._filter, self._poses, state, image, ownship)
 
     # ---------------------------------------------------------------------------------- estimates
 
@@ -255,12 +252,12 @@ class Track:
             return None
         try:
             t_ns, state = self._history.belief_at(ownship.now_ns, ownship)
-            belief = self._filter.belief(state)
+            belief = self._filter.belief(state.leader)
             factor(belief.covariance)
         except FilterError as error:
             self._forget(f"the filter failed: {error}")
             return None
-        return t_ns, belief, self._filter.open_question(state)
+        return t_ns, belief, self._filter.open_question(state.leader)
 
     def _estimate(self, ownship: Ownship, measurement: MeasurementReport | None) -> Estimate:
         """The estimate now, with the report on the image that it follows, if any."""
