@@ -52,7 +52,9 @@ class CameraConfig(Record, frozen=True, kw_only=True):
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)  # body to camera, ZYX; [0, 15, 0] looks 15 degrees up
     mount_offset_m: Vec3 = (0.0, 0.0, 0.0)  # camera from the vehicle's position, body FRD
     gimbal: GimbalId | None = None  # of a moving mount: gimbal_device_id (1 to 6), or the gimbal's component
-    gimbal_frame: Literal["as flagged", "body", "earth"] = "as flagged"  # of its angles, whatever its flags say
+    gimbal_frame: Literal["as flagged", "body", "earth", "heading"] = (
+        "as flagged"  # of its angles, whatever its flags say
+    )
     mount_sigma_deg: NotNegative | None = (
         None  # lasting error of the mount about each axis; None: 0.5 with a gimbal
     )

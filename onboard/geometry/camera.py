@@ -28,7 +28,7 @@ class Camera:
     r_FC_b: Array
     sigma_px: float = 1.0
     gimbal: int | None = None
-    gimbal_frame: Literal["", "body", "earth"] = ""
+    gimbal_frame: Literal["", "body", "earth", "heading"] = ""
     others: "tuple[Camera, ...]" = ()  # further cameras on the same vehicle
 
     def named(self, name: str) -> "Camera":

@@ -21,10 +21,12 @@ class MountAttitude(Record, frozen=True, kw_only=True, forbid_unknown_fields=Fal
 
 
 class GimbalAttitude(Message, frozen=True, kw_only=True):
-    """GIMBAL_DEVICE_ATTITUDE_STATUS. `device`: gimbal_device_id, or without one the component that sends it."""
+    """GIMBAL_DEVICE_ATTITUDE_STATUS. `device`: gimbal_device_id, or without one the component that sends it.
+    `is_replaced`: from a MOUNT_ORIENTATION, which counts where a device sends nothing newer."""
 
     device: int
     mount: MountAttitude
+    is_replaced: bool = False
 
 
 class RelativePose(Record, frozen=True, kw_only=True):

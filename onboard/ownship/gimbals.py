@@ -6,13 +6,13 @@ the horizon.
 
 import math
 from bisect import bisect_left
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_quaternion, slerp
-from onboard.messages import GimbalAttitude, MountAttitude
+from onboard.messages import GimbalAttitude, MountAttitude, MountFrame
 
 HISTORY_NS: Final = 5_000_000_000
 APART_NS: Final = 500_000_000  # farther apart, two samples say nothing of the time between them
@@ -27,6 +27,7 @@ class Gimbals:
         self.count = 0
         self._max_extrapolation_ns = round(max_extrapolation * 1e9)
         self._histories: dict[int, list[tuple[int, MountAttitude]]] = {}
+        self._has_status: set[int] = set()  # devices whose MOUNT_ORIENTATIONs repeat what they send anyway
 
     def receive(self, message: GimbalAttitude) -> str:
         """Take a sample; why it was not taken, "" if it was."""
@@ -36,6 +37,10 @@ class Gimbals:
             return "gimbal_unusable"
         if message.device not in self._histories and len(self._histories) >= MOST_DEVICES:
             return "gimbal_too_many"
+        if message.is_replaced and message.device in self._has_status:
+            return ""
+        if not message.is_replaced:
+            self._has_status.add(message.device)
         history = self._histories.setdefault(message.device, [])
         if history and message.t_ns <= history[-1][0]:
             return "gimbal_out_of_order"
@@ -46,9 +51,14 @@ class Gimbals:
         self.count += 1
         return ""
 
-    def at(self, device: int, t_ns: int) -> MountAttitude | None:
-        """Where a gimbal pointed at a time, interpolated; carried on for a short while after its newest sample;
-        None where that is not known."""
+    def at(self, device: int, t_ns: int, frame: MountFrame | Literal[""] = "") -> MountAttitude | None:
+        """Where a gimbal pointed at a time, its angles against `frame`, by default the one that it flags. The
+        attitude is interpolated, and carried on for a short while after its newest sample; None where it is not
+        known."""
+        mount = self._at(device, t_ns)
+        return mount if mount is None or not frame else MountAttitude(q=mount.q, frame=frame)
+
+    def _at(self, device: int, t_ns: int) -> MountAttitude | None:
         history = self._histories.get(device, [])
         i = bisect_left(history, t_ns, key=_time)
         if i < len(history) and history[i][0] == t_ns:

@@ -1,14 +1,16 @@
-"""GIMBAL_DEVICE_ATTITUDE_STATUS <-> GimbalAttitude.
+"""GIMBAL_DEVICE_ATTITUDE_STATUS <-> GimbalAttitude; MOUNT_ORIENTATION, which it has replaced, -> GimbalAttitude.
 
 The quaternion is that of the gimbal's head against NED, or against NED turned to our heading; flags say which.
 Roll and pitch are against the horizon in both.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import GimbalAttitude, Message, MountAttitude
 
 YAW_LOCK: Final = 16  # GIMBAL_DEVICE_FLAGS: yaw is the earth's, where neither of the next two is set
@@ -23,6 +25,17 @@ def attitude(f: tuple[Any, ...], h: dict[str, Any]) -> Message:
     is_earth = bool(flags & EARTH_YAW) if flags & (EARTH_YAW | VEHICLE_YAW) else bool(flags & YAW_LOCK)
     mount = MountAttitude(q=f[1:5], frame="earth" if is_earth else "heading")
     return GimbalAttitude(**h, device=device or h["component"], mount=mount)
+
+
+ORIENTATION: Final = "<I4f"  # time; roll, pitch, yaw in degrees, and the yaw against north
+
+
+def orientation(f: tuple[Any, ...], h: dict[str, Any]) -> Message:
+    """The record of a MOUNT_ORIENTATION: angles against our heading and the horizon. An unknown roll is 0."""
+    roll, pitch, yaw = (math.radians(angle) for angle in f[1:4])
+    w, x, y, z = quaternion_from_euler(0.0 if math.isnan(roll) else roll, pitch, yaw).tolist()
+    mount = MountAttitude(q=(w, x, y, z), frame="heading")
+    return GimbalAttitude(**h, device=h["component"], mount=mount, is_replaced=True)
 
 
 def _message(m: Any) -> list[Any]:

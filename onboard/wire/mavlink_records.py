@@ -272,6 +272,7 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "EKF_STATUS_REPORT": (Layout("<5fHf"), lambda f, h: _estimator_status(f[5], f[:5], h)),
     "ESTIMATOR_STATUS": (Layout("<Q8fH", usec=0), lambda f, h: _estimator_status(f[9], f[1:9], h)),
     "GIMBAL_DEVICE_ATTITUDE_STATUS": (Layout(gimbal.FORM, boot_ms=0), gimbal.attitude),
+    "MOUNT_ORIENTATION": (Layout(gimbal.ORIENTATION, boot_ms=0), gimbal.orientation),
     "DISTANCE_SENSOR": (Layout(distance.FORM), distance.reading),
     "GPS_GLOBAL_ORIGIN": (Layout("<3iQ", usec=3), _global_origin),
     "GPS_RAW_INT": (Layout("<Q3i4H2Bi4IH", usec=0), _gps_fix),

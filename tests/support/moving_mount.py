@@ -14,6 +14,7 @@ from onboard.messages import Datagram, Encoding, GimbalAttitude, MountAttitude, 
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support.streams import EPOCH, MS, Flight, Run, S, Stream, encode, feed
 
+FLAT: Final = (0.0,) * 5
 BARREL: Final = (-0.2812, 0.0711, 0.0012, -0.0009, 0.011)
 LENS: Final = {"f_px": 520.3, "fy_px": 518.7, "cx_px": 318.9, "cy_px": 243.1}
 NAMES: Final = ("center", "left", "right")

@@ -92,6 +92,20 @@ def _gimbal(m: Any, h: dict[str, Any]) -> Message:
     return GimbalAttitude(**h, device=m.gimbal_device_id or h["component"], mount=mount)
 
 
+def _mount_orientation(m: Any, h: dict[str, Any]) -> Message:
+    roll, pitch, yaw = (math.radians(x) / 2 for x in (m.roll, m.pitch, m.yaw))
+    if math.isnan(roll):
+        roll = 0.0
+    (cr, cp, cy), (sr, sp, sy) = ([f(x) for x in (roll, pitch, yaw)] for f in (math.cos, math.sin))
+    q = (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+    return GimbalAttitude(**h, device=h["component"], mount=MountAttitude(q=q, frame="heading"), is_replaced=True)
+
+
 def _global_position(m: Any, h: dict[str, Any]) -> Message:
     heading = _known(m.hdg, 65535, math.pi / 18000)
     return GlobalPosition(
@@ -247,6 +261,7 @@ RECORDS: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "WIND": _wind,
     "WIND_COV": _wind_cov,
     "GIMBAL_DEVICE_ATTITUDE_STATUS": _gimbal,
+    "MOUNT_ORIENTATION": _mount_orientation,
     "GPS_GLOBAL_ORIGIN": lambda m, h: GlobalOrigin(
         **h, lat_deg=m.latitude * 1e-7, lon_deg=m.longitude * 1e-7, alt_msl=m.altitude * 1e-3
     ),

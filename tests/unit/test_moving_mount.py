@@ -6,6 +6,7 @@ import struct
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
 from onboard.clocks import Clocks
@@ -25,10 +26,8 @@ from onboard.ownship import head_attitude
 from onboard.ownship.gimbals import Gimbals
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support.mavlink_frames import frame, one
-from tests.support.moving_mount import BARREL, GIMBAL, LENS, Mount, flown, range_error
+from tests.support.moving_mount import BARREL, FLAT, GIMBAL, LENS, Mount, flown, range_error
 from tests.support.streams import EPOCH, MS, SIZE, S, feed
-
-FLAT = (0.0,) * 5
 
 
 def config(*, gimbal: bool = False, distorted: bool = True, filter_: str = "any-side") -> Config:
@@ -75,6 +74,16 @@ def test_moving_mounts_of_all_kinds_are_as_good_as_a_fixed_one_seeds_2_to_5() ->
 def gimbal_report(t_ns: int, yaw: float, frame_: MountFrame = "heading", device: int = GIMBAL) -> GimbalAttitude:
     mount = MountAttitude(q=tuple(quaternion_from_euler(0.0, 0.0, yaw).tolist()), frame=frame_)
     return GimbalAttitude(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, component=GIMBAL, device=device, mount=mount)
+
+
+def test_a_mount_orientation_counts_where_its_device_sends_nothing_newer() -> None:
+    old = [replace(gimbal_report(k * 40 * MS, 0.5), is_replaced=True) for k in range(3)]
+    gimbals = known(*old)
+    assert gimbals.at(GIMBAL, 80 * MS) is not None
+    gimbals = known(gimbal_report(0, 0.0, "earth"), *old[1:], gimbal_report(80 * MS, 0.0, "earth"))
+    found = gimbals.at(GIMBAL, 40 * MS)
+    assert found is not None
+    assert found.frame == "earth"
 
 
 def known(*messages: GimbalAttitude) -> Gimbals:

@@ -29,10 +29,10 @@ class CameraPose(NamedTuple):
 
 class CameraPoses:
     """Poses of the camera on our vehicle, from our own motion. All targets in an image share one pose, so each is
-    computed once."""
+    computed once. `contradiction`: why they are wrong, "" if they may be right."""
 
     def __init__(self, camera: Camera) -> None:
-        self.camera = camera
+        self.camera, self.contradiction = camera, ""
         self._poses: dict[tuple[int, str, MountAttitude | None], CameraPose | None] = {}
         self._as_of: tuple[Ownship, int] | None = None
 
@@ -90,7 +90,7 @@ def _head(camera: Camera, t_ns: int, ownship: Ownship, mount: MountAttitude | No
     """Where the head of a moving mount points at a time; None where that is not known."""
     if mount is not None or camera.gimbal is None:
         return mount
-    return _framed(ownship.gimbals.at(camera.gimbal, t_ns), camera)
+    return ownship.gimbals.at(camera.gimbal, t_ns, camera.gimbal_frame)
 
 
 def _rates(R_cn: Array, camera: Camera, before_ns: int, ownship: Ownship, mount: MountAttitude | None) -> Array:
@@ -114,11 +114,3 @@ def _noise_c(R_cn: Array, head: MountAttitude, pose: Pose) -> Array:
         return np.asarray((R_cb * pose.attitude_noise**2) @ R_cb.T)
     heading = float(pose.R_nb[2] ** 2 @ pose.attitude_noise**2)
     return heading * np.outer(R_cn[:, 2], R_cn[:, 2])
-
-
-def _framed(mount: MountAttitude | None, camera: Camera) -> MountAttitude | None:
-    """What a gimbal says, against the frame that is configured: servos send angles against the body, under flags
-    that say otherwise."""
-    if mount is None or camera.gimbal_frame == "":
-        return mount
-    return MountAttitude(q=mount.q, frame=camera.gimbal_frame)

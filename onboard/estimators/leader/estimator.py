@@ -12,6 +12,8 @@ import math
 from collections import Counter
 from typing import Final
 
+from msgspec.structs import replace
+
 from onboard import messages
 from onboard.estimators.leader.beside.broadcast import Broadcast
 from onboard.estimators.leader.beside.measurements import Beside
@@ -21,6 +23,7 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.choice import make_filter
 from onboard.estimators.leader.filters.filter import LeaderFilter
 from onboard.estimators.leader.tracks.exposures import Exposures
+from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
 from onboard.estimators.leader.tracks.image import Image, prepare
 from onboard.estimators.leader.tracks.track import Track
 from onboard.estimators.leader.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
@@ -35,6 +38,7 @@ CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not w
 NO_ID: Final = ""
 UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
 FOLLOWED: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)  # in which a track is valid
+GIMBAL: Final = "gimbal_contradicted"  # how often the images began to contradict a gimbal's flags
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
 MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
@@ -60,6 +64,8 @@ class Estimator:
             *([Broadcast(config, self._beside)] if config.broadcast.is_used else []),
             *([Ranging(config, self._beside)] if config.range.is_used else []),
         )
+        plain = replace(config, filter="wing-line")
+        self._frames = GimbalFrames(NAME, make_filter(plain), plain, camera)
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._is_named = False  # images say which target is the leader
@@ -97,6 +103,8 @@ class Estimator:
         if track.is_followed and message.target != NO_ID:
             self._exposures.add(message)
         track.set_class(*self._class_of(message))
+        if track.target == NAME:
+            self._compare_frames(message, ownship)
         estimate = track.observe(message, ownship)
         if estimate.measurement is not None:
             self._verdicts[estimate.measurement.verdict] += 1
@@ -133,6 +141,7 @@ class Estimator:
         for track in self._tracks.values():
             track.reset(reason)
         self._beside.clear()
+        self._frames.clear(reason)
         for source in self._sources:
             source.clear()
         self._next_refusal_ns = 0
@@ -158,6 +167,13 @@ class Estimator:
             self._tracks[NAME], self._tracks[name] = self._tracks[name], leader
             self._verdicts[PASSED_ON] += 1
             self._heir_since_ns = None
+
+    def _compare_frames(self, message: TargetImage, ownship: Ownship) -> None:
+        """Whether the images of the leader contradict what a gimbal states of its angles."""
+        self._frames.observe(message, ownship)
+        found, before = self._frames.contradiction, self._poses.contradiction
+        self._verdicts.update([GIMBAL] if found and not before else [])
+        self._poses.contradiction = found
 
     def _feel(self, wind: Wind | None, ownship: Ownship) -> None:
         """The wind that our autopilot reports, not more often than it changes."""

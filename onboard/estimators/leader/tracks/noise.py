@@ -26,19 +26,23 @@ WORTH: Final = 1.3  # a larger scale is reported
 
 class NoiseScale(NamedTuple):
     """By what factor (`scale`) the standard deviations of image points are larger than configured; the median NIS
-    where even the largest scale does not explain it, else 0; and the NIS of the images since the last window."""
+    where even the largest scale does not explain it, else 0; the NIS of the images since the last window; and
+    whether it stays as it is."""
 
     scale: float = 1.0
     beyond: float = 0.0
     window: tuple[float, ...] = ()
+    is_fixed: bool = False
 
     def restarted(self) -> "NoiseScale":
         """For another track of the same detector."""
-        return NoiseScale(self.scale)
+        return NoiseScale(self.scale, is_fixed=self.is_fixed)
 
     def after(self, innovation: Array, covariance: Array) -> "NoiseScale":
         """After an image was compared with its prediction: innovation (m,), covariance (m, m), the direction
         first."""
+        if self.is_fixed:
+            return self
         e, f = innovation[:2].tolist()
         (a, b), (_, d) = covariance[:2, :2].tolist()
         nis = (d * e * e - 2.0 * b * e * f + a * f * f) / (a * d - b * b)

@@ -34,6 +34,7 @@ from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, Targe
 from onboard.models.relative_motion import R
 from onboard.ownship import Ownship
 
+NOISE: Final = NoiseScale()  # before anything is learnt
 TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
 
 
@@ -52,6 +53,7 @@ class Track:
         config: Config,
         *,
         full: bool = False,
+        noise: NoiseScale = NOISE,
     ) -> None:
         self.target = target
         self.direction_n: tuple[float, ...] | None = None
@@ -64,7 +66,7 @@ class Track:
         self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._guard = Guard(config.size_prior_m)
-        self._sight, self._noise = LastSight(), NoiseScale()  # of the tracks before
+        self._sight, self._noise = LastSight(), noise  # of the tracks before
         self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
         self._report = partial(report, filter_)
         self.sequence = 0
@@ -276,7 +278,7 @@ class Track:
                 state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
             elif self._sight.contradicts(belief.mean[R]):
                 state, reason = Lifecycle.LOST, ASTRAY
-            elif misfit := self.noise.contradiction:
+            elif misfit := self._poses.contradiction or self.noise.contradiction:
                 state, reason = Lifecycle.LOST, misfit
             elif contradiction := self._guard.contradiction(t_ns, belief, ownship):
                 state, reason = Lifecycle.LOST, contradiction
