@@ -53,6 +53,7 @@ class Clocks:
     reason the messages and replies that could not be used."""
 
     def __init__(self) -> None:
+        self.is_one_clock = True  # all arrivals are stamped by one: another program's log may be put together
         self.reboots = 0
         self.jumps = 0  # of the autopilot's clock, back by some seconds: no reboot
         self.why = ""  # the last message could not be aligned: the reason, with its kind before a colon
@@ -144,9 +145,11 @@ class Clocks:
 
     def _sensed(self, message: Message, t_ns: int, offset: int) -> Message | None:
         """What a sensor saw at a time, unless it arrived before: its clock is wrong, or `clock` names another."""
+        if message.clock is Clock.BOOT:
+            latest = self._offset.latest(message.t_recv_ns) if self.is_one_clock else None
+            offset = message.t_recv_ns - t_ns if latest is None else latest
         later = t_ns + offset - message.t_recv_ns
-        # A stamp of the boot clock is let through: logs are known in which images were put in half a second early.
-        if message.clock is not Clock.BOOT and later > LATER_NS:
+        if later > LATER_NS:
             return self._refuse(
                 f"later_than_arrival: `t_ns` is {later * 1e-9:.3f} s later than the message arrived; expected the "
                 f"time of exposure on the clock `{message.clock.value}`, or a `delay` of as much"

@@ -23,6 +23,8 @@ DOUBTFUL: Final = 5e-3  # a larger one that is not followed yet bends what is es
 SIGMAS: Final = 5.0
 STRAIGHT: Final = 0.1  # noise around a steady slope, as a share of what it makes over the span: a step has more
 UNSTEADY: Final = 0.1  # share by which a slope may change
+LATE_BY: Final = 10  # a link whose fastest messages differ by so much may be late by so many times as much
+LATE_AT_LEAST_NS: Final = 100_000_000
 ROUND_TRIPS_DIFFER_NS: Final = 5_000_000  # by more than what their round trips allow: the clock has jumped
 
 
@@ -64,6 +66,20 @@ class Offset:
         else:
             return None
         return offset + round(self.slope * (t_ns - since_ns))
+
+    def latest(self, t_ns: int) -> int | None:
+        """The latest that a stamp of the boot clock can be, at a time of the host clock, as an offset; None where
+        too little is known. With replies: by their round trip. Without: a link may be late throughout, so by many
+        times as much as its fastest messages differ."""
+        offset, carried = self.at(t_ns), self.fastest[0][1] if self.fastest else None
+        if offset is None or carried is None or self.slope != 0.0 or self.doubt:
+            return None
+        if self.replies:
+            return min(offset, carried) - min(self.replies).round_trip // 2
+        if len(self._blocks) < FEWEST:
+            return None
+        fastest = [o for _, o in self._blocks[:-1]]
+        return offset - max(LATE_AT_LEAST_NS, LATE_BY * (max(fastest) - min(fastest)))
 
     def clear(self) -> None:
         """Forget what was learnt: one of the clocks has been set. Two clocks keep their rates."""

@@ -34,6 +34,7 @@ from onboard.pipeline.own_motion import OwnMotionSource
 from onboard.pipeline.report import Parts, health
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
+from onboard.wire import tlog
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
 from onboard.wire.surplus import surplus
 
@@ -80,6 +81,7 @@ class Pipeline:
         """The messages in one datagram, in SI units; bad bytes are counted in `health().rejected`."""
         if self._first_recv_ns is None:
             self._first_recv_ns = datagram.t_recv_ns
+        self.clocks.is_one_clock = datagram.channel != tlog.CHANNEL
         self.clocks.compare(datagram.t_recv_ns, datagram.wall_step_ns)
         return self._decoder.decode(datagram)
 

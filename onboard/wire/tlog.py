@@ -11,6 +11,7 @@ from onboard.wire.mavlink_decode import flaw
 MAGIC_V2: Final = 0xFD
 MAGIC_V1: Final = 0xFE
 SIGNED: Final = 0x01
+CHANNEL: Final = "tlog"
 EARLIEST_US: Final = 0
 LATEST_US: Final = 4_102_444_800_000_000  # the year 2100
 
@@ -30,7 +31,7 @@ def frame_length(data: memoryview, at: int) -> int | None:
     return None
 
 
-def read_tlog(data: bytes, channel: str = "tlog") -> Iterator[tuple[Datagram | None, int]]:
+def read_tlog(data: bytes, channel: str = CHANNEL) -> Iterator[tuple[Datagram | None, int]]:
     """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch without one.
 
     Raises NotALogError at once when the first bytes are not a record.
