@@ -75,6 +75,7 @@ def lens_of(c: CameraConfig) -> Lens:
     """The lens of a camera. Raises ValueError."""
     if c.calibration is not None:
         lens = read_calibration(Path(c.calibration))
+        _check_center(lens, f"calibration: {c.calibration}: the principal point")
         try:
             return part_of(lens, c.crop_px, c.width_px, c.height_px)
         except LensError as error:
@@ -83,7 +84,7 @@ def lens_of(c: CameraConfig) -> Lens:
         raise ValueError("crop_px: is of a `calibration`, which is missing")
     width_px, height_px = c.width_px or WIDTH_PX, c.height_px or HEIGHT_PX
     try:
-        return Lens(
+        lens = Lens(
             fx_px=c.f_px,
             fy_px=c.fy_px or c.f_px,
             cx_px=width_px / 2 if c.cx_px is None else c.cx_px,
@@ -95,6 +96,17 @@ def lens_of(c: CameraConfig) -> Lens:
         )
     except LensError as error:
         raise ValueError(f"distortion: {error}") from error
+    _check_center(lens, "cx_px, cy_px")
+    return lens
+
+
+def _check_center(lens: Lens, what: str) -> None:
+    """Raise ValueError for a principal point that is not in its image, as that of every whole image is."""
+    if not (0.0 < lens.cx_px < lens.width_px and 0.0 < lens.cy_px < lens.height_px):
+        raise ValueError(
+            f"{what}: ({lens.cx_px:g}, {lens.cy_px:g}) is not in the image of {lens.width_px:g} x "
+            f"{lens.height_px:g} pixels; of a part of an image, expected `calibration` and `crop_px`"
+        )
 
 
 def named(first: CameraConfig, others: Mapping[str, CameraConfig]) -> list[CameraConfig]:

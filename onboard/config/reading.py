@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
+from urllib.parse import unquote
 
 import msgspec
 
@@ -34,6 +35,7 @@ NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
 
 PATHS: Final = ("path", "calibration")
 IN_CALIBRATION: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
+FILE_ADDRESS: Final = "file:///"
 GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 GIMBAL_HZ: Final = 25.0
 SEES: Final = "leader"  # the estimator that follows what the cameras see
@@ -83,12 +85,15 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def _with_paths(value: Any, key: str = "") -> Any:
-    """A table whose names of files are those that a shell would make of them: `~` and `$HOME` are the home's."""
+    """A table whose names of files are those that a shell would make of them, `~` and `$HOME` are the home's; and
+    addresses of files, as ROS has them, are names."""
     if isinstance(value, dict):
         return {name: _with_paths(inner, name) for name, inner in value.items()}
     if isinstance(value, list):
         return [_with_paths(inner, key) for inner in value]
     is_path = isinstance(value, str) and (key in PATHS or key.endswith("_file"))
+    if is_path and value.startswith(FILE_ADDRESS):
+        return unquote(value.removeprefix(FILE_ADDRESS[:-1]))
     return os.path.expandvars(Path(value).expanduser()) if is_path and value.startswith(("~", "$")) else value
 
 
@@ -249,6 +254,8 @@ def _put(table: dict[str, Any], override: str) -> None:
 def _is_text(path: tuple[str, ...]) -> bool:
     """Whether the key of this path takes text and nothing else."""
     kind: Any = Config
+    if path[0] == "estimator" and len(path) > 1 and path[1] in known():
+        kind, path = config_type(path[1]), path[2:]
     for key in path:
         if kind in NAMED:
             kind = NAMED[kind]

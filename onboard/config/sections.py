@@ -195,6 +195,10 @@ class Config(Record, frozen=True, kw_only=True):
             " (`onboard calibrate --mass` finds its constants in a flight)"
         )
 
+    def takes_ranges(self) -> bool:
+        """Whether ranges that detections bring are used."""
+        return any(section.range.detections for section in self.estimator.values() if hasattr(section, "range"))
+
     def camera_inputs(self) -> dict[str, CameraInput]:
         """What decoding needs of each camera, by name."""
         shapes = [self.estimator.get("leader"), *self.target.values()]

@@ -6,8 +6,9 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Final
 
+from onboard.health.hints import Hints
 from onboard.health.refusals import Refusals
-from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth
+from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth, TargetImage
 
 RATE_WINDOW_NS: Final = 2_000_000_000
 MOST_ERRORS: Final = 100  # kinds of exceptions that are described; all are counted
@@ -38,12 +39,14 @@ class Errors:
 class Monitor:
     """Counts what comes in and what is published. It decides nothing; the pipeline works the same without it.
 
-    `own_verdicts` names the estimators that count their verdicts themselves (`estimators.CountsVerdicts`).
+    `own_verdicts` names the estimators that count their verdicts themselves (`estimators.CountsVerdicts`);
+    `takes_ranges`: ranges of detections are used.
     """
 
-    def __init__(self, own_verdicts: Iterable[str]) -> None:
+    def __init__(self, own_verdicts: Iterable[str], *, takes_ranges: bool) -> None:
         self.errors = Errors()
         self.refusals = Refusals()
+        self._hints = Hints(self.refusals.add, takes_ranges=takes_ranges)
         self.rejected: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
         self.states: dict[str, Lifecycle] = {}
@@ -59,6 +62,8 @@ class Monitor:
 
     def receive(self, message: Message) -> None:
         """Count a message of our own vehicle, or of one that an estimator listens to."""
+        if isinstance(message, TargetImage):
+            self._hints.see(message)
         name = type(message).__name__
         self._counts[name] += 1
         window = self._arrivals.setdefault(name, deque())

@@ -138,11 +138,48 @@ async def resolve(spec: str, host: str, port: int, kind: socket.SocketKind) -> l
     return [(family, address) for family, _, _, _, address in found]
 
 
+async def opened(
+    spec: str, host: str, port: int, kind: socket.SocketKind, use: Callable[[socket.socket, Any], None]
+) -> list[socket.socket]:
+    """Sockets of all addresses of a host that `use(socket, address)` accepts; of port 0, of the first one. Raises
+    LinkError if it refuses all of them, or one because its port is in use."""
+    sockets: list[socket.socket] = []
+    refusal: LinkError | None = None
+    for family, address in await resolve(spec, host, port, kind):
+        try:
+            sock = socket.socket(family, kind)
+        except OSError as error:  # this machine has no such family
+            refusal = refusal or LinkError(f"{spec}: {address[0]}: {error.strerror}")
+            continue
+        try:
+            use(sock, address)
+        except LinkError as error:
+            sock.close()
+            refusal = refusal or error
+            if getattr(error.__cause__, "errno", None) == errno.EADDRINUSE:
+                refusal = error
+                close_all(sockets)
+                break
+        else:
+            sockets.append(sock)
+            if port == 0:
+                break
+    if not sockets:
+        raise refusal or LinkError(f"{spec}: {host!r} has no address")
+    return sockets
+
+
+def close_all(sockets: list[socket.socket]) -> None:
+    """Close sockets, and forget them."""
+    for sock in sockets:
+        sock.close()
+    sockets.clear()
+
+
 def bind(spec: str, sock: socket.socket, address: Any) -> None:
-    """Bind the socket. If the port is in use or the address is not local: closes it and raises LinkError."""
+    """Bind the socket. If the port is in use or the address is not local: raises LinkError."""
     try:
         sock.bind(address)
     except OSError as error:
-        sock.close()
         hint = "is another program, or another onboard, listening there?"
         raise LinkError(f"{spec}: cannot listen ({error.strerror}); {hint}") from error

@@ -14,6 +14,7 @@ from onboard.links.link import (
     bind,
     guarded,
     keep_connected,
+    opened,
     reason_of,
     resolve,
     until_lost,
@@ -151,30 +152,27 @@ class TcpServerLink:
         self.errors = 0
         self.address: Any = None
         self._spec, self._host, self._port = spec, host, port
-        self._socket: socket.socket | None = None
+        self._sockets: list[socket.socket] = []
         self._stream: Stream | None = None
 
     async def open(self) -> None:
-        """Bind and listen. Raises LinkError."""
-        (family, address), *_ = await resolve(self._spec, self._host, self._port, socket.SOCK_STREAM)
-        sock = socket.socket(family, socket.SOCK_STREAM)
+        """Bind and listen, on each address of the host. Raises LinkError."""
+        self._sockets = await opened(self._spec, self._host, self._port, socket.SOCK_STREAM, self._listen)
+        self.address = self._sockets[0].getsockname()
+
+    def _listen(self, sock: socket.socket, address: Any) -> None:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # else a restart would wait for TIME_WAIT
         bind(self._spec, sock, address)
         try:
             sock.listen(4)
         except OSError as error:  # with SO_REUSEADDR a port in use may be noticed only here
-            sock.close()
             raise LinkError(f"{self._spec}: cannot listen ({error.strerror})") from error
         sock.setblocking(False)
-        self._socket = sock
-        self.address = sock.getsockname()
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
         """Call `deliver` with each piece until cancelled."""
-        if self._socket is None:
+        if not self._sockets:
             await self.open()
-        sock = self._socket
-        assert sock is not None  # noqa: S101 - open() raises otherwise
         loop = asyncio.get_running_loop()
         failed: asyncio.Future[None] = loop.create_future()
         safe = guarded(deliver, failed)
@@ -185,12 +183,13 @@ class TcpServerLink:
             self._stream = Stream(self, safe, now_ns)
             return self._stream
 
-        server = await loop.create_server(accept, sock=sock)
+        servers = [await loop.create_server(accept, sock=sock) for sock in self._sockets]
         try:
             await failed
         finally:
-            server.close()
-            self._socket = None
+            for server in servers:
+                server.close()
+            self._sockets = []
             if self._stream is not None:
                 self._stream.abort()
                 self._stream = None

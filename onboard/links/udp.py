@@ -18,7 +18,17 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
-from onboard.links.link import Deliver, LinkError, NowNs, bind, keep_connected, reason_of, resolve, until_lost
+from onboard.links.link import (
+    Deliver,
+    LinkError,
+    NowNs,
+    bind,
+    close_all,
+    keep_connected,
+    opened,
+    reason_of,
+    until_lost,
+)
 from onboard.messages import Datagram, Encoding, LinkHealth
 
 Surplus = Callable[[bytes], int]
@@ -64,8 +74,11 @@ class UdpLink:
         self._lost: asyncio.Future[str] | None = None
         self.address: Any = None
         self._spec, self._host, self._port, self._listening = spec, host, port, listening
-        self._socket: socket.socket | None = None
+        self._sockets: list[socket.socket] = []  # of each address of the host
+        self._via: socket.socket | None = None  # that of the peer, once it has sent something
         self._peer: Any = None
+        self._drops: dict[socket.socket, int] = {}  # of the open sockets, beside those that were closed:
+        self._dropped_before = 0
         self._buffer_bytes = 0
         self._budget = Budget()
 
@@ -83,8 +96,13 @@ class UdpLink:
 
     async def open(self) -> None:
         """Bind (udpin) or connect (udpout). Raises LinkError."""
-        (family, address), *_ = await resolve(self._spec, self._host, self._port, socket.SOCK_DGRAM)
-        sock = socket.socket(family, socket.SOCK_DGRAM)
+        self._sockets = await opened(self._spec, self._host, self._port, socket.SOCK_DGRAM, self._attach)
+        self._via = None
+        for sock in self._sockets:
+            self._set_up(sock)
+        self.address = self._sockets[0].getsockname()
+
+    def _set_up(self, sock: socket.socket) -> None:
         sock.setblocking(False)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
         # Not everywhere: SO_RCVBUFFORCE needs a privilege; without SO_TIMESTAMPNS the time of reading counts as
@@ -93,17 +111,16 @@ class UdpLink:
             with suppress(OSError):
                 sock.setsockopt(socket.SOL_SOCKET, option, value)
         self._buffer_bytes = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+    def _attach(self, sock: socket.socket, address: Any) -> None:
+        """Bind (udpin) or connect (udpout) the socket. Raises LinkError."""
         if self._listening:
             bind(self._spec, sock, address)
-        else:
-            try:
-                sock.connect(address)
-            except OSError as error:
-                sock.close()
-                raise LinkError(f"{self._spec}: cannot send to it ({error.strerror})") from error
-            self._peer = address
-        self._socket = sock
-        self.address = sock.getsockname()
+            return
+        try:
+            sock.connect(address)
+        except OSError as error:
+            raise LinkError(f"{self._spec}: cannot send to it ({error.strerror})") from error
 
     async def run(self, deliver: Deliver, now_ns: NowNs) -> None:
         """Call `deliver` with each datagram until cancelled. A name that is not known is asked for again, and a
@@ -111,33 +128,39 @@ class UdpLink:
         await keep_connected(self, partial(self._converse, now_ns), deliver, retry=True)
 
     async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
-        """Use one socket until it can send no more, which raises LinkError."""
-        if self._socket is None:
+        """Use the sockets until they can send no more, which raises LinkError."""
+        if not self._sockets:
             await self.open()
-        sock = self._socket
-        assert sock is not None  # noqa: S101 - open() raises otherwise
+        sockets = self._sockets
         self.trouble = ""
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
-        loop.add_reader(sock, self._drain, sock, deliver, now_ns)
+        for sock in sockets:
+            loop.add_reader(sock, self._drain, sock, deliver, now_ns)
         try:
             await until_lost(self._lost, failed)
         finally:
-            loop.remove_reader(sock)
-            self._socket = None
-            sock.close()
+            for sock in sockets:
+                loop.remove_reader(sock)
+            self._dropped_before = self.dropped
+            self._drops.clear()
+            close_all(sockets)
         raise LinkError(f"{self._spec}: cannot send to it ({self._lost.result()})")
 
     def send(self, data: bytes) -> None:
-        """Send one datagram to the peer, if there is one."""
-        if self._socket is None or self._peer is None:
+        """Send one datagram to the peer, if there is one; `udpout`, until it answers: to each of its addresses."""
+        if not self._sockets or (self._listening and self._via is None):
             self.errors += 1
             return
+        for sock in [self._via] if self._via in self._sockets else self._sockets:
+            self._send(sock, data)
+
+    def _send(self, sock: socket.socket, data: bytes) -> None:
         try:
             if self._listening:
-                self._socket.sendto(data, self._peer)
+                sock.sendto(data, self._peer)
             else:
-                self._socket.send(data)
+                sock.send(data)
         except OSError as error:  # no room, no peer yet: the next one may succeed
             self.errors += 1
             if not self._listening and error.errno not in PASSING and self._lost and not self._lost.done():
@@ -154,11 +177,10 @@ class UdpLink:
             if k in left_out:
                 continue
             self.received += 1
-            before = self._peer
-            if self._listening:
-                self._peer = sender  # what is answered at once goes to who asked
+            before = self._peer, self._via
+            self._peer, self._via = sender, sock  # what is answered at once goes to who asked
             if not deliver(datagram):
-                self._peer = before
+                self._peer, self._via = before
 
     def _group(self, sock: socket.socket, now_ns: NowNs) -> Iterator[tuple[int, Datagram, Any]]:
         """Datagrams that wait in the kernel, each after its `surplus` and before its sender."""
@@ -172,7 +194,8 @@ class UdpLink:
                 self.errors += 1
                 return
             t_recv_ns = now_ns() - _waited_ns(ancillary)
-            self.dropped = _dropped(ancillary, self.dropped)
+            self._drops[sock] = _dropped(ancillary, self._drops.get(sock, 0))
+            self.dropped = self._dropped_before + sum(self._drops.values())
             if not data:
                 self.errors += 1
             elif not self._budget.admits(sender, t_recv_ns):

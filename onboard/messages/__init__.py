@@ -61,7 +61,7 @@ from onboard.messages.guidance import (
     MessageInterval,
     TargetRelative,
 )
-from onboard.messages.health import Health, LinkHealth, Refusal, SinkHealth, StreamHealth
+from onboard.messages.health import DOUBT, Health, LinkHealth, Refusal, SinkHealth, StreamHealth
 from onboard.messages.parameters import (
     CameraInformation,
     ComputerStatus,
@@ -111,6 +111,7 @@ from onboard.messages.vehicle import (
 )
 
 __all__ = [
+    "DOUBT",
     "ActuatorOutputs",
     "AdsbVehicle",
     "AltitudeType",

@@ -1,5 +1,7 @@
 """The condition of the daemon."""
 
+from typing import Final
+
 import msgspec
 
 from onboard.messages.base import Record
@@ -41,6 +43,9 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     shed: int = 0
     routers: int | None = None
     error: str = ""
+
+
+DOUBT: Final = "in doubt: "  # before the reason of a refusal that is none: the messages were used
 
 
 class Refusal(Record, frozen=True, kw_only=True):

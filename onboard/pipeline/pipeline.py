@@ -69,7 +69,8 @@ class Pipeline:
         self._own_recv_ns = self._attitude_recv_ns = 0  # arrivals of our last position and velocity, and attitude
         self._last_words = LastWords()
         self._doubt = ""  # of our own motion; estimates that follow from it are not valid
-        self._monitor = Monitor(n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts))
+        counts = [n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts)]
+        self._monitor = Monitor(counts, takes_ranges=config.takes_ranges())
         self.refuse = self._monitor.refusals.add  # by source and reason, what nobody could use
         self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys)
 

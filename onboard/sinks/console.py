@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from onboard.messages import Estimate, Health, Lifecycle, LinkHealth, Refusal, SinkHealth
+from onboard.messages import DOUBT, Estimate, Health, Lifecycle, LinkHealth, Refusal, SinkHealth
 
 MOST_REFUSALS: Final = 5  # lines about refused messages at once; afterwards one a second
 MOST_BESIDE: Final = 16
@@ -74,7 +74,8 @@ class Console:
             self._refusals_left -= 1
             self._refusals[key] = refusal
             times = f" ({refusal.count} times)" if refusal.count > 1 else ""
-            self._report(f"refused from {refusal.source}: {refusal.reason}{times}")
+            what = "" if refusal.reason.startswith(DOUBT) else "refused from "
+            self._report(f"{what}{refusal.source}: {refusal.reason}{times}")
 
     def show_links(self, links: Mapping[str, LinkHealth]) -> None:
         """A link that has no peer is no error, but silence may have this reason."""

@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from onboard.messages import Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState
+from onboard.messages import DOUBT, Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState
 from onboard.view.motion import LeaderState, RangeEstimate, open_interval, range_estimate
 
 REFUSALS: Final = 5  # of the kinds of refused messages, the latest
@@ -115,7 +115,9 @@ def health(record: Health) -> str:
     for title, table in (("images", record.verdicts), ("rejected", record.rejected)):
         if table:
             rows += ["", f"{title}: " + " · ".join(f"{name} {n}" for name, n in sorted(table.items()))]
-    rows += [f"**refused** from {r.source}: {r.reason} ({r.count} times)" for r in record.refusals[-REFUSALS:]]
+    for r in record.refusals[-REFUSALS:]:
+        what = "" if r.reason.startswith(DOUBT) else "**refused** from "
+        rows.append(f"{what}{r.source}: {r.reason} ({r.count} times)")
     rows += ["", "| sink | sent | dropped | restarts |", "|---|---:|---:|---:|"]
     rows += [f"| {n} {s.error} | {s.sent} | {s.dropped} | {s.restarts} |" for n, s in sorted(record.sinks.items())]
     return plain("\n".join(rows))

@@ -18,6 +18,7 @@ from onboard.autopilot.rations import BYTES_PER_S, MOST_BYTES, SOURCES, Rations
 from onboard.autopilot.requests import STEERING
 from onboard.config import Config, Storing, parse_config, read_stored
 from onboard.daemon import Daemon
+from onboard.links.link import close_all
 from onboard.links.udp import UdpLink
 from onboard.messages import Clock, Datagram, Encoding, FileRequest, Message, ParamAction, ParamRequest
 from onboard.pipeline import Pipeline
@@ -284,5 +285,4 @@ def test_every_link_is_open_and_named_before_the_flight() -> None:
     finally:
         for link in daemon._links:
             assert isinstance(link, UdpLink)
-            assert link._socket is not None
-            link._socket.close()
+            close_all(link._sockets)

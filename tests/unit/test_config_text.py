@@ -32,6 +32,14 @@ def test_a_path_is_what_a_shell_makes_of_it(tmp_path: Path, monkeypatch: pytest.
     assert load_config(tmp_path / "c.toml").camera.sigma_px == 3.0
 
 
+def test_the_address_of_a_file_is_its_name(tmp_path: Path) -> None:
+    (tmp_path / "a lens.yaml").write_text("image_width: 640\n")
+    address = f"file://{tmp_path}/a%20lens.yaml"
+    with pytest.raises(ConfigError, match=r"a lens\.yaml: it has no camera_matrix"):
+        load_config(None, (f"camera.calibration='{address}'",))
+    assert load_config(None, (f"recorder.path='file://{tmp_path}/x.mcap'",)).recorder.path == f"{tmp_path}/x.mcap"
+
+
 def test_a_path_that_names_no_home_stays(tmp_path: Path) -> None:
     assert load_config(None, ("recorder.path='a~b$c.mcap'",)).recorder.path == "a~b$c.mcap"
     assert load_config(None, (f"recorder.path='{tmp_path}'",)).recorder.path == str(tmp_path)
@@ -40,6 +48,12 @@ def test_a_path_that_names_no_home_stays(tmp_path: Path) -> None:
 def test_a_byte_order_mark_is_no_mistake(tmp_path: Path) -> None:
     (tmp_path / "c.toml").write_text("\ufeff[camera]\r\nsigma_px = 2.0\r\n", encoding="utf-8")
     assert load_config(tmp_path / "c.toml").camera.sigma_px == 2.0
+
+
+@pytest.mark.parametrize("text", ["484506", "4e1234", "000123", "4CA1F2"])
+def test_an_address_of_digits_is_text(text: str) -> None:
+    section = load_config(None, (f"estimator.leader.broadcast.icao={text}",)).estimator["leader"]
+    assert section.broadcast.icao == text
 
 
 @pytest.mark.parametrize("text", ["7", "0x1", "1.5", "true", "uav-1", "'7'"])

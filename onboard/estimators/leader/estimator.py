@@ -25,6 +25,7 @@ from onboard.estimators.leader.filters.filter import LeaderFilter
 from onboard.estimators.leader.tracks.exposures import Exposures
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
 from onboard.estimators.leader.tracks.image import Image, prepare
+from onboard.estimators.leader.tracks.names import UNNAMED, awaits_name, continued, may_lead, swap_names
 from onboard.estimators.leader.tracks.track import Track
 from onboard.estimators.leader.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.geometry.camera import Camera
@@ -36,9 +37,9 @@ NAME: Final = "leader"
 LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
-UNNAMED: Final = "unnamed/"  # before the numbers of targets without an id
 FOLLOWED: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)  # in which a track is valid
 GIMBAL: Final = "gimbal_contradicted"  # how often the images began to contradict a gimbal's flags
+RENAMED: Final = "target_renamed"  # how often a track has gone on under another id
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
 MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
 # An image is compared with the tracks at most this many times as far from it as the nearest one, plus this angle.
@@ -100,6 +101,9 @@ class Estimator:
             self._is_named |= message.target == NAME
         if track is None:
             return self._refuse(message, ownship)
+        ended: list[Estimate] = []
+        if (before := self._renamed(message, track, ownship)) is not None:
+            track, ended = before, [self._rename(before, message.target, ownship)]
         if track.is_followed and message.target != NO_ID:
             self._exposures.add(message)
         track.set_class(*self._class_of(message))
@@ -111,7 +115,7 @@ class Estimator:
             self._verdicts.update(f"{MISFIT}{name}" for name in estimate.measurement.misfits)
         if track.target == NAME:
             self._learn(message, ownship)
-        return [self._with_beside(estimate, ownship)]
+        return [*ended, self._with_beside(estimate, ownship)]
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
@@ -154,7 +158,7 @@ class Estimator:
         or a broadcast say who the leader is, no other takes its name."""
         leader = self._tracks[NAME]
         is_known = self._is_named or self._sources or leader.state in FOLLOWED
-        heirs = [] if is_known else [t for t in self._tracks.values() if _may_lead(t)]
+        heirs = [] if is_known else [t for t in self._tracks.values() if may_lead(t)]
         if not heirs:
             self._heir_since_ns = None
             return
@@ -163,7 +167,7 @@ class Estimator:
         waited_s = (now_ns - self._heir_since_ns) / NS_PER_S
         if leader.is_idle(now_ns) or waited_s > self._config.reset_timeout_s:
             name = heirs[0].target
-            _swap_names(leader, heirs[0])
+            swap_names(leader, heirs[0])
             self._tracks[NAME], self._tracks[name] = self._tracks[name], leader
             self._verdicts[PASSED_ON] += 1
             self._heir_since_ns = None
@@ -227,6 +231,32 @@ class Estimator:
         self._tracks[target].learn(self._wind, ownship)
         return self._tracks[target]
 
+    def _renamed(self, message: TargetImage, track: Track, ownship: Ownship) -> Track | None:
+        """The track that goes on under the id of an image, whose own track is not followed yet."""
+        if message.target in (NO_ID, NAME) or not awaits_name(track, message.t_ns):
+            return None
+        image = prepare(
+            message, ownship, self._poses, *self._class_of(message), track.half_wing, track.noise.scale
+        )
+        if isinstance(image, Verdict):
+            return None
+        near = {
+            offset: self._tracks[target]
+            for target, offset in self._offsets(image).items()
+            if target != NAME and not target.startswith(UNNAMED) and offset < BESIDE
+        }
+        return continued(track, image, near, ownship)
+
+    def _rename(self, track: Track, target: str, ownship: Ownship) -> Estimate:
+        """Let a track go on under another id; the last word on its old one."""
+        before = self._track(track.target)
+        before.sequence, before.status.resets = track.sequence, track.status.resets + 1
+        before.status.reason = f"the detector calls it {target} now"
+        del self._tracks[track.target]
+        self._tracks[target], track.target = track, target
+        self._verdicts[RENAMED] += 1
+        return before.tick(ownship)
+
     def _nearest(self, message: TargetImage, ownship: Ownship) -> Track | None:
         """The track whose prediction an image without an id fits best, or a new one; None with too many tracks."""
         half_wing = max(track.half_wing for track in self._tracks.values())
@@ -260,15 +290,3 @@ class Estimator:
         direction = image.direction_n.tolist()
         tracks = self._tracks.values()
         return {t.target: math.dist(t.direction_n, direction) for t in tracks if t.direction_n is not None}
-
-
-def _may_lead(track: Track) -> bool:
-    """Whether a target without an id is tracked, so that it may be the leader."""
-    return track.target.startswith(UNNAMED) and track.state is Lifecycle.TRACKING
-
-
-def _swap_names(one: Track, other: Track) -> None:
-    """Let two targets change their names. Each name's counts go on: its state has changed, as after a reset."""
-    one.target, other.target = other.target, one.target
-    one.sequence, other.sequence = other.sequence, one.sequence
-    one.status.resets, other.status.resets = other.status.resets + 1, one.status.resets + 1

@@ -76,6 +76,67 @@ def test_each_address_of_a_name_is_tried(monkeypatch: pytest.MonkeyPatch) -> Non
         with_link(f"tcp:sitl:{server.getsockname()[1]}", check)
 
 
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2"])
+def test_udpin_listens_on_each_address_of_a_name(monkeypatch: pytest.MonkeyPatch, host: str) -> None:
+    names(monkeypatch, ["127.0.0.2", "127.0.0.1"])
+    (port,) = free_ports(1)
+
+    async def check(link: Any, received: list[Datagram]) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+            peer.sendto(FRAME, (host, port))
+            await until(lambda: received)
+            link.send(b"back")
+            peer.settimeout(5.0)
+            assert peer.recvfrom(10) == (b"back", (host, port))
+
+    with_link(f"udpin:sitl:{port}", check, passes=lambda _: True)
+
+
+def test_udpout_sends_to_each_address_of_a_name_until_one_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    names(monkeypatch, ["127.0.0.2", "127.0.0.1"])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.bind(("127.0.0.1", 0))
+        peer.settimeout(5.0)
+
+        async def check(link: Any, received: list[Datagram]) -> None:
+            link.send(b"hello")
+            data, sender = peer.recvfrom(10)
+            assert data == b"hello"
+            peer.sendto(FRAME, sender)
+            await until(lambda: received)
+            sent = link.sent
+            link.send(b"again")
+            assert peer.recv(10) == b"again"
+            assert link.sent == sent + 1
+
+        with_link(f"udpout:sitl:{peer.getsockname()[1]}", check, passes=lambda _: True)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2"])
+def test_tcpin_listens_on_each_address_of_a_name(monkeypatch: pytest.MonkeyPatch, host: str) -> None:
+    names(monkeypatch, ["127.0.0.2", "127.0.0.1"])
+    (port,) = free_ports(1)
+
+    async def check(_: Any, received: list[Datagram]) -> None:
+        _, writer = await asyncio.open_connection(host, port)
+        writer.write(FRAME)
+        await until(lambda: received)
+        writer.close()
+
+    with_link(f"tcpin:sitl:{port}", check)
+
+
+@pytest.mark.parametrize("kind", ["udpin", "tcpin"])
+def test_a_port_that_is_in_use_on_one_address_is_named(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    names(monkeypatch, ["127.0.0.2", "127.0.0.1"])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM) as other:
+        other.bind(("127.0.0.1", 0))
+        if kind == "tcpin":
+            other.listen(1)
+        with pytest.raises(LinkError, match="Address already in use"):
+            asyncio.run(parse_link(f"{kind}:sitl:{other.getsockname()[1]}", "x").open())
+
+
 @pytest.mark.parametrize("kind", ["udpin", "udpout"])
 def test_a_udp_link_waits_for_its_name(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     known: list[str] = []
@@ -99,9 +160,10 @@ def test_udpout_opens_its_socket_anew_when_its_address_is_gone() -> None:
 
     async def check(link: Any, _: list[Datagram]) -> None:
         before, gone = link.address, Gone()
-        link._socket, real = gone, link._socket
+        real = link._sockets[:]
+        link._sockets[:] = [gone]
         link.send(FRAME)
-        link._socket = real
+        link._sockets[:] = real
         await until(lambda: "cannot send to it (Invalid argument)" in link.health().error)
         await until(lambda: link.health().error == "" and link.address != before)
         link.send(FRAME)

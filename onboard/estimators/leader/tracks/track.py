@@ -41,8 +41,9 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 class Track:
     """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a recent
     image; `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
-    poses, and says nothing of the size; `noise`: of its detector; `rate_limit`: when a tick is due; `sequence` and
-    `status`: counts that go on with its name. A track that is `full`, one too many, rejects every image."""
+    poses, and says nothing of the size; `held`: images that are to start it; `repeats`: its stamps; `rate_limit`:
+    when a tick is due; `sequence` and `status`: counts that go on with its name. A track that is `full`, one too
+    many, rejects every image."""
 
     def __init__(
         self,
@@ -61,9 +62,9 @@ class Track:
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
         self._history: History[TrackState, Ownship] | None = None
         self._images = config.initialise_images  # that must agree before a track starts
-        self._held: deque[Image] = deque(maxlen=self._images)
+        self.held: deque[Image] = deque(maxlen=self._images)
         self.rate_limit = RateLimit(config.publish_rate_hz)
-        self._repeats = Repeats(config.stale_after_s, poses.camera.sigma)
+        self.repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
         self._guard = Guard(config.size_prior_m)
         self._sight, self._noise = LastSight(), noise  # of the tracks before
@@ -100,7 +101,7 @@ class Track:
 
     def set_class(self, filter_: LeaderFilter, config: Config) -> None:
         """Images of a class of targets come. A track stays what it started as."""
-        if self._history is None and not self._held:
+        if self._history is None and not self.held:
             self._filter, self._config, self._report = filter_, config, partial(report, filter_)
             size = self._known.get(Size)
             self._guard = Guard(size.value if isinstance(size, Size) else config.size_prior_m)
@@ -120,8 +121,8 @@ class Track:
     def reset(self, reason: str) -> None:
         """Forget the track and all times."""
         self._forget(reason)
-        self._held.clear()
-        self._repeats.clear()
+        self.held.clear()
+        self.repeats.clear()
         self._exchange.clear()
         self.rate_limit.clear()
 
@@ -142,13 +143,13 @@ class Track:
 
     def is_idle(self, t_ns: int) -> bool:
         """Whether there is no track, nor any image within the last second: older images are not held."""
-        newest_ns = self._repeats.newest_ns
+        newest_ns = self.repeats.newest_ns
         return self._history is None and (newest_ns is None or t_ns - newest_ns > NS_PER_S)
 
     def distance(self, image: Image, ownship: Ownship) -> float:
         """How far an image is from what this track predicts: its NIS over the gate, or infinity. Pure."""
         if self._history is None:
-            near = image.has_extent and bool(self._held) and agree(self._held[-1], image)
+            near = image.has_extent and bool(self.held) and agree(self.held[-1], image)
             return 1.0 if near else math.inf
         try:
             _, state = self._history.belief_at(image.message.t_ns, ownship)
@@ -167,9 +168,9 @@ class Track:
         image = prepare(message, ownship, self._poses, *settings)
         if isinstance(image, Verdict):
             return self._report(message, image)
-        if self._repeats.is_duplicate(message):  # after what is wrong with the image itself
+        if self.repeats.is_duplicate(message):  # after what is wrong with the image itself
             return self._report(message, Verdict.DUPLICATE)
-        if self._repeats.add(image):
+        if self.repeats.add(image):
             if self._history is not None:  # which has taken some of the same images
                 self._forget("the camera hangs: its image stays although we turn")
             return self._report(message, Verdict.STALE, image)
@@ -211,7 +212,7 @@ class Track:
 
     def _start(self, image: Image, ownship: Ownship, before: History[TrackState, Ownship] | None) -> None:
         """Hold images until enough of them agree; start at the oldest and fuse the rest."""
-        held = self._held
+        held = self.held
         hold(held, image)
         self.status.reason = f"{len(held)} of {self._images} images"
         if len(held) < self._images:
@@ -265,7 +266,7 @@ class Track:
         """The estimate now, with the report on the image that it follows, if any."""
         found = self._belief(ownship)
         t_ns, belief = ownship.now_ns, None
-        state, reason = Lifecycle.INITIALISING if self._held else Lifecycle.SEARCHING, self.status.reason
+        state, reason = Lifecycle.INITIALISING if self.held else Lifecycle.SEARCHING, self.status.reason
         modes: tuple[Mode, ...] = ()
         self.direction_n = None
         if found is not None:

@@ -25,7 +25,7 @@ from tests.support.streams import (
 
 
 def test_images_half_a_second_ahead_wait_and_are_fused() -> None:
-    """In a log that another program has put together: live, they are refused (tests/faults/test_other_clocks.py)."""
+    """In a log that another program has put together: live, they are refused (`test_other_clocks`)."""
     run = feed(encode(Stream(t1=12.0, lead_ns=500 * MS).items(), "tlog"))
     assert_sane(run.estimates)
     assert set(run.verdicts()) <= {Verdict.INITIALISING, Verdict.FUSED, Verdict.FUSED_LATE}

@@ -1,0 +1,79 @@
+"""A detector whose ids change: that costs a name, not the track. And two boxes of one aircraft."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.messages import Estimate, Lifecycle, TargetPoints
+from tests.support.streams import CIRCLE, MS, Item, Run, S, Stream, advance, position_error
+
+T0, T1 = 5.0, 13.0
+
+
+def flown(changed: Callable[[TargetPoints], list[TargetPoints]]) -> Run:
+    """The flight, with what the detector makes of each image."""
+    items: list[Item] = []
+    for item in Stream(t0=T0, t1=T1).items():
+        m = item.message
+        images = changed(m) if isinstance(m, TargetPoints) else [m]
+        items += [Item(item.t_recv_ns, each) for each in images]
+    return advance(i.message for i in items)
+
+
+def shifted(m: TargetPoints, by: float, target: str) -> TargetPoints:
+    """Another aircraft of the same size beside it."""
+    center, left, right = ((u + by, v) for u, v in (m.center, m.left, m.right))
+    return replace(m, center=center, left=left, right=right, target=target)
+
+
+def of(run: Run, target: str) -> list[Estimate]:
+    return [e for e in run.estimates if e.target == target]
+
+
+def test_a_track_goes_on_under_its_aircraft_s_new_id() -> None:
+    run = flown(lambda m: [replace(m, target=f"id/{m.t_ns // (2 * S)}")])
+    assert run.pipeline.health(0).verdicts["leader.target_renamed"] == 4
+    for k in range(3, 6):
+        begins = 2 * k * S
+        later = [e for e in of(run, f"id/{k}") if e.t_ns > begins + 100 * MS and e.t_ns < begins + 1900 * MS]
+        assert len(later) > 40
+        assert all(e.valid for e in later)
+        assert max(position_error(e) for e in later) < 1.2, "it goes on: a new track would be far off at first"
+        last = of(run, f"id/{k}")[-1]
+        assert (last.state, last.mean) == (Lifecycle.SEARCHING, None)
+        assert last.reason == f"the detector calls it id/{k + 1} now"
+
+
+def test_an_aircraft_that_comes_beside_another_takes_no_track() -> None:
+    def two(m: TargetPoints) -> list[TargetPoints]:
+        new = [shifted(m, 0.03, "id/2")] if m.t_ns > 9 * S else []
+        return [*new, replace(m, target="id/1")]
+
+    run = flown(two)
+    assert "leader.target_renamed" not in run.pipeline.health(0).verdicts
+    assert all(e.valid and position_error(e) < 1.2 for e in of(run, "id/1") if e.t_ns > 6 * S)
+    assert of(run, "id/2")[-1].valid
+
+
+@pytest.mark.parametrize("apart", [2e-4, 1e-3, 5e-3])
+def test_two_boxes_of_one_aircraft_cost_it_nothing(apart: float) -> None:
+    rng = np.random.default_rng(1)
+
+    def twice(m: TargetPoints) -> list[TargetPoints]:
+        center, left, right = (
+            tuple((np.array(p) + apart * rng.normal(size=2)).tolist()) for p in (m.center, m.left, m.right)
+        )
+        plain = replace(m, target="")
+        return [plain, replace(plain, center=center, left=left, right=right)]
+
+    leader = [e for e in of(flown(twice), "leader") if e.t_ns > 6 * S]
+    assert len(leader) > 250
+    assert all(e.valid and position_error(e) < 1.2 for e in leader)
+
+
+def test_the_flight_as_it_is() -> None:
+    run = flown(lambda m: [m])
+    assert all(e.valid for e in run.estimates if e.t_ns > 6 * S)
+    assert max(position_error(e, CIRCLE) for e in run.estimates if e.t_ns > 6 * S) < 1.2

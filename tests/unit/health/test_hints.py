@@ -1,0 +1,58 @@
+"""What images show of a wrong set-up, though they can be used."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.config import Config, parse_config
+from onboard.messages import DOUBT, TargetPoints
+from onboard.sinks.console import Console
+from tests.support.streams import CIRCLE, SIZE, Item, Run, Stream, advance
+
+SECONDS = 25.0
+
+
+def config(**ranges: bool) -> Config:
+    return parse_config({"estimator": {"leader": {"size_prior_m": SIZE, "range": ranges}}})
+
+
+def flown(shift: float, **more: float) -> Run:
+    """Images that are halved and moved so far to the left and up, in focal lengths."""
+
+    def changed(item: Item) -> Item:
+        m = item.message
+        if not isinstance(m, TargetPoints):
+            return item
+        points = 0.5 * np.array([m.center, m.left, m.right]) - shift
+        center, left, right = (tuple(p) for p in points.tolist())
+        return Item(item.t_recv_ns, replace(m, center=center, left=left, right=right, **more))
+
+    return advance((changed(i).message for i in Stream(t0=5.0, t1=5.0 + SECONDS, flight=CIRCLE).items()), config())
+
+
+def reasons(run: Run) -> list[str]:
+    return [refusal.reason for refusal in run.pipeline.health(0).refusals]
+
+
+def test_pixels_of_an_image_of_half_the_size_are_noticed() -> None:
+    run = flown(0.25)
+    assert [r for r in reasons(run) if "upper left quarter" in r]
+    assert any(e.valid for e in run.estimates)
+    lines: list[str] = []
+    Console(lines.append, warn=lines.append).show_refusals(run.pipeline.health(0))
+    (line,) = [line for line in lines if "quarter" in line]
+    assert line.startswith(f"camera landing_target: {DOUBT}")
+
+
+def test_pixels_about_the_middle_are_not() -> None:
+    assert not [r for r in reasons(flown(0.0)) if "quarter" in r]
+
+
+@pytest.mark.parametrize("used", [False, True])
+def test_a_range_that_nothing_uses_is_named(used: bool) -> None:
+    images = [
+        replace(i.message, range=28.0) for i in Stream(t1=7.0).items() if isinstance(i.message, TargetPoints)
+    ]
+    others = [i.message for i in Stream(t1=7.0).items() if not isinstance(i.message, TargetPoints)]
+    run = advance(sorted([*others, *images], key=lambda m: m.t_recv_ns), config(detections=used))
+    assert bool([r for r in reasons(run) if "`range_m` of its detections is not used" in r]) is not used
