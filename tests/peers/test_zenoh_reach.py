@@ -1,5 +1,6 @@
 """A router that is away, not a router, expired or foreign is named, and so is one that comes."""
 
+import asyncio
 import socket
 import time
 from collections.abc import Callable
@@ -7,10 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from onboard.daemon import Daemon
 from onboard.sinks.zenoh_reach import Trust, probed
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohConfig, open_session
 from tests.support.fleet import files, make_certificates, router
 from tests.support.programs import free_endpoint
+from tests.support.running_link import until
+from tests.support.streams import make_config
 
 
 def wait_until(is_so: Callable[[], bool]) -> None:
@@ -67,3 +71,25 @@ def test_a_foreign_router_and_a_certificate_that_it_does_not_know_are_named(tmp_
         other = files(tmp_path / "theirs" / "certs", "uav-1")
         stranger = Trust(certs["ca_file"], other["certificate_file"], other["private_key_file"])
         assert "TLS: " in probed(endpoint, stranger)
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])
+def test_the_daemon_names_its_router_that_is_away_and_the_one_that_comes(mode: str) -> None:
+    endpoint = free_endpoint()
+    settings = ("link=[]", f"zenoh.mode={mode}", "zenoh.listen=[]", f"zenoh.connect=['{endpoint}']")
+    lines: list[str] = []
+    daemon = Daemon(make_config(*settings), report=lines.append)
+
+    async def fly() -> None:
+        task = asyncio.create_task(daemon.run())
+        await until(lambda: any(endpoint in line and "Connection refused" in line for line in lines))
+        assert any("trying again" in line for line in lines)
+        theirs = await asyncio.to_thread(open_session, ZenohConfig(listen=(endpoint,)))
+        seen = len(lines)
+        word = "link zenoh: connected" if mode == "peer" else f"to {endpoint}, onboard/1"
+        await until(lambda: any(word in line for line in lines[seen:]))
+        task.cancel()
+        await asyncio.wait({task})
+        await asyncio.to_thread(theirs.close)
+
+    asyncio.run(fly())

@@ -48,7 +48,7 @@ def test_a_track_goes_on_under_its_aircraft_s_new_id() -> None:
 
 def test_an_aircraft_that_comes_beside_another_takes_no_track() -> None:
     def two(m: TargetPoints) -> list[TargetPoints]:
-        new = [shifted(m, 0.03, "id/2")] if m.t_ns > 9 * S else []
+        new = [shifted(m, 0.002, "id/2")] if m.t_ns > 9 * S else []  # within the gate of the other
         return [*new, replace(m, target="id/1")]
 
     run = flown(two)
