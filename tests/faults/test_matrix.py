@@ -3,7 +3,10 @@
 All rows share one flight of 6 s: own motion at 25 Hz, images at 12.5 Hz, and the fault from 2 s to 3.5 s. Whatever
 the fault, no exception is counted, every estimate is sane, and a valid one is right. Other rows have files of
 their own: reboots (`tests/unit/test_reboot.py`), floods (`tests/unit/estimators/leader/test_leader_floods.py`), a
-link that is late without TIMESYNC (`test_held_up.py`), sinks, the recorder and the wall clock (beside this file).
+link that is late without TIMESYNC (`test_held_up.py`), clocks of another rate (`test_other_clocks.py`), who is
+followed (`test_latching.py`), noisy detectors, gimbals and mirrored places (`tests/unit/estimators/leader`:
+`test_noise.py`, `test_gimbal_frames.py`, `test_sight.py`), hours of silence and ADS-B without a position
+(`own_state` and `traffic` there), sinks, the recorder and the wall clock (beside this file).
 """
 
 import itertools
@@ -19,6 +22,7 @@ from onboard.messages import (
     Attitude,
     Datagram,
     EstimatorStatus,
+    Heartbeat,
     Lifecycle,
     LocalPosition,
     Message,
@@ -166,6 +170,33 @@ def accelerometer(*values: float) -> Fault:
     return fault
 
 
+def rough(per_sample: float) -> Fault:
+    """Our position walks at random, so far from sample to sample, m."""
+
+    def fault(items: list[Item], rng: np.random.Generator) -> list[Item]:
+        off = np.zeros(3)
+
+        def change(m: LocalPosition) -> LocalPosition:
+            nonlocal off
+            off = off + per_sample * rng.normal(size=3)
+            x, y, z = (np.array(m.r_OF_n) + off).tolist()
+            return replace(m, r_OF_n=(x, y, z))
+
+        return [i for i in each(change, LocalPosition)(items, rng) if isinstance(i, Item)]
+
+    return fault
+
+
+def slower(rate: float) -> Fault:
+    """The autopilot's clock runs at that rate of ours while the fault lasts."""
+    begins, lasted = EPOCH + round(BEGINS * S), round((ENDS - BEGINS) * S)
+
+    def later(t_recv_ns: int) -> int:
+        return round(min(max(t_recv_ns - begins, 0), lasted) * (1.0 / rate - 1.0))
+
+    return lambda items, _: [Item(i.t_recv_ns + later(i.t_recv_ns), i.message) for i in items]
+
+
 def no_velocity(items: list[Item], _: np.random.Generator) -> list[Item]:
     """The autopilot says that its filter has lost the horizontal velocity, then that it has it again."""
     reports = []
@@ -266,6 +297,25 @@ ROWS = (
     Row("GPS lost", no_velocity, False, SILENT, "filter_has_no_velocity"),
     Row("an empty report on the filter", empty_status),
     Row("an empty report and zeros", empty_and_zero, False, SILENT, "filter_has_no_velocity", noticed=1.1),
+    *(Row(f"the autopilot's clock at {rate} of ours", slower(rate)) for rate in (0.9, 0.97)),
+    Row(
+        "another system id",
+        each(lambda m: replace(m, system=7), Attitude, LocalPosition, Heartbeat),
+        *(False, SILENT, "other_system"),
+        noticed=1.1,
+    ),
+    Row("a position that walks by 1.3 cm a sample", rough(0.013)),
+    Row(
+        "a vertical velocity of the wrong sign",
+        each(lambda m: replace(m, v_F_n=(*m.v_F_n[:2], -m.v_F_n[2])), LocalPosition),
+        *(False, "doubt"),
+        recovers=LEAPT,
+    ),
+    Row(
+        "images stamped 0.9 s after their arrival",
+        each(lambda m: replace(m, t_ns=m.t_ns + 900 * MS), TargetPoints),
+        rejected="later_than_arrival",
+    ),
     *(Row(f"received again {s} s late", by_another_way(s)) for s in (0.5, 1.2, 2.0)),
     Row("GPS jumps", each(lambda m: replace(m, r_OF_n=(m.r_OF_n[0] + 80.0, *m.r_OF_n[1:])), LocalPosition)),
     Row("velocity jumps", each(lambda m: replace(m, v_F_n=RACE), LocalPosition), False, "doubt", recovers=LEAPT),
