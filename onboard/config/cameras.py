@@ -56,7 +56,7 @@ class CameraConfig(Record, frozen=True, kw_only=True):
         "as flagged"  # of its angles, whatever its flags say
     )
     mount_sigma_deg: NotNegative | None = (
-        None  # lasting error of the mount about each axis; None: 0.5 with a gimbal
+        None  # systematic error of the mount about each axis; None: 0.5 with a gimbal
     )
     mount_yaw_sigma_deg: NotNegative | None = None  # of its yaw; None: as mount_sigma_deg, or 1 with a gimbal
     mount_time_s: Positive = 120.0  # correlation time of these errors
@@ -136,7 +136,7 @@ def _camera(c: CameraConfig) -> Camera:
 
 
 class MountErrors(NamedTuple):
-    """Lasting errors of a mount's attitude: standard deviations in degrees, and their correlation time in s."""
+    """Systematic errors of a mount's attitude: standard deviations in degrees, and their correlation time in s."""
 
     tilt_sigma_deg: float
     yaw_sigma_deg: float

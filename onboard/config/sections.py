@@ -76,7 +76,7 @@ class DelayConfig(Record, frozen=True, kw_only=True):
 
 
 class OwnErrors(Record, frozen=True, kw_only=True):
-    """`[ownship.errors]`: the lasting errors of our autopilot's estimates, one standard deviation each.
+    """`[ownship.errors]`: the systematic errors of our autopilot's estimates, one standard deviation each.
 
     Every estimator receives them as `own_` and the key, unless its own section has that key. Traffic's
     `own_tilt_sigma_deg` (0.5) and `own_attitude_time_s` (10) have defaults of their own, which stay.
@@ -214,7 +214,7 @@ class Config(Record, frozen=True, kw_only=True):
         return {c.name: round(c.delay_s * 1e9) for c in self._cameras() if c.delay_s is not None}
 
     def leader_errors(self) -> OwnErrors:
-        """The lasting errors of what the cameras point by: of our own attitude, and of their mounts. The sum of
+        """The systematic errors of what the cameras point by: of our own attitude, and of their mounts. The sum of
         two such errors has the sum of their variances, and grows anew as fast as both together."""
         own, mount = self.ownship.errors, mount_errors(self._cameras())
         tilt = math.hypot(own.tilt_sigma_deg, mount.tilt_sigma_deg)

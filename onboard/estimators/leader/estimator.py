@@ -248,7 +248,7 @@ class Estimator:
         return continued(track, image, near, ownship)
 
     def _rename(self, track: Track, target: str, ownship: Ownship) -> Estimate:
-        """Let a track go on under another id; the last word on its old one."""
+        """Let a track go on under another id; the last estimate of its old one."""
         before = self._track(track.target)
         before.sequence, before.status.resets = track.sequence, track.status.resets + 1
         before.status.reason = f"the detector calls it {target} now"

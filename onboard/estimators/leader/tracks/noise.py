@@ -56,7 +56,7 @@ class NoiseScale(NamedTuple):
         beyond = found if ratio > TOO_LARGE and scale >= MOST else 0.0
         if ratio > TOO_LARGE:
             scale = min(scale * math.sqrt(ratio), MOST)
-        elif scale > 1.0:  # half the way: it is one window's word
+        elif scale > 1.0:  # half the way: it is one window's evidence
             scale = min(max(scale * ratio**0.25, 1.0), MOST)
         return NoiseScale(scale, beyond)
 
