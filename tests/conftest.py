@@ -1,5 +1,5 @@
 """What every run of the tests does first: kernels that fit their sources, one thread of linear algebra to each of
-several processes, and the longest files in front."""
+several processes, and for them the longest files in front."""
 
 import gc
 import os
@@ -35,7 +35,9 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not hasattr(config, "workerinput"):
+        return  # one process alone: in the order it was asked for
     items.sort(key=lambda item: order.place(item.nodeid.partition("::")[0]))
 
 

@@ -7,6 +7,9 @@ that was broken off.
 
 Where the file has kernels, its tests run without Numba's compiler, so that no machine code of the right line can
 run in place of the wrong one.
+
+`--random N --seed S` draws mutants instead (`tests.mutants.drawn`). For those the kernels are compiled anew in
+which the wrong line may be: the nearest tests are whole flights, too, and would take hours without the compiler.
 """
 
 import argparse
@@ -17,15 +20,19 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Final, NamedTuple
 
+from tests.mutants.drawn import draw, interval
 from tests.mutants.table import ROOT, Mutant, MutantError, read
 
 KILLED, ENDLESS, SURVIVED, BROKEN = "killed", "endless", "survived", "BROKEN"
+UNDECIDED, EQUIVALENT = "not decided", "equivalent"  # of those drawn
+WANTED: Final = 0.9  # share of those drawn and decided that tests kill
 PARTS: Final = ("onboard", "simlink", "benchmarks", "examples", "docs", "configs", "tests", "pyproject.toml")
 LIMIT_S: Final = 600.0  # then it is taken to run for ever, and counts as killed
 # pytest's exit code for failed tests, and ours for endless ones; 0 is success, any other: no tests were run
@@ -51,7 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the mutants, print what became of each and a summary; the exit code."""
     options = _parser().parse_args(arguments)
     try:
-        chosen = choose(list(read().values()), options.names, options.start)
+        table = list(read().values())
+        if options.random:
+            return _run_drawn(draw(options.random, options.seed, table), options)
+        chosen = choose(table, options.names, options.start)
     except MutantError as error:
         print(error, file=sys.stderr)
         return 2
@@ -88,6 +98,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--from", dest="start", metavar="NAME", help="go on with this one")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="how many at a time (%(default)s)")
     parser.add_argument("--unchecked", action="store_true", help="do not run the tests without a mutant first")
+    parser.add_argument("--random", type=int, metavar="N", help="draw N changes of one token instead")
+    parser.add_argument("--seed", type=int, default=1, help="other ones for each (%(default)s)")
+    parser.add_argument(
+        "--limit", type=float, default=150.0, metavar="S", help="time for a drawn one (%(default)g s)"
+    )
     parser.add_argument("--list", action="store_true", help="print the names and run nothing")
     return parser
 
@@ -101,6 +116,39 @@ def _copy(folder: Path) -> Path:
         else:
             shutil.copy2(source, folder / part)
     return folder
+
+
+def _run_drawn(mutants: Sequence[Mutant], options: argparse.Namespace) -> int:
+    """Run mutants that were drawn, one at a time; print each that no test sees, and the share of those killed."""
+    outcomes: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
+        right = _copy(Path(folder) / "right")
+        for k, mutant in enumerate(mutants, 1):
+            wrong = shutil.copytree(right, Path(folder) / "wrong")  # machine code of the last one is not in it
+            outcome, seconds = _run_one_drawn(wrong, mutant, options.limit)
+            shutil.rmtree(wrong)
+            outcomes[outcome] += 1
+            print(f"{k:4}/{len(mutants)} {outcome:11} {seconds:6.1f} s {mutant.name}", flush=True)
+    killed, decided = outcomes[KILLED], outcomes[KILLED] + outcomes[SURVIVED]
+    low, high = interval(killed, decided)
+    share = f"{100 * killed / max(decided, 1):.0f} % killed ({100 * low:.0f} to {100 * high:.0f})"
+    print(f"\n{', '.join(f'{n} {outcome}' for outcome, n in outcomes.most_common())}: {share}")
+    return 0 if killed >= WANTED * decided else 1
+
+
+def _run_one_drawn(copy: Path, mutant: Mutant, limit_s: float) -> tuple[str, float]:
+    """What became of it, and after how long (s)."""
+    if not mutant.tests:
+        return SURVIVED, 0.0
+    ran = _run(copy, mutant, limit_s=limit_s, compiled=True)
+    outcome = ran.outcome
+    if outcome == BROKEN:  # tests that cannot even be collected see it; where all are slow, none was asked
+        outcome = UNDECIDED if "no tests ran" in ran.output or "deselected" in ran.output else KILLED
+    elif outcome == ENDLESS:
+        outcome = UNDECIDED  # it may be endless, or its tests take long
+    elif outcome == SURVIVED and mutant.survives:
+        outcome = EQUIVALENT
+    return outcome, ran.seconds
 
 
 def _right_without(copy: Path, mutants: Sequence[Mutant]) -> bool:
@@ -143,14 +191,15 @@ def _run_all(copies: Sequence[Path], mutants: Sequence[Mutant]) -> list[Ran]:
     return ran
 
 
-def _run(copy: Path, mutant: Mutant) -> Ran:
+def _run(copy: Path, mutant: Mutant, *, limit_s: float = LIMIT_S, compiled: bool | None = None) -> Ran:
     """Change the copy, run the tests named, and put the copy right again, its times too."""
     path, begin = copy / mutant.file, time.monotonic()
     right, stamp = path.read_text(encoding="utf-8"), path.stat()
-    compiled = _is_compiled(copy, mutant)
+    if compiled is None:
+        compiled = _is_compiled(copy, mutant)
     path.write_text(mutant.applied_to(right), encoding="utf-8")
     try:
-        code, output = _pytest(copy, mutant.tests, compiled=compiled, limit_s=LIMIT_S)
+        code, output = _pytest(copy, mutant.tests, compiled=compiled, limit_s=limit_s)
     finally:
         path.write_text(right, encoding="utf-8")
         os.utime(path, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
