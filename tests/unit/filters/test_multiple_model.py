@@ -94,6 +94,23 @@ def test_two_identical_models_are_the_single_filter_seed_2(offset: float) -> Non
     np.testing.assert_allclose(state.probabilities, [2 / 3, 1 / 3], rtol=1e-7)  # the chain's stationary ones
 
 
+def test_as_a_method_its_modes_have_their_factors_and_their_chain_seed_7() -> None:
+    """Three, so that neither two modes nor the published method's equal factors stand for any number of them."""
+    seen = np.random.default_rng(7).normal(0, 3, (10, 1))
+    method = imm.as_method("three", (UKF,) * 3, (1.0, 4.0, 0.5), stay=0.8)
+    state = method.start(MEAN, P0)
+    for y in seen:
+        one = method.update(method.predict(state, process, Q1), y, measure, R, ())
+        state = one.belief
+    chain = np.array([[0.8, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.1, 0.8]])
+    expected, update = run((UKF,) * 3, seen, [Q1, 4.0 * Q1, 0.5 * Q1], chain, np.full(3, 1 / 3))
+    np.testing.assert_allclose(state.probabilities, expected.probabilities, rtol=1e-12)
+    np.testing.assert_allclose(method.belief(state).mean, imm.belief((UKF,) * 3, expected).mean, rtol=1e-12)
+    for ours, theirs in zip(one[1:5], update[1:5], strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-12)
+    assert one.misfits == ()  # and not the log-likelihood, which comes sixth
+
+
 def test_a_batch_is_a_loop_seed_3() -> None:
     seen = np.random.default_rng(3).normal(0, 3, (6, 4, 1))
     methods = (UKF, UKF)

@@ -20,6 +20,18 @@ def test_close_twice_and_then_no_more(tmp_path: Path) -> None:
         view.show(late_estimate())
 
 
+@pytest.mark.parametrize("name", [None, "flight of today"])
+def test_a_recording_has_the_name_that_it_was_given(tmp_path: Path, name: str | None) -> None:
+    view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
+    chunk = pytest.importorskip("rerun.chunk", reason=NEEDS_RERUN)
+    with view_module.View(camera=CAMERA, rrd=tmp_path / "named.rrd", name=name):
+        pass
+    chunks = chunk.RrdReader(tmp_path / "named.rrd").stream().to_chunks()
+    batches = [one.to_record_batch().to_pydict() for one in chunks if one.entity_path == "/__properties"]
+    names = [value for batch in batches for (value,) in batch.get("RecordingInfo:name", [])]
+    assert names == ([] if name is None else [name])
+
+
 def test_a_view_must_go_somewhere() -> None:
     view_module = pytest.importorskip("onboard.view.view", reason=NEEDS_RERUN, exc_type=ImportError)
     with pytest.raises(ValueError, match="rrd"):

@@ -171,8 +171,9 @@ def _keep_motion(mean: Array, P: Array, before: Belief) -> None:
         for i in kept:
             if before.covariance[b, i, i] < P[b, i, i]:
                 mean[b, i] = before.mean[b, i]
-                P[b, i, :] *= np.sqrt(before.covariance[b, i, i] / P[b, i, i])
-                P[b, :, i] *= np.sqrt(before.covariance[b, i, i] / P[b, i, i])
+                ratio = np.sqrt(before.covariance[b, i, i] / P[b, i, i])
+                P[b, i, :] *= ratio
+                P[b, :, i] *= ratio
 
 
 def advance(filter_: Filter, modes: Modes, dt: float, v_F_n: Array, a_F_n: Array) -> Modes:

@@ -10,6 +10,7 @@ from onboard.estimators.leader.filters import wing_line_noise as noise
 from onboard.estimators.leader.filters.wing_line import Filter
 from onboard.estimators.leader.filters.wing_line_noise import Extras
 from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR, ManoeuvreModel
+from onboard.filters.belief import Belief
 from onboard.models import leader_flight as flight
 from onboard.models.leader_flight import ImageGeometry
 from onboard.models.relative_motion import R, V
@@ -59,6 +60,25 @@ def test_a_hovering_leader_drifts_by_the_error_of_our_own_velocity() -> None:
     )
     np.testing.assert_allclose(np.sqrt(np.diag(exact)), MULTIROTOR.hover, rtol=1e-9)  # in the long run
     np.testing.assert_allclose(np.sqrt(np.diag(wrong)), np.hypot(MULTIROTOR.hover, 0.1), rtol=1e-9)
+
+
+def test_a_new_track_keeps_the_motion_that_the_last_one_knew_better() -> None:
+    """Velocity, accelerations, heading, delay and bias: not the position or the size, which its image gave, and of
+    two targets only what that target's earlier track knew better."""
+    n = flight.N_BOTH
+    mean, P = np.zeros((2, n)), np.tile(4.0 * np.eye(n) + 1.0, (2, 1, 1))
+    before = Belief(np.arange(1.0, 2 * n + 1).reshape(2, n), np.tile(np.eye(n), (2, 1, 1)))
+    before.covariance[1] = 9.0 * np.eye(n)
+    before.covariance[0, flight.A_ALONG, flight.A_ALONG] = 9.0
+    wing_line._keep_motion(mean, P, before)
+    motion = {*range(V.start, V.stop), 7, 8, flight.HEADING, *range(flight.BASE, n)}
+    for i in range(n):
+        assert mean[0, i] == (before.mean[0, i] if i in motion else 0.0)
+        assert P[0, i, i] == pytest.approx(1.0 if i in motion else 5.0)
+    correlations = P[0] / np.sqrt(np.outer(np.diag(P[0]), np.diag(P[0])))
+    np.testing.assert_allclose(correlations, 0.2 + 0.8 * np.eye(n))  # as before
+    np.testing.assert_array_equal(mean[1], 0.0)
+    np.testing.assert_array_equal(P[1], 4.0 * np.eye(n) + 1.0)
 
 
 def test_a_delay_and_a_velocity_both_unknown_blur_the_direction_by_their_product() -> None:

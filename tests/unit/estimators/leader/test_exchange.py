@@ -1,0 +1,84 @@
+"""When an object that took the target's place is in question, and when no more."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from onboard.estimators.leader.tracks.exchange import Exchange
+from onboard.estimators.leader.tracks.image import Image
+
+FORGOTTEN_S = 5.0
+
+
+def image(t: float, degrees: float = 0.0, span: float = 0.1) -> Image:
+    """At t seconds, in this direction, with a wing of this apparent size."""
+    angle = np.radians(degrees)
+    measurement: Any = SimpleNamespace(
+        axes=np.array([[np.cos(angle), np.sin(angle), 0.0]]), has_wing=True, span=span, span_sigma=1e-3 * span
+    )
+    message: Any = SimpleNamespace(t_ns=round(t * 1e9))
+    pose: Any = SimpleNamespace(R_cn=np.eye(3))
+    return Image(message, True, measurement, pose, True)
+
+
+def ended_after(fused: Image | None, gated: Image | None) -> Exchange:
+    exchange = Exchange(FORGOTTEN_S)
+    if fused is not None:
+        exchange.fused(fused)
+    if gated is not None:
+        exchange.gated(gated)
+    exchange.ended()
+    return exchange
+
+
+def asked_at(exchange: Exchange, t: float) -> bool:
+    return exchange.is_in_question(round(t * 1e9))
+
+
+def test_what_leapt_is_in_question_until_the_old_one_would_be_forgotten() -> None:
+    for leapt in (image(1.05, degrees=9.0), image(1.05, span=0.15)):
+        exchange = ended_after(image(1.0), leapt)
+        assert asked_at(exchange, 1.0 + FORGOTTEN_S - 1e-6)
+        assert not asked_at(exchange, 1.0 + FORGOTTEN_S)
+
+
+def test_an_end_without_an_image_before_or_after_asks_nothing() -> None:
+    for fused, gated in ((None, image(1.05)), (image(1.0), None), (None, None)):
+        assert not asked_at(ended_after(fused, gated), 1.1)
+
+
+def test_what_moves_on_is_not_in_question() -> None:
+    """As far as an aircraft comes in 0.05 s, or after a gap."""
+    for moved in (image(1.05, degrees=4.0), image(1.05, span=0.12), image(1.4, degrees=60.0)):
+        assert not asked_at(ended_after(image(1.0), moved), 1.5)
+
+
+def test_images_that_leap_back_end_the_question() -> None:
+    exchange = ended_after(image(1.0), image(1.05, span=0.2))
+    exchange.fused(image(1.5, span=0.2))
+    exchange.gated(image(1.55, span=0.1))
+    exchange.ended()
+    assert not asked_at(exchange, 1.6)
+
+
+def test_a_third_object_prolongs_the_question_and_the_first_one_ends_it() -> None:
+    exchange = ended_after(image(1.0), image(1.05, span=0.2))
+    exchange.fused(image(2.0, span=0.2))
+    exchange.gated(image(2.05, span=0.4))
+    exchange.ended()
+    assert asked_at(exchange, 2.0 + FORGOTTEN_S - 1e-6)
+    exchange.fused(image(3.0, span=0.4))
+    exchange.gated(image(3.05, span=0.1))
+    exchange.ended()
+    assert not asked_at(exchange, 3.1)
+
+
+def test_the_newest_image_counts_in_whatever_order_they_come() -> None:
+    exchange = Exchange(FORGOTTEN_S)
+    exchange.fused(image(1.0, degrees=9.0))
+    exchange.fused(image(0.9))
+    exchange.gated(image(1.05, degrees=9.5))
+    exchange.gated(image(1.1, degrees=40.0))  # the first one counts
+    exchange.ended()
+    assert not asked_at(exchange, 1.1)
