@@ -32,6 +32,7 @@ from onboard.messages import Estimate, Health
 SETTLE_S: Final = 3  # of a flight, before anything counts
 PATIENCE_S: Final = 120.0
 RATES: Final = (5_000, 10_000, 20_000, 30_000, 50_000)
+FLIGHT: Final = "live_flight"
 BUSY: Final = "while True: pass"
 Figures = dict[str, Any]
 
@@ -54,13 +55,13 @@ class Subscriber:
     def _on_health(self, sample: Any) -> None:
         self._health = sample.payload.to_bytes()
 
-    def arrivals(self) -> dict[int, int]:
-        """When the first estimate with each image came, by the image's stamp."""
+    def arrivals(self, *, valid: bool = False) -> dict[int, int]:
+        """When the first estimate with each image came, by the image's stamp; only `valid` ones, if asked."""
         found: dict[int, int] = {}
         for at_ns, data in self._estimates:
-            report = msgspec.json.decode(data, type=Estimate).measurement
-            if report is not None:
-                found.setdefault(report.t_ns, at_ns)
+            estimate = msgspec.json.decode(data, type=Estimate)
+            if estimate.measurement is not None and (estimate.valid or not valid):
+                found.setdefault(estimate.measurement.t_ns, at_ns)
         return found
 
     def health(self) -> Health:
@@ -78,15 +79,18 @@ class Subscriber:
 class Daemon:
     """`onboard run` with a UDP link (at a free port by default), a Zenoh listener and a recorder, and its log."""
 
-    def __init__(self, folder: Path, environment: dict[str, str] | None, udp: int | None) -> None:
+    def __init__(
+        self, folder: Path, environment: dict[str, str] | None, udp: int | None, link: str, more: Sequence[str]
+    ) -> None:
         self.udp, zenoh_port = udp or free_port(socket.SOCK_DGRAM), free_port(socket.SOCK_STREAM)
         self.endpoint = f"tcp/127.0.0.1:{zenoh_port}"
         self._log = folder / "daemon.log"
         settings = (
-            f"link=[{{name='autopilot', url='udpin:127.0.0.1:{self.udp}'}}]",
+            f"link=[{{name='autopilot', url='udpin:127.0.0.1:{self.udp}'{link}}}]",
             f"zenoh.listen=['{self.endpoint}']",
             "estimator.leader.size_prior_m=2.0",
             f"recorder.path='{folder / 'flight.mcap'}'",
+            *more,
         )
         command = [sys.executable, "-m", "onboard", "run", *(a for s in settings for a in ("--set", s))]
         self.began = time.monotonic()
@@ -98,6 +102,10 @@ class Daemon:
         """Seconds from the process's start until `text` is in its log."""
         until(lambda: text in self._log.read_text(errors="replace"), text, self.popen)
         return time.monotonic() - self.began
+
+    def lines(self) -> list[str]:
+        """What it has reported so far."""
+        return self._log.read_text(errors="replace").splitlines()
 
     def cpu_s(self) -> float:
         """Seconds of computing so far."""
@@ -111,10 +119,13 @@ class Daemon:
 
 
 @contextmanager
-def daemon(environment: dict[str, str] | None = None, udp: int | None = None) -> Iterator[Daemon]:
-    """A daemon in a folder of its own, ended after the block."""
+def daemon(
+    environment: dict[str, str] | None = None, udp: int | None = None, *, link: str = "", more: Sequence[str] = ()
+) -> Iterator[Daemon]:
+    """A daemon in a folder of its own, ended after the block; `link` and `more` are settings of its link, and
+    others."""
     with tempfile.TemporaryDirectory() as folder:
-        one = Daemon(Path(folder), environment, udp)
+        one = Daemon(Path(folder), environment, udp, link, more)
         try:
             yield one
         finally:
@@ -134,7 +145,9 @@ def under_load(seconds: int, *, busy: int = 0, on_core: int | None = None) -> Fi
             for loop in loops:
                 psutil.Process(loop.pid).nice(one.process.nice())
         subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
-        load = _load("--udp", str(one.udp), "--zenoh", one.endpoint, "--seconds", str(SETTLE_S + seconds))
+        load = program(
+            FLIGHT, "--udp", str(one.udp), "--zenoh", one.endpoint, "--seconds", str(SETTLE_S + seconds)
+        )
         one.wait_for("leader: ")
         time.sleep(SETTLE_S)
         before, since = one.cpu_s(), time.monotonic()
@@ -170,13 +183,13 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
             one = stack.enter_context(daemon())
             one.wait_for("link autopilot")
             subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
-            warm = _load("--udp", str(one.udp), "--seconds", "1")
+            warm = program(FLIGHT, "--udp", str(one.udp), "--seconds", "1")
             warm.communicate(timeout=PATIENCE_S)
             before = subscriber.health().links["autopilot"]
             cpu, since = one.cpu_s(), time.monotonic()
-            out, _ = _load("--udp", str(one.udp), "--seconds", str(seconds), "--flood", str(rate)).communicate(
-                timeout=PATIENCE_S
-            )
+            out, _ = program(
+                FLIGHT, "--udp", str(one.udp), "--seconds", str(seconds), "--flood", str(rate)
+            ).communicate(timeout=PATIENCE_S)
             share = (one.cpu_s() - cpu) / (time.monotonic() - since)
             subscriber.health()
             after = subscriber.health().links["autopilot"]
@@ -203,7 +216,7 @@ def start(*, cold: bool) -> float:
         if cold:
             environment["NUMBA_CACHE_DIR"] = stack.enter_context(tempfile.TemporaryDirectory())
         udp = free_port(socket.SOCK_DGRAM)
-        load = _load("--udp", str(udp), "--seconds", "300" if cold else "30", "--heartbeats")
+        load = program(FLIGHT, "--udp", str(udp), "--seconds", "300" if cold else "30", "--heartbeats")
         stack.callback(load.communicate)
         stack.callback(load.terminate)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:  # the load has begun
@@ -269,8 +282,9 @@ def free_port(kind: socket.SocketKind) -> int:
         return int(sock.getsockname()[1])
 
 
-def _load(*arguments: str) -> "subprocess.Popen[str]":
-    command = [sys.executable, "-m", "benchmarks.live_flight", *arguments]
+def program(module: str, *arguments: str) -> "subprocess.Popen[str]":
+    """A module of the benchmarks as a process that prints what it did."""
+    command = [sys.executable, "-m", f"benchmarks.{module}", *arguments]
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own
 
 

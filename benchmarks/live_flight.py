@@ -3,9 +3,9 @@
     python -m benchmarks.live_flight --udp 14540 --zenoh tcp/127.0.0.1:7447 --seconds 30
 
 200 samples of the IMU a second, 50 of attitude and position, and 30 images that arrive 40 ms after their exposure.
-With --heartbeats, one every 20 ms, for a start that has not to wait for one. With --flood, instead, as many
-samples of the IMU a second as it says. Prints, as JSON, when each image was sent, by its stamp, and how many
-datagrams were sent.
+With --heartbeats, one every 20 ms, for a start that has not to wait for one. With --origin, where on the Earth it
+is, for other aircraft's reports. With --key, signed. With --flood, instead, as many samples of the IMU a second as it
+says. Prints, as JSON, when each image was sent, by its stamp, and how many datagrams were sent.
 """
 
 import argparse
@@ -19,9 +19,10 @@ from typing import Any, Final
 import msgspec
 
 from benchmarks.targets import EPOCH, LATE_MS, MS, flight
-from onboard.messages import Datagram, Encoding, Heartbeat, Imu, TargetPoints
+from onboard.messages import Datagram, Encoding, GlobalOrigin, Heartbeat, Imu, TargetPoints
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.points import decode_points
+from onboard.wire.signing import Signer
 
 IMU_MS: Final = 5
 HEARTBEAT_MS: Final = 20
@@ -30,13 +31,15 @@ BURST_S: Final = 0.001
 KEY: Final = "onboard/1/camera/front/points"
 
 
-def datagrams(seconds: int, *, heartbeats: bool = False) -> list[Datagram]:
-    """One leader's flight, in order of arrival; with `heartbeats`, one every 20 ms."""
+def datagrams(seconds: int, *, heartbeats: bool = False, origin: bool = False) -> list[Datagram]:
+    """One leader's flight, in order of arrival; with `heartbeats`, one every 20 ms; with `origin`, one a second."""
     encoder, end_ms = MavlinkEncoder(1, 1), BEGIN_MS + 1000 * seconds
     found = [_of_leader(datagram) for datagram in flight(1, seconds)]
-    found.extend(_mavlink(encoder, _imu(t_ms), t_ms) for t_ms in range(BEGIN_MS, end_ms, IMU_MS))
+    found.extend(_mavlink(encoder, imu(t_ms * MS), t_ms) for t_ms in range(BEGIN_MS, end_ms, IMU_MS))
     if heartbeats:
         found.extend(_mavlink(encoder, _heartbeat(t_ms), t_ms) for t_ms in range(BEGIN_MS, end_ms, HEARTBEAT_MS))
+    if origin:
+        found.extend(_mavlink(encoder, _origin(t_ms), t_ms) for t_ms in range(BEGIN_MS, end_ms, 1000))
     return sorted(found, key=lambda datagram: datagram.t_recv_ns)
 
 
@@ -45,9 +48,14 @@ def _of_leader(datagram: Datagram) -> Datagram:
     return msgspec.structs.replace(datagram, data=data)
 
 
-def _imu(t_ms: int) -> Imu:
+def imu(t_ns: int) -> Imu:
+    """A sample of the IMU at a boot time."""
+    return Imu(t_ns=t_ns, t_recv_ns=EPOCH + t_ns, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, 0.01))
+
+
+def _origin(t_ms: int) -> GlobalOrigin:
     stamp = {"t_ns": t_ms * MS, "t_recv_ns": EPOCH + t_ms * MS}
-    return Imu(**stamp, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, 0.01))
+    return GlobalOrigin(**stamp, lat_deg=47.0, lon_deg=8.0, alt_msl=400.0)
 
 
 def _heartbeat(t_ms: int) -> Heartbeat:
@@ -66,15 +74,18 @@ def as_mavlink(datagram: Datagram, encoder: MavlinkEncoder) -> bytes:
     return encoder.encode(points)
 
 
-def send(flown: list[Datagram], to: socket.socket, publisher: Any | None) -> dict[str, Any]:
-    """Send each datagram when it is due. Without a publisher, images go as MAVLink."""
-    encoder = MavlinkEncoder(1, 191)
+def send(
+    flown: list[Datagram], to: socket.socket, publisher: Any | None, *, begin_ns: int = 0, key: str = ""
+) -> dict[str, Any]:
+    """Send each datagram when it is due, signed with a `key` of 64 hexadecimal digits, from `begin_ns` of the
+    monotonic clock on, or from now. Without a publisher, images go as MAVLink."""
+    encoder, signer = MavlinkEncoder(1, 191), Signer(bytes.fromhex(key), 1) if key else None
     sent: list[tuple[int, int, int]] = []  # stamp, exposure and sending on the monotonic clock, ns
-    begin_ns = time.monotonic_ns() - flown[0].t_recv_ns + 50 * MS
+    begin_ns = (begin_ns or time.monotonic_ns() + 50 * MS) - flown[0].t_recv_ns
     for datagram in flown:
         time.sleep(max(0.0, (begin_ns + datagram.t_recv_ns - time.monotonic_ns()) * 1e-9))
         if datagram.encoding is Encoding.MAVLINK:
-            _put(to, datagram.data)
+            _put(to, datagram.data if signer is None else signer.sign(datagram.data, time.time_ns()))
             continue
         exposed_ns = datagram.t_recv_ns - LATE_MS * MS
         sent.append((exposed_ns - EPOCH, begin_ns + exposed_ns, time.monotonic_ns()))
@@ -88,7 +99,7 @@ def send(flown: list[Datagram], to: socket.socket, publisher: Any | None) -> dic
 def flood(rate: int, seconds: float, to: socket.socket) -> dict[str, Any]:
     """Send samples of the IMU at a rate, in bursts each millisecond; a burst that is late is made up for."""
     encoder = MavlinkEncoder(1, 1)
-    frames = [encoder.encode(_imu(BEGIN_MS + k)) for k in range(1000)]
+    frames = [encoder.encode(imu((BEGIN_MS + k) * MS)) for k in range(1000)]
     begin = time.monotonic()
     count = 0
     while (now := time.monotonic() - begin) < seconds:
@@ -111,6 +122,9 @@ def main() -> int:
     parser.add_argument("--zenoh", help="the daemon's endpoint; without it, images go as MAVLink")
     parser.add_argument("--seconds", type=int, default=10)
     parser.add_argument("--heartbeats", action="store_true", help="one every 20 ms")
+    parser.add_argument("--origin", action="store_true", help="one a second")
+    parser.add_argument("--key", default="", help="sign MAVLink with it: 64 hexadecimal digits")
+    parser.add_argument("--begin-ns", type=int, default=0, help="on the monotonic clock; by default now")
     parser.add_argument("--flood", type=int, help="messages a second")
     options = parser.parse_args()
     to = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -119,7 +133,9 @@ def main() -> int:
         made = flood(options.flood, options.seconds, to)
     elif options.zenoh:
         with client(options.zenoh) as session:
-            made = send(datagrams(options.seconds), to, session.declare_publisher(KEY, express=True))
+            publisher = session.declare_publisher(KEY, express=True)
+            flown = datagrams(options.seconds, origin=options.origin)
+            made = send(flown, to, publisher, begin_ns=options.begin_ns, key=options.key)
     else:
         made = send(datagrams(options.seconds, heartbeats=options.heartbeats), to, None)
     print(json.dumps(made))

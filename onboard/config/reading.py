@@ -8,6 +8,7 @@ import math
 import os
 import tomllib
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, Final
 from urllib.parse import unquote
@@ -189,7 +190,7 @@ def _check_lenses(table: dict[str, Any]) -> None:
 def _shared(config: Config, errors: OwnErrors, kind: type[Record]) -> dict[str, Any]:
     """The keys of an estimator's section that other sections have: `[target]`, and the errors of our own state."""
     classes = {"target": msgspec.to_builtins(config.target)}
-    takes_classes = any(field.name == "target" for field in msgspec.structs.fields(kind))
+    takes_classes = any(field.name == "target" for field in _fields(kind))
     return _own_errors(errors, kind) | (classes if takes_classes else {})
 
 
@@ -216,10 +217,10 @@ def _with_gimbals(config: Config) -> Config:
 def _own_errors(errors: OwnErrors, kind: type[Record]) -> dict[str, float]:
     """The keys of an estimator's section whose values `[ownship.errors]` has: those with the same default. A
     default that differs is the estimator's own."""
-    shared = {f"own_{field.name}": field for field in msgspec.structs.fields(OwnErrors)}
+    shared = {f"own_{field.name}": field for field in _fields(OwnErrors)}
     return {
         field.name: getattr(errors, shared[field.name].name)
-        for field in msgspec.structs.fields(kind)
+        for field in _fields(kind)
         if field.name in shared and field.default == shared[field.name].default
     }
 
@@ -260,7 +261,7 @@ def _is_text(path: tuple[str, ...]) -> bool:
         if kind in NAMED:
             kind = NAMED[kind]
             continue
-        fields = msgspec.structs.fields(kind) if isinstance(kind, type) and issubclass(kind, Record) else ()
+        fields = _fields(kind) if isinstance(kind, type) and issubclass(kind, Record) else ()
         kind = next((field.type for field in fields if field.name == key), None)
     return kind in (str, str | None)
 
@@ -282,7 +283,7 @@ def _convert(table: Any, kind: type[Any], at: str) -> Any:
 
 def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
     """Raise for a key that `kind` does not have, here or in the tables below."""
-    fields = {field.name: field.type for field in msgspec.structs.fields(kind)}
+    fields = {field.name: field.type for field in _fields(kind)}
     for key, value in table.items():
         path = f"{at}.{key}".lstrip(".")
         if key not in fields:
@@ -297,6 +298,11 @@ def _check_keys(table: dict[str, Any], kind: Any, at: str) -> None:
             for i, item in enumerate(value):
                 if isinstance(item, dict):
                     _check_keys(item, rows, f"{path}[{i}]")
+
+
+@cache  # it reads the annotations anew each time: most of what it takes to check a configuration
+def _fields(kind: type[Record]) -> tuple[Any, ...]:
+    return msgspec.structs.fields(kind)
 
 
 def _check_finite(value: Any, at: str) -> None:

@@ -14,6 +14,7 @@ where Estimator follows the protocol below. Nothing else needs to know of it. On
 import pkgutil
 from collections import Counter
 from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType
@@ -93,6 +94,7 @@ def counted_verdicts(estimators: Mapping[str, EstimatorProtocol]) -> dict[str, i
     }
 
 
+@cache  # a folder is listed, and every parameter that is set asks
 def known() -> tuple[str, ...]:
     """The names of all estimators."""
     found = (m.name for m in pkgutil.iter_modules(__path__))
@@ -117,6 +119,7 @@ def load(name: str) -> ModuleType:
     return _module(name, "estimator")
 
 
+@cache
 def module_name(name: str, part: str = "estimator") -> str:
     """The module that holds a part ("config" or "estimator") of an estimator: a file in its folder, or itself."""
     whole = f"{__name__}.{name}"

@@ -1,0 +1,146 @@
+"""`python -m benchmarks.flooded [CASE ...] [--json FILE]`: what a leader's estimates are worth in a flood.
+
+The flight of `benchmarks.live` goes on while another process floods the same port and the same Zenoh listener. For
+each case: the images that had a valid estimate, a second; how long after its arrival at the subscriber (ms); what
+was sent of the flood; what was left out, by where it is counted; and each line that the daemon reported, with how
+often. The case `none` is the same without a flood: figures are to be read beside it.
+"""
+
+import argparse
+import json
+import os
+import re
+import secrets
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Final
+
+from benchmarks.live import FLIGHT, PATIENCE_S, Daemon, Figures, Subscriber, daemon, percentiles, program
+from onboard.messages import Health
+
+SETTLE_S: Final = 5  # of the flight before the flood
+TAIL_S: Final = 2  # of it after the flood
+ALL: Final = {
+    "imu": 10_000,
+    "adsb": 10_000,
+    "param_set": 200,
+    "param_list": 50,
+    "ftp": 100,
+    "garbage": 1_000,
+    "unsigned": 200,
+    "points": 500,
+}
+CASES: Final[Mapping[str, Mapping[str, int]]] = {
+    "none": {},
+    "adsb-10000": {"adsb": 10_000},
+    "imu-10000": {"imu": 10_000},
+    "imu-20000": {"imu": 20_000},
+    "all": ALL,
+    "all-signed": ALL,  # on a link with a key, which whoever floods it holds, but for two
+    "strangers": {kind: rate for kind, rate in ALL.items() if kind != "points"},  # likewise, without the key
+}
+SIGNED: Final = ("all-signed", "strangers")
+
+
+def flooded(case: str, seconds: int) -> Figures:
+    """The figures of one case, with a flood of so many seconds."""
+    key = secrets.token_hex(32) if case in SIGNED else ""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        link = ""
+        if key:
+            (folder / "key").write_text(key)
+            (folder / "key").chmod(0o600)
+            link = f", key_file='{folder / 'key'}'"
+        settings = ("estimator.traffic={}", f"parameters.path='{folder / 'parameters.toml'}'")
+        one = stack.enter_context(daemon(link=link, more=settings))
+        one.wait_for("link autopilot")
+        subscriber = stack.enter_context(closing(Subscriber(one.endpoint)))
+        begin_ns = time.monotonic_ns() + 3_000_000_000
+        where = ("--udp", str(one.udp), "--zenoh", one.endpoint, "--begin-ns", str(begin_ns))
+        total = SETTLE_S + seconds + TAIL_S
+        flight = program(FLIGHT, *where, "--seconds", str(total), "--origin", "--key", key)
+        time.sleep((begin_ns - time.monotonic_ns()) * 1e-9 + SETTLE_S)
+        cpu, since = one.cpu_s(), time.monotonic()
+        sent = _flood(CASES[case], key if case != "strangers" else "", seconds, where)
+        share = 100 * (one.cpu_s() - cpu) / (time.monotonic() - since)
+        out, _ = flight.communicate(timeout=PATIENCE_S + seconds)
+        health = subscriber.health()
+        return {
+            "case": case,
+            **_of_images(json.loads(out)["images"], subscriber, seconds),
+            "cpu_percent": share,
+            "memory_mb": one.process.memory_info().rss / 1e6,
+            "sent": sent,
+            "left_out": _left_out(health),
+            "lines": _lines(one),
+            "load_average": os.getloadavg()[0],
+        }
+
+
+def _flood(rates: Mapping[str, int], key: str, seconds: int, where: tuple[str, ...]) -> dict[str, int]:
+    if not rates:
+        time.sleep(seconds)
+        return {}
+    kinds = [text for kind, rate in rates.items() for text in ("--kind", f"{kind}={rate}")]
+    flood = program("floods", *where, "--seconds", str(seconds), "--key", key, *kinds)
+    out, _ = flood.communicate(timeout=PATIENCE_S + seconds)
+    sent: dict[str, int] = json.loads(out)
+    return sent
+
+
+def _of_images(images: list[tuple[int, int, int]], subscriber: Subscriber, seconds: int) -> Figures:
+    """Of those sent while the flood came: how many had an estimate, a valid one, and after how long."""
+    during = images[SETTLE_S * 30 + 30 : (SETTLE_S + seconds) * 30]
+    answered, valid = subscriber.arrivals(), subscriber.arrivals(valid=True)
+    late = [valid[stamp] - sent for stamp, _, sent in during if stamp in valid]
+    return {
+        "images": len(during),
+        "answered": sum(stamp in answered for stamp, _, _ in during),
+        "valid_per_s": 30 * len(late) / len(during),
+        "arrival_ms": percentiles(late) if late else None,
+    }
+
+
+def _left_out(health: Health) -> Figures:
+    """What was not used, by where the health counts it."""
+    links = {
+        f"{name}.{what}": count
+        for name, link in health.links.items()
+        for what, count in (("shed", link.shed), ("dropped", link.dropped), ("errors", link.errors))
+        if count
+    }
+    sinks = {f"{name}.dropped": sink.dropped for name, sink in health.sinks.items() if sink.dropped}
+    return {**links, **sinks, **{name: count for name, count in health.rejected.items() if count}}
+
+
+def _lines(one: Daemon) -> dict[str, int]:
+    """Each line of the daemon's report with how often it came, whatever numbers are in it."""
+    return dict(Counter(re.sub(r"\d+(\.\d+)?", "N", line.split("onboard: ")[-1]) for line in one.lines()))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.flooded", description="A leader in a flood.")
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; all by default")
+    parser.add_argument("--seconds", type=int, default=20, help="of each flood (%(default)s)")
+    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    options = parser.parse_args(arguments)
+    if unknown := set(options.cases) - set(CASES):
+        parser.error(f"no such case: {', '.join(sorted(unknown))}")
+    found = []
+    for case in options.cases or CASES:
+        found.append(flooded(case, options.seconds))
+        print(json.dumps(found[-1], indent=1), flush=True)
+    if options.json is not None:
+        options.json.write_text(json.dumps(found), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

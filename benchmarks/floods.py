@@ -1,0 +1,145 @@
+"""Floods, each from a sender of its own, at a daemon that also follows a good leader.
+
+    python -m benchmarks.floods --udp 14540 --seconds 20 --begin-ns 123 --kind imu=10000 --kind adsb=10000
+
+All kinds: `imu`, samples of the autopilot's own in single datagrams; `adsb`, reports of 10,000 aircraft;
+`param_set` and `param_list`, by a ground station; `ftp`, bursts of a file, for another one; `garbage`, bytes that are
+no frame; `unsigned`, heartbeats of the autopilot's number without a key; `points`, images of cameras and targets that
+nobody knows, over Zenoh. With --key, all but `garbage` and `unsigned` are signed: whoever sends them holds the key.
+Prints, as JSON, how many of each were sent.
+"""
+
+import argparse
+import json
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from itertools import cycle
+from typing import Any, Final
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from benchmarks.live_flight import BEGIN_MS, MS, client, imu
+from onboard.wire.mavlink_encode import MavlinkEncoder
+from onboard.wire.signing import Signer
+
+KINDS: Final = ("imu", "adsb", "param_set", "param_list", "ftp", "garbage", "unsigned", "points")
+AIRCRAFT: Final = 10_000
+STRANGERS: Final = 100  # cameras of points, and as many targets
+BURST_S: Final = 0.001
+OPEN, READ_BURST = 4, 15  # opcodes of MAVLink FTP
+SENDERS: Final = {  # system and component
+    "adsb": (1, 1),
+    "unsigned": (1, 1),
+    "param_set": (255, 190),
+    "param_list": (255, 190),
+    "ftp": (254, 190),
+}
+Make = Callable[[], bytes]
+
+
+def maker(kind: str, begin_ns: int) -> Make:
+    """What makes the next datagram of a kind. `begin_ns`: when the flight begins, by the monotonic clock."""
+    if kind == "imu":
+        own = MavlinkEncoder(1, 1)
+        return lambda: own.encode(imu(BEGIN_MS * MS + max(0, time.monotonic_ns() - begin_ns)))
+    if kind == "garbage":
+        rng = np.random.default_rng(1)
+        pieces = cycle([rng.bytes(60) for _ in range(1000)])
+        return lambda: next(pieces)
+    system, component = SENDERS[kind]
+    packer = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
+    messages = cycle(list(_messages(kind)))
+
+    def pack() -> bytes:
+        packer.seq = (packer.seq + 1) % 256
+        return bytes(next(messages).pack(packer))
+
+    return pack
+
+
+def _messages(kind: str) -> Iterator[Any]:
+    if kind == "adsb":
+        for k in range(AIRCRAFT):
+            lat, lon = round(47e7 + 3e3 * (k % 100)), round(8e7 + 3e3 * (k // 100))
+            yield dialect.MAVLink_adsb_vehicle_message(
+                1 + k, lat, lon, 0, 500_000, 9000, 5000, 0, b"FLOOD", 1, 0, 0b111_1111, 0
+            )
+    elif kind == "unsigned":
+        yield dialect.MAVLink_heartbeat_message(2, 12, 0, 0, 4, 3)
+    elif kind == "param_set":
+        for k in range(100):
+            yield dialect.MAVLink_param_set_message(1, 191, b"CAM_SIGMA_PX", 1.0 + 0.01 * k, 9)
+    elif kind == "param_list":
+        yield dialect.MAVLink_param_request_list_message(1, 191)
+    else:
+        for opcode, data in ((OPEN, b"parameters.json"), (READ_BURST, b"")):
+            head = bytes([0, 0, 0, opcode, len(data) or 239, 0, 0, 0, 0, 0, 0, 0])
+            payload = list((head + data).ljust(251, b"\0"))
+            yield dialect.MAVLink_file_transfer_protocol_message(0, 1, 191, payload)
+
+
+def run(rates: Mapping[str, int], options: argparse.Namespace) -> dict[str, int]:
+    """Send all kinds at their rates; what is late is made up for. How many of each were sent."""
+    signer = Signer(bytes.fromhex(options.key), 3) if options.key else None
+    sockets, makers = {}, {}
+    for kind in rates:
+        if kind != "points":
+            sockets[kind] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            sockets[kind].connect(("127.0.0.1", options.udp))
+            makers[kind] = maker(kind, options.begin_ns)
+    session = client(options.zenoh) if "points" in rates else None
+    sent, begin = dict.fromkeys(rates, 0), time.monotonic()
+    while (now := time.monotonic() - begin) < options.seconds:
+        for kind, rate in rates.items():
+            for _ in range(int(now * rate) - sent[kind]):
+                sent[kind] += 1
+                if session is not None and kind == "points":
+                    session.put(*_points(sent[kind], options.begin_ns))
+                    continue
+                data = makers[kind]()
+                if signer is not None and kind not in {"garbage", "unsigned"}:
+                    data = signer.sign(data, time.time_ns())
+                with suppress(OSError):  # no room
+                    sockets[kind].send(data)
+        time.sleep(BURST_S)
+    if session is not None:
+        session.close()
+    return sent
+
+
+def _points(k: int, begin_ns: int) -> tuple[str, bytes]:
+    """A key and an image of a stranger, every other one on our own camera's key, of an unknown target."""
+    camera = "front" if k % 2 else f"stranger{k % STRANGERS}"
+    pixels = {name: {"u_px": u, "v_px": 240.0} for name, u in (("center", 320), ("left", 300), ("right", 340))}
+    image = {
+        "t_ns": BEGIN_MS * MS + max(0, time.monotonic_ns() - begin_ns),
+        "clock": "boot",
+        "camera": camera,
+        "intrinsics": {"fx_px": 554.0, "fy_px": 554.0, "cx_px": 320.0, "cy_px": 240.0},
+        "target": f"stranger/{k % STRANGERS}",
+        **pixels,
+    }
+    return f"onboard/1/camera/{camera}/points", json.dumps(image).encode()
+
+
+def main() -> int:
+    """Send, and print what was sent."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.floods")
+    parser.add_argument("--udp", type=int, required=True)
+    parser.add_argument("--zenoh", help="the daemon's endpoint, for points")
+    parser.add_argument("--seconds", type=int, default=10)
+    parser.add_argument("--begin-ns", type=int, default=0)
+    parser.add_argument("--key", default="", help="64 hexadecimal digits")
+    parser.add_argument("--kind", action="append", metavar="KIND=RATE", required=True)
+    options = parser.parse_args()
+    rates = {kind: int(rate) for kind, _, rate in (one.partition("=") for one in options.kind)}
+    print(json.dumps(run(rates, options)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
