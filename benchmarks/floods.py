@@ -3,10 +3,10 @@
     python -m benchmarks.floods --udp 14540 --seconds 20 --begin-ns 123 --kind imu=10000 --kind adsb=10000
 
 All kinds: `imu`, samples of the autopilot's own in single datagrams; `adsb`, reports of 10,000 aircraft;
-`param_set` and `param_list`, by a ground station; `ftp`, bursts of a file, for another one; `garbage`, bytes that are
-no frame; `unsigned`, heartbeats of the autopilot's number without a key; `points`, images of cameras and targets that
-nobody knows, over Zenoh. With --key, all but `garbage` and `unsigned` are signed: whoever sends them holds the key.
-Prints, as JSON, how many of each were sent.
+`param_set` and `param_list`, by a ground station; `ftp`, bursts of a file, for another one; `garbage`, bytes that
+are no frame; `unsigned`, heartbeats of the autopilot's number without a key; `points`, images of cameras and
+targets that nobody knows, over Zenoh. With --key, all but `garbage` and `unsigned` are signed: whoever sends them
+holds the key. Prints, as JSON, how many of each were sent.
 """
 
 import argparse
@@ -30,6 +30,7 @@ KINDS: Final = ("imu", "adsb", "param_set", "param_list", "ftp", "garbage", "uns
 AIRCRAFT: Final = 10_000
 STRANGERS: Final = 100  # cameras of points, and as many targets
 BURST_S: Final = 0.001
+LATE_S: Final = 0.01
 OPEN, READ_BURST = 4, 15  # opcodes of MAVLink FTP
 SENDERS: Final = {  # system and component
     "adsb": (1, 1),
@@ -83,7 +84,8 @@ def _messages(kind: str) -> Iterator[Any]:
 
 
 def run(rates: Mapping[str, int], options: argparse.Namespace) -> dict[str, int]:
-    """Send all kinds at their rates; what is late is made up for. How many of each were sent."""
+    """Send all kinds at their rates; how many of each were sent. What is late by more than `LATE_S` is not made up
+    for: it would come in one burst."""
     signer = Signer(bytes.fromhex(options.key), 3) if options.key else None
     sockets, makers = {}, {}
     for kind in rates:
@@ -92,10 +94,13 @@ def run(rates: Mapping[str, int], options: argparse.Namespace) -> dict[str, int]
             sockets[kind].connect(("127.0.0.1", options.udp))
             makers[kind] = maker(kind, options.begin_ns)
     session = client(options.zenoh) if "points" in rates else None
-    sent, begin = dict.fromkeys(rates, 0), time.monotonic()
-    while (now := time.monotonic() - begin) < options.seconds:
+    sent, due = dict.fromkeys(rates, 0), dict.fromkeys(rates, 0.0)
+    last = begin = time.monotonic()
+    while (now := time.monotonic()) - begin < options.seconds:
+        passed, last = min(now - last, LATE_S), now
         for kind, rate in rates.items():
-            for _ in range(int(now * rate) - sent[kind]):
+            due[kind] += passed * rate
+            for _ in range(int(due[kind]) - sent[kind]):
                 sent[kind] += 1
                 if session is not None and kind == "points":
                     session.put(*_points(sent[kind], options.begin_ns))

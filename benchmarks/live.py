@@ -187,9 +187,8 @@ def input_rates(seconds: int, rates: Sequence[int] = RATES) -> list[Figures]:
             warm.communicate(timeout=PATIENCE_S)
             before = subscriber.health().links["autopilot"]
             cpu, since = one.cpu_s(), time.monotonic()
-            out, _ = program(
-                FLIGHT, "--udp", str(one.udp), "--seconds", str(seconds), "--flood", str(rate)
-            ).communicate(timeout=PATIENCE_S)
+            rated = ("--seconds", str(seconds), "--flood", str(rate))
+            out, _ = program(FLIGHT, "--udp", str(one.udp), *rated).communicate(timeout=PATIENCE_S)
             share = (one.cpu_s() - cpu) / (time.monotonic() - since)
             subscriber.health()
             after = subscriber.health().links["autopilot"]

@@ -4,8 +4,8 @@
 
 200 samples of the IMU a second, 50 of attitude and position, and 30 images that arrive 40 ms after their exposure.
 With --heartbeats, one every 20 ms, for a start that has not to wait for one. With --origin, where on the Earth it
-is, for other aircraft's reports. With --key, signed. With --flood, instead, as many samples of the IMU a second as it
-says. Prints, as JSON, when each image was sent, by its stamp, and how many datagrams were sent.
+is, for other aircraft's reports. With --key, signed. With --flood, instead, as many samples of the IMU a second as
+it says. Prints, as JSON, when each image was sent, by its stamp, and how many datagrams were sent.
 """
 
 import argparse
@@ -32,7 +32,7 @@ KEY: Final = "onboard/1/camera/front/points"
 
 
 def datagrams(seconds: int, *, heartbeats: bool = False, origin: bool = False) -> list[Datagram]:
-    """One leader's flight, in order of arrival; with `heartbeats`, one every 20 ms; with `origin`, one a second."""
+    """One leader's flight, in order of arrival; with `heartbeats`, one each 20 ms; with `origin`, one a second."""
     encoder, end_ms = MavlinkEncoder(1, 1), BEGIN_MS + 1000 * seconds
     found = [_of_leader(datagram) for datagram in flight(1, seconds)]
     found.extend(_mavlink(encoder, imu(t_ms * MS), t_ms) for t_ms in range(BEGIN_MS, end_ms, IMU_MS))

@@ -36,8 +36,9 @@ Surplus = Callable[[bytes], int]
 LARGEST: Final = 65_535
 RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
 PASSING: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ECONNREFUSED)  # no room, or nobody listens there yet
-BURST: Final = 128  # datagrams delivered per wake-up: ten milliseconds, for which others wait
-GROUP: Final = 1024  # read per wake-up: what is newest among them must not wait behind the oldest
+BURST: Final = 128  # datagrams delivered of a group, in ten milliseconds
+GROUP: Final = 1024  # datagrams read together: what is newest among them must not wait behind the oldest
+TURN: Final = 16  # datagrams delivered, or eight times as many read, before others of the event loop have their turn
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
 SO_RCVBUFFORCE: Final = 33  # of Linux: beyond net.core.rmem_max, for the privileged
 SO_RXQ_OVFL: Final = 40  # of Linux: with each datagram, how many were dropped before it
@@ -81,6 +82,7 @@ class UdpLink:
         self._dropped_before = 0
         self._buffer_bytes = 0
         self._budget = Budget()
+        self._work: dict[socket.socket, Iterator[None]] = {}  # groups that are being read and delivered
 
     def health(self) -> LinkHealth:
         """Counts so far."""
@@ -136,7 +138,7 @@ class UdpLink:
         loop = asyncio.get_running_loop()
         self._lost = loop.create_future()
         for sock in sockets:
-            loop.add_reader(sock, self._drain, sock, deliver, now_ns)
+            loop.add_reader(sock, self._readable, sock, deliver, now_ns)
         try:
             await until_lost(self._lost, failed)
         finally:
@@ -144,6 +146,7 @@ class UdpLink:
                 loop.remove_reader(sock)
             self._dropped_before = self.dropped
             self._drops.clear()
+            self._work.clear()
             close_all(sockets)
         raise LinkError(f"{self._spec}: cannot send to it ({self._lost.result()})")
 
@@ -168,19 +171,40 @@ class UdpLink:
         else:
             self.sent += 1
 
-    def _drain(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> None:
-        """Deliver a group of what waits. Where that is more than there is time for, surplus is left out."""
-        group = list(self._group(sock, now_ns))
+    def _readable(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> None:
+        """Take a group of what waits. It is called again and again while a flood waits, so between two turns."""
+        if sock not in self._work:
+            self._work[sock] = self._drain(sock, deliver, now_ns)
+            self._take_turn(sock)
+
+    def _take_turn(self, sock: socket.socket) -> None:
+        """One turn of the group. Images that came meanwhile have theirs before the next one."""
+        if sock not in self._work:  # it was closed
+            return
+        if next(self._work[sock], "done") is None:
+            asyncio.get_running_loop().call_soon(self._take_turn, sock)
+        else:
+            self._work.pop(sock, None)
+
+    def _drain(self, sock: socket.socket, deliver: Deliver, now_ns: NowNs) -> Iterator[None]:
+        """Deliver a group of what waits, with a pause after each turn. Where that is more than there is time for,
+        surplus is left out."""
+        group = []
+        for one in self._group(sock, now_ns):
+            group.append(one)
+            if len(group) % (8 * TURN) == 0:
+                yield
         left_out = oldest_surplus([rank for rank, _, _ in group], BURST)
         self.shed += len(left_out)
-        for k, (_, datagram, sender) in enumerate(group):
-            if k in left_out:
-                continue
+        kept = (one for k, one in enumerate(group) if k not in left_out)
+        for count, (_, datagram, sender) in enumerate(kept, 1):
             self.received += 1
             before = self._peer, self._via
             self._peer, self._via = sender, sock  # what is answered at once goes to who asked
             if not deliver(datagram):
                 self._peer, self._via = before
+            if count % TURN == 0:
+                yield
 
     def _group(self, sock: socket.socket, now_ns: NowNs) -> Iterator[tuple[int, Datagram, Any]]:
         """Datagrams that wait in the kernel, each after its `surplus` and before its sender."""
