@@ -1,8 +1,10 @@
 """A socket is read in groups: where more waits than there is time for, samples of the IMU and other aircraft's
 reports are left out, the oldest first, and nothing else is."""
 
+import asyncio
 import random
 import socket
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -89,6 +91,25 @@ def test_other_aircraft_are_left_out_before_the_imu() -> None:
 def test_nothing_else_is_ever_left_out() -> None:
     found, shed = flooded([HEARTBEAT] * 1000)
     assert ([count_of(d) for d in found], shed) == (list(range(1000)), 0)
+
+
+def test_others_have_their_turn_while_a_group_is_delivered() -> None:
+    """An image that comes over another link waits for sixteen datagrams, not for all."""
+    turns: list[int] = []
+
+    async def test(link: Any, received: list[Datagram]) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for k in range(udp.BURST):
+                sender.sendto(frame(ATTITUDE, k), link.address)
+        while len(received) < udp.BURST:
+            turns.append(len(received))
+            await asyncio.sleep(0)
+        assert [count_of(d) for d in received] == list(range(udp.BURST))
+
+    with_link("udpin:127.0.0.1:0", test, surplus=surplus)
+    steps = [b - a for a, b in pairwise(turns)]
+    assert max(steps) <= udp.TURN
+    assert sum(step > 0 for step in steps) >= udp.BURST // udp.TURN - 1
 
 
 def test_fewer_than_a_group_are_all_delivered() -> None:

@@ -1,6 +1,7 @@
 """Floods of target names: the leader's estimates stay as they are, and what is published stays bounded."""
 
 from collections import Counter
+from itertools import pairwise
 
 from msgspec.structs import replace
 
@@ -61,6 +62,28 @@ def test_a_flood_of_names_publishes_little() -> None:
     new, refusals = 100, 10  # a second
     assert len(others) <= (T1 - T0 + 1) * (2 * new + refusals)
     assert Counter(e.measurement.verdict for e in others if e.measurement)[Verdict.FULL] >= T1 - T0 - 1
+
+
+def test_twenty_targets_that_come_at_once_are_taken_one_by_one_beside_the_leader() -> None:
+    """To begin a track takes 10 ms, for which an image of the leader would wait twenty times."""
+    one = estimator()
+    messages: list[Message] = []
+    for item in ITEMS:
+        m = item.message
+        messages.append(m)
+        if isinstance(m, TargetPoints) and m.t_ns > 8 * S:
+            for k in range(19):
+                points = [(u + SIDE - 0.03 * k, v) for u, v in (m.center, m.left, m.right)]
+                center, left, right = points
+                messages.append(replace(m, target=f"new/{k}", center=center, left=left, right=right))
+    first: dict[str, int] = {}
+    for e in play(one, messages):
+        if e.state is Lifecycle.TRACKING and e.t_ns > 8 * S:
+            first.setdefault(e.target, e.t_ns)
+    assert len(first) == 20
+    begun = sorted(first.values())[1:]
+    assert min(b - a for a, b in pairwise(begun)) >= 0.03 * S  # not two with one image
+    assert begun[-1] < 10 * S
 
 
 def test_names_that_came_to_nothing_are_forgotten_and_said_to_be() -> None:
