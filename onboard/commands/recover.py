@@ -13,6 +13,7 @@ from mcap.writer import Writer
 from onboard.errors import UserError
 from onboard.wire.recording import is_recording, read_messages
 
+MAGIC: Final = b"\x89MCAP0\r\n"  # at the begin and the end of a file
 FILE_MODE: Final = 0o600  # as the recorder's
 
 
@@ -23,6 +24,7 @@ def main(arguments: argparse.Namespace) -> int:
         if not is_recording(source):
             raise UserError(f"{source} is no recording of ours (.mcap)")
         wanted = arguments.out or source.with_stem(f"{source.stem}-recovered")
+        has_end = is_ended(source)
         count, damaged = recover(source, wanted)
     except FileExistsError as error:
         raise UserError(f"{wanted} exists already; name another file with --out") from error
@@ -30,7 +32,17 @@ def main(arguments: argparse.Namespace) -> int:
         raise UserError(f"cannot recover {source}: {error.strerror or error}") from error
     stretches = "1 stretch" if damaged == 1 else f"{damaged} stretches"
     print(f"{wanted}: {count} records; {stretches} could not be read")
+    if not has_end:
+        print(f"{source} has no end: what wrote it was killed. `onboard` reads it; others want {wanted.name}")
     return 0
+
+
+def is_ended(source: Path) -> bool:
+    """Whether a recording was closed: without its end, and the index before it, other programs refuse it. Raises
+    OSError."""
+    with source.open("rb") as file:
+        file.seek(-min(len(MAGIC), source.stat().st_size), os.SEEK_END)
+        return file.read() == MAGIC
 
 
 def recover(source: Path, target: Path) -> tuple[int, int]:

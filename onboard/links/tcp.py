@@ -1,8 +1,9 @@
 """MAVLink over TCP: a stream of bytes, cut anywhere. `tcp` connects (ArduPilot SITL listens on 5760), `tcpin`
-listens."""
+listens. Whose bytes give messages keeps the connection of `tcpin`: who knocks meanwhile is refused, and named."""
 
 import asyncio
 import socket
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, cast
 
@@ -19,20 +20,30 @@ from onboard.links.link import (
     resolve,
     until_lost,
 )
-from onboard.messages import Datagram, Encoding
+from onboard.messages import Datagram, Encoding, LinkHealth
 
 CONNECT_TIMEOUT_S: Final = 3.0
 SEND_LIMIT: Final = 65_536  # bytes in the send buffer, beyond which data are dropped: seconds of our traffic
 READ_SIZE: Final = 8192  # bytes at once: a flood takes a few milliseconds, then other links have their turn
+OWNED_NS: Final = 3_000_000_000  # since its last message, a peer keeps its connection: three heartbeats
 KEEPALIVE: Final = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 10_000}
 
 
 class Stream(asyncio.Protocol):
-    """One TCP connection. The future `lost` is done when it has ended."""
+    """One TCP connection. The future `lost` is done when it has ended. `on_made` is called once it stands.
+    `peer`: the other end, as text."""
 
-    def __init__(self, link: "TcpClientLink | TcpServerLink", deliver: Deliver, now_ns: NowNs) -> None:
+    def __init__(
+        self,
+        link: "TcpClientLink | TcpServerLink",
+        deliver: Deliver,
+        now_ns: NowNs,
+        on_made: "Callable[[Stream], None]" = lambda _: None,
+    ) -> None:
         self.lost: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._link, self._deliver, self._now_ns = link, deliver, now_ns
+        self.peer = ""
+        self._message_ns: int | None = None  # when bytes gave a message for the last time
+        self._link, self._deliver, self._now_ns, self._on_made = link, deliver, now_ns, on_made
         self._transport: asyncio.Transport | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -44,15 +55,23 @@ class Stream(asyncio.Protocol):
         for name, value in KEEPALIVE.items():
             if hasattr(socket, name):
                 sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
+        host, port, *_ = transport.get_extra_info("peername") or ("nobody", 0)  # who has left already
+        self.peer = f"{host}:{port}"
+        self._on_made(self)
 
     def data_received(self, data: bytes) -> None:
         """Deliver one piece of the stream."""
         t_recv_ns = self._now_ns()
         link = self._link
         link.received += 1
-        self._deliver(
-            Datagram(channel=link.channel, encoding=Encoding.MAVLINK_STREAM, t_recv_ns=t_recv_ns, data=data)
-        )
+        encoding = Encoding.MAVLINK_STREAM
+        if self._deliver(Datagram(channel=link.channel, encoding=encoding, t_recv_ns=t_recv_ns, data=data)):
+            self._message_ns = t_recv_ns
+
+    def sends(self) -> bool:
+        """Whether it stands, and gave a message lately."""
+        lately = self._message_ns is not None and 0 <= self._now_ns() - self._message_ns < OWNED_NS
+        return lately and not self.lost.done()
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
         """The connection has ended, for any reason."""
@@ -142,18 +161,31 @@ class TcpClientLink:
 
 
 class TcpServerLink:
-    """A TCP server for one peer at a time. A new connection replaces the old one, so that a peer whose connection
-    broke unnoticed can return. `address`: the listening address, once open."""
+    """A TCP server for one peer at a time. A new connection replaces one that gives no messages any more, so that
+    a peer whose connection broke unnoticed can return; while it gives some, the new one is refused. `address`: the
+    listening address, once open."""
 
     def __init__(self, spec: str, channel: str, host: str, port: int) -> None:
         self.channel = channel
         self.received = 0
         self.sent = 0
         self.errors = 0
+        self.refused = 0
+        self.refused_from = ""
         self.address: Any = None
         self._spec, self._host, self._port = spec, host, port
         self._sockets: list[socket.socket] = []
         self._stream: Stream | None = None
+
+    def health(self) -> LinkHealth:
+        """Counts so far, and who was refused last."""
+        return LinkHealth(
+            received=self.received,
+            sent=self.sent,
+            errors=self.errors,
+            refused=self.refused,
+            refused_from=self.refused_from,
+        )
 
     async def open(self) -> None:
         """Bind and listen, on each address of the host. Raises LinkError."""
@@ -178,10 +210,7 @@ class TcpServerLink:
         safe = guarded(deliver, failed)
 
         def accept() -> Stream:
-            if self._stream is not None:
-                self._stream.abort()
-            self._stream = Stream(self, safe, now_ns)
-            return self._stream
+            return Stream(self, safe, now_ns, self._take)
 
         servers = [await loop.create_server(accept, sock=sock) for sock in self._sockets]
         try:
@@ -193,6 +222,17 @@ class TcpServerLink:
             if self._stream is not None:
                 self._stream.abort()
                 self._stream = None
+
+    def _take(self, stream: Stream) -> None:
+        """Take a new connection, or refuse it."""
+        if self._stream is not None and self._stream.sends():
+            self.refused += 1
+            self.refused_from = stream.peer
+            stream.abort()
+            return
+        if self._stream is not None:
+            self._stream.abort()
+        self._stream = stream
 
     def send(self, data: bytes) -> None:
         """Put data into the send buffer, if a peer is connected and the buffer has room; else drop it."""

@@ -99,8 +99,9 @@ class ZenohLink:
     def health(self) -> LinkHealth:
         """Counts so far, how many routers are connected, and which cannot be reached."""
         routers = 0 if self._session.is_closed() else len(self._session.info.routers_zid())
-        counts = {"received": self.received, "sent": self.sent, "errors": self.errors}
-        return LinkHealth(**counts, routers=routers, error=self.trouble)
+        return LinkHealth(
+            received=self.received, sent=self.sent, errors=self.errors, routers=routers, error=self.trouble
+        )
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature
         """This link cannot send; counts an error."""

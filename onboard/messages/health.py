@@ -33,7 +33,7 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known). `shed`:
     datagrams of a sender beyond its budget, which are neither decoded nor recorded. `routers`: Zenoh routers that
     this program is connected to; None for other links. `error`: why a link that connects by itself is not
-    connected."""
+    connected. `refused`: connections that were refused while another gave messages; `refused_from`: the last."""
 
     received: int = 0
     sent: int = 0
@@ -43,6 +43,8 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     shed: int = 0
     routers: int | None = None
     error: str = ""
+    refused: int = 0
+    refused_from: str = ""
 
 
 DOUBT: Final = "in doubt: "  # before the reason of a refusal that is none: the messages were used

@@ -26,6 +26,7 @@ class Console:
         self._rate = 1.0
         self._beside: set[str] = set()
         self._shedding: set[str] = set()  # links that have left datagrams out
+        self._knocked: set[tuple[str, str]] = set()  # link and host of connections that were refused
 
     def show_state(self, estimate: Estimate) -> None:
         """An estimator's state, when it has changed."""
@@ -85,6 +86,12 @@ class Console:
                 self._report(f"link {name}: {f'{trouble}; trying again' if trouble else 'connected'}")
         self._troubles = troubles
         for name, health in links.items():
+            knocked = name, health.refused_from.rpartition(":")[0]
+            if health.refused and knocked not in self._knocked and len(self._knocked) < MOST_BESIDE:
+                self._knocked.add(knocked)
+                self._warn(
+                    f"link {name}: refused a connection from {health.refused_from}: another peer still sends"
+                )
             if health.shed and name not in self._shedding:
                 self._shedding.add(name)
                 self._report(f"link {name}: too many messages; those beyond are left out (`shed` in the health)")

@@ -36,6 +36,18 @@ def test_sigterm_while_the_daemon_still_loads_ends_it_properly() -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_signals_are_heeded_before_anything_is_loaded_that_takes_long() -> None:
+    """What remains is the start of Python itself, 0.05 s."""
+    command = [sys.executable, "-c", "import sys; import onboard.__main__; print(*sys.modules)"]
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True, env=environment()
+    )
+    loaded = set(done.stdout.split())
+    assert "onboard.commands.terminal" in loaded
+    slow = {"argparse", "asyncio", "msgspec", "numba", "numpy", "pymavlink", "zenoh", "onboard.commands.cli"}
+    assert not slow & loaded
+
+
 class Broken:
     """A link that ends with an exception."""
 

@@ -6,7 +6,10 @@ import time
 from pathlib import Path
 
 import pytest
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 
+from onboard.commands import cli
 from onboard.messages import Datagram
 from onboard.wire.recording import is_recording, read_recording
 
@@ -47,3 +50,10 @@ def test_a_killed_recorder_leaves_what_it_had_flushed(tmp_path: Path) -> None:
     for n, datagram in enumerate(after[:-1]):
         assert isinstance(datagram, Datagram)
         assert (datagram.t_recv_ns, datagram.data) == (10**18 + n, n.to_bytes(4, "big"))
+    with pytest.raises(McapError), path.open("rb") as file:
+        list(make_reader(file).iter_messages())  # mcap's ordinary reader wants the end
+    recovered = tmp_path / "recovered.mcap"
+    assert cli.main(["recover", str(path), "--out", str(recovered)]) == 0
+    with recovered.open("rb") as file:
+        stamps = [message.log_time for _, _, message in make_reader(file).iter_messages()]
+    assert stamps == [10**18 + n for n in range(len(after) - 1)]

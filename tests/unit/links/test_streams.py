@@ -9,10 +9,15 @@ from typing import Any
 
 import pytest
 
-from onboard.links import LinkError, health_of, parse_link
-from onboard.messages import Datagram, Encoding
+from onboard.links import LinkError, health_of, parse_link, tcp
+from onboard.messages import Datagram, Encoding, LinkHealth
+from onboard.sinks.console import Console
+from onboard.wire.mavlink_encode import MavlinkEncoder
 from tests.support.programs import free_ports
 from tests.support.running_link import TIMEOUT_S, until, with_link
+from tests.support.streams import heartbeat
+
+BEAT = MavlinkEncoder(1, 1).encode(heartbeat(0))
 
 
 def test_a_tcp_client_connects_again_after_the_server_restarted() -> None:
@@ -62,7 +67,7 @@ def test_a_tcp_client_drops_when_its_peer_does_not_read() -> None:
     asyncio.run(main())
 
 
-def test_tcpin_talks_to_the_newest_peer() -> None:
+def test_tcpin_talks_to_the_newest_peer_where_none_gives_messages() -> None:
     async def check(link: Any, received: list[Datagram]) -> None:
         reader1, writer1 = await asyncio.open_connection(*link.address)
         writer1.write(b"one")
@@ -75,10 +80,68 @@ def test_tcpin_talks_to_the_newest_peer() -> None:
         link.send(b"x")
         assert link.sent == 1
         assert [d.data for d in received] == [b"one", b"two"]
+        assert health_of(link).refused == 0
         writer1.close()
         writer2.close()
 
     with_link("tcpin:127.0.0.1:0", check)
+
+
+def test_tcpin_keeps_a_peer_that_gives_messages_and_names_who_else_knocks() -> None:
+    async def check(link: Any, received: list[Datagram]) -> None:
+        reader, writer = await asyncio.open_connection(*link.address)
+        writer.write(BEAT)
+        await until(lambda: received)
+        for count in (1, 2):
+            stranger, knocking = await asyncio.open_connection(*link.address)
+            host, port, *_ = knocking.get_extra_info("sockname")
+            with suppress(ConnectionError):
+                knocking.write(BEAT)
+                assert await stranger.read() == b""  # closed
+            health = health_of(link)
+            assert (health.refused, health.refused_from) == (count, f"{host}:{port}")
+            knocking.close()
+        link.send(b"for the owner")
+        assert await reader.read(100) == b"for the owner"
+        assert len(received) == 1
+        writer.close()
+
+    with_link("tcpin:127.0.0.1:0", check)
+
+
+def test_tcpin_is_free_again_once_its_peer_has_left_or_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def check(link: Any, received: list[Datagram]) -> None:
+        _, first = await asyncio.open_connection(*link.address)
+        first.write(BEAT)
+        await until(lambda: len(received) == 1)
+        first.close()
+        await until(lambda: not link._stream.sends())  # it has left
+        reader, second = await asyncio.open_connection(*link.address)
+        second.write(BEAT)
+        await until(lambda: len(received) == 2)
+        monkeypatch.setattr(tcp, "OWNED_NS", 0)  # that long ago: its connection broke unnoticed
+        _, third = await asyncio.open_connection(*link.address)
+        third.write(BEAT)
+        with suppress(ConnectionError):
+            assert await reader.read() == b""
+        await until(lambda: len(received) == 3)
+        assert health_of(link).refused == 0
+        second.close()
+        third.close()
+
+    with_link("tcpin:127.0.0.1:0", check)
+
+
+def test_who_knocks_is_said_once_for_each_host() -> None:
+    lines: list[str] = []
+    console = Console(lines.append, warn=lines.append)
+    for count, knocking in enumerate(("192.0.2.7:1000", "192.0.2.7:1001", "192.0.2.8:1000"), 1):
+        console.show_links({"autopilot": LinkHealth(refused=count, refused_from=knocking)})
+    for k in range(100):
+        console.show_links({"autopilot": LinkHealth(refused=4, refused_from=f"198.51.100.{k}:1")})
+    assert lines[0] == "link autopilot: refused a connection from 192.0.2.7:1000: another peer still sends"
+    assert "192.0.2.8" in lines[1]
+    assert len(lines) == 16
 
 
 def test_serial_reads_writes_and_drops_when_full() -> None:
