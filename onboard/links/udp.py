@@ -36,7 +36,8 @@ Surplus = Callable[[bytes], int]
 LARGEST: Final = 65_535
 RECEIVE_BUFFER: Final = 4 << 20  # bytes of kernel buffer: a second of a flood, if the event loop is late
 PASSING: Final = (errno.EAGAIN, errno.ENOBUFS, errno.ECONNREFUSED)  # no room, or nobody listens there yet
-BURST: Final = 128  # datagrams delivered of a group, in ten milliseconds
+BURST: Final = 128  # datagrams delivered of a group, in ten milliseconds; of one twice as large, half as many
+LEAST: Final = 16  # of surplus, however large the group
 GROUP: Final = 1024  # datagrams read together: what is newest among them must not wait behind the oldest
 TURN: Final = 16  # datagrams delivered, or eight times as many read, before other links have their turn
 SO_TIMESTAMPNS: Final = 64  # SO_TIMESTAMPNS_NEW of Linux 5.1: two 64-bit numbers on every machine
@@ -194,7 +195,7 @@ class UdpLink:
             group.append(one)
             if len(group) % (8 * TURN) == 0:
                 yield
-        left_out = oldest_surplus([rank for rank, _, _ in group], BURST)
+        left_out = oldest_surplus([rank for rank, _, _ in group], delivered_of(group))
         self.shed += len(left_out)
         kept = (one for k, one in enumerate(group) if k not in left_out)
         for count, (_, datagram, sender) in enumerate(kept, 1):
@@ -234,6 +235,12 @@ class UdpLink:
                 needed += not rank
                 if needed >= BURST:
                     return
+
+
+def delivered_of(group: Sequence[tuple[int, Any, Any]]) -> int:
+    """How many datagrams of a group to deliver: the fewer the later we are, so that we are late no longer."""
+    needed = sum(not rank for rank, _, _ in group)
+    return max(needed + LEAST, min(BURST, BURST * BURST // max(len(group), 1)))
 
 
 def oldest_surplus(ranks: Sequence[int], most: int) -> frozenset[int]:

@@ -20,6 +20,8 @@ In_contra = TypeVar("In_contra", contravariant=True)
 
 IDLE_S: Final = 0.25  # without records, a sink is called with none this often, so that it can flush
 BATCH: Final = 1024
+PIECE: Final = 64  # records of a sink that nobody waits for: a millisecond of the interpreter ...
+PAUSE_S: Final = 0.002  # ... and then the event loop has it, which gives it away with each datagram that it reads
 YIELDING_SHARE: Final = 4  # items that give way are accepted while a queue is filled to less than 1 in this many
 FIRST_RETRY_S: Final = 0.5
 LONGEST_RETRY_S: Final = 30.0
@@ -95,7 +97,7 @@ class SinkRunner(Generic[T]):
     """One sink with its queue. Call `put` from the event loop's thread; `run` is the sink's (optional) task.
 
     A sink that nobody waits for `gathers_s` seconds of records before it writes. Each time a thread wakes up, it
-    takes the interpreter from the event loop, which costs more than the writing."""
+    takes the interpreter from the event loop, which costs more than the writing. It writes in pieces."""
 
     def __init__(
         self,
@@ -174,11 +176,13 @@ class SinkRunner(Generic[T]):
             sink.open()
             self._error = ""
             records: list[T] = []
+            limit = PIECE if self._gathers_s else BATCH
             while True:
-                if self._gathers_s and len(records) < BATCH:  # else there is more already
-                    self._stop.wait(self._gathers_s)
+                if self._gathers_s:
+                    is_more = len(records) == limit
+                    self._stop.wait(PAUSE_S if is_more else self._gathers_s)
                 stopping = self._stop.is_set()  # read before `take`: records put before the stop are written
-                records = self._queue.take(BATCH, 0.0 if stopping else IDLE_S)
+                records = self._queue.take(limit, 0.0 if stopping else IDLE_S)
                 try:
                     sink.write(records)
                 except BaseException:  # a panic in a Rust library is no Exception

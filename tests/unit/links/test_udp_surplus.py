@@ -74,18 +74,25 @@ def flooded(kinds: list[int]) -> tuple[list[Datagram], int]:
 def test_in_a_flood_of_the_imu_all_else_arrives_and_the_newest_samples() -> None:
     kinds = [ATTITUDE if k % 20 == 0 else HIGHRES_IMU for k in range(1000)]
     found, shed = flooded(kinds)
-    assert len(found) == udp.BURST
-    assert shed == 1000 - udp.BURST
     needed = [k for k, kind in enumerate(kinds) if kind == ATTITUDE]
-    newest = [k for k, kind in enumerate(kinds) if kind == HIGHRES_IMU][len(needed) - udp.BURST :]
+    newest = [k for k, kind in enumerate(kinds) if kind == HIGHRES_IMU][-udp.LEAST :]
     assert [count_of(d) for d in found] == sorted(needed + newest), "in the order of arrival"
+    assert shed == 1000 - len(found)
+
+
+@pytest.mark.parametrize(("waiting", "delivered"), [(0, 128), (128, 128), (129, 127), (256, 64), (1024, 16)])
+def test_the_later_we_are_the_fewer_are_delivered_so_that_we_are_late_no_longer(
+    waiting: int, delivered: int
+) -> None:
+    assert udp.delivered_of([(OF_IMU, None, None)] * waiting) == delivered
+    assert udp.delivered_of([(NEEDED, None, None)] * 200 + [(OF_IMU, None, None)] * 824) == 200 + udp.LEAST
 
 
 def test_other_aircraft_are_left_out_before_the_imu() -> None:
     found, _ = flooded([ADSB_VEHICLE] * 900 + [HIGHRES_IMU] * 100)
-    assert [count_of(d) for d in found] == list(range(1000 - udp.BURST, 1000))
+    assert [count_of(d) for d in found] == list(range(1000 - udp.LEAST, 1000))
     found, _ = flooded([HIGHRES_IMU] * 100 + [ADSB_VEHICLE] * 900)
-    assert [count_of(d) for d in found[:100]] == list(range(100))
+    assert [count_of(d) for d in found] == list(range(100 - udp.LEAST, 100))
 
 
 def test_nothing_else_is_ever_left_out() -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from onboard.sinks import BoundedQueue, SinkError, SinkRunner
+from onboard.sinks import sink as sinks
 from tests.support.running_link import TIMEOUT_S, until
 
 
@@ -94,6 +95,40 @@ def test_every_item_is_either_taken_or_dropped_and_none_twice() -> None:
     consumer.join(TIMEOUT_S)
     assert taken == sorted(set(taken))
     assert len(taken) + queue.dropped == total
+
+
+class Sizes(Collector):
+    """Keeps how many records each write has."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sizes: list[int] = []
+
+    def write(self, records: Sequence[int]) -> None:
+        self.sizes.append(len(records))
+        super().write(records)
+
+
+@pytest.mark.parametrize(("gathers_s", "most"), [(0.0, sinks.BATCH), (0.01, sinks.PIECE)])
+def test_a_sink_that_nobody_waits_for_is_written_in_pieces(gathers_s: float, most: int) -> None:
+    """Between them the event loop has the interpreter: it gives it away with each datagram that it reads, and got
+    it back after the whole batch."""
+    sink = Sizes()
+
+    async def check(_: SinkRunner[int]) -> None:
+        await until(lambda: len(sink.written) == 3000)
+
+    async def filled(runner: SinkRunner[int]) -> None:
+        sink.gate.clear()
+        for n in range(3000):
+            runner.put(n)
+        sink.gate.set()
+        await check(runner)
+
+    with_runner(sink, filled, capacity=3000, gathers_s=gathers_s)
+    assert sink.written == list(range(3000))
+    assert max(sink.sizes) == most
+    assert sum(size == most for size in sink.sizes) >= 3000 // most - 2
 
 
 def test_what_is_put_is_written_in_order_and_counted() -> None:
