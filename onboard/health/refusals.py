@@ -2,7 +2,7 @@
 
 import re
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
@@ -10,6 +10,9 @@ from onboard.messages import Estimate, MeasurementReport, Message, NavState, Ref
 
 MOST: Final = 32  # kinds that are remembered: a source and a reason each
 NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")  # that is no part of a name
+ALIKE: Final = 8  # of these, kinds that differ only in names: senders may choose any number of them
+OTHERS: Final = "others"  # the source of all further ones
+QUOTED: Final = re.compile(r"`[^`]*`?")  # or cut
 LONGEST: Final = 240  # characters; the text may quote what came
 
 REASONS: Final = {
@@ -43,11 +46,20 @@ OWN: Final = {  # of our own state's sensors
 }
 
 
+class Kind(NamedTuple):
+    """What is counted together: a source and a reason without its numbers. `alike`: without names, too."""
+
+    source: str
+    reason: str
+    alike: str
+
+
 class Refusals:
-    """What was refused, by source and reason. The kinds that came last are kept; a flood costs no more room."""
+    """What was refused, by source and reason. The kinds that came last are kept; a flood costs no more room, and
+    not that of other kinds: of those that differ only in names, a few are kept apart."""
 
     def __init__(self) -> None:
-        self._kinds: dict[tuple[str, str], Refusal] = {}  # the latest last
+        self._kinds: dict[Kind, Refusal] = {}  # the latest last
 
     @property
     def latest(self) -> tuple[Refusal, ...]:
@@ -58,6 +70,8 @@ class Refusals:
         """Count a message that was refused. Reasons of one `kind`, or that differ only in numbers, are one: the
         first is kept."""
         source, reason, key = _sorted(source, reason, kind)
+        if key not in self._kinds and sum(other.alike == key.alike for other in self._kinds) >= ALIKE:
+            source, key = OTHERS, Kind(OTHERS, key.alike, key.alike)
         before = self._kinds.pop(key, None)
         if before is None:
             before = Refusal(source=source, reason=reason, count=0, t_recv_ns=t_recv_ns)
@@ -86,10 +100,11 @@ class Refusals:
 
 
 @lru_cache(maxsize=4 * MOST)  # a flood says the same
-def _sorted(source: str, reason: str, kind: str) -> tuple[str, str, tuple[str, str]]:
-    """Source and reason as they are shown, and the key of their kind."""
+def _sorted(source: str, reason: str, kind: str) -> tuple[str, str, Kind]:
+    """Source and reason as they are shown, and their kind."""
     source, reason = _plain(source), _plain(reason)
-    return source, reason, (source, kind or NUMBER.sub("#", reason))
+    words = kind or NUMBER.sub("#", reason)
+    return source, reason, Kind(source, words, QUOTED.sub("`*`", words))
 
 
 def _plain(text: str) -> str:

@@ -4,8 +4,8 @@ Every target has a track of its own (`track`), with a filter (`choice`). An imag
 track of that id; an image without one goes to the track whose prediction it fits best.
 
 Ids are unlimited, so a flood of them must not cost the leader anything. A target without a track is published only
-when an image of it comes, and forgotten after a second without one. New ones are taken one by one, so that twenty
-tracks do not begin at the same moment. Images of one target too many are all counted, and few are reported.
+when an image of it comes, and forgotten after a second without one. Their tracks begin one by one, not twenty at
+the same moment. Images of one target too many are all counted, and few are reported.
 """
 
 import math
@@ -47,7 +47,7 @@ FARTHER: Final = 3.0
 BESIDE: Final = 0.04  # rad
 APART: Final = 0.2  # rad; an image this far from every track is of another aircraft, whatever else is in view
 WIND_PERIOD_NS: Final = 900_000_000  # between reports of the wind that are used
-NEW_TARGET_NS: Final = 50_000_000  # between new targets beside a leader: to begin a track takes 10 ms
+BEGIN_NS: Final = 50_000_000  # between tracks that begin beside a leader's: each takes 10 ms
 REFUSAL_PERIOD_NS: Final = 100_000_000  # between reports of images that are one target too many
 
 
@@ -72,7 +72,7 @@ class Estimator:
         self._numbered = 0
         self._is_named = False  # images say which target is the leader
         self._heir_since_ns: int | None = None  # since when another could be the leader, who is not valid
-        self._next_refusal_ns = self._next_target_ns = 0
+        self._next_refusal_ns = self._next_begin_ns = 0
         self._exposures = Exposures()
         self._wind, self._wind_ns = UNKNOWN, 0
 
@@ -149,7 +149,7 @@ class Estimator:
         self._frames.clear(reason)
         for source in self._sources:
             source.clear()
-        self._next_refusal_ns = self._next_target_ns = 0
+        self._next_refusal_ns = self._next_begin_ns = 0
         self._heir_since_ns = None
         self._wind = UNKNOWN
 
@@ -206,7 +206,17 @@ class Estimator:
         return self._beside.over(estimate, ownship, shows_size=not self._tracks[NAME].is_metric)
 
     def _track(self, target: str, *, full: bool = False) -> Track:
-        return Track(NAME, target, self._filter, self._poses, self._config, full=full)
+        settings = self._filter, self._poses, self._config
+        return Track(NAME, target, *settings, full=full, may_begin=self._may_begin)
+
+    def _may_begin(self, target: str, now_ns: int) -> bool:
+        """Whether a target's track may begin now: beside a leader's that is followed, one at a time."""
+        if target == NAME or not self._tracks[NAME].is_followed:
+            return True
+        if now_ns < self._next_begin_ns:
+            return False
+        self._next_begin_ns = now_ns + BEGIN_NS
+        return True
 
     def _class_of(self, message: TargetImage) -> tuple[LeaderFilter, Config]:
         """The filter and the settings for what the detector takes the target for."""
@@ -222,14 +232,12 @@ class Estimator:
         return [self._track(target, full=True).observe(message, ownship)]
 
     def _named(self, target: str, ownship: Ownship) -> Track | None:
-        """The track of that id, a new one if there is none; None if there are too many, or too many new ones."""
+        """The track of that id, a new one if there is none; None if there are too many."""
         if target in self._tracks:
             return self._tracks[target]
         followed = len(self._tracks) - self._tracks[NAME].is_idle(ownship.now_ns)
-        is_early = self._tracks[NAME].is_followed and ownship.now_ns < self._next_target_ns
-        if followed >= self._config.max_targets or is_early:
+        if followed >= self._config.max_targets:
             return None
-        self._next_target_ns = ownship.now_ns + NEW_TARGET_NS
         self._tracks[target] = self._track(target)
         self._tracks[target].learn(self._wind, ownship)
         return self._tracks[target]

@@ -106,3 +106,21 @@ def test_lines_that_are_read_come_in_order_and_all() -> None:
     assert os.read(reading, 65536).split() == [f"{n}".encode() for n in range(100)]
     os.close(reading)
     os.close(writing)
+
+
+def test_lines_go_on_after_a_reader_that_could_not_take_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where standard error is a file on a disk that is full for a while."""
+    written: list[bytes] = []
+
+    def write(_: int, data: bytes) -> int:
+        written.append(data)
+        if len(written) == 1:
+            raise OSError(28, "No space left on device")
+        return len(data)
+
+    monkeypatch.setattr(os, "write", write)
+    lines = Lines(2)
+    lines("first")
+    lines("second")
+    lines.close()
+    assert written == [b"first\n", b"second\n"]

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.daemon import Daemon
-from onboard.health.refusals import LONGEST, MOST, Refusals
+from onboard.health.refusals import ALIKE, LONGEST, MOST, OTHERS, Refusals
 from onboard.messages import Clock, Datagram, Encoding, Health, Verdict
 from onboard.sinks.console import MOST_REFUSALS
 from onboard.view import words
@@ -101,8 +101,28 @@ def test_a_flood_of_kinds_gets_few_lines_and_little_room() -> None:
     assert len(flight.second(*flood)) == MOST_REFUSALS
     assert len(flight.second(*flood)) == 1
     refusals = flight.daemon._pipeline.health(flight.t_ns).refusals
-    assert len(refusals) == MOST
+    assert len(refusals) <= MOST
     assert max(len(r.reason) for r in refusals) <= LONGEST
+    assert sum(r.count for r in refusals) == 6 * MOST
+
+
+def test_names_without_end_cost_no_other_refusal_its_count() -> None:
+    """Strangers choose the names of their cameras; that another sender asks for too much stays known."""
+    refusals = Refusals()
+    refusals.add("system 66, component 66", "answers are rationed", 0)
+    for n in range(1000):
+        refusals.add(f"onboard/1/camera/stranger{n}/points", f"no camera is called `stranger{n}`", n)
+    rationed, *strangers = refusals.latest
+    assert (rationed.source, rationed.count) == ("system 66, component 66", 1)
+    assert [r.count for r in strangers] == [1] * ALIKE + [1000 - ALIKE]
+    assert (strangers[-1].source, strangers[-1].reason) == (OTHERS, "no camera is called `stranger8`")
+
+
+def test_reasons_of_every_kind_have_room_for_the_latest() -> None:
+    refusals = Refusals()
+    for n in range(3 * MOST):
+        refusals.add("camera", "x" * (1 + n), n)
+    assert [len(r.reason) for r in refusals.latest] == [*range(2 * MOST + 1, 3 * MOST + 1)]
 
 
 def test_what_comes_from_outside_is_shown_in_printable_characters() -> None:

@@ -8,6 +8,7 @@ life cycle.
 
 import math
 from collections import deque
+from collections.abc import Callable
 from functools import partial
 from typing import Final
 
@@ -43,7 +44,7 @@ class Track:
     image; `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
     poses, and says nothing of the size; `held`: images that are to start it; `repeats`: its stamps; `rate_limit`:
     when a tick is due; `sequence` and `status`: counts that go on with its name. A track that is `full`, one too
-    many, rejects every image."""
+    many, rejects every image. `may_begin`: asked, by target and time, before its filter starts."""
 
     def __init__(
         self,
@@ -55,8 +56,9 @@ class Track:
         *,
         full: bool = False,
         noise: NoiseScale = NOISE,
+        may_begin: Callable[[str, int], bool] = lambda *_: True,
     ) -> None:
-        self.target = target
+        self.target, self._may_begin = target, may_begin
         self.direction_n: tuple[float, ...] | None = None
         self.half_wing, self.is_metric, self._full = 1.0, False, full
         self._name, self._filter, self._poses, self._config = name, filter_, poses, config
@@ -215,7 +217,7 @@ class Track:
         held = self.held
         hold(held, image)
         self.status.reason = f"{len(held)} of {self._images} images"
-        if len(held) < self._images:
+        if len(held) < self._images or not self._may_begin(self.target, ownship.now_ns):
             return
         images = sorted(held, key=lambda i: i.message.t_ns)
         first = images[0]

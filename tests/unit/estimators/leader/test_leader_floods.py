@@ -64,7 +64,7 @@ def test_a_flood_of_names_publishes_little() -> None:
     assert Counter(e.measurement.verdict for e in others if e.measurement)[Verdict.FULL] >= T1 - T0 - 1
 
 
-def test_twenty_targets_that_come_at_once_are_taken_one_by_one_beside_the_leader() -> None:
+def test_twenty_tracks_begin_one_by_one_beside_the_leader_s() -> None:
     """To begin a track takes 10 ms, for which an image of the leader would wait twenty times."""
     one = estimator()
     messages: list[Message] = []
