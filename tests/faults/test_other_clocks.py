@@ -167,6 +167,9 @@ def test_estimates_are_back_soon_after_the_autopilot_s_clock_has_jumped_seed_21(
     by = round(by_s * S)
     off = [position_error(replace(e, t_ns=e.t_ns - by)) for e in last]
     assert max(off) < RIGHT
+    clocks = run.pipeline.clocks
+    assert clocks.jumps == 1 or by_s != -0.5
+    assert run.rejected.get("autopilot_clock_jumps", 0) == clocks.jumps
 
 
 # ---------------------------------------------------------------------------- stamps later than their arrival

@@ -10,6 +10,7 @@ from onboard.arrays import Array
 from onboard.filters import cubature_smooth
 from onboard.filters import smooth_variable_structure as svsf
 from onboard.filters.belief import FilterError, Method, NotPositiveDefiniteError
+from onboard.filters.kernels import variable_structure as kernel
 from onboard.filters.smooth_variable_structure import LayerUpdate
 from tests.support.filter_problems import identity, rows, spd, system
 
@@ -98,3 +99,19 @@ def test_a_batch_of_another_size_is_refused(R: Array, layer: Array | None) -> No
 def test_a_covariance_that_is_none_is_refused() -> None:
     with pytest.raises(NotPositiveDefiniteError, match="covariance"):
         svsf.update(svsf.start(np.zeros(2), -np.eye(2)), np.zeros(2), identity, np.eye(2))
+
+
+@pytest.mark.parametrize("e", [0.4, -0.02, 3.0])
+def test_a_switched_step_is_whole_however_small_the_innovation(e: float) -> None:
+    """Beyond its layer there is no other width than the innovation's own."""
+    gamma, residual = 0.5, 0.01
+    made = np.zeros((3, 1))
+    outside = np.zeros(1, bool)
+    kernel.decide_into(
+        *(kernel.SWITCHED, np.array([e]), np.array([residual]), np.ones((1, 1)), np.array([[1e-6]])),
+        *(np.array([[1e-6]]), np.zeros(0), gamma, 3.0, np.zeros(1), made[0], outside, made[1], made[2]),
+    )
+    size = abs(e) + gamma * residual
+    assert outside[0]
+    assert made[1, 0] == pytest.approx(np.copysign(size, e))
+    assert made[2, 0] == pytest.approx(min(size / abs(e), 1 + gamma))

@@ -41,4 +41,5 @@ def test_where_nothing_is_to_be_read_nothing_is_claimed(tmp_path: Path) -> None:
         None,
     ) * 3
     (m,) = dialect.MAVLink(None).parse_buffer(MavlinkEncoder(7, 191).encode(status))
+    assert (status.uptime, m.uptime) == (0.0, 0)
     assert (m.ram_total, m.temperature_board, list(m.cpu_cores)) == (2**32 - 1, 127, [255] * 8)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from itertools import islice
+from itertools import islice, pairwise
 
 import pytest
 from msgspec.structs import replace
@@ -11,7 +11,7 @@ from onboard.messages import FollowTarget
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import EPOCH_NS, GuidedRun, boot_ns_of
-from simlink.world.follow import FollowMode, Target, following_states
+from simlink.world.follow import FollowMode, Target, _approach, following_states
 from simlink.world.truth import State
 
 SCENARIO = load_scenario("guided")
@@ -101,3 +101,19 @@ def test_it_obeys_follow_targets_of_other_systems_that_have_an_attitude(
         tick, _ = run.step()
         run.receive(frame, tick)
     assert run.mode.is_following is follows
+
+
+@pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
+def test_an_error_is_removed_at_a_rate_from_which_the_limit_can_stop(gain: float) -> None:
+    """By integration: proportional near the goal, at the deceleration of the limit before; both meet smoothly."""
+    limit, error, dt = 2.0, 30.0, 1e-3
+    rates = []
+    while error > 1e-3:
+        rate, *_ = _approach((error, 0.0, 0.0), gain, limit, 100.0)
+        rates.append(rate)
+        error -= rate * dt
+    slowing = [(a - b) / dt for a, b in pairwise(rates)]
+    assert max(slowing) == pytest.approx(limit, rel=0.01)
+    assert min(slowing) >= 0.0
+    assert _approach((0.0, 0.1, 0.0), gain, limit, 100.0) == pytest.approx((0.0, 0.1 * gain, 0.0))
+    assert math.hypot(*_approach((30.0, 40.0, 0.0), gain, limit, 5.0)) == pytest.approx(5.0)

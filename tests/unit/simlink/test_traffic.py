@@ -4,6 +4,8 @@ import math
 from collections import Counter
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +28,7 @@ from simlink.scenarios.profiles import Interval
 from simlink.scenarios.scenario import ScenarioError, load_scenario, parse_scenario
 from simlink.scenarios.traffic import TrafficRadar
 from simlink.simulation import Event, datagrams, simulate
+from simlink.traffic import reports as traffic_reports
 from simlink.traffic.radar import RadarSensor
 
 SEED = 2
@@ -266,3 +269,13 @@ def test_the_scenario_traffic_agrees_with_its_description() -> None:
 def test_an_invalid_scene_names_the_key(text: str, message: str) -> None:
     with pytest.raises(ScenarioError, match=message):
         parse_scenario(text, "test")
+
+
+def test_a_receiver_without_a_signal_shares_nothing_and_nothing_is_counted() -> None:
+    one = object.__new__(traffic_reports.Transmitter)
+    signals = [None, "ranges", None]
+    one._receiver = SimpleNamespace(measure=lambda *_: signals.pop(0))  # type: ignore[assignment]
+    one._due, one._range_period, one.received = 0.0, 1.0, 0
+    motion: Any = SimpleNamespace(r=None, v=None)
+    assert [one.ranges(t, 0, motion) for t in (0.0, 0.5, 1.0, 2.0)] == [[], [], ["ranges"], []]
+    assert one.received == 1

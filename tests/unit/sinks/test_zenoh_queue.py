@@ -1,6 +1,7 @@
 """The queue in front of Zenoh: further targets give way to the leader."""
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 from onboard.messages import Lifecycle
@@ -19,6 +20,28 @@ class Nothing:
 
     def close(self) -> None:
         raise NotImplementedError
+
+
+class Session:
+    """A Zenoh session that declares, and keeps what is not undeclared."""
+
+    def __init__(self) -> None:
+        self.declared: list[str] = []
+
+    def declare_publisher(self, key: str, **_: Any) -> Any:
+        self.declared.append(key)
+        return SimpleNamespace(put=lambda *_, **__: None, undeclare=lambda: self.declared.remove(key))
+
+
+def test_the_publisher_of_a_target_that_is_gone_is_undeclared_and_the_leader_s_stays() -> None:
+    session = Session()
+    sink = zenoh.ZenohSink(session, "onboard/1")
+    for target in ("leader", "target/1", "target/2"):
+        for state in (Lifecycle.TRACKING, Lifecycle.SEARCHING):
+            if (target, state) != ("target/2", Lifecycle.SEARCHING):
+                sink.write([make_estimate(1, "leader", target=target, state=state)])
+    assert len(session.declared) == 2
+    assert not [key for key in session.declared if "target/1" in key]
 
 
 def waiting(runner: Any) -> list[Any]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from onboard.sinks.zenoh_session import ZenohConfig, _zenoh_config
+from onboard.sinks.zenoh_session import ZenohConfig, _trust, _zenoh_config
 from onboard.sinks.zenoh_stated import stated_in
 
 EXPLICIT = {
@@ -58,3 +58,15 @@ def test_every_spelling_of_json5_is_read(tmp_path: Path) -> None:
         "transport/unicast",
         "transport/unicast/max_sessions",
     }
+
+
+@pytest.mark.parametrize(
+    ("stated", "checks"),
+    [({}, True), ({"verify_name_on_connect": True}, True), ({"verify_name_on_connect": False}, False)],
+)
+def test_a_router_s_name_is_checked_unless_a_file_says_otherwise(
+    tmp_path: Path, stated: dict[str, bool], checks: bool
+) -> None:
+    path = tmp_path / "z.json5"
+    path.write_text(json.dumps({"transport": {"link": {"tls": stated}}}))
+    assert _trust(_zenoh_config(ZenohConfig(config_file=str(path)))).checks_name is checks

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from onboard.client import pose_of
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion, quaternion_from_matrix
 from onboard.messages import TargetDetection, TargetPoints
-from onboard.wire.poses import POSITION, TURN
+from onboard.wire.poses import TURN
 from tests.unit.wire.test_detections import BOX, CENTER, HEAD, LEFT, RIGHT, Decoded, one
 
 OPTICAL = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # from forward, right, down
@@ -67,7 +67,7 @@ def test_the_position_is_the_center_where_no_point_is_named() -> None:
 def test_without_a_covariance_a_position_is_as_exact_as_a_point_across_and_vague_along() -> None:
     m = one(pose=pose(covariance=None, position_m=[0.0, 0.0, 20.0]), confidence=0.5)
     along, across, _ = np.sqrt(np.diag(m.pose.r_covariance))
-    assert (along, across) == (pytest.approx(20 * POSITION, rel=0.01), pytest.approx(20 * 2 / 500))
+    assert (along, across) == (pytest.approx(20 * 0.05, rel=0.01), pytest.approx(20 * 2 / 500))
     assert_allclose(m.pose.turn_covariance, TURN**2 * np.eye(3))
 
 

@@ -98,3 +98,14 @@ def test_a_servo_gimbal_sends_angles_against_the_body_whatever_its_flags_say(
     pose = CameraPoses(dataclasses.replace(camera, gimbal_frame=frame)).at(S, known)
     assert pose is not None
     assert np.allclose(pose.R_cn.T, matrix_from_euler(*rpy), atol=1e-6) is is_fixed
+
+
+@pytest.mark.parametrize("distance", [0.5, 3.0, 40.0])
+def test_what_is_within_the_field_of_view_is_seen_however_far_it_is(distance: float) -> None:
+    camera = make_camera(f_px=500.0, width_px=640, height_px=480)
+    poses, known = CameraPoses(camera), ownship((0.0, 0.0, 0.0))
+    for slope, is_seen in ((0.0, True), (0.99, True), (1.01, False)):
+        right, down = 0.64 * slope * distance, 0.48 * slope * distance
+        for r in ((distance, right, 0.0), (distance, -right, 0.0), (distance, 0.0, down), (distance, 0.0, -down)):
+            assert poses.see(np.array(r), S, known) is is_seen
+    assert not poses.see(np.array([-distance, 0.0, 0.0]), S, known)

@@ -100,6 +100,25 @@ def test_a_step_of_all_modes_is_what_the_parts_make_seed_1(own: Filter, count: i
             np.testing.assert_allclose(a_, b_, rtol=1e-9, atol=1e-12)
 
 
+def test_predicted_points_are_those_of_the_mean_of_all_modes_seed_4() -> None:
+    """Where the view draws the prediction: by the measurement's own model, and nowhere behind the camera."""
+    own, rng = FILTERS[0], np.random.default_rng(4)
+    y, R_y, geometry = images(rng, 3, own.m)
+    state = _wing_line.start(own, y, R_y, geometry)
+    means = state.means + rng.normal(size=state.means.shape) * 0.5
+    weights = np.array([[0.7, 0.3], [0.2, 0.8], [1.0, 0.0]])
+    mean = np.sum(weights[:, :, None] * means, axis=1)
+    eps = own.model.hover_speed
+    points = compiled.predicted_points(Modes(means, state.covariances, weights), geometry, eps)
+    wing = [leader_flight.wing_axis(m, *(m[3:6] + v), eps) for m, v in zip(mean, geometry.v_F_n, strict=True)]
+    for p, side in enumerate((0.0, -0.5, 0.5)):
+        tip = mean[:, :3] + side * mean[:, [SIZE]] * np.array(wing) - geometry.r_FC_n
+        ahead, right, down = np.einsum("bij,bj->ib", geometry.R_cn, tip)
+        np.testing.assert_allclose(points[:, p], np.stack([right / ahead, down / ahead], axis=1), rtol=1e-9)
+    behind = Modes(-means, state.covariances, weights)
+    assert np.isnan(compiled.predicted_points(behind, geometry, eps)).all()
+
+
 def test_one_of_a_batch_is_what_it_is_alone_seed_2() -> None:
     own, rng = FILTERS[1], np.random.default_rng(2)
     image, a = images(rng, 4, own.m), rng.normal(size=(4, 3))
