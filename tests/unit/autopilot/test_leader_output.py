@@ -44,6 +44,7 @@ def only(name: str, view: View = VIEW) -> Any:
 def test_follow_target_is_what_ardupilot_follows() -> None:
     """Position, velocity and attitude (bits 1, 2 and 8); no acceleration, no rates; yaw of the course: east."""
     m = only("FOLLOW_TARGET")
+    assert m.custom_state == 0
     assert (m.get_srcSystem(), m.get_srcComponent()) == (99, 191)
     assert (m.timestamp, m.est_capabilities) == (20_000, 11)
     assert (m.lat, m.lon, m.alt) == (474_000_000, -85_000_000, 538.0)

@@ -17,7 +17,9 @@ def test_changes_of_the_leader_are_told_once() -> None:
     notices = Notices()
     for valid, state in ((False, Lifecycle.SEARCHING), (True, Lifecycle.TRACKING), (True, Lifecycle.COASTING)):
         notices.note(estimate(valid=valid, state=state))
-    assert texts(notices, 3) == [(0.0, "leader tracked")]
+    (tracked,) = notices.due(1000 * S)
+    assert (tracked.text, tracked.severity) == ("leader tracked", 6)
+    assert texts(notices, 3) == []
     notices.note(estimate(valid=False, state=Lifecycle.LOST))
     notices.note(estimate(valid=False, state=Lifecycle.LOST))
     (lost,) = notices.due(1005 * S)

@@ -17,6 +17,7 @@ from tests.support.programs import free_ports
 from tests.support.running_link import TIMEOUT_S, until, with_link
 from tests.support.streams import heartbeat
 
+SHORT_S = 20.0  # what takes longer hangs
 BEAT = MavlinkEncoder(1, 1).encode(heartbeat(0))
 
 
@@ -97,7 +98,7 @@ def test_tcpin_keeps_a_peer_that_gives_messages_and_names_who_else_knocks() -> N
             host, port, *_ = knocking.get_extra_info("sockname")
             with suppress(ConnectionError):
                 knocking.write(BEAT)
-                assert await stranger.read() == b""  # closed
+                assert await asyncio.wait_for(stranger.read(), SHORT_S) == b""  # closed
             health = health_of(link)
             assert (health.refused, health.refused_from) == (count, f"{host}:{port}")
             knocking.close()
@@ -115,7 +116,8 @@ def test_tcpin_is_free_again_once_its_peer_has_left_or_is_silent(monkeypatch: py
         first.write(BEAT)
         await until(lambda: len(received) == 1)
         first.close()
-        await until(lambda: not link._stream.sends())  # it has left
+        async with asyncio.timeout(SHORT_S):
+            await until(lambda: not link._stream.sends())  # it has left
         reader, second = await asyncio.open_connection(*link.address)
         second.write(BEAT)
         await until(lambda: len(received) == 2)
@@ -123,7 +125,7 @@ def test_tcpin_is_free_again_once_its_peer_has_left_or_is_silent(monkeypatch: py
         _, third = await asyncio.open_connection(*link.address)
         third.write(BEAT)
         with suppress(ConnectionError):
-            assert await reader.read() == b""
+            assert await asyncio.wait_for(reader.read(), SHORT_S) == b""
         await until(lambda: len(received) == 3)
         assert health_of(link).refused == 0
         second.close()
