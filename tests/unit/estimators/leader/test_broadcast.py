@@ -8,7 +8,9 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import Config
-from onboard.estimators.leader.beside.measurements import CARRIED, ELSEWHERE
+from onboard.estimators.leader.beside import reference
+from onboard.estimators.leader.beside.measurements import CARRIED, ELSEWHERE, Beside
+from onboard.filters.belief import Belief
 from onboard.messages import AdsbVehicle, AltitudeType, Clock, Estimate, FollowTarget, GlobalPosition, Lifecycle
 from onboard.models.relative_motion import SIZE, R
 from tests.support.broadcast import LEADER, follow_target, leader_positions, merged, own_positions, white
@@ -303,3 +305,20 @@ def test_a_false_report_teaches_no_size_beyond_what_was_configured() -> None:
     config = configured(UNTRUSTED, "estimator.leader.size_prior_m=2.0", "estimator.leader.size_prior_sigma_m=0.1")
     run = fly(leader_positions(6.0, 40.0, error=north), 40.0, config=config)
     assert all(abs(size_of(e)[0]) < 0.16 for e in between(run, 8.0, 40.0))
+
+
+@pytest.mark.parametrize("trusted", ["true", "false"])
+@pytest.mark.parametrize(("off", "is_credible"), [(0.0, True), (2.9, True), (3.1, False), (-3.1, False)])
+def test_a_size_that_reports_have_led_astray_is_taught_only_if_they_are_trusted(
+    trusted: str, off: float, is_credible: bool
+) -> None:
+    """Whatever leads it there, and however slowly: beyond 3 sigmas of the configured size no lesson is given."""
+    sizes = ("estimator.leader.size_prior_m=2.0", "estimator.leader.size_prior_sigma_m=0.1")
+    beside = Beside(configured(f"estimator.leader.broadcast.trusted={trusted}", *sizes).estimator["leader"])
+    mean = np.zeros(reference.SIZE + 1)
+    mean[reference.SIZE] = 2.0 + 0.1 * off
+    beside._belief = Belief(mean, 0.01 * np.eye(len(mean)))
+    beside._was_used = beside._is_shown = True
+    lesson = beside.lesson()
+    assert (lesson is not None) is (is_credible or trusted == "true")
+    assert lesson is None or lesson.value == pytest.approx(mean[reference.SIZE])
