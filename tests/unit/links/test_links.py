@@ -172,3 +172,18 @@ def test_an_exception_of_deliver_ends_the_link_and_is_raised() -> None:
                     await link.run(deliver, time.time_ns)
 
     asyncio.run(main())
+
+
+def test_what_cannot_be_sent_over_udp_is_counted_and_the_next_may_be() -> None:
+    async def test(link: Any, received: list[Datagram]) -> None:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+            peer.sendto(MavlinkEncoder(1, 1).encode(heartbeat(0)), link.address)
+            await until(lambda: received)
+            link.send(bytes(70_000))  # larger than a datagram may be
+            assert (link.sent, link.errors) == (0, 1)
+            link.send(b"next")
+            assert (link.sent, link.errors) == (1, 1)
+            peer.settimeout(20.0)
+            assert peer.recv(100) == b"next"
+
+    with_link("udpin:127.0.0.1:0", test)

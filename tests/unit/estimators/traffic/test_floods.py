@@ -49,6 +49,8 @@ def test_new_addresses_are_taken_in_few_at_a_time_and_the_others_are_counted() -
     assert sky.verdicts == {"full": 10_000 - waiting.MOST_NEW}
     sky.fly(1.0)
     assert len(sky.newest) == waiting.MOST_NEW
+    flood(sky, 0x200000, 10_000)  # as many again, once those are taken in
+    assert sky.verdicts["full"] == 2 * (10_000 - waiting.MOST_NEW)
 
 
 def test_a_flood_of_new_addresses_costs_no_report_of_a_known_one() -> None:
