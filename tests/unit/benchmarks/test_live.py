@@ -86,8 +86,8 @@ def test_percentiles_are_in_milliseconds() -> None:
 def test_a_soak_is_flat_and_its_clock_does_not_drift() -> None:
     found = list(soak.soak(0.004, 200, 0.001))
     assert [row["hours"] for row in found] == [0.001, 0.002, 0.003]
-    assert {row["threads"] for row in found} == {found[0]["threads"]}
-    assert {row["files"] for row in found} == {found[0]["files"]}
+    for what in ("threads", "files"):  # fewer: another test's session has ended only now
+        assert max(row[what] for row in found) == found[0][what]
     assert all(abs(row["offset_error_ms"]) < 1.0 for row in found)
     assert found[-1]["valid_percent"] > 90
     assert found[-1]["rejected"] == found[0]["rejected"]
