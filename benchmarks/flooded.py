@@ -119,7 +119,12 @@ def _left_out(health: Health) -> Figures:
         for what, count in (("shed", link.shed), ("dropped", link.dropped), ("errors", link.errors))
         if count
     }
-    sinks = {f"{name}.dropped": sink.dropped for name, sink in health.sinks.items() if sink.dropped}
+    sinks = {
+        f"{name}.{what}": count
+        for name, sink in health.sinks.items()
+        for what, count in (("dropped", sink.dropped), ("dropped_important", sink.dropped_important))
+        if count
+    }
     return {**links, **sinks, **{name: count for name, count in health.rejected.items() if count}}
 
 

@@ -21,6 +21,7 @@ In_contra = TypeVar("In_contra", contravariant=True)
 IDLE_S: Final = 0.25  # without records, a sink is called with none this often, so that it can flush
 BATCH: Final = 1024
 PIECE: Final = 64  # records of a sink that nobody waits for: a millisecond of the interpreter ...
+MORE: Final = 4  # times as many, before records are lost
 PAUSE_S: Final = 0.002  # ... and then the event loop has it, which gives it away with each datagram that it reads
 YIELDING_SHARE: Final = 4  # items that give way are accepted while a queue is filled to less than 1 in this many
 FIRST_RETRY_S: Final = 0.5
@@ -82,6 +83,11 @@ class BoundedQueue(Generic[T]):
     def _count(self, dropped: T) -> None:
         self.dropped += 1
         self.dropped_important += not self._gives_way(dropped)
+
+    @property
+    def is_at_ease(self) -> bool:
+        """Whether there is room for three times as many as wait."""
+        return 4 * self._items.qsize() < self._capacity
 
     def take(self, limit: int, timeout: float) -> list[T]:
         """Up to `limit` items; waits at most `timeout` seconds for the first, and returns none if none came."""
@@ -176,11 +182,12 @@ class SinkRunner(Generic[T]):
             sink.open()
             self._error = ""
             records: list[T] = []
-            limit = PIECE if self._gathers_s else BATCH
+            limit = BATCH
             while True:
                 if self._gathers_s:
                     is_more = len(records) == limit
                     self._stop.wait(PAUSE_S if is_more else self._gathers_s)
+                    limit = PIECE if self._queue.is_at_ease else MORE * PIECE
                 stopping = self._stop.is_set()  # read before `take`: records put before the stop are written
                 records = self._queue.take(limit, 0.0 if stopping else IDLE_S)
                 try:
