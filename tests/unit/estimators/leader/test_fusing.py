@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from onboard.estimators.leader.tracks import fusing
+from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.filters.belief import FilterError
 
 
@@ -23,6 +24,7 @@ def test_an_image_that_shows_the_whole_ends_the_track_and_a_direction_alone_cost
 ) -> None:
     monkeypatch.setattr(fusing, "newest_pose", lambda *_: SimpleNamespace(noise_c=None))
     monkeypatch.setattr(fusing, "refused", lambda *_: "an update")
+    monkeypatch.setattr(fusing, "measured", lambda taken, *_: taken.measurement)
     filter_: Any = Refusing()
     none: Any = None
 
@@ -31,7 +33,9 @@ def test_an_image_that_shows_the_whole_ends_the_track_and_a_direction_alone_cost
             has_extent=has_extent, measurement=SimpleNamespace(with_attitude_noise=lambda noise: noise)
         )
 
-    state, outcome = fusing.fuse(filter_, none, "a state", image(has_extent=False), none)
-    assert (state, outcome.fused, outcome.update, outcome.prior) == ("a state", False, "an update", "a state")
+    before = fusing.TrackState("a state", NoiseScale())
+    state, outcome = fusing.fuse(filter_, none, before, image(has_extent=False), none)
+    assert state == before
+    assert (outcome.fused, outcome.update, outcome.prior) == (False, "an update", "a state")
     with pytest.raises(FilterError, match="not positive definite"):
-        fusing.fuse(filter_, none, "a state", image(has_extent=True), none)
+        fusing.fuse(filter_, none, before, image(has_extent=True), none)
