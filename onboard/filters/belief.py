@@ -27,7 +27,8 @@ class Belief(NamedTuple):
 class Update(NamedTuple):
     """A measurement update: the posterior, the innovation (..., m) (before the update), its covariance (..., m,
     m), the predicted measurement (..., m), and the normalised innovation squared (a float, or (...,)).
-    `misfits`: the names of parts of the measurement that were left out, since they do not fit."""
+    `misfits`: the names of parts of the measurement that were left out, since they do not fit. `passes`: whether
+    the filter's own gates, if it has any, let the measurement pass."""
 
     belief: Any
     innovation: Array
@@ -35,6 +36,7 @@ class Update(NamedTuple):
     predicted: Array
     nis: Any
     misfits: tuple[str, ...] = ()
+    passes: bool = True
 
 
 class Weights(NamedTuple):

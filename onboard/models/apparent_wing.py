@@ -20,8 +20,8 @@ import numpy as np
 from numba import njit, types
 
 from onboard.arrays import Array
-from onboard.filters.compiled import OUT, ROWS, VECTOR, out
-from onboard.models.particle_update import correct, factor, whiten
+from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR, out
+from onboard.models.particle_update import correct, dot, factor, project, whiten
 
 G: Final = 9.80665
 N: Final = 13
@@ -36,6 +36,11 @@ SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided b
 TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
 FOLLOWS4: Final = 81.0  # (m/s)^4: a leader faster than its fourth root turns its nose with its course
 
+STEADY: Final = 0  # the regimes
+ACCELERATING: Final = 1
+HOVERING: Final = 2
+UPRIGHT2: Final = 0.3  # of the variance of a hovering leader: its height is held better than its place
+
 NUMBER: Final = types.float64
 NOSES: Final = out(types.float64, 1)
 COVARIANCES: Final = out(types.float64, 3)
@@ -43,9 +48,9 @@ COVARIANCES: Final = out(types.float64, 3)
 
 class Noise(NamedTuple):
     """The variances (N,) that a step adds: `fixed`; `broad`, times the square of the fraction that is seen of the
-    wing, of a steady leader and of one that accelerates (2, N); `range_`, times the square of the range; that of
-    `lean` by a drag that is not known, times the square of the acceleration; and that of `stretch` by a nose that
-    wobbles, times the square of the share by which a radian shortens the wing."""
+    wing, of a steady leader, of one that accelerates, and of one that hovers (3, N); `range_`, times the square of
+    the range; that of `lean` by a drag that is not known, times the square of the acceleration; and that of
+    `stretch` by a nose that wobbles, times the square of the share by which a radian shortens the wing."""
 
     fixed: Array
     broad: Array
@@ -54,23 +59,47 @@ class Noise(NamedTuple):
     wobble: float
 
 
+class Hover(NamedTuple):
+    """What a step leaves of the velocity and the acceleration of a leader that hovers, and the variances that it
+    adds to their level components, (m/s)^2 and (m/s^2)^2."""
+
+    velocity_decay: float
+    acceleration_decay: float
+    velocity: float
+    acceleration: float
+
+
 def predict(
     means: Array,
     P: Array,
     noses: Array,
     dt: float,
     moved: Array,
-    accelerates: Array,
+    regimes: Array,
+    intensities: Array,
     noise: Noise,
+    hover: Hover,
     decay: Array,
     drag: float,
     edge_on: float = LEAST_VISIBLE,
 ) -> None:
     """Means (K, N) and covariances (K, N, N), in place, after `dt` seconds in which the follower moves by `moved`
-    (3,) m, in n; the noses (K,) turn with the course. `accelerates` (K,) is 0 or 1; `decay` (3,) is what the step
-    leaves of the acceleration along the track, the bank's error and the stretch; `drag` is in 1/s; `edge_on` as in
-    `visible`."""
-    _predict(means, P, noses, dt, moved, accelerates, *noise, decay, drag, edge_on)
+    (3,) m, in n; the noses (K,) turn with the course. The `regimes` (K,) are STEADY, ACCELERATING or HOVERING; the
+    `intensities` (K, 3) are the logarithms of factors of a steady leader's manoeuvres, of the bank's error and of
+    the wobble; `decay` (3,) is what the step leaves of the acceleration along the track, the bank's error and the
+    stretch; `drag` is in 1/s; `edge_on` as in `visible`."""
+    _predict(means, P, noses, dt, moved, regimes, intensities, *noise, np.array(hover), decay, drag, edge_on)
+
+
+def prediction(
+    means: Array, P: Array, noses: Array, w: Array, size: float, y: Array, camera: tuple[Array, Array, Array]
+) -> tuple[Array, Array]:
+    """What particles of weights w (K,) expect together of a measurement y (m,): mean (m,) and covariance (m, m),
+    without the measurement's own noise. The `camera` is R_cn (3, 3), r_FC_n (3,) m, and the measured axes (3, 3)
+    in c. Each particle's wingtips are in the order of those measured."""
+    R_cn, r_FC, seen = camera
+    mean, covariance = _prediction(means, P, noses, w, size, y, r_FC, np.ascontiguousarray(seen @ R_cn))
+    return mean, covariance
 
 
 def update(
@@ -108,13 +137,44 @@ def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):  # ty
     w[12] *= decay[2]
 
 
+@njit(cache=True, error_model="numpy")
+def _stop(x, S, hover):  # type: ignore[no-untyped-def]
+    """The state of a leader that hovers after a step, in place: it comes to rest over ground."""
+    for first, decay, variance in ((3, hover[0], hover[2]), (6, hover[1], hover[3])):
+        for i in range(first, first + 3):
+            x[i] *= decay
+            for j in range(N):
+                S[i, j] *= decay
+            for j in range(N):
+                S[j, i] *= decay
+            S[i, i] += variance * (1.0 if i < first + 2 else UPRIGHT2)
+
+
 @njit(
-    (OUT, COVARIANCES, NOSES, NUMBER, *[VECTOR] * 3, ROWS, VECTOR, NUMBER, NUMBER, VECTOR, NUMBER, NUMBER),
+    (
+        *(OUT, COVARIANCES, NOSES, NUMBER, VECTOR, VECTOR, ROWS, VECTOR, ROWS, VECTOR),
+        *(NUMBER, NUMBER, VECTOR, VECTOR, NUMBER, NUMBER),
+    ),
     cache=True,
     error_model="numpy",
 )
 def _predict(  # type: ignore[no-untyped-def]
-    means, P, noses, dt, moved, accelerates, fixed, broad, range_, by_drag, wobble, decay, drag, edge_on
+    means,
+    P,
+    noses,
+    dt,
+    moved,
+    regimes,
+    intensities,
+    fixed,
+    broad,
+    range_,
+    by_drag,
+    wobble,
+    hover,
+    decay,
+    drag,
+    edge_on,
 ):
     half = 0.5 * dt * dt
     for k in range(means.shape[0]):
@@ -122,7 +182,9 @@ def _predict(  # type: ignore[no-untyped-def]
         u, v, a, b = x[3], x[4], x[6], x[7]
         square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
         seen2 = visible2(noses[k], x[0], x[1], square, edge_on)
-        mode = int(accelerates[k])
+        mode = int(regimes[k])
+        bold = np.exp(2.0 * intensities[k, 0]) if mode == STEADY else 1.0
+        banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
         lean = by_drag * (a * a + b * b)
         speed2 = u * u + v * v
         rate = (u * b - v * a) / (speed2 + SLOW2)
@@ -141,12 +203,13 @@ def _predict(  # type: ignore[no-untyped-def]
             for j in range(N):
                 _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay)
         for i in range(N):
-            S[i, i] += fixed[i] + seen2 * broad[mode, i] + square * range_[i]
+            factor2 = bold if i < BANK_ERROR else (banks if i == BANK_ERROR else 1.0)
+            S[i, i] += fixed[i] + factor2 * seen2 * broad[mode, i] + square * range_[i]
             for j in range(i):
                 S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
         S[10, 10] += lean
         S[11, 11] += lean
-        S[12, 12] += wobble * max(1.0 - seen2, 0.0) / seen2
+        S[12, 12] += wobbles * wobble * max(1.0 - seen2, 0.0) / seen2
         for i in range(3):
             x[i] += dt * x[3 + i] + half * x[6 + i] - moved[i]
             x[3 + i] += dt * x[6 + i]
@@ -155,6 +218,8 @@ def _predict(  # type: ignore[no-untyped-def]
         x[6], x[7], x[8] = t00 * a + t01 * b, t10 * a + t11 * b, down * x[8]
         x[9] *= decay[1]
         x[12] *= decay[2]
+        if mode == HOVERING:
+            _stop(x, S, hover)
 
 
 @njit(cache=True, error_model="numpy")
@@ -203,6 +268,28 @@ def _linearised(x, nose, size, axes, r_FC, m, h, J):  # type: ignore[no-untyped-
     J[2, 12], J[3, 12] = h[2], h[3]
     if m > 4:
         J[4, 12], J[5, 12] = 2.0 * (h[4] - h[0]), 2.0 * (h[5] - h[1])  # it grows with the wing's square
+
+
+@njit((ROWS, CUBE, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
+def _prediction(means, P, noses, w, size, y, r_FC, axes):  # type: ignore[no-untyped-def]
+    m = y.shape[0]
+    mean, S = np.zeros(m), np.zeros((m, m))
+    h, J, c = np.empty(m), np.empty((m, N)), np.empty(N)
+    for k in range(means.shape[0]):
+        _linearised(means[k], noses[k], size, axes, r_FC, m, h, J)
+        if h[2] * y[2] + h[3] * y[3] < 0:  # detectors name tips by their side
+            h[2:4] *= -1.0
+            J[2:4] *= -1.0
+        for i in range(m):
+            project(J[i], P[k], c)
+            for j in range(i + 1):
+                S[i, j] += w[k] * (h[i] * h[j] + dot(J[j], c))
+            mean[i] += w[k] * h[i]
+    for i in range(m):
+        for j in range(i + 1):
+            S[i, j] -= mean[i] * mean[j]
+            S[j, i] = S[i, j]
+    return mean, S
 
 
 @njit((OUT, COVARIANCES, VECTOR, NUMBER, VECTOR, ROWS, VECTOR, ROWS), cache=True, error_model="numpy")

@@ -42,11 +42,20 @@ def whiten(L, e, J):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a, b):  # type: ignore[no-untyped-def]
     """The product of two state vectors (N,), one of which has no velocity: no image shows one."""
     middle = a[6] * b[6] + a[7] * b[7] + a[8] * b[8]
     rest = (a[9] * b[9] + a[10] * b[10]) + (a[11] * b[11] + a[12] * b[12])
     return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + middle + rest
+
+
+@njit(cache=True, error_model="numpy")
+def project(w, P, c):  # type: ignore[no-untyped-def]
+    """The product of a row of derivatives w (N,) without velocity and a covariance (N, N), into c (N,)."""
+    for n in range(P.shape[1]):
+        near = w[0] * P[0, n] + w[1] * P[1, n] + w[2] * P[2, n]
+        middle = w[6] * P[6, n] + w[7] * P[7, n] + w[8] * P[8, n]
+        c[n] = near + middle + (w[9] * P[9, n] + w[10] * P[10, n]) + (w[11] * P[11, n] + w[12] * P[12, n])
 
 
 @njit(cache=True, error_model="numpy")
@@ -61,11 +70,8 @@ def correct(x, P, e, J, c, dx):  # type: ignore[no-untyped-def]
     dx[:] = 0.0
     for j in range(e.shape[0]):
         w = J[j]
-        for n in range(width):
-            near = w[0] * P[0, n] + w[1] * P[1, n] + w[2] * P[2, n]
-            middle = w[6] * P[6, n] + w[7] * P[7, n] + w[8] * P[8, n]
-            c[n] = near + middle + (w[9] * P[9, n] + w[10] * P[10, n]) + (w[11] * P[11, n] + w[12] * P[12, n])
-        s, r = max(1.0 + _dot(w, c), TINY), e[j] - _dot(w, dx)
+        project(w, P, c)
+        s, r = max(1.0 + dot(w, c), TINY), e[j] - dot(w, dx)
         nis += r * r / s
         det *= s
         g = 1.0 / s

@@ -18,6 +18,7 @@ from simlink.encounters.reports import BOOT_NS
 
 SECONDS: Final = 30.0
 WING_LINE: Final = ("estimator.leader.filter=wing-line",)
+BELIEF: Final = ("estimator.leader.filter=belief",)
 Change = Callable[[Encounter], list[Message]]
 
 
@@ -60,9 +61,12 @@ LEAST_VALID: Final = {
 }  # percent: its images are missing for 6 of 25 s, and it coasts for 2
 
 
+@pytest.mark.parametrize("settings", [(), BELIEF], ids=["default", "belief"])
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_the_estimate_is_never_sure_of_a_wrong_range_seeds_601_and_602(name: str) -> None:
-    found = flown(*FLIGHTS[name])
+def test_the_estimate_is_never_sure_of_a_wrong_range_seeds_601_and_602(
+    name: str, settings: tuple[str, ...]
+) -> None:
+    found = flown(*FLIGHTS[name], settings)
     assert found.wrong.percent == 0.0
     assert found.inside.percent > 93.0
     assert found.valid.percent > LEAST_VALID.get(name, 98.0)

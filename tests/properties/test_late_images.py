@@ -238,7 +238,10 @@ def absurd_own(rng: np.random.Generator, message: Message) -> Message:
 
 @pytest.mark.parametrize(
     ("seed", "noise", "initialise"),
-    [(11, "wing-line", 3), pytest.param(12, "any-side", 1, marks=pytest.mark.slow)],
+    [
+        (11, "wing-line", 3),
+        *(pytest.param(12, name, 1, marks=pytest.mark.slow) for name in ("any-side", "belief")),
+    ],
     ids=str,
 )
 def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(seed: int, noise: str, initialise: int) -> None:

@@ -77,7 +77,7 @@ class Config(Record, frozen=True, kw_only=True):
     Raises ValueError for timeouts out of order, and for a `process_noise` that the chosen filter cannot use.
     """
 
-    filter: Literal["any-side", "wing-line", "subtended", "paper"] = (
+    filter: Literal["any-side", "belief", "wing-line", "subtended", "paper"] = (
         "any-side"  # the last two: refused, with advice
     )
     size_prior_m: Positive = 2.0  # the leader's wingspan

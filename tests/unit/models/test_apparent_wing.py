@@ -32,7 +32,9 @@ def seen(x: Array, nose: float, R_cn: Array, *, exchanged: bool = False) -> tupl
     return y[0], axes[0]
 
 
-QUIET = model.Noise(np.zeros(model.N), np.zeros((2, model.N)), np.zeros(model.N), 0.0, 0.0)
+QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0)
+ALIKE = np.zeros((1, 3))  # intensities
+AT_REST = model.Hover(0.5, 0.1, 0.03, 0.02)
 
 
 def drawn(seed: int) -> tuple[Array, Array, float, Array]:
@@ -100,7 +102,7 @@ def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None
     x, P, nose, _ = drawn(seed)
     moved, dt = np.array([0.3, -0.2, 0.1]), 1e-3
     after, covariance, noses = x[None].copy(), P[None].copy(), np.array([nose])
-    model.predict(after, covariance, noses, dt, moved, np.zeros(1), QUIET, np.ones(3), 0.2)
+    model.predict(after, covariance, noses, dt, moved, np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.2)
     assert after[0, model.R] == pytest.approx(
         x[model.R] + dt * x[model.V] + 0.5 * dt**2 * x[model.A] - moved, abs=1e-9
     )
@@ -117,18 +119,23 @@ def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None
 def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, accelerates: int) -> None:
     x, P, nose, _ = drawn(seed)
     rng = np.random.default_rng(seed)
-    noise = model.Noise(*(rng.uniform(0.0, 0.1, shape) for shape in (model.N, (2, model.N), model.N)), 0.3, 0.02)
+    noise = model.Noise(*(rng.uniform(0.0, 0.1, shape) for shape in (model.N, (3, model.N), model.N)), 0.3, 0.02)
+    intensities = rng.normal(size=(1, 3))
     both = np.tile(x, (2, 1)), np.tile(P, (2, 1, 1)), np.full(2, nose)
     for k, added in enumerate((QUIET, noise)):
         mean, covariance, noses = (array[k : k + 1] for array in both)
-        model.predict(
-            mean, covariance, noses, 1e-9, np.zeros(3), np.full(1, float(accelerates)), added, np.ones(3), 0.2
-        )
+        step = 1e-9, np.zeros(3), np.full(1, float(accelerates)), intensities, added, AT_REST, np.ones(3), 0.2
+        model.predict(mean, covariance, noses, *step)
     along = (math.cos(nose) * x[1] - math.sin(nose) * x[0]) / np.linalg.norm(x[model.R])
     seen_of_it = 1.0 - along**2 + model.LEAST_VISIBLE**2
-    expected = noise.fixed + seen_of_it * noise.broad[accelerates] + (x[model.R] @ x[model.R]) * noise.range_
+    factors = np.exp(2.0 * intensities[0])
+    bold = np.ones(model.N)
+    bold[: model.BANK_ERROR], bold[model.BANK_ERROR] = (1.0 if accelerates else factors[0]), factors[1]
+    expected = (
+        noise.fixed + bold * seen_of_it * noise.broad[accelerates] + (x[model.R] @ x[model.R]) * noise.range_
+    )
     expected[model.LEAN] += noise.drag * (x[6:8] @ x[6:8])
-    expected[model.STRETCH] += noise.wobble * (1.0 - seen_of_it) / seen_of_it
+    expected[model.STRETCH] += factors[2] * noise.wobble * (1.0 - seen_of_it) / seen_of_it
     assert both[1][1] - both[1][0] == pytest.approx(np.diag(expected), rel=1e-9, abs=1e-9)
 
 
@@ -139,8 +146,42 @@ def test_a_fast_leader_turns_its_nose_with_its_course_and_a_slow_one_does_not() 
         noses = np.zeros(1)
         for _ in range(10):
             P = np.eye(model.N)[None].copy()
-            model.predict(x, P, noses, 0.1, np.zeros(3), np.zeros(1), QUIET, np.ones(3), 0.0)
+            model.predict(x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.0)
         assert noses[0] == pytest.approx(turned, abs=0.01)
+
+
+def test_a_leader_that_hovers_comes_to_rest_over_ground_and_stays_uncertain_by_as_much_as_it_may_move() -> None:
+    """Whatever it flew before: the velocity ends at the variance of its Gauss-Markov process."""
+    x, P, noses = np.zeros((1, model.N)), np.eye(model.N)[None].copy(), np.zeros(1)
+    x[0, :3], x[0, 3:6], x[0, 6:9] = [30.0, 0.0, 0.0], [3.0, -2.0, 1.0], [1.0, 0.5, 0.2]
+    decay = math.exp(-0.1 / 1.5)
+    hover = model.Hover(decay, 0.1, 0.04 * (1.0 - decay**2), 1e-9)
+    for _ in range(300):
+        model.predict(
+            x, P, noses, 0.1, np.zeros(3), np.full(1, float(model.HOVERING)), ALIKE, QUIET, hover, np.ones(3), 0.0
+        )
+    assert x[0, model.V] == pytest.approx(np.zeros(3), abs=1e-6)
+    assert np.diag(P[0])[model.V] == pytest.approx(0.04 * np.array([1.0, 1.0, model.UPRIGHT2]), rel=0.02)
+    assert np.linalg.eigvalsh(P[0]).min() > 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed_0_to_2(seed: int) -> None:
+    x, P, nose, R_cn = drawn(seed)
+    y, axes = seen(x, nose, R_cn, exchanged=True)
+    other, w = x + 0.1 * np.random.default_rng(seed).normal(size=model.N), np.array([0.3, 0.7])
+    means, noses, camera = np.array([x, other]), np.array([nose, nose + 0.3]), (R_cn, np.zeros(3), axes)
+    mean, S = model.prediction(means, np.array([P, 2.0 * P]), noses, w, SIZE, y, camera)
+    exchanged = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
+    each = [exchanged * shown(m, n, R_cn, axes) for m, n in zip(means, noses, strict=True)]
+    assert mean == pytest.approx(w @ each, abs=1e-9)
+    expected = np.zeros((6, 6))
+    for m, n, h, weight, factor in zip(means, noses, each, w, (1.0, 2.0), strict=True):
+        J = np.empty((6, model.N))
+        for i, step in enumerate(1e-5 * np.eye(model.N)):
+            J[:, i] = exchanged * (shown(m + step, n, R_cn, axes) - shown(m - step, n, R_cn, axes)) / 2e-5
+        expected += weight * (factor * J @ P @ J.T + np.outer(h - mean, h - mean))
+    assert pytest.approx(expected, rel=2e-3, abs=1e-6) == S
 
 
 def test_a_wing_seen_along_itself_still_shows_a_tip() -> None:

@@ -1,7 +1,7 @@
 """The filter that a configuration chooses, for one target.
 
 `any-side` is what we fly by default. `wing-line` is its sharper half alone, which takes the nose to be on the
-course.
+course. `belief` is to replace both: the cloud alone, with every image.
 """
 
 import math
@@ -14,10 +14,11 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters import modes, wing_line
 from onboard.estimators.leader.filters.any_side import AnySideFilter
-from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open
+from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open, measure_wing
 from onboard.estimators.leader.filters.modes import Modes
 from onboard.estimators.leader.filters.wing_line_noise import Extras
-from onboard.estimators.leader.settings import NoseModel, settings_for
+from onboard.estimators.leader.settings import HYPOTHESES, NoseModel, settings_for
 from onboard.estimators.leader.shape import Shape, shape_of
 from onboard.estimators.leader.size import Size, with_size
 from onboard.estimators.leader.wind import Wind
@@ -27,7 +28,6 @@ from onboard.models.leader_flight import ImageGeometry
 from onboard.models.relative_motion import R
 from onboard.ownship import Step
 
-WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
 CRAB: Final = math.radians(14.0)  # rad, of a fixed wing's nose: wind of a quarter of its speed, at one sigma
 UNSURE: Final = 1.4  # times the configured errors of our attitude: their sigmas are guesses, too
 SMALLEST_SIGMA: Final = 1e-4  # rad; an axis of our attitude that is known better than this needs no state
@@ -48,6 +48,10 @@ def make_filter(config: Config) -> LeaderFilter:
         config.own_velocity_sigma_m_s,
         config.center_on_wing,
     )
+    if config.filter == "belief":
+        model = _nose_model(config, size, size_sigma)._replace(**HYPOTHESES)
+        m = measurement_model.M_MIDDLE if config.center_on_wing else measurement_model.M
+        return BeliefFilter(model, shape_of(config), config.delay_sigma_s, m)
     sharp = _WingLine(wing_line.Filter(size, size_sigma, settings, extras))
     if config.filter == "wing-line":
         return sharp
@@ -96,11 +100,7 @@ class _WingLine:
         self._filter = filter_
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:
-        y, R, axes = measurement_model.from_points(points[None], sigmas[None], self._filter.m)
-        (a, b), ((aa, ab), (_, bb)) = y[0, WING].tolist(), R[0, WING, WING].tolist()
-        span = math.hypot(a, b)
-        along = max(a * a * aa + 2 * a * b * ab + b * b * bb, 0.0)
-        return Measurement(y[0], R[0], span, math.sqrt(along) / span if span > 0 else math.sqrt(aa), axes[0])
+        return measure_wing(points, sigmas, self._filter.m)
 
     def start(self, measurement: Measurement, pose: CameraPose, before: Any) -> Modes:
         known = None if before is None else modes.mixture(before)

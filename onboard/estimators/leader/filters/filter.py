@@ -1,7 +1,7 @@
 """What a track needs of a filter of one target: a protocol, and the measurement that all filters share."""
 
 import math
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -13,7 +13,10 @@ from onboard.estimators.leader.shape import Seen, Shape
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, Update
+from onboard.models import wing_line
 from onboard.ownship import Step
+
+WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
 
 
 class Measurement(NamedTuple):
@@ -54,6 +57,16 @@ class Measurement(NamedTuple):
     def has_extent(self) -> bool:
         """Whether it says something of the range."""
         return math.isfinite(self.span_sigma)
+
+
+def measure_wing(points: Array, sigmas: Array, m: int) -> Measurement:
+    """The measurement (m,) of image points (3, 2), center, left and right, with standard deviations (3,), all in
+    focal lengths."""
+    y, R, axes = wing_line.from_points(points[None], sigmas[None], m)
+    (a, b), ((aa, ab), (_, bb)) = y[0, WING].tolist(), R[0, WING, WING].tolist()
+    span = math.hypot(a, b)
+    along = max(a * a * aa + 2 * a * b * ab + b * b * bb, 0.0)
+    return Measurement(y[0], R[0], span, math.sqrt(along) / span if span > 0 else math.sqrt(aa), axes[0])
 
 
 class Open(NamedTuple):

@@ -53,7 +53,7 @@ def fuse(
     noise = state.noise
     if math.isfinite(update.nis):
         noise = noise.after(update.innovation, update.innovation_covariance)
-    fused = filter_.gate is None or update.nis <= filter_.gate
+    fused = update.passes and (filter_.gate is None or update.nis <= filter_.gate)
     if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[R]):
         fused = False
     return TrackState(update.belief if fused else leader, noise), Outcome(fused, update, leader, pose)

@@ -38,3 +38,36 @@ def test_a_doubted_nose_of_a_fixed_wing_stays_about_its_course() -> None:
     after = particles.predict(settings, cloud, 1e-6, 1e-6 * flies.v_F_n)
     assert np.abs(after.noses - course).max() < 2.6 * settings.crab
     assert np.abs(after.noses - cloud.noses).max() > settings.crab
+
+
+def test_only_a_slow_leader_begins_to_hover_and_one_that_is_doubted_meanwhile_stays_at_rest() -> None:
+    settings = NOSES._replace(hovering=0.0, flies_for=1e-9, accelerating=0.0, doubted_after=1e-9)
+    cloud = particles.start(settings, IMAGE, STILL)
+    cloud.covariances[:, 3:6, 3:6] = 1e-4 * np.eye(3)
+    fast = np.arange(len(cloud.noses)) % 2 == 0
+    cloud.means[fast, 3], cloud.means[~fast, 3] = 12.0, 0.01
+    after = particles.predict(settings, cloud, 1e-6, np.array([0.0, 1e-6, 0.0]))
+    assert (after.regimes[~fast] == model.HOVERING).all()
+    assert (after.regimes[fast] != model.HOVERING).all()
+    again = particles.predict(settings._replace(hovers_for=1e9), after, 1e-6, np.array([0.0, 1e-6, 0.0]))
+    assert np.abs(again.means[~fast, 3:6]).max() < 0.011
+    assert np.abs(again.noses - after.noses).max() > 0.5
+
+
+def test_a_fixed_wing_never_hovers() -> None:
+    settings = NOSES._replace(crab=0.2, hovering=1.0, flies_for=1e-9)
+    cloud = particles.start(settings, IMAGE, STILL)
+    cloud.means[:, 3:6] = 0.0
+    after = particles.predict(settings, cloud, 0.1, np.zeros(3))
+    assert model.HOVERING not in {*cloud.regimes, *after.regimes}
+
+
+def test_intensities_keep_their_spread_over_time() -> None:
+    settings = NOSES._replace(intensity=(0.8, 0.5, 0.2), intensity_time=2.0)
+    cloud = particles.start(settings, IMAGE, STILL)
+    first = cloud.intensities
+    for _ in range(100):
+        cloud = particles.predict(settings, cloud, 0.1, np.zeros(3))
+    for each in (first, cloud.intensities):
+        assert each.std(axis=0) == pytest.approx(settings.intensity, rel=0.1)
+    assert np.abs(np.corrcoef(first[:, 0], cloud.intensities[:, 0])[0, 1]) < 0.2

@@ -21,7 +21,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement
-from onboard.estimators.leader.filters.noses.changes import DRAWS, MOST_CRAB, change
+from onboard.estimators.leader.filters.noses.changes import APART, DRAWS, MOST_CRAB, change
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.draws import normal, uniform
 from onboard.estimators.leader.filters.noses.evidence import (
@@ -46,6 +46,11 @@ LEAST_RANGE: Final = (
 FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
 MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one image
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
+NOSE_BIN: Final = math.radians(6.0)  # rad
+RANGE_BIN: Final = 0.05  # of the range's logarithm
+LEAST_WEIGHT: Final = 0.002  # of a bin that counts
+PER_BIN: Final = 6  # particles
+CHANGE: Final = 1.5  # the number of particles changes by this factor at least
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
 DIAGONAL: Final = np.arange(N)
 
@@ -57,7 +62,7 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     noses, prior = _first_noses(settings, math.atan2(direction[1], direction[0]), pose.v_F_n)
     if before is not None:
         kept = np.arange(len(noses)) % FORGETS > 0
-        known = _resampled(before, np.exp(before.log_weights)).noses
+        known = _resampled(before, settings.particles).noses
         noses, prior = np.where(kept, known, noses), np.full(len(noses), 1.0 / len(noses))
     k = len(noses)
     edge_on, lasting = model.LEAST_VISIBLE, 0.0
@@ -80,18 +85,39 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
     across = seen.R[0, 0] * range_**2
     P[:, R, R] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
+    hovers = uniform(APART, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
+    intensities = np.column_stack([s * normal(APART + 1 + 2 * i, k) for i, s in enumerate(settings.intensity)])
+    factors = np.exp(intensities)
     speed = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
     diagonal = np.zeros((k, N))
     diagonal[:, V], diagonal[:, A] = speed, (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
-    diagonal[:, BANK_ERROR] = (broad * settings.bank) ** 2
+    diagonal[hovers, V] = settings.hover_speed**2 + settings.own_velocity**2
+    diagonal[hovers, A] = settings.hover_acceleration**2
+    means[hovers, V] = 0.0
+    diagonal[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
     shortens = np.maximum(1.0 - broad**2, 0.0) / broad**2
-    diagonal[:, STRETCH] = settings.stretch**2 + settings.nose_wobble**2 * shortens
+    diagonal[:, STRETCH] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens
     P[:, DIAGONAL, DIAGONAL] += diagonal
     _lean(settings, means, P, pose.v_F_n)
+    means[hovers, LEAN] = 0.0
     turns = uniform(0, k) < settings.turning
     rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
-    accelerates = (uniform(3, k) < settings.accelerating).astype(float)
-    return Cloud(noses, rates, accelerates, means, P, np.log(prior), 4, edge_on, lasting, metric=seen.is_metric)
+    regimes = np.where(
+        hovers, model.HOVERING, np.where(uniform(3, k) < settings.accelerating, model.ACCELERATING, model.STEADY)
+    )
+    return Cloud(
+        noses,
+        rates,
+        regimes.astype(float),
+        means,
+        P,
+        np.log(prior),
+        4,
+        intensities,
+        edge_on,
+        lasting,
+        metric=seen.is_metric,
+    )
 
 
 def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:
@@ -129,30 +155,64 @@ def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
     """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n."""
     s = settings
-    changed = [array.copy() for array in cloud[:5]]
+    changed, intensities = [array.copy() for array in cloud[:5]], cloud.intensities.copy()
     sure = SURE if cloud.sided else 1.0
     doubted_after = sure * s.doubted_after
     change(
-        s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on, metric=cloud.metric
+        s,
+        changed,
+        intensities,
+        cloud.draws,
+        dt,
+        moved,
+        doubted_after=doubted_after,
+        edge_on=cloud.edge_on,
+        metric=cloud.metric,
     )
-    noses, rates, accelerates, means, P = changed
+    noses, rates, regimes, means, P = changed
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
     noise, decay = _noise(s, dt), np.exp(-dt / times)
-    model.predict(means, P, noses, dt, moved, accelerates, noise, decay, s.drag, cloud.edge_on)
-    return Cloud(noses, rates, accelerates, means, P, cloud.log_weights, cloud.draws + DRAWS, *cloud[7:])
+    model.predict(
+        means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, s.drag, cloud.edge_on
+    )
+    return cloud._replace(
+        noses=noses,
+        rates=rates,
+        regimes=regimes,
+        means=means,
+        covariances=P,
+        intensities=intensities,
+        draws=cloud.draws + DRAWS,
+    )
+
+
+def _hover(s: NoseModel, dt: float) -> model.Hover:
+    velocity, acceleration = math.exp(-dt / s.hover_time), math.exp(-dt / s.hover_acceleration_time)
+    return model.Hover(
+        velocity,
+        acceleration,
+        s.hover_speed**2 * (1.0 - velocity**2),
+        s.hover_acceleration**2 * (1.0 - acceleration**2),
+    )
 
 
 def _noise(s: NoseModel, dt: float) -> model.Noise:
     """What `dt` seconds add, in proportion to the range that a nose implies (`models.apparent_wing.Noise`)."""
-    fixed, broad, range_ = np.zeros(N), np.zeros((2, N)), np.zeros(N)
+    fixed, broad, range_ = np.zeros(N), np.zeros((3, N)), np.zeros(N)
     range_[R] = 2.0 * dt / s.misalignment_time * np.square(s.misalignment)[[2, 2, 0]]
     fixed[R], fixed[V], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10
     new = -math.expm1(-2.0 * dt / s.stretch_time)
     fixed[STRETCH] = s.stretch**2 * new
-    broad[:, V], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
-    broad[:, A] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
+    broad[:2, V], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
+    broad[:2, A] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
     broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
     return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new)
+
+
+def predicted(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Array, Array]:
+    """What the whole cloud expects of an image: mean (m,) and covariance (m, m), without the image's own noise."""
+    w, camera = np.exp(cloud.log_weights), (pose.R_cn, pose.r_FC_n, seen.axes)
+    return model.prediction(cloud.means, cloud.covariances, cloud.noses, w, settings.size, seen.y, camera)
 
 
 def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Cloud, float]:
@@ -192,20 +252,39 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
     log_weights -= log_weights.max()
     log_weights -= math.log(np.exp(log_weights).sum())
     after = after._replace(log_weights=log_weights)
-    w = np.exp(log_weights)
-    if 1.0 / np.sum(w * w) > settings.resample * len(w):
+    w, count = np.exp(log_weights), enough(settings, after)
+    is_apt = len(w) / CHANGE < count < len(w) * CHANGE
+    if 1.0 / np.sum(w * w) > settings.resample * len(w) and is_apt:
         return after, least
-    return _resampled(after, w), least
+    return _resampled(after, count), least
 
 
-def _resampled(cloud: Cloud, w: Array) -> Cloud:
-    """Particles drawn by their weights, which become alike: systematic resampling."""
-    k = len(w)
+def enough(settings: NoseModel, cloud: Cloud) -> int:
+    """How many particles there should be: in proportion to the number of different noses and ranges that have
+    weight, as in KLD-sampling (Fox, 2003)."""
+    r = cloud.means[:, R]
+    nose = np.floor(np.mod(cloud.noses, math.tau if cloud.sided else math.pi) / NOSE_BIN)
+    range_ = np.floor(0.5 * np.log(np.einsum("ki,ki->k", r, r)) / RANGE_BIN)
+    _, at = np.unique(nose + 1000.0 * range_, return_inverse=True)
+    occupied = np.count_nonzero(np.bincount(at, np.exp(cloud.log_weights)) > LEAST_WEIGHT)
+    return min(max(PER_BIN * int(occupied), settings.fewest), settings.particles)
+
+
+def _resampled(cloud: Cloud, k: int) -> Cloud:
+    """k particles, drawn by their weights, which become alike: systematic resampling."""
     at = (np.arange(k) + uniform(cloud.draws, 1)[0]) / k
-    chosen = np.minimum(np.searchsorted(np.cumsum(w), at), k - 1)
-    noses, rates, accelerates, means, P = (array[chosen] for array in cloud[:5])
-    log_weights = np.full(k, -math.log(k))
-    return Cloud(noses, rates, accelerates, means, P, log_weights, cloud.draws + 1, *cloud[7:])
+    chosen = np.minimum(np.searchsorted(np.cumsum(np.exp(cloud.log_weights)), at), len(cloud.noses) - 1)
+    noses, rates, regimes, means, P = (array[chosen] for array in cloud[:5])
+    return cloud._replace(
+        noses=noses,
+        rates=rates,
+        regimes=regimes,
+        means=means,
+        covariances=P,
+        intensities=cloud.intensities[chosen],
+        log_weights=np.full(len(chosen), -math.log(len(chosen))),
+        draws=cloud.draws + 1,
+    )
 
 
 def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:

@@ -1,0 +1,178 @@
+"""One belief about one leader: weighted hypotheses with a Gaussian each (`noses`). It is to become what we fly.
+
+Each hypothesis supposes where the leader's nose points, whether it flies steadily, accelerates or hovers, and how
+boldly; all share the errors of our own state, which are considered and not estimated. Every image corrects every
+hypothesis, and what they expected together is what an image is judged by. As many are kept as there are different
+noses and ranges in question.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filters.filter import Measurement, Open, measure_wing
+from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.summary import RESOLVED, Summary, as_leader, summarise
+from onboard.estimators.leader.filters.postponed import Pending, standing
+from onboard.estimators.leader.settings import NoseModel
+from onboard.estimators.leader.shape import Shape
+from onboard.estimators.leader.size import Size
+from onboard.estimators.leader.wind import Wind
+from onboard.filters.belief import Belief, FilterError, Update
+from onboard.filters.gating import normalised_squared
+from onboard.models import leader_flight, wing_line
+from onboard.models.relative_motion import R, V
+from onboard.ownship import Step
+
+LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
+SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
+
+
+class State(NamedTuple):
+    """The hypotheses at some time, and their summary; our own motion since then; and the size and the wind, if
+    they are known otherwise than by configuration."""
+
+    cloud: Cloud
+    summary: Summary
+    since: Pending
+    size: Size | None = None
+    wind: Wind | None = None
+
+
+class BeliefFilter:
+    """See `filter.LeaderFilter`. `delay_sigma` (s): of the camera's stamps; `m`: the size of a measurement."""
+
+    components: tuple[str, ...] = leader_flight.COMPONENTS
+    units: tuple[str, ...] = leader_flight.UNITS
+
+    def __init__(self, settings: NoseModel, shape: Shape, delay_sigma: float, m: int) -> None:
+        self.shape: Shape | None = shape
+        self.measured_components, self.measured_units = wing_line.COMPONENTS[:m], wing_line.UNITS[:m]
+        self.gate: float | None = settings.gate
+        self._settings, self._delay_sigma, self._m = settings, delay_sigma, m
+
+    def measure(self, points: Array, sigmas: Array) -> Measurement:
+        """See `filter.measure_wing`."""
+        return measure_wing(points, sigmas, self._m)
+
+    def start(self, measurement: Measurement, pose: CameraPose, before: State | None) -> State:
+        """Of what was believed before, the noses are kept."""
+        wind = None if before is None else before.wind
+        settings = self._supposed(None, wind)
+        cloud = particles.start(settings, measurement, pose, None if before is None else before.cloud)
+        return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
+
+    def advance(self, state: State, step: Step) -> State:
+        """The hypotheses are predicted when an image comes, or after a while."""
+        advanced = state._replace(since=state.since.after(step))
+        return self._caught_up(advanced) if advanced.since.dt > LONGEST_S else advanced
+
+    def fuse(self, state: State, measurement: Measurement, pose: CameraPose) -> Update:
+        """The update of all hypotheses."""
+        if self._delay_sigma > 0.0:
+            measurement = measurement.with_attitude_noise(
+                self._delay_sigma**2 * np.outer(pose.omega_c, pose.omega_c)
+            )
+        now = self._caught_up(state)
+        settings = self._supposed(now.size, now.wind)
+        expected, S = particles.predicted(settings, now.cloud, measurement, pose)
+        innovation, S = _ordered(measurement.y, expected) - expected, S + measurement.R
+        nis = float(normalised_squared(innovation, S))
+        if not math.isfinite(nis):
+            raise FilterError("the hypotheses have lost their numbers")
+        cloud, beyond = particles.update(settings, now.cloud, measurement, pose)
+        passes = beyond <= settings.gate
+        after = now._replace(cloud=cloud, summary=summarise(settings, cloud)) if passes else state
+        return Update(after, innovation, S, expected, nis, cloud.misfits if passes else (), passes)
+
+    def finish(self, state: State) -> None:
+        """Nothing is postponed."""
+
+    def predicted_points(self, state: State, measurement: Measurement, update: Update, pose: CameraPose) -> Array:
+        """The points of which `update.predicted` are the coordinates, about the middle of the wing."""
+        del state, pose
+        return points_of(measurement.axes, update.predicted)
+
+    def resized(self, state: State, size: Size) -> State:
+        """The state for another size: as much farther away as it is larger, unless poses show the range."""
+        state = self._caught_up(state)
+        ratio = size.value / self._supposed(state.size, None).size
+        cloud = state.cloud
+        if not cloud.metric:
+            cloud = particles.rescaled(state.cloud, ratio, state.since.v_F_n)
+        return self._summarised(state._replace(cloud=cloud, size=size))
+
+    def in_wind(self, state: State, wind: Wind) -> State:
+        """The state in another wind, which shows where the nose of a fixed wing points."""
+        if self._settings.crab == 0.0:
+            return state
+        return self._summarised(self._caught_up(state)._replace(wind=wind if wind.is_known else None))
+
+    def belief(self, state: State) -> Belief:
+        """Mean and covariance of all hypotheses."""
+        n = len(self.components)
+        belief = as_leader(state.summary, *state.since, Belief(np.zeros(n), np.zeros((n, n))))
+        late = self._delay_sigma * belief.mean[V]
+        belief.covariance[R, R] += np.outer(late, late)
+        return belief
+
+    def open_question(self, state: State) -> Open:
+        """Whether the range is open, and then the places where the leader may be."""
+        known, is_metric = state.summary, state.cloud.metric
+        if known.range_sigma() <= RESOLVED:
+            return Open("", (), is_metric)
+        dt, moved, v_F_n = state.since
+        places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)
+        why = "" if is_metric else "heading not resolved: "
+        return Open(f"{why}the range is uncertain", places, is_metric)
+
+    def is_too_wide(self, state: State, share: float) -> bool:
+        """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
+        return state.summary.after(state.since.dt, state.since.moved).direction_sigma() > share
+
+    def _supposed(self, size: Size | None, wind: Wind | None) -> NoseModel:
+        """What is assumed, with the size and the wind as they are known now."""
+        settings = self._settings
+        if size is not None:
+            settings = settings._replace(size=size.value, size_sigma=size.sigma)
+        if wind is not None:
+            north, east, _ = wind.velocity.tolist()
+            settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
+        return settings
+
+    def _summarised(self, state: State) -> State:
+        return state._replace(summary=summarise(self._supposed(state.size, state.wind), state.cloud))
+
+    def _caught_up(self, state: State) -> State:
+        """The hypotheses predicted to now."""
+        dt, moved, v_F_n = state.since
+        if dt <= 0.0:
+            return state
+        cloud = particles.predict(self._supposed(state.size, state.wind), state.cloud, dt, moved)
+        after = state._replace(cloud=cloud, since=standing(v_F_n))
+        if dt > LONGEST_S:  # no image corrects it soon
+            return self._summarised(after)
+        return after._replace(summary=state.summary.after(dt, moved))
+
+
+def _ordered(y: Array, expected: Array) -> Array:
+    """A measurement with its wingtips exchanged where that is nearer to what is expected."""
+    if y[2] * expected[2] + y[3] * expected[3] >= 0.0:
+        return y
+    y = y.copy()
+    y[2:4] *= -1.0
+    return y
+
+
+def points_of(axes: Array, y: Array) -> Array:
+    """Image points (3, 2) of a measurement y (m,) about `axes` (3, 3) (`models.wing_line`), in focal lengths:
+    center, left and right wingtip, as if the center were the wing's middle; NaN for a point behind the camera."""
+    places = y[:2] + 0.5 * np.array([[0.0], [-1.0], [1.0]]) * y[2:4]
+    quarter = 0.25 * np.sum(places**2, axis=1, keepdims=True)
+    directions = (1.0 - quarter) * axes[0] + places @ axes[1:]
+    ahead = np.where(directions[:, :1] > 0.0, directions[:, :1], np.nan)
+    return np.asarray(directions[:, 1:] / ahead)

@@ -1,0 +1,136 @@
+"""The leader as one belief: what it expects of an image, what passes, and how many hypotheses it keeps."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.filters.belief import BeliefFilter, State, points_of
+from onboard.estimators.leader.filters.choice import make_filter
+from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.size import Size
+from onboard.filters.belief import FilterError
+from onboard.models.relative_motion import R, V
+from onboard.ownship import Step
+from tests.unit.estimators.leader.test_any_side import image
+
+STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
+DT = 1.0 / 30.0
+
+
+def filter_of(**section: Any) -> BeliefFilter:
+    made = make_filter(Config(filter="belief", size_prior_m=2.0, **section))
+    assert isinstance(made, BeliefFilter)
+    return made
+
+
+def step(moved: float) -> Step:
+    """We move by this many metres to the east within DT."""
+    v = np.array([0.0, moved / DT, 0.0])
+    return Step(DT, v, v, np.zeros(3))
+
+
+def watched(filter_: BeliefFilter, seconds: float, *, sway: float) -> tuple[State, list[float]]:
+    """The state, and each image's NIS, after watching a leader 25 m away that hovers, its nose 40 degrees off the
+    line of sight, while we sway by `sway` m, with a period of 4 s."""
+    state = filter_.start(image(25.0, 0.7), STILL, None)
+    east, nis = 0.0, []
+    for k in range(1, round(seconds / DT) + 1):
+        new = sway * math.sin(2.0 * math.pi * k * DT / 4.0)
+        state, east = filter_.advance(state, step(new - east)), new
+        update = filter_.fuse(state, image(25.0, 0.7, east=east, seed=k), STILL)
+        assert update.passes
+        state = update.belief
+        nis.append(update.nis)
+    return state, nis
+
+
+def test_the_range_is_found_by_our_own_motion_and_the_nis_is_as_expected() -> None:
+    state, nis = watched(filter_of(), 10.0, sway=3.0)
+    belief = filter_of().belief(state)
+    range_ = float(np.linalg.norm(belief.mean[R]))
+    sigma = math.sqrt(belief.mean[R] @ belief.covariance[R, R] @ belief.mean[R]) / range_
+    assert abs(range_ - math.hypot(25.0, 0.0)) < 2.0 * sigma < 5.0
+    assert 3.0 < np.mean(nis[60:]) < 5.0  # of 4
+
+
+def test_few_hypotheses_are_kept_once_the_nose_is_known_and_many_while_it_is_open() -> None:
+    filter_ = filter_of()
+    known, _ = watched(filter_, 10.0, sway=3.0)
+    is_open, _ = watched(filter_, 4.0, sway=0.0)
+    assert len(filter_.start(image(25.0, 0.7), STILL, None).cloud.noses) == 900
+    assert len(known.cloud.noses) < 0.6 * len(is_open.cloud.noses)
+
+
+def test_an_image_that_nothing_expected_does_not_pass_and_changes_nothing() -> None:
+    filter_ = filter_of()
+    state, _ = watched(filter_, 4.0, sway=2.0)
+    update = filter_.fuse(state, image(25.0, 0.7, east=15.0), STILL)
+    assert not update.passes
+    assert update.nis > filter_.gate
+    assert update.belief is state
+
+
+def test_the_nis_is_the_innovations_own_whichever_names_the_wingtips_have() -> None:
+    filter_ = filter_of()
+    state, _ = watched(filter_, 4.0, sway=2.0)
+    updates = [filter_.fuse(state, image(25.0, 0.7, seed=7, swap=swap), STILL) for swap in (False, True)]
+    for update in updates:
+        e, S = update.innovation, update.innovation_covariance
+        assert update.nis == pytest.approx(e @ np.linalg.solve(S, e))
+    assert updates[0].nis == pytest.approx(updates[1].nis, rel=1e-9)
+
+
+def test_a_delay_is_considered_in_the_place_and_in_what_a_turning_camera_measures() -> None:
+    exact, late = filter_of(), filter_of(delay_sigma_s=0.1)
+    state = exact.start(image(25.0, 0.0), STILL._replace(v_F_n=np.array([0.0, 5.0, 0.0])), None)
+    state = state._replace(since=state.since._replace(v_F_n=np.array([0.0, -5.0, 0.0])))
+    v = exact.belief(state).mean[V]
+    added = late.belief(state).covariance[R, R] - exact.belief(state).covariance[R, R]
+    assert v[1] == pytest.approx(10.0, abs=1.0)
+    assert_allclose(added, 0.01 * np.outer(v, v), atol=1e-12)
+    turning = STILL._replace(omega_c=np.array([0.0, 0.0, 1.0]))
+    S = [f.fuse(state, image(25.0, 0.0), turning).innovation_covariance for f in (exact, late)]
+    assert S[1][0, 0] - S[0][0, 0] == pytest.approx(0.01, rel=0.02)
+
+
+def test_the_points_of_what_is_predicted_are_where_the_leader_is() -> None:
+    filter_ = filter_of()
+    state, _ = watched(filter_, 8.0, sway=3.0)
+    seen = image(25.0, 0.7, seed=900)
+    update = filter_.fuse(state, seen, STILL)
+    points = filter_.predicted_points(state, seen, update, STILL)
+    assert points[0] == pytest.approx([0.0, 0.0], abs=0.004)
+    half = math.cos(0.7) / 25.0
+    assert abs(points[2, 0] - points[1, 0]) == pytest.approx(2.0 * half, rel=0.1)
+    assert np.isnan(points_of(-np.eye(3), np.zeros(4))).all()
+
+
+def test_a_larger_leader_is_as_much_farther_away() -> None:
+    filter_ = filter_of()
+    state, _ = watched(filter_, 4.0, sway=2.0)
+    larger = filter_.resized(state, Size(3.0, 0.03))
+    assert_allclose(filter_.belief(larger).mean[R], 1.5 * filter_.belief(state).mean[R], rtol=5e-3, atol=0.01)
+
+
+def test_hypotheses_without_numbers_are_an_error() -> None:
+    filter_ = filter_of()
+    state = filter_.start(image(25.0, 0.3), STILL, None)
+    state.cloud.means[:] = math.nan
+    with pytest.raises(FilterError, match="lost their numbers"):
+        filter_.fuse(state, image(25.0, 0.3), STILL)
+
+
+def test_a_box_is_judged_by_its_direction_too() -> None:
+    """What shows no wing has noise without bound in its place, and a NIS of the direction alone."""
+    filter_ = filter_of()
+    state, _ = watched(filter_, 4.0, sway=2.0)
+    seen = image(25.0, 0.7, seed=5)
+    R_y = seen.R.copy()
+    R_y[2, 2] = R_y[3, 3] = 1e4
+    direction = Measurement(seen.y * [1, 1, 0, 0], R_y, seen.span, math.inf, seen.axes, has_wing=False)
+    assert filter_.fuse(state, direction, STILL).passes
