@@ -2,8 +2,6 @@
 
 import asyncio
 import socket
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,15 +11,9 @@ from onboard.sinks.zenoh_reach import Trust, probed
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohConfig, open_session
 from tests.support.fleet import files, make_certificates, router
 from tests.support.programs import free_endpoint
+from tests.support.programs import until as waited_for
 from tests.support.running_link import until
 from tests.support.streams import make_config
-
-
-def wait_until(is_so: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 20.0
-    while not is_so():
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
 
 
 def test_a_router_that_is_away_is_named_until_it_is_there() -> None:
@@ -31,10 +23,10 @@ def test_a_router_that_is_away_is_named_until_it_is_there() -> None:
         assert ours.trouble() == f"cannot reach {endpoint} (Connection refused)"
         theirs = open_session(ZenohConfig(listen=(endpoint,)))
         try:
-            wait_until(lambda: ours.trouble() == "")
+            waited_for(lambda: ours.trouble() == "", "a router")
         finally:
             theirs.close()
-        wait_until(lambda: "Connection refused" in ours.trouble())
+        waited_for(lambda: "Connection refused" in ours.trouble(), "its loss")
     finally:
         ours.close()
 

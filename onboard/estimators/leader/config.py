@@ -122,6 +122,8 @@ class Config(Record, frozen=True, kw_only=True):
             raise ValueError(
                 f'filter: "{self.filter}" is an estimator of its own now: write [estimator.oh_johnson]'
             )
+        if self.filter == "belief" and self.process_noise:
+            raise ValueError('process_noise: is of the wing-line filter; "belief" takes none of it')
         settings_for(self.leader_class, self.process_noise)
         check_points(self.points_m, self.size_prior_m)
         check_wings(self.points_m, wings=self.wings)

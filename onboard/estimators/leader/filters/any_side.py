@@ -44,7 +44,6 @@ AGREE: Final = 1.0  # sigmas of the cloud's range: it confirms a wing-line range
 AGREE_AT_LEAST: Final = 0.025  # of the range: so near a range is confirmed in any case
 ON_COURSE: Final = math.radians(15.0)  # rad, of the nose about the course: the wing-line filter supposes so
 TOO_WIDE: Final = 0.2  # rad, of the direction: a cloud that is less certain starts again
-SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
 ANOTHER: Final = 0.05  # of the size: so wrong a one misleads the wing-line filter
 PATIENCE: Final = 10  # images in a row that the wing-line filter may reject before it starts again
 
@@ -102,7 +101,7 @@ class AnySideFilter:
         wind = None if before is None else before.wind
         wing_line = self._wing_line.start(with_wing(measurement), in_air(pose, wind), earlier)
         noses = None if before is None else before.cloud
-        settings = self._supposed(None, wind)
+        settings = particles.supposed(self._settings, None, wind)
         cloud = particles.start(settings, measurement, pose, noses)
         summary = summarise(settings, cloud)
         return AnySide(wing_line, cloud, summary, standing(pose.v_F_n), 0, False, wind=wind)
@@ -245,16 +244,7 @@ class AnySideFilter:
 
     def _noses(self, state: AnySide) -> NoseModel:
         """What the cloud assumes, with the size and the wind as they are known now."""
-        return self._supposed(state.size, state.wind)
-
-    def _supposed(self, size: Size | None, wind: Wind | None) -> NoseModel:
-        settings = self._settings
-        if size is not None:
-            settings = settings._replace(size=size.value, size_sigma=size.sigma)
-        if wind is not None:
-            north, east, _ = wind.velocity.tolist()
-            settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
-        return settings
+        return particles.supposed(self._settings, state.size, state.wind)
 
     def _anew(self, state: AnySide, measurement: Measurement, pose: CameraPose) -> Any:
         """The wing-line filter's state after a first image."""

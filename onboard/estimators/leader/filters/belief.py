@@ -29,7 +29,6 @@ from onboard.models.relative_motion import R, V
 from onboard.ownship import Step
 
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
-SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
 
 
 class State(NamedTuple):
@@ -62,7 +61,7 @@ class BeliefFilter:
     def start(self, measurement: Measurement, pose: CameraPose, before: State | None) -> State:
         """Of what was believed before, the noses are kept."""
         wind = None if before is None else before.wind
-        settings = self._supposed(None, wind)
+        settings = particles.supposed(self._settings, None, wind)
         cloud = particles.start(settings, measurement, pose, None if before is None else before.cloud)
         return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
 
@@ -78,7 +77,7 @@ class BeliefFilter:
                 self._delay_sigma**2 * np.outer(pose.omega_c, pose.omega_c)
             )
         now = self._caught_up(state)
-        settings = self._supposed(now.size, now.wind)
+        settings = self._noses(now)
         expected, S = particles.predicted(settings, now.cloud, measurement, pose)
         innovation, S = _ordered(measurement.y, expected) - expected, S + measurement.R
         nis = float(normalised_squared(innovation, S))
@@ -100,7 +99,7 @@ class BeliefFilter:
     def resized(self, state: State, size: Size) -> State:
         """The state for another size: as much farther away as it is larger, unless poses show the range."""
         state = self._caught_up(state)
-        ratio = size.value / self._supposed(state.size, None).size
+        ratio = size.value / particles.supposed(self._settings, state.size, None).size
         cloud = state.cloud
         if not cloud.metric:
             cloud = particles.rescaled(state.cloud, ratio, state.since.v_F_n)
@@ -134,25 +133,19 @@ class BeliefFilter:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
         return state.summary.after(state.since.dt, state.since.moved).direction_sigma() > share
 
-    def _supposed(self, size: Size | None, wind: Wind | None) -> NoseModel:
-        """What is assumed, with the size and the wind as they are known now."""
-        settings = self._settings
-        if size is not None:
-            settings = settings._replace(size=size.value, size_sigma=size.sigma)
-        if wind is not None:
-            north, east, _ = wind.velocity.tolist()
-            settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
-        return settings
+    def _noses(self, state: State) -> NoseModel:
+        """What the hypotheses assume, with the size and the wind as they are known now."""
+        return particles.supposed(self._settings, state.size, state.wind)
 
     def _summarised(self, state: State) -> State:
-        return state._replace(summary=summarise(self._supposed(state.size, state.wind), state.cloud))
+        return state._replace(summary=summarise(self._noses(state), state.cloud))
 
     def _caught_up(self, state: State) -> State:
         """The hypotheses predicted to now."""
         dt, moved, v_F_n = state.since
         if dt <= 0.0:
             return state
-        cloud = particles.predict(self._supposed(state.size, state.wind), state.cloud, dt, moved)
+        cloud = particles.predict(self._noses(state), state.cloud, dt, moved)
         after = state._replace(cloud=cloud, since=standing(v_F_n))
         if dt > LONGEST_S:  # no image corrects it soon
             return self._summarised(after)

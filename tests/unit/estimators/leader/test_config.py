@@ -64,6 +64,11 @@ def test_an_unusable_override_is_refused_by_its_key(chosen: Any, name: str, valu
         Config(filter=chosen, process_noise={"hover_speed": 1.0, name: value})
 
 
+def test_settings_that_a_filter_does_not_have_are_refused() -> None:
+    with pytest.raises(ValueError, match='process_noise: is of the wing-line filter; "belief" takes none of it'):
+        Config(filter="belief", process_noise={"hover_speed": 1.0})
+
+
 @pytest.mark.parametrize("name", ["paper", "subtended"])
 def test_the_paper_s_filter_is_to_be_had_as_an_estimator_of_its_own(name: str) -> None:
     reason = f'filter: "{name}" is an estimator of its own now: write [estimator.oh_johnson]'

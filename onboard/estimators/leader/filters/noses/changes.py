@@ -47,7 +47,6 @@ class Chances(NamedTuple):
 def change(
     s: NoseModel,
     arrays: Iterable[Array],
-    intensities: Array,
     draws: int,
     dt: float,
     moved: Array,
@@ -56,8 +55,7 @@ def change(
     edge_on: float,
     metric: bool,
 ) -> None:
-    """Change the first five arrays of a `cloud.Cloud`, and its `intensities`, in place, by the random numbers from
-    `draws` on. In
+    """Change the arrays of a `cloud.Cloud` in place, by the random numbers from `draws` on. In
     `dt` seconds we move by `moved` (3,) m, in n; a particle keeps its nose for `doubted_after` seconds on average;
     `edge_on` as in `apparent_wing.visible`; `metric`: whether the ranges do not depend on the noses."""
     flies_for = s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
@@ -66,7 +64,6 @@ def change(
     wander = s.nose_random_walk * math.sqrt(dt)
     arguments: tuple[Any, ...] = (
         *arrays,
-        intensities,
         draws,
         *chances,
         np.array(s.intensity),

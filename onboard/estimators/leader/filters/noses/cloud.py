@@ -1,19 +1,21 @@
 """A cloud of noses: what is known of a leader whose nose may point anywhere (`particles`)."""
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.arrays import Array
 from onboard.models.apparent_wing import LEAST_VISIBLE
+
+ARRAYS: Final = 6  # of the fields, the first: each has one row a particle
 
 
 class Cloud(NamedTuple):
     """K particles: noses (K,) in rad from north, not wrapped; rates (K,) at which they are turned, rad/s, 0 for
     those that are not; the regime of each leader (K,), STEADY, ACCELERATING or HOVERING, means (K, N) and
-    covariances (K, N, N) of `models.apparent_wing`; logarithms of the weights (K,); the number of random draws
-    so far; the logarithms of each leader's intensities (K, 3), by which it manoeuvres, banks and wobbles more
-    than others; the share of the wing's length that the edge-on aircraft shows in what started the cloud; the
-    bias, as a share of the size, of what started it: boxes have one, points have none, and that of poses is of
-    the range; whether points have distinguished the nose from the tail; by what share they make the length that
+    covariances (K, N, N) of `models.apparent_wing`; the logarithms of each leader's intensities (K, 3), by which
+    it manoeuvres, banks and wobbles more than others; logarithms of the weights (K,); the number of random draws
+    so far; the share of the wing's length that the edge-on aircraft shows in what started the cloud; the bias,
+    as a share of the size, of what started it: boxes have one, points have none, and that of poses is of the
+    range; whether points have distinguished the nose from the tail; by what share they make the length that
     shows the nose wrong, as a bias; whether the ranges are metric, by poses, and not those of a leader of the
     configured size; and the named points of the last image that fitted no nose."""
 
@@ -22,9 +24,9 @@ class Cloud(NamedTuple):
     regimes: Array
     means: Array
     covariances: Array
+    intensities: Array
     log_weights: Array
     draws: int
-    intensities: Array
     edge_on: float = LEAST_VISIBLE
     lasting: float = 0.0
     sided: bool = False

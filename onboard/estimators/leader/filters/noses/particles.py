@@ -22,7 +22,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses.changes import APART, DRAWS, MOST_CRAB, change
-from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Cloud
 from onboard.estimators.leader.filters.noses.draws import normal, uniform
 from onboard.estimators.leader.filters.noses.evidence import (
     ANY_NOSE,
@@ -34,6 +34,8 @@ from onboard.estimators.leader.filters.noses.evidence import (
     posed,
 )
 from onboard.estimators.leader.settings import NoseModel
+from onboard.estimators.leader.size import Size
+from onboard.estimators.leader.wind import Wind
 from onboard.models import apparent_shape
 from onboard.models import apparent_wing as model
 from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
@@ -52,6 +54,7 @@ LEAST_WEIGHT: Final = 0.002  # of a bin that counts
 PER_BIN: Final = 6  # particles
 CHANGE: Final = 1.5  # the number of particles changes by this factor at least
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
+SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
 DIAGONAL: Final = np.arange(N)
 
 
@@ -111,9 +114,9 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         regimes.astype(float),
         means,
         P,
+        intensities,
         np.log(prior),
         4,
-        intensities,
         edge_on,
         lasting,
         metric=seen.is_metric,
@@ -155,35 +158,20 @@ def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
     """The cloud after `dt` seconds in which we move by `moved` (3,) m, in n."""
     s = settings
-    changed, intensities = [array.copy() for array in cloud[:5]], cloud.intensities.copy()
+    changed = [array.copy() for array in cloud[:ARRAYS]]
     sure = SURE if cloud.sided else 1.0
     doubted_after = sure * s.doubted_after
     change(
-        s,
-        changed,
-        intensities,
-        cloud.draws,
-        dt,
-        moved,
-        doubted_after=doubted_after,
-        edge_on=cloud.edge_on,
-        metric=cloud.metric,
+        s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on, metric=cloud.metric
     )
-    noses, rates, regimes, means, P = changed
+    noses, rates, regimes, means, P, intensities = changed
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
     noise, decay = _noise(s, dt), np.exp(-dt / times)
     model.predict(
         means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, s.drag, cloud.edge_on
     )
-    return cloud._replace(
-        noses=noses,
-        rates=rates,
-        regimes=regimes,
-        means=means,
-        covariances=P,
-        intensities=intensities,
-        draws=cloud.draws + DRAWS,
-    )
+    arrays = noses, rates, regimes, means, P, intensities
+    return Cloud(*arrays, cloud.log_weights, cloud.draws + DRAWS, *cloud[8:])
 
 
 def _hover(s: NoseModel, dt: float) -> model.Hover:
@@ -207,6 +195,16 @@ def _noise(s: NoseModel, dt: float) -> model.Noise:
     broad[:2, A] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
     broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
     return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new)
+
+
+def supposed(settings: NoseModel, size: Size | None, wind: Wind | None) -> NoseModel:
+    """What is assumed, with the size and the wind as they are known now."""
+    if size is not None:
+        settings = settings._replace(size=size.value, size_sigma=size.sigma)
+    if wind is not None:
+        north, east, _ = wind.velocity.tolist()
+        settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
+    return settings
 
 
 def predicted(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Array, Array]:
@@ -274,17 +272,9 @@ def _resampled(cloud: Cloud, k: int) -> Cloud:
     """k particles, drawn by their weights, which become alike: systematic resampling."""
     at = (np.arange(k) + uniform(cloud.draws, 1)[0]) / k
     chosen = np.minimum(np.searchsorted(np.cumsum(np.exp(cloud.log_weights)), at), len(cloud.noses) - 1)
-    noses, rates, regimes, means, P = (array[chosen] for array in cloud[:5])
-    return cloud._replace(
-        noses=noses,
-        rates=rates,
-        regimes=regimes,
-        means=means,
-        covariances=P,
-        intensities=cloud.intensities[chosen],
-        log_weights=np.full(len(chosen), -math.log(len(chosen))),
-        draws=cloud.draws + 1,
-    )
+    noses, rates, regimes, means, P, intensities = (array[chosen] for array in cloud[:ARRAYS])
+    log_weights = np.full(k, -math.log(k))
+    return Cloud(noses, rates, regimes, means, P, intensities, log_weights, cloud.draws + 1, *cloud[8:])
 
 
 def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:
