@@ -37,6 +37,9 @@ MOST_KEPT: Final = 256  # ways between two times, kept for the next target
 STATUS_NS: Final = 5_000_000_000  # the autopilot's report on its filter holds for so long after its arrival
 UNKNOWN: Final = np.array([math.nan, math.nan, 0.0])  # added to a position that is known in height only
 NO_NOISE: Final = (0.0, 0.0, 0.0)
+# rad: white noise of the first attitudes, of which none is measured yet. A quiet autopilot has a tenth of it; a
+# track that begins with images taken for exact begins with a velocity of 19 m/s that nobody flies.
+UNMEASURED: Final = (math.radians(1.5),) * 3
 ANOTHER_SPEED: Final = 1.0  # m/s; velocities of two sources that differ more are of two motions
 FALLBACK_NS: Final = 1_000_000_000  # GLOBAL_POSITION_INT serves once LOCAL_POSITION_NED is this long silent
 
@@ -199,7 +202,7 @@ class Ownship:
         compared = Comparison(apart, sigma, noise, ANOTHER_WAY)
         weight, correction = self._source_of_attitude.correction(t_ns, compared)
         x, y, z = [
-            math.hypot((1.0 - weight) * a, weight * b) for a, b in zip(noise or NO_NOISE, sigma, strict=True)
+            math.hypot((1.0 - weight) * a, weight * b) for a, b in zip(noise or UNMEASURED, sigma, strict=True)
         ]
         if weight == 0.0:
             return stated._replace(noise=(x, y, z))

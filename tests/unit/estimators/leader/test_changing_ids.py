@@ -1,5 +1,6 @@
 """A detector whose ids change: that costs a name, not the track. And two boxes of one aircraft."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -57,20 +58,25 @@ def test_an_aircraft_that_comes_beside_another_takes_no_track() -> None:
     assert of(run, "id/2")[-1].valid
 
 
-@pytest.mark.parametrize("apart", [2e-4, 1e-3, 5e-3])
-def test_two_boxes_of_one_aircraft_cost_it_nothing(apart: float) -> None:
-    rng = np.random.default_rng(1)
+@pytest.mark.parametrize(("apart", "seeds"), [(2e-4, 1), (1e-3, 1), (5e-3, 4)])
+def test_two_boxes_of_one_aircraft_cost_it_no_validity(apart: float, seeds: int) -> None:
+    """Boxes that are 3 px apart are images of 3 px of noise: they cost sharpness, and the covariance knows."""
+    for seed in range(1, 1 + seeds):
+        rng = np.random.default_rng(seed)
 
-    def twice(m: TargetPoints) -> list[TargetPoints]:
-        center, left, right = (
-            tuple((np.array(p) + apart * rng.normal(size=2)).tolist()) for p in (m.center, m.left, m.right)
-        )
-        plain = replace(m, target="")
-        return [plain, replace(plain, center=center, left=left, right=right)]
+        def twice(m: TargetPoints, rng: np.random.Generator = rng) -> list[TargetPoints]:
+            center, left, right = (
+                tuple((np.array(p) + apart * rng.normal(size=2)).tolist()) for p in (m.center, m.left, m.right)
+            )
+            plain = replace(m, target="")
+            return [plain, replace(plain, center=center, left=left, right=right)]
 
-    leader = [e for e in of(flown(twice), "leader") if e.t_ns > 6 * S]
-    assert len(leader) > 250
-    assert all(e.valid and position_error(e) < 1.2 for e in leader)
+        leader = [e for e in of(flown(twice), "leader") if e.t_ns > 6 * S]
+        assert len(leader) > 250
+        for e in leader:
+            sigma = math.sqrt(np.linalg.eigvalsh(np.array(e.covariance)[:3, :3])[-1])
+            assert e.valid
+            assert position_error(e) < (1.2 if apart < 5e-3 else 3.0 * sigma)
 
 
 def test_the_flight_as_it_is() -> None:
