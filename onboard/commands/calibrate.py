@@ -12,11 +12,11 @@ from onboard.arrays import Array
 from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.commands.calibration import CALM, Calibration, Images, OwnMotion, calibrate
 from onboard.commands.files import check_targets
-from onboard.commands.log_replay import check_log, read_log
+from onboard.commands.log_replay import check_log, read_flight
 from onboard.config import Config, load_config
 from onboard.errors import UserError
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
-from onboard.messages import Datagram, OwnPose, TargetPoints
+from onboard.messages import Datagram, Message, OwnPose, TargetPoints
 from onboard.pipeline import Pipeline
 from onboard.wire.tlog import NotALogError
 
@@ -65,8 +65,8 @@ def collect(log: Path, config: Config) -> tuple[Images, OwnMotion]:
         raise UserError(f"camera {camera.name} is on a gimbal: calibrate it held still, without `gimbal`")
     names = {other.name for other in camera.others}
     try:
-        for item, _ in read_log(log):
-            if item is None:
+        for item, _ in read_flight(log, pipeline):
+            if not isinstance(item, Datagram | Message):
                 continue
             messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
             poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose) and o.r_OF_n[0] is not None]

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.commands.airframe_calibration import AirframeFit, Flight, Found, Known, fit_airframe
-from onboard.commands.log_replay import read_log
+from onboard.commands.log_replay import read_flight
 from onboard.config import Config
 from onboard.errors import UserError
 from onboard.geometry.rotations import matrix_from_quaternion
@@ -87,8 +87,8 @@ def _aligned(log: Path, config: Config, until: float | None) -> tuple[list[Messa
     poses: list[OwnPose] = []
     found: list[Message] = []
     try:
-        for item, _ in read_log(log):
-            if item is None:
+        for item, _ in read_flight(log, pipeline):
+            if not isinstance(item, Datagram | Message):
                 continue
             messages = pipeline.decode(item) if isinstance(item, Datagram) else [item]
             poses += [o for o in pipeline.advance(messages) if isinstance(o, OwnPose)]

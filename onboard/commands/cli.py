@@ -23,6 +23,10 @@ from onboard.errors import UserError
 
 USER_ERROR: Final = 2
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
+LOGS: Final = (
+    ".tlog, ArduPilot .bin, PX4 .ulg, .mcap recorded by `onboard run`, or a folder with one of them and a "
+    "detector's .jsonl"
+)
 MOST_SEEDS: Final = 1_000_000
 DISK_FAULTS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 NO_CACHE: Final = "cannot cache function"
@@ -125,18 +129,22 @@ def _add_demo(demo: argparse.ArgumentParser) -> None:
 
 
 def _add_replay(replay: argparse.ArgumentParser) -> None:
-    replay.add_argument("log", type=Path, help=".tlog, PX4 .ulg, or .mcap recorded by `onboard run`")
+    replay.add_argument("log", type=Path, help=LOGS)
     replay.add_argument("--out", type=Path, metavar="FILE.csv", help="one row per estimate; columns carry units")
     replay.add_argument("--own", type=Path, metavar="FILE.csv", help="the same of [estimator.own_state]")
     replay.add_argument("--config", type=Path, metavar="C", help="TOML file")
     replay.add_argument("--truth", type=Path, metavar="FILE.csv[.gz]", help="score against it")
     replay.add_argument("--json", type=Path, metavar="FILE", help="write the summary's numbers here as well")
     replay.add_argument("--rrd", type=Path, metavar="FILE.rrd", help="write the view as a Rerun recording")
+    compared = (
+        "beside it: flown (the recording's own estimates), paper, a filter's name, or [NAME:]KEY=VALUE[;...]"
+    )
+    replay.add_argument("--compare", nargs="+", default=[], metavar="FILTER", help=compared)
     _add_set(replay)
 
 
 def _add_calibrate(calibrate: argparse.ArgumentParser) -> None:
-    calibrate.add_argument("log", type=Path, help=".tlog, PX4 .ulg, or .mcap recorded by `onboard run`")
+    calibrate.add_argument("log", type=Path, help=LOGS)
     calibrate.add_argument("--config", type=Path, metavar="C", help="TOML file that was flown with")
     calibrate.add_argument("--svg", type=Path, metavar="FILE.svg", help="draw the residuals")
     airframe = calibrate.add_argument_group("the airframe, instead of the camera")

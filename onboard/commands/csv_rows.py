@@ -11,6 +11,7 @@ from onboard.models import relative_motion
 from onboard.models.own_motion import COMPONENTS as OWN_COMPONENTS
 from onboard.models.own_motion import UNITS as OWN_UNITS
 
+OWN_STATE: Final = "own_state"  # not that of another configuration which flew beside
 UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad", "rad/s": "rad_s"}
 
 
@@ -40,7 +41,7 @@ class OwnCsvWriter:
 
     def write(self, state: Output) -> None:
         """Append a state's row; other records have none."""
-        if not isinstance(state, NavState):
+        if not isinstance(state, NavState) or state.name != OWN_STATE:
             return
         q = [f"{x:.9f}" for x in state.q_nb] if state.valid and state.q_nb else [""] * 4
         switched = "" if state.switch_fraction is None else f"{state.switch_fraction:.4f}"

@@ -39,6 +39,7 @@ REPLAY: Final = """\
 examples:
   onboard replay flight.tlog --out estimates.csv --set camera.mount_rpy_deg=[0,15,0]
   onboard replay flight.mcap --config companion.toml --rrd flight.rrd
+  onboard replay flights/monday --compare paper wing-line      a folder with 00000042.BIN and detections.jsonl
   simlink log formation --out f.tlog --truth f.csv && simlink config formation > f.toml &&
       onboard replay f.tlog --config f.toml --truth f.csv
 """

@@ -3,20 +3,25 @@
 Time is the recording's own, so nothing here depends on when or how fast it is replayed.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from msgspec.structs import replace
+
+from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
 from onboard.config import Config
 from onboard.errors import UserError
 from onboard.messages import Datagram, Estimate, Health, Message, NavState, Output
 from onboard.pipeline import Pipeline
 from onboard.scoring.beside import judged
-from onboard.wire import ulog
-from onboard.wire.recording import is_recording, read_recording
+from onboard.wire import dataflash, ulog
+from onboard.wire.recording import is_recording, read_flown, read_recording
 from onboard.wire.tlog import NotALogError, read_tlog
 
 PROGRESS_EVERY: Final = 2000
+FLOWN: Final = "flown"
+ALONE: Final[Mapping[str, Config]] = {}
 
 
 class ReplayError(UserError, ValueError):
@@ -45,15 +50,19 @@ def replay(
     take: Callable[[Output], None] = lambda _: None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
     keep: bool = True,
+    others: Mapping[str, Config] = ALONE,
 ) -> Replayed:
-    """Feed a log through a pipeline. `take` sees each output in order; `progress` gets bytes done and in all.
-    Without `keep`, the result holds no estimates: an hour of them would be gigabytes.
+    """Feed a log, or a flight's folder, through a pipeline. `take` sees each output in order; `progress` gets
+    bytes done and in all. Without `keep`, the result holds no estimates: an hour of them would be gigabytes.
+
+    `others`: further configurations that get the same bytes, by the names that their estimates then have. That of
+    FLOWN gives way to the estimates of the recording itself.
 
     Raises ReplayError.
     """
     pipeline = Pipeline(config)
-    estimates: dict[str, list[Estimate]] = {}
-    own_states: list[NavState] = []
+    beside = {name: Pipeline(other) for name, other in others.items() if name != FLOWN}
+    results = Results(take, keep)
     total = _size(log)
     count = damaged = first = last = lost = 0
 
@@ -63,19 +72,16 @@ def replay(
         pipeline.refuse(log.name, reason, last)
 
     try:
-        for item, done in read_log(log, lose):
+        for item, done in read_flight(log, pipeline, lose, flown=FLOWN in others):
             if item is None:
                 damaged += 1
                 continue
-            outputs = pipeline.feed(item) if isinstance(item, Datagram) else pipeline.advance([item])
-            for output in outputs:
-                take(output)
-                if not keep:
-                    continue
-                if isinstance(output, NavState):
-                    own_states.append(output)
-                elif isinstance(output, Estimate) and output.is_primary:
-                    estimates.setdefault(output.name, []).append(output)
+            if isinstance(item, Estimate):
+                results.add([item], FLOWN)
+                continue
+            results.add(_fed(pipeline, item))
+            for name, other in beside.items():
+                results.add(_fed(other, item), name)
             first = first or item.t_recv_ns
             last = max(last, item.t_recv_ns)
             count += 1
@@ -85,15 +91,81 @@ def replay(
         raise ReplayError(f"{log}: {error}") from error
     progress(total, total)
     health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
-    main, seconds = estimates.pop(judged(estimates), []), (last - first) * 1e-9
-    return Replayed(main, health, count, damaged + lost, seconds, own_states, end, estimates)
+    main = results.estimates.pop(judged(results.estimates), [])
+    seconds = (last - first) * 1e-9
+    return Replayed(main, health, count, damaged + lost, seconds, results.own_states, end, results.estimates)
+
+
+class Results:
+    """What pipelines have made, in order: to `take`, and kept if wanted. Those of another configuration than the
+    flight's go by its name."""
+
+    def __init__(self, take: Callable[[Output], None], keep: bool) -> None:
+        self._take, self._keep = take, keep
+        self.estimates: dict[str, list[Estimate]] = {}
+        self.own_states: list[NavState] = []
+
+    def add(self, outputs: Iterable[Output], name: str = "") -> None:
+        """The next outputs, of the configuration of this name."""
+        for made in outputs:
+            output = _renamed(made, name) if name else made
+            if output is None:
+                continue
+            self._take(output)
+            if not self._keep:
+                continue
+            if isinstance(output, NavState):
+                self.own_states += [] if name else [output]
+            elif isinstance(output, Estimate) and output.is_primary:
+                self.estimates.setdefault(output.name, []).append(output)
+
+
+def _renamed(output: Output, name: str) -> Estimate | None:
+    """An estimate of the leader or of our own state under another configuration's name; nothing else is
+    compared."""
+    if not isinstance(output, Estimate) or not output.is_primary:
+        return None
+    return replace(output, name=name, target=name)
+
+
+def _fed(pipeline: Pipeline, item: Datagram | Message) -> list[Output]:
+    return pipeline.feed(item) if isinstance(item, Datagram) else pipeline.advance([item])
+
+
+def read_flight(
+    log: Path, pipeline: Pipeline, lose: Callable[[str], None] = lambda _: None, *, flown: bool = False
+) -> Iterator[tuple[Datagram | Message | Estimate | None, int]]:
+    """What `read_log` gives of a log; of a flight's folder, the detectors' documents among it. A document follows
+    when `pipeline`, which must have been fed all before, has reached its time; one later than the log is refused.
+
+    Raises ReplayError, NotALogError.
+    """
+    flight = flight_of(log)
+    documents = [Documents(path) for path in flight.detections]
+    last = 0
+    for item, done in read_log(flight.log, lose, flown=flown):
+        yield item, done
+        if isinstance(item, Datagram | Message):
+            last = max(last, item.t_recv_ns)
+            for each in documents:
+                yield from ((document, done) for document in each.due(last, pipeline.ownship.now_ns))
+    for each in documents:
+        if reason := each.rest():
+            pipeline.refuse(each.name, reason, last)
+
+
+def flight_of(log: Path) -> FlightFolder:
+    """The files of a flight's folder, or of a log alone. Raises UserError."""
+    return flight_folder(log) if log.is_dir() else FlightFolder(log, (), None, None)
 
 
 def check_log(log: Path) -> None:
     """Raise ReplayError for what is no log, before anything is written for it."""
+    log = flight_of(log).log
     try:
         items = read_log(log)
-        empty = log.suffix != ".ulg" and all(item is None for item, _ in items)  # a ULog is parsed as a whole
+        is_whole = log.suffix.lower() in (".ulg", ".bin")  # which are parsed as a whole
+        empty = not is_whole and all(item is None for item, _ in items)
     except (NotALogError, OSError) as error:
         raise ReplayError(f"{log}: {error}") from error
     if empty:
@@ -101,10 +173,11 @@ def check_log(log: Path) -> None:
 
 
 def read_log(
-    log: Path, lose: Callable[[str], None] = lambda _: None
-) -> Iterator[tuple[Datagram | Message | None, int]]:
-    """What a log holds, with the bytes read so far: the datagrams of a .tlog or a recording of ours, the messages
-    of a ULog; None for damage. `lose` is called with the reason for each row of a ULog that cannot be used.
+    log: Path, lose: Callable[[str], None] = lambda _: None, *, flown: bool = False
+) -> Iterator[tuple[Datagram | Message | Estimate | None, int]]:
+    """What a log holds, with the bytes read so far: the datagrams of a .tlog or a recording of ours, with `flown`
+    also the estimates in it; the messages of a ULog or a DataFlash log; None for damage. `lose` is called with the
+    reason for each row of a log that cannot be used.
 
     Raises ReplayError, NotALogError.
     """
@@ -113,8 +186,10 @@ def read_log(
             head = file.read(16)
         if head.startswith(ulog.MAGIC):
             return ((message, 0) for message in ulog.read_ulog(log, lose))
+        if head.startswith(dataflash.MAGIC):
+            return dataflash.read_dataflash(log, lose)
         if is_recording(log):
-            return read_recording(log)
+            return read_flown(log) if flown else read_recording(log)
         data = log.read_bytes()
     except OSError as error:
         raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error
@@ -125,6 +200,6 @@ def read_log(
 
 def _size(log: Path) -> int:
     try:
-        return log.stat().st_size
+        return flight_of(log).log.stat().st_size
     except OSError as error:
         raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error

@@ -1,32 +1,47 @@
 """`onboard replay`: a log through the pipeline, and a scorecard."""
 
 import argparse
-from collections.abc import Callable
+from collections import defaultdict
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 from rich.console import Console
 
+from onboard.commands.compare import print_comparison, variants
 from onboard.commands.csv_rows import CsvWriter, OwnCsvWriter
 from onboard.commands.files import check_targets, write_json
-from onboard.commands.log_replay import Replayed, check_log, replay
+from onboard.commands.log_replay import ALONE, Replayed, check_log, flight_of, replay
 from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
 from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output
-from onboard.scoring.beside import LeaderScorers
+from onboard.scoring.beside import LeaderScorers, judged
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_csv
 from onboard.scoring.scorecard import OwnStateSummary, explain_bounds, print_health, print_leader_score
+
+OWN_STATE: Final = "own_state"
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Replay a log. Raises UserError."""
     a = arguments
-    config = load_config(a.config, tuple(a.set))
-    return replay_log(a.log, config, out=a.out, truth=a.truth, json_file=a.json, rrd=a.rrd, own=a.own)
+    check_log(a.log)
+    flight = flight_of(a.log)
+    path, sets = a.config or flight.config, tuple(a.set)
+    return replay_log(
+        a.log,
+        load_config(path, sets),
+        out=a.out,
+        truth=a.truth or flight.truth,
+        json_file=a.json,
+        rrd=a.rrd,
+        own=a.own,
+        others=variants(a.compare, path, sets),
+    )
 
 
 def replay_log(
@@ -38,20 +53,22 @@ def replay_log(
     json_file: Path | None,
     rrd: Path | None,
     own: Path | None = None,
+    others: Mapping[str, Config] = ALONE,
 ) -> int:
     """`onboard replay`: a log through the pipeline; rows to `out`, of our own state to `own`, the view to `rrd`, a
-    summary to the screen."""
+    summary to the screen. `others` fly beside, see `log_replay.replay`: the view, the table and `out` have their
+    estimates of the leader, too."""
     reference = reference_from_csv(truth) if truth is not None else None
     check_log(log)
     check_targets(out, json_file, rrd, own, inputs=(log, truth))
+    scorers, own_summaries = LeaderScorers(reference), defaultdict[str, OwnStateSummary](OwnStateSummary)
     with ExitStack() as stack:
-        scorers, own_summary = LeaderScorers(reference), OwnStateSummary()
-        takers: list[Callable[[Any], None]] = [lambda output: _score(output, scorers, own_summary)]
+        takers: list[Callable[[Any], None]] = [lambda output: _score(output, scorers, own_summaries)]
         if rrd is not None:
             from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
 
             view = stack.enter_context(View(camera=config.camera_model(), rotors=config.rotors(), rrd=rrd))
-            takers.append(view.show)
+            takers.append(lambda output: view.show(output) if _is_drawn(output) else None)
         for path, writer in ((out, CsvWriter), (own, OwnCsvWriter)):
             if path is None:
                 continue
@@ -67,9 +84,22 @@ def replay_log(
             take=lambda record: _each(takers, record),
             progress=lambda done, total: bar.update(task, completed=done, total=total),
             keep=False,
+            others=others,
         )
     result, beside = scorers.scores(replayed.end)
-    _print_replay(log, replayed, result, beside, own_summary, out, own, rrd)
+    console = Console()
+    _print_replay(console, log, replayed, result)
+    if others:
+        print_comparison(console, {judged(config.estimator): result, **beside}, own_summaries)
+    else:
+        print_leader_score(console, "leader relative to follower, NED", result)
+        for name, score in beside.items():
+            print_leader_score(console, f"beside it: {name}", score)
+        own_summaries[OWN_STATE].print(console)
+    explain_bounds(console)
+    for path in (out, own, rrd):
+        if path is not None:
+            console.print(f"written: {path}", highlight=False, soft_wrap=True)
     if json_file is not None:
         write_json(json_file, replay_numbers(replayed, result, beside))
     return 0
@@ -84,22 +114,19 @@ def replay_numbers(replayed: Replayed, result: LeaderScore, beside: dict[str, Le
     return {**numbers, "beside": msgspec.to_builtins(beside), "log": log, "health": health}
 
 
-def _score(output: Output, scorers: LeaderScorers, own_summary: OwnStateSummary) -> None:
+def _score(output: Output, scorers: LeaderScorers, own_summaries: defaultdict[str, OwnStateSummary]) -> None:
     if isinstance(output, NavState):
-        own_summary.add(output)
+        own_summaries[output.name].add(output)
     elif isinstance(output, Estimate):
         scorers.add(output)
 
 
-def _print_replay(
-    log: Path,
-    replayed: Replayed,
-    result: LeaderScore,
-    beside: dict[str, LeaderScore],
-    own_summary: OwnStateSummary,
-    *written: Path | None,
-) -> None:
-    console = Console()
+def _is_drawn(output: Output) -> bool:
+    """Our own state is drawn once, as the flight's own configuration has it."""
+    return not isinstance(output, NavState) or output.name == OWN_STATE
+
+
+def _print_replay(console: Console, log: Path, replayed: Replayed, result: LeaderScore) -> None:
     damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
     console.print(
         f"{log}: {replayed.duration:.1f} s, {replayed.records} records{damage}",
@@ -107,16 +134,10 @@ def _print_replay(
         soft_wrap=True,
     )
     print_health(console, replayed.health)
+    for refusal in replayed.health.refusals:
+        console.print(f"  {refusal.count} of {refusal.source}: {refusal.reason}", highlight=False, soft_wrap=True)
     if not result.verdicts:
         console.print("no camera points in this log: nothing to estimate the leader from", highlight=False)
-    print_leader_score(console, "leader relative to follower, NED", result)
-    for name, score in beside.items():
-        print_leader_score(console, f"beside it: {name}", score)
-    explain_bounds(console)
-    own_summary.print(console)
-    for path in written:
-        if path is not None:
-            console.print(f"written: {path}", highlight=False, soft_wrap=True)
 
 
 def _each(takers: list[Callable[[Any], None]], record: Any) -> None:

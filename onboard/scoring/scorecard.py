@@ -104,13 +104,26 @@ class OwnStateSummary:
         for fault in state.faults:
             self._faults[fault.kind, fault.part, fault.t_onset_ns] = fault
 
+    def figures(self) -> dict[str, str]:
+        """Its figures by their names; none without a state."""
+        if not self._states:
+            return {}
+        ratio = f"{self._ratio / self._ratios:.2f}" if self._ratios else "none"
+        named = [f"{f.kind} {f.part}".strip() for f in self._faults.values()]
+        return {
+            "states": f"{self._states} ({self._valid} valid)",
+            "NIS, of its expectation": ratio,
+            "begun anew": str(self._resets),
+            "faults": ", ".join(dict.fromkeys(named)) or "none",
+        }
+
     def print(self, console: Console) -> None:
         """Print it, if there was any state."""
         if not self._states:
             return
-        ratio = f"NIS {self._ratio / self._ratios:.2f} of its expectation" if self._ratios else "no NIS"
-        text = f"own state: {self._states} ({self._valid} valid), {ratio}, begun anew {self._resets} times"
-        console.print(text, highlight=False)
+        figures = self.figures()
+        text = ", ".join(f"{name}: {value}" for name, value in figures.items() if name != "faults")
+        console.print(f"own state: {text}", highlight=False)
         for f in sorted(self._faults.values(), key=lambda f: f.t_onset_ns):
             name = f"{f.kind} {f.part}".strip()
             console.print(f"  {f.t_onset_ns * 1e-9:.2f} s: {name}, {f.magnitude:.2f} {f.unit}", highlight=False)

@@ -171,9 +171,9 @@ def _highres_imu(f: Fields, h: Header) -> Message:
     return Imu(**h, f_b=f[1:4], omega_b=f[4:7], pressure_altitude=altitude)
 
 
-def _scaled_pressure(f: Fields, h: Header) -> Message:
+def barometer(h: Header, pressure_hpa: float) -> Barometer:
     """The troposphere of the ISO standard atmosphere (ISO 2533); NaN for a pressure that is not positive."""
-    ratio = f[1] / SEA_LEVEL_HPA
+    ratio = pressure_hpa / SEA_LEVEL_HPA
     altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
     return Barometer(**h, pressure_altitude=altitude)
 
@@ -279,7 +279,7 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "HIGHRES_IMU": (Layout("<Q13fHB", usec=0), _highres_imu),
     "SCALED_IMU": (Layout("<I10h", boot_ms=0), _scaled_imu),
     "RAW_IMU": (Layout("<Q9hBh", usec=0), _scaled_imu),
-    "SCALED_PRESSURE": (Layout("<I2f2h", boot_ms=0), _scaled_pressure),
+    "SCALED_PRESSURE": (Layout("<I2f2h", boot_ms=0), lambda f, h: barometer(h, f[1])),
     "SERVO_OUTPUT_RAW": (Layout("<I8HB8H", usec=0), _servo_output),
     "SYS_STATUS": (Layout("<3I2Hh6Hb3I"), lambda f, h: _battery(f[4], h)),
     "BATTERY_STATUS": (Layout("<2ih10Hh3BbiB4HBI"), _battery_status),

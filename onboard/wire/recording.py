@@ -7,7 +7,8 @@ published records; its topic is the key they were published on.
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,13 +17,14 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Chunk, Footer, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 
-from onboard.messages import Datagram, Encoding, Estimate
+from onboard.messages import Datagram, Encoding, Estimate, NavState
 from onboard.wire.tlog import NotALogError
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 JSON: Final = "json"
 LARGEST_RECORD: Final = 256 << 20  # bytes; a length beyond this is damage, not data
 DAMAGE: Final = (McapError, ValueError, OverflowError, MemoryError, struct.error)
+MADE: Final[Mapping[str, type[Estimate]]] = {"estimate": Estimate, "own_state": NavState}
 ENCODINGS: Final = {encoding.value: encoding for encoding in Encoding}
 
 
@@ -38,7 +40,19 @@ def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
 
     Raises NotALogError at once when the file is not an MCAP file, OSError when it cannot be read.
     """
+    return ((item, at) for item, at in read_flown(path, {}) if not isinstance(item, Estimate))
+
+
+def read_flown(
+    path: Path, made: Mapping[str, type[Estimate]] = MADE
+) -> Iterator[tuple[Datagram | Estimate | None, int]]:
+    """As `read_recording`, with the estimates among the datagrams that they were made of: those whose keys begin
+    as in `made`, of these records. One of another version of its record is left out.
+
+    Raises NotALogError at once when the file is not an MCAP file, OSError when it cannot be read.
+    """
     lost = False
+    decoders = {begin: msgspec.json.Decoder(record) for begin, record in made.items()}
     for item, at in _read(path):
         if item is None:
             if not lost:
@@ -50,6 +64,9 @@ def read_recording(path: Path) -> Iterator[tuple[Datagram | None, int]]:
         encoding = ENCODINGS.get(channel.message_encoding)
         if encoding is not None:
             yield _datagram(channel, encoding, message), at
+        elif (decoder := decoders.get(channel.topic.partition("/")[0])) is not None:
+            with suppress(msgspec.DecodeError):
+                yield decoder.decode(message.data), at
 
 
 def read_messages(path: Path) -> Iterator[tuple[Any, Any, Any] | None]:

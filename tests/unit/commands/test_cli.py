@@ -109,7 +109,7 @@ MISTAKES: list[tuple[tuple[str, ...], tuple[str, ...]]] = [
     (("run", "--set", "zenoh.enabled=false", "--set", "recorder.path='words.txt/f.mcap'"), ("words.txt/f.mcap",)),
     # logs
     (("replay", "no-such.tlog"), ("no-such.tlog", "No such file")),
-    (("replay", "folder"), ("folder", "directory")),
+    (("replay", "folder"), ("folder", "expected one log", "none")),
     (("replay", "empty.tlog"), ("empty.tlog is empty",)),
     (("replay", "photo.jpg"), ("photo.jpg", "no .tlog")),
     (("replay", "words.txt"), ("words.txt", "no .tlog")),

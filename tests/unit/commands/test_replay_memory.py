@@ -24,7 +24,7 @@ def kept(seconds: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> int
     (tmp_path / "flight").write_bytes(b"a log")
     datagrams = Stream(flight=NEAR, t1=5.0 + seconds).datagrams()
 
-    def read_log(_: Path, *_more: object) -> Iterator[tuple[object, int]]:
+    def read_log(_: Path, *_more: object, **_options: object) -> Iterator[tuple[object, int]]:
         return ((d, 0) for d in datagrams)
 
     monkeypatch.setattr(log_replay, "read_log", read_log)

@@ -1,0 +1,260 @@
+"""ArduPilot's DataFlash log (.bin) -> records of our vehicle, from the autopilot's own log. It never holds camera
+points.
+
+Stamps are the autopilot's boot clock. Arrivals are the same times on the Unix clock, as the GPS has it at its
+first 3-D fix (some 0.1 to 0.2 s late), so that images with Unix times can be matched; without a fix, on the
+boot clock.
+"""
+
+import io
+import math
+import struct
+from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from typing import Any, Final
+
+from onboard.geometry.rotations import quaternion_from_euler
+from onboard.messages import (
+    ActuatorOutputs,
+    Attitude,
+    Battery,
+    Clock,
+    EstimatorStatus,
+    GlobalOrigin,
+    GpsFix,
+    Heartbeat,
+    Imu,
+    LocalPosition,
+    Message,
+)
+from onboard.messages.base import Vec3
+from onboard.wire.mavlink_records import POS_HORIZ_ABS, POS_HORIZ_REL, VELOCITY_HORIZ, barometer
+from onboard.wire.tlog import NotALogError
+
+MAGIC: Final = b"\xa3\x95"
+ARDUPILOT: Final = 3
+ACTIVE: Final = 4
+FIX_3D: Final = 3
+GPS_EPOCH_S: Final = 315_964_800  # 6 January 1980, Unix time
+LEAP_S: Final = 18  # GPS time is ahead of UTC by so much, since 2017
+WEEK_S: Final = 604_800
+LATEST_US: Final = 2**53  # 285 years after boot
+UNREADABLE: Final = (
+    *(TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError, AssertionError),
+    *(OverflowError, MemoryError, RecursionError, struct.error),
+)
+INSTANCES: Final = ("I", "C", "Inst", "Instance")  # the field that numbers a row's sensor or core
+KINDS: Final = ("ATT", "IMU", "XKF1", "NKF1", "XKF4", "NKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU", "BAT")
+Lose = Callable[[str], None]
+Header = dict[str, Any]
+
+
+def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Message, int]]:
+    """(message, bytes of the file consumed so far) in the order of the log, after one heartbeat that names the
+    vehicle type. Of each sensor it is the first instance; of the EKF, the primary core.
+
+    A row that cannot be used is left out; `lose` is called with the reason. Raises NotALogError when the log
+    cannot be read.
+    """
+    from pymavlink import DFReader  # noqa: PLC0415 - a flight never needs it
+
+    log: Any = None
+    try:
+        with _quiet():
+            log = DFReader.DFReader_binary(str(path))
+            if "ATT" not in log.name_to_id:
+                raise NotALogError("this DataFlash log holds no attitude (ATT)")
+            for _ in _rows(log, ("PARM", "MSG"), lambda _: None):
+                pass  # which fills in the log's parameters and the vehicle's type
+            offset_ns = _unix_offset_ns(log)
+        yield from _messages(log, offset_ns, lose)
+    except UNREADABLE as error:
+        if isinstance(error, NotALogError):
+            raise
+        raise NotALogError(f"this DataFlash log cannot be read: {error}") from error
+    finally:
+        if log is not None:
+            log.close()
+
+
+def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, int]]:
+    system = int(log.params.get("SYSID_THISMAV", log.params.get("MAV_SYSID", 1)))
+    system = system if 0 < system < 256 else 1
+    converter = _Converter()
+    is_first = True
+    for row in _rows(log, (), lose):
+        if row.get_type() not in KINDS:
+            continue
+        try:
+            header = _header(row, system, offset_ns)
+            message = converter.convert(row, header)
+        except UNREADABLE as error:
+            lose(f"{row.get_type()}: {error}")
+            continue
+        if message is None:
+            continue
+        if is_first:
+            named = {**header, "vehicle_type": int(log.mav_type)}
+            yield Heartbeat(**named, autopilot=ARDUPILOT, armed=False, status=ACTIVE), log.offset
+            is_first = False
+        yield message, log.offset
+
+
+class _Converter:
+    """Rows -> messages. Rows that are wanted with others are kept until then: body rates with the attitude,
+    accuracies with the fix, which core is the primary one."""
+
+    def __init__(self) -> None:
+        self._rates: Vec3 = (0.0, 0.0, 0.0)
+        self._accuracy: tuple[float, float] | None = None
+        self._core = 0
+
+    def convert(self, row: Any, header: Header) -> Message | None:
+        """The message of a row; None for one that has none, or is of another sensor."""
+        kind = row.get_type()
+        if kind in ("XKF4", "NKF4"):
+            self._core = int(row.PI)
+        if _instance(row) != (self._core if kind[1:3] == "KF" else 0):
+            return None
+        if kind == "GPA":
+            self._accuracy = (row.HAcc, row.VAcc)
+        elif kind == "IMU":
+            self._rates = _finite(row, "GyrX", "GyrY", "GyrZ")
+            return Imu(**header, f_b=_finite(row, "AccX", "AccY", "AccZ"), omega_b=self._rates)
+        elif kind == "ATT":
+            angles = (math.radians(angle) for angle in _finite(row, "Roll", "Pitch", "Yaw"))
+            w, x, y, z = quaternion_from_euler(*angles).tolist()
+            return Attitude(**header, q_nb=(w, x, y, z), omega_b=self._rates)
+        elif kind == "GPS":
+            return self._fix(row, header)
+        elif (convert := CONVERT.get(kind)) is not None:
+            return convert(row, header)
+        return None
+
+    def _fix(self, row: Any, header: Header) -> Message:
+        lat, lon, alt = _finite(row, "Lat", "Lng", "Alt")
+        horizontal, vertical = self._accuracy or (None, None)
+        return GpsFix(
+            **header,
+            fix_type=int(row.Status),
+            satellites=int(row.NSats),
+            lat_deg=lat,
+            lon_deg=lon,
+            alt_msl=alt,
+            ground_speed=row.Spd,
+            course_rad=math.radians(row.GCrs),
+            h_acc=horizontal,
+            v_acc=vertical,
+            v_down=row.VZ if "VZ" in row.fmt.columns else None,
+        )
+
+
+def _local_position(row: Any, header: Header) -> Message:
+    return LocalPosition(**header, r_OF_n=_finite(row, "PN", "PE", "PD"), v_F_n=_finite(row, "VN", "VE", "VD"))
+
+
+def _status(row: Any, header: Header) -> Message:
+    """The same bits as in EKF_STATUS_REPORT, but for the constant position mode, which is logged elsewhere."""
+    flags = int(row.SS)
+    return EstimatorStatus(
+        **header,
+        horizontal_velocity=bool(flags & VELOCITY_HORIZ),
+        horizontal_position=bool(flags & (POS_HORIZ_REL | POS_HORIZ_ABS)),
+    )
+
+
+def _origin(row: Any, header: Header) -> Message | None:
+    """Type 0 is the EKF's origin, 1 is home."""
+    lat, lon, alt = _finite(row, "Lat", "Lng", "Alt")
+    return GlobalOrigin(**header, lat_deg=lat, lon_deg=lon, alt_msl=alt) if int(row.Type) == 0 else None
+
+
+def _outputs(row: Any, header: Header) -> Message:
+    values = row.to_dict()
+    return ActuatorOutputs(**header, pwm_us=tuple(int(values[f"C{i}"]) for i in range(1, 17) if f"C{i}" in values))
+
+
+def _barometer(row: Any, header: Header) -> Message:
+    message = barometer(header, row.Press * 0.01)
+    if not math.isfinite(message.pressure_altitude):
+        raise ValueError(f"its pressure is {row.Press} Pa")
+    return message
+
+
+def _battery(row: Any, header: Header) -> Message | None:
+    return Battery(**header, voltage_v=row.Volt) if row.Volt > 0 else None
+
+
+CONVERT: Final[dict[str, Callable[[Any, Header], Message | None]]] = {
+    "XKF1": _local_position,
+    "NKF1": _local_position,
+    "XKF4": _status,
+    "NKF4": _status,
+    "ORGN": _origin,
+    "BARO": _barometer,
+    "RCOU": _outputs,
+    "BAT": _battery,
+}
+
+
+def _rows(log: Any, kinds: tuple[str, ...], lose: Lose) -> Iterator[Any]:
+    """The log's rows of these kinds from its begin, as far as pymavlink's index goes: to the first damage. Without
+    kinds, all rows one after the other, over damage; what pymavlink prints of it goes to `lose`."""
+    log.rewind()
+    while True:
+        with _quiet() as printed:
+            try:
+                row = log.recv_match(type={*kinds}, strict=True) if kinds else log.recv_msg()
+            except UNREADABLE as error:
+                lose(f"the log cannot be read on: {error}")
+                return
+        if printed.tell():
+            lose("bytes that are no row of the log")
+        if row is None:
+            return
+        yield row
+
+
+def _unix_offset_ns(log: Any) -> int:
+    """Unix time less boot time at the first 3-D fix; 0 without one."""
+    for row in _rows(log, ("GPS",), lambda _: None):
+        if int(row.Status) >= FIX_3D and int(row.GWk) > 0:
+            unix_ms = (GPS_EPOCH_S - LEAP_S + int(row.GWk) * WEEK_S) * 1000 + int(row.GMS)
+            return unix_ms * 1_000_000 - int(row.TimeUS) * 1000
+    return 0
+
+
+def _header(row: Any, system: int, offset_ns: int) -> Header:
+    t_us = int(row.TimeUS)
+    if not 0 <= t_us < LATEST_US:
+        raise ValueError("its time cannot be")
+    return {"t_ns": t_us * 1000, "t_recv_ns": t_us * 1000 + offset_ns, "clock": Clock.BOOT, "system": system}
+
+
+def _instance(row: Any) -> int:
+    return next((int(getattr(row, name)) for name in INSTANCES if name in row.fmt.columns), 0)
+
+
+def _finite(row: Any, *names: str) -> Vec3:
+    """Three fields. Raises ValueError for one that is no finite number."""
+    x, y, z = (float(getattr(row, name)) for name in names)
+    if not math.isfinite(x + y + z):
+        raise ValueError(f"one of {', '.join(names)} is no finite number")
+    return x, y, z
+
+
+class _quiet(redirect_stdout[io.StringIO]):  # noqa: N801 - used as a function
+    """Keeps what pymavlink prints off the screen, in the string that is entered."""
+
+    def __init__(self) -> None:
+        super().__init__(io.StringIO())
+        self._error = redirect_stderr(self._new_target)  # type: ignore[attr-defined]
+
+    def __enter__(self) -> io.StringIO:
+        self._error.__enter__()
+        return super().__enter__()
+
+    def __exit__(self, *what: Any) -> None:
+        super().__exit__(*what)
+        self._error.__exit__(*what)

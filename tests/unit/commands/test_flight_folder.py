@@ -1,0 +1,112 @@
+"""A flight's folder: the autopilot's log, and beside it the detector's documents, a line each."""
+
+import json
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pytest
+
+from onboard.commands.calibrate import collect
+from onboard.commands.cli import main
+from onboard.commands.log_replay import Replayed, replay
+from onboard.errors import UserError
+from tests.support.dataflash import BOOT_UNIX_S, dataflash
+from tests.support.streams import F_PX, Flight, make_config
+
+FLIGHT: Final = Flight(radius=None, gap=25.0)
+SECONDS: Final = 18.0
+BEGIN: Final = 5.0
+CAMERA: Final = ("camera.cx_px=320", "camera.cy_px=240", f"camera.f_px={F_PX}")
+
+
+def document(t_ns: int, clock: str, rng: np.random.Generator) -> str:
+    pixels = FLIGHT.points(t_ns * 1e-9) * F_PX + (320, 240) + rng.normal(size=(3, 2))
+    points = {
+        name: {"u_px": u, "v_px": v}
+        for name, (u, v) in zip(("center", "left", "right"), pixels.tolist(), strict=True)
+    }
+    shift = BOOT_UNIX_S * 1_000_000_000 if clock == "host" else 0
+    return json.dumps({"t_ns": t_ns + shift, "clock": clock, "detections": [{"points": points}]})
+
+
+def lines(clock: str) -> list[str]:
+    rng = np.random.default_rng(1)
+    times = range(round((BEGIN + 0.5) * 1e9), round((BEGIN + SECONDS - 0.5) * 1e9), 40_000_000)
+    return [document(t_ns, clock, rng) for t_ns in times]
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "flight.bin"
+    dataflash(FLIGHT, SECONDS, path, begin=BEGIN)
+    return path
+
+
+def folder(tmp_path: Path, log: Path, documents: list[str]) -> Path:
+    (tmp_path / "flight").mkdir()
+    (tmp_path / "flight" / log.name).write_bytes(log.read_bytes())
+    (tmp_path / "flight" / "detections.jsonl").write_text("\n".join(documents) + "\n", encoding="utf-8")
+    return tmp_path / "flight"
+
+
+def ranges(replayed: Replayed) -> list[float]:
+    last = [e.mean[:3] for e in replayed.estimates[-100:] if e.valid and e.mean is not None]
+    assert len(last) > 90
+    return [float(np.linalg.norm(r)) for r in last]
+
+
+@pytest.mark.parametrize("clock", ["boot", "host"])
+def test_detections_of_either_clock_are_fused_with_a_dataflash_log(tmp_path: Path, log: Path, clock: str) -> None:
+    replayed = replay(folder(tmp_path, log, lines(clock)), make_config(*CAMERA))
+    assert max(abs(r - 25.0) for r in ranges(replayed)) < 1.5
+    assert replayed.health.verdicts["leader.fused"] > 0.8 * len(lines(clock))
+    assert replayed.health.refusals == ()
+
+
+def test_a_broken_line_costs_that_line_and_is_named(tmp_path: Path, log: Path) -> None:
+    documents = lines("boot")
+    documents[100:100] = ['{"t_ns": 3', "", '{"detections": []}']
+    replayed = replay(folder(tmp_path, log, documents), make_config(*CAMERA))
+    assert replayed.health.verdicts["leader.fused"] > 0.8 * len(documents)
+    assert {refusal.source for refusal in replayed.health.refusals} == {"detections.jsonl"}
+    assert sum(refusal.count for refusal in replayed.health.refusals) == 2
+
+
+def test_stamps_of_the_wrong_clock_are_explained(tmp_path: Path, log: Path) -> None:
+    documents = [line.replace('"host"', '"boot"') for line in lines("host")]
+    replayed = replay(folder(tmp_path, log, documents), make_config(*CAMERA))
+    (refusal,) = replayed.health.refusals
+    assert f"{len(documents)} lines are later than the log's end" in refusal.reason
+    assert "boot is the autopilot's time since its start, host the Unix time" in refusal.reason
+
+
+def test_a_folder_s_own_configuration_and_truth_are_used(
+    tmp_path: Path, log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = folder(tmp_path, log, lines("boot"))
+    (flight / "config.toml").write_text(
+        f"[camera]\nf_px = {F_PX}\ncx_px = 320.0\ncy_px = 240.0\n[estimator.leader]\nsize_prior_m = 2.0\n",
+        encoding="utf-8",
+    )
+    rows = [f"{t:.2f},25,0,0,0,0,0,2.0" for t in np.arange(BEGIN, BEGIN + SECONDS, 0.1)]
+    head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
+    (flight / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    assert main(["replay", str(flight), "--json", str(tmp_path / "score.json")]) == 0
+    score = json.loads((tmp_path / "score.json").read_text("utf-8"))
+    assert score["range_error_rms_percent"] < 5
+    assert score["scored"] > 50
+    assert "flight" in capsys.readouterr().out
+
+
+def test_a_folder_without_one_log_is_refused(tmp_path: Path, log: Path) -> None:
+    flight = folder(tmp_path, log, [])
+    (flight / "second.tlog").write_bytes(b"")
+    with pytest.raises(UserError, match=r"expected one log .*flight.bin, second.tlog"):
+        replay(flight, make_config())
+
+
+def test_a_folder_is_calibrated_as_a_log_is(tmp_path: Path, log: Path) -> None:
+    images, own = collect(folder(tmp_path, log, lines("boot")), make_config(*CAMERA))
+    assert len(images.t) > 400
+    assert len(own.t) > 400
