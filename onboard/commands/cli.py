@@ -1,4 +1,4 @@
-"""The command line: `onboard run`, `demo`, `replay`, `calibrate`, `router`, `recover`, `view`, `study`,
+"""The command line: `onboard run`, `demo`, `replay`, `report`, `calibrate`, `router`, `recover`, `view`, `study`,
 `schema`, `compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
@@ -94,6 +94,7 @@ def parser() -> argparse.ArgumentParser:
     _add_run(add("run", "run the daemon", examples.RUN))
     _add_demo(add("demo", "simulator, daemon and view together, and a scorecard", examples.DEMO))
     _add_replay(add("replay", "a recorded flight through the same pipeline", examples.REPLAY))
+    _add_report(add("report", "a flight on one page, with a verdict", examples.REPORT))
     _add_calibrate(add("calibrate", "a camera's mount, or the airframe, from a flight", examples.CALIBRATE))
     _add_router(add("router", "let vehicles and ground stations of a fleet meet", examples.ROUTER))
     _add_recover(add("recover", "a recording of a killed daemon, for other programs' readers", examples.RECOVER))
@@ -141,6 +142,17 @@ def _add_replay(replay: argparse.ArgumentParser) -> None:
     )
     replay.add_argument("--compare", nargs="+", default=[], metavar="FILTER", help=compared)
     _add_set(replay)
+
+
+def _add_report(report: argparse.ArgumentParser) -> None:
+    report.add_argument("log", type=Path, help=LOGS)
+    report.add_argument("--config", type=Path, metavar="C", help="TOML file")
+    report.add_argument("--truth", type=Path, metavar="FILE.csv[.gz]", help="judge by it as well")
+    report.add_argument(
+        "--out", type=Path, metavar="FILE.html", help="(default: the log's name with -report.html)"
+    )
+    report.add_argument("--pdf", type=Path, metavar="FILE.pdf", help="write it as PDF as well")
+    _add_set(report)
 
 
 def _add_calibrate(calibrate: argparse.ArgumentParser) -> None:

@@ -43,6 +43,14 @@ examples:
   simlink log formation --out f.tlog --truth f.csv && simlink config formation > f.toml &&
       onboard replay f.tlog --config f.toml --truth f.csv
 """
+REPORT: Final = """\
+example:
+  onboard report flight.mcap --config companion.toml --pdf flight.pdf
+
+One HTML page that needs no other file: PASS, AMBER or FAIL with the reasons, track, range, images and their noise,
+rejected messages with times, streams, clocks, faults, configuration.
+Exit code 1: FAIL.
+"""
 CALIBRATE: Final = """\
 example:
   onboard calibrate flight.mcap --config companion.toml --svg residuals.svg

@@ -54,7 +54,7 @@ class LeaderScore(Record, frozen=True, kw_only=True):
     verdicts: dict[str, int]
 
 
-class _Errors(NamedTuple):
+class Errors(NamedTuple):
     """Errors of estimates: times (n,), norms (n,) in SI, fractions of the true range and size, the range's error
     in its sigmas, bearing errors in degrees, NEES of all components and of the position; degrees of freedom of the
     former."""
@@ -89,7 +89,7 @@ class LeaderScorer:
         self._reference, self._settle, self._piece = reference, settle, piece
         self._begin: float | None = None
         self._valid: list[Estimate] = []  # whose errors have not been computed yet
-        self._errors: list[_Errors] = []
+        self._errors: list[Errors] = []
         self._times, self._is_valid = array("d"), array("b")  # of all estimates
         self._nis: list[float] = []
         self._dof = 0
@@ -151,6 +151,11 @@ class LeaderScorer:
             verdicts=dict(self._verdicts),
         )
 
+    def errors(self) -> Errors | None:
+        """The errors of all valid estimates so far that a truth is known for; None without any."""
+        self._compute()
+        return _joined(self._errors)
+
     def _samples(self) -> Array:
         """Times (n,), s, at which there should be an estimate: those of the truth, or else of the whole flight."""
         if self._reference is not None:
@@ -173,15 +178,15 @@ class LeaderScorer:
         self._valid.clear()
 
 
-def _joined(pieces: list[_Errors]) -> _Errors | None:
+def _joined(pieces: list[Errors]) -> Errors | None:
     """The errors of all pieces in one; None without any."""
     if not pieces:
         return None
     arrays = [np.concatenate(parts) for parts in zip(*(piece[:-1] for piece in pieces), strict=True)]
-    return _Errors(*arrays, pieces[0].dof)  # type: ignore[call-arg, arg-type]  # the last field is no array
+    return Errors(*arrays, pieces[0].dof)  # type: ignore[call-arg, arg-type]  # the last field is no array
 
 
-def _since(errors: _Errors | None, begin: float) -> _Errors | None:
+def _since(errors: Errors | None, begin: float) -> Errors | None:
     """The errors from a time on; None when there are none."""
     if errors is None or not (errors.time >= begin).any():
         return None
@@ -190,8 +195,8 @@ def _since(errors: _Errors | None, begin: float) -> _Errors | None:
     return errors._replace(**arrays)
 
 
-def _errors(valid: Sequence[Estimate], reference: Reference) -> _Errors | None:
-    """_Errors against the truth interpolated at each estimate's time; None when no estimate can be judged."""
+def _errors(valid: Sequence[Estimate], reference: Reference) -> Errors | None:
+    """Errors against the truth interpolated at each estimate's time; None when no estimate can be judged."""
     times = np.array([e.t_ns * 1e-9 for e in valid])
     if not len(times) or not len(reference.time):
         return None
@@ -212,7 +217,7 @@ def _errors(valid: Sequence[Estimate], reference: Reference) -> _Errors | None:
     direction = mean[:, r] / estimated[:, None]
     sigma = np.sqrt(np.einsum("ni,nij,nj->n", direction, P[:, r, r], direction))
     cosine = np.sum(mean[:, r] * truth[:, r], axis=1) / (distance * estimated)
-    return _Errors(
+    return Errors(
         time=times[inside],
         position=np.linalg.norm(error[:, r], axis=1),
         velocity=np.linalg.norm(error[:, 3:6], axis=1),
@@ -226,13 +231,13 @@ def _errors(valid: Sequence[Estimate], reference: Reference) -> _Errors | None:
     )
 
 
-def _is_wrong(errors: _Errors) -> Array:
+def _is_wrong(errors: Errors) -> Array:
     """Whether each estimate is confidently wrong (n,)."""
     wrong = (errors.range_sigmas > WRONG_SIGMAS) & (np.abs(errors.range_fraction) > WRONG_SHARE)
     return np.asarray(wrong)
 
 
-def _diverged(errors: _Errors | None, samples: Array, available: Array) -> bool:
+def _diverged(errors: Errors | None, samples: Array, available: Array) -> bool:
     """Whether over the last seconds of the flight there was no valid estimate for more than half of the time, or
     the mean range error of those that there were is above 50 %, or their mean bearing error above 5 degrees."""
     if errors is None:

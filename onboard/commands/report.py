@@ -1,0 +1,132 @@
+"""`onboard report`: a flight on one page, with a verdict that a pilot reads in a minute."""
+
+import argparse
+import datetime
+from importlib.util import find_spec
+from pathlib import Path
+
+import msgspec
+from rich.console import Console
+
+from onboard import __version__
+from onboard.commands.files import check_targets
+from onboard.commands.log_replay import Replayed, check_log, flight_of, replay
+from onboard.commands.progress import progress_bar
+from onboard.commands.report_series import FlightSeries
+from onboard.commands.report_verdict import Grade, judge, worst
+from onboard.config import Config, load_config
+from onboard.errors import UserError
+from onboard.messages import Output
+from onboard.scoring.beside import judged
+from onboard.scoring.leader import LeaderScorer
+from onboard.scoring.reference import reference_from_csv
+
+EARLIEST_S = 1e9  # of Unix time; before it, arrivals are on a boot clock
+
+
+def main(arguments: argparse.Namespace) -> int:
+    """Replay a log and write its report; 1 for a flight that FAILs. Raises UserError."""
+    a = arguments
+    if find_spec("matplotlib") is None:
+        raise UserError("a report's figures need matplotlib: pip install 'wingline[study]'")
+    flight = flight_of(a.log)
+    config = load_config(a.config or flight.config, tuple(a.set))
+    out = a.out or Path(f"{a.log.name.partition('.')[0]}-report.html")
+    check_targets(out, a.pdf, inputs=(flight.log, a.config, a.truth))
+    check_log(a.log)
+    grade = write_report(a.log, config, out=out, pdf=a.pdf, truth=a.truth or flight.truth)
+    return 1 if grade is Grade.FAIL else 0
+
+
+def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, truth: Path | None) -> Grade:
+    """Replay a log, write the page to `out` and `pdf`, and print the verdict. Raises UserError."""
+    from onboard.commands.report_figures import figures  # noqa: PLC0415 - Matplotlib is an extra
+    from onboard.commands.report_page import Report, html, summary, write_pdf  # noqa: PLC0415
+
+    reference = reference_from_csv(truth) if truth is not None else None
+    series, scorer = FlightSeries(judged(config.estimator)), LeaderScorer(reference)
+
+    def take(output: Output) -> None:
+        series.add(output)
+        if getattr(output, "name", "") == series.estimator and getattr(output, "is_primary", False):
+            scorer.add(output)  # type: ignore[arg-type]
+
+    with progress_bar(Console(stderr=True)) as bar:
+        task = bar.add_task(f"replaying {log.name}", total=None)
+        replayed = replay(
+            log,
+            config,
+            take=take,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            keep=False,
+        )
+    checks = judge(series, scorer.score(replayed.end), replayed)
+    report = Report(
+        title=f"Flight report: {log.name}",
+        facts=_facts(log, config, replayed, truth),
+        checks=checks,
+        figures=figures(series, scorer.errors(), reference),
+        tables=_tables(series, replayed),
+        configuration=msgspec.json.format(msgspec.json.encode(config), indent=1).decode(),
+    )
+    try:
+        out.write_text(html(report), encoding="utf-8")
+        if pdf is not None:
+            write_pdf(report, pdf)
+    except OSError as error:
+        raise UserError(f"cannot write {out}: {error.strerror}") from error
+    console = Console()
+    console.print(f"{worst(checks)}: {summary(checks)}", highlight=False, soft_wrap=True)
+    for path in (out, pdf):
+        if path is not None:
+            console.print(f"written: {path}", highlight=False, soft_wrap=True)
+    return worst(checks)
+
+
+def _facts(log: Path, config: Config, replayed: Replayed, truth: Path | None) -> list[tuple[str, str]]:
+    health = replayed.health
+    end_s = health.t_recv_ns * 1e-9
+    begin = datetime.datetime.fromtimestamp(end_s - replayed.duration, datetime.UTC)
+    offset = "none" if health.clock_offset_ns is None else f"{health.clock_offset_ns * 1e-9:.3f} s ahead of it"
+    trip = "" if health.round_trip is None else f", round trip {health.round_trip * 1e3:.1f} ms"
+    return [
+        ("log", f"{log}, {replayed.records} records, {replayed.damaged} damaged"),
+        ("begin", f"{begin:%Y-%m-%d %H:%M:%S} UTC" if end_s > EARLIEST_S else "not known: no clock of the world"),
+        ("duration", f"{replayed.duration / 60:.1f} min"),
+        ("autopilot", health.autopilot),
+        ("estimators", ", ".join(config.estimator)),
+        ("clocks", f"boot clock by {health.clock_source}: ours is {offset}{trip}, rate {health.clock_rate:.4f}"),
+        ("truth", str(truth) if truth is not None else "none: only what needs no truth is judged"),
+        ("program", f"wingline {__version__}; the log was replayed with it"),
+    ]
+
+
+def _tables(series: FlightSeries, replayed: Replayed) -> dict[str, list[tuple[str, ...]]]:
+    health, seconds = replayed.health, max(replayed.duration, 1e-9)
+    rejected = sorted(series.rejected.items(), key=lambda one: -one[1].number)
+    return {
+        "Rejected images": [
+            ("verdict", "images", "first, s", "last, s"),
+            *((str(v), str(r.number), f"{r.first_s:.2f}", f"{r.last_s:.2f}") for v, r in rejected),
+        ],
+        "Refused messages": [
+            ("reason", "source", "messages", "last, s"),
+            *((r.reason, r.source, str(r.count), _boot_s(r.t_recv_ns, replayed)) for r in health.refusals),
+        ],
+        "Counted": [("what", "messages"), *((name, str(n)) for name, n in sorted(health.rejected.items()))],
+        "Faults of our own vehicle": [
+            ("fault", "from, s", "size"),
+            *(
+                (f"{f.kind} {f.part}".strip(), f"{f.t_onset_ns * 1e-9:.2f}", f"{f.magnitude:.2f} {f.unit}")
+                for f in series.faults.values()
+            ),
+        ],
+        "Streams": [
+            ("message", "messages", "rate, Hz"),
+            *((n, str(s.count), f"{s.count / seconds:.1f}") for n, s in sorted(health.streams.items())),
+        ],
+    }
+
+
+def _boot_s(t_recv_ns: int, replayed: Replayed) -> str:
+    return f"{replayed.end + (t_recv_ns - replayed.health.t_recv_ns) * 1e-9:.2f}"

@@ -1,0 +1,135 @@
+"""A flight's report as one HTML page that needs no other file, or as a PDF."""
+
+import io
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import matplotlib as mpl
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+
+from onboard.commands.report_verdict import Check, Grade, worst
+
+COLOURS: Final = {Grade.PASS: "#1f7a45", Grade.AMBER: "#b26a00", Grade.FAIL: "#b3261e"}
+STYLE: Final = """
+body{font:15px/1.45 system-ui,sans-serif;color:#1b1f24;background:#fff}
+body{max-width:60rem;margin:1.5rem auto;padding:0 1rem}
+.grade{color:#fff;border-radius:.5rem;padding:.6rem 1rem;font-size:1.15rem}
+.grade b{font-size:1.9rem;margin-right:.8rem;letter-spacing:.04em}
+h1{font-size:1.35rem;margin:.2rem 0 .8rem}h2{font-size:1.05rem;margin:1.6rem 0 .4rem}
+table{border-collapse:collapse;width:100%}td,th{text-align:left;padding:.25rem .6rem .25rem 0;vertical-align:top}
+tr+tr td{border-top:1px solid #e3e6ea}th{font-weight:600;color:#57606a}td.n{white-space:nowrap}
+.tag{color:#fff;border-radius:.3rem;padding:0 .45rem;font-weight:600;font-size:.85em}
+svg{width:100%;height:auto}pre{white-space:pre-wrap;font-size:.82em;background:#f5f7f9;padding:.7rem}
+.facts{margin-top:.8rem}.facts td:first-child{color:#57606a;white-space:nowrap;width:11rem}
+summary{cursor:pointer;color:#57606a}
+@media print{body{margin:0}h2{break-after:avoid}svg,table{break-inside:avoid}}
+"""
+
+Table = Sequence[Sequence[str]]  # the first row is its head
+
+
+class Report(NamedTuple):
+    """What a report says: its title, facts (name, value), checks, figures and tables by their titles, and the
+    configuration as text."""
+
+    title: str
+    facts: Sequence[tuple[str, str]]
+    checks: list[Check]
+    figures: Mapping[str, Figure]
+    tables: Mapping[str, Table]
+    configuration: str
+
+
+def html(report: Report) -> str:
+    """The page."""
+    parts = [
+        f"<!doctype html><html lang=en><meta charset=utf-8><title>{escape(report.title)}</title>",
+        f"<meta name=viewport content='width=device-width'><style>{STYLE}</style>",
+        f"<h1>{escape(report.title)}</h1>{_banner(report.checks)}",
+        f"<table class=facts>{''.join(_row(fact) for fact in report.facts)}</table>",
+        f"<h2>Checks</h2>{_checks(report.checks)}",
+    ]
+    parts += [f"<h2>{escape(title)}</h2>{svg(figure)}" for title, figure in report.figures.items()]
+    parts += [
+        f"<h2>{escape(title)}</h2>{_table(table)}" for title, table in report.tables.items() if len(table) > 1
+    ]
+    parts.append(
+        "<h2>Configuration</h2><details><summary>all keys, as they were used</summary>"
+        f"<pre>{escape(report.configuration)}</pre></details></html>"
+    )
+    return "\n".join(parts)
+
+
+def write_pdf(report: Report, path: Path) -> None:
+    """The verdict and the checks on the first page, then the figures."""
+    with PdfPages(path, metadata={"Title": report.title, "CreationDate": None}) as pdf:
+        pdf.savefig(_first_page(report))
+        for title, figure in report.figures.items():
+            figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+            pdf.savefig(figure)
+
+
+def svg(figure: Figure) -> str:
+    """A figure as SVG, the same every time, with its text as text."""
+    out = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "report", "font.family": "sans-serif"}):
+        figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
+    text = out.getvalue()
+    return text[text.index("<svg") :]
+
+
+def summary(checks: list[Check]) -> str:
+    """In one line what is not as it should be."""
+    bad = [f"{check.name} {check.value.strip()}" for check in checks if check.grade is not Grade.PASS]
+    return "; ".join(bad) if bad else "all figures are as they should be"
+
+
+def _banner(checks: list[Check]) -> str:
+    grade = worst(checks)
+    return f"<div class=grade style='background:{COLOURS[grade]}'><b>{grade}</b>{escape(summary(checks))}</div>"
+
+
+def _checks(checks: list[Check]) -> str:
+    rows = ["<tr><th><th>figure<th>measured<th>wanted, and what to do"]
+    for check in sorted(checks, key=lambda c: list(Grade).index(c.grade), reverse=True):
+        tag = f"<span class=tag style='background:{COLOURS[check.grade]}'>{check.grade}</span>"
+        advice = "" if check.grade is Grade.PASS else f"<br><b>{escape(check.advice)}</b>"
+        rows.append(
+            f"<tr><td>{tag}<td class=n>{escape(check.name)}<td class=n>{escape(check.value)}"
+            f"<td>{escape(check.wanted)}{advice}"
+        )
+    return f"<table>{''.join(rows)}</table>"
+
+
+def _table(table: Table) -> str:
+    head, *rows = table
+    cells = "".join(f"<th>{escape(cell)}" for cell in head)
+    return f"<table><tr>{cells}{''.join(_row(row) for row in rows)}</table>"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return "<tr>" + "".join(f"<td>{escape(cell)}" for cell in cells)
+
+
+def _first_page(report: Report) -> Figure:
+    figure, grade = Figure(figsize=(8.27, 11.69)), worst(report.checks)
+    figure.text(0.07, 0.95, report.title, fontsize=14)
+    figure.text(0.07, 0.915, f" {grade} ", fontsize=18, color="white", backgroundcolor=COLOURS[grade])
+    y = 0.88
+    for name, value in report.facts:
+        figure.text(0.07, y, name, fontsize=8, color="#57606a")
+        figure.text(0.27, y, value[:95], fontsize=8)
+        y -= 0.017
+    y -= 0.015
+    for check in report.checks:
+        figure.text(0.07, y, str(check.grade), fontsize=8, color=COLOURS[check.grade], weight="bold")
+        figure.text(0.15, y, f"{check.name}: {check.value}", fontsize=8)
+        figure.text(0.52, y, check.wanted[:65], fontsize=7, color="#57606a")
+        y -= 0.017
+        if check.grade is not Grade.PASS:
+            figure.text(0.15, y, check.advice[:110], fontsize=7.5)
+            y -= 0.017
+    return figure
