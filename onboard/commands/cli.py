@@ -131,8 +131,10 @@ def _add_demo(demo: argparse.ArgumentParser) -> None:
 
 def _add_replay(replay: argparse.ArgumentParser) -> None:
     replay.add_argument("log", type=Path, help=LOGS)
-    replay.add_argument("--out", type=Path, metavar="FILE.csv", help="one row per estimate; columns carry units")
-    replay.add_argument("--own", type=Path, metavar="FILE.csv", help="the same of [estimator.own_state]")
+    kinds = "one row per estimate as .csv or .parquet, poses as .tum, or .mcap for Foxglove (repeatable)"
+    replay.add_argument("--out", type=Path, action="append", default=[], metavar="FILE", help=kinds)
+    own = "the same of [estimator.own_state], but .mcap, which has all"
+    replay.add_argument("--own", type=Path, action="append", default=[], metavar="FILE", help=own)
     replay.add_argument("--config", type=Path, metavar="C", help="TOML file")
     replay.add_argument("--truth", type=Path, metavar="FILE.csv[.gz]", help="score against it")
     replay.add_argument("--json", type=Path, metavar="FILE", help="write the summary's numbers here as well")

@@ -1,8 +1,8 @@
-"""Estimates as rows of CSV. Columns carry their units."""
+"""Estimates as rows of a table. Columns carry their units."""
 
 import csv
-import itertools
-from typing import IO, Final
+from collections.abc import Callable
+from typing import IO, Final, NamedTuple
 
 import numpy as np
 
@@ -15,63 +15,97 @@ OWN_STATE: Final = "own_state"  # not that of another configuration which flew b
 UNIT_SUFFIX: Final = {"m": "m", "m/s": "m_s", "m/s^2": "m_s2", "rad": "rad", "rad/s": "rad_s"}
 
 
-class CsvWriter:
-    """One row per estimate of any estimator, which the last column names. Columns carry their units; NED, leader
-    relative to follower, on the boot clock. The numbers of an estimate that is not valid are left out."""
-
-    def __init__(self, file: IO[str]) -> None:
-        self._writer = csv.writer(file, lineterminator="\n")
-        self._writer.writerow([*header(relative_motion.COMPONENTS, relative_motion.UNITS), "estimator"])
-
-    def write(self, estimate: Output) -> None:
-        """Append an estimate's row; other records have none."""
-        nine = len(relative_motion.COMPONENTS)
-        if isinstance(estimate, Estimate) and estimate.components[:nine] == relative_motion.COMPONENTS:
-            self._writer.writerow([*row(estimate, nine), estimate.name])
+Values = list[float | str | None]
+Format = dict[str, str]
+DECIMALS: Final[Format] = {
+    "age_s": ".3f",
+    "switch_fraction": ".4f",
+    "valid": ".0f",
+    "reset_count": ".0f",
+    "quality": ".0f",
+}
+QUATERNION: Final = ("q_w", "q_x", "q_y", "q_z")
+TEXT: Final = ("state", "verdict", "target", "estimator", "faults")  # columns that hold no number
 
 
-class OwnCsvWriter:
-    """One row per state of our own vehicle: as `CsvWriter`, then the attitude's quaternion, the share of
-    measurements outside their layer, the quality and the faults that last. NED from the origin."""
+class Rows(NamedTuple):
+    """A table of estimates: the names of its columns, which carry their units, and the row of an output; None
+    for an output that has none. A value that is not known is None."""
 
-    def __init__(self, file: IO[str]) -> None:
-        self._writer = csv.writer(file, lineterminator="\n")
-        more = ["q_w", "q_x", "q_y", "q_z", "switch_fraction", "quality", "faults"]
-        self._writer.writerow([*header(OWN_COMPONENTS, OWN_UNITS), *more])
-
-    def write(self, state: Output) -> None:
-        """Append a state's row; other records have none."""
-        if not isinstance(state, NavState) or state.name != OWN_STATE:
-            return
-        q = [f"{x:.9f}" for x in state.q_nb] if state.valid and state.q_nb else [""] * 4
-        switched = "" if state.switch_fraction is None else f"{state.switch_fraction:.4f}"
-        faults = "; ".join(f"{f.kind} {f.part}".strip() for f in state.faults)
-        self._writer.writerow([*row(state, len(OWN_COMPONENTS)), *q, switched, str(state.quality), faults])
+    columns: tuple[str, ...]
+    values: Callable[[Output], Values | None]
 
 
-def header(components: tuple[str, ...], units: tuple[str, ...]) -> list[str]:
-    """Column names of an estimate's rows."""
+def _leader_values(estimate: Output) -> Values | None:
+    nine = len(relative_motion.COMPONENTS)
+    if isinstance(estimate, Estimate) and estimate.components[:nine] == relative_motion.COMPONENTS:
+        return [*_values(estimate, nine), estimate.name]
+    return None
+
+
+def _own_values(state: Output) -> Values | None:
+    if not isinstance(state, NavState) or state.name != OWN_STATE:
+        return None
+    q = state.q_nb if state.valid and state.q_nb else (None,) * 4
+    faults = "; ".join(f"{f.kind} {f.part}".strip() for f in state.faults)
+    return [*_values(state, len(OWN_COMPONENTS)), *q, state.switch_fraction, float(state.quality), faults]
+
+
+def _columns(components: tuple[str, ...], units: tuple[str, ...]) -> tuple[str, ...]:
     names = [f"{c}_{UNIT_SUFFIX[u]}" for c, u in zip(components, units, strict=True)]
     sigmas = [f"sigma_{n}" for n in names]
     rest = ("verdict", "nis", "valid", "age_s", "reset_count", "target")
-    return ["time_boot_s", "state", *names, *sigmas, *rest]
+    return ("time_boot_s", "state", *names, *sigmas, *rest)
 
 
-def row(estimate: Estimate, n: int) -> list[str]:
-    """The row of one estimate, with its first n components."""
-    numbers = list(itertools.repeat("", 2 * n))
+def _values(estimate: Estimate, n: int) -> Values:
+    """The row of one estimate, with its first n components. The numbers of one that is not valid are left out."""
+    numbers: Values = [None] * (2 * n)
     if estimate.valid and estimate.mean is not None and estimate.covariance is not None:
         sigma = np.sqrt(np.diag(np.array(estimate.covariance)))
-        numbers = [f"{x:.6f}" for x in (*estimate.mean[:n], *sigma[:n].tolist())]
+        numbers = [*estimate.mean[:n], *sigma[:n].tolist()]
     report = estimate.measurement
     return [
-        f"{estimate.t_ns * 1e-9:.6f}",
+        estimate.t_ns * 1e-9,
         str(estimate.state),
         *numbers,
-        str(report.verdict) if report else "",
-        f"{report.nis:.6f}" if report and report.nis is not None else "",
-        "1" if estimate.valid else "0",
-        f"{estimate.age:.3f}" if estimate.age is not None else "",
-        str(estimate.reset_count),
+        str(report.verdict) if report else None,
+        report.nis if report else None,
+        float(estimate.valid),
+        estimate.age,
+        float(estimate.reset_count),
         estimate.target,
     ]
+
+
+# one row per estimate of any estimator, which the last column names: NED, leader relative to follower, boot clock
+LEADER: Final = Rows((*_columns(relative_motion.COMPONENTS, relative_motion.UNITS), "estimator"), _leader_values)
+# one row per state of our own vehicle, NED from the origin: then the attitude's quaternion, the share of
+# measurements outside their layer, the quality and the faults that last
+OWN: Final = Rows(
+    (*_columns(OWN_COMPONENTS, OWN_UNITS), *QUATERNION, "switch_fraction", "quality", "faults"), _own_values
+)
+
+
+class CsvWriter:
+    """A table as CSV."""
+
+    def __init__(self, file: IO[str], rows: Rows = LEADER) -> None:
+        self._writer, self._values = csv.writer(file, lineterminator="\n"), rows.values
+        self._writer.writerow(rows.columns)
+        self._formats = [_format(name) for name in rows.columns]
+
+    def write(self, output: Output) -> None:
+        """Append an output's row, if it has one."""
+        values = self._values(output)
+        if values is not None:
+            self._writer.writerow(
+                [
+                    "" if v is None else v if isinstance(v, str) else format(v, form)
+                    for v, form in zip(values, self._formats, strict=True)
+                ]
+            )
+
+
+def _format(column: str) -> str:
+    return ".9f" if column in QUATERNION else DECIMALS.get(column, ".6f")

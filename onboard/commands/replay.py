@@ -2,7 +2,7 @@
 
 import argparse
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
@@ -11,12 +11,11 @@ import msgspec
 from rich.console import Console
 
 from onboard.commands.compare import print_comparison, variants
-from onboard.commands.csv_rows import CsvWriter, OwnCsvWriter
+from onboard.commands.exports import check_exports, open_export, write_truth
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.log_replay import ALONE, Replayed, check_log, flight_of, replay
 from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
-from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
 from onboard.scoring.leader import LeaderScore
@@ -48,19 +47,20 @@ def replay_log(
     log: Path,
     config: Config,
     *,
-    out: Path | None,
+    out: Sequence[Path] = (),
     truth: Path | None,
     json_file: Path | None,
     rrd: Path | None,
-    own: Path | None = None,
+    own: Sequence[Path] = (),
     others: Mapping[str, Config] = ALONE,
 ) -> int:
-    """`onboard replay`: a log through the pipeline; rows to `out`, of our own state to `own`, the view to `rrd`, a
-    summary to the screen. `others` fly beside, see `log_replay.replay`: the view, the table and `out` have their
-    estimates of the leader, too."""
+    """`onboard replay`: a log through the pipeline; exports to `out`, of our own state to `own`, the view to
+    `rrd`, a summary to the screen. `others` fly beside, see `log_replay.replay`: the view, the table and `out`
+    have their estimates of the leader, too."""
     reference = reference_from_csv(truth) if truth is not None else None
     check_log(log)
-    check_targets(out, json_file, rrd, own, inputs=(log, truth))
+    check_targets(*out, json_file, rrd, *own, inputs=(log, truth))
+    check_exports(*out, *own)
     scorers, own_summaries = LeaderScorers(reference), defaultdict[str, OwnStateSummary](OwnStateSummary)
     with ExitStack() as stack:
         takers: list[Callable[[Any], None]] = [lambda output: _score(output, scorers, own_summaries)]
@@ -69,13 +69,8 @@ def replay_log(
 
             view = stack.enter_context(View(camera=config.camera_model(), rotors=config.rotors(), rrd=rrd))
             takers.append(lambda output: view.show(output) if _is_drawn(output) else None)
-        for path, writer in ((out, CsvWriter), (own, OwnCsvWriter)):
-            if path is None:
-                continue
-            try:
-                takers.append(writer(stack.enter_context(path.open("w", encoding="utf-8", newline=""))).write)
-            except OSError as error:
-                raise UserError(f"cannot write {path}: {error.strerror}") from error
+        for path, of_own in (*((path, False) for path in out), *((path, True) for path in own)):
+            takers.append(open_export(path, stack, of_own=of_own))
         bar = stack.enter_context(progress_bar(Console(stderr=True)))
         task = bar.add_task(f"replaying {log.name}", total=None)
         replayed = replay(
@@ -97,9 +92,10 @@ def replay_log(
             print_leader_score(console, f"beside it: {name}", score)
         own_summaries[OWN_STATE].print(console)
     explain_bounds(console)
-    for path in (out, own, rrd):
-        if path is not None:
-            console.print(f"written: {path}", highlight=False, soft_wrap=True)
+    truths = [write_truth(p, reference) for p in out if p.suffix == ".tum"] if reference is not None else []
+    for written in (*out, *truths, *own, rrd):
+        if written is not None:
+            console.print(f"written: {written}", highlight=False, soft_wrap=True)
     if json_file is not None:
         write_json(json_file, replay_numbers(replayed, result, beside))
     return 0

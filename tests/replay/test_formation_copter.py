@@ -182,7 +182,7 @@ def test_a_truth_that_is_longer_than_its_log_counts_until_the_logs_end(tmp_path:
     (tmp_path / "cut.tlog").write_bytes(log[: len(log) * 6 // 10])
     truth, numbers = EXCERPT / "copter_truth.csv.gz", tmp_path / "score.json"
     config = make_config(CAMERA)
-    replay_log(tmp_path / "cut.tlog", config, out=None, truth=truth, json_file=numbers, rrd=None)
+    replay_log(tmp_path / "cut.tlog", config, truth=truth, json_file=numbers, rrd=None)
     score = json.loads(numbers.read_bytes())
     assert score["valid_percent"] > 95.0
     assert not score["diverged"]

@@ -45,7 +45,7 @@ def record(file: Path, datagrams: list[Datagram]) -> None:
 def replayed_numbers(log: Path, config: Config) -> tuple[dict[str, Any], list[dict[str, str]]]:
     """The JSON of a replay, and the rows of its `--out`."""
     rows, numbers = log.with_suffix(".csv"), log.with_suffix(".json")
-    replay_log(log, config, out=rows, truth=None, json_file=numbers, rrd=None)
+    replay_log(log, config, out=[rows], truth=None, json_file=numbers, rrd=None)
     with rows.open(encoding="utf-8") as file:
         return json.loads(numbers.read_text("utf-8")), list(csv.DictReader(file))
 

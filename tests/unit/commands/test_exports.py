@@ -1,0 +1,138 @@
+"""What a replay exports, read back by others: pyarrow, evo, and mcap with Foxglove's schemas."""
+
+import csv
+import math
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from onboard.commands.cli import main
+from onboard.commands.exports import check_exports
+from onboard.errors import UserError
+from onboard.sinks.recorder import Recorder
+from tests.support.dataflash import dataflash
+from tests.support.streams import CIRCLE, Stream
+
+SIZE = ("--set", "estimator.leader.size_prior_m=2.0")
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A flight and all that can be exported of it."""
+    folder = tmp_path_factory.mktemp("exports")
+    recorder = Recorder(folder / "flight.mcap")
+    recorder.open()
+    recorder.write(Stream(t1=14.0).datagrams())
+    recorder.close()
+    times = np.arange(5.0, 14.0, 0.04)
+    rows = [",".join(f"{v:.6f}" for v in (t, *np.ravel(CIRCLE.relative(t)), 2.0)) for t in times.tolist()]
+    head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
+    (folder / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    outs = [
+        word for kind in ("csv", "parquet", "tum", "mcap") for word in ("--out", str(folder / f"leader.{kind}"))
+    ]
+    call = ["replay", str(folder / "flight.mcap"), *SIZE, *outs, "--truth", str(folder / "truth.csv")]
+    assert main(call) == 0
+    return folder
+
+
+def test_parquet_is_the_csv_with_all_digits(exported: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: the extra `parquet`")
+    table = parquet.read_table(exported / "leader.parquet")
+    with (exported / "leader.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert table.column_names == list(rows[0])
+    assert table.num_rows == len(rows) > 250
+    for name in ("r_north_m", "sigma_r_north_m", "nis", "valid"):
+        theirs = ["" if v is None else v for v in table[name].to_pylist()]
+        ours = [row[name] for row in rows]
+        assert [v == "" for v in theirs] == [v == "" for v in ours]
+        assert [v for v in theirs if v != ""] == pytest.approx([float(v) for v in ours if v], abs=1e-6)
+    assert set(table["state"].to_pylist()) == {row["state"] for row in rows}
+
+
+def trajectory(path: Path) -> np.ndarray:
+    return np.loadtxt(path)
+
+
+def test_tum_has_a_pose_a_line_in_rising_time(exported: Path) -> None:
+    poses = trajectory(exported / "leader.tum")
+    assert poses.shape[1] == 8
+    assert (np.diff(poses[:, 0]) > 0).all()
+    assert poses[:, 4:].tolist() == [[0, 0, 0, 1]] * len(poses)
+    last = poses[-1]
+    assert np.linalg.norm(last[1:4] - CIRCLE.relative(last[0])[0]) < 4.0
+
+
+def test_evo_reads_it(exported: Path) -> None:
+    evo = shutil.which("evo_ape", path=str(Path(sys.executable).parent)) or shutil.which("evo_ape")
+    if evo is None:
+        pytest.skip("needs evo (pip install evo), which is large")
+    files = [str(exported / "leader-truth.tum"), str(exported / "leader.tum")]
+    done = subprocess.run(
+        [evo, "tum", *files, "--t_max_diff", "0.03"], capture_output=True, text=True, check=False, timeout=300
+    )
+    assert done.returncode == 0, done.stderr
+    (rmse,) = [float(line.split()[1]) for line in done.stdout.splitlines() if line.split()[:1] == ["rmse"]]
+    assert 0.0 < rmse < 6.0
+
+
+def test_own_poses_have_their_attitude(tmp_path: Path) -> None:
+    dataflash(CIRCLE, 8.0, tmp_path / "flight.bin")
+    own = [tmp_path / f"own.{kind}" for kind in ("tum", "csv")]
+    outs = [word for path in own for word in ("--own", str(path))]
+    assert main(["replay", str(tmp_path / "flight.bin"), "--set", "estimator.own_state={}", *outs]) == 0
+    poses = trajectory(own[0])
+    assert len(poses) > 100
+    t, *_, qx, qy, qz, qw = poses[-1]
+    roll = math.atan2(2 * (qw * qx + qy * qz), 1 - 2 * (qx * qx + qy * qy))
+    assert roll == pytest.approx(CIRCLE.at(t).rpy[0], abs=0.03)
+    assert (np.diff(poses[:, 0]) > 0).all()
+
+
+def test_foxglove_reads_its_own_schemas(exported: Path) -> None:
+    pytest.importorskip("mcap_protobuf", reason="needs the extra `foxglove`")
+    from mcap.reader import make_reader  # noqa: PLC0415
+    from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415
+
+    with (exported / "leader.mcap").open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        decoded = [
+            (schema.name, channel.topic, message)
+            for schema, channel, _, message in reader.iter_decoded_messages(
+                topics=["/tf", "/own/pose", "/leader/pose", "/scene", "/log"]
+            )
+        ]
+        ours = [channel.topic for _, channel, _ in reader.iter_messages(topics=["estimate/leader"])]
+    assert len(ours) > 250
+    names = {topic: name for name, topic, _ in decoded}
+    assert names == {
+        "/tf": "foxglove.FrameTransform",
+        "/own/pose": "foxglove.PoseInFrame",
+        "/leader/pose": "foxglove.PoseInFrame",
+        "/scene": "foxglove.SceneUpdate",
+        "/log": "foxglove.Log",
+    }
+    own = [m for _, topic, m in decoded if topic == "/own/pose"][-1]
+    t = own.timestamp.ToNanoseconds() * 1e-9
+    north, east, down = CIRCLE.at(t).r
+    p = own.pose.position
+    assert (p.x, p.y, p.z) == pytest.approx((east, north, -down), abs=0.3)
+    leader = [m for _, topic, m in decoded if topic == "/leader/pose"][-1]
+    r_n, _ = CIRCLE.relative(leader.timestamp.ToNanoseconds() * 1e-9)
+    at = CIRCLE.at(leader.timestamp.ToNanoseconds() * 1e-9).r + r_n
+    p = leader.pose.position
+    assert (p.x, p.y, p.z) == pytest.approx((at[1], at[0], -at[2]), abs=4.0)
+    scenes = [m for _, topic, m in decoded if topic == "/scene"]
+    (sphere,) = [s for m in scenes for e in m.entities for s in e.spheres][-1:]
+    assert min(sphere.size.x, sphere.size.y, sphere.size.z) > 0
+    assert any("tracking" in m.message for _, topic, m in decoded if topic == "/log")
+
+
+def test_a_suffix_that_says_no_format_is_refused() -> None:
+    with pytest.raises(UserError, match=r"one of \.csv, \.parquet, \.tum, \.mcap"):
+        check_exports(Path("estimates.txt"))
