@@ -198,6 +198,12 @@ def _add_study(study: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("out/studies"), metavar="DIR", help="(default: %(default)s)"
     )
     study.add_argument("--json", type=Path, metavar="FILE", help="write the numbers here as well")
+    _add_computers(study)
+
+
+def _add_computers(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--cluster", metavar="ADDRESS", help="fly on a Dask scheduler's workers: tcp://HOST:8786")
+    command.add_argument("--rows", type=Path, metavar="FILE.parquet", help="write each result here as it comes")
 
 
 def _add_schema(schema: argparse.ArgumentParser) -> None:

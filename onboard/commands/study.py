@@ -17,21 +17,34 @@ from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import estimator_modules
 from onboard.errors import UserError
+from onboard.studies.report.cluster import ClusterError
 from onboard.studies.report.findings import Verdict
+from onboard.studies.report.workers import Computers
 from onboard.studies.together import run_all, run_study
 
 
 def main(arguments: argparse.Namespace) -> int:
     """Measure one study, or all. Raises UserError."""
     a = arguments
+    where = computers(a.cluster, a.rows)
+    if a.all and (a.cluster or a.rows):
+        raise UserError("study: --cluster and --rows go with one name, not with --all")
     if a.all and a.name is None:
         return all_studies(seeds=a.seeds, out=a.out, json_file=a.json)
     if a.all or a.name is None:
         raise UserError(f"study: give --all, or one name of: {', '.join(study_names())}")
-    return one_study(a.name, seeds=a.seeds, out=a.out, json_file=a.json)
+    return one_study(a.name, seeds=a.seeds, out=a.out, json_file=a.json, where=where)
 
 
-def one_study(name: str, *, seeds: int | None, out: Path, json_file: Path | None) -> int:
+def computers(cluster: str | None, rows: Path | None) -> Computers:
+    """Where parts are computed, by `--cluster` and `--rows`. Raises UserError where a library is missing."""
+    check_targets(rows)
+    if rows is not None and find_spec("pyarrow") is None:
+        raise UserError(f"cannot write {rows}: it needs pyarrow: pip install 'wingline[cluster]'")
+    return Computers(cluster=cluster or "", rows=rows)
+
+
+def one_study(name: str, *, seeds: int | None, out: Path, json_file: Path | None, where: Computers) -> int:
     """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`. Without
     `seeds` as many as the study asks for."""
     known = study_names()
@@ -41,7 +54,10 @@ def one_study(name: str, *, seeds: int | None, out: Path, json_file: Path | None
     make_folder(out / name)
     check_targets(json_file)
     _compile([name])
-    result = _measure(name, seeds, out)
+    try:
+        result = _measure(name, seeds, out, where)
+    except ClusterError as error:
+        raise UserError(str(error)) from error
     Console().print(Markdown((out / name / "report.md").read_text(encoding="utf-8")))
     print(f"written: {out / name}/report.md, result.json and figures")
     if json_file is not None:
@@ -89,10 +105,12 @@ def _compile(names: list[str]) -> None:
     compile_shown(modules, console, announce_once(console, "this study", "up to a minute and a half"))
 
 
-def _measure(name: str, seeds: int | None, out: Path) -> dict[str, Any]:
+def _measure(name: str, seeds: int | None, out: Path, where: Computers) -> dict[str, Any]:
     with progress_bar(Console(stderr=True)) as bar:
         task = bar.add_task(_title(name), total=None)
-        return run_study(name, seeds, out, lambda done, total: bar.update(task, completed=done, total=total))
+        return run_study(
+            name, seeds, out, lambda done, total: bar.update(task, completed=done, total=total), where
+        )
 
 
 def _measure_all(names: list[str], seeds: int | None, out: Path) -> dict[str, dict[str, Any]]:

@@ -15,7 +15,7 @@ import msgspec
 
 from onboard import studies
 from onboard.studies.report.processes import CONTEXT, end_with_parent, processes
-from onboard.studies.report.workers import Progress
+from onboard.studies.report.workers import Jobs, Progress
 
 AT_ONCE: Final = 2
 # the slowest first (as measured), so that the last ones are short
@@ -27,9 +27,7 @@ SLOWEST: Final = (
 StudyProgress = Callable[[str, int, int], None]
 
 
-def run_study(
-    name: str, seeds: int | None, out: Path, progress: Progress, jobs: int | None = None
-) -> dict[str, Any]:
+def run_study(name: str, seeds: int | None, out: Path, progress: Progress, jobs: Jobs = None) -> dict[str, Any]:
     """Run a study in `jobs` processes (None: one per core), and give its result as plain values. Its files go to a
     folder of `out`.
 

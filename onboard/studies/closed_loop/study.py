@@ -14,7 +14,7 @@ from onboard.studies.closed_loop.flight import Flight, fly
 from onboard.studies.closed_loop.scores import MOST_STRAIGHT, MOST_TURNING, NEAREST, STOP_WITHIN, Score, score
 from onboard.studies.report.findings import Claim, Findings, Table, check, verdict
 from onboard.studies.report.sampling import decided
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds
 from onboard.studies.tracking.publish import drawing, publish
 from simlink.scenarios.scenario import Scenario, load_scenario
 
@@ -27,7 +27,7 @@ FIRST_SEED: Final = 1
 def run(
     seeds: int = 2,
     first_seed: int = FIRST_SEED,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
     duration: float | None = None,

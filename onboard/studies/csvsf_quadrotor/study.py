@@ -31,7 +31,7 @@ from onboard.studies.csvsf_quadrotor.scores import (
     score,
 )
 from onboard.studies.report.runs import by_name
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds, write
 
 NAME: Final = "csvsf-quadrotor"
 TITLE: Final = "Al-Shabi et al.: a quadrotor's own state, smooth variable structure filters"
@@ -67,7 +67,7 @@ class Flown(NamedTuple):
 def run(
     seeds: int = 60,
     first_seed: int = 1,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
     settings: tuple[Method, ...] = SWEPT,

@@ -31,7 +31,7 @@ from onboard.studies.cwpa_kalman_tracker_3d.runs import (
 )
 from onboard.studies.report.findings import Check, Findings, Table, check, near
 from onboard.studies.report.sampling import decided
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds
 from onboard.studies.tracking.publish import drawing, publish
 
 NAME: Final = "cwpa-kalman-tracker-3d"
@@ -47,7 +47,7 @@ GOLDEN: Final = (4.427842, 3.639966, 2.406474, 0.442784, 0.257108, 0.074647)
 def run(
     seeds: int = 50,
     first_seed: int = 1,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:

@@ -15,7 +15,7 @@ from onboard.studies.encounters.results import checks_of, claims_of, requirement
 from onboard.studies.encounters.scores import over_all, score
 from onboard.studies.report.findings import Findings
 from onboard.studies.report.sampling import decided
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds
 from onboard.studies.tracking.publish import drawing, publish
 
 NAME: Final = "encounters"
@@ -28,7 +28,7 @@ COMPARED: Final = 8  # of so many encounters one is flown by the reference, too:
 def run(
     seeds: int = 6,
     first_seed: int = FIRST_SEED,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
     cases: Sequence[Case] = CASES,

@@ -16,7 +16,7 @@ from onboard.studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, SYMMETRIC,
 from onboard.studies.joseph_srukf_sense_and_avoid.tables import tables_of
 from onboard.studies.report.findings import Check, Findings, Misprint, check, near
 from onboard.studies.report.sampling import decided
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds
 from onboard.studies.tracking.outcomes import Outcome
 from onboard.studies.tracking.publish import drawing, publish
 
@@ -32,7 +32,7 @@ FORMULAS: Final = (*filters.MISPRINTS, *models.MISPRINTS, *sensors.MISPRINTS)
 def run(
     seeds: int = 50,
     first_seed: int = 1,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:

@@ -19,7 +19,7 @@ from onboard.studies.own_state.flights import (
 )
 from onboard.studies.own_state.results import accuracy_table, checks_of, claims_of, naming_table
 from onboard.studies.report.findings import Findings
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds, write
 
 NAME: Final = "own-state"
 TITLE: Final = "Our own state from MAVLink: accuracy under faults, and faults named"
@@ -34,7 +34,7 @@ KEYS: Final = (  # scenarios and methods, in the order of the report
 def run(
     seeds: int = 2,
     first_seed: int = 101,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:

@@ -34,7 +34,7 @@ from onboard.studies.relative_motion.variants import (
     setting_of,
 )
 from onboard.studies.report.runs import by_name
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds, write
 from simlink.flights import Flights, fly_many
 
 NAME: Final = "relative-motion"
@@ -57,7 +57,7 @@ class Flown(NamedTuple):
 def run(
     seeds: int = 100,
     first_seed: int = 1,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
     variants: tuple[Variant, ...] = VARIANTS,

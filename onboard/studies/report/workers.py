@@ -2,17 +2,32 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
 
 from onboard.messages import Record
+from onboard.studies.report.cluster import on_cluster
 from onboard.studies.report.findings import Findings
 from onboard.studies.report.markdown import markdown
+from onboard.studies.report.part_rows import PartRows
 from onboard.studies.report.processes import processes
 
 Progress = Callable[[int, int], None]
+
+
+class Computers(NamedTuple):
+    """Where parts are computed: at a Dask scheduler's address, or else in processes here (None: one per core).
+    `rows`: a Parquet file that gets the results as they come."""
+
+    jobs: int | None = None
+    cluster: str = ""
+    rows: Path | None = None
+
+
+Jobs = Computers | int | None
 
 
 class Part(NamedTuple):
@@ -22,16 +37,23 @@ class Part(NamedTuple):
     arguments: tuple[Any, ...]
 
 
-def compute(parts: Sequence[Part], jobs: int | None = None, progress: Progress | None = None) -> list[Any]:
-    """The result of each part, in their order, computed in `jobs` processes (None: one per core).
+def compute(parts: Sequence[Part], jobs: Jobs = None, progress: Progress | None = None) -> list[Any]:
+    """The result of each part, in their order, computed in `jobs` processes (None: one per core), or where
+    `Computers` says.
 
-    `progress(done, total)` is called as parts finish.
+    `progress(done, total)` is called as parts finish. Raises ClusterError where a cluster cannot be used.
     """
-    count = min(jobs or os.cpu_count() or 1, len(parts))
-    if count <= 1:
-        return _collect(map(_run, parts), len(parts), progress)
-    with processes(count) as pool:
-        return _collect(pool.map(_run, parts), len(parts), progress)
+    where = jobs if isinstance(jobs, Computers) else Computers(jobs)
+    count = min(where.jobs or os.cpu_count() or 1, len(parts))
+    with ExitStack() as stack:
+        if where.cluster:
+            results = on_cluster(where.cluster, _run, parts)
+        elif count <= 1:
+            results = map(_run, parts)
+        else:
+            results = stack.enter_context(processes(count)).map(_run, parts)
+        rows = stack.enter_context(PartRows(where.rows)) if where.rows is not None else None
+        return _collect(results, parts, progress, rows)
 
 
 def write(found: Findings, out: Path, result: Record | None = None) -> None:
@@ -54,10 +76,14 @@ def _run(part: Part) -> Any:
     return part.function(*part.arguments)
 
 
-def _collect(results: Iterable[Any], total: int, progress: Progress | None) -> list[Any]:
+def _collect(
+    results: Iterable[Any], parts: Sequence[Part], progress: Progress | None, rows: PartRows | None
+) -> list[Any]:
     found: list[Any] = []
-    for result in results:
+    for part, result in zip(parts, results, strict=True):
         found.append(result)
+        if rows is not None:
+            rows.add(part.function.__name__, part.arguments, result)
         if progress is not None:
-            progress(len(found), total)
+            progress(len(found), len(parts))
     return found

@@ -24,7 +24,7 @@ from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import LEAD_S, AircraftScore, Encounter, TrafficScore, score_traffic
 from onboard.studies.report.findings import Cell, Check, Claim, Findings, Table, check, verdict
 from onboard.studies.report.sampling import decided
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds, write
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds, write
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
@@ -75,7 +75,7 @@ def flight(seed: int, filter_: FilterName, duration: float | None) -> tuple[Traf
 def run(
     seeds: int = 4,
     first_seed: int = FIRST_SEED,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:

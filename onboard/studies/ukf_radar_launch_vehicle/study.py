@@ -10,7 +10,7 @@ from typing import Final
 
 from onboard.studies.report.findings import Check, Findings, check, near
 from onboard.studies.report.sampling import decided
-from onboard.studies.report.workers import Part, Progress, compute, require_seeds
+from onboard.studies.report.workers import Jobs, Part, Progress, compute, require_seeds
 from onboard.studies.tracking.publish import drawing, publish
 from onboard.studies.ukf_radar_launch_vehicle.claims import claims_of
 from onboard.studies.ukf_radar_launch_vehicle.runs import DENSITY, NAMES, STAGED, Results, bound, fly
@@ -28,7 +28,7 @@ PAIR: Final = MAIN[:2]
 def run(
     seeds: int = 50,
     first_seed: int = 1,
-    jobs: int | None = None,
+    jobs: Jobs = None,
     out: Path | None = None,
     progress: Progress | None = None,
 ) -> Findings:
