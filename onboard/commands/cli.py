@@ -1,5 +1,5 @@
-"""The command line: `onboard run`, `demo`, `replay`, `report`, `calibrate`, `router`, `recover`, `view`, `study`,
-`schema`, `compile`.
+"""The command line: `onboard run`, `demo`, `replay`, `report`, `evaluate`, `calibrate`, `router`, `recover`,
+`view`, `study`, `schema`, `compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
 runs, so that `--help` is quick and a replay loads no Zenoh.
@@ -30,7 +30,7 @@ LOGS: Final = (
 MOST_SEEDS: Final = 1_000_000
 DISK_FAULTS: Final = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
 NO_CACHE: Final = "cannot cache function"
-STARTS_PROCESSES: Final = ("compile", "demo", "study", "view")
+STARTS_PROCESSES: Final = ("compile", "demo", "evaluate", "replay", "study", "view")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -95,6 +95,7 @@ def parser() -> argparse.ArgumentParser:
     _add_demo(add("demo", "simulator, daemon and view together, and a scorecard", examples.DEMO))
     _add_replay(add("replay", "a recorded flight through the same pipeline", examples.REPLAY))
     _add_report(add("report", "a flight on one page, with a verdict", examples.REPORT))
+    _add_evaluate(add("evaluate", "filters on a folder of flights with truth, by family", examples.EVALUATE))
     _add_calibrate(add("calibrate", "a camera's mount, or the airframe, from a flight", examples.CALIBRATE))
     _add_router(add("router", "let vehicles and ground stations of a fleet meet", examples.ROUTER))
     _add_recover(add("recover", "a recording of a killed daemon, for other programs' readers", examples.RECOVER))
@@ -130,7 +131,7 @@ def _add_demo(demo: argparse.ArgumentParser) -> None:
 
 
 def _add_replay(replay: argparse.ArgumentParser) -> None:
-    replay.add_argument("log", type=Path, help=LOGS)
+    replay.add_argument("log", type=Path, nargs="+", help=f"{LOGS}; of several, scores are printed")
     kinds = "one row per estimate as .csv or .parquet, poses as .tum, or .mcap for Foxglove (repeatable)"
     replay.add_argument("--out", type=Path, action="append", default=[], metavar="FILE", help=kinds)
     own = "the same of [estimator.own_state], but .mcap, which has all"
@@ -143,6 +144,7 @@ def _add_replay(replay: argparse.ArgumentParser) -> None:
         "beside it: flown (the recording's own estimates), paper, a filter's name, or [NAME:]KEY=VALUE[;...]"
     )
     replay.add_argument("--compare", nargs="+", default=[], metavar="FILTER", help=compared)
+    _add_computers(replay)
     _add_set(replay)
 
 
@@ -155,6 +157,25 @@ def _add_report(report: argparse.ArgumentParser) -> None:
     )
     report.add_argument("--pdf", type=Path, metavar="FILE.pdf", help="write it as PDF as well")
     _add_set(report)
+
+
+def _add_evaluate(evaluate: argparse.ArgumentParser) -> None:
+    evaluate.add_argument("dataset", type=Path, help="folder with FAMILY/FLIGHT/: a log, detections, truth.csv")
+    compared = (
+        "what flies beside each flight's own configuration, as in `onboard replay` (default: paper filterpy)"
+    )
+    evaluate.add_argument("--compare", nargs="*", metavar="FILTER", help=compared)
+    evaluate.add_argument("--json", type=Path, metavar="FILE", help="write rows and the flights' scores here")
+    evaluate.add_argument(
+        "--with",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FILE.json",
+        help="add the rows of such files to the table",
+    )
+    _add_computers(evaluate)
+    _add_set(evaluate)
 
 
 def _add_calibrate(calibrate: argparse.ArgumentParser) -> None:

@@ -51,6 +51,15 @@ One HTML page that needs no other file: PASS, AMBER or FAIL with the reasons, tr
 rejected messages with times, streams, clocks, faults, configuration.
 Exit code 1: FAIL.
 """
+EVALUATE: Final = """\
+examples:
+  onboard evaluate flights                       each flight's own configuration, the paper's filter, filterpy's
+  onboard evaluate flights --compare wing-line belief --json ours.json
+  onboard evaluate flights --with theirs.json --cluster tcp://10.0.0.1:8786 --rows flights.parquet
+
+A flight is a folder with a log, truth.csv (or .csv.gz) and, if the log has no images, detections.jsonl; its
+family is the folder around it; config.toml is its own, its family's or the data set's.
+"""
 CALIBRATE: Final = """\
 example:
   onboard calibrate flight.mcap --config companion.toml --svg residuals.svg

@@ -11,11 +11,15 @@ import msgspec
 from rich.console import Console
 
 from onboard.commands.compare import print_comparison, variants
+from onboard.commands.evaluate import print_rows, rows_of
 from onboard.commands.exports import check_exports, open_export, write_truth
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.log_replay import ALONE, Replayed, check_log, flight_of, replay
+from onboard.commands.many import Flight, numbers_of, score_flights
 from onboard.commands.progress import progress_bar
+from onboard.commands.study import computers
 from onboard.config import Config, load_config
+from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
 from onboard.scoring.leader import LeaderScore
@@ -26,13 +30,16 @@ OWN_STATE: Final = "own_state"
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Replay a log. Raises UserError."""
+    """Replay a log, or score several. Raises UserError."""
     a = arguments
-    check_log(a.log)
-    flight = flight_of(a.log)
+    if len(a.log) > 1 or a.cluster or a.rows:
+        return _replay_many(a)
+    (log,) = a.log
+    check_log(log)
+    flight = flight_of(log)
     path, sets = a.config or flight.config, tuple(a.set)
     return replay_log(
-        a.log,
+        log,
         load_config(path, sets),
         out=a.out,
         truth=a.truth or flight.truth,
@@ -41,6 +48,28 @@ def main(arguments: argparse.Namespace) -> int:
         own=a.own,
         others=variants(a.compare, path, sets),
     )
+
+
+def _replay_many(a: argparse.Namespace) -> int:
+    """A row for each log and filter, in the order given. Raises UserError."""
+    if a.out or a.own or a.rrd or a.truth:
+        raise UserError(
+            "replay: several logs, --cluster and --rows give scores: no --out, --own, --rrd or --truth"
+        )
+    check_targets(a.json)
+    where = computers(a.cluster, a.rows)
+    for log in a.log:
+        check_log(log)
+    paths = [a.config or flight_of(log).config for log in a.log]
+    flights = [
+        Flight(log, str(log), config=path, sets=tuple(a.set), beside=tuple(a.compare))
+        for log, path in zip(a.log, paths, strict=True)
+    ]
+    scored = score_flights(flights, where)
+    print_rows(Console(), {one.name: rows_of([one])[""] for one in scored}, of="log")
+    if a.json is not None:
+        write_json(a.json, {"flights": [numbers_of(one) for one in scored]})
+    return 0
 
 
 def replay_log(
