@@ -5,6 +5,7 @@ As on a real autopilot, message intervals belong to one link. All times are on t
 
 import math
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Final
 
 from onboard.geometry.geodesy import geodetic_from_ned, ned_from_geodetic
@@ -31,6 +32,7 @@ from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from simlink.scenarios.vehicle import Vehicle
 from simlink.sensors.navigation import Reading
+from simlink.sensors.true_state import true_state
 from simlink.world.constants import STEP_NS, G
 from simlink.world.follow import FollowMode, Target
 
@@ -46,6 +48,8 @@ PWM_PER_G: Final = 400
 
 HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 1, 2, 24, 31
 LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, GPS_GLOBAL_ORIGIN, HIGHRES_IMU = 32, 33, 36, 49, 105
+SIM_STATE, HIL_STATE_QUATERNION = 108, 115
+TRUTH: Final = {"ardupilot": SIM_STATE, "px4": HIL_STATE_QUATERNION}  # where each sends its true state
 
 
 class Autopilot:
@@ -67,6 +71,7 @@ class Autopilot:
             GPS_GLOBAL_ORIGIN: self._origin,
             HIGHRES_IMU: _imu,
             SYS_STATUS: _battery,
+            TRUTH[vehicle.autopilot]: partial(true_state, vehicle),
         }
 
     def due(self, t_ns: int, reading: Reading | None) -> list[Message]:
@@ -210,7 +215,8 @@ def _default_intervals(vehicle: Vehicle) -> dict[int, int]:
         GPS_RAW_INT: rates.gps,
         SERVO_OUTPUT_RAW: rates.servo,
         SYS_STATUS: rates.battery,
-        GPS_GLOBAL_ORIGIN: 0,  # on request
+        GPS_GLOBAL_ORIGIN: 0,  # on request, as the truth
+        TRUTH[vehicle.autopilot]: 0,
     }
     return {number: round(1e9 / rate) if rate > 0 else 0 for number, rate in table.items()}
 

@@ -1,4 +1,4 @@
-"""The command line: `simlink list`, `simlink config`, `simlink run`, `simlink log`."""
+"""The command line: `simlink list`, `simlink config`, `simlink run`, `simlink camera`, `simlink log`."""
 
 import argparse
 import asyncio
@@ -10,10 +10,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-from simlink.log import write_log
+from simlink.log import TruthTables, write_log
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario, scenario_names
 from simlink.sensors.pictures import PictureError
+from simlink.server.between import CameraBetween, CameraOptions
 from simlink.server.links import LinkError
 from simlink.server.server import Options, Server, serve
 
@@ -33,6 +34,19 @@ links:
   --mavlink   the autopilot's stream; commands and replies use the same socket
   --tcp       the same for ground stations: any number of clients, each with its own message rates
   --zenoh     onboard/VEHICLE/camera/front/points, simlink/VEHICLE/truth, simlink/VEHICLE/status
+"""
+
+CAMERA_EXAMPLES = """\
+examples:
+  simlink camera --follower tcp:127.0.0.1:5762 --leader tcp:127.0.0.1:5772
+                                              two ArduPilots of sim_vehicle.py, instances 0 and 1
+  simlink camera --follower udpin:127.0.0.1:14541 --leader udpin:127.0.0.1:14542
+                                              two PX4s that send to these ports
+  simlink camera my.toml --follower ... --leader ... --truth truth.csv.gz
+                                              camera, noise, misses, delay and the leader's size of my.toml
+
+Both autopilots must be simulated: the camera is computed from ArduPilot's SIM_STATE or PX4's HIL_STATE_QUATERNION,
+which are requested. `simlink config SCENARIO` prints the daemon's configuration for the same camera.
 """
 
 LOG_EXAMPLES = """\
@@ -83,16 +97,33 @@ def _run(a: argparse.Namespace) -> int:
     return 0
 
 
+def _camera(a: argparse.Namespace) -> int:
+    given = vars(a).copy()
+    scenario, truth, state = load_scenario(given.pop("scenario")), given.pop("truth"), given.pop("state")
+    del given["command"]
+    try:
+        with TruthTables(truth, state) as tables:
+            options = CameraOptions(scenario=scenario, **given)
+            asyncio.run(serve(CameraBetween(options, time.monotonic_ns, _report, tables.write)))
+    except OSError as error:
+        return _cannot_write(error)
+    return 0
+
+
 def _log(a: argparse.Namespace) -> int:
     scenario = load_scenario(a.scenario)
     duration = scenario.duration if a.duration is None else a.duration
     try:
         frames, rows = _write_log(a, scenario, duration)
     except OSError as error:
-        print(f"simlink: cannot write {error.filename or 'its files'}: {error.strerror}", file=sys.stderr)
-        return 1
+        return _cannot_write(error)
     _report(f"{a.out}: {frames} frames, {duration:g} s; {a.truth or 'no truth file'}: {rows} rows")
     return 0
+
+
+def _cannot_write(error: OSError) -> int:
+    print(f"simlink: cannot write {error.filename or 'its files'}: {error.strerror}", file=sys.stderr)
+    return 1
 
 
 def _write_log(a: argparse.Namespace, scenario: Scenario, duration: float) -> tuple[int, int]:
@@ -169,6 +200,14 @@ def _parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
     )
+    _add_camera(
+        commands.add_parser(
+            "camera",
+            help="be the camera between two autopilots in simulation",
+            epilog=CAMERA_EXAMPLES,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+    )
     _add_log(
         commands.add_parser(
             "log",
@@ -182,6 +221,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_scenario(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", metavar="SCENARIO", help="a name from `simlink list`, or a .toml file")
+    _add_seed(parser)
+
+
+def _add_seed(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed", type=_seed, default=1, metavar="N", help=f"seed of all random numbers, a whole number {SHOW}"
     )
@@ -197,13 +240,34 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"speed of the simulation, in multiples of real time {SHOW}",
     )
-    add("--duration", type=_positive, metavar="S", help="length of the flight, s (default: until stopped)")
     wait = f"send heartbeats only until a peer answers, for at most S seconds {SHOW}"
     add("--wait", type=_number, default=0.0, metavar="S", help=wait)
     mavlink = f"link of the autopilot: udpout:HOST:PORT, udpin:HOST:PORT or none {SHOW}"
     add("--mavlink", type=_or_none, default="udpout:127.0.0.1:14540", metavar="SPEC", help=mavlink)
     tcp = f"TCP port on 127.0.0.1 for ground stations, 0 for any free port, or none {SHOW}"
     add("--tcp", dest="tcp_port", type=_port, default=5760, metavar="PORT", help=tcp)
+    _add_outlet(parser)
+    parser.set_defaults(command=_run)
+
+
+def _add_camera(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    what = f"[camera] and [leader] of a name from `simlink list`, or of a .toml file {SHOW}"
+    add("scenario", metavar="SCENARIO", nargs="?", default="sitl", help=what)
+    _add_seed(parser)
+    link = "MAVLink of the vehicle {}: tcp:HOST:PORT, udpin:HOST:PORT or udpout:HOST:PORT"
+    add("--follower", required=True, metavar="URL", help=link.format("with the camera"))
+    add("--leader", required=True, metavar="URL", help=link.format("that it sees"))
+    add("--sees", choices=("wing", "box"), default="wing", help=f"what is found of the leader {SHOW}")
+    _add_outlet(parser)
+    _add_truth(parser)
+    parser.set_defaults(command=_camera)
+
+
+def _add_outlet(parser: argparse.ArgumentParser) -> None:
+    """Where images and truth go, and for how long."""
+    add = parser.add_argument
+    add("--duration", type=_positive, metavar="S", help="length of the flight, s (default: until stopped)")
     cameras = ("zenoh", "mavlink", "both", "none")
     add("--camera", choices=cameras, default="zenoh", help=f"where image points are sent {SHOW}")
     points = f"link of the image points as LANDING_TARGETs, other than the autopilot's {SHOW}"
@@ -211,19 +275,19 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     zenoh = f"Zenoh router to connect to, or none {SHOW}"
     add("--zenoh", type=_or_none, default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help=zenoh)
     add("--vehicle", default="1", metavar="ID", help=f"vehicle id in the Zenoh keys {SHOW}")
-    parser.set_defaults(command=_run)
 
 
 def _add_log(parser: argparse.ArgumentParser) -> None:
     _add_scenario(parser)
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="FILE.tlog", help="the recording: all MAVLink frames")
-    add(
-        "--truth",
-        type=Path,
-        metavar="FILE.csv",
-        help="truth of the leader at image times; compressed if named .gz",
-    )
-    add("--state", type=Path, metavar="FILE.csv", help="truth of our own vehicle at the same times")
+    _add_truth(parser)
     add("--duration", type=_positive, metavar="S", help="length of the flight, s (default: the scenario's)")
     parser.set_defaults(command=_log)
+
+
+def _add_truth(parser: argparse.ArgumentParser) -> None:
+    truth = "truth of the leader at image times; compressed if named .gz"
+    parser.add_argument("--truth", type=Path, metavar="FILE.csv", help=truth)
+    state = "truth of our own vehicle at the same times"
+    parser.add_argument("--state", type=Path, metavar="FILE.csv", help=state)

@@ -37,15 +37,11 @@ def write_log(
 
     `progress` is called with the seconds of flight that are done. Raises OSError when a file cannot be written.
     """
-    frames = rows = 0
+    frames = 0
     start_ns: int | None = None
     with ExitStack() as stack:
         out = stack.enter_context(_open(tlog, stack))
-        tables: list[tuple[IO[bytes], Callable[[Truth], str]]] = []
-        for path, columns, row in ((truth, COLUMNS, truth_row), (state, STATE_COLUMNS, state_row)):
-            if path is not None:
-                tables.append((stack.enter_context(_open(path, stack)), row))
-                tables[-1][0].write(f"{columns}\n".encode())
+        tables = stack.enter_context(TruthTables(truth, state))
         for item in datagrams(scenario, seed, duration, camera="mavlink"):
             if isinstance(item, TrafficTruth) or (isinstance(item, Datagram) and item.encoding not in MAVLINK):
                 continue  # a .tlog contains MAVLink only
@@ -55,10 +51,28 @@ def write_log(
                 continue
             start_ns = item.t_ns if start_ns is None else start_ns
             progress((item.t_ns - start_ns) * 1e-9)
-            for table, line in tables:
-                table.write(line(item).encode())
-            rows += bool(tables)
-    return frames, rows
+            tables.write(item)
+    return frames, tables.rows
+
+
+class TruthTables(ExitStack):
+    """CSV files of the truth: of the leader, and of our own vehicle's `state`. None: no such file. Raises OSError
+    when a file cannot be written."""
+
+    def __init__(self, truth: Path | None, state: Path | None) -> None:
+        super().__init__()
+        self.rows = 0
+        self._tables: list[tuple[IO[bytes], Callable[[Truth], str]]] = []
+        for path, columns, row in ((truth, COLUMNS, truth_row), (state, STATE_COLUMNS, state_row)):
+            if path is not None:
+                self._tables.append((self.enter_context(_open(path, self)), row))
+                self._tables[-1][0].write(f"{columns}\n".encode())
+
+    def write(self, truth: Truth) -> None:
+        """Write a row into each file."""
+        for table, row in self._tables:
+            table.write(row(truth).encode())
+        self.rows += bool(self._tables)
 
 
 def truth_row(truth: Truth) -> str:

@@ -87,7 +87,7 @@ from onboard.messages.surveillance import (
     SatelliteRange,
 )
 from onboard.messages.target import TargetClass
-from onboard.messages.truth import IntruderTruth, Picture, SimStatus, TrafficTruth, Truth
+from onboard.messages.truth import IntruderTruth, Picture, SimStatus, TrafficTruth, Truth, VehicleTruth
 from onboard.messages.vehicle import (
     ActuatorOutputs,
     Attitude,
@@ -208,6 +208,7 @@ __all__ = [
     "TrafficTruth",
     "Truth",
     "Vec3",
+    "VehicleTruth",
     "Verdict",
     "Version",
     "Wind",

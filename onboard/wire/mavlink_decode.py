@@ -10,13 +10,13 @@ Tests hold frames, counts and records to pymavlink's.
 import re
 from binascii import crc_hqx
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from onboard.messages import Message
 from onboard.wire.landing_target import LANDING_TARGET, PointAssembler
 from onboard.wire.mavlink_frame import CHECKSUM, MIRRORED, SIGNATURE, SIGNED, V1, V1_HEAD, V2, V2_HEAD
-from onboard.wire.mavlink_records import CONVERT, Layout
+from onboard.wire.mavlink_records import CONVERT, Convert, Layout
 from onboard.wire.mavlink_table import MESSAGES
 from onboard.wire.signing import Verifier
 from onboard.wire.tracking import TrackerDecoder
@@ -38,7 +38,7 @@ class MavlinkDecoder:
     """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
     counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
     that it caused; the other frames are decoded. With a `verifier`, only frames that it lets pass. `trackers`
-    read what is of whole aircraft."""
+    read what is of whole aircraft. `also`: messages that are read beside those of `CONVERT`."""
 
     def __init__(
         self,
@@ -47,6 +47,7 @@ class MavlinkDecoder:
         on_error: OnError = raise_error,
         verifier: Verifier | None = None,
         trackers: TrackerDecoder | None = None,
+        also: Mapping[str, tuple[Layout, Convert]] | None = None,
     ) -> None:
         self.rejected: Counter[str] = Counter()
         self.names: Counter[str] = Counter()
@@ -57,6 +58,7 @@ class MavlinkDecoder:
         self._is_lost = False  # within a stretch of bytes that are no frames
         self._points = PointAssembler(self.rejected)
         self._trackers = trackers or TrackerDecoder({})
+        self._convert = CONVERT if also is None else {**CONVERT, **also}
         self._wall_step_ns = 0
 
     def decode(self, data: bytes, t_recv_ns: int, wall_step_ns: int = 0) -> list[Message]:
@@ -130,7 +132,7 @@ class MavlinkDecoder:
         if name == "CAMERA_FOV_STATUS":
             self._trackers.field_of_view(FIELD_OF_VIEW.fields(payload), component)
             return None
-        read = CONVERT.get(name)
+        read = self._convert.get(name)
         if read is None:
             return None
         layout, convert = read

@@ -28,7 +28,7 @@ from onboard.messages import (
     TargetPoints,
     TimeSync,
 )
-from onboard.wire import companion, distance, files, gimbal, guidance, parameters, wind
+from onboard.wire import companion, distance, files, gimbal, guidance, parameters, sim_truth, wind
 
 BODY_FRD: Final = 12
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -223,5 +223,6 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     **gimbal.ENCODE,
     **guidance.ENCODE,
     **parameters.ENCODE,
+    **sim_truth.ENCODE,
     **wind.ENCODE,
 }

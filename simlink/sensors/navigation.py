@@ -37,6 +37,7 @@ class Reading(NamedTuple):
     pwm_us: tuple[int, ...] | None = None
     voltage_v: float | None = None  # of the battery; None: nobody measures it
     pressure_altitude: float | None = None  # m; None between the barometer's samples
+    state: State | None = None  # the truth itself, which an autopilot in simulation sends on request
 
 
 def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[tuple[State, Reading]]:
@@ -84,6 +85,7 @@ def readings(scenario: Scenario, seed: int, world: Iterator[State]) -> Iterator[
                 pwm_us=state.pwm_us,
                 voltage_v=state.voltage_v,
                 pressure_altitude=altitude_at(state),
+                state=state,
             ),
         )
 

@@ -1,6 +1,7 @@
 """The simulator's sockets: UDP to a companion computer, TCP for ground stations. Neither waits for a peer."""
 
 import asyncio
+import os
 from collections.abc import Callable, Iterable
 from typing import Any, Final, cast
 
@@ -183,5 +184,6 @@ class TcpClient(asyncio.Protocol):
 
 
 def reason(error: OSError) -> str:
-    """The reason of an OSError in a few words."""
-    return (error.strerror or str(error)).lower()
+    """The reason of an OSError in a few words: the system's, where asyncio's has the address, which is known."""
+    number = error.errno or 0
+    return (os.strerror(number) if number > 0 else error.strerror or str(error)).lower()

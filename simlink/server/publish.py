@@ -8,7 +8,16 @@ from typing import Any, Final
 
 import msgspec
 
-from onboard.messages import CameraPoints, Picture, Pseudoranges, RadarDetections, SimStatus, TrafficTruth, Truth
+from onboard.messages import (
+    CameraDetections,
+    CameraPoints,
+    Picture,
+    Pseudoranges,
+    RadarDetections,
+    SimStatus,
+    TrafficTruth,
+    Truth,
+)
 from onboard.wire.points import encode_points
 from onboard.wire.radar import encode_radar
 from onboard.wire.ranges import encode_ranges
@@ -22,7 +31,8 @@ def check_vehicle(vehicle: str) -> str:
     return vehicle
 
 
-Published = CameraPoints | Picture | RadarDetections | Pseudoranges | Truth | TrafficTruth | SimStatus
+Images = CameraPoints | CameraDetections | Picture
+Published = Images | RadarDetections | Pseudoranges | Truth | TrafficTruth | SimStatus
 
 # connects within a second to a daemon that starts later; Zenoh's default slows down to 4 s
 RETRY: Final = {"period_init_ms": 200, "period_max_ms": 500, "period_increase_factor": 1.5}
@@ -37,6 +47,7 @@ class ZenohPublisher:
         drop = zenoh.CongestionControl.DROP
         keys: dict[type[Published], str] = {
             CameraPoints: f"onboard/{vehicle}/camera/{camera}/points",
+            CameraDetections: f"onboard/{vehicle}/camera/{camera}/detections",
             RadarDetections: f"onboard/{vehicle}/radar/{radar}/detections",
             Picture: f"simlink/{vehicle}/picture",
             Truth: f"simlink/{vehicle}/truth",

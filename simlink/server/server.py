@@ -8,47 +8,34 @@ import asyncio
 import signal
 from collections.abc import Callable
 from functools import partial
-from typing import Final, Literal
+from typing import Final, Protocol
 
-from onboard.messages import Record, SimStatus
+from onboard.messages import SimStatus
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from simlink.autopilot import AutopilotLink
-from simlink.scenarios.scenario import Scenario
-from simlink.sensors.camera import Image, camera_points, target_points
-from simlink.sensors.gimbal import make_gimbal
 from simlink.sensors.navigation import Reading
-from simlink.sensors.pictures import Painter
-from simlink.server.links import LinkError, TcpServer, UdpLink, parse_udp
-from simlink.server.publish import Published, ZenohPublisher, check_vehicle
-from simlink.simulation import CAMERA_COMPONENT, Tick, boot_ns_of, ticks
+from simlink.server.links import TcpServer, UdpLink, parse_udp
+from simlink.server.outlet import Outlet, OutletOptions
+from simlink.simulation import Tick, boot_ns_of, ticks
 from simlink.traffic.reports import sender
 from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
-from simlink.world.drawn import drawn
 from simlink.world.follow import FollowMode, following_states
-from simlink.world.truth import true_size
 
 MOST_BEHIND: Final = 0.25  # s of wall time; beyond that the boot clock is set back
 STATUS_STEPS: Final = STEPS_PER_SECOND // 5
 WAIT_POLL: Final = 0.02  # s
 LONGEST_SLEEP: Final = 0.05  # s: a stop is noticed this soon
-FLUSH: Final = 0.2  # s, for Zenoh to send the last records
 
 
-class Options(Record, frozen=True, kw_only=True):
+class Options(OutletOptions, frozen=True, kw_only=True):
     """Options of a run. `duration` in s of flight (None: endless), `wait` in s of wall time; a link that is None
     is absent."""
 
-    scenario: Scenario
-    seed: int = 1
     speed: float = 1.0
     duration: float | None = None
     mavlink: str | None = "udpout:127.0.0.1:14540"
-    camera: Literal["zenoh", "mavlink", "both", "none"] = "zenoh"
-    camera_mavlink: str = "udpout:127.0.0.1:14560"
     tcp_host: str = "127.0.0.1"
     tcp_port: int | None = 5760
-    zenoh: str | None = "tcp/127.0.0.1:7447"
-    vehicle: str = "1"
     wait: float = 0.0
 
 
@@ -85,10 +72,7 @@ class Server:
     def __init__(
         self, options: Options, now: Callable[[], float], unix_ns: int, report: Callable[[str], None]
     ) -> None:
-        if options.camera in ("zenoh", "both") and options.zenoh is None:
-            raise LinkError("images over Zenoh need an endpoint; or choose --camera mavlink or none")
-        check_vehicle(options.vehicle)
-        self.images = self.frames = 0  # sent so far
+        self.frames = 0  # sent so far
         self._options, self._now, self._report = options, now, report
         self._vehicle = options.scenario.vehicle
         boot_ns = boot_ns_of(options.scenario)
@@ -97,26 +81,20 @@ class Server:
         follow = options.scenario.follow
         self._follow = None if follow is None else FollowMode(follow)  # the follower flies on FOLLOW_TARGETs
         self._session = self._make_session(stream=False)
-        self._vision = MavlinkEncoder(self._vehicle.system, CAMERA_COMPONENT)
         self._traffic: dict[tuple[int, int], MavlinkEncoder] = {}  # by system and component
-        self._painter: Painter | None = None
-        self._painting: asyncio.Task[None] | None = None  # the picture that is being drawn
-        if options.scenario.camera.pictures != "none":
-            flown = drawn(options.scenario, options.seed)
-            gimbal = make_gimbal(flown.camera, options.seed)
-            mount = None if gimbal is None else gimbal.mount
-            self._painter = Painter(flown.camera, true_size(flown, options.seed), options.seed, mount)
-        self._zenoh: ZenohPublisher | None = None
+        self._outlet = Outlet(options, self._vehicle.system)
         self.udp: UdpLink | None = None
-        self.camera: UdpLink | None = None
         self.tcp: TcpServer | None = None
         if options.mavlink is not None:
             self.udp = UdpLink(parse_udp(options.mavlink), self._answer)
-        if options.camera in ("mavlink", "both"):
-            self.camera = UdpLink(parse_udp(options.camera_mavlink), lambda _: ())
         if options.tcp_port is not None:
             session = partial(self._make_session, stream=True)
             self.tcp = TcpServer(options.tcp_host, options.tcp_port, session, self._clock.ns)
+
+    @property
+    def images(self) -> int:
+        """Images sent so far."""
+        return self._outlet.images
 
     async def run(self, stop: asyncio.Event) -> None:
         """Fly until the duration is over or `stop` is set. Raises LinkError when a link cannot be opened."""
@@ -128,28 +106,19 @@ class Server:
             await self._close()
 
     async def _open(self) -> None:
-        for link in (self.udp, self.camera, self.tcp):
+        for link in (self.udp, self.tcp, self._outlet):
             if link is not None:
                 await link.open()
         o = self._options
-        if o.zenoh is not None:
-            arguments = (o.zenoh, o.vehicle, o.scenario.camera.name, o.scenario.traffic.radar.name)
-            self._zenoh = await asyncio.to_thread(ZenohPublisher.open, *arguments)
         tcp = "no TCP" if self.tcp is None else f"TCP {o.tcp_host}:{self.tcp.port}"
-        images = {"mavlink": o.camera_mavlink, "both": f"{o.zenoh} and {o.camera_mavlink}", "none": "nowhere"}
-        self._report(
-            f"{o.scenario.name}, seed {o.seed}: MAVLink {o.mavlink or 'not by UDP'}, {tcp}; "
-            f"images {images.get(o.camera, o.zenoh)}; truth {o.zenoh or 'nowhere'}"
-        )
+        self._report(f"{o.scenario.name}, seed {o.seed}: MAVLink {o.mavlink or 'not by UDP'}, {tcp}; {o.places}")
 
     async def _close(self) -> None:
-        for link in (self.udp, self.camera):
-            if link is not None:
-                link.close()
+        if self.udp is not None:
+            self.udp.close()
         if self.tcp is not None:
             await self.tcp.close()
-        if self._zenoh is not None:
-            await asyncio.to_thread(self._zenoh.close)
+        await self._outlet.close()
         await asyncio.sleep(0)  # asyncio closes sockets on its next turn
 
     async def _wait_for_peer(self, stop: asyncio.Event) -> None:
@@ -166,9 +135,7 @@ class Server:
     def _peer_is_there(self) -> bool:
         links = [link for link in (self.udp, self.tcp) if link is not None]
         has_peer = not links or any(link.has_peer for link in links)
-        if self._zenoh is None or self._options.camera not in ("zenoh", "both"):
-            return has_peer
-        return has_peer and self._zenoh.has_viewer()
+        return has_peer and self._outlet.has_viewer()
 
     async def _fly(self, stop: asyncio.Event) -> None:
         o = self._options
@@ -186,14 +153,12 @@ class Server:
                 break
             t_ns = tick.t_ns
             self._send(tick)
-        if self._painting is not None:
-            await self._painting  # so that the last picture is counted
+        await self._outlet.finish()
         self._status(t_ns, finished=True)
         self._report(
             f"sent {self.frames} MAVLink frames and {self.images} images in {(t_ns - boot_ns) * 1e-9:.1f} s"
         )
-        if self._zenoh is not None:
-            await asyncio.sleep(FLUSH)
+        await self._outlet.flush()
 
     async def _until(self, t_ns: int, stop: asyncio.Event) -> None:
         """Sleep until the boot clock shows `t_ns`; the event loop serves the sockets at least once."""
@@ -205,12 +170,11 @@ class Server:
     def _send(self, tick: Tick) -> None:
         """Send the messages and records of one tick."""
         self._send_frames(tick.t_ns, tick.reading)
-        for image in tick.images if self._painter is None else ():
-            self._send_image(image)
-        if tick.truth is not None and self._painter is not None and (not self._painting or self._painting.done()):
-            self._painting = asyncio.create_task(self._send_picture(self._painter, tick))
+        for image in tick.images:
+            self._outlet.send_image(image)
         if tick.truth is not None:
-            self._publish(tick.truth)
+            self._outlet.draw(tick.state, tick.t_ns)
+            self._outlet.publish(tick.truth)
         self._send_others(tick)
         if tick.state.step % STATUS_STEPS == 0:
             self._status(tick.t_ns, finished=False)
@@ -238,28 +202,10 @@ class Server:
                     client.send([frame])
         for record in (traffic.scan, *traffic.ranges, traffic.truth):
             if record is not None:
-                self._publish(record)
-
-    def _send_image(self, image: Image) -> None:
-        camera = self._options.scenario.camera
-        if self._options.camera in ("zenoh", "both"):
-            self._publish(camera_points(image, camera))
-        if self.camera is not None:
-            self.camera.send(self._vision.encode(target_points(image, camera)))
-        self.images += self._options.camera != "none"
-
-    async def _send_picture(self, painter: Painter, tick: Tick) -> None:
-        """Draw and publish what the camera sees; while it takes too long, exposures are left out."""
-        self._publish(await asyncio.to_thread(painter.picture, tick.state, tick.t_ns))
-        self.images += 1
+                self._outlet.publish(record)
 
     def _status(self, t_ns: int, *, finished: bool) -> None:
-        self._publish(SimStatus(t_ns=t_ns, images=self.images, frames=self.frames, finished=finished))
-
-    def _publish(self, record: Published) -> None:
-        """Publish a record over Zenoh, if there is a session."""
-        if self._zenoh is not None:
-            self._zenoh.put(record)
+        self._outlet.publish(SimStatus(t_ns=t_ns, images=self.images, frames=self.frames, finished=finished))
 
     def _answer(self, data: bytes) -> list[bytes]:
         """Replies to a datagram from the UDP peer; they are counted in `frames`."""
@@ -271,7 +217,14 @@ class Server:
         return AutopilotLink(self._vehicle, self._epoch_ns, stream=stream, follow=self._follow)
 
 
-async def serve(server: Server) -> None:
+class Run(Protocol):
+    """What runs until it is stopped."""
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Run until the end, or until `stop` is set."""
+
+
+async def serve(server: Run) -> None:
     """Run until the flight ends or a signal arrives: SIGINT, SIGTERM, and unless `nohup` ignores it SIGHUP. Raises
     LinkError."""
     ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN

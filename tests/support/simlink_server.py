@@ -23,3 +23,11 @@ def make(lines: list[str] | None = None, **changed: Any) -> Server:
 
 def run(main: Callable[[], Any]) -> Any:
     return asyncio.run(asyncio.wait_for(main(), 300))
+
+
+async def until(condition: Callable[[], bool], turns: int = 1000) -> None:
+    """Let the event loop run until `condition` holds, at most `turns` times 10 ms; an assertion must follow."""
+    for _ in range(turns):
+        if condition():
+            return
+        await asyncio.sleep(0.01)

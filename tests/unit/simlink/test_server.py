@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from simlink.server.links import parse_udp
 from simlink.server.server import BootClock
-from tests.support.simlink_server import make, run
+from tests.support.simlink_server import make, run, until
 
 
 class Peer(asyncio.DatagramProtocol):
@@ -43,14 +43,6 @@ class Peer(asyncio.DatagramProtocol):
         loop = asyncio.get_running_loop()
         await loop.create_datagram_endpoint(lambda: self, local_addr=("127.0.0.1", 0))
         return int(self.transport.get_extra_info("sockname")[1])
-
-
-async def until(condition: Callable[[], bool], turns: int = 1000) -> None:
-    """Let the event loop run until `condition` holds, at most `turns` times 10 ms; an assertion must follow."""
-    for _ in range(turns):
-        if condition():
-            return
-        await asyncio.sleep(0.01)
 
 
 async def settle(peer: Peer, count: Callable[[], int]) -> None:

@@ -1,0 +1,222 @@
+"""`simlink camera`: what a camera on one simulated vehicle would see of another one.
+
+Both are vehicles of other programs, of which only the true states arrive. Exposures stand on the follower's boot
+clock. The leader's clock is set against it by the mean delay with which the messages of each arrive, so that one
+late message moves nothing.
+"""
+
+import asyncio
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import Final, Literal
+
+from onboard.messages import CameraDetections, SimStatus, Truth, Vec3
+from simlink.encounters.boxes import BoxDetector
+from simlink.scenarios.scenario import ScenarioError
+from simlink.sensors.camera import CameraSensor, Image
+from simlink.server.links import LinkError
+from simlink.server.observed import LocalFrame, Motion
+from simlink.server.outlet import Outlet, OutletOptions
+from simlink.server.peer import PeerLink
+from simlink.world.attitude import to_b
+from simlink.world.constants import G
+from simlink.world.drawn import drawn
+from simlink.world.truth import State, true_size, truth_record
+
+TURN: Final = 0.004  # s
+NS_PER_S: Final = 1_000_000_000
+MOST_LATE_NS: Final = NS_PER_S // 2  # an exposure for which no true state comes is left out then
+GRACE_NS: Final = 3 * NS_PER_S  # before it is said what is missing
+STATUS_NS: Final = NS_PER_S // 5
+
+
+class CameraOptions(OutletOptions, frozen=True, kw_only=True):
+    """The two vehicles' links; `duration` in s from the first exposure on (None: endless). `sees`: how much of the
+    leader is found."""
+
+    follower: str
+    leader: str
+    duration: float | None = None
+    sees: Literal["wing", "box"] = "wing"
+
+
+class CameraBetween:
+    """The camera of one run. `now_ns` is a monotonic clock; `report` is called with one line at a time, `on_truth`
+    with the truth of each exposure. Raises LinkError and ScenarioError for invalid options."""
+
+    def __init__(
+        self,
+        options: CameraOptions,
+        now_ns: Callable[[], int],
+        report: Callable[[str], None],
+        on_truth: Callable[[Truth], None] = lambda _: None,
+    ) -> None:
+        if options.scenario.camera.gimbal is not None:
+            raise ScenarioError(f"{options.scenario.name}: camera.gimbal: `simlink camera` has a fixed mount only")
+        scenario = drawn(options.scenario, options.seed)
+        self.exposures = 0
+        self._options, self._now_ns, self._report, self._on_truth = options, now_ns, report, on_truth
+        self._camera = scenario.camera
+        self._size = true_size(scenario, options.seed)
+        self._sensor = CameraSensor(scenario, options.seed, self._size)
+        self._boxes = BoxDetector(scenario.camera, options.seed) if options.sees == "box" else None
+        if self._boxes is not None and options.camera != "zenoh":
+            raise LinkError("boxes are sent over Zenoh only: choose --camera zenoh")
+        frame = LocalFrame()
+        self.follower = PeerLink("follower", options.follower, frame, now_ns, report)
+        self.leader = PeerLink("leader", options.leader, frame, now_ns, report)
+        self._outlet: Outlet | None = None
+        self._begin_ns: int | None = None  # the first exposure
+        self._count = 0  # of periods since
+        self._in_transit: deque[tuple[int, Image | CameraDetections]] = deque()  # with the time of exposure
+        self._missing = {"follower": "", "leader": ""}
+
+    @property
+    def images(self) -> int:
+        """Images sent so far."""
+        return 0 if self._outlet is None else self._outlet.images
+
+    async def run(self, stop: asyncio.Event) -> None:
+        """Send what the camera sees, until the duration is over or `stop` is set. Raises LinkError."""
+        o = self._options
+        self._report(f"{o.scenario.name}, seed {o.seed}: {o.follower} sees {o.leader}; {o.places}")
+        links = [asyncio.create_task(link.run()) for link in (self.follower, self.leader)]
+        try:
+            await self._until_known(stop, links)
+            await self._see(stop, links)
+        finally:
+            for link in links:
+                link.cancel()
+            await asyncio.gather(*links, return_exceptions=True)
+            if self._outlet is not None:
+                await self._outlet.close()
+
+    async def _until_known(self, stop: asyncio.Event, links: list[asyncio.Task[None]]) -> None:
+        """Wait for the follower's system, from which the images come, and open the outputs."""
+        begin_ns = self._now_ns()
+        while not stop.is_set() and (sender := self.follower.vehicle.sender) is None:
+            self._say_missing(begin_ns)
+            await self._turn(links)
+        if not stop.is_set() and sender is not None:
+            self._outlet = Outlet(self._options, sender[0])
+            await self._outlet.open()
+
+    async def _see(self, stop: asyncio.Event, links: list[asyncio.Task[None]]) -> None:
+        outlet = self._outlet
+        if outlet is None:
+            return
+        begin_ns, status_ns = self._now_ns(), 0
+        while not stop.is_set() and not self._is_over():
+            now_ns = self._now_ns()
+            self._say_missing(begin_ns)
+            self._expose(outlet)
+            self._deliver(outlet, now_ns)
+            if now_ns - status_ns >= STATUS_NS:
+                self._status(outlet, finished=False)
+                status_ns = now_ns
+            await self._turn(links)
+        await outlet.finish()
+        self._status(outlet, finished=True)
+        self._report(f"sent {outlet.images} images of {self.exposures} exposures")
+        await outlet.flush()
+
+    async def _turn(self, links: list[asyncio.Task[None]]) -> None:
+        for link in links:
+            if link.done():
+                link.result()  # raises what ended it
+        await asyncio.sleep(TURN)
+
+    def _is_over(self) -> bool:
+        duration, rate = self._options.duration, self._camera.rate
+        return duration is not None and self.exposures >= duration * rate
+
+    def _say_missing(self, begin_ns: int) -> None:
+        """A line where a vehicle's truth does not come, and one when it does."""
+        now_ns = self._now_ns()
+        for link in (self.follower, self.leader):
+            missing = link.vehicle.missing(now_ns)
+            if missing == self._missing[link.name] or now_ns - begin_ns < GRACE_NS:
+                continue
+            self._missing[link.name] = missing
+            self._report(f"{link.name} {link.url}: {missing or 'its true states arrive'}")
+
+    def _expose(self, outlet: Outlet) -> None:
+        """All exposures for which the true states of both vehicles are there."""
+        follower, leader = self.follower.vehicle, self.leader.vehicle
+        if follower.latest_ns is None or follower.offset_ns is None or leader.offset_ns is None:
+            return
+        period = NS_PER_S / self._camera.rate
+        if self._begin_ns is None or follower.latest_ns < self._begin_ns:  # the beginning, or a reboot
+            self._begin_ns, self._count = follower.latest_ns, 0
+        between_ns = follower.offset_ns - leader.offset_ns
+        while (t_ns := self._begin_ns + round(self._count * period)) <= follower.latest_ns:
+            own, other = follower.at(t_ns), leader.at(t_ns + between_ns)
+            if own is not None and other is not None:
+                self._image(outlet, t_ns, own, other)
+            elif t_ns > follower.latest_ns - MOST_LATE_NS:
+                return  # its true state may still come
+            self._count += 1
+
+    def _image(self, outlet: Outlet, t_ns: int, own: Motion, other: Motion) -> None:
+        state = _state(self.exposures, self.exposures / self._camera.rate, own, other)
+        truth = truth_record(state, self._size, t_ns)
+        points = self._sensor.expose(state)
+        stamp_ns = t_ns + round(self._camera.stamp_late * NS_PER_S)
+        if points is not None and self._boxes is not None:
+            self._in_transit.append((t_ns, self._boxes.document(state, self._size, stamp_ns)))
+        elif points is not None:
+            self._in_transit.append((t_ns, Image(stamp_ns, points)))
+        if not self.exposures:
+            distance = math.dist(own.r_n, other.r_n)
+            self._report(f"the first exposure: the leader is {distance:.1f} m away, {_view(points is not None)}")
+        outlet.draw(state, t_ns)
+        outlet.publish(truth)
+        self._on_truth(truth)
+        self.exposures += 1
+
+    def _deliver(self, outlet: Outlet, now_ns: int) -> None:
+        """Send the images whose latency is over."""
+        offset_ns = (self.follower.vehicle.offset_ns or 0.0) + self._camera.latency * NS_PER_S
+        while self._in_transit and self._in_transit[0][0] + offset_ns <= now_ns:
+            outlet.send_image(self._in_transit.popleft()[1])
+
+    def _status(self, outlet: Outlet, *, finished: bool) -> None:
+        t_ns = self.follower.vehicle.latest_ns or 0
+        outlet.publish(SimStatus(t_ns=t_ns, images=outlet.images, frames=0, finished=finished))
+
+
+def _view(is_seen: bool) -> str:
+    return "in the image" if is_seen else "outside the image or missed"
+
+
+def _state(step: int, t: float, own: Motion, other: Motion) -> State:
+    """The world of two vehicles."""
+    a_lat, a_long = path_accelerations(other.v_n, other.a_n)
+    a_F = own.a_n
+    return State(
+        step=step,
+        t=t,
+        r_OL_n=other.r_n,
+        v_L_n=other.v_n,
+        a_L_n=other.a_n,
+        q_nL=other.q_nb,
+        a_lat=a_lat,
+        a_long=a_long,
+        r_OF_n=own.r_n,
+        v_F_n=own.v_n,
+        a_F_n=a_F,
+        q_nF=own.q_nb,
+        omega_b=own.omega_b,
+        f_b=to_b(own.q_nb, (a_F[0], a_F[1], a_F[2] - G)),
+    )
+
+
+def path_accelerations(v_n: Vec3, a_n: Vec3) -> tuple[float, float]:
+    """Oh & Johnson's a_lat (to the right) and a_long (up, normal to the velocity); 0 without horizontal speed."""
+    horizontal, speed = math.hypot(v_n[0], v_n[1]), math.hypot(*v_n)
+    if horizontal == 0.0:
+        return 0.0, 0.0
+    along = (a_n[0] * v_n[0] + a_n[1] * v_n[1]) / horizontal
+    climb = (v_n[2] * along - horizontal * a_n[2]) / speed
+    return (a_n[1] * v_n[0] - a_n[0] * v_n[1]) / horizontal, climb
