@@ -22,10 +22,10 @@ from onboard.autopilot.stream import Stream
 from onboard.config import Config, Storing, check_storable, read_stored, signing_key
 from onboard.links import AbsentError, Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
-from onboard.links.host_computer import HostComputer
+from onboard.links.host_computer import HostComputer, load_of
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Estimate, Message, Output
-from onboard.pipeline import Pipeline
+from onboard.pipeline import Pipeline, Rim
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
@@ -46,14 +46,14 @@ class Daemon:
     def __init__(self, config: Config, *, report: Callable[[str], None], clock: HostClock | None = None) -> None:
         self._clock = clock or HostClock()
         self._now_ns = self._clock.now_ns
-        self._computer = HostComputer()
+        self._computer = HostComputer(Path(config.recorder.path or ".").absolute().parent)
         self._report = report
         self._config = config
         keys = {link.name: key for link in config.link if (key := signing_key(link)) is not None}
         self._pipeline = Pipeline(config, keys)
         self._storing = _storing(config)
         self._output = AutopilotOutput(config, _parameters(config, self._storing), keys, self._pipeline.refuse)
-        self._console = Console(report, warn=self._warn)
+        self._console = Console(report, pilot=self._output.notices.advise)
         self._links: list[Link] = [
             parse_link(link.url, link.name, surplus=Pipeline.surplus) for link in config.link
         ]
@@ -63,6 +63,7 @@ class Daemon:
         self._rates: dict[str, float] = {}
         self._seen = asyncio.Event()  # an estimate with an image has been published
         self._next_health_ns = 0
+        self._lag_ns = 0  # the longest time by which the timer was late since the last health
         self._leader_stream = Stream(LEADER_HZ)
 
     async def run(self, end_signals: Iterable[signal.Signals] = (signal.SIGINT, signal.SIGTERM)) -> None:
@@ -204,12 +205,16 @@ class Daemon:
 
     async def _keep_time(self) -> None:
         """Send and publish what is due by the clock: the session with the autopilot, and our health."""
+        due_ns = self._now_ns()
         while True:
+            now_ns = self._now_ns()
+            self._lag_ns = max(self._lag_ns, now_ns - due_ns)
             try:
-                self._tick(self._now_ns())
+                self._tick(now_ns)
             except Exception as error:  # of any kind: the next tick may succeed
                 self._pipeline.count_error("timer", error)
             self._console.show_errors(self._pipeline.errors)
+            due_ns = self._now_ns() + round(TICK_S * 1e9)
             await asyncio.sleep(TICK_S)
 
     def _tick(self, now_ns: int) -> None:
@@ -228,17 +233,14 @@ class Daemon:
         if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
             self._next_health_ns = now_ns + HEALTH_PERIOD_NS
             self._measure_rates()
+            computer = self._computer.read(now_ns)
+            self._output.show_computer(computer)
             sinks = {name: sink.health() for name, sink in self._sinks.items()}
-            self._console.show_sinks(sinks)
-            self._console.show_silence(is_silent=heard_ns is not None and not is_heard)
-            self._output.show_computer(self._computer.read(now_ns))
             links = {link.channel: health_of(link) for link in self._links}
-            self._console.show_links(links)
-            health = replace(self._pipeline.health(now_ns, sinks), links=links)
+            load, self._lag_ns = load_of(computer, self._lag_ns * 1e-9), 0
+            health = self._pipeline.health(now_ns, Rim(sinks, links, load))
             self._publish(health)
-            self._console.show_refusals(health)
-            self._console.show_rate(health.clock_rate)
-            self._console.show_beside(health)
+            self._console.show_health(health)
             if self._storing is not None and (error := self._storing.take_error()):
                 self._warn(error)
 

@@ -4,7 +4,7 @@ from collections import deque
 from typing import Final
 
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import Clock, Estimate, Lifecycle, StatusText
+from onboard.messages import Advice, Clock, Estimate, Lifecycle, Severity, StatusText
 
 ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  # MAV_SEVERITY
 MOST_WAITING: Final = 5
@@ -27,6 +27,11 @@ class Notices:
         entry = severity, text[:LENGTH]
         if entry not in self._waiting:
             self._waiting.append(entry)
+
+    def advise(self, advice: Advice) -> None:
+        """Let advice be sent; a mere notice is for those on the ground."""
+        if advice.severity is not Severity.NOTICE:
+            self.add(WARNING if advice.severity is Severity.ERROR else NOTICE, advice.text)
 
     def note(self, estimate: Estimate) -> None:
         """Whether the leader is tracked, when that changes."""

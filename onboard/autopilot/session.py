@@ -51,8 +51,8 @@ ASKING: Final = (TimeSync, Ping, ParamRequest, FileRequest, CommandAck, Command)
 
 
 class Session:
-    """The conversation on one link. Nothing is sent before an autopilot is heard. `computer` is the state of this
-    computer, if it is known."""
+    """The conversation on one link. Nothing is sent before an autopilot is heard. `computer` is the state of
+    this computer, if it is known."""
 
     def __init__(
         self,
@@ -97,8 +97,9 @@ class Session:
     def tick(
         self, now_ns: int, *, healthy: bool, rates: Mapping[str, float], wants_origin: bool = False
     ) -> list[bytes]:
-        """Frames due at `now_ns` (this computer's clock). `healthy` shows in the heartbeat; `rates` are the rates
-        of the MAVLink messages received, Hz; `wants_origin`: GPS_GLOBAL_ORIGIN is requested until it comes."""
+        """Frames due at `now_ns` (this computer's clock). `healthy` shows in the heartbeat; `rates` are the
+        rates of the MAVLink messages received, Hz; `wants_origin`: GPS_GLOBAL_ORIGIN is requested until it
+        comes."""
         if self._autopilot is None:
             return []
         frames = []
@@ -161,13 +162,13 @@ class Session:
         return []
 
     def _read_ack(self, m: CommandAck) -> None:
-        """A refusal of our requests for message rates is reported once; the answer does not say which message. The
-        filter's status, which not every autopilot has, may be refused."""
+        """A refusal of our requests for message rates is named in the health; the answer does not say which
+        message. The filter's status, which not every autopilot has, may be refused."""
         if m.command != dialect.MAV_CMD_SET_MESSAGE_INTERVAL or m.result in DONE:
             return
         self._refusals += 1
-        if self._refusals == self._status_requests + 1:
-            self.lines.append(f"the autopilot refuses a message rate (MAV_RESULT {m.result})")
+        if self._refusals > self._status_requests:
+            self._refuse("autopilot", f"the autopilot refuses a message rate (MAV_RESULT {m.result})", m.t_recv_ns)
 
     def _heartbeat(self, *, healthy: bool) -> bytes:
         return self._pack(

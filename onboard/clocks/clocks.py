@@ -45,6 +45,7 @@ CORRECTED_NS: Final = 50_000_000  # stamps of this computer were converted so wr
 MOST_GIMBALS: Final = 8
 LONGEST_ROUND_TRIP_NS: Final = 200_000_000
 BACK_NS: Final = 150_000_000  # behind the newest stamp: one clock's streams are nearer to each other
+UNIX_NS: Final = 10**17  # three years: no autopilot runs so long
 LATER_NS: Final = 5_000_000  # a message is stamped later than it arrives by no more than its clock's jitter
 
 
@@ -150,9 +151,10 @@ class Clocks:
             offset = message.t_recv_ns - t_ns if latest is None else latest
         later = t_ns + offset - message.t_recv_ns
         if later > LATER_NS:
+            hint = "; it looks like Unix time: send `clock: host`" if later > UNIX_NS else ""
             return self._refuse(
                 f"later_than_arrival: `t_ns` is {later * 1e-9:.3f} s later than the message arrived; expected the "
-                f"time of exposure on the clock `{message.clock.value}`, or a `delay` of as much"
+                f"time of exposure on the clock `{message.clock.value}`, or a `delay` of as much{hint}"
             )
         return msgspec.structs.replace(message, t_ns=t_ns, clock=Clock.BOOT)
 

@@ -1,5 +1,5 @@
 """The command line: `onboard run`, `demo`, `replay`, `report`, `evaluate`, `calibrate`, `router`, `recover`,
-`view`, `study`, `schema`, `compile`.
+`view`, `status`, `study`, `schema`, `compile`.
 
 A user's mistake is one line. Each command is a file of this folder with a function `main`. It is imported when it
 runs, so that `--help` is quick and a replay loads no Zenoh.
@@ -100,6 +100,7 @@ def parser() -> argparse.ArgumentParser:
     _add_router(add("router", "let vehicles and ground stations of a fleet meet", examples.ROUTER))
     _add_recover(add("recover", "a recording of a killed daemon, for other programs' readers", examples.RECOVER))
     _add_view(add("view", "watch a running daemon, or open a recorded view", examples.VIEW))
+    _add_status(add("status", "what a daemon hears, what is wrong, and what to do", examples.STATUS))
     _add_study(add("study", "a paper's claims, measured", examples.STUDY))
     _add_schema(add("schema", "what is published: keys, records, types", examples.SCHEMA))
     _add_compile(add("compile", "compile the filters before the first flight", examples.COMPILE))
@@ -209,6 +210,15 @@ def _add_view(view: argparse.ArgumentParser) -> None:
     view.add_argument("--config", type=Path, metavar="C", help="TOML file: camera, and certificates for a router")
     view.add_argument("--rrd", type=Path, help="record what is watched")
     _add_set(view)
+
+
+def _add_status(status: argparse.ArgumentParser) -> None:
+    status.add_argument("--json", action="store_true", help="one JSON document for each vehicle")
+    status.add_argument("--watch", action="store_true", help="again every second, until Ctrl-C")
+    status.add_argument("--connect", help="a daemon's or router's Zenoh (default: the file's, or this computer's)")
+    status.add_argument("--vehicle", help="its id, or all (default: 1, with a file: all)")
+    status.add_argument("--config", type=Path, metavar="C", help="TOML file of the daemon")
+    _add_set(status)
 
 
 def _add_study(study: argparse.ArgumentParser) -> None:

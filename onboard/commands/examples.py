@@ -93,6 +93,13 @@ examples:
   onboard view out/formation-1.rrd
   onboard view out/formation-1.rrd --png view.png --at 45
 """
+STATUS: Final = """\
+examples:
+  onboard status                                          of a daemon on this computer; exit code 0: healthy
+  onboard status --config companion.toml                  also why that daemon does not start
+  onboard status --connect tcp/192.168.1.20:7447 --watch
+  onboard status --json | jq '.health.advice'
+"""
 STUDY: Final = """\
 examples:
   onboard study relative-motion --seeds 10                writes report, numbers and figures to out/studies

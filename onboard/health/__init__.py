@@ -1,6 +1,19 @@
-"""What the health reports: counts and rates (`monitor`), and which camera messages are refused (`refusals`)."""
+"""What the health reports: counts and rates (`monitor`), which camera messages are refused (`refusals`), and
+what to do about all that is wrong (`advice`)."""
 
-from onboard.health.monitor import Errors, Monitor, autopilot_name, total
+from onboard.health.advice import Advisor
+from onboard.health.monitor import Errors, Monitor, autopilot_name, sender_of, total
+from onboard.health.needs import LinkNeed, Needs
 from onboard.health.refusals import Refusals
 
-__all__ = ["Errors", "Monitor", "Refusals", "autopilot_name", "total"]
+__all__ = [
+    "Advisor",
+    "Errors",
+    "LinkNeed",
+    "Monitor",
+    "Needs",
+    "Refusals",
+    "autopilot_name",
+    "sender_of",
+    "total",
+]

@@ -6,18 +6,21 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Final
 
+from onboard.health.cameras import Cameras
+from onboard.health.consistency import Consistencies
 from onboard.health.hints import Hints
 from onboard.health.refusals import Refusals
 from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth, TargetImage
 
 RATE_WINDOW_NS: Final = 2_000_000_000
+MOST_SENDERS: Final = 32
 MOST_ERRORS: Final = 100  # kinds of exceptions that are described; all are counted
 AUTOPILOT_NAMES: Final = {3: "ArduPilot", 12: "PX4"}
 
 
 class Errors:
-    """Exceptions over single messages. `counts` holds their number by place; `lines` describes the first exception
-    of each kind, for a person."""
+    """Exceptions over single messages. `counts` holds their number by place; `lines` describes the first
+    exception of each kind, for a person."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -50,10 +53,19 @@ class Monitor:
         self.rejected: Counter[str] = Counter()
         self.verdicts: Counter[str] = Counter()
         self.states: dict[str, Lifecycle] = {}
+        self.reasons: dict[str, str] = {}
         self.faults: tuple[Fault, ...] = ()
+        self.senders: Counter[str] = Counter()  # by MAVLink system and component
+        self.cameras, self.consistencies = Cameras(), Consistencies()
         self._own_verdicts = frozenset(own_verdicts)
         self._counts: Counter[str] = Counter()
         self._arrivals: dict[str, deque[int]] = {}
+
+    def hear(self, message: Message) -> None:
+        """Count a message of any sender."""
+        sender = f"{message.system}/{message.component}"
+        if message.system and (sender in self.senders or len(self.senders) < MOST_SENDERS):
+            self.senders[sender] += 1
 
     def reject(self, message: Message, reason: str) -> None:
         """Count a message that goes no further."""
@@ -74,11 +86,15 @@ class Monitor:
     def publish(self, estimate: Estimate) -> None:
         """Note an estimate's state, verdict and faults."""
         key = estimate.name if estimate.is_primary else f"{estimate.name}.{estimate.target}"
-        self.states[key] = estimate.state
+        self.states[key], self.reasons[key] = estimate.state, estimate.reason
         if estimate.state is Lifecycle.SEARCHING and not estimate.is_primary:
-            del self.states[key]  # the last estimate of one of many, of which a flight may have any number
+            del (
+                self.states[key],
+                self.reasons[key],
+            )  # the last estimate of one of many, of which a flight may have any number
         if estimate.measurement is not None:
             self.refusals.add_verdict(estimate, estimate.measurement)
+            self.consistencies.add(estimate, estimate.measurement)
         if estimate.measurement is not None and estimate.name not in self._own_verdicts:
             self.verdicts[f"{estimate.name}.{estimate.measurement.verdict}"] += 1
         if isinstance(estimate, NavState):
@@ -102,6 +118,11 @@ def total(counts: Iterable[Mapping[str, int]]) -> dict[str, int]:
     for each in counts:
         summed.update(each)
     return dict(summed)
+
+
+def sender_of(autopilot: Heartbeat | None) -> str:
+    """An autopilot's MAVLink system and component, as `1/1`; "" before it is heard."""
+    return "" if autopilot is None else f"{autopilot.system}/{autopilot.component}"
 
 
 def autopilot_name(autopilot: Heartbeat | None) -> str:

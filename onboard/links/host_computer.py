@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
-from onboard.messages import Clock, ComputerStatus
+from onboard.messages import Clock, ComputerLoad, ComputerStatus
 
 PROC: Final = Path("/proc")
 THERMAL: Final = Path("/sys/class/thermal")
@@ -69,3 +69,19 @@ class HostComputer:
             with suppress(OSError, ValueError):
                 found.append(int(path.read_text()) / 1000.0)
         return max(found, default=None)
+
+
+def load_of(status: ComputerStatus, lag: float) -> ComputerLoad:
+    """The same for the health; `lag` (s): by how much the daemon's own timer was late."""
+    cpu, pairs = (
+        status.cpu_percent,
+        ((status.memory_total, status.memory_used), (status.storage_total, status.storage_used)),
+    )
+    memory, storage = (None if total is None or used is None else total - used for total, used in pairs)
+    return ComputerLoad(
+        cpu_busiest=max(cpu, default=None),
+        cpu=sum(cpu) / len(cpu) if cpu else None,
+        memory_free=memory,
+        storage_free=storage,
+        lag=lag,
+    )

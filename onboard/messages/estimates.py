@@ -40,9 +40,11 @@ class Verdict(StrEnum):
 
 
 class MeasurementReport(Record, frozen=True, kw_only=True):
-    """One measurement of `source` with its prediction, its innovation and the verdict. Vectors have `components`
-    and `units`; points are as in `TargetPoints`. A field is None if the verdict was reached before it could be
-    computed. `misfits`: named points that were left out, since they fit no attitude of the target."""
+    """One measurement of `source` with its prediction, its innovation and the verdict. Vectors have
+    `components` and `units`; points are as in `TargetPoints`. A field is None if the verdict was reached before
+    it could be computed. `misfits`: named points that were left out, since they fit no attitude of the target.
+    `noise_scale`: by what factor its standard deviations were taken larger than configured, as an estimator has
+    learnt."""
 
     source: str
     t_ns: int
@@ -59,6 +61,7 @@ class MeasurementReport(Record, frozen=True, kw_only=True):
     points: tuple[ImagePoint, ...] | None = None
     predicted_points: tuple[ImagePoint, ...] | None = None
     misfits: tuple[str, ...] = ()
+    noise_scale: float = 1.0
 
 
 class ThreatLevel(StrEnum):
@@ -113,10 +116,10 @@ class Mode(Record, frozen=True, kw_only=True):
 
 
 class Estimate(Record, frozen=True, kw_only=True):
-    """One estimate of one target by one estimator. `mean` and `covariance` have `components` and `units` and are
-    None before a track exists. Use an estimate only if it is `valid`; `reason` explains why it is not. `frame`:
-    frame of the vector components. `age`: seconds from the last fused measurement to `t_ns`. `state_since_ns`:
-    start of the state."""
+    """One estimate of one target by one estimator. `mean` and `covariance` have `components` and `units` and
+    are None before a track exists. Use an estimate only if it is `valid`; `reason` explains why it is not.
+    `frame`: frame of the vector components. `age`: seconds from the last fused measurement to `t_ns`.
+    `state_since_ns`: start of the state."""
 
     name: str
     target: str
@@ -168,11 +171,10 @@ class NavState(Estimate, frozen=True, kw_only=True):
     """Our own vehicle by our own estimator: position from O, velocity, attitude (ZYX), body rates. The attitude
     part of `covariance` is that of the rotation vector, rad about b's axes, from the estimate to the truth.
 
-    `layer`: width of the smoothing boundary layer of each component of the last measurement; an innovation beyond
-    it indicates an error of the model. `switch_fraction`: share of innovations beyond it over the last second.
-    `nis_ratio`: mean NIS over its expectation, over the same time. `quality`: 1 to 100 %, -1 when not valid.
-    `origin`: O, degrees and m above mean sea level.
-    """
+    `layer`: width of the smoothing boundary layer of each component of the last measurement; an innovation
+    beyond it indicates an error of the model. `switch_fraction`: share of innovations beyond it over the last
+    second. `nis_ratio`: mean NIS over its expectation, over the same time. `quality`: 1 to 100 %, -1 when not
+    valid. `origin`: O, degrees and m above mean sea level."""
 
     q_nb: Quaternion | None
     omega_b: Vec3 | None
@@ -185,9 +187,9 @@ class NavState(Estimate, frozen=True, kw_only=True):
 
 
 class OwnPose(Record, frozen=True, kw_only=True):
-    """Our own vehicle by the autopilot's estimate: position from the autopilot's origin O, velocity, acceleration
-    (m, m/s, m/s^2, NED) and attitude. While the horizontal position is unknown, north and east are None. `t_ns` is
-    on the boot clock."""
+    """Our own vehicle by the autopilot's estimate: position from the autopilot's origin O, velocity,
+    acceleration (m, m/s, m/s^2, NED) and attitude. While the horizontal position is unknown, north and east are
+    None. `t_ns` is on the boot clock."""
 
     t_ns: int
     r_OF_n: tuple[float | None, float | None, float]

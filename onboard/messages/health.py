@@ -1,5 +1,6 @@
 """The condition of the daemon."""
 
+from enum import StrEnum
 from typing import Final
 
 import msgspec
@@ -17,9 +18,9 @@ class StreamHealth(Record, frozen=True, kw_only=True):
 
 
 class SinkHealth(Record, frozen=True, kw_only=True):
-    """One sink: records sent, records dropped because its queue was full, restarts after failures, and the present
-    error. `dropped_important`: of the dropped records, those that give way to no others. In the recorder these are
-    the received bytes, in Zenoh all but further targets and traffic."""
+    """One sink: records sent, records dropped because its queue was full, restarts after failures, and the
+    present error. `dropped_important`: of the dropped records, those that give way to no others. In the
+    recorder these are the received bytes, in Zenoh all but further targets and traffic."""
 
     sent: int = 0
     dropped: int = 0
@@ -31,9 +32,10 @@ class SinkHealth(Record, frozen=True, kw_only=True):
 class LinkHealth(Record, frozen=True, kw_only=True):
     """One link: datagrams (or pieces of a stream) received and sent, failed sends and reads, datagrams that the
     kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known). `shed`:
-    datagrams of a sender beyond its budget, which are neither decoded nor recorded. `routers`: Zenoh routers that
-    this program is connected to; None for other links. `error`: why a link that connects by itself is not
-    connected. `refused`: connections that were refused while another gave messages; `refused_from`: the last."""
+    datagrams of a sender beyond its budget, which are neither decoded nor recorded. `routers`: Zenoh routers
+    that this program is connected to; None for other links. `error`: why a link that connects by itself is not
+    connected. `refused`: connections that were refused while another gave messages; `refused_from`: the
+    last."""
 
     received: int = 0
     sent: int = 0
@@ -61,14 +63,84 @@ class Refusal(Record, frozen=True, kw_only=True):
     t_recv_ns: int
 
 
+class CameraHealth(Record, frozen=True, kw_only=True):
+    """Images of one camera that could be put on the time base. `rate` over the last seconds, Hz; `age`: s since
+    the last one arrived. Of the last one: `latency`, s from exposure to arrival; `lead`, s from our own newest
+    motion to exposure (negative: before it); `clock` of its stamp. `off_axis`: the
+    largest angle of a point of it off the optical axis, rad. `targets`, `classes`: names that its
+    detector gives, of each the first few."""
+
+    count: int
+    rate: float
+    age: float
+    latency: float | None = None
+    lead: float | None = None
+    clock: str = ""
+    off_axis: float = 0.0
+    targets: tuple[str, ...] = ()
+    classes: tuple[str, ...] = ()
+
+
+class Consistency(Record, frozen=True, kw_only=True):
+    """Whether the innovations of one source are as large as an estimator expects, over its last `count`
+    measurements. `nis`: mean NIS over its expectation, 1 for the configured noise; `low`, `high`: its bounds
+    (99.7 %), if nothing else is wrong. `noise`: by what factor the source is noisier than configured, by the
+    same innovations and what an estimator has learnt of it."""
+
+    count: int
+    nis: float
+    low: float
+    high: float
+    noise: float = 1.0
+
+
+class ComputerLoad(Record, frozen=True, kw_only=True):
+    """How busy this computer is: load of its busiest core and of all (%), memory and storage that are free
+    (bytes; None: not known), and `lag`, the longest time (s) in the last second by which the daemon was late
+    for its own timer."""
+
+    cpu_busiest: float | None = None
+    cpu: float | None = None
+    memory_free: int | None = None
+    storage_free: int | None = None
+    lag: float = 0.0
+
+
+class Severity(StrEnum):
+    """How much a cause costs."""
+
+    ERROR = "error"  # no estimate, or none of one kind, while it lasts
+    WARNING = "warning"  # estimates are worse, or some are missing
+    NOTICE = "notice"  # nothing, as long as it is meant
+
+
+class Advice(Record, frozen=True, kw_only=True):
+    """Something that is wrong, and its remedy. `cause`: its name, of the table in docs/status.md; `about`: the
+    camera, stream or link. `what`: what was found and what is needed, with figures; `remedy`: the line to type,
+    or the key to change. `text`: the same for a pilot, as STATUSTEXT. `over`: what is reported once it is
+    over. `count`: messages that were refused."""
+
+    cause: str
+    severity: Severity
+    about: str
+    what: str
+    remedy: str
+    text: str
+    over: str = ""
+    count: int = 1
+
+
 class Health(Record, frozen=True, kw_only=True):
-    """The condition of the daemon, once a second. `uptime` and `round_trip` (of TIMESYNC) in s; `clock_offset_ns`:
-    host clock minus boot clock; `clock_rate`: seconds of the boot clock in one of the host's. `states` by
-    estimator; `verdicts` count measurements, `rejected` messages by reason. `faults`: present faults of our own
-    vehicle. `refusals`: which camera messages, signed frames and requests of others were refused and why, of each
-    the latest last. `own_motion_sources`: how often attitude and velocity of our own vehicle came to be taken from
-    the autopilot or from our own state's estimator (`[ownship] source`), by which and why. `beside`: other
-    autopilots that are heard."""
+    """The condition of the daemon, once a second. `uptime` and `round_trip` (of TIMESYNC) in s;
+    `clock_offset_ns`: host clock minus boot clock; `clock_rate`: seconds of the boot clock in one of the
+    host's. `states` by estimator; `verdicts` count measurements, `rejected` messages by reason. `faults`:
+    present faults of our own vehicle. `refusals`: which camera messages, signed frames and requests of others
+    were refused and why, of each the latest last. `own_motion_sources`: how often attitude and velocity of our
+    own vehicle came to be taken from the autopilot or from our own state's estimator (`[ownship] source`), by
+    which and why. `beside`: other autopilots that are heard. `followed`: MAVLink system and component of the
+    autopilot, as `1/1`; `senders`: messages by system and component, of the first heard. `needed`: rate that
+    each stream must have, Hz. `cameras`: whose images come. `reasons`: why the states are what they are.
+    `consistency` by estimator and source. `advice`: what is wrong and its remedy, the worst first."""
 
     t_ns: int
     t_recv_ns: int
@@ -89,3 +161,11 @@ class Health(Record, frozen=True, kw_only=True):
     own_motion_sources: dict[str, int] = msgspec.field(default_factory=dict)
     clock_rate: float = 1.0
     beside: tuple[str, ...] = ()
+    followed: str = ""
+    senders: dict[str, int] = msgspec.field(default_factory=dict)
+    needed: dict[str, float] = msgspec.field(default_factory=dict)
+    cameras: dict[str, CameraHealth] = msgspec.field(default_factory=dict)
+    reasons: dict[str, str] = msgspec.field(default_factory=dict)
+    consistency: dict[str, Consistency] = msgspec.field(default_factory=dict)
+    computer: ComputerLoad = ComputerLoad()
+    advice: tuple[Advice, ...] = ()

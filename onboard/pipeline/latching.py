@@ -78,12 +78,14 @@ class Latch:
 
     def judge(self, heartbeat: Heartbeat) -> bool:
         """Take a heartbeat; True if its sender is followed from now on."""
-        if not _is_vehicle(heartbeat) or self._system not in {0, heartbeat.system}:
+        if not _is_vehicle(heartbeat):
             return False
         its = heartbeat.system, heartbeat.component
         if its not in self._heard:
             self._make_room()
             self._heard[its] = Vehicle(heartbeat)
+        if self._system not in {0, heartbeat.system}:
+            return False  # heard, but not ours
         vehicle = self._heard[its]
         if vehicle is self.ours:
             return False

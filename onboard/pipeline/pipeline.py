@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
 from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Postpones, load
-from onboard.health import Monitor
+from onboard.health import Advisor, Monitor
 from onboard.messages import (
     Attitude,
     Clock,
@@ -25,13 +25,13 @@ from onboard.messages import (
     Message,
     NavState,
     Output,
-    SinkHealth,
     TargetImage,
     TimeSync,
 )
 from onboard.pipeline.admission import FROM_ARRIVAL, SENSED, Admission
+from onboard.pipeline.needs import needs
 from onboard.pipeline.own_motion import OwnMotionSource
-from onboard.pipeline.report import Parts, health
+from onboard.pipeline.report import NO_RIM, Parts, Rim, health
 from onboard.pipeline.silence import TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.wire import tlog
@@ -71,6 +71,7 @@ class Pipeline:
         self._doubt = ""  # of our own motion; estimates that follow from it are not valid
         counts = [n for n, e in self.estimators.items() if isinstance(e, CountsVerdicts)]
         self._monitor = Monitor(counts, takes_ranges=config.takes_ranges())
+        self._advisor = Advisor(needs(config))
         self.refuse = self._monitor.refusals.add  # by source and reason, what nobody could use
         self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys)
 
@@ -119,6 +120,7 @@ class Pipeline:
     # ------------------------------------------------------------------------------- one message
 
     def _advance(self, message: Message) -> list[Output]:
+        self._monitor.hear(message)
         if isinstance(message, Heartbeat):
             self._latch(message)
         admitted = self._admission.admit(message)
@@ -160,6 +162,8 @@ class Pipeline:
         if aligned is None:  # counted by the clocks
             self._monitor.refusals.add_message(message, clocks.why)
             return []
+        if isinstance(message, TargetImage):
+            self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
         if clocks.reboots > reboots or clocks.jumps > jumps:
             self._start_over(
                 "the autopilot " + ("has rebooted" if clocks.reboots > reboots else "has set its clock")
@@ -288,7 +292,8 @@ class Pipeline:
         """The first exception of each kind, described in one line each."""
         return self._monitor.errors.lines
 
-    def health(self, t_recv_ns: int, sinks: dict[str, SinkHealth] | None = None) -> Health:
-        """How the program is doing, as of a time on this computer's clock."""
-        parts = Parts(self.clocks, self.ownship, self._admission, self._monitor, self._decoder, self.estimators)
-        return health(parts, t_recv_ns, self._first_recv_ns or t_recv_ns, sinks or {})
+    def health(self, t_recv_ns: int, rim: Rim = NO_RIM) -> Health:
+        """How the program is doing, as of a time on this computer's clock; `rim`: what surrounds the pipeline."""
+        counting = self._monitor, self._decoder, self.estimators, self._advisor
+        parts = Parts(self.clocks, self.ownship, self._admission, *counting)
+        return health(parts, t_recv_ns, self._first_recv_ns or t_recv_ns, rim)

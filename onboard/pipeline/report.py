@@ -1,12 +1,14 @@
 """The health of the pipeline, of what its parts have counted."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.estimators import EstimatorProtocol, counted_verdicts
-from onboard.health import Monitor, autopilot_name, total
-from onboard.messages import Health, SinkHealth
+from onboard.health import Advisor, Monitor, autopilot_name, sender_of, total
+from onboard.messages import ComputerLoad, Health, LinkHealth, SinkHealth
 from onboard.ownship import Ownship
 from onboard.pipeline.admission import Admission
 from onboard.wire.datagrams import DatagramDecoder
@@ -21,13 +23,25 @@ class Parts(NamedTuple):
     monitor: Monitor
     decoder: DatagramDecoder
     estimators: Mapping[str, EstimatorProtocol]
+    advisor: Advisor
 
 
-def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, sinks: dict[str, SinkHealth]) -> Health:
+class Rim(NamedTuple):
+    """What surrounds a pipeline, if anything does: its sinks, its links, and the load of the computer."""
+
+    sinks: Mapping[str, SinkHealth] = {}
+    links: Mapping[str, LinkHealth] = {}
+    computer: ComputerLoad = ComputerLoad()
+
+
+NO_RIM: Final = Rim()
+
+
+def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, rim: Rim) -> Health:
     """How the program is doing, as of a time on this computer's clock; `first_recv_ns`: of the first datagram."""
     clocks, monitor, offset = parts.clocks, parts.monitor, parts.clocks.offset_ns
     rejected = (monitor.rejected, monitor.errors.counts, clocks.rejected, parts.ownship.rejected)
-    return Health(
+    record = Health(
         t_ns=t_recv_ns - offset if offset is not None else 0,
         t_recv_ns=t_recv_ns,
         uptime=(t_recv_ns - first_recv_ns) * 1e-9,
@@ -43,7 +57,16 @@ def health(parts: Parts, t_recv_ns: int, first_recv_ns: int, sinks: dict[str, Si
         verdicts=dict(monitor.verdicts) | counted_verdicts(parts.estimators),
         rejected=total([*rejected, parts.decoder.rejected]),
         own_motion_sources=parts.ownship.source_changes,
-        sinks=sinks,
+        sinks=dict(rim.sinks),
+        links=dict(rim.links),
+        computer=rim.computer,
         faults=monitor.faults,
         refusals=monitor.refusals.latest,
+        followed=sender_of(parts.admission.autopilot),
+        senders=dict(monitor.senders),
+        needed=dict(parts.advisor.needs.rates),
+        cameras=monitor.cameras.health(t_recv_ns),
+        reasons=dict(monitor.reasons),
+        consistency=monitor.consistencies.summary(),
     )
+    return replace(record, advice=parts.advisor.advise(record))

@@ -123,6 +123,14 @@ def health(record: Health) -> str:
     return plain("\n".join(rows))
 
 
+def advice(record: Health) -> str:
+    """What is wrong, and the remedy, Markdown; "" where nothing is."""
+    rows = []
+    for one in record.advice:
+        rows += [f"**{one.severity.upper()}** {one.what}", "", f"> {one.remedy}" if one.remedy else "", ""]
+    return plain("\n".join(rows))
+
+
 def _range(leader: LeaderState, r: RangeEstimate) -> str:
     """Where the range is open, from where to where: a mean would look like a place."""
     ends = open_interval(leader)

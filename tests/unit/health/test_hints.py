@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from onboard.config import Config, parse_config
 from onboard.messages import DOUBT, TargetPoints
 from onboard.sinks.console import Console
-from tests.support.streams import CIRCLE, SIZE, Item, Run, Stream, advance
+from tests.support.streams import CIRCLE, EPOCH, SIZE, Item, Run, S, Stream, advance
 
 SECONDS = 25.0
 
@@ -39,7 +39,7 @@ def test_pixels_of_an_image_of_half_the_size_are_noticed() -> None:
     assert [r for r in reasons(run) if "upper left quarter" in r]
     assert any(e.valid for e in run.estimates)
     lines: list[str] = []
-    Console(lines.append, warn=lines.append).show_refusals(run.pipeline.health(0))
+    Console(lines.append, pilot=lambda _: None).show_health(run.pipeline.health(EPOCH + 31 * S))
     (line,) = [line for line in lines if "quarter" in line]
     assert line.startswith(f"camera landing_target: {DOUBT}")
 

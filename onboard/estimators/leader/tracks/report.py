@@ -44,7 +44,8 @@ def report(
     update, more = None, dict[str, Any]()
     if image is not None and outcome is not None:
         update = outcome.update
-        more = {"misfits": update.misfits, "predicted_points": _predicted_points(filter_, image, outcome)}
+        more = {"misfits": update.misfits, "noise_scale": image.noise_scale}
+        more |= {"predicted_points": _predicted_points(filter_, image, outcome)}
     return image_report(
         message,
         verdict,

@@ -1,0 +1,89 @@
+"""Which cameras are heard: how often, how late, by which clock, and which names their detectors give."""
+
+import math
+from collections import deque
+from typing import Final
+
+from onboard.messages import CameraHealth, TargetImage
+
+MOST: Final = 16  # cameras
+NAMES: Final = 8  # targets, or classes, of each
+RATE_WINDOW_NS: Final = 2_000_000_000
+S_PER_NS: Final = 1e-9
+
+
+class _Camera:
+    """The images of one camera."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.arrivals: deque[int] = deque()  # within the window; one exposure may bring several targets
+        self.exposed_ns: int | None = None
+        self.latency: float | None = None
+        self.lead: float | None = None
+        self.clock = ""
+        self.off_axis = 0.0
+        self.targets: dict[str, None] = {}
+        self.classes: dict[str, None] = {}
+
+
+class Cameras:
+    """The cameras whose images come."""
+
+    def __init__(self) -> None:
+        self._cameras: dict[str, _Camera] = {}
+
+    def see(self, image: TargetImage, exposed_ns: int, offset_ns: int | None, now_ns: int) -> None:
+        """Take an image as it came; `exposed_ns`: its time of exposure on the boot clock; `offset_ns`: host
+        clock minus boot clock; `now_ns`: the time of our newest own motion on the boot clock, 0 without any."""
+        camera = self._cameras.get(image.camera)
+        if camera is None:
+            if len(self._cameras) >= MOST:
+                return
+            camera = self._cameras[image.camera] = _Camera()
+        _note(camera.targets, image.target)
+        _note(camera.classes, image.class_name)
+        if exposed_ns == camera.exposed_ns:
+            return  # another target of the same image
+        camera.off_axis = max((math.atan(math.hypot(*point)) for point in image.image_points), default=0.0)
+        camera.exposed_ns, camera.clock = exposed_ns, image.clock.value
+        camera.count += 1
+        camera.arrivals.append(image.t_recv_ns)
+        _trim(camera.arrivals, image.t_recv_ns)
+        camera.latency = None if offset_ns is None else (image.t_recv_ns - offset_ns - exposed_ns) * S_PER_NS
+        camera.lead = (exposed_ns - now_ns) * S_PER_NS if now_ns else None
+
+    def health(self, t_recv_ns: int) -> dict[str, CameraHealth]:
+        """What is known of each, as of a time."""
+        return {name: _health(camera, t_recv_ns) for name, camera in self._cameras.items()}
+
+
+def _health(camera: _Camera, t_recv_ns: int) -> CameraHealth:
+    age_ns = t_recv_ns - camera.arrivals[-1]
+    _trim(camera.arrivals, t_recv_ns)
+    recent = len(camera.arrivals) if age_ns <= RATE_WINDOW_NS else 0
+    return CameraHealth(
+        count=camera.count,
+        rate=recent / (RATE_WINDOW_NS * S_PER_NS),
+        age=age_ns * S_PER_NS,
+        latency=camera.latency,
+        lead=camera.lead,
+        clock=camera.clock,
+        off_axis=camera.off_axis,
+        targets=tuple(camera.targets),
+        classes=tuple(name for name in camera.classes if name),
+    )
+
+
+def _trim(arrivals: deque[int], t_recv_ns: int) -> None:
+    """Keep what came within the window, and the newest."""
+    while len(arrivals) > 1 and not 0 <= t_recv_ns - arrivals[0] <= RATE_WINDOW_NS:
+        arrivals.popleft()
+
+
+def _note(names: dict[str, None], name: str) -> None:
+    """Keep a name as the newest; the oldest gives way."""
+    names.pop(name, None)
+    names[name] = None
+    if len(names) > NAMES:
+        del names[next(iter(names))]

@@ -1,0 +1,237 @@
+"""What can be wrong with images: none come, their stamps or names are wrong, or they do not fit."""
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from onboard.health.needs import Moment
+from onboard.messages import Advice, CameraHealth, Lifecycle, Severity
+
+PATIENCE_S: Final = 5.0  # after the start, before an image is missing
+SILENT_S: Final = 2.0
+QUICKEST_S: Final = 0.003  # from exposure to the detector's answer; nothing is faster
+SLOWEST_S: Final = 0.4  # of 0.5 s, beyond which images are too old
+YEARS_S: Final = 1e8
+WIDE: Final = 0.35  # rad off the axis
+NOISY: Final = 1.3  # times the configured noise
+QUIET: Final = 0.5
+GATED: Final = 0.3  # share of images
+FEWEST: Final = 10  # images by which a share is judged
+LEADERS: Final = ("leader", "oh_johnson")
+VALID: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)
+FIT: Final = "`onboard calibrate LOG` finds mount, delay and focal length of a recorded flight"
+
+
+def silent_camera(m: Moment) -> Iterator[Advice]:
+    """No images, or not any more."""
+    if not m.needs.images or m.waited < PATIENCE_S:
+        return
+    if not m.now.cameras:
+        yield from _never_heard(m)
+    for name, camera in m.now.cameras.items():
+        if camera.age > SILENT_S and not _is_refused(m):
+            empty = _detector_sends(m)
+            why = "its detector sends, but finds no aircraft" if empty else "is its detector running?"
+            yield _advice(
+                "camera-silent",
+                name,
+                f"camera {name}: no image for {camera.age:.0f} s; {why}",
+                "look at what the detector finds" if empty else f"start it: it sends on {_key(m, name)}",
+                f"camera {name}: no images",
+                Severity.NOTICE if empty else Severity.ERROR,
+                over=f"camera {name}: images come again",
+            )
+
+
+def _never_heard(m: Moment) -> Iterator[Advice]:
+    name = m.needs.cameras[0] if m.needs.cameras else "front"
+    if _is_refused(m):
+        return  # the advice on what is refused says why
+    if _detector_sends(m):
+        what = f"camera {name}: something comes, but no aircraft is in it"
+        remedy = f"a detector that finds an aircraft sends `detections` on {_key(m, name)}"
+    else:
+        places = [f"link {k.name} ({k.url})" for k in m.needs.links if not k.is_autopilot]
+        what = f"camera {name}: no image has come" + (f", nor on {', '.join(places)}" if places else "")
+        remedy = f"start the detector: it sends on {_key(m, name)} (`onboard.client.Camera`)"
+    yield _advice(
+        "camera-silent", name, what, remedy, f"camera {name}: no images", over=f"camera {name}: images come"
+    )
+
+
+def stamps(m: Moment) -> Iterator[Advice]:
+    """Images whose stamps cannot be times of exposure, though they are used."""
+    for name, camera in m.now.cameras.items():
+        if camera.latency is None or camera.age > SILENT_S or camera.count < FEWEST:
+            continue
+        if abs(camera.latency) > YEARS_S:
+            yield _other_clock(name, camera)
+            continue
+        if camera.latency < QUICKEST_S:
+            when = "after" if camera.latency > 0.0 else "before"
+            what = (
+                f"camera {name}: images arrive {1e3 * abs(camera.latency):.0f} ms {when} the time of their stamp; "
+                "a camera and a detector take 20 ms and more, so it is not that of exposure"
+            )
+            remedy = f"stamp the exposure, or set `delay_s` of {_section(m, name)}; {FIT}"
+        elif camera.latency > SLOWEST_S:
+            what = f"camera {name}: images arrive {camera.latency:.2f} s after exposure; at 0.5 s they are too old"
+            remedy = "make the detector faster, or let it leave images out; is `t_ns` the time of exposure?"
+        else:
+            continue
+        yield _advice("stamps", name, what, remedy, f"camera {name}: stamps are off", Severity.WARNING)
+
+
+def _other_clock(name: str, camera: CameraHealth) -> Advice:
+    """Stamps that are years off: of Unix time, or of a time since boot."""
+    is_unix = (camera.latency or 0.0) < 0.0
+    it_is, clock = ("Unix time", "host") if is_unix else ("time since a boot", "boot")
+    return _advice(
+        "clock",
+        name,
+        f"camera {name}: `t_ns` is {it_is}, but `clock` is `{camera.clock}`",
+        f"let the detector send `clock: {clock}`",
+        f"camera {name}: clock is {clock}",
+    )
+
+
+def lens(m: Moment) -> Iterator[Advice]:
+    """Points far from the optical axis of a camera without distortion: pixels of a real lens are off there."""
+    for name, camera in m.now.cameras.items():
+        if name in m.needs.undistorted and camera.off_axis > WIDE and camera.count >= FEWEST:
+            yield _advice(
+                "lens",
+                name,
+                f"camera {name}: points are {math.degrees(camera.off_axis):.0f} degrees off the axis, and no "
+                "distortion is configured: there a wide lens moves pixels by a tenth",
+                f"set `distortion` or `calibration` of {_section(m, name)}, unless pixels are undistorted already",
+                f"camera {name}: lens distortion not set",
+                Severity.NOTICE,
+            )
+
+
+def names(m: Moment) -> Iterator[Advice]:
+    """Targets that are not the leader, and classes without a section."""
+    for name, camera in m.now.cameras.items():
+        if camera.age > SILENT_S:
+            continue
+        unknown = [c for c in camera.classes if m.needs.classes and c not in m.needs.classes]
+        if unknown:
+            yield _advice(
+                "class",
+                name,
+                f"camera {name}: class `{unknown[-1]}` has no section; wingspan as in [estimator.leader]",
+                f"add [target.{unknown[-1]}] with `size_prior_m`, or send one of {', '.join(m.needs.classes)}",
+                f"class {unknown[-1]} is not known",
+                Severity.WARNING,
+            )
+        others = [target for target in camera.targets if target not in ("leader", "")]
+        if others and len(others) == len(camera.targets) and _leader_is_lost(m):
+            yield _advice(
+                "target",
+                name,
+                f"camera {name}: its images are of target `{others[-1]}`, none of `leader`",
+                f"let the detector send `target: leader`, or none; or read `estimate/leader/{others[-1]}`",
+                f"no images of target leader, of {others[-1]}",
+            )
+
+
+def misfit(m: Moment) -> Iterator[Advice]:
+    """Images that fit worse, or better, than their noise allows."""
+    for name in m.now.cameras:
+        for key, found in m.now.consistency.items():
+            estimator, _, source = key.partition(".")
+            if source != name or estimator not in LEADERS:
+                continue
+            ratio = f"NIS {found.nis:.1f} times the expected one (bounds {found.low:.2f} to {found.high:.2f})"
+            if found.noise > NOISY:
+                yield _advice(
+                    "noise",
+                    name,
+                    f"camera {name}: the detector is {found.noise:.1f} times as noisy as configured, {ratio}",
+                    f"if it is noise, set `sigma_px` of {_section(m, name)} to {found.noise:.1f} times its value; "
+                    f"else {_suspects(m, name)}",
+                    f"detector {found.noise:.1f} times as noisy as set",
+                    Severity.WARNING,
+                )
+            elif found.noise < QUIET:
+                yield _advice(
+                    "noise",
+                    name,
+                    f"camera {name}: the detector is {found.noise:.1f} times as noisy as configured, {ratio}",
+                    f"a smaller `sigma_px` of {_section(m, name)} makes estimates surer",
+                    f"detector {found.noise:.1f} times as noisy as set",
+                    Severity.NOTICE,
+                )
+        yield from _gated(m, name)
+
+
+def _gated(m: Moment, name: str) -> Iterator[Advice]:
+    for estimator in LEADERS:
+        gated = m.verdicts(f"{estimator}.gated")
+        used = m.verdicts(f"{estimator}.fused") + m.verdicts(f"{estimator}.fused_late")
+        if gated + used < FEWEST or gated < GATED * (gated + used):
+            continue
+        yield _advice(
+            "misfit",
+            name,
+            f"camera {name}: {gated} of the last {gated + used} images do not fit where the {estimator} estimator "
+            "expects the leader",
+            _suspects(m, name),
+            f"camera {name}: images do not fit",
+            Severity.WARNING,
+        )
+
+
+def _suspects(m: Moment, name: str) -> str:
+    """What may be wrong where images do not fit, and what finds it."""
+    lens = (
+        ", `distortion` or `calibration` (none is set: are pixels undistorted?)"
+        if name in m.needs.undistorted
+        else ""
+    )
+    return (
+        f"one of these is wrong: `mount_rpy_deg`, `delay_s`, `f_px`{lens} of {_section(m, name)}, `size_prior_m` "
+        f"of [estimator.leader]; {FIT}"
+    )
+
+
+def _leader_is_lost(m: Moment) -> bool:
+    return all(m.now.states.get(e) not in VALID for e in LEADERS)
+
+
+def _detector_sends(m: Moment) -> bool:
+    """Whether anything came lately where detections come."""
+    names = {k.name for k in m.needs.links if not k.is_autopilot} | {"zenoh"}
+    before = m.before.links
+    return any(
+        h.received > before[name].received for name, h in m.now.links.items() if name in names and name in before
+    )
+
+
+def _is_refused(m: Moment) -> bool:
+    """Whether images come, but are refused: that has advice of its own."""
+    return any("camera" in r.source and m.now.t_recv_ns - r.t_recv_ns < SILENT_S * 1e9 for r in m.now.refusals)
+
+
+def _key(m: Moment, name: str) -> str:
+    return f"`{m.needs.prefix}/camera/{name}/detections`" if m.needs.prefix else "a `json:` link"
+
+
+def _section(m: Moment, name: str) -> str:
+    """The section of a camera in the configuration."""
+    return f"[cameras.{name}]" if name in m.needs.cameras[1:] else "[camera]"
+
+
+def _advice(
+    cause: str,
+    camera: str,
+    what: str,
+    remedy: str,
+    text: str,
+    severity: Severity = Severity.ERROR,
+    over: str = "",
+) -> Advice:
+    return Advice(
+        cause=cause, severity=severity, about=f"camera {camera}", what=what, remedy=remedy, text=text, over=over
+    )

@@ -1,0 +1,158 @@
+"""What can be wrong with what was sent to us, with links and sinks, and with this computer."""
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from onboard.health.needs import Moment
+from onboard.health.remedies import remedy_of
+from onboard.messages import DOUBT, Advice, Severity
+
+RECENT_NS: Final = 10_000_000_000
+LATE_S: Final = 0.15  # by which the daemon's timer may be late
+BUSY: Final = 95.0  # %, of all cores
+LITTLE_ROOM: Final = 200_000_000  # bytes
+LITTLE_MEMORY: Final = 100_000_000
+ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
+ALSO: Final = "(the rest is used) "  # before what is ignored of a document
+
+
+def refused(m: Moment) -> Iterator[Advice]:
+    """What was refused, by the reason that is known already."""
+    for refusal in reversed(m.now.refusals):
+        if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= RECENT_NS:
+            continue
+        if _follows(m, refusal.reason):
+            continue
+        remedy = remedy_of(refusal)
+        is_doubt = refusal.reason.startswith((DOUBT, ALSO))
+        what = "" if refusal.reason.startswith(DOUBT) else "refused from "
+        yield Advice(
+            cause=remedy.cause,
+            severity=Severity.NOTICE if is_doubt else Severity.WARNING,
+            about=f"{refusal.source}: {refusal.reason}",
+            what=f"{what}{refusal.source}: {refusal.reason}",
+            count=refusal.count,
+            remedy=remedy.remedy,
+            text=f"{_last(refusal.source)}: {remedy.short}",
+        )
+
+
+def _follows(m: Moment, reason: str) -> bool:
+    """Whether a refusal follows from what has advice of its own: no autopilot, or no motion of ours."""
+    if not m.now.followed:
+        return reason.startswith("no autopilot")
+    return reason.startswith("no_pose") and not m.has_motion
+
+
+def links(m: Moment) -> Iterator[Advice]:
+    """A link without its peer, and datagrams that are lost."""
+    for name, health in m.now.links.items():
+        before = m.before.links.get(name, health)
+        if health.error:
+            cause = "tls" if re.search(r"TLS|tls/|certificate", health.error) else "link"
+            yield Advice(
+                cause=cause,
+                severity=Severity.WARNING,
+                about=f"link {name}",
+                what=f"link {name}: {health.error}; trying again",
+                remedy=_link_remedy(m, name, cause),
+                text=f"link {name} is not connected",
+                over=f"link {name}: connected",
+            )
+        if health.refused > before.refused:
+            yield Advice(
+                cause="link",
+                severity=Severity.WARNING,
+                about=f"link {name}",
+                what=f"link {name}: refused a connection from {health.refused_from}: another peer still sends",
+                remedy="close one of the two, or give each a [[link]] of its own",
+                text=f"link {name}: second peer refused",
+            )
+
+
+def _link_remedy(m: Moment, name: str, cause: str) -> str:
+    if cause == "tls":
+        return (
+            "check `ca_file`, `certificate_file` and `private_key_file` of [zenoh], and the clock of this computer"
+        )
+    if name == "zenoh":
+        return "start `onboard router CONFIG.toml` there, or set `connect` of [zenoh]"
+    url = next((link.url for link in m.needs.links if link.name == name), "")
+    if url.startswith("serial:"):
+        return f"plug the device in, or set `url` of [[link]] {name}: `ls /dev/serial/by-id` lists them"
+    return f"start what is at its other end, or set `url` of [[link]] {name} (now {url})"
+
+
+def sinks(m: Moment) -> Iterator[Advice]:
+    """A sink that fails: a recording may be missing."""
+    for name, health in m.now.sinks.items():
+        if health.error:
+            is_full = "No space" in health.error or "full" in health.error
+            yield Advice(
+                cause="disk" if is_full else "sink",
+                severity=Severity.WARNING,
+                about=name,
+                what=f"{name}: {health.error}",
+                remedy="make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
+                if name == "recorder"
+                else "",
+                text=f"{name}: {health.error}",
+                over=f"{name}: works again",
+            )
+
+
+def slow(m: Moment) -> Iterator[Advice]:
+    """This computer is too slow for what comes."""
+    signs, load = [], m.now.computer
+    for name, health in m.now.links.items():
+        before = m.before.links.get(name, health)
+        if health.dropped > before.dropped:
+            signs.append(f"link {name} lost {health.dropped - before.dropped} datagrams")
+        if health.shed > before.shed:
+            signs.append(f"link {name}: too many messages; {health.shed - before.shed} were left out")
+    for name, sink in m.now.sinks.items():
+        lost = sink.dropped_important - m.before.sinks.get(name, sink).dropped_important
+        if lost > 0:
+            signs.append(f"{name} lost {lost} records")
+    if load.lag > LATE_S and m.before.computer.lag > LATE_S and m.before is not m.now:
+        signs.append(f"the daemon is {load.lag:.2f} s late")
+    if signs:
+        busy = "" if load.cpu is None else f" (all cores {load.cpu:.0f} % busy)"
+        yield Advice(
+            cause="slow",
+            severity=Severity.WARNING,
+            about="computer",
+            what="this computer is too slow for what comes: " + ", ".join(signs) + busy,
+            remedy="stop other programs (`top`), send fewer images or targets, or lower `particles` and "
+            "`publish_rate_hz` of [estimator.leader]",
+            text="companion computer too slow",
+        )
+
+
+def storage(m: Moment) -> Iterator[Advice]:
+    """Storage or memory that is about to run out."""
+    load = m.now.computer
+    if "recorder" in m.now.sinks and load.storage_free is not None and load.storage_free < LITTLE_ROOM:
+        yield Advice(
+            cause="disk",
+            severity=Severity.WARNING,
+            about="storage",
+            what=f"{load.storage_free / 1e6:.0f} MB of storage are free: the recording ends when they are used up",
+            remedy=ROOM,
+            text=f"storage: {load.storage_free / 1e6:.0f} MB left",
+        )
+    if load.memory_free is not None and load.memory_free < LITTLE_MEMORY:
+        yield Advice(
+            cause="slow",
+            severity=Severity.WARNING,
+            about="memory",
+            what=f"{load.memory_free / 1e6:.0f} MB of memory are free",
+            remedy="stop other programs (`top`), or lower `max_targets` of [estimator.leader]",
+            text="companion computer: little memory",
+        )
+
+
+def _last(source: str) -> str:
+    """A source in few letters: the last parts of a key."""
+    return source if len(source) <= 24 else source[-24:].partition("/")[2] or source[:24]

@@ -1,0 +1,84 @@
+"""What a configuration needs of its surroundings, and the moment that is judged."""
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from onboard.messages import Health
+
+SILENT_S: Final = 3.0
+ENOUGH: Final = 0.8  # of a rate that is needed
+MOTION: Final = ("Attitude", "LocalPosition")
+
+
+class LinkNeed(NamedTuple):
+    """A configured link: its name and link string, whether an autopilot is at its other end, and its key's
+    file."""
+
+    name: str
+    url: str
+    is_autopilot: bool
+    key_file: str | None
+
+
+class Needs(NamedTuple):
+    """What a configuration needs. `prefix`: the beginning of our Zenoh keys, "" without Zenoh. `system`: the
+    only MAVLink system that may be followed, 0 for any. `rates`: Hz that each stream (by its record) must have;
+    `asked`: Hz that are asked for, by MAVLink name. `images`: an estimator needs images. `classes`: of targets,
+    that have a section. `undistorted`: names of cameras without distortion coefficients. `sends_places`: links
+    on which the leader's place on Earth is sent."""
+
+    prefix: str = ""
+    system: int = 0
+    links: tuple[LinkNeed, ...] = ()
+    cameras: tuple[str, ...] = ()
+    rates: Mapping[str, float] = {}
+    asked: Mapping[str, float] = {}
+    images: bool = False
+    classes: tuple[str, ...] = ()
+    undistorted: tuple[str, ...] = ()
+    sends_places: tuple[str, ...] = ()
+
+
+class Moment(NamedTuple):
+    """What a cause is judged by: the health now, that of some seconds before, what is needed, and how long (s)
+    the daemon has waited for it."""
+
+    now: Health
+    before: Health
+    needs: Needs
+    waited: float
+
+    def rejected(self, reason: str) -> int:
+        """Messages that were rejected for a reason in the last seconds."""
+        return self.now.rejected.get(reason, 0) - self.before.rejected.get(reason, 0)
+
+    def verdicts(self, name: str) -> int:
+        """Verdicts of the last seconds, as `leader.gated`."""
+        return self.now.verdicts.get(name, 0) - self.before.verdicts.get(name, 0)
+
+    @property
+    def is_heard(self) -> bool:
+        """Whether the autopilot is heard now."""
+        return self.now.followed != "" and self.silence < SILENT_S
+
+    @property
+    def silence(self) -> float:
+        """Seconds since any stream of our vehicle."""
+        own = [s.age for name, s in self.now.streams.items() if not name.startswith("Target")]
+        return min(own, default=self.waited)
+
+    @property
+    def has_just_come(self) -> bool:
+        """Whether the autopilot was not heard all the last seconds, so that its rates are not known yet."""
+        heartbeat = self.before.streams.get("Heartbeat")
+        return self.now is self.before or heartbeat is None or heartbeat.age > SILENT_S
+
+    def rate(self, name: str) -> float:
+        """A stream's rate now, Hz. Where there is no local position, the global one is used."""
+        names = ("LocalPosition", "GlobalPosition") if name == "LocalPosition" else (name,)
+        return max(self.now.streams[n].rate if n in self.now.streams else 0.0 for n in names)
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether our own motion comes as often as it must."""
+        return all(self.rate(name) >= ENOUGH * self.needs.rates.get(name, 0.0) for name in MOTION)

@@ -1,0 +1,41 @@
+"""What a configuration needs of its surroundings, for the advice in the health."""
+
+from collections.abc import Mapping
+from typing import Final
+
+from onboard.config import Config
+from onboard.health import LinkNeed, Needs
+
+IMU_HZ: Final = 17.0  # below it, a yaw that is wrong is not noticed (docs/fly-it.md)
+GPS_HZ: Final = 1.0
+SLOWEST_HZ: Final = 5.0
+USES_IMAGES: Final = ("leader", "oh_johnson")
+PLACES: Final = ("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "ADSB_VEHICLE", "CAMERA_TRACKING_GEO_STATUS")
+
+
+def needs(config: Config) -> Needs:
+    """What this configuration needs."""
+    cameras = config.camera_inputs()
+    return Needs(
+        prefix=config.zenoh.prefix if config.zenoh.enabled else "",
+        system=config.autopilot.system,
+        links=tuple(LinkNeed(k.name, k.url, k.is_autopilot, k.key_file) for k in config.link),
+        cameras=tuple(cameras),
+        rates=_rates(config),
+        asked=config.autopilot.rates_hz,
+        images=any(name in config.estimator for name in USES_IMAGES),
+        classes=tuple(config.target),
+        undistorted=tuple(name for name, camera in cameras.items() if not any(camera.lens.distortion)),
+        sends_places=tuple(out.link for out in config.leader_out if any(n in PLACES for n in out.rates_hz)),
+    )
+
+
+def _rates(config: Config) -> Mapping[str, float]:
+    """Hz of each stream. Beyond its newest sample our own pose is carried on for `max_extrapolation_s` only."""
+    if not config.estimator:
+        return {}
+    pose = max(1.0 / max(config.ownship.max_extrapolation_s, 1e-3), SLOWEST_HZ)
+    rates = {"Attitude": min(pose, 50.0), "LocalPosition": min(pose, 50.0)}
+    if "own_state" in config.estimator:
+        rates |= {"Imu": IMU_HZ, "GpsFix": GPS_HZ}
+    return rates

@@ -1,0 +1,376 @@
+"""Twenty causes of a missing or poor estimate: each is found, and its remedy named, from the health alone."""
+
+import errno
+import json
+import math
+import os
+import socket
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from onboard.arrays import Array
+from onboard.autopilot.notices import LENGTH, Notices
+from onboard.commands.absent import why_absent
+from onboard.commands.status import describe, is_healthy
+from onboard.config import Config, parse_config
+from onboard.messages import (
+    Advice,
+    Attitude,
+    Clock,
+    ComputerLoad,
+    Datagram,
+    Encoding,
+    Health,
+    LinkHealth,
+    LocalPosition,
+    Message,
+    Severity,
+    SinkHealth,
+    TargetPoints,
+)
+from onboard.pipeline import Pipeline, Rim
+from onboard.sinks.console import Console
+from onboard.view import words
+from onboard.wire.signing import read_key
+from tests.support.streams import CIRCLE, EPOCH, F_PX, MS, SIZE, Item, S, Stream, encode
+
+SECONDS = 14
+MOTION = (Attitude, LocalPosition)
+
+
+class Doctor(NamedTuple):
+    """The health of the last second, and all advice by its cause, the newest of each."""
+
+    health: Health
+    found: dict[str, Advice]
+
+
+def configured(**sections: Any) -> Config:
+    leader = {"leader": {"size_prior_m": SIZE}}
+    return parse_config({"estimator": leader, **sections})
+
+
+def flown(
+    change: Callable[[Message], Message | None] = lambda m: m,
+    config: Config | None = None,
+    rims: Callable[[int], Rim] = lambda _: Rim(),
+    *,
+    lead_ns: int = 0,
+    extra: Iterable[Datagram] = (),
+    keys: dict[str, bytes] | None = None,
+) -> Doctor:
+    """A flight of which each message is changed (None: left out), with a health every second."""
+    items = []
+    for item in Stream(t1=5.0 + SECONDS, flight=CIRCLE, lead_ns=lead_ns).items():
+        changed = change(item.message)
+        if changed is not None:
+            items.append(Item(item.t_recv_ns, changed))
+    pipeline, found = Pipeline(config or configured(), keys or {}), dict[str, Advice]()
+    datagrams = sorted([*encode(items, "autopilot"), *extra], key=lambda d: d.t_recv_ns)
+    second = 0
+    health = pipeline.health(EPOCH + 5 * S, rims(0))
+    for datagram in datagrams:
+        while datagram.t_recv_ns > EPOCH + (6 + second) * S:
+            second += 1
+            health = pipeline.health(EPOCH + (5 + second) * S, rims(second))
+            found |= {advice.cause: advice for advice in reversed(health.advice)}
+        pipeline.feed(datagram)
+    return Doctor(health, found)
+
+
+def images(change: Callable[[TargetPoints], Message | None]) -> Callable[[Message], Message | None]:
+    return lambda m: change(m) if isinstance(m, TargetPoints) else m
+
+
+def moved(change: Callable[[Array], Array]) -> Callable[[Message], Message | None]:
+    """The flight with other image points (3, 2)."""
+
+    def of(m: TargetPoints) -> Message:
+        center, left, right = (tuple(p) for p in change(np.array([m.center, m.left, m.right])).tolist())
+        return replace(m, center=center, left=left, right=right)
+
+    return images(of)
+
+
+def without(*kinds: type[Message]) -> Callable[[Message], Message | None]:
+    return lambda m: None if isinstance(m, kinds) else m
+
+
+def detections(change: Callable[[dict[str, Any], float], object] = lambda _d, _t: None) -> list[Datagram]:
+    """The camera's images as documents of a detector, in pixels of 640 x 480."""
+    found = []
+    for item in Stream(t1=5.0 + SECONDS, flight=CIRCLE).items():
+        m = item.message
+        if not isinstance(m, TargetPoints):
+            continue
+        points = {
+            name: {"u_px": 320 + F_PX * p[0], "v_px": 240 + F_PX * p[1]}
+            for name, p in (("center", m.center), ("left", m.left), ("right", m.right))
+        }
+        one = {"target": "leader", "points": points}
+        document = {"t_ns": m.t_ns, "clock": "boot", "camera": "front", "detections": [one]}
+        change(document, m.t_ns * 1e-9)
+        data, key = json.dumps(document).encode(), "onboard/1/camera/front/detections"
+        encoding = Encoding.DETECTIONS
+        found.append(Datagram(channel=key, encoding=encoding, t_recv_ns=item.t_recv_ns, data=data))
+    return found
+
+
+def detected(change: Callable[[dict[str, Any], float], object], **sections: Any) -> Doctor:
+    return flown(without(TargetPoints), configured(**sections), extra=detections(change))
+
+
+def named(doctor: Doctor, cause: str, remedy: str) -> Advice:
+    """The advice of this cause, whose remedy names this line or key."""
+    assert cause in doctor.found, sorted(doctor.found)
+    advice = doctor.found[cause]
+    assert remedy in advice.remedy
+    assert advice.text
+    return advice
+
+
+def test_a_flight_without_faults_needs_no_advice() -> None:
+    doctor = flown(images(lambda m: replace(m, clock=Clock.BOOT)))
+    assert [a for a in doctor.found.values() if a.severity is not Severity.NOTICE] == []
+    assert is_healthy(doctor.health)
+
+
+def test_01_a_silent_camera() -> None:
+    advice = named(flown(without(TargetPoints)), "camera-silent", "`onboard/1/camera/front/detections`")
+    assert advice.severity is Severity.ERROR
+
+
+def test_01_a_camera_that_falls_silent() -> None:
+    doctor = flown(images(lambda m: m if m.t_ns < 15 * S else None))
+    assert "no image for" in named(doctor, "camera-silent", "/camera/landing_target/detections").what
+
+
+def test_01_a_detector_that_finds_nothing() -> None:
+    rims = lambda second: Rim(links={"zenoh": LinkHealth(received=25 * second)})  # noqa: E731
+    doctor = flown(without(TargetPoints), rims=rims)
+    assert "no aircraft is in it" in named(doctor, "camera-silent", "detections").what
+
+
+def test_02_a_silent_autopilot() -> None:
+    pipeline = Pipeline(configured())
+    advice = [pipeline.health(EPOCH + k * S).advice for k in range(6)]
+    assert advice[0] == ()
+    (autopilot, _camera) = advice[5]
+    assert (autopilot.cause, autopilot.severity) == ("autopilot-silent", Severity.ERROR)
+    assert "mavproxy.py --out=udpout:127.0.0.1:14540" in autopilot.remedy
+
+
+def test_02_an_autopilot_that_falls_silent() -> None:
+    doctor = flown(lambda m: m if m.t_recv_ns < EPOCH + 15 * S or isinstance(m, TargetPoints) else None)
+    assert "silent: no estimates" in named(doctor, "autopilot-silent", "link autopilot (udpin:").what
+
+
+def test_03_another_system() -> None:
+    doctor = flown(config=configured(autopilot={"system": 7}))
+    assert "system 7" in named(doctor, "system", "`system = 1` in [autopilot]").what
+
+
+def test_04_another_component() -> None:
+    doctor = flown(lambda m: replace(m, component=158) if isinstance(m, MOTION) else m)
+    assert "1/158" in named(doctor, "component", "mavlink stream -d DEVICE -s").what
+
+
+def test_05_an_unknown_camera_name() -> None:
+    doctor = detected(lambda d, _: d.update(camera="nose"))
+    assert "no camera is called `nose`; known: front" in named(doctor, "camera", "[cameras.NAME]").what
+
+
+def test_06_an_unknown_target_name() -> None:
+    doctor = detected(lambda d, _: d["detections"][0].update(target="bird"))
+    assert "`bird`" in named(doctor, "target", "`target: leader`").what
+
+
+def test_07_a_class_that_is_not_followed() -> None:
+    doctor = detected(lambda d, _: d["detections"][0].update({"class": "kite"}), camera={"classes": ["plane"]})
+    assert "`kite`" in named(doctor, "class", "`classes`").what
+
+
+def test_07_a_class_without_a_section() -> None:
+    sections = {"target": {"plane": {"size_prior_m": 2.0}}}
+    doctor = detected(lambda d, _: d["detections"][0].update({"class": "kite"}), **sections)
+    assert "`kite`" in named(doctor, "class", "[target.kite]").what
+
+
+def test_09_a_size_that_is_three_times_too_large() -> None:
+    """The leader is three times as large as configured, and so seems three times as near as it is."""
+    doctor = flown(moved(lambda p: p[:1] + 3.0 * (p - p[:1])))
+    assert "times as noisy as configured" in named(doctor, "noise", "`size_prior_m`").what
+
+
+@pytest.mark.parametrize(("lead_s", "wrong"), [(0.3, "later than the message arrived"), (-1.0, "too old")])
+def test_10_stamps_that_are_late_or_early(lead_s: float, wrong: str) -> None:
+    assert wrong in named(flown(lead_ns=round(lead_s * S)), "stamps", "exposure").what
+
+
+def test_10_stamps_of_the_arrival() -> None:
+    doctor = flown(images(lambda m: replace(m, clock=Clock.BOOT, t_ns=m.t_recv_ns - EPOCH - 3 * MS)))
+    assert "after the time of their stamp" in named(doctor, "stamps", "`delay_s`").what
+
+
+@pytest.mark.parametrize(("off_ns", "said", "meant"), [(EPOCH, "boot", "host"), (0, "host", "boot")])
+def test_11_the_wrong_clock(off_ns: int, said: str, meant: str) -> None:
+    """Unix time that is called time since boot, and the other way round."""
+    doctor = detected(lambda d, _: d.update(t_ns=d["t_ns"] + off_ns, clock=said))
+    causes = [a for a in doctor.found.values() if a.cause == "clock"]
+    assert causes, doctor.found
+    assert any(f"clock: {meant}" in a.remedy + a.what for a in causes)
+
+
+def test_12_pixels_that_are_distorted() -> None:
+    """A wide lens without coefficients; the leader is far from the axis."""
+
+    def to_the_side(document: dict[str, Any], _t: float) -> None:
+        for p in document["detections"][0]["points"].values():
+            p["u_px"] += 170.0
+
+    named(detected(to_the_side), "lens", "`distortion`")
+    calibrated = {"camera": {"distortion": [-0.1, 0.0, 0.0, 0.0]}}
+    assert "lens" not in detected(to_the_side, **calibrated).found
+
+
+def test_13_rates_that_are_refused() -> None:
+    from onboard.autopilot.session import Session  # noqa: PLC0415 - of this test alone
+    from onboard.messages import CommandAck  # noqa: PLC0415
+    from tests.support.streams import heartbeat  # noqa: PLC0415
+
+    pipeline = Pipeline(configured())
+    pipeline.feed(encode([Item(EPOCH, heartbeat(0))], "autopilot")[0])
+    session = Session(Config().autopilot, "autopilot", refuse=pipeline.refuse)
+    session.connect(heartbeat(0))
+    for _ in range(3):
+        ack = CommandAck(
+            t_ns=0,
+            t_recv_ns=EPOCH,
+            system=1,
+            component=1,
+            clock=Clock.NONE,
+            command=511,
+            result=4,
+            target_system=1,
+            target_component=191,
+        )
+        session.respond([ack], EPOCH)
+    (advice,) = [a for a in pipeline.health(EPOCH + S).advice if a.cause == "rates"]
+    assert "SR1_EXTRA1" in advice.remedy
+
+
+def test_14_no_origin() -> None:
+    link = [{"name": "autopilot", "url": "udpin:127.0.0.1:14540"}]
+    doctor = flown(config=configured(link=link, leader_out=[{"link": "autopilot"}]))
+    assert "GPS_GLOBAL_ORIGIN" in named(doctor, "origin", "SET_GPS_GLOBAL_ORIGIN").what
+
+
+def test_15_no_attitude() -> None:
+    advice = named(flown(without(Attitude)), "attitude", "mavlink stream -d DEVICE -s ATTITUDE_QUATERNION -r 50")
+    assert advice.severity is Severity.ERROR
+
+
+def test_15_an_attitude_that_is_too_slow() -> None:
+    doctor = flown(lambda m: None if isinstance(m, Attitude) and m.t_ns % (200 * MS) else m)
+    assert "ATTITUDE_QUATERNION comes at 5.0 Hz; needed are 10 Hz" in named(doctor, "stream", "-r 50").what
+
+
+def test_16_tls_of_the_daemon() -> None:
+    error = "cannot reach tls/hub:7447 (its certificate is not accepted: certificate has expired)"
+    doctor = flown(rims=lambda _: Rim(links={"zenoh": LinkHealth(error=error)}))
+    assert "has expired" in named(doctor, "tls", "`ca_file`").what
+
+
+def test_16_tls_of_the_status_itself() -> None:
+    error = "zenoh: no router answers at tls/hub:7447 (tls/hub:7447: its certificate is not accepted: expired)"
+    (advice, *_) = why_absent(configured(link=[]), "tls/hub:7447", error)
+    assert (advice.cause, "`ca_file`" in advice.remedy) == ("tls", True)
+
+
+def test_17_a_port_in_use() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        config = configured(link=[{"name": "autopilot", "url": f"udpin:127.0.0.1:{port}"}])
+        found = why_absent(config, "tcp/127.0.0.1:1", "zenoh: no router answers (Connection refused)")
+    (advice,) = [a for a in found if a.cause == "port"]
+    assert f"port {port} of 127.0.0.1 is in use by" in advice.what
+    assert f"(process {os.getpid()})" in advice.what
+    assert "`url` of [[link]] autopilot" in advice.remedy
+
+
+def test_18_a_full_disk() -> None:
+    full = SinkHealth(error=f"[Errno {errno.ENOSPC}] {os.strerror(errno.ENOSPC)}: 'flight.mcap'")
+    doctor = flown(rims=lambda _: Rim(sinks={"recorder": full}))
+    assert "No space left" in named(doctor, "disk", "`path` of [recorder]").what
+    load = ComputerLoad(storage_free=50_000_000)
+    doctor = flown(rims=lambda _: Rim(sinks={"recorder": SinkHealth()}, computer=load))
+    assert "50 MB" in named(doctor, "disk", "df -h").what
+
+
+def test_19_signing() -> None:
+    key = read_key(b"a passphrase")
+    assert key is not None
+    doctor = flown(keys={"autopilot": key})
+    assert "frames are not signed" in named(doctor, "signing", "`key_file` of the [[link]]").what
+    assert "autopilot-silent" not in doctor.found
+
+
+def test_20_a_slow_computer() -> None:
+    def rims(second: int) -> Rim:
+        links = {"autopilot": LinkHealth(received=1000 * second, dropped=40 * second)}
+        return Rim(links=links, computer=ComputerLoad(cpu=99.0, cpu_busiest=100.0, lag=0.6))
+
+    what = named(flown(rims=rims), "slow", "`particles`").what
+    assert "lost" in what
+    assert "0.60 s late" in what
+
+
+def test_noise_is_shown_with_its_bounds() -> None:
+    rng = np.random.default_rng(3)
+    noise = math.sqrt(1.7**2 - 1.0) / F_PX
+    doctor = flown(moved(lambda p: p + noise * rng.normal(size=(3, 2))))
+    found = doctor.health.consistency["leader.landing_target"]
+    assert found.noise == pytest.approx(1.7, abs=0.25)
+    assert "times as noisy as configured" in named(doctor, "noise", "`sigma_px` of [camera]").what
+
+
+def test_all_four_readers_show_the_same_advice() -> None:
+    """The console's lines, the pilot's STATUSTEXT, the view's panel and `onboard status`."""
+    health = flown(without(TargetPoints)).health
+    (advice,) = [a for a in health.advice if a.cause == "camera-silent"]
+    lines: list[str] = []
+    notices = Notices()
+    Console(lines.append, pilot=notices.advise).show_health(health)
+    assert any(advice.what in line and advice.remedy in line for line in lines)
+    assert advice.text[:LENGTH] in [m.text for m in notices.due(0)]
+    assert words.plain(advice.remedy) in words.advice(health)
+    shown = describe("1", health)
+    assert advice.what in shown
+    assert f"-> {advice.remedy}" in shown
+    assert shown.startswith("vehicle 1: NOT HEALTHY")
+
+
+def test_advice_ends_with_its_cause() -> None:
+    lines: list[str] = []
+    console = Console(lines.append, pilot=lambda _: None)
+    flown_twice = flown(images(lambda m: None if 12 * S < m.t_ns < 20 * S else m))
+    pipeline = Pipeline(configured())
+    for datagram in encode(Stream(t1=5.0 + SECONDS).items(), "autopilot")[:1]:
+        pipeline.feed(datagram)
+    console.show_health(replace(flown_twice.health, advice=tuple(flown_twice.found.values())))
+    console.show_health(replace(flown_twice.health, advice=()))
+    assert lines[-1].endswith("images come again")
+
+
+def test_storage_of_the_recorder_that_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = configured(link=[], recorder={"path": str(tmp_path / "flight.mcap")})
+    usage = type("usage", (), {"free": 1_000_000})
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
+    found = why_absent(config, "tcp/127.0.0.1:1", "refused")
+    assert [a.cause for a in found] == ["disk", "daemon"]
