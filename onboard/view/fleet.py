@@ -6,6 +6,8 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from onboard.geometry.camera import Camera
+from onboard.messages import Estimate, Health, NavState
+from onboard.view import words
 from onboard.view.scene import Rotors
 from onboard.view.view import View
 
@@ -16,13 +18,24 @@ class Views:
     """A view for each vehicle, made when its first record comes. With `apart`, each has a name, and a file of its
     own: FILE-vehicle.rrd. Otherwise there is one vehicle, and its view is there from the beginning."""
 
-    def __init__(self, *, camera: Camera, rrd: Path | None, spawn: bool, apart: bool, rotors: Rotors = ()) -> None:
-        self._camera, self._rotors, self._rrd, self._spawn = camera, rotors, rrd, spawn
+    def __init__(
+        self,
+        *,
+        camera: Camera,
+        rrd: Path | None,
+        spawn: bool,
+        apart: bool,
+        web: bool = False,
+        rotors: Rotors = (),
+    ) -> None:
+        self._made_with: dict[str, Any] = {"camera": camera, "rotors": rotors, "spawn": spawn, "web": web}
+        self._rrd = rrd
         self._views: dict[str, View] = {}
+        self._vehicles: dict[str, words.Vehicle] = {}
         self._closing = ExitStack()
         self._only = None
         if not apart:
-            self._only = self._closing.enter_context(View(camera=camera, rotors=rotors, rrd=rrd, spawn=spawn))
+            self._only = self._closing.enter_context(View(rrd=rrd, **self._made_with))
 
     def show(self, vehicle: str, record: Any) -> None:
         """Draw a record of a vehicle."""
@@ -31,6 +44,25 @@ class Views:
             view = self._views[vehicle] = self._closing.enter_context(self._open(vehicle))
         if view is not None:
             view.show(record)
+        if self._only is None:
+            self._show_all(vehicle, record)
+
+    def _show_all(self, vehicle: str, record: Any) -> None:
+        """In each view, the table of all vehicles whenever a health comes, once there are two."""
+        known = self._vehicles.get(vehicle, words.Vehicle())
+        if isinstance(record, NavState):
+            self._vehicles[vehicle] = known._replace(own=record)
+        elif isinstance(record, Estimate) and record.name == "leader" and record.is_primary:
+            self._vehicles[vehicle] = known._replace(leader=record)
+        elif isinstance(record, Health):
+            self._vehicles[vehicle] = known._replace(health=record)
+            if len(self._views) > 1 and (view := self._views.get(vehicle)) is not None:
+                view.show_fleet(words.fleet(self._vehicles))
+
+    @property
+    def page(self) -> str:
+        """The address of the page that serves the view, "" without one yet."""
+        return next((view.page for view in (self._only, *self._views.values()) if view and view.page), "")
 
     def is_closed_by_user(self) -> bool:
         """Whether a window was opened, and is closed."""
@@ -48,6 +80,4 @@ class Views:
     def _open(self, vehicle: str) -> View:
         rrd = None if self._rrd is None else self._rrd.with_name(f"{self._rrd.stem}-{vehicle}{self._rrd.suffix}")
         server = next((view.url for view in self._views.values()), None)
-        return View(
-            camera=self._camera, rotors=self._rotors, rrd=rrd, spawn=self._spawn, server=server, name=vehicle
-        )
+        return View(rrd=rrd, server=server, name=vehicle, **self._made_with)

@@ -1,6 +1,7 @@
 """The layout of the window, for 1400 x 900. The blueprint goes with the data, so that it need not be arranged."""
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from onboard.geometry.camera import Camera
 from onboard.view import scene, traffic
@@ -11,6 +12,21 @@ from onboard.view.words import plain
 WINDOW_S = 30.0  # of flight in every plot
 TRAIL_S = 10.0
 BACKGROUND = [18, 20, 23]
+
+
+class Shown(NamedTuple):
+    """What a flight has had so far, by which its first page is chosen: a leader that was seen, our own state,
+    traffic, a threat among it just now, a truth to compare with, and other vehicles of a fleet."""
+
+    leader: bool = True
+    own: bool = False
+    traffic: bool = False
+    threat: bool = False
+    truth: bool = False
+    fleet: bool = False
+
+
+LEADER_ALONE = Shown()
 
 Point = tuple[float, float, float]
 Sides = tuple[float, float]
@@ -76,14 +92,15 @@ def solid(
     )
 
 
-def chase_view() -> "rrb.Spatial3DView":
+def chase_view(*, has_leader: bool = True) -> "rrb.Spatial3DView":
     """From behind and above, turning with our heading: the leader stays ahead."""
     # its outline would cover the leader at this distance; the truth has its trail and the close view
     without = [
         *(scene.HEADING, scene.LEADER_TRUTH, scene.TRUE_SIZE, scene.MAGNIFIER),
         *(f"{scene.CAMERA}/{name}" for name in ("verdict", "frame")),
     ]
-    name = f"Chase view: 10 m grid at our altitude, leader drawn at {scene.ENLARGEMENT:.0f} times its size"
+    drawn = f", leader drawn at {scene.ENLARGEMENT:.0f} times its size" if has_leader else ""
+    name = f"Chase view: 10 m grid at our altitude{drawn}"
     contents = [f"+ /{scene.SCENE}/**", *(f"- /{entity}/**" for entity in without)]
     return solid(name, scene.HEADING, contents, (-5.5, -7.5, -10.0), (9.0, 0.0, 0.5), scene.TRAILS.values())
 
@@ -121,31 +138,63 @@ def range_plots(others: str) -> list["rrb.TimeSeriesView"]:
     ]
 
 
-def overview(others: str) -> "rrb.Vertical":
+def overview(shown: Shown, others: str) -> "rrb.Vertical":
     """Where the leader is, and how far to trust that."""
     return rrb.Vertical(
-        *range_plots(others),
+        *range_plots(others)[: 2 if shown.truth else 1],
         plot(f"Wingspan of the leader [m], ±3σ{others}", "size"),
         plot("Innovations [σ], gates at ±3", "innovation"),
         name="Overview",
     )
 
 
-def both(others: str) -> "rrb.Vertical":
+def both(shown: Shown, others: str) -> "rrb.Vertical":
     """The first page where our own state is estimated, too: both, and how far to trust either."""
-    return rrb.Vertical(
-        *range_plots(others),
+    mine = own_errors() if shown.truth else [own_plot("north"), own_plot("roll")]
+    ours = range_plots(others) if shown.truth else [range_plots(others)[0], plot("Wingspan [m], ±3σ", "size")]
+    return rrb.Vertical(*ours, *mine, name="Both")
+
+
+def own_errors() -> list["rrb.TimeSeriesView"]:
+    """How far our own state is off the truth."""
+    return [
         plot("Own velocity: error [m/s] ±3σ; north red, east green, down blue", "own/velocity_error"),
         plot("Own attitude: error [°] ±3σ; roll red, pitch green, yaw blue", "own/attitude_error"),
-        name="Both",
+    ]
+
+
+def own_plot(name: str) -> "rrb.TimeSeriesView":
+    """One component of our own state, beside the autopilot's and the truth."""
+    what, unit = (f"velocity {name}", "m/s") if name in scene.AXIS_NAMES else (name, "°")
+    return plot(f"Own {what} [{unit}], ±3σ; autopilot amber, truth white", f"own/{name}")
+
+
+def own(shown: Shown) -> "rrb.Vertical":
+    """The first page of a flight without a leader: our own state, and what its model cannot explain."""
+    first = own_errors() if shown.truth else [own_plot("north"), own_plot("east")]
+    return rrb.Vertical(
+        *first,
+        *([] if shown.truth else [own_plot("roll")]),
+        plot("Own height [m]", "own/height"),
+        plot("What the model cannot explain, and quality [%]", "own/trust", legend=True),
+        name="Own",
     )
 
 
-def plots(*, own_state: bool, others: str) -> "rrb.Tabs":
-    """Six pages of plots, and one of traffic; where our own state is estimated, one of both before them."""
+def first_page(shown: Shown, others: str) -> list["rrb.Vertical"]:
+    """The page that is open first; none where it is that of traffic."""
+    if shown.own:
+        return [both(shown, others)] if shown.leader else [own(shown)]
+    return []
+
+
+def plots(shown: Shown, others: str) -> "rrb.Tabs":
+    """The first page of what flies, pages of plots for the leader, our own state and the links, and of traffic."""
+    first = first_page(shown, others)
+    traffic_first = shown.threat or (shown.traffic and not shown.leader)
     return rrb.Tabs(
-        *([both(others)] if own_state else []),
-        overview(others),
+        *first,
+        overview(shown, others),
         rrb.Vertical(
             *(plot(f"Error {axis} [m], ±3σ{others}", f"error/{axis}") for axis in scene.AXIS_NAMES), name="Errors"
         ),
@@ -160,14 +209,12 @@ def plots(*, own_state: bool, others: str) -> "rrb.Tabs":
         rrb.Vertical(
             plot("Innovations [σ]", "innovation", legend=True),
             plot("NIS over its gate; 3 and more at the top", "nis", legend=True),
+            plot("Mean NIS over its expectation, bounds 99.7 %", "consistency", legend=True),
             plot("Age of the last image fused [s]", "age"),
             name="Filter",
         ),
         rrb.Vertical(
-            *(
-                plot(f"Own velocity {axis} [m/s], ±3σ; autopilot amber, truth white", f"own/{axis}")
-                for axis in scene.AXIS_NAMES
-            ),
+            *(own_plot(axis) for axis in scene.AXIS_NAMES),
             *(plot(f"Own {angle} [°]", f"own/{angle}") for angle in ("roll", "pitch", "yaw")),
             plot("Own height [m]", "own/height"),
             plot("What the model cannot explain, and quality [%]", "own/trust", legend=True),
@@ -178,56 +225,59 @@ def plots(*, own_state: bool, others: str) -> "rrb.Tabs":
             rrb.TextDocumentView(name="Health", origin="/health"),
             name="Links",
         ),
-        rrb.Vertical(
-            traffic_view(),
-            rrb.TextDocumentView(name="The nearest to come", origin=f"/{traffic.TABLE}"),
-            name="Traffic",
-            row_shares=[1.3, 1.0],
-        ),
-        active_tab=0,
+        traffic_page(),
+        active_tab=(len(first) + 6) if traffic_first else 0,
     )
 
 
-def window(camera: Camera, *, own_state: bool, others: str) -> "rrb.Horizontal":
-    """The scene on the left, plots on the right; with our own state, its headline and our rotors as well."""
+def traffic_page() -> "rrb.Vertical":
+    """The map of other aircraft and the table of those that come nearest."""
+    table = rrb.TextDocumentView(name="The nearest to come", origin=f"/{traffic.TABLE}")
+    return rrb.Vertical(traffic_view(), table, name="Traffic", row_shares=[1.3, 1.0])
+
+
+def below(camera: Camera, shown: Shown) -> "rrb.Horizontal":
+    """Below the scene: the image and the leader close up, our rotors, and what is wrong now."""
     now = rrb.TextDocumentView(name="Now", origin="/status")
-    scenery: list[rrb.Container | rrb.View] = [
-        banner(),
-        *([banner(scene.OWN_BANNER)] if own_state else []),
-        chase_view(),
-        rrb.Horizontal(
-            camera_view(camera),
-            close_view(),
-            rrb.Tabs(rotors_view(), now, active_tab=0) if own_state else now,
-            column_shares=[1.0, 1.0, 0.95],
-        ),
-    ]
-    strips = ["/track", "/images", *(["/own_state", "/faults"] if own_state else [])]
+    words = [rrb.TextDocumentView(name="Fleet", origin="/fleet"), now] if shown.fleet else [now]
+    if shown.leader or not (shown.own or shown.traffic):
+        last_part = rrb.Tabs(*([rotors_view()] if shown.own else []), *words, active_tab=0)
+        parts = [camera_view(camera), close_view(), last_part if shown.own or shown.fleet else now]
+        return rrb.Horizontal(*parts, column_shares=[1.0, 1.0, 0.95])
+    wide = [rotors_view()] if shown.own else []
+    return rrb.Horizontal(*wide, rrb.Tabs(*words, active_tab=0) if shown.fleet else now)
+
+
+def window(camera: Camera, shown: Shown, others: str) -> "rrb.Horizontal":
+    """The scene on the left, plots on the right; a headline for what flies."""
+    has_leader = shown.leader or not (shown.own or shown.traffic)
+    banners = [*([banner()] if has_leader else []), *([banner(scene.OWN_BANNER)] if shown.own else [])]
+    above = traffic_view() if shown.traffic and not has_leader else chase_view(has_leader=has_leader)
+    strips = [*(["/track", "/images"] if has_leader else []), *(["/own_state", "/faults"] if shown.own else [])]
+    names = [*(["track", "images"] if has_leader else []), *(["own state", "faults"] if shown.own else [])]
+    timeline = rrb.StateTimelineView(
+        name=", ".join(names).capitalize(),
+        origin="/",
+        contents=strips,
+        time_view=time_axis(),
+        time_ranges=last(WINDOW_S),
+    )
+    right: list[rrb.Container | rrb.View] = [plots(shown, others), *([timeline] if strips else [])]
     return rrb.Horizontal(
-        rrb.Vertical(*scenery, row_shares=[*([0.13] * (len(scenery) - 2)), 1.6, 1.0]),
-        rrb.Vertical(
-            plots(own_state=own_state, others=others),
-            rrb.StateTimelineView(
-                name="Track, images, own state and faults" if own_state else "Track and images",
-                origin="/",
-                contents=strips,
-                time_view=time_axis(),
-                time_ranges=last(WINDOW_S),
-            ),
-            row_shares=[5.2, 1.9 if own_state else 1.0],
-        ),
+        rrb.Vertical(*banners, above, below(camera, shown), row_shares=[*([0.13] * len(banners)), 1.6, 1.0]),
+        rrb.Vertical(*right, row_shares=[5.2, 0.1 + 0.45 * len(strips)][: len(right)]),
         column_shares=[1.62, 1.0],
     )
 
 
 def blueprint(
-    camera: Camera, *, own_state: bool = False, beside: Sequence[tuple[str, str]] = ()
+    camera: Camera, shown: Shown = LEADER_ALONE, *, beside: Sequence[tuple[str, str]] = ()
 ) -> "rrb.Blueprint":
-    """The whole window; with `own_state`, for a vehicle that estimates its own state beside the leader. `beside`:
-    names of other estimators of the leader, and of their colours."""
+    """The whole window for what a flight has had so far. `beside`: names of other estimators of the leader, and of
+    their colours."""
     others = "".join(f", {plain(name)} {colour}" for name, colour in beside)
     return rrb.Blueprint(
-        window(camera, own_state=own_state, others=others),
+        window(camera, shown, others),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="collapsed"),

@@ -27,6 +27,8 @@ class Memory:
     rates: set[str] = field(default_factory=set)  # streams whose curve has its name
     traffic: dict[str, Estimate] = field(default_factory=dict)  # by target, the latest of each
     innovations: int = 0  # how many curves the plot of innovations has
+    advice: str = ""  # of the newest health, Markdown
+    worst: str = ""  # of it, in a few words
     error: float | None = None  # distance of the last estimate from the truth, m
 
     def due(self, name: str, t_ns: int, hz: float) -> bool:

@@ -109,6 +109,17 @@ def plot_health(columns: Columns, memory: Memory, health: Health, stream: "rr.Re
         columns.add(scalars, entity, health.t_ns, one.rate)
 
 
+def plot_consistency(columns: Columns, memory: Memory, health: Health, stream: "rr.RecordingStream") -> None:
+    """The mean NIS of each source over its expectation, and the bounds of the last."""
+    for name, one in health.consistency.items():
+        entity = f"plots/consistency/{rr.escape_entity_path_part(name)}"
+        if name not in memory.rates:
+            stream.log(entity, rr.SeriesLines(names=plain(name), widths=1.5), static=True)
+            memory.rates.add(name)
+        columns.add(scalars, entity, health.t_ns, one.nis)
+        columns.add(scalars, "plots/consistency/bounds", health.t_ns, np.array([one.low, one.high]))
+
+
 def plot_state(columns: Columns, memory: Memory, strip: str, t_ns: int, state: str) -> None:
     """A strip's new state, if it is new."""
     if memory.shown.get(strip) != state:

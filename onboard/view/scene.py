@@ -83,6 +83,7 @@ PLOTS: dict[str, list[Curve]] = {
     **{f"plots/acceleration/{axis}/truth": TRUTH_CURVE for axis in ("lateral", "longitudinal")},
     "plots/innovation/gate": [("+3σ", palette.GATE, 1.0), ("-3σ", palette.GATE, 1.0)],
     "plots/nis/gate": [("gate", palette.GATE, 1.5)],
+    "plots/consistency/bounds": [("bounds", palette.GATE, 1.0), ("bounds", palette.GATE, 1.0)],
     "plots/age": [("age of last image fused", palette.AMBER, 1.5)],
     **{f"plots/own/{name}/estimate": with_band() for name in OWN_NAMES},
     **{f"plots/own/{name}/autopilot": [("autopilot", palette.OWN, 1.2)] for name in OWN_NAMES},

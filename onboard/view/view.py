@@ -12,20 +12,22 @@ import numpy as np
 
 from onboard.errors import UserError
 from onboard.geometry.camera import Camera
-from onboard.messages import Estimate, Health, NavState, OwnPose, Picture, Truth
+from onboard.messages import Estimate, Health, Lifecycle, NavState, OwnPose, Picture, ThreatLevel, Truth
 from onboard.view import beside, image, own, palette, plots, scene, space, traffic, words
 from onboard.view.columns import HIDDEN, Columns, ImagePoints, colours_2d, labels, pictures, poses, texts
-from onboard.view.layout import blueprint
+from onboard.view.layout import LEADER_ALONE, blueprint
 from onboard.view.memory import Memory
 from onboard.view.motion import LeaderState, leader_state
 from onboard.view.sdk import rr
-from onboard.view.viewer import free_port, start_viewer
+from onboard.view.viewer import free_port, start_viewer, start_web_viewer
 
 BATCH_NS = 200_000_000  # of flight, for a viewer
 PLOT_EVERY = 3  # batches
 BATCH_FILE_NS = 2_000_000_000  # for a file alone: a tenth of the overhead
 STATUS_HZ = 5.0
+STATUS_AGAIN_NS = 1_000_000_000
 TRAFFIC = "traffic"
+LINGERS_NS = 10_000_000_000  # the page of traffic after a threat has passed
 RESTART_NS = 5_000_000_000  # a time that far back is another boot, not a late record
 
 
@@ -33,7 +35,8 @@ class View:
     """Draws records as they come. Not for the daemon's own process: Rerun may block its caller.
 
     `rrd` names a recording to write; `grpc_port` a port on 127.0.0.1 to serve viewers from (0: any free one);
-    `spawn` opens the packaged viewer if there is a display, and the user closes it. `server` is the `url` of
+    `spawn` opens the packaged viewer if there is a display, and the user closes it. `web` serves it to browsers of
+    this computer instead, at the address `page`. `server` is the `url` of
     another view, which serves this one as well, as a recording with a `name` of its own. `url` is the server's
     address.
     `rotors` are those of our vehicle, where they are known.
@@ -49,6 +52,7 @@ class View:
         rrd: Path | None = None,
         grpc_port: int | None = None,
         spawn: bool = False,
+        web: bool = False,
         server: str | None = None,
         name: str | None = None,
         memory_limit: str = "256MiB",
@@ -56,15 +60,17 @@ class View:
         estimator: str = "leader",
         rotors: scene.Rotors = (),
     ) -> None:
-        if rrd is None and grpc_port is None and not spawn and server is None:
-            raise ValueError("a view needs somewhere to draw to: rrd, grpc_port, spawn or server")
+        if rrd is None and grpc_port is None and server is None and not (spawn or web):
+            raise ValueError("a view needs somewhere to draw to: rrd, grpc_port, spawn, web or server")
         self._camera, self._estimator, self._rotors = camera, estimator, rotors
-        self._shows_own = False
+        self._shown = LEADER_ALONE._replace(leader=False)
+        self._threat_ns = -LINGERS_NS
         self._beside: list[str] = []  # other estimators of the leader
         self._columns, self._memory = Columns(), Memory()
         self._t_first_ns: int | None = None
         self._t_flush_ns = 0
         self._flushes = 0
+        self._t_newest_ns = 0
         self._closed = False
         self.url: str | None = None
         self.viewer: subprocess.Popen[bytes] | None = None
@@ -75,7 +81,7 @@ class View:
         if server is not None:
             self.url = server
             sinks.append(rr.GrpcSink(server))
-        elif grpc_port is not None or spawn:
+        elif grpc_port is not None or spawn or web:
             # 127.0.0.1 and nothing else: what Rerun serves, anybody who reaches the port may read
             ours = rr.GrpcServerSink("127.0.0.1", free_port(grpc_port or 0), server_memory_limit=memory_limit)
             self.url = str(ours.uri)
@@ -89,7 +95,10 @@ class View:
             self._stream.send_recording_name(name)
         scene.log_static(self._stream, camera, rotors)
         traffic.log_static(self._stream)
-        if spawn and server is None and self.url is not None:
+        self.page = ""
+        if web and server is None and self.url is not None:
+            self.viewer, self.page = start_web_viewer(self.url)
+        elif spawn and server is None and self.url is not None:
             self.viewer = start_viewer(self.url)
 
     def show(self, record: Estimate | OwnPose | Truth | Health | Picture) -> None:
@@ -100,15 +109,16 @@ class View:
             return
         if record.t_ns <= 0:
             return  # no boot time is known yet, and the recording would begin at 0
+        self._t_newest_ns = record.t_ns
         self._keep_time(record.t_ns)
         match record:
             case NavState():
-                self._arrange_own()
-                own.show_state(self._columns, self._memory, record, self._rotors)
+                self._show_own(record)
             case Estimate():
                 if record.name == self._estimator and record.is_primary:
                     self._show_estimate(record)
                 elif record.name == TRAFFIC:
+                    self._note_traffic(record)
                     traffic.draw_traffic(self._columns, self._memory, record)
                 elif record.is_primary:
                     self._show_beside(record)
@@ -116,6 +126,7 @@ class View:
                 space.draw_own(self._columns, self._memory, record)
                 own.plot_autopilot(self._columns, self._memory, record)
             case Truth():
+                self._note(truth=True)
                 self._memory.truths.append(record)
                 space.draw_truth(self._columns, self._memory, record)
                 plots.plot_truth(self._columns, record)
@@ -124,8 +135,7 @@ class View:
             case Picture():
                 self._columns.add(pictures, f"{scene.CAMERA}/picture", record.t_ns, record.jpeg)
             case Health():
-                plots.plot_health(self._columns, self._memory, record, self._stream)
-                self._columns.add(texts, "health", record.t_ns, words.health(record))
+                self._show_health(record)
 
     def close(self) -> None:
         """Send the rest and finish the file, which has no index before that. May be called twice."""
@@ -138,6 +148,9 @@ class View:
                 self._stream.flush(timeout_sec=10.0)
         finally:
             self._stream.disconnect()
+            if self.page and self.viewer is not None:  # nobody else closes it
+                self.viewer.terminate()
+                self.viewer.wait()
 
     def __enter__(self) -> Self:
         return self
@@ -179,17 +192,27 @@ class View:
         plots.plot_age(columns, estimate)
         plots.plot_state(columns, memory, "track", t_ns, estimate.state)
         report = estimate.measurement
+        if report is not None or estimate.state is not Lifecycle.SEARCHING:
+            self._note(leader=True)
         if report is not None:
             memory.report, memory.t_image_ns = report, t_ns
             image.draw_image(columns, memory, self._camera, report, leader)
             plots.plot_report(columns, memory, report, self._stream)
-            plots.plot_state(columns, memory, "images", report.t_ns, report.verdict)
+            plots.plot_state(columns, memory, "images", t_ns, report.verdict)  # an image may be stamped ahead
         elif t_ns - memory.t_image_ns > image.STALE_NS:
             image.clear_image(columns, memory, self._camera, t_ns)
             plots.plot_no_image(columns, memory, t_ns)
             plots.plot_state(columns, memory, "images", t_ns, palette.NO_IMAGE)
-        if memory.due("status", t_ns, STATUS_HZ):
+        is_of_leader = self._shown.leader or not self._shown.own
+        if is_of_leader and memory.due("status", t_ns, STATUS_HZ):
             self._show_status(estimate, leader)
+
+    def _show_own(self, state: NavState) -> None:
+        """Our own state; without a leader it has the panel of what is now."""
+        self._note(own=True)
+        own.show_state(self._columns, self._memory, state, self._rotors)
+        if not self._shown.leader and self._memory.due("status", state.t_ns, STATUS_HZ):
+            self._columns.add(texts, "status", state.t_ns, words.own_status(state, self._memory.advice))
 
     def _show_beside(self, estimate: Estimate) -> None:
         """Another estimator of the leader; it appears in the window with its first state."""
@@ -203,24 +226,48 @@ class View:
             self._arrange()
         beside.draw(self._columns, self._memory, estimate, leader, beside.colour_of(self._beside.index(name))[1])
 
-    def _arrange_own(self) -> None:
-        """Arrange the window for both estimators when our own state comes first."""
-        if not self._shows_own:
-            self._shows_own = True
+    def _note(self, **seen: bool) -> None:
+        """Arrange the window anew when what flies turns out to be more, or other, than before."""
+        shown = self._shown._replace(**seen)
+        if shown != self._shown:
+            self._shown = shown
             self._arrange()
+
+    def _note_traffic(self, estimate: Estimate) -> None:
+        """Traffic comes first while another aircraft will come too close."""
+        approach = estimate.intruder.approach if estimate.intruder is not None else None
+        if approach is not None and approach.threat is ThreatLevel.HIGH:
+            self._threat_ns = estimate.t_ns
+        self._note(traffic=True, threat=estimate.t_ns - self._threat_ns < LINGERS_NS)
+
+    def show_fleet(self, text: str) -> None:
+        """A table of all vehicles, Markdown, at the time of the newest record."""
+        self._note(fleet=True)
+        self._columns.add(texts, "fleet", max(self._t_newest_ns, 1), text)
 
     def _arrange(self) -> None:
         """Arrange the window for what there is by now."""
         others = tuple((name, beside.colour_of(k)[0]) for k, name in enumerate(self._beside))
-        self._stream.send_blueprint(blueprint(self._camera, own_state=self._shows_own, beside=others))
+        self._stream.send_blueprint(blueprint(self._camera, self._shown, beside=others))
+
+    def _show_health(self, health: Health) -> None:
+        """The health, and its advice where no estimate of a leader comes."""
+        plots.plot_health(self._columns, self._memory, health, self._stream)
+        plots.plot_consistency(self._columns, self._memory, health, self._stream)
+        self._columns.add(texts, "health", health.t_ns, words.health(health))
+        self._memory.advice, self._memory.worst = words.advice(health), words.worst(health)
+        if health.t_ns - self._memory.drawn_ns.get("status", 0) > STATUS_AGAIN_NS:
+            self._columns.add(texts, "status", health.t_ns, self._memory.advice or words.WELL)
 
     def _show_status(self, estimate: Estimate, leader: LeaderState | None) -> None:
         """The texts: the banner, the panel, and the tag beside the leader."""
         columns, t_ns = self._columns, estimate.t_ns
         fresh = t_ns - self._memory.t_image_ns <= image.STALE_NS
         report = self._memory.report if fresh else None
-        columns.add(texts, "status", t_ns, words.status(estimate, leader, report, self._memory.error))
-        line = words.headline(estimate, leader, report)
+        columns.add(
+            texts, "status", t_ns, words.status(estimate, leader, report, self._memory.error, self._memory.advice)
+        )
+        line = words.headline(estimate, leader, report, self._memory.worst)
         colour = palette.STATES[estimate.state]
         columns.add(labels, f"{scene.BANNER}/words", t_ns, ImagePoints(np.zeros((1, 2)), colour, line))
         columns.add(colours_2d, f"{scene.BANNER}/bar", t_ns, palette.shade(colour, 0.35))

@@ -1,5 +1,6 @@
 """The packaged desktop viewer: opened on a display, or without one to take a picture."""
 
+import contextlib
 import math
 import os
 import socket
@@ -9,12 +10,14 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
+from urllib.parse import quote
 
 from onboard.errors import UserError
 from onboard.view.columns import TIMELINE
 
 EQUAL_PICTURES: Final = 5  # in a row, RETRY_S apart: painting is complete
 RETRY_S: Final = 0.2
+SERVING_S: Final = 15.0  # until a page is served
 PAINTING_S: Final = 15.0  # at most: a live view never comes to rest
 
 
@@ -58,6 +61,31 @@ def start_viewer(url: str) -> "subprocess.Popen[bytes] | None":
     return subprocess.Popen(  # noqa: S603  (a program of our own environment, by its full path)
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True, env=_environment()
     )
+
+
+def start_web_viewer(source: str) -> "tuple[subprocess.Popen[bytes], str]":
+    """Serve the viewer of a recording (a file, or the URL of a server) to browsers of this computer; its process,
+    and the address to open. Raises ViewerError."""
+    page, port = free_port(), free_port()
+    command = [
+        *(str(viewer_path()), "--serve-web", "--bind", "127.0.0.1", "--web-viewer-port", str(page)),
+        *("--port", str(port), source),
+    ]
+    process = subprocess.Popen(  # noqa: S603  (as above)
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True, env=_environment()
+    )
+    url = source if "://" in source else f"rerun+http://127.0.0.1:{port}/proxy"
+    deadline = time.monotonic() + SERVING_S
+    with contextlib.ExitStack() as failing:
+        failing.callback(process.kill)
+        while process.poll() is None and time.monotonic() < deadline:
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", page)) == 0:
+                    failing.pop_all()
+                    look = "theme=dark&persist=0&hide_welcome_screen"  # the colours are made for a dark page
+                    return process, f"http://127.0.0.1:{page}/?url={quote(url, safe='')}&{look}"
+            time.sleep(RETRY_S)
+    raise ViewerError(f"the viewer does not serve its page on 127.0.0.1:{page}")
 
 
 def _environment() -> dict[str, str]:

@@ -1,14 +1,25 @@
 """Texts of the view: the headline that a pilot reads, and the panels for those on the ground."""
 
 import math
-from typing import Final
+from collections.abc import Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.messages import DOUBT, Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState
-from onboard.view.motion import LeaderState, RangeEstimate, open_interval, range_estimate
+from onboard.messages import DOUBT, Estimate, Fault, FaultKind, Health, MeasurementReport, Mode, NavState, Severity
+from onboard.view.motion import LeaderState, RangeEstimate, leader_state, open_interval, range_estimate
 
+WELL: Final = "nothing is wrong"
 REFUSALS: Final = 5  # of the kinds of refused messages, the latest
+
+
+class Vehicle(NamedTuple):
+    """The newest records of a vehicle of a fleet."""
+
+    leader: Estimate | None = None
+    own: NavState | None = None
+    health: Health | None = None
+
 
 KEY = """\
 ± is one standard deviation
@@ -32,11 +43,14 @@ def nis_words(report: MeasurementReport | None) -> str:
     return "NIS ok" if report.nis <= report.gate else "NIS TOO HIGH"
 
 
-def headline(estimate: Estimate, leader: LeaderState | None, report: MeasurementReport | None) -> str:
-    """One line: state, range, closing speed, size. The ± are one standard deviation."""
+def headline(
+    estimate: Estimate, leader: LeaderState | None, report: MeasurementReport | None, wrong: str = ""
+) -> str:
+    """One line: state, range, closing speed, size; without a track, what is `wrong`. The ± are one standard
+    deviation."""
     state = f"LEADER {estimate.state.upper()}"
     if leader is None:
-        return f"{state} · no track"
+        return f"{state} · {wrong or 'no track'}"
     r = range_estimate(leader)
     words = f"{state} · range {_range(leader, r)} · {_direction(r)} {abs(r.closing):.1f} m/s"
     size, sigma = leader.mean[6], leader.sigma[6]
@@ -79,10 +93,16 @@ def verdict_label(report: MeasurementReport) -> str:
 
 
 def status(
-    estimate: Estimate, leader: LeaderState | None, report: MeasurementReport | None, error: float | None
+    estimate: Estimate,
+    leader: LeaderState | None,
+    report: MeasurementReport | None,
+    error: float | None,
+    advice: str = "",
 ) -> str:
-    """The status panel, Markdown; `report` is the last image's, `error` the distance to the truth, m, if known."""
-    rows = [f"| {estimate.state.upper()} | {'' if estimate.valid else 'not valid'} |", "|---|---|"]
+    """The status panel, Markdown, `advice` first; `report` is the last image's, `error` the distance to the truth,
+    m, if known."""
+    rows = [advice, ""] if advice else []
+    rows += [f"| {estimate.state.upper()} | {'' if estimate.valid else 'not valid'} |", "|---|---|"]
     if leader is not None:
         r = range_estimate(leader)
         rows += [
@@ -128,6 +148,35 @@ def advice(record: Health) -> str:
     rows = []
     for one in record.advice:
         rows += [f"**{one.severity.upper()}** {one.what}", "", f"> {one.remedy}" if one.remedy else "", ""]
+    return plain("\n".join(rows)).replace("`", "").replace("[", "\\[")
+
+
+def own_status(state: NavState, advice: str = "") -> str:
+    """The status panel where there is no leader, Markdown: `advice`, our own state, and its faults."""
+    rows = [advice, "", f"| {state.state.upper()} | {'' if state.valid else 'not valid'} |", "|---|---|"]
+    rows += [f"| quality | **{state.quality} %** |"] if state.quality >= 0 else []
+    rows += [f"| {one.kind} | **{fault(one)}**, since {one.t_onset_ns * 1e-9:.1f} s |" for one in state.faults]
+    return "\n".join([*rows, "", f"*{plain(state.reason)}*"])
+
+
+def worst(record: Health) -> str:
+    """The worst that is wrong, in a few words; "" where nothing is."""
+    return next((plain(one.text) for one in record.advice if one.severity is not Severity.NOTICE), "")
+
+
+def fleet(vehicles: Mapping[str, Vehicle]) -> str:
+    """A table of all vehicles, Markdown: what each knows, and what is wrong with it."""
+    rows = ["| vehicle | leader | own state | wrong |", "|---|---|---|---|"]
+    for name, one in sorted(vehicles.items()):
+        leader = own = "-"
+        if one.leader is not None:
+            said = headline(one.leader, leader_state(one.leader), None).split(" · ")
+            leader = ", ".join(said[:2]).removeprefix("LEADER ")
+        if one.own is not None:
+            said = own_headline(one.own).split(" · ")
+            own = f"{said[0].removeprefix('OWN STATE ')}, {said[-1]}"
+        wrong = "?" if one.health is None else worst(one.health)
+        rows.append(f"| {name} | {leader} | {own} | {wrong} |")
     return plain("\n".join(rows))
 
 

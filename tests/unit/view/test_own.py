@@ -108,19 +108,19 @@ def test_errors_are_those_of_a_truth_at_its_own_time(truth_first: bool, t_ms: in
 def test_the_window_is_arranged_for_both_once_our_own_state_comes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made: list[bool] = []
+    made: list[tuple[bool, bool]] = []
 
-    def counted(camera: Camera, *, own_state: bool = False, **others: Any) -> Any:
-        made.append(own_state)
-        return layout.blueprint(camera, own_state=own_state, **others)
+    def counted(camera: Camera, shown: layout.Shown = layout.LEADER_ALONE, **others: Any) -> Any:
+        made.append((shown.leader, shown.own))
+        return layout.blueprint(camera, shown, **others)
 
     monkeypatch.setattr("onboard.view.view.blueprint", counted)
     records = list(flight(2.0))
     record_flight(tmp_path / "leader.rrd", records)
-    assert made == [False]
+    assert made[-1] == (True, False)
     states = [nav_state(round(START_S * 1000) + 20 * k) for k in range(100)]
     record_flight(tmp_path / "both.rrd", [*records, *states])
-    assert made == [False, False, True]
+    assert made[-1] == (True, True)
     rows = rows_of(tmp_path / "both.rrd")
     assert rows["/own_banner/words"] >= 9
     assert rows["/plots/own/velocity_error/error"] >= 40

@@ -4,11 +4,14 @@ import socket
 import subprocess
 import sys
 import time
+from datetime import timedelta
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
-from tests.support.view_flight import CAMERA, NEEDS_RERUN, flight, late_estimate, rows_of
+from onboard.messages import Estimate, Verdict
+from tests.support.view_flight import CAMERA, NEEDS_RERUN, flight, late_estimate, record_flight, rows_of
 
 
 def test_close_twice_and_then_no_more(tmp_path: Path) -> None:
@@ -76,3 +79,21 @@ def test_without_rerun_the_package_imports_and_the_view_says_what_to_install() -
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False)
     assert "pip install wingline[view]" in done.stdout, done.stderr
+
+
+def test_an_image_that_is_stamped_ahead_does_not_stay_on_the_strip(tmp_path: Path) -> None:
+    """The strip says what the last image was, whatever time it claims."""
+    records = list(flight(3.0))
+    images = [k for k, r in enumerate(records) if isinstance(r, Estimate) and r.measurement is not None]
+    ahead = records[images[20]]
+    assert isinstance(ahead, Estimate)
+    assert ahead.measurement is not None
+    wrong = replace(ahead.measurement, verdict=Verdict.TOO_NEW, t_ns=ahead.t_ns + 60 * 10**9)
+    records[images[20]] = replace(ahead, measurement=wrong)
+    record_flight(tmp_path / "ahead.rrd", records)
+    chunk = pytest.importorskip("rerun.chunk", reason=NEEDS_RERUN)
+    chunks = chunk.RrdReader(tmp_path / "ahead.rrd").stream().to_chunks()
+    strips = [one.to_record_batch().to_pydict() for one in chunks if one.entity_path == "/images"]
+    times = [time for strip in strips for time in strip.get("boot_time", [])]
+    assert len(times) >= 3
+    assert max(time / timedelta(seconds=1) for time in times) <= max(r.t_ns for r in records) * 1e-9
