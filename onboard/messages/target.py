@@ -10,6 +10,7 @@ from onboard.messages.base import Positive, Record, Vec3
 WING_POINTS: Final = ("center", "left", "right")  # of every class: its middle and its wingtips
 FARTHEST: Final = 3.0  # times the wingspan: no point of an aircraft is farther from its center
 MOST_POINTS: Final = 32
+Aircraft = Literal["fixed-wing", "quadrotor", "hexarotor", "octorotor"]  # what has usual proportions
 
 
 class TargetClass(Record, frozen=True, kw_only=True):
@@ -25,14 +26,20 @@ class TargetClass(Record, frozen=True, kw_only=True):
     named_wingtips: bool = False  # the detector tells the left wingtip from the right one, seen from anywhere
     points_m: dict[str, Vec3] = msgspec.field(default_factory=dict)  # body FRD, from the center, at that wingspan
     wings: bool = True  # boxes bound a wing, too; false: the points alone
+    aircraft: Aircraft | None = None  # what boxes bound, of usual proportions; None: as `outline_of` says
 
     def __post_init__(self) -> None:
         check_points(self.points_m, self.size_prior_m)
-        check_wings(self.points_m, wings=self.wings)
+        check_bounds(self.points_m, self.aircraft, wings=self.wings)
 
 
-def check_wings(points_m: dict[str, Vec3], *, wings: bool) -> None:
-    """Raise ValueError for a class without wings whose points do not show how large it is."""
+def check_bounds(points_m: dict[str, Vec3], aircraft: Aircraft | None, *, wings: bool) -> None:
+    """Raise ValueError for a class of which it is not clear what its boxes bound."""
+    if not wings and aircraft is not None:
+        raise ValueError(
+            f'aircraft = "{aircraft}" and wings = false: both say what boxes bound; drop wings for usual'
+            " proportions, or aircraft for points_m alone"
+        )
     every = list(points_m.values())
     extents = [max(x) - min(x) for x in list(zip(*every, strict=True))[:2]]
     if not wings and not (extents and min(extents) > 0.0):

@@ -8,6 +8,7 @@ from onboard.messages import Message
 from simlink.encounters.attitudes import fixed_wing_attitude, follower_attitude, multirotor_attitude
 from simlink.encounters.conditions import Conditions, draw_conditions
 from simlink.encounters.curves import wobble
+from simlink.encounters.departures import NONE, Departure, depart
 from simlink.encounters.families import FAMILIES, LeaderClass
 from simlink.encounters.gimbals import MOUNTS, Mount
 from simlink.encounters.reports import in_order, received, winds
@@ -40,9 +41,11 @@ def make_encounter(
     *,
     mount: Mount = "fixed",
     feels_wind: bool = False,
+    departure: Departure = NONE,
 ) -> Encounter:
     """The encounter `seed` (>= 0) of a family. The flight is the same whatever the detector `sees` of the leader,
-    whatever the camera's `mount` is, and whether our autopilot estimates the wind.
+    whatever the camera's `mount` is, and whether our autopilot estimates the wind; a `departure` changes nothing
+    but what it names.
 
     Raises ValueError for a family that is none of FAMILIES, for `sees` that is none of SEES, and for a `mount`
     that is none of MOUNTS.
@@ -57,7 +60,13 @@ def make_encounter(
     rng = stream(own_seed, "encounters.geometry")
     conditions = draw_conditions(stream(own_seed, "encounters.conditions"))
     t: Array = DT * np.arange(steps_of(seconds) + 1, dtype=np.float64)
-    leader, nose, follower, wind, leader_class = FAMILIES[family](rng, t)
+    scene, conditions = depart(
+        FAMILIES[family](rng, t, departure.vigour),
+        conditions,
+        departure,
+        stream(own_seed, "encounters.departure"),
+    )
+    leader, nose, follower, wind, leader_class = scene
     nose = nose + wobble(own_seed, "encounters.nose", conditions.nose_wobble_deg, len(t), np.pi / 180)
     if leader_class == "fixed_wing":
         euler_L = fixed_wing_attitude(leader, nose)

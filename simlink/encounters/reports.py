@@ -26,7 +26,7 @@ from simlink.encounters.conditions import JITTER_S, WIND_ERROR, WIND_STATED, Con
 from simlink.encounters.curves import wobble
 from simlink.encounters.gimbals import Mount, SweepingGimbal, draw_gimbal
 from simlink.encounters.poses import PoseDetector
-from simlink.encounters.shapes import Place, Sees, Shape, box_around, draw_shape, projected
+from simlink.encounters.shapes import Place, Sees, Shape, box_around, draw_rotors, draw_shape, projected
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.sensors.arrays import Array
 from simlink.sensors.camera import Points, in_camera, is_inside, leader_points_n, mount_quaternion, registrations
@@ -143,6 +143,8 @@ def _images(
     shape_rng = stream(seed, "encounters.shape")
     poses = PoseDetector(stream(seed, "encounters.pose"))
     shape, beyond = draw_shape(shape_rng), shape_rng.standard_normal((len(when), 4))
+    if sees == "rotor_box":
+        shape = shape._replace(bounds=draw_rotors(stream(seed, "encounters.rotors")))
     rows = at(truth.t, np.hstack([truth.r_FL_n, truth.euler_L, truth.euler_F]), when).tolist()
     for t, row, off, more, delay, is_found in zip(
         when.tolist(), rows, noise.tolist(), beyond, late.tolist(), found, strict=False

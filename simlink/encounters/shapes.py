@@ -1,5 +1,6 @@
 """What a detector finds of a leader beyond its wing: nose and tail, and a box around it, with their errors."""
 
+import math
 from collections.abc import Mapping
 from typing import Final, Literal, NamedTuple
 
@@ -12,9 +13,9 @@ from simlink.sensors.camera import in_camera
 from simlink.world import attitude
 from simlink.world.drawn import Range
 
-# the wing; also nose and tail; a box; a box and the center; a pose; the wing and a pose
-Sees = Literal["wing", "points", "box", "center_box", "pose", "wing_pose"]
-SEES: Final[tuple[Sees, ...]] = ("wing", "points", "box", "center_box", "pose", "wing_pose")
+# the wing; also nose and tail; a box; a box and the center; a box around four rotors; a pose; the wing and a pose
+Sees = Literal["wing", "points", "box", "center_box", "rotor_box", "pose", "wing_pose"]
+SEES: Final[tuple[Sees, ...]] = ("wing", "points", "box", "center_box", "rotor_box", "pose", "wing_pose")
 
 # the leader's wingspan, r_FL_n, q_nL, q_nF, and the camera with its q_bc
 Place = tuple[float, Vec3, Quaternion, Quaternion, Camera, Quaternion]
@@ -22,6 +23,14 @@ NAMED: Final[Mapping[str, Vec3]] = {"nose": (0.36, 0.0, 0.0), "tail": (-0.40, 0.
 MISPLACED: Final = 0.02  # wingspans, along each axis: how far the true points are from those that are known
 TOP: Final[Range] = (0.03, 0.12)  # wingspans, of a fin or a canopy above the center
 BOTTOM: Final[Range] = (0.02, 0.08)
+# Quadrotors from a 5-inch racer to a Matrice 350, by their data sheets: a rotor's radius over half the distance to
+# its neighbour is 0.72 (X500) to 0.97 (Phantom 4), and all of it is 0.2 to 0.45 of the width high. A Mavic is less
+# long than wide; others are square.
+ROTOR: Final[Range] = (0.65, 1.0)  # radius, of half the distance between two rotors side by side
+LENGTH: Final[Range] = (0.85, 1.15)  # of the distance between two rotors side by side: from front to rear rotor
+ROTORS_TOP: Final[Range] = (0.04, 0.15)  # widths, above the center
+ROTORS_BOTTOM: Final[Range] = (0.08, 0.30)  # the same below it, to the feet
+RIM: Final = 16  # points of a rotor's rim
 # Detectors place the sides of a box to some percent of it, and are lastingly generous or mean: 0.05 of its size
 # still counts as nearly right among the usual scores (an overlap of 0.9).
 BOX_LASTING: Final = 0.05  # of the box's size
@@ -45,6 +54,25 @@ def draw_shape(rng: np.random.Generator) -> Shape:
     wing: tuple[Vec3, ...] = (0.0, -0.5, 0.0), (0.0, 0.5, 0.0)
     bounds = *wing, *named.values(), (0.0, 0.0, top), (0.0, 0.0, bottom)
     return Shape(named, bounds, float(rng.normal(0.0, BOX_LASTING)), float(rng.uniform(*BOX_NOISE)))
+
+
+def draw_rotors(rng: np.random.Generator) -> tuple[Vec3, ...]:
+    """What bounds one quadrotor, in b, of width 1 across its rotors: their rims, its top and its feet."""
+    rotor, length = float(rng.uniform(*ROTOR)), float(rng.uniform(*LENGTH))
+    top, bottom = -float(rng.uniform(*ROTORS_TOP)), float(rng.uniform(*ROTORS_BOTTOM))
+    height = float(rng.uniform(top, 0.0))
+    arm = 0.5 / (1.0 + rotor)
+    rims = tuple(
+        (
+            arm * (ahead * length + rotor * math.cos(math.tau * k / RIM)),
+            arm * (aside + rotor * math.sin(math.tau * k / RIM)),
+            height,
+        )
+        for ahead in (-1.0, 1.0)
+        for aside in (-1.0, 1.0)
+        for k in range(RIM)
+    )
+    return *rims, (0.0, 0.0, top), (0.0, 0.0, bottom)
 
 
 def _near(point: Vec3, rng: np.random.Generator) -> Vec3:

@@ -7,7 +7,7 @@ import msgspec
 
 from onboard.estimators.leader.settings import PARTICLES, settings_for
 from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
-from onboard.messages.target import check_points, check_wings
+from onboard.messages.target import Aircraft, check_bounds, check_points
 
 
 class BroadcastConfig(Record, frozen=True, kw_only=True):
@@ -88,6 +88,7 @@ class Config(Record, frozen=True, kw_only=True):
         default_factory=dict
     )  # its further points: body FRD, from the center
     wings: bool = True  # boxes bound a wing, too; false: its points alone
+    aircraft: Aircraft | None = None  # what boxes bound, of usual proportions; None: points_m, or by leader_class
     target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes: written as [target.CLASS]
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
     pose_scale_sigma: NotNegative = 0.02  # of the range: lasting error of poses: a marker's size, the focal length
@@ -126,7 +127,7 @@ class Config(Record, frozen=True, kw_only=True):
             raise ValueError('process_noise: is of the wing-line filter; "belief" takes none of it')
         settings_for(self.leader_class, self.process_noise)
         check_points(self.points_m, self.size_prior_m)
-        check_wings(self.points_m, wings=self.wings)
+        check_bounds(self.points_m, self.aircraft, wings=self.wings)
 
     def of_class(self, name: str) -> "Config":
         """The settings for a class of targets: these, if no such class is configured."""

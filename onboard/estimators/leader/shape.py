@@ -1,7 +1,7 @@
 """The shape of a class of targets, and what a detection shows of it: rows of `models.apparent_shape`."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -12,13 +12,20 @@ from onboard.messages import ImageFeature, ImagePoint
 from onboard.models.apparent_shape import HIGHEST, LOWEST, Posture, Rows, measured_spread
 
 WINGTIPS: Final = ((0.0, -0.5, 0.0), (0.0, 0.5, 0.0))  # in b, of a wingspan of 1
-# A box also bounds what has no name. Small aircraft are about as long as three quarters of their span, copters as
-# long as wide; fuselages are a tenth of it high.
+# A box also bounds what has no name. Small aircraft are about as long as three quarters of their span; fuselages
+# are a tenth of it high.
 FUSELAGE: Final = ((0.36, 0.0, 0.0), (-0.4, 0.0, 0.0))
 THICKNESS: Final = ((0.0, 0.0, -0.07), (0.0, 0.0, 0.05))
+ROTORS: Final[Mapping[str, int]] = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8}
+ROTOR: Final = 0.8  # radius of a rotor, of half the distance to its neighbour: 0.7 to 1 by data sheets
+RIM: Final = 12  # points of the circle that stands for all rotors, 0.04 of the width above the center
+ROTORS_AT: Final = -0.04
+ROTORS_HIGH: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
+ROTORS_HEIGHT: Final = 0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
 BOX_SHARE: Final = 0.05  # of the box's larger side, of each side
 LASTING_BOX: Final = 0.08  # of its size: a detector's boxes are lastingly too wide or too narrow ...
-LASTING_GUESS: Final = 0.15  # ... and where only the wing is known, so is what they bound
+LASTING_ROTORS: Final = 0.1  # ... of rotors also by the 6 % (RMS) that a square of them differs from a circle ...
+LASTING_GUESS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
 PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
 SMALLEST: Final = 2.0  # a spread below this many of its sigmas says nothing of the range
 MISPLACED: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
@@ -28,7 +35,8 @@ SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show 
 class Shape(NamedTuple):
     """Points (k, 3) whose names tell one side of the aircraft from the other, in b for a wingspan of 1; what a box
     bounds (j, 3); by how much of its size a box lastingly misleads; how much of the wing's length the edge-on
-    aircraft shows; how it leans; its wingspan, m, and by which share of the range poses lastingly mislead."""
+    aircraft shows; how it leans; its wingspan, m; by which share of the range poses lastingly mislead; and by
+    which share of the wingspan its top and bottom are unknown."""
 
     names: tuple[str, ...]
     points: Array
@@ -38,6 +46,16 @@ class Shape(NamedTuple):
     posture: Posture
     size: float = 2.0
     pose_lasting: float = 0.0
+    height: float = 0.0
+
+
+class Outline(NamedTuple):
+    """What boxes bound (j, 3), in b for a wingspan of 1; by how much of their size they lastingly mislead; and by
+    which share of the wingspan top and bottom are unknown."""
+
+    bounds: Array
+    lasting: float
+    height: float = 0.0
 
 
 class Seen(NamedTuple):
@@ -66,18 +84,44 @@ class Seen(NamedTuple):
 
 def shape_of(config: Config) -> Shape:
     """The shape of a class of targets."""
-    known = bool(config.points_m)
     body = [tuple(x / config.size_prior_m for x in point) for point in config.points_m.values()]
     tips = ("left", "right") if config.named_wingtips else ()
     names = *config.points_m, *tips
     points = np.array([*body, *WINGTIPS[: len(tips)]]).reshape(-1, 3)
-    body = body or list(FUSELAGE)
-    bounds = np.array([*(WINGTIPS if config.wings else ()), *body, *THICKNESS])
-    edge_on = max(float(np.ptp(bounds[:, 0])), 0.1)
+    outline = outline_of(config)
+    edge_on = min(max(float(np.ptp(outline.bounds[:, 0])), 0.1), 1.0)
     leans = 1.0 if config.leader_class == "multirotor" else 0.0
-    lasting = LASTING_BOX if known else LASTING_GUESS
     posture = Posture(leans, PITCH, MISPLACED)
-    return Shape(names, points, bounds, lasting, edge_on, posture, config.size_prior_m, config.pose_scale_sigma)
+    size, pose = config.size_prior_m, config.pose_scale_sigma
+    return Shape(names, points, outline.bounds, outline.lasting, edge_on, posture, size, pose, outline.height)
+
+
+def outline_of(config: Config) -> Outline:
+    """What boxes of a class bound: its `aircraft` in usual proportions. If that is not set, its points, with a
+    wing or without; if it has no points either, a quadrotor for a multirotor, and else a fixed wing."""
+    aircraft = config.aircraft
+    if aircraft is None and config.points_m:
+        points = np.array([*config.points_m.values()]) / config.size_prior_m
+        return Outline(np.array([*(WINGTIPS if config.wings else ()), *points, *THICKNESS]), LASTING_BOX)
+    if aircraft is None:
+        aircraft = "quadrotor" if config.leader_class == "multirotor" else "fixed-wing"
+    if aircraft in ROTORS:
+        return Outline(_rotors(ROTORS[aircraft]), LASTING_ROTORS, ROTORS_HEIGHT)
+    return Outline(np.array([*WINGTIPS, *FUSELAGE, *THICKNESS]), LASTING_GUESS)
+
+
+def _rotors(count: int) -> Array:
+    """What bounds a multirotor (j, 3) in b that is 1 wide across its rotors, none of which is in front: a circle
+    as wide as they are on average, and canopy and feet. By Cauchy's theorem the mean width is the perimeter of
+    the hull over pi. With the rotors themselves, particles agreed on one width, and so on a nose, for no reason.
+    """
+    side = math.sin(math.pi / count)  # half the distance between two rotors, on a circle of radius 1
+    perimeter = 2.0 * count * side + math.tau * ROTOR * side
+    aside = np.sin(math.tau * (np.arange(count) + 0.5) / count).max() + ROTOR * side
+    at = math.tau * np.arange(RIM) / RIM
+    radius = perimeter / (2.0 * aside) / (2.0 * RIM * math.sin(math.pi / RIM))  # of a polygon with this perimeter
+    ring = np.column_stack([radius * np.cos(at), radius * np.sin(at), np.full(RIM, ROTORS_AT)])
+    return np.vstack([ring, ROTORS_HIGH])
 
 
 def of_points(shape: Shape, features: Sequence[ImageFeature], axes: Array, *, has_center: bool) -> Seen | None:
@@ -122,6 +166,7 @@ def of_box(shape: Shape, middle: ImageFeature, half: ImagePoint, axes: Array) ->
     upper, lower = (_on_plane(axes, (u, v + x))[1] for x in (-b, b))
     larger = max(right - left, lower - upper)
     sigma = np.full(4, max(middle.sigma, BOX_SHARE * larger))
+    sigma[2:] = np.hypot(sigma[2:], shape.height * larger)
     which, axis = np.array([LOWEST, HIGHEST] * 2), np.array([0.0, 0.0, 1.0, 1.0])
     rows = Rows(shape.bounds, which, axis, np.array([left, right, upper, lower]), sigma, named=False)
     spread = float(measured_spread(rows, rows.y))

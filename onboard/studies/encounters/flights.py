@@ -9,9 +9,10 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.config import load_config
 from onboard.filters.gating import normalised_squared
-from onboard.messages import Estimate, Message
+from onboard.messages import Estimate, Message, Vec3
 from onboard.pipeline import Pipeline
 from simlink.encounters.conditions import NOMINAL_SIZE
+from simlink.encounters.departures import NONE, Departure
 from simlink.encounters.encounter import SECONDS as WHOLE
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
@@ -25,21 +26,24 @@ SETTLE: Final = 5.0  # s before estimates count
 FINDS: Final = {
     "points": ", five points",
     "box": ", box alone",
+    "rotor_box": ", box around a quadrotor",
     "pose": ", pose alone",
     "wing_pose": ", pose as well",
 }
+WINGED: Final = ("estimator.leader.aircraft=fixed-wing",)  # whatever its class: what simlink's plain boxes bound
 ON_WING: Final = ("estimator.leader.center_on_wing=true",)
 
 
 class Case(NamedTuple):
-    """A family, flown with settings beyond size and class, with a detector that `sees` more or less of it, and
-    with the camera on a `mount`."""
+    """A family, flown with settings beyond size and class, with a detector that `sees` more or less of it, with
+    the camera on a `mount`, and with a `departure` from what the estimator assumes."""
 
     family: str
     settings: tuple[str, ...] = ()
     sees: Sees = "wing"
     feels_wind: bool = False  # our autopilot estimates it
     mount: Mount = "fixed"
+    departure: Departure = NONE
 
     @property
     def name(self) -> str:
@@ -59,12 +63,13 @@ WITH_CENTER: Final = (Case("hover", ON_WING), Case("circling", ON_WING))
 IN_WIND: Final = (Case("crab", feels_wind=True),)
 POINTS: Final = tuple(Case(family, FIVE_POINTS, "points") for family in ("hover", "sideways", "wander"))
 POSES: Final = tuple(Case(family, sees="pose") for family in ("behind", "hover", "wander"))
-BOXES: Final = tuple(Case(family, sees="box") for family in ("behind", "crossing", "wander"))
+BOXES: Final = tuple(Case(family, WINGED, "box") for family in ("behind", "crossing", "wander"))
+ROTORS: Final = tuple(Case(family, sees="rotor_box") for family in ("hover", "wander"))
 GIMBALS: Final = (
     Case("behind", mount="gimbal"),
     *(Case(family, FIVE_POINTS, "points", mount="gimbal") for family in ("hover", "wander")),
 )
-CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *POSES, *GIMBALS)
+CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *ROTORS, *POSES, *GIMBALS)
 
 
 class Flight(NamedTuple):
@@ -80,16 +85,33 @@ class Flight(NamedTuple):
 
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
     """One encounter through a pipeline of its own; `settings` are overrides on top of the case's."""
-    encounter = make_encounter(case.family, seed, SECONDS, case.sees, mount=case.mount, feels_wind=case.feels_wind)
-    config = load_config(None, (*known(encounter), *case.settings, *settings))
+    encounter = make_encounter(
+        case.family,
+        seed,
+        SECONDS,
+        case.sees,
+        mount=case.mount,
+        feels_wind=case.feels_wind,
+        departure=case.departure,
+    )
+    off = mount_off(case.departure.mount_off_deg, seed)
+    config = load_config(None, (*known(encounter, off), *case.settings, *settings))
     return judged(estimated(Pipeline(config), encounter.messages), encounter.truth)
 
 
-def known(encounter: Encounter) -> tuple[str, ...]:
-    """Settings: what is known of this encounter's leader, and of the mount of its follower's camera."""
+def mount_off(degrees: float, seed: int) -> Vec3:
+    """By how much the camera is configured wrongly, in degrees: about one axis to one side, others by seed."""
+    wrong = [0.0, 0.0, 0.0]
+    wrong[seed % 3] = degrees if seed % 2 else -degrees
+    return wrong[0], wrong[1], wrong[2]
+
+
+def known(encounter: Encounter, off: Vec3 = (0.0, 0.0, 0.0)) -> tuple[str, ...]:
+    """Settings: what is known of this encounter's leader, and of the mount of its follower's camera, whose angles
+    are `off` by so much, degrees."""
     camera = encounter.conditions.camera
     on_head = f"camera.gimbal={COMPONENT}", "camera.mount_rpy_deg=[0, 0, 0]"
-    fixed = (f"camera.mount_rpy_deg={list(camera.mount_rpy_deg)}",)
+    fixed = (f"camera.mount_rpy_deg={[a + b for a, b in zip(camera.mount_rpy_deg, off, strict=True)]}",)
     return (
         f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
         f"estimator.leader.leader_class={encounter.leader_class}",

@@ -13,13 +13,14 @@ from onboard.estimators.leader.filters.choice import make_filter
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.summary import summarise
 from onboard.estimators.leader.filters.partial import UNKNOWN, measure, seen, with_wing
-from onboard.estimators.leader.shape import LASTING_GUESS
+from onboard.estimators.leader.shape import LASTING_GUESS, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
 from onboard.models.apparent_shape import HIGHEST, LOWEST
 from onboard.models.relative_motion import R
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance
 
 SIGMA = 1 / F_PX
+WINGED = {"aircraft": "fixed-wing"}
 PLANE = {"size_prior_m": 2.0, "points_m": {"nose": [0.7, 0.0, 0.0], "tail": [-0.8, 0.0, -0.1]}}
 IMAGE = CIRCLE.image(6 * S)
 VIEW = (-0.5, -0.4, 0.5, 0.4)
@@ -45,7 +46,7 @@ def measured(image: Any, **section: Any) -> Any:
 
 
 def test_a_box_measures_its_sides_and_no_wing() -> None:
-    m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)))
+    m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **WINGED)
     rows = m.shows.rows
     assert (m.has_wing, m.has_extent, m.shows.is_box, rows.named) == (False, True, True, False)
     assert rows.which.tolist() == [LOWEST, HIGHEST, LOWEST, HIGHEST]
@@ -66,6 +67,60 @@ def test_a_class_without_wings_is_bounded_by_its_points_alone() -> None:
     assert np.abs(winged[:, 1]).max() == 0.5
     assert np.abs(plain[:, 1]).max() == pytest.approx(0.25)
     assert len(plain) == len(winged) - 2
+
+
+def width(bounds: Any, azimuth: float) -> float:
+    return float(np.ptp(bounds[:, :2] @ [-math.sin(azimuth), math.cos(azimuth)]))
+
+
+@pytest.mark.parametrize(
+    ("section", "narrowest", "widest"),
+    [
+        ({}, 1.15, 1.15),
+        ({"aircraft": "quadrotor", "leader_class": "fixed_wing"}, 1.15, 1.15),
+        ({"aircraft": "hexarotor"}, 0.95, 0.95),
+        ({"aircraft": "octorotor"}, 1.03, 1.03),
+        ({"leader_class": "fixed_wing"}, 0.62, 1.0),
+        (WINGED | {"size_prior_m": 3.0}, 0.62, 1.0),
+        (PLANE | {"aircraft": "quadrotor"}, 1.15, 1.15),
+        (PLANE, 0.61, 1.0),
+    ],
+)
+def test_a_box_bounds_what_aircraft_of_its_kind_have(
+    section: dict[str, Any], narrowest: float, widest: float
+) -> None:
+    """Rotors are about as wide from every side, a wing is not."""
+    bounds = shape_of(leader(**section)).bounds
+    widths = [width(bounds, azimuth) for azimuth in np.linspace(0.0, 0.5 * math.pi, 91)]
+    assert min(widths) == pytest.approx(narrowest, abs=0.03)
+    assert max(widths) == pytest.approx(widest, abs=0.03)
+
+
+@pytest.mark.parametrize(("name", "count"), ROTORS.items())
+def test_the_circle_is_as_wide_as_the_rotors_on_average(name: str, count: int) -> None:
+    """Beside true disks, none of them in front, whose width from the front is 1."""
+    at = math.tau * (np.arange(count) + 0.5) / count
+    radius = 0.8 * math.sin(math.pi / count)
+
+    def true(azimuth: float) -> float:
+        return float(np.ptp(np.sin(at - azimuth))) + 2.0 * radius
+
+    azimuths = np.linspace(0.0, math.tau, 720, endpoint=False)
+    mean = np.mean([true(a) for a in azimuths]) / true(0.0)
+    bounds = shape_of(leader(aircraft=name)).bounds
+    assert np.mean([width(bounds, a) for a in azimuths]) == pytest.approx(mean, rel=1e-3)
+
+
+def test_points_of_a_class_keep_their_names_whatever_its_boxes_bound() -> None:
+    plain, rotors = shape_of(leader(**PLANE)), shape_of(leader(**PLANE, aircraft="quadrotor"))
+    assert rotors.names == plain.names == ("nose", "tail")
+    assert rotors.points.tolist() == plain.points.tolist()
+
+
+def test_how_high_a_multirotor_is_is_not_known() -> None:
+    rows = measured(detection(feature("box", 0.0, 0.0), half=(0.04, 0.01))).shows.rows
+    assert rows.sigma[:2] == pytest.approx(np.full(2, 0.05 * 0.08), rel=0.01)
+    assert rows.sigma[2:] == pytest.approx(np.full(2, math.hypot(0.05, 0.08) * 0.08), rel=0.01)
 
 
 @pytest.mark.parametrize("where", [(0.47, 0.0), (-0.47, 0.0), (0.0, 0.395), (0.0, -0.395)])
@@ -139,6 +194,14 @@ def test_further_points_are_misplaced_as_a_share_of_the_length_that_shows_the_no
             "wings = false: points_m must say how long and how wide it is",
         ),
         (
+            {"target": {"copter": {"size_prior_m": 0.5, "wings": False, "aircraft": "quadrotor"}}},
+            'target.copter: aircraft = "quadrotor" and wings = false: both say what boxes bound',
+        ),
+        (
+            {"estimator": {"leader": {"aircraft": "tricopter"}}},
+            "estimator.leader.aircraft: invalid enum value 'tricopter'",
+        ),
+        (
             {"estimator": {"leader": {"points_m": {"center": [0, 0, 0]}}}},
             "estimator.leader: points_m.center: every",
         ),
@@ -205,7 +268,7 @@ def test_images_do_not_reduce_what_named_points_lastingly_mislead_by() -> None:
 
 def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_seed_3() -> None:
     settings = make_filter(leader())._settings  # type: ignore[attr-defined]
-    m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)))
+    m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **WINGED)
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
     cloud = particles.start(settings, m, pose)
     assert cloud.lasting == LASTING_GUESS

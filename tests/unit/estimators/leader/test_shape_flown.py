@@ -7,7 +7,7 @@ import pytest
 
 from onboard.messages import Estimate, Lifecycle, Verdict
 from onboard.pipeline import Pipeline
-from onboard.studies.encounters.flights import FIVE_POINTS, Case, fly, known
+from onboard.studies.encounters.flights import FIVE_POINTS, WINGED, Case, fly, known
 from onboard.studies.encounters.scores import score
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
@@ -35,10 +35,17 @@ def range_sigma_of_one_that_holds_the_truth(encounter: Encounter, estimate: Esti
 
 
 def test_boxes_alone_start_a_track_and_hold_it_seed_3() -> None:
-    encounter, estimates = flown("hover", 3, 8.0, "box")
+    encounter, estimates = flown("hover", 3, 8.0, "box", *WINGED)
     assert estimates[-1].state is Lifecycle.TRACKING
     sigma = range_sigma_of_one_that_holds_the_truth(encounter, estimates[-1])
     assert 0.17 < sigma < 0.32  # what boxes lastingly are off by, and no more than half the range
+
+
+def test_boxes_around_a_quadrotor_show_the_range_from_any_side_seed_3() -> None:
+    encounter, estimates = flown("hover", 3, 6.0, "rotor_box")
+    assert estimates[-1].state is Lifecycle.TRACKING
+    sigma = range_sigma_of_one_that_holds_the_truth(encounter, estimates[-1])
+    assert 0.1 < sigma < 0.14  # what lasts of boxes, and of a square of rotors in place of a circle
 
 
 def test_boxes_alone_start_no_track_of_a_filter_that_knows_no_shape_seed_3() -> None:

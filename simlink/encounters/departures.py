@@ -1,0 +1,56 @@
+"""How an encounter departs from what an estimator supposes of leaders and of our own errors: one assumption that
+is false, of a leader or of ourselves. The ranges of `conditions` lie around what is supposed; these lie outside.
+"""
+
+from typing import Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from simlink.encounters.conditions import NOMINAL_SIZE, Conditions
+from simlink.encounters.curves import level
+from simlink.encounters.families import TURN, Scene
+from simlink.scenarios.profiles import GaussMarkov
+
+
+class Departure(NamedTuple):
+    """By default none. The factors are of what a family or its conditions draw: of a multirotor's drag, the
+    leader's manoeuvres (`vigour`), the noise of image points, and the errors of our attitude and velocity."""
+
+    drag: float = 1.0
+    wind: float | None = None  # m/s, from anywhere; None: a breeze
+    any_nose: bool = False  # the leader's nose points anywhere, whatever its course
+    size_off: float | None = None  # of the nominal wingspan, to either side; None: SIZE_WITHIN at most
+    vigour: float = 1.0
+    image_noise: float = 1.0
+    own_errors: float = 1.0
+    mount_off_deg: float = 0.0  # the camera from where it is configured, about one of its axes
+
+
+NONE: Final = Departure()
+
+
+def depart(
+    scene: Scene, conditions: Conditions, departure: Departure, rng: np.random.Generator
+) -> tuple[Scene, Conditions]:
+    """The scene and the conditions after a departure; its `vigour` is that of the family's own draw."""
+    d = departure
+    turned, windward, larger = rng.uniform(0.0, TURN), rng.uniform(0.0, TURN), float(rng.choice([-1.0, 1.0]))
+    if d.any_nose:
+        scene = scene._replace(nose=scene.nose + turned)
+    if d.wind is not None:
+        scene = scene._replace(wind=d.wind * level(np.array(windward)))
+    size = conditions.size if d.size_off is None else NOMINAL_SIZE * (1.0 + larger * d.size_off)
+    camera = msgspec.structs.replace(conditions.camera, sigma_px=d.image_noise * conditions.camera.sigma_px)
+
+    def larger_error(process: GaussMarkov) -> GaussMarkov:
+        return msgspec.structs.replace(process, sigma=d.own_errors * process.sigma)
+
+    return scene, conditions._replace(
+        size=size,
+        drag=d.drag * conditions.drag,
+        camera=camera,
+        tilt_error_deg=larger_error(conditions.tilt_error_deg),
+        yaw_error_deg=larger_error(conditions.yaw_error_deg),
+        velocity_error=larger_error(conditions.velocity_error),
+    )

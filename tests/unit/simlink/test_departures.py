@@ -1,0 +1,108 @@
+"""Encounters with one assumption false: what differs is what the departure names, by as much as it says."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from onboard.messages import Attitude, LocalPosition, TargetDetection
+from simlink.encounters.conditions import NOMINAL_SIZE
+from simlink.encounters.departures import Departure
+from simlink.encounters.encounter import Encounter, make_encounter
+from simlink.encounters.shapes import draw_rotors
+from simlink.world.constants import G
+
+Array = NDArray[np.float64]
+SEEDS = range(1, 9)
+SECONDS = 3.0
+
+
+def both(family: str, seed: int, departure: Departure) -> tuple[Encounter, Encounter]:
+    """An encounter as drawn, and with a departure."""
+    return make_encounter(family, seed, SECONDS), make_encounter(family, seed, SECONDS, departure=departure)
+
+
+def lean(encounter: Encounter) -> float:
+    """The mean tilt, rad."""
+    return float(np.mean(np.hypot(*encounter.truth.euler_L[:, :2].T)))
+
+
+def test_a_leader_without_drag_leans_only_as_it_accelerates_seed_1() -> None:
+    plain, upright = both("behind", 1, Departure(drag=0.0))
+    assert lean(plain) > 3.0 * lean(upright)
+    assert lean(both("behind", 1, Departure(drag=2.0))[1]) > 1.7 * lean(plain)
+    assert np.array_equal(plain.truth.leader.r, upright.truth.leader.r)
+
+
+def test_wind_makes_a_leader_that_hovers_lean_seeds_1_to_8() -> None:
+    for seed in SEEDS:
+        windy = make_encounter("hover", seed, SECONDS, departure=Departure(wind=8.0))
+        expected = np.arctan(8.0 * windy.conditions.drag / G)
+        assert lean(windy) == pytest.approx(expected, abs=0.06)
+
+
+def test_a_nose_that_points_anywhere_does_so_seeds_1_to_8() -> None:
+    turned = []
+    for seed in SEEDS:
+        plain, other = both("behind", seed, Departure(any_nose=True))
+        turned.append(other.truth.euler_L[:, 2] - plain.truth.euler_L[:, 2])
+    assert np.ptp(turned, axis=1) == pytest.approx(np.zeros(len(SEEDS)), abs=1e-9)
+    at = np.array(turned)[:, 0]
+    assert np.all((at >= 0.0) & (at < 2.0 * np.pi))
+    assert np.ptp(at) > np.pi
+
+
+def test_a_size_is_off_to_either_side_seeds_1_to_8() -> None:
+    sizes = [both("hover", seed, Departure(size_off=0.06))[1].conditions.size / NOMINAL_SIZE for seed in SEEDS]
+    assert sorted({round(size, 9) for size in sizes}) == [0.94, 1.06]
+
+
+@pytest.mark.parametrize(
+    "family", ["hover", "circling", "behind", "sideways", "crab", "wander", "stop_turn_leave"]
+)
+def test_a_vigorous_leader_accelerates_about_three_times_as_much_seeds_1_to_8(family: str) -> None:
+    def strength(vigour: float) -> float:
+        each = [make_encounter(family, s, 20.0, departure=Departure(vigour=vigour)) for s in SEEDS]
+        return float(np.sqrt(np.mean([e.truth.leader.a[5:-5] ** 2 for e in each])))
+
+    assert 1.6 < strength(3.0) / strength(1.0) < 4.0  # ramps of a third of the time, once blurred, are less steep
+
+
+def test_our_errors_and_the_image_noise_are_larger_and_nothing_else_seed_2() -> None:
+    plain, worse = both("behind", 2, Departure(own_errors=2.0, image_noise=3.7))
+    for a, b in zip(plain.messages, worse.messages, strict=True):
+        assert type(a) is type(b)
+    assert worse.conditions.camera.sigma_px == pytest.approx(3.7 * plain.conditions.camera.sigma_px)
+    assert np.array_equal(plain.truth.euler_L, worse.truth.euler_L)
+    assert np.array_equal(plain.truth.euler_F, worse.truth.euler_F)
+
+    def velocity_errors(encounter: Encounter) -> Array:
+        found = [m for m in encounter.messages if isinstance(m, LocalPosition)]
+        return np.array([m.v_F_n for m in found])
+
+    none = make_encounter("behind", 2, SECONDS, departure=Departure(own_errors=0.0))
+    off, twice = (velocity_errors(e) - velocity_errors(none) for e in (plain, worse))
+    assert np.abs(off).max() > 0.01
+    assert twice == pytest.approx(2.0 * off, abs=1e-9)
+    assert sum(isinstance(m, Attitude) for m in worse.messages) == sum(
+        isinstance(m, Attitude) for m in plain.messages
+    )
+
+
+def test_a_quadrotor_is_as_wide_as_its_rotors_and_wider_across_the_corners_seeds_1_to_8() -> None:
+    for seed in SEEDS:
+        bounds = np.array(draw_rotors(np.random.default_rng(seed)))
+        length, width, height = np.ptp(bounds, axis=0)
+        assert width == pytest.approx(1.0)
+        assert 0.9 < length < 1.1
+        assert 0.12 <= height <= 0.45
+        assert 1.15 < np.ptp(bounds[:, :2] @ [np.sqrt(0.5), np.sqrt(0.5)]) < 1.32
+
+
+def test_a_box_around_rotors_hardly_depends_on_the_leader_s_nose_seeds_1_to_8() -> None:
+    """As a share of the wingspan at that range, the wing's box is 0.6 to 1 wide, that of rotors 0.9 to 1.4."""
+    for seed in SEEDS:
+        encounter = make_encounter("hover", seed, SECONDS, "rotor_box")
+        boxes = [m for m in encounter.messages if isinstance(m, TargetDetection)]
+        wide = np.mean([2.0 * m.half_sides[0] for m in boxes if m.half_sides is not None])
+        span = encounter.conditions.size / np.linalg.norm(encounter.truth.r_FL_n[0])
+        assert 0.85 < wide / span < 1.45
