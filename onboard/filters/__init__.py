@@ -2,6 +2,7 @@
 
     from onboard.filters import Belief, unscented      # a module holds one family: start, predict, update
     from onboard.filters import methods                # every filter by name; they are found in this folder
+    from onboard.filters import Model, run, smooth     # a whole record at once
 
 To import this package compiles and loads nothing. A module loads at its first use (0.1 s, once compiled).
 `kernels` holds the compiled loops and is private to this package; `inline` exports those that other kernels may
@@ -12,11 +13,46 @@ from collections.abc import Iterator
 from importlib import import_module
 from pkgutil import iter_modules
 from types import ModuleType
-from typing import Any
+from typing import Any, Final
 
 from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Update
 
-__all__ = ["Belief", "FilterError", "Method", "NotPositiveDefiniteError", "Update", "methods", "modules"]
+__all__ = [
+    "Belief",
+    "FilterError",
+    "LinearModel",
+    "Method",
+    "Model",
+    "NotPositiveDefiniteError",
+    "Run",
+    "Step",
+    "Update",
+    "expectation_maximisation",
+    "log_likelihood",
+    "maximum_likelihood",
+    "method",
+    "methods",
+    "modules",
+    "run",
+    "smooth",
+    "smooth_modes",
+]
+
+# The module in which each name is that loads when it is first asked for. Their types are in __init__.pyi: every
+# kernel imports this package, and would be compiled anew with each module that is named in an import here.
+LAZY: Final = {
+    "LinearModel": "state_space",
+    "Model": "state_space",
+    "Run": "runs",
+    "Step": "state_space",
+    "expectation_maximisation": "estimation",
+    "log_likelihood": "runs",
+    "maximum_likelihood": "estimation",
+    "method": "families",
+    "run": "runs",
+    "smooth": "smoothers",
+    "smooth_modes": "mode_smoothing",
+}
 
 
 def modules() -> Iterator[ModuleType]:
@@ -40,8 +76,15 @@ def methods() -> dict[str, Method]:
     return found
 
 
+def __dir__() -> list[str]:
+    """The names above, and the modules of this folder, loaded or not."""
+    return sorted({*__all__, *(found.name for found in iter_modules(__path__) if not found.name.startswith("_"))})
+
+
 def __getattr__(name: str) -> Any:
-    """Load a module of this folder when it is first asked for."""
+    """Load a name, or a module of this folder, when it is first asked for."""
+    if name in LAZY:
+        return getattr(import_module(f"{__name__}.{LAZY[name]}"), name)
     if not name.startswith("_") and any(found.name == name for found in iter_modules(__path__)):
         return import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

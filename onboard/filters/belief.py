@@ -28,7 +28,8 @@ class Update(NamedTuple):
     """A measurement update: the posterior, the innovation (..., m) (before the update), its covariance (..., m,
     m), the predicted measurement (..., m), and the normalised innovation squared (a float, or (...,)).
     `misfits`: the names of parts of the measurement that were left out, since they do not fit. `passes`: whether
-    the filter's own gates, if it has any, let the measurement pass."""
+    the filter's own gates, if it has any, let the measurement pass. `log_evidence` (...,): the log-density of the
+    measurement, where it is not that of a Gaussian innovation."""
 
     belief: Any
     innovation: Array
@@ -37,6 +38,7 @@ class Update(NamedTuple):
     nis: Any
     misfits: tuple[str, ...] = ()
     passes: bool = True
+    log_evidence: Any = None
 
 
 class Weights(NamedTuple):

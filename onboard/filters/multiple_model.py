@@ -158,6 +158,41 @@ def _with_belief(method: Method, state: Any, belief: Belief) -> Any:
 # ------------------------------------------------------------------------------------- as a method
 
 
+def interacting(
+    name: str,
+    modes: Sequence[Method],
+    transition: Array,
+    probabilities: Array | None = None,
+    factors: Sequence[float] | None = None,
+    **more: Any,
+) -> Method:
+    """Modes as one method, such as `runs.run` takes. Process, Q and measure are then tuples with one for each
+    mode, or one for all; Q is multiplied by each mode's factor, if there are any. Row i of `transition` (r, r)
+    has the probabilities of the transitions from mode i; `probabilities` (r,) are the first, by default equal.
+
+    Raises FilterError.
+    """
+    r = len(modes)
+
+    def each(given: Any) -> Sequence[Any]:
+        return given if isinstance(given, tuple) else [given] * r
+
+    def start_(mean: Array, covariance: Array) -> ModesState:
+        return start(modes, mean, covariance, np.full(r, 1 / r) if probabilities is None else probabilities)
+
+    def predict_(state: ModesState, process: Any, Q: Any) -> ModesState:
+        noises = [q if f == 1 else f * q for q, f in zip(each(Q), factors or [1.0] * r, strict=True)]
+        return predict(modes, state, each(process), noises, transition)
+
+    def update_(state: ModesState, y: Array, measure: Any, R: Array, angular: tuple[int, ...]) -> Update:
+        found = update(modes, state, y, each(measure), R, angular)
+        with np.errstate(divide="ignore"):  # a mode may be impossible
+            each_log = np.log(state.probabilities) + found.log_likelihood
+        return Update(*found[:5], log_evidence=np.logaddexp.reduce(each_log, axis=-1))
+
+    return Method(name, start_, predict_, update_, lambda state: belief(modes, state), **more)
+
+
 def as_method(
     name: str, modes: Sequence[Method], factors: Sequence[float], stay: float = 0.95, **more: Any
 ) -> Method:
@@ -171,18 +206,7 @@ def as_method(
         raise FilterError(f"factors, stay: must be {r} (at least 2), and a probability, not {factors} and {stay}")
     transition = np.full((r, r), (1 - stay) / (r - 1))
     np.fill_diagonal(transition, stay)
-
-    def start_(mean: Array, covariance: Array) -> ModesState:
-        return start(modes, mean, covariance, np.full(r, 1 / r))
-
-    def predict_(state: ModesState, process: Rows, Q: Array) -> ModesState:
-        noises = [Q if factor == 1 else factor * Q for factor in factors]
-        return predict(modes, state, [process] * r, noises, transition)
-
-    def update_(state: ModesState, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
-        return Update(*update(modes, state, y, [measure] * r, R, angular)[:5])
-
-    return Method(name, start_, predict_, update_, lambda state: belief(modes, state), **more)
+    return interacting(name, modes, transition, factors=factors, **more)
 
 
 # One model twice, which must equal the single filter: factors on Q depend on the manoeuvres of an application.

@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ BLOCKS = documents.blocks(documents.text("notebook"), "python")
 
 
 def test_the_five_lines_of_the_page_run_a_filter_on_a_model_of_ones_own() -> None:
-    (block,) = BLOCKS
+    block = BLOCKS[0]
     assert len([line for line in block.splitlines() if line.strip()]) == 5
     names: dict[str, object] = {}
     exec(block, names)  # noqa: S102 - what a reader would paste
@@ -25,12 +27,31 @@ def test_the_five_lines_of_the_page_run_a_filter_on_a_model_of_ones_own() -> Non
     assert np.diag(update.belief.covariance)[0] < 0.2  # type: ignore[attr-defined]  # from 1.02, by R = 0.04
 
 
+def test_whole_records_run_smooth_and_estimate_as_the_page_says() -> None:
+    names: dict[str, Any] = {}
+    exec(BLOCKS[1], names)  # noqa: S102 - what a reader would paste
+    Q, R = np.exp(names["found"].theta)
+    assert pytest.approx(names["fit"].model.Q[0, 0], rel=0.1) == Q
+    assert pytest.approx(names["fit"].model.R[0, 0], rel=0.1) == R
+    assert np.isfinite(names["level"]).all()
+    exec(BLOCKS[2], names)  # noqa: S102 - what a reader would paste
+    np.testing.assert_array_equal(names["found"].degrees, [1, 0, 2])
+
+
 def test_every_method_and_module_is_found_by_name() -> None:
     assert all(isinstance(method, Method) for method in onboard.filters.methods().values())
     assert {"unscented", "gating"} <= {module.__name__.rsplit(".", 1)[1] for module in onboard.filters.modules()}
     with pytest.raises(AttributeError, match="no_such_filter"):
         onboard.filters.no_such_filter  # noqa: B018
     assert issubclass(FilterError, ValueError)
+
+
+def test_dir_lists_what_there_is_and_each_of_it_is_there() -> None:
+    listed = dir(onboard.filters)
+    assert {"Model", "run", "smooth", "unscented", "discretisation"} <= set(listed)
+    assert all(getattr(onboard.filters, name) is not None for name in listed)
+    stub = Path(str(onboard.filters.__file__)).with_suffix(".pyi").read_text(encoding="utf-8")
+    assert all(f'"{name}",' in stub for name in onboard.filters.__all__)  # the types of all names
 
 
 def test_each_method_is_in_the_module_that_the_table_says() -> None:

@@ -1,0 +1,173 @@
+"""Parameters of a model from a record: maximum likelihood of any filter, expectation-maximisation of a linear one.
+
+    def likelihood(theta):  # of the logarithms, so that variances stay positive
+        Q, R = np.exp(theta)
+        model = LinearModel(F, np.array([[Q]]), H, np.array([[R]]))
+        return run("kalman", model, start, ys).log_likelihood.sum()
+
+    found = maximum_likelihood(likelihood, guess)               # found.theta, its covariance, the likelihood
+    fit = expectation_maximisation(model, start, ys)            # fit.model.Q, fit.model.R
+
+If nothing is known of the state at first, start with a variance far above that of the record, and leave the first
+measurements, which the start explains, out of the sum: `log_likelihood[1:]`.
+"""
+
+from collections.abc import Callable, Collection
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from onboard.arrays import Array
+from onboard.filters.belief import Belief, FilterError
+from onboard.filters.runs import Run, run
+from onboard.filters.smoothers import smooth
+from onboard.filters.state_space import LinearModel
+
+PARTS: Final = ("F", "Q", "R", "start")
+STEP: Final = 1e-3  # of the second differences, in units of theta
+
+
+class Maximum(NamedTuple):
+    """The parameters (p,) of the greatest likelihood, their covariance (p, p) by its curvature (NaN where the
+    likelihood has no maximum in some direction), and the log-likelihood there."""
+
+    theta: Array
+    covariance: Array
+    log_likelihood: float
+
+
+class Fit(NamedTuple):
+    """A model and a first belief, and the log-likelihood before each iteration, which never decreases."""
+
+    model: LinearModel
+    start: Belief
+    log_likelihood: Array
+
+
+def maximum_likelihood(log_likelihood: Callable[[Array], float], guess: ArrayLike) -> Maximum:
+    """The maximum of a function of parameters (p,), from a guess, by SciPy's BFGS. Parameters should be of about
+    the size of one: take logarithms of variances. Where a filter refuses its parameters the likelihood counts as
+    zero.
+
+    Raises FilterError where it finds no maximum.
+    """
+    from scipy.optimize import minimize as search  # noqa: PLC0415 - half a second, for what is rarely called
+
+    minimize: Any = search  # its many types know no function that may be anything
+
+    def cost(theta: Array) -> float:
+        try:
+            value = float(log_likelihood(theta))
+        except FilterError:
+            return np.inf
+        return -value if np.isfinite(value) else np.inf
+
+    first = np.asarray(guess, float)
+    if not np.isfinite(cost(first)):
+        log_likelihood(first)  # raises what the filter says
+        raise FilterError(f"guess: the log-likelihood is not finite at {first}")
+    rough, fine = {"xatol": 1e-2, "fatol": 1e-2}, {"gtol": 1e-6 * max(1.0, abs(cost(first)))}
+    coarse = minimize(cost, first, method="Nelder-Mead", options=rough)
+    found = minimize(cost, coarse.x, method="BFGS", jac="3-point", options=fine)
+    best = min((coarse, found), key=lambda one: float(one.fun))
+    if not np.isfinite(best.fun) or not np.isfinite(best.x).all():
+        raise FilterError(f"log_likelihood: no maximum found from {first}: {found.message}")
+    return Maximum(best.x, _curvature(cost, best.x), -float(best.fun))
+
+
+def _curvature(cost: Callable[[Array], float], theta: Array) -> Array:
+    """The inverse of the matrix of second derivatives, NaN if it is not positive definite."""
+    p = len(theta)
+    offsets = STEP * np.eye(p)
+    hessian = np.empty((p, p))
+    for i in range(p):
+        for j in range(i + 1):
+            corners = [cost(theta + a * offsets[i] + b * offsets[j]) for a in (1, -1) for b in (1, -1)]
+            hessian[i, j] = hessian[j, i] = (corners[0] - corners[1] - corners[2] + corners[3]) / (4 * STEP**2)
+    if not np.isfinite(hessian).all() or np.linalg.eigvalsh(hessian)[0] <= 0:
+        return np.full((p, p), np.nan)
+    return np.asarray(np.linalg.inv(hessian))
+
+
+def expectation_maximisation(
+    model: LinearModel,
+    start: Belief,
+    ys: Any,
+    estimate: Collection[str] = ("Q", "R"),
+    iterations: int = 100,
+    tolerance: float = 1e-6,
+) -> Fit:
+    """Improve the parts of a linear model named in `estimate` ("F", "Q", "R", "start": the first belief) until
+    the log-likelihood gains less than `tolerance` of itself in an iteration, at most `iterations` times (Shumway
+    & Stoffer 1982). Matrices are estimated in full, H is kept. ys as in `run`, also with missing values, and a
+    batch is so many records of one model.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    unknown = set(estimate) - set(PARTS)
+    if unknown or any(np.ndim(a) != 2 for a in (model.F, model.Q, model.H, model.R)):
+        wanted = f"must be of {', '.join(PARTS)}, of a model that does not change"
+        raise FilterError(f"estimate: {wanted}, not {sorted(estimate)}")
+    history: list[float] = []
+    for _ in range(iterations):
+        found = run("kalman", model, start, ys)
+        history.append(float(found.log_likelihood.sum()))
+        if len(history) > 1 and history[-1] - history[-2] < tolerance * abs(history[-1]):
+            break
+        model, start = _maximised(found, model, start, estimate)
+    return Fit(model, start, np.array(history))
+
+
+def _maximised(
+    found: Run, model: LinearModel, start: Belief, estimate: Collection[str]
+) -> tuple[LinearModel, Belief]:
+    """The model that maximises the expected likelihood of states and measurements, by the smoothed record."""
+    mean, P = smooth(found)
+    u = 0 if model.inputs is None else model.inputs.reshape(len(mean) - 1, *(1,) * (mean.ndim - 2), -1)
+    filtered, forecast = found.beliefs.covariance[:-1], found.predictions.covariance[1:]
+    gain_t = np.linalg.solve(forecast, model.F @ filtered)  # the smoother's gain, transposed
+    second = P + mean[..., :, None] * mean[..., None, :]
+    moved = mean[1:] - u
+    axes = tuple(range(mean.ndim - 1))
+    next_next = np.sum(P[1:] + moved[..., :, None] * moved[..., None, :], axis=axes)
+    next_now = np.sum(P[1:] @ gain_t + moved[..., :, None] * mean[:-1, ..., None, :], axis=axes)
+    now_now = np.sum(second[:-1], axis=axes)
+    changes: dict[str, Any] = {}
+    F = np.linalg.solve(now_now, next_now.T).T if "F" in estimate else model.F
+    if "F" in estimate:
+        changes["F"] = F
+    if "Q" in estimate:
+        total = next_next - F @ next_now.T - next_now @ F.T + F @ now_now @ F.T
+        changes["Q"] = _symmetric(total / moved[..., 0].size)
+    if "R" in estimate:
+        changes["R"] = _noise(found, model, Belief(mean, P))
+    first = Belief(mean[0], P[0]) if "start" in estimate else start
+    return model._replace(**changes), first
+
+
+def _noise(found: Run, model: LinearModel, smoothed: Belief) -> Array:
+    """The expected mean square of the measurements' errors. What is missing of a measurement is expected as R
+    has it, by the components that are there; a time without any does not count."""
+    y = (found.innovation + found.predicted).reshape(-1, len(model.H))
+    mean, P = (a.reshape(len(y), *a.shape[-k:]) for a, k in zip(smoothed, (1, 2), strict=True))
+    error, spread = y - mean @ model.H.T, model.H @ P @ model.H.T
+    total, count, R = np.zeros_like(model.R), 0, model.R
+    present = ~np.isnan(y)
+    for pattern in np.unique(present, axis=0):
+        rows = np.flatnonzero((present == pattern).all(axis=1))
+        if not pattern.any():
+            continue
+        seen = np.flatnonzero(pattern)
+        fill = R[:, seen] @ np.linalg.inv(R[np.ix_(seen, seen)])
+        e = error[rows][:, seen]
+        known = e.T @ e + np.sum(spread[rows][:, seen][:, :, seen], axis=0)
+        total = total + fill @ known @ fill.T + len(rows) * (R - fill @ R[seen])
+        count += len(rows)
+    if not count:
+        raise FilterError("ys: nothing is measured")
+    return _symmetric(total / count)
+
+
+def _symmetric(A: Array) -> Array:
+    return 0.5 * (A + A.T)

@@ -1,0 +1,93 @@
+"""The Kalman filter over a whole record in one compiled loop; `runs.run` calls it."""
+
+import numpy as np
+from numba import njit
+
+from onboard.filters.belief import OK
+from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.kernels.linear import correct_into, sandwich_into
+from onboard.filters.kernels.sigma_points import TWO_PI
+
+
+@njit(**MAKING)
+def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation, S, predicted):  # type: ignore[no-untyped-def]
+    """Measurement update by the components of y (m,) that are not NaN; (status, NIS, log-likelihood). What belongs
+    to a missing component is left NaN. Without any, mean and covariance stay."""
+    n, m = mean.shape[0], y.shape[0]
+    present = np.empty(m, np.int64)
+    count = 0
+    for a in range(m):
+        value = P.dtype.type(0)
+        for i in range(n):
+            value += H[a, i] * mean[i]
+        predicted[a] = value
+        innovation[a] = np.nan
+        for c in range(m):
+            S[a, c] = np.nan
+        if not np.isnan(y[a]):
+            present[count] = a
+            count += 1
+    zero = P.dtype.type(0)
+    if count == 0:
+        mean_out[:] = mean
+        P_out[:] = P
+        return OK, zero, zero
+    h, r, s = np.empty((count, n), P.dtype), np.empty((count, count), P.dtype), np.empty((count, count), P.dtype)
+    seen, e, forecast = np.empty(count, P.dtype), np.empty(count, P.dtype), np.empty(count, P.dtype)
+    wraps, considered = np.empty(count, np.bool_), np.zeros(n, np.bool_)
+    for i in range(count):
+        a = present[i]
+        h[i] = H[a]
+        seen[i], forecast[i], wraps[i] = y[a], predicted[a], angular[a]
+        for j in range(count):
+            r[i, j] = R[a, present[j]]
+    status, nis = correct_into(mean, P, h, forecast, seen, r, wraps, considered, mean_out, P_out, e, s)
+    if status != OK:
+        return status, zero, zero
+    factor_into(s, r)
+    log_l = -P.dtype.type(0.5) * nis
+    for i in range(count):
+        log_l -= np.log(r[i, i]) + P.dtype.type(0.5 * np.log(TWO_PI))
+        innovation[present[i]] = e[i]
+        for j in range(count):
+            S[present[i], present[j]] = s[i, j]
+    return OK, nis, log_l
+
+
+@njit(signatures(2, 3, 3, 3, 2, 3, 3, 3, FLAGS), **MAKING)
+def filter_record(mean, P, F, Q, inputs, H, R, y, angular):  # type: ignore[no-untyped-def]
+    """Filter the measurements y (T, B, m), NaN where missing, from mean (B, n) and covariance (B, n, n) at the
+    time of the first. F, Q (T-1 or 1, n, n) and inputs (T-1 or 1, n) lead from each time to the next; H (T or 1,
+    m, n), R (T or 1, m, m).
+
+    (predicted mean (T, B, n) and covariance, mean and covariance after the update, innovation (T, B, m), its
+    covariance, the predicted measurement, NIS (T, B), log-likelihood, the step and member that failed, status).
+    """
+    steps, count, m = y.shape
+    n, dtype = mean.shape[1], P.dtype
+    prior, prior_P = np.empty((steps, count, n), dtype), np.empty((steps, count, n, n), dtype)
+    after, after_P = np.empty((steps, count, n), dtype), np.empty((steps, count, n, n), dtype)
+    innovation, S = np.empty((steps, count, m), dtype), np.empty((steps, count, m, m), dtype)
+    predicted = np.empty((steps, count, m), dtype)
+    nis, log_l = np.empty((steps, count), dtype), np.empty((steps, count), dtype)
+    for k in range(steps):
+        f, q, u, h, r = (k - 1) % len(F), (k - 1) % len(Q), (k - 1) % len(inputs), k % len(H), k % len(R)
+        for b in range(count):
+            if k == 0:
+                prior[k, b] = mean[b]
+                prior_P[k, b] = P[b]
+            else:
+                for i in range(n):
+                    value = inputs[u, i]
+                    for j in range(n):
+                        value += F[f, i, j] * after[k - 1, b, j]
+                    prior[k, b, i] = value
+                sandwich_into(F[f], after_P[k - 1, b], Q[q], prior_P[k, b])
+            status, nis[k, b], log_l[k, b] = correct_present_into(
+                prior[k, b], prior_P[k, b], y[k, b], H[h], R[r], angular,
+                after[k, b], after_P[k, b], innovation[k, b], S[k, b], predicted[k, b],
+            )  # fmt: skip
+            if status != OK:
+                return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, k, b, status
+    return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, 0, 0, OK

@@ -1,0 +1,278 @@
+"""A filter over a whole record: what a loop of `predict` and `update` gives, with measurements that are missing.
+
+    model = Model(lambda rows: rows @ F.T, Q, lambda rows: np.arctan2(rows[:, 1:2], rows[:, :1]), R, angular=(0,))
+    found = run("unscented", model, Belief(mean, covariance), ys)        # mean (n,), ys (T, m)
+    found.beliefs.mean, found.log_likelihood.sum()                       # (T, n), a number
+    smooth(found)                                                        # of smoothers.py
+
+- The first belief is that of the first measurement's time, before that measurement (as in pykalman, statsmodels,
+  and Durbin & Koopman): y[0] updates it, and a prediction leads from each measurement to the next.
+- What is missing is NaN, or masked in a masked array: a component, or all of a measurement. In a batch (mean (B,
+  n), ys (T, B, m)) each member has its own. `None` in a list is a time without measurement, too.
+- A model that changes is a function of the `Step`, which returns that step's Model: inputs, times between
+  measurements, changing sensors, and so measurements of varying size, in a list. Late measurements are put in
+  the order of `ts` first: `order = np.argsort(ts, kind="stable")`.
+- `LinearModel` with method "kalman" runs in one compiled loop, 50 times as fast as any other.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, mask, raise_status
+from onboard.filters.belief import start as checked
+from onboard.filters.families import method as method_of
+from onboard.filters.state_space import AnyModel, LinearModel, Model, model_at
+
+LOG_TWO_PI: Final = float(np.log(2 * np.pi))
+
+
+class Run(NamedTuple):
+    """A filter over T measurements, of one filter or of a batch (..., of B). What belongs to a missing
+    measurement is NaN, its NIS and log-likelihood are zero; measurements of varying size are filled with NaN up
+    to the largest.
+
+    `predictions` and `beliefs`, before and after each update: mean (T, ..., n) and covariance (T, ..., n, n);
+    `innovation` (T, ..., m), its covariance (T, ..., m, m), and the predicted measurement; `nis` (T, ...), of so
+    many `degrees` of freedom (T, ...); `log_likelihood` (T, ...) of each measurement, given all before it; the
+    filter's own `states` after each update; and what was run.
+    """
+
+    predictions: Belief
+    beliefs: Belief
+    innovation: Array
+    innovation_covariance: Array
+    predicted: Array
+    nis: Array
+    degrees: Array
+    log_likelihood: Array
+    states: tuple[Any, ...]
+    method: Method
+    model: AnyModel
+    ts: Array
+
+    def at(self, k: int) -> Model:
+        """The model of step k."""
+        return model_at(self.model, self.ts, k)
+
+
+def run(method: str | Method, model: AnyModel, start: Belief, ys: Any, ts: Any = None) -> Run:
+    """Run a filter, by itself or by its name, over measurements ys (T, m), or (T, B, m) with a batch of beliefs,
+    at times ts (T,) that do not decrease (default 0, 1, ...). Where a time repeats, nothing is predicted.
+
+    Raises FilterError, NotPositiveDefiniteError: the message begins with the measurement that failed.
+    """
+    chosen = method_of(method) if isinstance(method, str) else method
+    checked(*start)
+    seen = _measurements(ys, start)
+    times = _times(ts, len(seen))
+    if isinstance(model, LinearModel) and chosen.name == "kalman":
+        return _compiled(chosen, model, start, seen, times)
+    state, made = chosen.start(*start), []
+    for k, y in enumerate(seen):
+        try:
+            step = model_at(model, times, k)
+            if k and times[k] > times[k - 1]:
+                state = chosen.predict(state, step.process, step.Q)
+            prediction = chosen.belief(state)
+            found = _updated(chosen, state, y, step)
+            state = found.belief
+        except FilterError as error:
+            raise type(error)(f"ys[{k}], t = {times[k]:g}: {error}") from error
+        made.append((prediction, chosen.belief(state), found))
+    return _collected(made, chosen, model, times)
+
+
+def log_likelihood(update: Any) -> Any:
+    """Of the measurement that an `Update` was made with, a number or (...,): the density of its innovation; of a
+    mixture or a cloud of particles their own.
+    """
+    own = getattr(update, "log_evidence", None)
+    value = _gaussian(update.nis, update.innovation_covariance) if own is None else own
+    return value if np.ndim(value) else float(value)
+
+
+def _gaussian(nis: Any, S: Array) -> Array:
+    """The log-density of innovations by their NIS (...,) and covariance S (..., m, m); NaN in S: not measured."""
+    known = ~np.isnan(np.diagonal(S, axis1=-2, axis2=-1))
+    filled = np.where(np.isnan(S), np.eye(S.shape[-1]), S)
+    return np.asarray(-0.5 * (nis + np.linalg.slogdet(filled)[1] + known.sum(axis=-1) * LOG_TWO_PI))
+
+
+def _updated(method: Method, state: Any, y: Array, model: Model) -> Any:
+    """The update by the components of y (..., m) that are not missing.
+
+    A missing component is replaced by one that says nothing: a measurement of zero, with noise of one, that is
+    zero for every state. That is exact for every filter, in a batch whose members miss others, and in a cloud.
+    """
+    missing = np.isnan(y)
+    if not missing.any():
+        return method.update(state, y, model.measure, model.R, model.angular)
+    if missing.all():
+        nothing = np.full(y.shape, np.nan, y.dtype)
+        return Update(state, nothing, nothing[..., None] * nothing[..., None, :], nothing, np.zeros(y.shape[:-1]))
+    if "partial" in method.exempt:
+        raise FilterError(f"y: {method.name} takes no partial measurement: {method.exempt['partial']}")
+    measure = model.measure
+    several = isinstance(measure, tuple)
+    blank: Any = tuple(_blank(one, missing) for one in measure) if several else _blank(measure, missing)
+    gone = missing[..., :, None] | missing[..., None, :]
+    R = np.where(gone, np.eye(y.shape[-1], dtype=model.R.dtype), model.R)
+    found = method.update(state, np.where(missing, y.dtype.type(0), y), blank, R, model.angular)
+    nan, own = y.dtype.type(np.nan), getattr(found, "log_evidence", None)
+    return Update(
+        _kept(state, found.belief, missing.all(axis=-1)) if missing.ndim > 1 else found.belief,
+        np.where(missing, nan, found.innovation),
+        np.where(gone, nan, found.innovation_covariance),
+        np.where(missing, nan, found.predicted),
+        found.nis,
+        log_evidence=own if own is None else own + 0.5 * LOG_TWO_PI * np.sum(missing, axis=-1),
+    )
+
+
+def _kept(before: Any, after: Any, gone: Any) -> Any:
+    """A state of a batch, with that before where nothing was measured (B,): a filter that counts its updates
+    does not count those."""
+    if isinstance(after, tuple):
+        each = [_kept(a, b, gone) for a, b in zip(before, after, strict=True)]
+        return type(after)(*each) if hasattr(after, "_fields") else tuple(each)
+    if not isinstance(after, np.ndarray) or np.shape(before) != after.shape:
+        return after
+    return np.where(gone.reshape(-1, *(1,) * (after.ndim - 1)), before, after)
+
+
+def _blank(measure: Rows, missing: Array) -> Rows:
+    """A measurement function with zero in place of the missing components (m,), or (B, m) of each filter."""
+
+    def blank(rows: Array) -> Array:
+        images = measure(rows)
+        if missing.ndim == 1:
+            return np.where(missing, 0, images).astype(images.dtype)
+        each = images.reshape(len(missing), -1, images.shape[-1])
+        return np.where(missing[:, None], 0, each).astype(images.dtype).reshape(images.shape)
+
+    return blank
+
+
+def _collected(made: list[Any], method: Method, model: AnyModel, ts: Array) -> Run:
+    """The steps' predictions, beliefs and updates, stacked."""
+    predictions, beliefs, updates = zip(*made, strict=True)
+    size = max(u.innovation.shape[-1] for u in updates)
+    innovation = np.stack([_padded(u.innovation, size, 1) for u in updates])
+    S = np.stack([_padded(u.innovation_covariance, size, 2) for u in updates])
+    nis = np.stack([np.asarray(u.nis, float) for u in updates])
+    log_l = _gaussian(nis, S)
+    for k, update in enumerate(updates):
+        if getattr(update, "log_evidence", None) is not None:
+            log_l[k] = update.log_evidence
+    return Run(
+        Belief(*(np.stack(part) for part in zip(*predictions, strict=True))),
+        Belief(*(np.stack(part) for part in zip(*beliefs, strict=True))),
+        innovation,
+        S,
+        np.stack([_padded(u.predicted, size, 1) for u in updates]),
+        nis,
+        np.sum(~np.isnan(innovation), axis=-1),
+        log_l,
+        tuple(u.belief for u in updates),
+        method,
+        model,
+        ts,
+    )
+
+
+def _padded(array: Array, size: int, axes: int) -> Array:
+    """With NaN up to `size` in its last axes."""
+    more = size - array.shape[-1]
+    fill = [(0, 0)] * (array.ndim - axes) + [(0, more)] * axes
+    return np.pad(array, fill, constant_values=np.nan) if more else array
+
+
+def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array], ts: Array) -> Run:
+    """The linear Kalman filter in one loop."""
+    from onboard.filters.kernels import records  # noqa: PLC0415 - the compiler loads when it is needed
+
+    lead, dtype = start.mean.shape[:-1], start.mean.dtype
+    n, m, steps = start.mean.shape[-1], ys[0].shape[-1], len(ys)
+    y = np.stack(ys) if all(one.shape == ys[0].shape for one in ys) else np.empty((0, 0))
+    H, R, F, Q, u = _matrices(model, n, m, steps, dtype)
+    if y.size == 0:
+        raise FilterError("ys: must be of one size for a LinearModel, with NaN where a component is missing")
+    if not np.all(np.diff(ts) > 0):
+        raise FilterError("ts: must increase for a LinearModel, whose F leads from each measurement to the next")
+    mean, P = (start.mean, start.covariance) if lead else (start.mean[None], start.covariance[None])
+    y = y.reshape(steps, len(mean), m)
+    kernel: Any = records.filter_record
+    *found, k, member, status = kernel(mean, P, F, Q, u, H, R, y, mask(model.angular, m))
+    if status:
+        try:
+            raise_status(status)
+        except FilterError as error:
+            where = f"ys[{k}], t = {ts[k]:g}" + (f", filter {member} of the batch" if lead else "")
+            raise type(error)(f"{where}: {error}") from error
+    shaped = [a if lead else a[:, 0] for a in found]
+    prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l = shaped
+    degrees = np.sum(~np.isnan(innovation), axis=-1)
+    states = tuple(Belief(*one) for one in zip(after, after_P, strict=True))
+    return Run(
+        Belief(prior, prior_P), Belief(after, after_P), innovation, S, predicted, nis, degrees, log_l, states,
+        method, model, ts,
+    )  # fmt: skip
+
+
+def _matrices(model: LinearModel, n: int, m: int, steps: int, dtype: Any) -> list[Array]:
+    """H, R, F, Q and inputs as the kernel takes them, one or one for each step. Raises FilterError."""
+    u = np.zeros(n) if model.inputs is None else model.inputs
+    wanted = {
+        "H": (model.H, (m, n), steps),
+        "R": (model.R, (m, m), steps),
+        "F": (model.F, (n, n), steps - 1),
+        "Q": (model.Q, (n, n), steps - 1),
+        "inputs": (u, (n,), steps - 1),
+    }
+    found = []
+    for name, (given, shape, count) in wanted.items():
+        array = np.asarray(given, dtype)
+        if array.shape not in {shape, (count, *shape)} or not np.isfinite(array).all():
+            raise FilterError(f"{name}: must be finite and {shape}, or {(count, *shape)}, not {array.shape}")
+        found.append(array if array.ndim > len(shape) else array[None])
+    if not len(found[2]):  # one measurement: nothing leads anywhere
+        found[2:] = [np.zeros((1, n, n), dtype), np.zeros((1, n, n), dtype), np.zeros((1, n), dtype)]
+    return found
+
+
+def _measurements(ys: Any, start: Belief) -> list[Array]:
+    """Each measurement in the belief's precision, with NaN where it is missing."""
+    lead, dtype = start.mean.shape[:-1], start.mean.dtype
+    if isinstance(ys, np.ndarray) and ys.ndim == 1 and not lead:
+        ys = ys[:, None]
+    known = next((np.shape(y) for y in ys if y is not None), (*lead, 1))
+    found = []
+    for k, y in enumerate(ys):
+        one = (
+            np.full(known, np.nan)
+            if y is None
+            else np.asarray(np.ma.filled(np.ma.asarray(y, dtype), np.nan), dtype)
+        )
+        if one.shape[:-1] != lead or one.ndim != len(lead) + 1:
+            wanted = "(T, B, m)" if lead else "(T, m)"
+            raise FilterError(f"ys[{k}]: has shape {one.shape}; ys must be {wanted} for mean {start.mean.shape}")
+        found.append(one)
+    if not found:
+        raise FilterError("ys: has no measurement")
+    return found
+
+
+def _times(ts: Any, count: int) -> Array:
+    times = np.arange(float(count)) if ts is None else np.asarray(ts, float)
+    if times.shape != (count,) or not np.isfinite(times).all():
+        raise FilterError(f"ts: must be {count} finite times, one for each of ys, not of shape {times.shape}")
+    late = np.flatnonzero(np.diff(times) < 0)
+    if len(late):
+        k = int(late[0]) + 1
+        raise FilterError(
+            f"ts[{k}] = {times[k]:g} is before ts[{k - 1}] = {times[k - 1]:g}: put the record in the order of its "
+            "times, order = np.argsort(ts, kind='stable')"
+        )
+    return times

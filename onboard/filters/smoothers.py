@@ -1,0 +1,116 @@
+"""Smoothing of a run: each time's estimate from the whole record, or from `lag` measurements beyond it.
+
+    found = run("unscented", model, start, ys, ts)
+    smoothed = smooth(found)                  # Rauch, Tung & Striebel, by the family's own linearisation
+    delayed = smooth(found, lag=5)            # what a filter knows five measurements later
+
+Gaussian families: "kalman" by its matrices, "extended" by Jacobians, and all that draw points by the regression
+of the process over them. Several modes: `mode_smoothing`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters import cubature, extended, kalman
+from onboard.filters.belief import Belief, FilterError, Rows, Weights
+from onboard.filters.multiple_model import ModesState
+from onboard.filters.posterior_linearisation import regression
+from onboard.filters.runs import Run
+from onboard.filters.smoothing import rauch_tung_striebel
+from onboard.filters.state_space import LinearModel
+
+
+class Lines(NamedTuple):
+    """How each time leads to the next: x' = F x + inputs + noise Q, for (T-1, ...) steps."""
+
+    F: Array
+    Q: Array
+    inputs: Array
+
+
+def smooth(found: Run, lag: int | None = None, weights: Weights | None = None) -> Belief:
+    """Smoothed beliefs of all times, mean (T, ..., n) and covariance (T, ..., n, n). With `lag`, each from `lag`
+    measurements beyond it at most. `weights` of the points that are drawn, by default those of the cubature
+    filter.
+
+    Raises FilterError for a filter that is not Gaussian, or of modes (`smooth_modes`); NotPositiveDefiniteError.
+    """
+    if found.states and isinstance(found.states[0], ModesState):
+        raise FilterError("smooth: takes one filter; that of several modes has `smooth_modes`")
+    reason = found.method.exempt.get("kalman")
+    if reason:
+        raise FilterError(f"smooth: {found.method.name} cannot be smoothed by its covariance: {reason}")
+    steps = len(found.ts)
+    if steps < 2:
+        return found.beliefs
+    lines = lines_of(found, weights)
+    if lag is None or lag >= steps - 1:
+        return rauch_tung_striebel(found.beliefs, *lines)
+    if lag < 0:
+        raise FilterError(f"lag: must be 0 or more measurements, not {lag}")
+    return found.beliefs if lag == 0 else _fixed_lag(found.beliefs, lines, lag)
+
+
+def lines_of(found: Run, weights: Weights | None = None) -> Lines:
+    """The line that stands for the process over each step, linearised where the filter was."""
+    mean, P = found.beliefs.mean[:-1], found.beliefs.covariance[:-1]
+    if callable(found.model):
+        each = [_line(found, Belief(mean[k], P[k]), k + 1, weights) for k in range(len(mean))]
+        return Lines(*(np.stack(part) for part in zip(*each, strict=True)))
+    if isinstance(found.model, LinearModel):
+        shape = (len(mean), *(1,) * (mean.ndim - 2))
+        u = np.zeros(mean.shape[-1], mean.dtype) if found.model.inputs is None else found.model.inputs
+        F, Q = (
+            np.broadcast_to(a.reshape(-1 if a.ndim == 3 else 1, *shape[1:], *a.shape[-2:]), P.shape)
+            for a in (found.model.F, found.model.Q)
+        )
+        u = np.broadcast_to(u.reshape(-1 if u.ndim == 2 else 1, *shape[1:], u.shape[-1]), mean.shape)
+        return Lines(F.astype(P.dtype), Q.astype(P.dtype), u.astype(P.dtype))
+    n = mean.shape[-1]
+    flat = Belief(mean.reshape(-1, n), P.reshape(-1, n, n))
+    made = line_of(found.method.name, flat, found.model.process, found.model.Q, weights)
+    lines = Lines(*(part.reshape(*mean.shape[:-1], *part.shape[1:]) for part in made))
+    again = np.flatnonzero(np.diff(found.ts) == 0)  # nothing is predicted where a time repeats
+    lines.F[again], lines.Q[again], lines.inputs[again] = np.eye(n), 0, 0
+    return lines
+
+
+def _line(found: Run, belief: Belief, k: int, weights: Weights | None = None) -> Lines:
+    if found.ts[k] == found.ts[k - 1]:
+        P = belief.covariance
+        return Lines(np.zeros_like(P) + np.eye(P.shape[-1], dtype=P.dtype), 0 * P, 0 * belief.mean)
+    step = found.at(k)
+    return line_of(found.method.name, belief, step.process, step.Q, weights)
+
+
+def line_of(name: str, belief: Belief, process: Rows, Q: Array, weights: Weights | None = None) -> Lines:
+    """The line of a process about beliefs (..., n), as the filter `name` has it."""
+    if name == "kalman":
+        (F, value), rest = kalman.affine(process, belief.mean), 0 * belief.covariance
+    elif name == "extended":
+        (value, F), rest = extended.tangent(belief, process), 0 * belief.covariance
+    else:
+        F, value, rest = regression(belief, process, weights or cubature.weights(belief.mean.shape[-1]))
+    return Lines(F, Q + rest, value - (F @ belief.mean[..., None])[..., 0])
+
+
+def _fixed_lag(filtered: Belief, lines: Lines, lag: int) -> Belief:
+    """Each window of lag + 1 times smoothed from its end, all at once as one batch; the last one gives the end."""
+    shape, n = filtered.mean.shape, filtered.mean.shape[-1]
+    windows = shape[0] - lag
+    at = np.arange(lag + 1)[:, None] + np.arange(windows)
+
+    def batch(array: Array, index: Any) -> Array:
+        picked: Array = array[index]
+        return picked.reshape(len(index), -1, *picked.shape[len(shape) :])
+
+    mean, P = batch(filtered.mean, at), batch(filtered.covariance, at)
+    each = (batch(part, at[:-1]) for part in lines)
+    smoothed = rauch_tung_striebel(Belief(mean, P), *each)
+    parts = []
+    for array, own in ((smoothed.mean, (n,)), (smoothed.covariance, (n, n))):
+        apart = array.reshape(lag + 1, windows, *shape[1:-1], *own)
+        parts.append(np.concatenate([apart[0], apart[1:, -1]]))
+    return Belief(*parts)
