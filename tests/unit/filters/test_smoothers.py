@@ -141,12 +141,12 @@ def test_smoothed_modes_know_a_manoeuvre_better_and_earlier_seed_6() -> None:
     smoothed, states = smooth_modes(found, two, transition), np.stack(truth)
     errors = {name: b.mean - states for name, b in (("filter", found.beliefs), ("smoother", smoothed))}
     rms = {name: np.sqrt(np.mean(e[5:-5] ** 2, axis=(0, 1))) for name, e in errors.items()}
-    assert np.all(rms["smoother"] < 0.8 * rms["filter"]), rms
+    assert np.all(rms["smoother"] < 0.65 * rms["filter"]), rms
     filtered = np.stack([state.probabilities for state in found.states])
     right = [
         np.mean(np.take_along_axis(p, np.stack(modes)[..., None], -1)) for p in (filtered, smoothed.probabilities)
     ]
-    assert right[1] > right[0] + 0.03, right
+    assert right[1] > right[0] + 0.09, right
     e = errors["smoother"][5:-5]
     nees = np.mean(np.einsum("tbi,tbi->tb", e, np.linalg.solve(smoothed.covariance[5:-5], e[..., None])[..., 0]))
     assert 1.6 < nees < 2.4, nees
