@@ -1,8 +1,18 @@
 """Sphinx: `make docs` builds these pages."""
 
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+os.environ["NUMBA_DISABLE_JIT"] = "1"  # the reference imports the filters; to compile them would take minutes
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 project = "wingline"
 copyright = "BSD-3-Clause"  # noqa: A001 - Sphinx reads this name
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
 exclude_patterns = ["_build"]
 html_theme = "furo"
 html_title = "wingline"
@@ -10,3 +20,20 @@ html_show_copyright = False
 html_theme_options = {"light_css_variables": {"content-width": "60rem"}}
 
 myst_heading_anchors = 4
+
+default_role = "code"  # the docstrings have Markdown's single backticks
+
+
+def as_text(_app: object, _what: str, _name: str, _object: object, _options: object, lines: list[str]) -> None:
+    """Docstrings are plain text: a bar is an absolute value, not a substitution, and a list needs no blank line."""
+    found: list[str] = []
+    for line in lines:
+        if line.startswith("- ") and found and found[-1].strip() and not found[-1].startswith(("- ", "  ")):
+            found.append("")
+        found.append(line.replace("|", r"\|"))
+    lines[:] = found
+
+
+def setup(app: Any) -> None:
+    """Connect the above."""
+    app.connect("autodoc-process-docstring", as_text)

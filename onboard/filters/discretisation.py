@@ -130,3 +130,41 @@ def _positive(dt: Any) -> Array:
     if not (np.isfinite(step) & (step > 0)).all():
         raise FilterError(f"dt: must be positive and finite, not {dt}")
     return step
+
+
+def discrete_white_acceleration(dt: Any, variance: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
+    """The discrete white noise acceleration model: an acceleration of `variance`, (m/s^2)^2, one number or one
+    for each axis, that is constant over a step and independent of all others. An axis has variance times
+    [[t^4/4, t^3/2], [., t^2]], of rank one. Otherwise as `white_acceleration`.
+
+    Raises FilterError.
+    """
+    F = white_acceleration(dt, 1.0, axes, by_axis).F
+    t = _positive(dt)
+    G = np.stack([0.5 * t * t, t], axis=-1)
+    return Discrete(F, _of_axes(G[..., :, None] * G[..., None, :], variance, axes, by_axis))
+
+
+def singer(dt: Any, tau: float, variance: Any = 1.0, axes: int = 3, by_axis: bool = False) -> Discrete:
+    """The model of a manoeuvring target by Singer (1970): an acceleration of `variance`, (m/s^2)^2, one number
+    or one for each axis, whose correlation fades as exp(-t / tau), tau in seconds. States as of
+    `wiener_acceleration`, which it is for tau much longer than the step; much shorter, it is
+    `white_acceleration` of density 2 variance tau.
+
+    Raises FilterError.
+    """
+    if not (np.isfinite(tau) and tau > 0):
+        raise FilterError(f"tau: must be positive and finite, not {tau}")
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / tau]])
+    F, Q = van_loan(A, np.diag([0.0, 0.0, 2.0 / tau]), dt)
+    each = np.eye(axes)
+    return Discrete(_kron(each, F) if by_axis else _kron(F, each), _of_axes(Q, variance, axes, by_axis))
+
+
+def _of_axes(Q: Array, scale: Any, axes: int, by_axis: bool) -> Array:
+    """One axis' noise (..., k, k) for all, scaled. Raises FilterError."""
+    factor = np.asarray(scale, float)
+    if factor.shape not in {(), (axes,)} or not (np.isfinite(factor) & (factor >= 0)).all():
+        raise FilterError(f"variance: must be one number, or one for each of {axes} axes, finite and not negative")
+    each = np.diag(np.broadcast_to(factor, axes))
+    return _kron(each, Q) if by_axis else _kron(Q, each)

@@ -5,11 +5,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
 import onboard.filters
-from onboard.filters import FilterError, Method, families
+from onboard.filters import FilterError, Method, consistency, families, run, smooth
 from tests.support import documents
 from tests.support.programs import ROOT
 
@@ -27,14 +28,35 @@ def test_the_five_lines_of_the_page_run_a_filter_on_a_model_of_ones_own() -> Non
     assert np.diag(update.belief.covariance)[0] < 0.2  # type: ignore[attr-defined]  # from 1.02, by R = 0.04
 
 
-def test_whole_records_run_smooth_and_estimate_as_the_page_says() -> None:
+def test_the_tracker_by_bearings_is_as_good_as_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mpl.use("agg")
+    monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     exec(BLOCKS[1], names)  # noqa: S102 - what a reader would paste
-    Q, R = np.exp(names["found"].theta)
-    assert pytest.approx(names["fit"].model.Q[0, 0], rel=0.1) == Q
-    assert pytest.approx(names["fit"].model.R[0, 0], rel=0.1) == R
-    assert np.isfinite(names["level"]).all()
+    found, truth = names["found"], names["truth"]
+    np.testing.assert_allclose(
+        consistency.rms(found.beliefs, truth, (0, 1))[[20, 40, 59]], [971, 155, 43], atol=0.6
+    )
+    smoothed = smooth(found)
+    np.testing.assert_allclose(consistency.rms(smoothed, truth, (0, 1))[[20, 40, 59]], [141, 79, 43], atol=0.6)
+    nees = consistency.nees(found.beliefs, truth)
+    assert (round(nees.mean[59], 1), round(nees.low[59], 1), round(nees.high[59], 1)) == (4.4, 3.5, 4.6)
+    astray = run("posterior-linearisation", names["at"], names["start"], names["ys"])  # docs/choosing.md
+    assert round(consistency.nees(astray.beliefs, truth).mean[59]) == 166
     exec(BLOCKS[2], names)  # noqa: S102 - what a reader would paste
+    mpl.pyplot.close("all")
+    assert {path.name for path in tmp_path.iterdir()} == {"track.png", "nees.png"}
+
+
+def test_whole_records_run_smooth_and_estimate_as_the_page_says() -> None:
+    names: dict[str, Any] = {}
+    exec(BLOCKS[3], names)  # noqa: S102 - what a reader would paste
+    variances = [names["fit"].model.Q[0, 0], names["fit"].model.R[0, 0]]
+    np.testing.assert_allclose(np.exp(names["found"].theta), variances, rtol=0.1)
+    assert np.isfinite(names["level"]).all()
+    exec(BLOCKS[4], names)  # noqa: S102 - what a reader would paste
     np.testing.assert_array_equal(names["found"].degrees, [1, 0, 2])
 
 

@@ -1,13 +1,17 @@
 """Discretisation against SciPy's exponential, closed forms and an exact solution."""
 
 from collections.abc import Callable
+from datetime import timedelta
 from typing import Any
 
 import numpy as np
 import pytest
+from filterpy.common import Q_discrete_white_noise
 from scipy.linalg import expm
+from stonesoup.models.transition.linear import Singer
 
 from onboard.arrays import Array
+from onboard.filters import discretisation
 from onboard.filters.belief import FilterError
 from onboard.filters.discretisation import Discrete, rk4, van_loan, white_acceleration, wiener_acceleration
 
@@ -163,3 +167,29 @@ def test_a_step_must_be_positive(function: Callable[[Any], Any], dt: Any) -> Non
 def test_other_arguments_are_refused_by_name(function: Callable[[], Any], name: str) -> None:
     with pytest.raises(FilterError, match=rf"\b{name}\b"):
         function()
+
+
+@pytest.mark.parametrize("by_axis", [False, True])
+def test_discrete_white_acceleration_is_filterpy_s(by_axis: bool) -> None:
+    F, Q = discretisation.discrete_white_acceleration(0.5, 3.0, axes=2, by_axis=by_axis)
+    np.testing.assert_allclose(Q, Q_discrete_white_noise(2, 0.5, 3.0, block_size=2, order_by_dim=by_axis))
+    np.testing.assert_allclose(F, discretisation.white_acceleration(0.5, 1.0, axes=2, by_axis=by_axis).F)
+    _, each = discretisation.discrete_white_acceleration(np.array([0.5, 2.0]), [3.0, 1.0], axes=2)
+    np.testing.assert_allclose(each[1], np.kron(np.outer([2.0, 2.0], [2.0, 2.0]), np.diag([3.0, 1.0])))
+    with pytest.raises(FilterError, match="variance: must be one number, or one for each of 2 axes"):
+        discretisation.discrete_white_acceleration(0.5, -1.0, axes=2)
+
+
+def test_singer_s_model_is_stone_soup_s_and_has_its_two_limits() -> None:
+    theirs = Singer(noise_diff_coeff=2 * 4.0 / 10.0, damping_coeff=1 / 10.0)
+    F, Q = discretisation.singer(2.0, 10.0, 4.0, axes=1)
+    step = timedelta(seconds=2.0)
+    np.testing.assert_allclose(F, theirs.matrix(time_interval=step), rtol=1e-12)
+    np.testing.assert_allclose(Q, np.asarray(theirs.covar(time_interval=step)), rtol=1e-6)
+    long, short = discretisation.singer(1.0, 1e7, 1e7 / 2, axes=2), discretisation.singer(1.0, 1e-4, 5e3, axes=2)
+    np.testing.assert_allclose(long.Q, discretisation.wiener_acceleration(1.0, 1.0, axes=2).Q, rtol=1e-5)
+    np.testing.assert_allclose(short.Q[:4, :4], discretisation.white_acceleration(1.0, 1.0, axes=2).Q, rtol=1e-3)
+    by_axis = discretisation.singer(2.0, 10.0, [4.0, 1.0], axes=2, by_axis=True)
+    np.testing.assert_allclose(by_axis.Q[3:, 3:], Q / 4)
+    with pytest.raises(FilterError, match="tau: must be positive"):
+        discretisation.singer(1.0, 0.0)

@@ -1,0 +1,106 @@
+"""Figures of a run in a line each, with matplotlib (`pip install 'wingline[filters]'`).
+
+    plots.track(found.beliefs, truth)      # a path with its ellipses
+    plots.nis(found)                       # with bounds
+    plots.nees(found.beliefs, truth)
+    plots.errors(found.beliefs, truth)     # each state's, within its sigmas
+
+Each draws on `axes`, or on new ones, and returns them: `.figure.savefig(...)`.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters import consistency
+from onboard.filters.belief import Belief, FilterError
+from onboard.filters.gating import chi_square_threshold
+from onboard.filters.runs import Run
+
+
+def ellipse(belief: Belief, states: tuple[int, int] = (0, 1), probability: float = 0.95, axes: Any = None) -> Any:
+    """The ellipse that holds two states of a belief (n,) with a probability."""
+    made = _axes(axes)
+    made.plot(*outline(belief, states, probability), color="tab:blue", linewidth=0.8)
+    return made
+
+
+def outline(belief: Belief, states: tuple[int, int] = (0, 1), probability: float = 0.95) -> Array:
+    """Points (2, 73) of that ellipse."""
+    mean, P = belief.mean[list(states)], belief.covariance[np.ix_(states, states)]
+    values, vectors = np.linalg.eigh(P)
+    angle = np.linspace(0, 2 * np.pi, 73)
+    radius = np.sqrt(chi_square_threshold(probability, 2) * np.maximum(values, 0))
+    return np.asarray(mean[:, None] + vectors @ (radius[:, None] * np.stack([np.cos(angle), np.sin(angle)])))
+
+
+def track(
+    beliefs: Belief, truth: Array | None = None, states: tuple[int, int] = (0, 1), every: int = 5, axes: Any = None
+) -> Any:
+    """The path of two states of one run, mean (T, n), with the 95 % ellipse of every `every`-th time."""
+    _one_run(beliefs)
+    made, (a, b) = _axes(axes), states
+    made.plot(beliefs.mean[:, a], beliefs.mean[:, b], ".-", color="tab:blue", markersize=3, label="estimate")
+    if truth is not None:
+        made.plot(truth[:, a], truth[:, b], color="black", linewidth=0.8, label="truth")
+    for k in range(0, len(beliefs.mean), every):
+        ellipse(Belief(beliefs.mean[k], beliefs.covariance[k]), states, axes=made)
+    made.set_aspect("equal", adjustable="datalim")
+    made.legend()
+    return made
+
+
+def nis(found: Run, probability: float = 0.95, axes: Any = None) -> Any:
+    """NIS over time, the mean of a batch, with its bounds."""
+    return _judged(consistency.nis(found, probability), found.ts, "NIS", axes)
+
+
+def nees(beliefs: Belief, truth: Array, ts: Array | None = None, axes: Any = None) -> Any:
+    """NEES over time, the mean of a batch, with its 95 % bounds."""
+    return _judged(consistency.nees(beliefs, truth), ts, "NEES", axes)
+
+
+def errors(beliefs: Belief, truth: Array, ts: Array | None = None, sigmas: float = 2.0) -> Any:
+    """Each state's error in one run, mean (T, n), within its band of `sigmas`; an array of axes (n,)."""
+    from matplotlib import pyplot  # noqa: PLC0415 - an extra
+
+    _one_run(beliefs)
+    n = beliefs.mean.shape[1]
+    _, made = pyplot.subplots(n, 1, sharex=True, squeeze=False, layout="constrained")
+    time, error = _times(ts, len(beliefs.mean)), beliefs.mean - truth
+    for i, axes in enumerate(made[:, 0]):
+        band = sigmas * np.sqrt(beliefs.covariance[:, i, i])
+        axes.fill_between(time, -band, band, color="tab:blue", alpha=0.2)
+        axes.plot(time, error[:, i], color="tab:blue")
+        axes.set_ylabel(f"state {i}")
+    return made[:, 0]
+
+
+def _judged(found: consistency.Consistency, ts: Array | None, name: str, axes: Any) -> Any:
+    made, time = _axes(axes), _times(ts, len(found.mean))
+    made.fill_between(time, found.low, found.high, color="tab:green", alpha=0.2, label="bounds")
+    made.plot(time, found.mean, color="tab:blue", label=f"{name}, {100 * found.inside:.0f} % inside")
+    made.plot(time, found.expected, color="tab:green", linewidth=0.8)
+    made.set_ylabel(name)
+    made.legend()
+    return made
+
+
+def _one_run(beliefs: Belief) -> None:
+    if beliefs.mean.ndim != 2:
+        raise FilterError(
+            f"beliefs: must be of one run, mean (T, n), not {beliefs.mean.shape}: take one, mean[:, 0]"
+        )
+
+
+def _times(ts: Array | None, count: int) -> Array:
+    return np.arange(float(count)) if ts is None else ts
+
+
+def _axes(axes: Any) -> Any:
+    if axes is not None:
+        return axes
+    from matplotlib import pyplot  # noqa: PLC0415 - an extra
+
+    return pyplot.subplots(layout="constrained")[1]

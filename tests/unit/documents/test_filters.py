@@ -1,0 +1,39 @@
+"""The pages about the filters name every filter, every module, and only what there is."""
+
+import re
+from pathlib import Path
+from pkgutil import iter_modules
+
+import pytest
+
+import onboard.filters
+from onboard.filters import families
+from tests.support import documents
+
+INNER = {"compiled", "inline", "numba_internals"}  # for kernels and programs, not for readers
+MODULES = {found.name for found in iter_modules(onboard.filters.__path__) if not found.name.startswith("_")}
+
+
+def test_the_table_has_every_filter_and_no_other() -> None:
+    named = [name for row in documents.tables(documents.text("choosing"))[0] for name in documents.names(row[0])]
+    assert sorted(named) == sorted(families.MODULES)
+
+
+def test_every_module_is_on_one_page_of_the_reference() -> None:
+    pages = (path.read_text(encoding="utf-8") for path in sorted((documents.DOCS / "api").glob("*.md")))
+    shown = re.findall(r"automodule:: onboard\.filters\.(\w+)", "\n".join(pages))
+    assert sorted(shown) == sorted(MODULES - INNER - {"kernels"} - {"errors"} | ({"errors"} & set(shown)))
+
+
+@pytest.mark.parametrize("page", ["choosing", "coming-from", "notebook"])
+def test_what_the_pages_call_is_there(page: str) -> None:
+    text = documents.text(page)
+    called = set(re.findall(rf"`(?:onboard\.filters\.)?({'|'.join(sorted(MODULES))})\.(\w+)", text))
+    assert called
+    for module, name in called:
+        assert hasattr(getattr(onboard.filters, module), name), f"{module}.{name}"
+
+
+def test_the_extra_has_what_figures_need() -> None:
+    text = (Path(documents.ROOT) / "pyproject.toml").read_text(encoding="utf-8")
+    assert re.search(r'^filters = \["matplotlib', text, re.MULTILINE)

@@ -1,0 +1,79 @@
+"""NEES, NIS and errors of runs with their bounds, and the figures of them."""
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from onboard.filters import Belief, FilterError, LinearModel, consistency, discretisation, gating, plots, run
+from onboard.filters.runs import Run
+
+RUNS, STEPS = 200, 40
+
+
+@pytest.fixture(scope="module")
+def flown() -> tuple[Run, np.ndarray]:
+    """200 runs of the very model, of which half the measurements of the second half are missing; seed 1."""
+    rng = np.random.default_rng(1)
+    F, Q = discretisation.white_acceleration(1.0, 0.1, axes=1)
+    x, truth, ys = rng.normal(0, 1, (RUNS, 2)), [], []
+    for k in range(STEPS):
+        x = x if k == 0 else x @ F.T + rng.multivariate_normal(np.zeros(2), Q, RUNS)
+        truth.append(x)
+        ys.append(x[:, :1] + rng.normal(0, 1, (RUNS, 1)))
+    measured = np.stack(ys)
+    measured[20:, ::2] = np.nan
+    measured[30] = np.nan
+    start = Belief(np.zeros((RUNS, 2)), np.tile(np.eye(2), (RUNS, 1, 1)))
+    return run("kalman", LinearModel(F, Q, np.eye(1, 2), np.eye(1)), start, measured), np.stack(truth)
+
+
+def test_a_filter_of_the_right_model_is_inside_and_a_sure_one_above(flown: tuple[Run, np.ndarray]) -> None:
+    found, truth = flown
+    nis, nees = consistency.nis(found), consistency.nees(found.beliefs, truth)
+    assert nis.inside > 0.85
+    assert nees.inside > 0.85
+    np.testing.assert_allclose(nis.expected[[0, 25]], [1.0, 0.5])
+    assert np.isnan([nis.mean[30], nis.low[30]]).all()
+    low, high = gating.mean_bounds(2, RUNS)
+    np.testing.assert_allclose([nees.low, nees.high], np.outer([low, high], np.ones(STEPS)))
+    sure = Belief(found.beliefs.mean, 0.5 * found.beliefs.covariance)
+    assert consistency.nees(sure, truth).inside == 0.0
+    one = Belief(found.beliefs.mean[:, 0], found.beliefs.covariance[:, 0])
+    assert consistency.nees(one, truth[:, 0]).inside > 0.7
+
+
+def test_the_error_of_some_states(flown: tuple[Run, np.ndarray]) -> None:
+    found, truth = flown
+    error = found.beliefs.mean - truth
+    np.testing.assert_allclose(
+        consistency.rms(found.beliefs, truth)[3], np.sqrt(np.mean(np.sum(error[3] ** 2, -1)))
+    )
+    np.testing.assert_allclose(
+        consistency.rms(found.beliefs, truth, (1,))[3], np.sqrt(np.mean(error[3, :, 1] ** 2))
+    )
+    with pytest.raises(FilterError, match="truth: must have the shape of the means"):
+        consistency.rms(found.beliefs, truth[:, :1])
+
+
+def test_figures_are_drawn_in_a_line_each(flown: tuple[Run, np.ndarray]) -> None:
+    mpl.use("agg")
+    found, truth = flown
+    one = Belief(found.beliefs.mean[:, 0], found.beliefs.covariance[:, 0])
+    assert len(plots.track(one, truth[:, 0]).lines) == 2 + STEPS // 5
+    assert "% inside" in plots.nis(found).get_legend_handles_labels()[1][1]
+    assert plots.nees(found.beliefs, truth).get_ylabel() == "NEES"
+    assert len(plots.errors(one, truth[:, 0])) == 2
+    with pytest.raises(FilterError, match="beliefs: must be of one run"):
+        plots.track(found.beliefs)
+    mpl.pyplot.close("all")
+
+
+def test_an_ellipse_holds_its_share_seed_2() -> None:
+    P = np.array([[4.0, 1.0, 0.5], [1.0, 2.0, 0.0], [0.5, 0.0, 1.0]])
+    belief = Belief(np.array([1.0, 2.0, 3.0]), P)
+    points = plots.outline(belief, (2, 0), 0.9)
+    off = points - belief.mean[[2, 0]][:, None]
+    chosen = P[np.ix_([2, 0], [2, 0])]
+    np.testing.assert_allclose(
+        np.sum(off * np.linalg.solve(chosen, off), axis=0), gating.chi_square_threshold(0.9, 2), rtol=1e-9
+    )
