@@ -25,7 +25,7 @@ default_role = "code"  # the docstrings have Markdown's single backticks
 
 
 def as_text(_app: object, _what: str, _name: str, _object: object, _options: object, lines: list[str]) -> None:
-    """Docstrings are plain text: a bar is an absolute value, not a substitution, and a list needs no blank line."""
+    """Docstrings are plain text: a bar is an absolute value, not a substitution, a list needs no blank line."""
     found: list[str] = []
     for line in lines:
         if line.startswith("- ") and found and found[-1].strip() and not found[-1].startswith(("- ", "  ")):
