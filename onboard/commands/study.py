@@ -2,6 +2,7 @@
 
 import argparse
 import pkgutil
+from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,27 +27,34 @@ from onboard.studies.together import run_all, run_study
 def main(arguments: argparse.Namespace) -> int:
     """Measure one study, or all. Raises UserError."""
     a = arguments
-    where = computers(a.cluster, a.rows)
     if a.all and (a.cluster or a.rows):
         raise UserError("study: --cluster and --rows go with one name, not with --all")
     if a.all and a.name is None:
+        for option, value in (("--first-seed", a.first_seed), ("--jobs", a.jobs)):
+            if value is not None:
+                raise UserError(
+                    f"study: {option} goes with one name, not with --all, whose studies have their own"
+                )
         return all_studies(seeds=a.seeds, out=a.out, json_file=a.json)
     if a.all or a.name is None:
         raise UserError(f"study: give --all, or one name of: {', '.join(study_names())}")
-    return one_study(a.name, seeds=a.seeds, out=a.out, json_file=a.json, where=where)
+    chosen = {"seeds": a.seeds, "first_seed": a.first_seed}
+    given: dict[str, Any] = {k: v for k, v in chosen.items() if v is not None}
+    given["jobs"] = computers(a.jobs, a.cluster, a.rows)
+    return one_study(a.name, given, out=a.out, json_file=a.json)
 
 
-def computers(cluster: str | None, rows: Path | None) -> Computers:
-    """Where parts are computed, by `--cluster` and `--rows`. Raises UserError where a library is missing."""
+def computers(jobs: int | None, cluster: str | None, rows: Path | None) -> Computers:
+    """Where parts are computed, by `--jobs`, `--cluster` and `--rows`. Raises UserError where a library is missing."""
     check_targets(rows)
     if rows is not None and find_spec("pyarrow") is None:
         raise UserError(f"cannot write {rows}: it needs pyarrow: pip install 'wingline[cluster]'")
-    return Computers(cluster=cluster or "", rows=rows)
+    return Computers(jobs=jobs, cluster=cluster or "", rows=rows)
 
 
-def one_study(name: str, *, seeds: int | None, out: Path, json_file: Path | None, where: Computers) -> int:
-    """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`. Without
-    `seeds` as many as the study asks for."""
+def one_study(name: str, given: Mapping[str, Any], *, out: Path, json_file: Path | None) -> int:
+    """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`.
+    `given`: seeds and first_seed, without which it takes what the study asks for, and jobs, where it computes."""
     known = study_names()
     if name not in known:
         raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")
@@ -55,7 +63,7 @@ def one_study(name: str, *, seeds: int | None, out: Path, json_file: Path | None
     check_targets(json_file)
     _compile([name])
     try:
-        result = _measure(name, seeds, out, where)
+        result = _measure(name, given, out)
     except ClusterError as error:
         raise UserError(str(error)) from error
     Console().print(Markdown((out / name / "report.md").read_text(encoding="utf-8")))
@@ -105,12 +113,10 @@ def _compile(names: list[str]) -> None:
     compile_shown(modules, console, announce_once(console, "this study", "up to a minute and a half"))
 
 
-def _measure(name: str, seeds: int | None, out: Path, where: Computers) -> dict[str, Any]:
+def _measure(name: str, given: Mapping[str, Any], out: Path) -> dict[str, Any]:
     with progress_bar(Console(stderr=True)) as bar:
         task = bar.add_task(_title(name), total=None)
-        return run_study(
-            name, seeds, out, lambda done, total: bar.update(task, completed=done, total=total), where
-        )
+        return run_study(name, given, out, lambda done, total: bar.update(task, completed=done, total=total))
 
 
 def _measure_all(names: list[str], seeds: int | None, out: Path) -> dict[str, dict[str, Any]]:

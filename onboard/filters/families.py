@@ -20,6 +20,7 @@ MODULES: Final = {  # the module of this folder in which each filter is
     "csvsf-robust": "cubature_smooth",
     "cubature": "cubature",
     "extended": "extended",
+    "gauss-hermite": "gauss_hermite",
     "imm": "multiple_model",
     "kalman": "kalman",
     "posterior-linearisation": "posterior_linearisation",

@@ -2,7 +2,7 @@
 
 import os
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import as_completed
 from importlib import import_module
 from multiprocessing.managers import SyncManager
@@ -15,7 +15,7 @@ import msgspec
 
 from onboard import studies
 from onboard.studies.report.processes import CONTEXT, end_with_parent, processes
-from onboard.studies.report.workers import Jobs, Progress
+from onboard.studies.report.workers import Progress
 
 AT_ONCE: Final = 2
 # the slowest first (as measured), so that the last ones are short
@@ -27,15 +27,14 @@ SLOWEST: Final = (
 StudyProgress = Callable[[str, int, int], None]
 
 
-def run_study(name: str, seeds: int | None, out: Path, progress: Progress, jobs: Jobs = None) -> dict[str, Any]:
-    """Run a study in `jobs` processes (None: one per core), and give its result as plain values. Its files go to a
-    folder of `out`.
+def run_study(name: str, given: Mapping[str, Any], out: Path, progress: Progress) -> dict[str, Any]:
+    """Run a study with what is `given` of seeds, first_seed and jobs (where it computes; by default one process for each core),
+    and give its result as plain values. Its files go to a folder of `out`.
 
     Raises ImportError where figures cannot be drawn.
     """
     module = import_module(f"{studies.__name__}.{name.replace('-', '_')}.study")
-    given = {} if seeds is None else {"seeds": seeds}
-    result: dict[str, Any] = msgspec.to_builtins(module.run(**given, jobs=jobs, out=out / name, progress=progress))
+    result: dict[str, Any] = msgspec.to_builtins(module.run(**given, out=out / name, progress=progress))
     return result
 
 
@@ -67,7 +66,8 @@ def _run_in_child(
     queue: "Queue[tuple[str, int, int] | None]", name: str, seeds: int | None, out: Path
 ) -> dict[str, Any]:
     jobs = max(1, (os.cpu_count() or 1) // AT_ONCE)  # with one, a study starts no process of its own
-    return run_study(name, seeds, out, lambda done, total: queue.put((name, done, total)), jobs)
+    given = {"jobs": jobs} if seeds is None else {"jobs": jobs, "seeds": seeds}
+    return run_study(name, given, out, lambda done, total: queue.put((name, done, total)))
 
 
 def _begin() -> None:

@@ -55,7 +55,7 @@ def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation,
     return OK, nis, log_l
 
 
-@njit(signatures(2, 3, 3, 3, 2, 3, 3, 3, FLAGS), **MAKING)
+@njit(signatures(2, 3, 3, 3, 2, 3, 3, 3, FLAGS), nogil=True, **MAKING)  # records in threads, side by side
 def filter_record(mean, P, F, Q, inputs, H, R, y, angular):  # type: ignore[no-untyped-def]
     """Filter the measurements y (T, B, m), NaN where missing, from mean (B, n) and covariance (B, n, n) at the
     time of the first. F, Q (T-1 or 1, n, n) and inputs (T-1 or 1, n) lead from each time to the next; H (T or 1,

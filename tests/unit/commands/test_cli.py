@@ -81,6 +81,8 @@ MISTAKES: list[tuple[tuple[str, ...], tuple[str, ...]]] = [
     (("study",), ("--all", "relative-motion")),
     (("study", "relative-motion", "--all"), ("--all",)),
     (("study", "relative-motion", "--seeds", "0"), ("--seeds", "from 1 to")),
+    (("study", "relative-motion", "--jobs", "0"), ("--jobs", "from 1 to")),
+    (("study", "--all", "--first-seed", "7"), ("--first-seed", "goes with one name")),
     (("study", "relative-motion", "--seeds", "99999999999"), ("--seeds", "1000000")),
     (("study", "relative-motion", "--seeds", "1", "--out", "words.txt/out"), ("words.txt/out",)),
     (("study", "relative-motion", "--seeds", "1", "--json", "nowhere/x.json"), ("nowhere/x.json",)),
