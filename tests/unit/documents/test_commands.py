@@ -59,7 +59,7 @@ def test_every_call_in_the_text_names_what_there_is(path: Path) -> None:
             assert command in TARGETS, call
         else:
             assert command in subcommands(program), call
-            assert set(re.findall(r"--[a-z]+", " ".join(rest))) <= flags(program, command), call
+            assert set(re.findall(r"--[a-z-]+", " ".join(rest))) <= flags(program, command), call
 
 
 def test_there_are_calls_to_test() -> None:
