@@ -45,7 +45,7 @@ def main(arguments: argparse.Namespace) -> int:
 
 
 def computers(jobs: int | None, cluster: str | None, rows: Path | None) -> Computers:
-    """Where parts are computed, by `--jobs`, `--cluster` and `--rows`. Raises UserError where a library is missing."""
+    """Where parts are computed, by `--jobs`, `--cluster` and `--rows`. Raises UserError: a library is missing."""
     check_targets(rows)
     if rows is not None and find_spec("pyarrow") is None:
         raise UserError(f"cannot write {rows}: it needs pyarrow: pip install 'wingline[cluster]'")

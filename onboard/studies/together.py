@@ -28,8 +28,8 @@ StudyProgress = Callable[[str, int, int], None]
 
 
 def run_study(name: str, given: Mapping[str, Any], out: Path, progress: Progress) -> dict[str, Any]:
-    """Run a study with what is `given` of seeds, first_seed and jobs (where it computes; by default one process for each core),
-    and give its result as plain values. Its files go to a folder of `out`.
+    """Run a study with what is `given` of seeds, first_seed and jobs (where it computes; by default one
+    process for each core), and give its result as plain values. Its files go to a folder of `out`.
 
     Raises ImportError where figures cannot be drawn.
     """
