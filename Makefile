@@ -16,7 +16,7 @@ KERNELS := $(wildcard onboard/filters/*.py onboard/filters/kernels/*.py onboard/
 # compile all sources anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: install demo test test-all lint mutants fuzz bench docs clean
+.PHONY: install demo test test-all lint mutants fuzz bench docs pictures clean
 
 install: $(READY) $(COMPILED)  ## onboard and simlink, in .venv/bin, with the filters compiled
 	@$(BIN)/python -m compileall -q -j 0 $(VENV)/lib > /dev/null 2>&1 || true  # for users who may not write there
@@ -53,6 +53,9 @@ fuzz: $(READY_DEV)  ## coverage-guided, over all that reads bytes from outside; 
 bench: $(READY_DEV) $(COMPILED)  ## speed as ratios within one run, and the daemon under load
 	$(BIN)/python -m benchmarks --json bench.json
 	$(BIN)/python -m benchmarks.live --history benchmarks/history.jsonl
+
+pictures: $(READY_DEV)  ## every picture of the documentation, drawn anew; needs mesa-vulkan-drivers
+	$(BIN)/python docs/pictures.py $(ARGS)
 
 docs: $(READY_DOCS)  ## the documentation, in out/docs/html
 	$(BIN)/sphinx-build -q -W --keep-going -b html -d out/docs/doctrees docs out/docs/html

@@ -21,6 +21,7 @@ CAUSES: Final[tuple[Callable[[Moment], Iterator[Advice]], ...]] = (
     causes_camera.stamps,
     causes_camera.names,
     causes_camera.misfit,
+    causes_camera.contradicted,
     causes_camera.lens,
     causes_host.refused,
     causes_host.links,

@@ -1,6 +1,7 @@
 """What can be wrong with images: none come, their stamps or names are wrong, or they do not fit."""
 
 import math
+import re
 from collections.abc import Iterator
 from typing import Final
 
@@ -17,6 +18,7 @@ NOISY: Final = 1.3  # times the configured noise
 QUIET: Final = 0.5
 GATED: Final = 0.3  # share of images
 FEWEST: Final = 10  # images by which a share is judged
+CONTRADICTED: Final = re.compile(r"do not fit|contradict|too large for its range|degrees from where|leapt")
 LEADERS: Final = ("leader", "oh_johnson")
 VALID: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)
 FIT: Final = "`onboard calibrate LOG` finds mount, delay and focal length of a recorded flight"
@@ -164,6 +166,16 @@ def misfit(m: Moment) -> Iterator[Advice]:
                     Severity.NOTICE,
                 )
         yield from _gated(m, name)
+
+
+def contradicted(m: Moment) -> Iterator[Advice]:
+    """An estimate that is not valid since something contradicts it, as its own reason says."""
+    for estimator in LEADERS:
+        reason = m.now.reasons.get(estimator, "")
+        if m.now.states.get(estimator) is Lifecycle.LOST and CONTRADICTED.search(reason):
+            for name in m.now.cameras:
+                what = f"camera {name}: the {estimator} estimate is not valid: {reason}"
+                yield _advice("misfit", name, what, _suspects(m, name), f"{estimator}: images do not fit")
 
 
 def _gated(m: Moment, name: str) -> Iterator[Advice]:

@@ -29,7 +29,7 @@ def refused(m: Moment) -> Iterator[Advice]:
         what = "" if refusal.reason.startswith(DOUBT) else "refused from "
         yield Advice(
             cause=remedy.cause,
-            severity=Severity.NOTICE if is_doubt else Severity.WARNING,
+            severity=Severity.NOTICE if is_doubt and not remedy.costs else Severity.WARNING,
             about=f"{refusal.source}: {refusal.reason}",
             what=f"{what}{refusal.source}: {refusal.reason}",
             count=refusal.count,

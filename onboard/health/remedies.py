@@ -13,6 +13,7 @@ class Remedy(NamedTuple):
     cause: str
     remedy: str
     short: str
+    costs: bool = False  # what it finds makes estimates wrong, though the messages are used
 
 
 REMEDIES: Final = (
@@ -64,6 +65,19 @@ REMEDIES: Final = (
         "set it there: ArduPilot `param set SR1_EXTRA1 50` (4.7: MAV2_EXTRA1), PX4 `mavlink stream -d DEVICE "
         "-s ATTITUDE_QUATERNION -r 50`; or leave out of `rates_hz` in [autopilot] what it does not know",
         "it refuses message rates",
+    ),
+    Remedy(
+        r"`mount_rpy_deg`",
+        "mount",
+        "turn the camera, or set `mount_rpy_deg` of [camera]; `onboard calibrate LOG` finds it",
+        "camera mount is off",
+        costs=True,
+    ),
+    Remedy(
+        r"no position yet",
+        "position",
+        "wait until the autopilot's filter has aligned; without GPS, give it another position",
+        "autopilot has no position yet",
     ),
     Remedy(
         r"upper left quarter|edge of the image",

@@ -188,11 +188,12 @@ def first_page(shown: Shown, others: str) -> list["rrb.Vertical"]:
     return []
 
 
-def plots(shown: Shown, others: str) -> "rrb.Tabs":
-    """The first page of what flies, pages of plots for the leader, our own state and the links, and of traffic."""
+def plots(shown: Shown, others: str, page: str = "") -> "rrb.Tabs":
+    """The first page of what flies, pages of plots for the leader, our own state and the links, and of traffic.
+    `page` is open; "": the one of what flies."""
     first = first_page(shown, others)
     traffic_first = shown.threat or (shown.traffic and not shown.leader)
-    return rrb.Tabs(
+    pages = [
         *first,
         overview(shown, others),
         rrb.Vertical(
@@ -226,8 +227,9 @@ def plots(shown: Shown, others: str) -> "rrb.Tabs":
             name="Links",
         ),
         traffic_page(),
-        active_tab=(len(first) + 6) if traffic_first else 0,
-    )
+    ]
+    names = [one.name for one in pages]
+    return rrb.Tabs(*pages, active_tab=names.index(page) if page else (len(first) + 6) * traffic_first)
 
 
 def traffic_page() -> "rrb.Vertical":
@@ -248,7 +250,7 @@ def below(camera: Camera, shown: Shown) -> "rrb.Horizontal":
     return rrb.Horizontal(*wide, rrb.Tabs(*words, active_tab=0) if shown.fleet else now)
 
 
-def window(camera: Camera, shown: Shown, others: str) -> "rrb.Horizontal":
+def window(camera: Camera, shown: Shown, others: str, page: str = "") -> "rrb.Horizontal":
     """The scene on the left, plots on the right; a headline for what flies."""
     has_leader = shown.leader or not (shown.own or shown.traffic)
     banners = [*([banner()] if has_leader else []), *([banner(scene.OWN_BANNER)] if shown.own else [])]
@@ -262,7 +264,7 @@ def window(camera: Camera, shown: Shown, others: str) -> "rrb.Horizontal":
         time_view=time_axis(),
         time_ranges=last(WINDOW_S),
     )
-    right: list[rrb.Container | rrb.View] = [plots(shown, others), *([timeline] if strips else [])]
+    right: list[rrb.Container | rrb.View] = [plots(shown, others, page), *([timeline] if strips else [])]
     return rrb.Horizontal(
         rrb.Vertical(*banners, above, below(camera, shown), row_shares=[*([0.13] * len(banners)), 1.6, 1.0]),
         rrb.Vertical(*right, row_shares=[5.2, 0.1 + 0.45 * len(strips)][: len(right)]),
@@ -271,13 +273,13 @@ def window(camera: Camera, shown: Shown, others: str) -> "rrb.Horizontal":
 
 
 def blueprint(
-    camera: Camera, shown: Shown = LEADER_ALONE, *, beside: Sequence[tuple[str, str]] = ()
+    camera: Camera, shown: Shown = LEADER_ALONE, *, beside: Sequence[tuple[str, str]] = (), page: str = ""
 ) -> "rrb.Blueprint":
     """The whole window for what a flight has had so far. `beside`: names of other estimators of the leader, and of
-    their colours."""
+    their colours; `page` is open among the plots, "": that of what flies."""
     others = "".join(f", {plain(name)} {colour}" for name, colour in beside)
     return rrb.Blueprint(
-        window(camera, shown, others),
+        window(camera, shown, others, page),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following"),
         rrb.TopPanel(state="hidden"),
         rrb.BlueprintPanel(state="collapsed"),

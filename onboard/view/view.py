@@ -39,7 +39,8 @@ class View:
     this computer instead, at the address `page`. `server` is the `url` of
     another view, which serves this one as well, as a recording with a `name` of its own. `url` is the server's
     address.
-    `rotors` are those of our vehicle, where they are known.
+    `rotors` are those of our vehicle, where they are known. `open_page`: the page of plots that is open, "": that
+    of what flies.
     `memory_limit` bounds what the server keeps for viewers that connect later.
     Raises `ValueError` without any of `rrd`, `grpc_port`, `spawn` and `server`, `OSError` if the port is taken,
     UserError where `rrd` cannot be written.
@@ -59,10 +60,12 @@ class View:
         application_id: str = "onboard",
         estimator: str = "leader",
         rotors: scene.Rotors = (),
+        open_page: str = "",
     ) -> None:
         if rrd is None and grpc_port is None and server is None and not (spawn or web):
             raise ValueError("a view needs somewhere to draw to: rrd, grpc_port, spawn, web or server")
         self._camera, self._estimator, self._rotors = camera, estimator, rotors
+        self._open_page = open_page
         self._shown = LEADER_ALONE._replace(leader=False)
         self._threat_ns = -LINGERS_NS
         self._beside: list[str] = []  # other estimators of the leader
@@ -248,7 +251,7 @@ class View:
     def _arrange(self) -> None:
         """Arrange the window for what there is by now."""
         others = tuple((name, beside.colour_of(k)[0]) for k, name in enumerate(self._beside))
-        self._stream.send_blueprint(blueprint(self._camera, self._shown, beside=others))
+        self._stream.send_blueprint(blueprint(self._camera, self._shown, beside=others, page=self._open_page))
 
     def _show_health(self, health: Health) -> None:
         """The health, and its advice where no estimate of a leader comes."""

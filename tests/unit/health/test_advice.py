@@ -19,6 +19,7 @@ from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
 from onboard.config import Config, parse_config
 from onboard.messages import (
+    DOUBT,
     Advice,
     Attitude,
     Clock,
@@ -201,6 +202,22 @@ def test_07_a_class_without_a_section() -> None:
     assert "`kite`" in named(doctor, "class", "[target.kite]").what
 
 
+def test_08_a_mount_that_is_off() -> None:
+    pipeline = Pipeline(configured())
+    reason = f"{DOUBT}the leader moves as we lean, as if the camera looked higher than `mount_rpy_deg` says"
+    pipeline.refuse("camera front", reason, EPOCH)
+    (advice,) = [a for a in pipeline.health(EPOCH + S).advice if a.cause == "mount"]
+    assert advice.severity is Severity.WARNING
+    assert "`onboard calibrate LOG`" in advice.remedy
+
+
+def test_08_images_that_contradict_the_estimate() -> None:
+    """Another object than the leader, or another camera: beyond any noise."""
+    rng = np.random.default_rng(5)
+    doctor = flown(moved(lambda p: p + 25.0 / F_PX * rng.normal(size=2)))
+    assert "`mount_rpy_deg`" in named(doctor, "misfit", "`onboard calibrate LOG`").remedy
+
+
 def test_09_a_size_that_is_three_times_too_large() -> None:
     """The leader is three times as large as configured, and so seems three times as near as it is."""
     doctor = flown(moved(lambda p: p[:1] + 3.0 * (p - p[:1])))
@@ -349,7 +366,7 @@ def test_all_four_readers_show_the_same_advice() -> None:
     Console(lines.append, pilot=notices.advise).show_health(health)
     assert any(advice.what in line and advice.remedy in line for line in lines)
     assert advice.text[:LENGTH] in [m.text for m in notices.due(0)]
-    assert words.plain(advice.remedy) in words.advice(health)
+    assert words.plain(advice.remedy).replace("`", "") in words.advice(health)
     shown = describe("1", health)
     assert advice.what in shown
     assert f"-> {advice.remedy}" in shown

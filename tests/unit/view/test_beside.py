@@ -80,7 +80,7 @@ def test_the_window_names_it_with_its_colour_once_it_comes(
     monkeypatch.setattr("onboard.view.view.blueprint", kept)
     record_flight(tmp_path / "both.rrd", pairs(4.0))
     assert made[0] == {}
-    assert made[-1] == {"beside": ((NAME, "lime"),)}
+    assert made[-1]["beside"] == ((NAME, "lime"),)
     rows = rows_of(tmp_path / "both.rrd")
     ours = rows["/plots/range/estimate"]
     assert 0.4 * ours < rows[f"/plots/range/{NAME}"] <= ours

@@ -1,0 +1,150 @@
+"""Draw every picture of the documents anew.
+
+    python docs/pictures.py [NAME ...]
+
+The flights are simulated in this process, byte for byte the same every time; pictures of the view need Vulkan
+(`apt install mesa-vulkan-drivers`), the plots matplotlib. Without names all are drawn: the drawings, the plots
+of errors inside their bounds, and the view's first page for each kind of flight, and each of its pages."""
+
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import drawings
+import error_plots
+from PIL import Image
+
+from onboard.commands.demo_flight import flown_beside
+from onboard.config import Config, load_config
+from onboard.messages import Datagram, TrafficTruth, Truth
+from onboard.pipeline import Pipeline
+from onboard.view.fleet import Views
+from onboard.view.view import View
+from onboard.view.viewer import screenshot
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import load_scenario
+from simlink.simulation import datagrams
+
+PICTURES: Final = drawings.PICTURES
+HEALTH_NS: Final = 1_000_000_000
+PAGES: Final = ("Overview", "Errors", "Motion", "Filter", "Own state", "Links")
+
+
+class Picture(NamedTuple):
+    """A picture of the view: the scenario, how long it flies and when it is shown (s), and the page that is
+    open."""
+
+    scenario: str
+    duration: float
+    at: float
+    page: str = ""
+
+
+VIEWS: Final = {
+    "view-both": Picture("mission", 45.0, 40.0),
+    "view-own": Picture("quadrotor-motor", 45.0, 40.0),
+    "view-leader": Picture("formation-s-turn", 45.0, 40.0),
+    "view-hover": Picture("formation-hover", 45.0, 32.0),
+    "view-traffic": Picture("traffic", 45.0, 30.0),
+    **{f"page-{name.lower().replace(' ', '-')}": Picture("mission", 45.0, 40.0, name) for name in PAGES},
+}
+
+
+@cache
+def configured(scenario: str) -> Config:
+    """What a daemon needs for a scenario, with the paper's filter beside the leader's in `formation`."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scenario.toml"
+        path.write_text(daemon_config(load_scenario(scenario)), encoding="utf-8")
+        config = load_config(path, ("zenoh.enabled=false",))
+        if scenario != "formation":
+            return config
+        return load_config(path, ("zenoh.enabled=false", flown_beside("paper", config)))
+
+
+@cache
+def flown(scenario: str, duration: float, seed: int = 1) -> tuple[Any, ...]:
+    """All records of a flight: estimates, own poses and truths, and a health every second."""
+    return tuple(_records(scenario, duration, seed))
+
+
+def _records(scenario: str, duration: float, seed: int) -> Iterator[Any]:
+    pipeline = Pipeline(configured(scenario))
+    next_ns = 0
+    for item in datagrams(load_scenario(scenario), seed, duration):
+        if isinstance(item, Truth | TrafficTruth):
+            yield item
+        if not isinstance(item, Datagram):
+            continue
+        yield from pipeline.feed(item)
+        if item.t_recv_ns >= next_ns:
+            next_ns = item.t_recv_ns + HEALTH_NS
+            yield pipeline.health(item.t_recv_ns)
+
+
+def draw_view(name: str, picture: Picture) -> None:
+    """The view of a flight at a time."""
+    config = configured(picture.scenario)
+    with tempfile.TemporaryDirectory() as folder:
+        rrd = Path(folder) / "flight.rrd"
+        made = {"camera": config.camera_model(), "rotors": config.rotors(), "open_page": picture.page}
+        with View(rrd=rrd, **made) as view:
+            for record in flown(picture.scenario, picture.duration):
+                view.show(record)
+        take(rrd, name, picture.at)
+
+
+def take(rrd: Path, name: str, at: float) -> None:
+    """The picture of a recording at a time (s), in 128 colours, which is a third of the bytes."""
+    path = PICTURES / f"{name}.png"
+    screenshot(rrd, path, at=at)
+    Image.open(path).convert("RGB").quantize(128).save(path, optimize=True)
+
+
+def draw_fleet() -> None:
+    """One vehicle of a fleet of two, with the table of both."""
+    flights = {"uav-1": flown("mission", 45.0), "uav-2": flown("formation-drop-out", 45.0)}
+    config = configured("mission")
+    with tempfile.TemporaryDirectory() as folder:
+        rrd = Path(folder) / "fleet.rrd"
+        with Views(
+            camera=config.camera_model(), rotors=config.rotors(), rrd=rrd, spawn=False, apart=True
+        ) as views:
+            for vehicle, record in by_time(flights):
+                views.show(vehicle, record)
+        take(rrd.with_name("fleet-uav-1.rrd"), "view-fleet", 36.0)
+
+
+def by_time(flights: dict[str, Iterable[Any]]) -> list[tuple[str, Any]]:
+    """The records of all vehicles in the order of their flights' times."""
+    found = []
+    for vehicle, records in flights.items():
+        start = None
+        newest = 0
+        for record in records:
+            newest = max(newest, record.t_ns)
+            start = newest if start is None and newest > 0 else start
+            found.append((newest - (start or newest), vehicle, record))
+    return [(vehicle, record) for _, vehicle, record in sorted(found, key=lambda one: one[0])]
+
+
+def main(names: list[str]) -> None:
+    """Draw those of these names, or all."""
+    PICTURES.mkdir(exist_ok=True)
+    if not names or "drawings" in names:
+        drawings.main()
+    if not names or "errors" in names:
+        error_plots.main(flown)
+    for name, picture in VIEWS.items():
+        if not names or name in names:
+            print(f"{name}: {picture.scenario}", flush=True)
+            draw_view(name, picture)
+    if not names or "view-fleet" in names:
+        draw_fleet()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
