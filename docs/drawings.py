@@ -20,7 +20,7 @@ from onboard.geometry.rotations import matrix_from_euler
 PICTURES: Final = Path(__file__).parent / "pictures"
 INK, FAINT = "#73808d", "#9aa5b1"
 BLUE, ORANGE, PINK, GREEN = "#3a90d8", "#d07a1f", "#d0458c", "#2a9a5b"
-SIZE: Final = 14
+SIZE: Final = 17
 
 Point = Sequence[float]
 
@@ -82,7 +82,7 @@ class Drawing:
                 colour if k == 0 else INK,
                 anchor="middle",
                 bold=k == 0,
-                size=SIZE - (k > 0),
+                size=SIZE - 3 * (k > 0),
             )
 
     def save(self, name: str) -> str:
@@ -132,7 +132,7 @@ def geometry() -> Drawing:
     aircraft(drawing, eye, own, R_nb, 3.2, ORANGE)
     axes(drawing, eye, own, R_nb * 3.6, ("x_b", "y_b", "z_b"), ORANGE)
     aircraft(drawing, eye, leader, R_nl, 5.4, BLUE)
-    vector(drawing, eye, origin, own, "r_OF_n", INK, (-64, 2))
+    vector(drawing, eye, origin, own, "r_OF_n", INK, (14, 24))
     vector(drawing, eye, own, leader, "r_FL_n", PINK, (-6, -14))
     drawing.text(eye.see(own)[0] + (-20, 22), "F", ORANGE, bold=True, anchor="end")
     drawing.text(eye.see(leader)[0] + (4, -32), "L, the leader", BLUE, bold=True, anchor="middle")
@@ -146,7 +146,7 @@ def geometry() -> Drawing:
         (PINK, "what is estimated: r_FL_n, its velocity, the size"),
     )
     for k, (colour, words) in enumerate(notes):
-        drawing.text((20, 32 + 21 * k), words, colour, size=13)
+        drawing.text((20, 32 + 23 * k), words, colour, size=16)
     return drawing
 
 
@@ -163,7 +163,7 @@ def axes(drawing: Drawing, eye: Eye, at: Any, columns: Any, names: Sequence[str]
     for k, name in enumerate(names):
         start, end = eye.see([at, at + columns[:, k]])
         drawing.line([start, end], colour, 1.8, arrow=True)
-        drawing.text(end + 9 * (end - start) / np.linalg.norm(end - start) + (0, 5), name, colour, size=13)
+        drawing.text(end + 9 * (end - start) / np.linalg.norm(end - start) + (0, 5), name, colour, size=15)
 
 
 def vector(drawing: Drawing, eye: Eye, start: Any, end: Any, name: str, colour: str, shift: Point) -> None:
@@ -230,10 +230,10 @@ def flow() -> Drawing:
     w, h, gap = 156, 84, 40
     for k, (name, inside, outcome) in enumerate(FLOW):
         x = 12 + k * (w + gap)
-        words = [name, *_wrapped(inside, 22)]
+        words = [name, *_wrapped(inside, 19)]
         drawing.box(x, 60, w, h, words, ORANGE if k == 0 else BLUE)
-        for i, line in enumerate(_wrapped(outcome, 22)):
-            drawing.text((x + w / 2, 166 + 17 * i), line, GREEN, anchor="middle", size=12)
+        for i, line in enumerate(_wrapped(outcome, 19)):
+            drawing.text((x + w / 2, 166 + 17 * i), line, GREEN, anchor="middle", size=14)
         if k:
             drawing.line([(x - gap + 3, 102), (x - 3, 102)], INK, 1.6, arrow=True)
     drawing.text((12, 40), "asyncio", ORANGE, bold=True)

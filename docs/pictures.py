@@ -59,10 +59,10 @@ def configured(scenario: str) -> Config:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scenario.toml"
         path.write_text(daemon_config(load_scenario(scenario)), encoding="utf-8")
-        config = load_config(path, ("zenoh.enabled=false",))
+        config = load_config(path, ("link=[]",))
         if scenario != "formation":
             return config
-        return load_config(path, ("zenoh.enabled=false", flown_beside("paper", config)))
+        return load_config(path, ("link=[]", flown_beside("paper", config)))
 
 
 @cache

@@ -18,11 +18,11 @@ PROC: Final = Path("/proc")
 TLS: Final = ("certificate", "TLS", "tls/", "quic/")
 
 
-def why_absent(config: Config, endpoint: str, error: str) -> tuple[Advice, ...]:
+def why_absent(config: Config, endpoint: str, error: str, vehicle: str = "") -> tuple[Advice, ...]:
     """Advice where no daemon answers at `endpoint`; `error`: Zenoh's, "" where one answers, but sends no
     health."""
     if not error:
-        what = f"no daemon of vehicle {config.zenoh.vehicle} publishes at {endpoint}"
+        what = f"no daemon of vehicle {vehicle or config.zenoh.vehicle} publishes at {endpoint}"
         remedy = "`--vehicle all` shows all there are; else start `onboard run CONFIG.toml`"
         return (_error("daemon", what, remedy),)
     found = [*_ports(config), *_storage(config)]

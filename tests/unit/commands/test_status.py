@@ -1,0 +1,90 @@
+"""`onboard status`: of a daemon that answers, and of none."""
+
+import json
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+
+from onboard.commands import cli
+from onboard.config import Config
+from onboard.messages import Advice, Health, Severity
+from onboard.pipeline import Pipeline
+from onboard.sinks.zenoh_session import ZenohConfig, open_session
+from tests.support.daemon import TCP
+from tests.support.programs import free_ports
+
+ADVICE = Advice(
+    cause="camera-silent",
+    severity=Severity.ERROR,
+    about="camera front",
+    what="camera front: no image has come",
+    remedy="start the detector",
+    text="camera front: no images",
+)
+
+
+@contextmanager
+def publishing(health: Health) -> Iterator[str]:
+    """A daemon's endpoint, at which this health is published ten times a second."""
+    (port,) = free_ports(TCP)
+    endpoint = f"tcp/127.0.0.1:{port}"
+    session, stop = open_session(ZenohConfig(listen=(endpoint,))), threading.Event()
+
+    def publish() -> None:
+        while not stop.wait(0.1):
+            session.put("onboard/1/health", msgspec.json.encode(health))
+
+    thread = threading.Thread(target=publish)
+    thread.start()
+    try:
+        yield endpoint
+    finally:
+        stop.set()
+        thread.join()
+        session.close()
+
+
+@pytest.mark.parametrize(("advice", "code"), [((), 0), ((ADVICE,), 1)])
+def test_the_exit_code_says_whether_all_is_well(
+    advice: tuple[Advice, ...], code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    health = replace(Pipeline(Config()).health(1), advice=advice)
+    with publishing(health) as endpoint:
+        assert cli.main(["status", "--connect", endpoint]) == code
+        shown = capsys.readouterr().out
+        assert shown.startswith(f"vehicle 1: {'NOT HEALTHY' if code else 'healthy'}")
+        assert ("-> start the detector" in shown) is bool(code)
+        assert cli.main(["status", "--connect", endpoint, "--json"]) == code
+    document = json.loads(capsys.readouterr().out)
+    assert document["healthy"] is not bool(code)
+    assert [a["cause"] for a in document["health"]["advice"]] == [a.cause for a in advice]
+
+
+def test_a_mere_notice_is_healthy(capsys: pytest.CaptureFixture[str]) -> None:
+    notice = replace(ADVICE, severity=Severity.NOTICE)
+    with publishing(replace(Pipeline(Config()).health(1), advice=(notice,))) as endpoint:
+        assert cli.main(["status", "--connect", endpoint]) == 0
+    assert "NOTICE" in capsys.readouterr().out
+
+
+def test_another_vehicle_than_the_one_that_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    with publishing(Pipeline(Config()).health(1)) as endpoint:
+        assert cli.main(["status", "--connect", endpoint, "--vehicle", "uav-7"]) == 1
+    shown = capsys.readouterr().out
+    assert "no daemon of vehicle uav-7" in shown
+    assert "--vehicle all" in shown
+
+
+def test_no_daemon_answers(capsys: pytest.CaptureFixture[str]) -> None:
+    (port,) = free_ports(TCP)
+    assert cli.main(["status", "--connect", f"tcp/127.0.0.1:{port}"]) == 1
+    shown = capsys.readouterr().out
+    assert shown.startswith("NOT HEALTHY")
+    assert f"no daemon answers at tcp/127.0.0.1:{port}" in shown
+    assert "onboard run CONFIG.toml" in shown
+    assert cli.main(["status", "--connect", f"tcp/127.0.0.1:{port}", "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["advice"][-1]["cause"] == "daemon"
