@@ -98,10 +98,10 @@ def draw_view(name: str, picture: Picture) -> None:
 
 
 def take(rrd: Path, name: str, at: float) -> None:
-    """The picture of a recording at a time (s), in 128 colours, which is a third of the bytes."""
+    """The picture of a recording at a time (s), in 256 colours, which is a quarter of the bytes."""
     path = PICTURES / f"{name}.png"
     screenshot(rrd, path, at=at)
-    Image.open(path).convert("RGB").quantize(128).save(path, optimize=True)
+    Image.open(path).convert("RGB").quantize(256).save(path, optimize=True)
 
 
 def draw_fleet() -> None:
