@@ -239,15 +239,16 @@ def traffic_page() -> "rrb.Vertical":
 
 
 def below(camera: Camera, shown: Shown) -> "rrb.Horizontal":
-    """Below the scene: the image and the leader close up, our rotors, and what is wrong now."""
+    """Below the scene: the image and the leader close up, our rotors, and what is wrong now; of a fleet first the
+    table of all."""
     now = rrb.TextDocumentView(name="Now", origin="/status")
-    words = [rrb.TextDocumentView(name="Fleet", origin="/fleet"), now] if shown.fleet else [now]
+    fleet = [rrb.TextDocumentView(name="Fleet", origin="/fleet")] if shown.fleet else []
+    rotors = [rotors_view()] if shown.own else []
     if shown.leader or not (shown.own or shown.traffic):
-        last_part = rrb.Tabs(*([rotors_view()] if shown.own else []), *words, active_tab=0)
-        parts = [camera_view(camera), close_view(), last_part if shown.own or shown.fleet else now]
-        return rrb.Horizontal(*parts, column_shares=[1.0, 1.0, 0.95])
-    wide = [rotors_view()] if shown.own else []
-    return rrb.Horizontal(*wide, rrb.Tabs(*words, active_tab=0) if shown.fleet else now)
+        tabs = [*fleet, *rotors, now]
+        corner = rrb.Tabs(*tabs, active_tab=0) if len(tabs) > 1 else now
+        return rrb.Horizontal(camera_view(camera), close_view(), corner, column_shares=[1.0, 1.0, 0.95])
+    return rrb.Horizontal(*rotors, rrb.Tabs(*fleet, now, active_tab=0) if fleet else now)
 
 
 def window(camera: Camera, shown: Shown, others: str, page: str = "") -> "rrb.Horizontal":
