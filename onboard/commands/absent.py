@@ -40,7 +40,7 @@ def _ports(config: Config) -> Iterator[Advice]:
         if kind in ("udpin", "json", "tcpin"):
             key = f"`url` of [[link]] {link.name}"
             yield from _taken(f"link {link.name}", where, is_tcp=kind == "tcpin", key=key)
-    for endpoint in config.zenoh.listens():
+    for endpoint in config.zenoh.listens() if config.zenoh.enabled else ():
         if endpoint.startswith("tcp/"):
             yield from _taken("Zenoh", endpoint[4:], is_tcp=True, key="`listen` of [zenoh]")
 

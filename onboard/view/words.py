@@ -165,18 +165,16 @@ def worst(record: Health) -> str:
 
 
 def fleet(vehicles: Mapping[str, Vehicle]) -> str:
-    """A table of all vehicles, Markdown: what each knows, and what is wrong with it."""
-    rows = ["| vehicle | leader | own state | wrong |", "|---|---|---|---|"]
+    """A table of all vehicles, Markdown, narrow: where the leader is, what is wrong with us, and with the rest."""
+    rows = ["| vehicle | leader | fault | wrong |", "|---|---|---|---|"]
     for name, one in sorted(vehicles.items()):
-        leader = own = "-"
+        leader = "-"
         if one.leader is not None:
-            said = headline(one.leader, leader_state(one.leader), None).split(" · ")
-            leader = ", ".join(said[:2]).removeprefix("LEADER ")
-        if one.own is not None:
-            said = own_headline(one.own).split(" · ")
-            own = f"{said[0].removeprefix('OWN STATE ')}, {said[-1]}"
+            state = leader_state(one.leader)
+            leader = one.leader.state if state is None else _range(state, range_estimate(state))
+        faults = ", ".join(f"{f.part or f.kind} {f.magnitude:.2f}" for f in one.own.faults) if one.own else ""
         wrong = "?" if one.health is None else worst(one.health)
-        rows.append(f"| {name} | {leader} | {own} | {wrong} |")
+        rows.append(f"| {name} | {leader} | {faults or '-'} | {wrong or '-'} |")
     return plain("\n".join(rows))
 
 

@@ -313,7 +313,8 @@ def test_17_a_port_in_use() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        config = configured(link=[{"name": "autopilot", "url": f"udpin:127.0.0.1:{port}"}])
+        link = [{"name": "autopilot", "url": f"udpin:127.0.0.1:{port}"}]
+        config = configured(link=link, zenoh={"enabled": False})
         found = why_absent(config, "tcp/127.0.0.1:1", "zenoh: no router answers (Connection refused)")
     (advice,) = [a for a in found if a.cause == "port"]
     assert f"port {port} of 127.0.0.1 is in use by" in advice.what
@@ -386,7 +387,7 @@ def test_advice_ends_with_its_cause() -> None:
 
 
 def test_storage_of_the_recorder_that_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = configured(link=[], recorder={"path": str(tmp_path / "flight.mcap")})
+    config = configured(link=[], zenoh={"enabled": False}, recorder={"path": str(tmp_path / "flight.mcap")})
     usage = type("usage", (), {"free": 1_000_000})
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
     found = why_absent(config, "tcp/127.0.0.1:1", "refused")

@@ -3,11 +3,15 @@
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 from onboard.geometry.camera import make_camera
-from onboard.messages import OwnPose
+from onboard.messages import Estimate, OwnPose
+from onboard.view import words
 from onboard.view.fleet import Views
 from onboard.view.view import View
+from tests.support.view_flight import flight, health_of
+from tests.unit.commands.test_status import ADVICE
 
 CAMERA = make_camera(f_px=500.0, width_px=640.0, height_px=480.0)
 ZERO = (0.0, 0.0, 0.0)
@@ -38,3 +42,13 @@ def test_further_vehicles_share_the_first_ones_server() -> None:
         assert second.url == first.url
         assert second.viewer is None
         second.show(pose(1))
+
+
+def test_the_table_of_a_fleet_has_what_each_knows_and_what_is_wrong() -> None:
+    estimate = next(r for r in flight(4.0) if isinstance(r, Estimate) and r.mean is not None)
+    bad = replace(health_of(10**9), advice=(ADVICE,))
+    table = words.fleet({"uav-2": words.Vehicle(health=bad), "uav-1": words.Vehicle(estimate, None, health_of(1))})
+    first, second = table.splitlines()[2:]
+    assert first.startswith("| uav-1 |")
+    assert " m | - | - |" in first
+    assert second == "| uav-2 | - | - | camera front: no images |"
