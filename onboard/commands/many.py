@@ -12,7 +12,7 @@ from onboard.commands.log_replay import flight_of, replay
 from onboard.commands.progress import progress_bar
 from onboard.config import load_config
 from onboard.errors import UserError
-from onboard.messages import Estimate, Output
+from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_csv
@@ -70,7 +70,7 @@ def score_flight(flight: Flight) -> Scored:
         baseline = Baseline(config)
 
     def take(output: Output) -> None:
-        if isinstance(output, Estimate):
+        if isinstance(output, Estimate) and not isinstance(output, NavState):
             scorers.add(output)
         if baseline is not None and (estimate := baseline.follow(output)) is not None:
             scorers.add(estimate)
@@ -79,8 +79,7 @@ def score_flight(flight: Flight) -> Scored:
         flight.log, config, take=take, keep=False, others=variants(words, flight.config, flight.sets)
     )
     score, beside = scorers.scores(replayed.end)
-    wanted = [name for name in beside if name != "own_state"]
-    scores = {judged(config.estimator): score} | {name: beside[name] for name in sorted(wanted)}
+    scores = {judged(config.estimator): score} | dict(sorted(beside.items()))
     return Scored(flight.name, flight.family, replayed.duration, scores)
 
 

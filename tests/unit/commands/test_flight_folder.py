@@ -10,6 +10,8 @@ import pytest
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
 from onboard.commands.log_replay import Replayed, replay
+from onboard.commands.many import Flight as Scorable
+from onboard.commands.many import score_flight
 from onboard.errors import UserError
 from tests.support.dataflash import BOOT_UNIX_S, dataflash
 from tests.support.streams import F_PX, Flight, make_config
@@ -97,6 +99,17 @@ def test_a_folder_s_own_configuration_and_truth_are_used(
     assert score["range_error_rms_percent"] < 5
     assert score["scored"] > 50
     assert "flight" in capsys.readouterr().out
+
+
+def test_our_own_state_is_not_scored_as_a_leader(tmp_path: Path, log: Path) -> None:
+    flight = folder(tmp_path, log, lines("boot"))
+    rows = [f"{t:.2f},25,0,0,0,0,0,2.0" for t in np.arange(BEGIN, BEGIN + SECONDS, 0.1)]
+    head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
+    (flight / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
+    sets = (*CAMERA, "estimator.leader.size_prior_m=2.0", "estimator.own_state={}")
+    scored = score_flight(Scorable(flight, "flight", sets=sets, beside=("cubature",)))
+    assert set(scored.scores) == {"leader", "cubature"}
+    assert scored.scores["cubature"].scored > 50  # of the leader
 
 
 def test_a_folder_without_one_log_is_refused(tmp_path: Path, log: Path) -> None:
