@@ -185,8 +185,6 @@ class Daemon:
         if not messages or not self._output.is_autopilot(datagram.channel):
             return
         self._send([self._output.respond(datagram.channel, messages, self._now_ns())])
-        for line in self._output.take_lines():
-            self._report(line)
 
     async def _keep_time(self) -> None:
         """Send and publish what is due by the clock: the session with the autopilot, and our health."""
@@ -213,6 +211,8 @@ class Daemon:
         is_due = self._leader_stream.is_due(now_ns)
         times = {"boot_ns": boot_ns, "host_ns": host_ns}
         self._send(self._output.tick(now_ns, healthy=is_heard, rates=self._rates, wants_leader=is_due, **times))
+        for line in self._output.take_lines():
+            self._report(line)
         if is_due and self._output.leader is not None:
             self._publish(self._output.leader)
         if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:

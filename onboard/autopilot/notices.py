@@ -10,13 +10,15 @@ ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  # MAV_SEVERITY
 MOST_WAITING: Final = 5
 PERIOD_NS: Final = NS_PER_S  # between two texts
 AGAIN_NS: Final = 10 * NS_PER_S  # before the same text is sent again
-LENGTH: Final = 50  # of a STATUSTEXT
+LENGTH: Final = 200  # of a text: four STATUSTEXTs
 
 
 class Notices:
-    """Texts that wait, of which the oldest give way, and when each was sent last."""
+    """Texts that wait, of which the oldest give way, and when each was sent last. `follows`: an autopilot may
+    follow what is sent of the leader."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, follows: bool = False) -> None:
+        self._follows = follows
         self._waiting: deque[tuple[int, str]] = deque(maxlen=MOST_WAITING)
         self._sent: dict[str, int] = {}
         self._next_ns = 0
@@ -41,7 +43,8 @@ class Notices:
             if estimate.valid:
                 self.add(INFO, "leader tracked")
             else:
-                self.add(WARNING, "leader lost" if estimate.state is Lifecycle.LOST else "no leader")
+                lost = "leader lost" if estimate.state is Lifecycle.LOST else "no leader"
+                self.add(WARNING, f"{lost}: FOLLOW brakes within 3 s" if self._follows else lost)
         self._was_valid = estimate.valid
 
     def due(self, now_ns: int) -> list[StatusText]:

@@ -13,6 +13,7 @@ from onboard.autopilot.notices import WARNING, Notices
 from onboard.autopilot.odometry import OdometryStream
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.rations import Rations
+from onboard.autopilot.reasons import Reasons
 from onboard.autopilot.requests import Requests, version
 from onboard.autopilot.session import Session
 from onboard.autopilot.traffic import TrafficOutput
@@ -57,7 +58,9 @@ class AutopilotOutput:
         self.leader: LeaderState | None = None
         self._config, self._camera = config, config.camera_model()
         self._autopilot: Heartbeat | None = None
-        self.notices = Notices()
+        follows = any("FOLLOW_TARGET" in out.rates_hz for out in config.leader_out)
+        self.notices, self._reasons = Notices(follows=follows), Reasons(follows=follows)
+        self._said: list[str] = []  # what the notices have already
         self._requests = Requests(config.autopilot.trusted, refuse)
         self._requests.offer("AUTOPILOT_VERSION", version)
         parameters = parameters or Parameters(config)
@@ -92,6 +95,8 @@ class AutopilotOutput:
         self._requests.lines.clear()
         for line in taken:
             self.notices.add(WARNING, line)
+        taken += self._said
+        self._said.clear()
         return taken
 
     def is_autopilot(self, channel: str) -> bool:
@@ -197,8 +202,17 @@ class AutopilotOutput:
             return
         self.leader = self._leader_states.at(boot_ns, now_ns if host_ns is None else host_ns)
         view = self._view()
+        self._explain(view, now_ns)
         for out in self._leader_outputs:
             yield Outgoing(out.link, out.frames(self.leader, view, now_ns))
+
+    def _explain(self, view: View | None, now_ns: int) -> None:
+        """Say why nothing happens."""
+        if self._autopilot is None:
+            return
+        for severity, text in self._reasons.tick(self.leader, view, now_ns):
+            self.notices.add(severity, text)
+            self._said.append(text)
 
     def _view(self) -> View | None:
         q_nb = self._leader_states.q_nb

@@ -90,7 +90,7 @@ class Parameters:
     def set(self, name: str, value: float | None) -> str:
         """Check and store a value; why it was refused, or nothing."""
         if self._store is None:
-            return "parameters.path is not configured"
+            return f"{name}: `parameters.path` is not configured"
         if value is None or not math.isfinite(value):
             return f"{name}: not a number"
         rounded = float(decimal(value))
@@ -98,7 +98,8 @@ class Parameters:
         try:
             parse_config(changed)
         except ConfigError as error:
-            return str(error)
+            _, _, reason = str(error).partition(": ")  # behind the key: the sender knows the parameter's name
+            return f"{name} = {rounded:g}: {reason}"
         kept = _with_key(self._changed, changed, KEYS[name][0])
         try:
             self._store(kept)

@@ -151,7 +151,7 @@ class Session:
         if isinstance(m, ParamRequest) and us.is_target(m):
             replies, refusal = self._parameters.answer(m, now_ns)
             if refusal:
-                self.lines.append(f"parameter refused: {refusal}")
+                self.lines.append(f"refused: {refusal}")
             return list(map(self._pack, replies))
         if isinstance(m, FileRequest) and us.is_target(m) and m.target_component != TO_ALL:
             return list(map(self._pack, self._files.answer(m, now_ns)))

@@ -37,6 +37,7 @@ NAMED: Final[dict[Any, type[Record]]] = {  # tables of tables, by name
 PATHS: Final = ("path", "calibration")
 IN_CALIBRATION: Final = ("f_px", "fy_px", "cx_px", "cy_px", "distortion_model", "distortion")
 FILE_ADDRESS: Final = "file:///"
+AUTOPILOT: Final = 1  # MAV_COMP_ID_AUTOPILOT1
 GIMBAL: Final = "GIMBAL_DEVICE_ATTITUDE_STATUS"
 GIMBAL_HZ: Final = 25.0
 SEES: Final = "leader"  # the estimator that follows what the cameras see
@@ -140,6 +141,11 @@ def parse_config(table: dict[str, Any]) -> Config:
     for key, link in wanted.items():
         if link and link not in named:
             raise ConfigError(f"{key}: no link is called {link!r}{_among('', named)}")
+    if config.autopilot.component == AUTOPILOT:
+        raise ConfigError(
+            f"autopilot.component: {AUTOPILOT} is the autopilot itself, which takes our messages for its own; "
+            "expected another number, such as 191 (an onboard computer)"
+        )
     for i, out in enumerate(config.leader_out):
         if config.autopilot.system == out.system:
             raise ConfigError(f"leader_out[{i}].system: must differ from autopilot.system: it is another vehicle")

@@ -104,6 +104,15 @@ def missing_streams(m: Moment) -> Iterator[Advice]:
                 f"no {message} of the autopilot itself",
             )
             continue
+        if name == "LocalPosition" and rate == 0.0 and m.rate("Attitude") > 0.0:
+            yield _error(
+                "position",
+                f"{message} does not come: the autopilot has no position yet (its filter aligns, or no GPS)",
+                f"wait, in simulation 40 s; if it has one: {_stream_line(m, message, parameter, asked)}",
+                "no position yet: filter aligns, or no GPS",
+                f"{message} comes",
+            )
+            continue
         came = "does not come" if rate == 0.0 else f"comes at {rate:.1f} Hz"
         yield Advice(
             cause="attitude" if name == "Attitude" and rate == 0.0 else "stream",

@@ -28,11 +28,12 @@ from onboard.messages import (
     TargetImage,
     TimeSync,
 )
+from onboard.ownship.mounts import Mounts
 from onboard.pipeline.admission import FROM_ARRIVAL, SENSED, Admission
 from onboard.pipeline.needs import needs
 from onboard.pipeline.own_motion import OwnMotionSource
 from onboard.pipeline.report import NO_RIM, Parts, Rim, health
-from onboard.pipeline.silence import TIMEOUT_NS, LastWords
+from onboard.pipeline.silence import NO_POSITION, TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.wire import tlog
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
@@ -73,6 +74,7 @@ class Pipeline:
         self._monitor = Monitor(counts, takes_ranges=config.takes_ranges())
         self._advisor = Advisor(needs(config))
         self.refuse = self._monitor.refusals.add  # by source and reason, what nobody could use
+        self._mounts = Mounts(camera, self.refuse)
         self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys)
 
     def feed(self, datagram: Datagram) -> list[Output]:
@@ -112,8 +114,6 @@ class Pipeline:
         """Count an exception over one message in the health, also one of what follows the pipeline."""
         self._monitor.errors.count(place, error)
 
-    # ------------------------------------------------------------------------------- one message
-
     def _advance(self, message: Message) -> list[Output]:
         self._monitor.hear(message)
         if isinstance(message, Heartbeat):
@@ -144,8 +144,6 @@ class Pipeline:
             self.clocks.restart()
             self._start_over(f"another autopilot is followed: {self.why_followed}")
 
-    # ------------------------------------------------------------------------------- one time base
-
     def _align(self, message: Message) -> list[Output]:
         if message.clock is Clock.NONE and not self._admission.holds_from_arrival(message):
             if isinstance(message, SENSED):
@@ -155,7 +153,7 @@ class Pipeline:
         reboots, jumps, corrections = clocks.reboots, clocks.jumps, clocks.corrections
         aligned = clocks.align(message, delay_ns)
         if aligned is None:  # counted by the clocks
-            self._monitor.refusals.add_message(message, clocks.why)
+            self._monitor.refusals.add_message(message, clocks.why if self.autopilot else "before_heartbeat")
             return []
         if isinstance(message, TargetImage):
             self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
@@ -216,7 +214,8 @@ class Pipeline:
             return []
         estimates = [estimate for name in names for estimate in self._asked(name, message)]
         is_silent = message.t_recv_ns - self._own_recv_ns > TIMEOUT_NS
-        return self._noted(estimates, "our own motion is not known" if is_silent else "")
+        unknown = "our own motion is not known" if self._own_recv_ns else NO_POSITION
+        return self._noted(estimates, unknown if is_silent else "")
 
     def _asked(self, name: str, message: Message | None) -> list[Estimate]:
         """An estimator's answer to a message, or, without one, to a new navigation sample. One that raises may be
@@ -256,6 +255,7 @@ class Pipeline:
             is_open = doubt and not isinstance(made, NavState)
             estimate = replace(made, valid=False, reason=doubt) if is_open else made
             self._monitor.publish(estimate)
+            self._mounts.see(estimate, self.ownship)
             self._last_words.note(estimate)
             outputs.append(estimate)
         return outputs

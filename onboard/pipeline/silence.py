@@ -9,6 +9,7 @@ from onboard.messages import Estimate, Lifecycle, NavState
 
 # If no message of our own motion arrives for this long, estimates are invalid: they can no longer be predicted.
 TIMEOUT_NS: Final = 1_000_000_000
+NO_POSITION: Final = "the autopilot has no position yet: its filter still aligns, or GPS is missing"
 REASON: Final = "withdrawn: nothing usable of our own motion arrives"
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from typing import Any, Final
+from zlib import crc32
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
@@ -31,6 +32,7 @@ from onboard.messages import (
 from onboard.wire import companion, distance, files, gimbal, guidance, parameters, sim_truth, wind
 
 BODY_FRD: Final = 12
+STATUSTEXT_LENGTH: Final = 50
 ARMED: Final = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 GPS_RAW_INT_HDOP: Final = 121  # a typical 1.21, in hundredths
 
@@ -188,6 +190,14 @@ def _collision(m: Any) -> list[Any]:
     return [dialect.MAVLink_collision_message(m.source, m.threat, none, m.threat_level, *approach)]
 
 
+def _status_text(m: Any) -> list[Any]:
+    """A text that is longer than one message goes out in several, which receivers join by their common id."""
+    text = m.text.encode("ascii", "replace")
+    chunks = [text[i : i + STATUSTEXT_LENGTH] for i in range(0, len(text), STATUSTEXT_LENGTH)] or [b""]
+    number = crc32(text) % 65535 + 1 if len(chunks) > 1 else 0
+    return [dialect.MAVLink_statustext_message(m.severity, chunk, number, i) for i, chunk in enumerate(chunks)]
+
+
 ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Heartbeat: lambda m: [
         dialect.MAVLink_heartbeat_message(m.vehicle_type, m.autopilot, ARMED if m.armed else 0, 0, m.status, 3)
@@ -213,7 +223,7 @@ ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     CommandAck: lambda m: [
         dialect.MAVLink_command_ack_message(m.command, m.result, 0, 0, m.target_system, m.target_component)
     ],
-    StatusText: lambda m: [dialect.MAVLink_statustext_message(m.severity, m.text.encode("ascii", "replace")[:50])],
+    StatusText: _status_text,
     AdsbVehicle: _adsb_vehicle,
     Collision: _collision,
     Odometry: _odometry,

@@ -110,7 +110,7 @@ def test_mavproxy_lists_our_parameters_and_sets_one_that_survives_a_restart_seed
         one.command("param set LDR_SIZE_M 3.25", "")
         until((tmp_path / "stored.toml").exists, "the stored value")
         one.command("param set CAM_F_PX -4", "")
-        program.wait_for("parameter refused: camera.f_px")
+        program.wait_for("refused: CAM_F_PX = ")
     with daemon(tmp_path, "second") as (_, port), station(port, tmp_path / "b") as two:
         two.command("param show LDR_SIZE_M", "LDR_SIZE_M       3.25")
         two.command("param show CAM_F_PX", "CAM_F_PX         554.2")

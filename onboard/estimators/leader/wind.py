@@ -45,9 +45,10 @@ UNKNOWN: Final = Wind(np.zeros(3), math.inf)
 
 
 def wind_of(report: messages.Wind) -> Wind | None:
-    """The wind about the leader; None for a report of none that there is."""
+    """The wind about the leader; None for a report of none that there is. An autopilot that estimates none sends
+    exactly 0 without an uncertainty: an ArduCopter always, an ArduPlane before its first turns."""
     speed = math.hypot(report.north, report.east)
-    if not speed < STRONGEST:
+    if not speed < STRONGEST or (speed == 0.0 and report.sigma is None):
         return None
     sigma = USUAL_SIGMA if report.sigma is None else report.sigma
     return Wind(np.array([report.north, report.east, 0.0]), math.hypot(sigma, GUST))

@@ -32,8 +32,8 @@ def test_changes_of_the_leader_are_told_once() -> None:
 def test_one_text_a_second_and_the_same_one_every_ten() -> None:
     notices = Notices()
     for k in range(8):
-        notices.add(4, f"{k}" * 60)
-    assert texts(notices, 9) == [(float(k), f"{k + 3}" * 50) for k in range(5)]  # the newest five, cut to fit
+        notices.add(4, f"{k}" * 210)
+    assert texts(notices, 9) == [(float(k), f"{k + 3}" * 200) for k in range(5)]  # the newest five, cut to fit
     notices = Notices()
     notices.add(4, "again")
     assert len(texts(notices, 2)) == 1

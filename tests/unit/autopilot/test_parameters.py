@@ -93,9 +93,9 @@ def test_a_value_that_is_set_is_kept_and_holds_after_a_restart(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
-        ("CAM_F_PX", -5.0, "camera.f_px"),
+        ("CAM_F_PX", -5.0, "refused: CAM_F_PX = -5: expected `float` > 0.0"),
         ("CAM_F_PX", float("nan"), "not a number"),
-        ("LDR_VALID_S", 0.001, "estimator.leader"),  # shorter than coasting
+        ("LDR_VALID_S", 0.001, "refused: LDR_VALID_S = 0.001: coast_after_s"),  # shorter than coasting
     ],
 )
 def test_a_value_that_the_file_could_not_have_is_refused_and_said(
@@ -114,7 +114,7 @@ def test_a_value_that_the_file_could_not_have_is_refused_and_said(
 def test_without_a_file_parameters_are_read_only() -> None:
     station = Station(config())
     assert station.set("CAM_F_PX", 700.0)[0].param_value == pytest.approx(554.256)
-    assert station.output.take_lines() == ["parameter refused: parameters.path is not configured"]
+    assert station.output.take_lines() == ["refused: CAM_F_PX: `parameters.path` is not configured"]
 
 
 def test_a_disk_that_fails_refuses_the_value(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.estimators.leader import estimator
@@ -86,6 +87,15 @@ def test_what_a_report_says_of_the_wind_about_the_leader() -> None:
     assert stated.sigma == math.hypot(0.75, GUST)
     assert silent.sigma == math.hypot(USUAL_SIGMA, GUST)
     assert stated.velocity.tolist() == [0.0, -SPEED * math.tan(CRAB), 0.0]
+
+
+def test_an_autopilot_that_estimates_no_wind_reports_none_and_not_calm() -> None:
+    """An ArduCopter sends 0.0 in every message, whatever blows."""
+    copter = one(frame(168, 1, struct.pack("<3f", 0.0, 0.0, 0.0)))
+    assert wind_of(copter) is None
+    calm = wind_of(replace(report(0.0, sigma=0.5), north=0.0, east=0.0))
+    assert calm is not None
+    assert calm.sigma == math.hypot(0.5, GUST)
 
 
 def nose(estimate: Estimate) -> tuple[float, float]:

@@ -1,0 +1,102 @@
+"""Why an autopilot in FOLLOW does nothing, or stops, in words: for the pilot as STATUSTEXT, and for the console.
+
+The pilot sees a vehicle that hovers, and not why. Each text is short enough for one STATUSTEXT where it can be.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from onboard.autopilot.leader_messages import View
+from onboard.autopilot.notices import INFO, WARNING
+from onboard.geometry.camera import in_view, project
+from onboard.geometry.rotations import matrix_from_quaternion
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import LeaderState
+
+Text = tuple[int, str]  # MAV_SEVERITY and what is said
+
+PATIENCE_NS: Final = 5 * NS_PER_S  # without a leader before it is said why
+AGAIN_NS: Final = 30 * NS_PER_S  # before it is said again
+NO_COURSE_NS: Final = NS_PER_S
+UNSEEN_S: Final = 0.5  # without an image: the predicted leader may have left the view
+
+
+class Reasons:
+    """What has changed of the reasons. `follows`: FOLLOW_TARGET is configured."""
+
+    def __init__(self, *, follows: bool) -> None:
+        self._follows = follows
+        self._start_ns: int | None = None
+        self._no_leader_ns: int | None = None  # since when there has been no leader, or when that was said
+        self._no_course_ns: int | None = None
+        self._said = ""
+        self._edge = ""
+
+    def tick(self, state: LeaderState | None, view: View | None, now_ns: int) -> list[Text]:
+        """What is to be said at a time on this computer's clock. `state`: the leader; None before an estimate."""
+        texts: list[Text] = []
+        if self._start_ns is None:
+            self._start_ns = now_ns
+            texts.append((INFO, "onboard has started: no leader yet"))
+        if state is None or not state.valid:
+            return texts + self._without_leader(state, now_ns)
+        self._no_leader_ns, self._said = None, ""
+        return texts + self._without_course(state, now_ns) + self._out_of_view(state, view)
+
+    def _without_leader(self, state: LeaderState | None, now_ns: int) -> list[Text]:
+        """Why there is none, once it has lasted, and again when the reason changes or a while has passed."""
+        self._no_course_ns = None
+        if self._no_leader_ns is None:
+            self._no_leader_ns = now_ns
+        reason = "nothing is estimated: no images, or no own motion" if state is None else state.reason
+        kind = reason.partition(":")[0].rstrip("0123456789. s")
+        waited_ns = now_ns - self._no_leader_ns
+        if waited_ns < (AGAIN_NS if kind == self._said else PATIENCE_NS):
+            return []
+        self._no_leader_ns, self._said = now_ns, kind
+        return [(WARNING, f"no leader: {reason}")]
+
+    def _without_course(self, state: LeaderState, now_ns: int) -> list[Text]:
+        """FOLLOW drops a target without a heading in silence."""
+        if not self._follows or state.course is not None:
+            self._no_course_ns = None
+            return []
+        if self._no_course_ns is None:
+            self._no_course_ns = now_ns + NO_COURSE_NS
+        if now_ns < self._no_course_ns:
+            return []
+        self._no_course_ns = now_ns + AGAIN_NS
+        return [(WARNING, "no course yet: FOLLOW waits for leader to move")]
+
+    def _out_of_view(self, state: LeaderState, view: View | None) -> list[Text]:
+        """Over which edge of the image the leader has gone, by the prediction."""
+        edge = ""
+        if view is not None and state.age is not None and state.age > UNSEEN_S:
+            edge = edge_of(state, view)
+        said, self._edge = self._edge, edge
+        return [(WARNING, f"leader out of view: {edge}")] if edge and edge.split()[:2] != said.split()[:2] else []
+
+
+def edge_of(state: LeaderState, view: View) -> str:
+    """Beyond which edge of the image the predicted leader is, and by how many degrees; "" if it is inside."""
+    camera = view.camera
+    if state.r_FL_n is None or camera.gimbal is not None:
+        return ""
+    r_b = matrix_from_quaternion(view.q_nb).T @ np.array(state.r_FL_n)
+    x, y, z = (camera.R_bc.T @ (r_b - camera.r_FC_b)).tolist()
+    if x <= 0.0:
+        return "behind the camera"
+    if in_view(project(np.array([x, y, z])), camera):
+        return ""
+    aside, high = math.atan2(y, x), math.atan2(z, x)
+    half_width, half_height = (math.atan(0.5 * px / camera.f_px) for px in (camera.width_px, camera.height_px))
+    beyond = {
+        "left edge": -aside - half_width,
+        "top edge": -high - half_height,
+        "right edge": aside - half_width,
+        "bottom edge": high - half_height,
+    }
+    edge = max(beyond, key=lambda name: beyond[name])
+    return f"{edge} by {math.degrees(beyond[edge]):.0f} deg"

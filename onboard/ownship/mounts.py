@@ -1,0 +1,145 @@
+"""Whether a camera is mounted as configured, by how the leader's direction moves when we lean.
+
+A wrong mount turns with us: the leader then seems to move each time that we pitch, roll or turn. Within two
+seconds a real leader's direction is a parabola of time, once our own displacement is taken off. What remains is
+compared with what a rotation of the mount would make of our own attitude. Windows are added up; by how much they
+disagree is the uncertainty. Nothing is corrected: the mount would take the blame for every other error.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.geometry.camera import Camera
+from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import DOUBT, Estimate, Verdict
+from onboard.ownship.ownship import Ownship
+
+FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
+WINDOW_NS: Final = 2 * NS_PER_S
+FEWEST_IMAGES: Final = 20  # in a window
+WINDOWS: Final = 60  # that are kept: two minutes
+FEWEST_WINDOWS: Final = 8
+LEAST_DEG: Final = 5.0  # a smaller error costs less than what else is uncertain
+SIGMAS: Final = 5.0
+FLOOR: Final = 1e-4  # rad, of what moves the direction in step with our lean and no mount does
+MOST_NOISE: Final = (
+    3e-3  # rad: white noise of the attitude turns what is compared and what it is compared with alike
+)
+LARGEST: Final = math.radians(60.0)  # beyond it nothing is small
+HUBER: Final = 3.0
+AXES: Final = (("clockwise", "anticlockwise"), ("higher", "lower"), ("to the right", "to the left"))  # by the sign
+
+
+class Sight(NamedTuple):
+    """One image: its time, R_nc (3, 3), the unit vector (3,) to the leader in c, our position (3,) in n and the
+    leader's distance, m."""
+
+    t_ns: int
+    R_nc: Array
+    u_c: Array
+    r_F_n: Array
+    distance: float
+
+
+class Mounts:
+    """The cameras of a flight. `add(source, reason, t_recv_ns)` takes what is found."""
+
+    def __init__(self, camera: Camera, add: Callable[[str, str, int], None]) -> None:
+        self._camera, self._add = camera, add
+        self._windows: dict[str, deque[tuple[Array, Array]]] = {}
+        self._sights: dict[str, list[Sight]] = {}
+
+    def see(self, estimate: Estimate, ownship: Ownship) -> None:
+        """Take an estimate. It counts if it is valid, of the leader, and follows from an image that was fused."""
+        report = estimate.measurement
+        if not (estimate.valid and estimate.is_primary and estimate.name == "leader"):
+            return
+        if report is None or report.verdict not in FUSED or not report.points or estimate.mean is None:
+            return
+        camera, pose = self._camera.named(report.source), ownship.pose_at(report.t_ns)
+        if pose is None or camera.gimbal is not None or not np.isfinite(pose.r_OF_n).all():
+            return
+        if pose.attitude_noise.max() > MOST_NOISE:
+            return
+        sights = self._sights.setdefault(report.source, [])
+        if sights and not 0 <= report.t_ns - sights[0].t_ns < WINDOW_NS:
+            self._close(report.source, camera, sights, report.t_recv_ns)
+            sights.clear()
+        ray = np.array([1.0, *np.mean(report.points, axis=0)])
+        distance = float(np.linalg.norm(estimate.mean[:3]))
+        sights.append(
+            Sight(report.t_ns, pose.R_nb @ camera.R_bc, ray / np.linalg.norm(ray), pose.r_OF_n, distance)
+        )
+
+    def _close(self, source: str, camera: Camera, sights: list[Sight], t_recv_ns: int) -> None:
+        if len(sights) < FEWEST_IMAGES:
+            return
+        windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
+        windows.append(equations(sights))
+        found = rotation(tuple(windows))
+        if found is not None:
+            self._add(f"camera {source}", _words(camera, *found), t_recv_ns)
+
+
+def equations(sights: list[Sight]) -> tuple[Array, Array]:
+    """X (2k, 3) and y (2k,) of k images: how a rotation of the mount by 1 rad about each of the camera's axes
+    moves the leader's direction, and how it has moved, both less a parabola of time; rad, across the mean
+    direction."""
+    R = np.array([s.R_nc for s in sights])
+    s_n = np.einsum("kij,kj->ki", R, np.array([s.u_c for s in sights]))
+    mean = s_n.mean(axis=0)
+    mean /= np.linalg.norm(mean)
+    # two axes across the direction
+    E = np.linalg.svd(mean[None, :])[2][1:]
+    r = np.array([s.r_F_n for s in sights])
+    y = (s_n + (r - r.mean(axis=0)) / np.array([s.distance for s in sights])[:, None]) @ E.T
+    X = np.cross(s_n[:, :, None], R, axis=1)  # s x (R e), for each e
+    X = np.einsum("aj,kji->kai", E, X)
+    t = np.array([s.t_ns - sights[0].t_ns for s in sights]) / WINDOW_NS
+    Q, _ = np.linalg.qr(np.vander(t, 3))
+    both = np.concatenate([X, y[:, :, None]], axis=2).reshape(len(sights), -1)
+    rest = (both - Q @ (Q.T @ both)).reshape(-1, 4)
+    return rest[:, :3], rest[:, 3]
+
+
+def rotation(windows: tuple[tuple[Array, Array], ...]) -> tuple[Array, Array] | None:
+    """The rotation vector (3,) of the mount about the camera's axes, rad, and its standard deviations (3,), by all
+    windows; None where it is small or not certain."""
+    if len(windows) < FEWEST_WINDOWS:
+        return None
+    X, y = np.vstack([w[0] for w in windows]), np.concatenate([w[1] for w in windows])
+    theta, weights = np.zeros(3), np.ones(len(y))
+    for _ in range(4):
+        information = X.T @ (weights[:, None] * X) + 1e-9 * np.eye(3)
+        theta = np.linalg.solve(information, X.T @ (weights * y))
+        rest = np.abs(y - X @ theta)
+        weights = np.minimum(1.0, HUBER * float(np.median(rest)) / np.maximum(rest, 1e-12))
+    scatter, at = np.zeros((3, 3)), 0
+    for X_w, y_w in windows:
+        gradient = X_w.T @ (weights[at : at + len(y_w)] * (y_w - X_w @ theta))
+        scatter += np.outer(gradient, gradient)
+        at += len(y_w)
+    inverse = np.linalg.inv(information)
+    floor = FLOOR**2 * len(y) / np.diag(information)
+    sigma = np.sqrt(np.diag(inverse @ scatter @ inverse) + floor)
+    is_certain = (np.abs(theta) > math.radians(LEAST_DEG)) & (np.abs(theta) > SIGMAS * sigma)
+    return (theta, sigma) if is_certain.any() and np.linalg.norm(theta) < LARGEST else None
+
+
+def _words(camera: Camera, theta: Array, sigma: Array) -> str:
+    axis = int(np.argmax(np.abs(theta) - SIGMAS * sigma))
+    degrees, doubt = math.degrees(theta[axis]), math.degrees(sigma[axis])
+    wrong = f"{abs(degrees):.0f} degrees {AXES[axis][degrees < 0.0]} (sigma {max(doubt, 0.1):.1f})"
+    small = np.where(np.abs(theta) > SIGMAS * sigma, theta, 0.0)
+    w, x, y, z = quaternion_from_matrix(camera.R_bc @ matrix_from_euler(*small)).tolist()
+    fits = [round(math.degrees(angle)) for angle in euler_from_quaternion((w, x, y, z))]
+    return (
+        f"{DOUBT}the leader moves as we lean, as if the camera looked {wrong} than `mount_rpy_deg` says: {fits} "
+        "fits"
+    )

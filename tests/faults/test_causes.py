@@ -1,0 +1,114 @@
+"""Why nothing happens is said: on the console, in the health, and to the pilot as STATUSTEXT."""
+
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from onboard.config import ConfigError
+from onboard.daemon import Daemon
+from onboard.links.host_clock import HostClock
+from onboard.messages import DOUBT, Datagram, Encoding, Health, LocalPosition
+from tests.faults.test_silence import Link, Wire
+from tests.support.faulty_flight import DATAGRAMS, ITEMS
+from tests.support.streams import S, encode, make_config
+from tests.unit.autopilot.test_session import parsed
+
+TICK_NS = S // 50
+
+
+class Flight:
+    """A daemon whose clock is that of the datagrams; `lines` are its console, `texts` what the pilot reads."""
+
+    def __init__(self, *overrides: str) -> None:
+        self.lines: list[str] = []
+        self.wire, self._now_ns = Wire(), 0
+        base = ("link=[{name='udp', url='udpin:127.0.0.1:0'}]", "zenoh.enabled=false")
+        clock = HostClock(wall=lambda: self._now_ns, monotonic=lambda: self._now_ns)
+        clock.now_ns = lambda: self._now_ns  # type: ignore[method-assign]
+        self.daemon = Daemon(make_config(*base, *overrides), report=self.lines.append, clock=clock)
+        self.daemon._links = [Link(self.wire)]  # type: ignore[list-item]
+        self.daemon._sinks = {"wire": self.wire}  # type: ignore[dict-item]
+
+    def fly(self, flown: Any) -> "Flight":
+        for datagram in flown:
+            tick_ns = self._now_ns or datagram.t_recv_ns
+            while tick_ns + TICK_NS <= datagram.t_recv_ns:
+                tick_ns += TICK_NS
+                self.wait(tick_ns)
+            self._now_ns = max(tick_ns, self._now_ns)
+            self.daemon._deliver(replace(datagram, channel="udp" if _is_mavlink(datagram) else datagram.channel))
+        return self
+
+    def wait(self, until_ns: int) -> None:
+        self._now_ns = until_ns
+        self.daemon._tick(until_ns)
+
+    @property
+    def texts(self) -> list[str]:
+        joined: dict[Any, str] = {}
+        for i, m in enumerate(m for m in parsed(self.wire.frames) if m.get_type() == "STATUSTEXT"):
+            key = m.id or -i - 1
+            joined[key] = joined.get(key, "") + m.text
+        return list(joined.values())
+
+    @property
+    def health(self) -> Health:
+        return [r for r in self.wire.records if isinstance(r, Health)][-1]
+
+
+def _is_mavlink(datagram: Datagram) -> bool:
+    return datagram.encoding is Encoding.MAVLINK
+
+
+def said(lines: list[str], words: str) -> bool:
+    return any(words in line for line in lines)
+
+
+def test_an_autopilot_of_another_system_than_the_wanted_one_is_named() -> None:
+    flight = Flight("autopilot.system=7").fly(DATAGRAMS)
+    assert said(
+        flight.lines, "no autopilot of system 7 is heard, as `autopilot.system` wants; heard: PX4, system 1"
+    )
+    assert not said(flight.lines, "time stamp")
+
+
+def test_the_autopilots_own_component_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"autopilot.component: 1 is the autopilot itself.*such as 191"):
+        make_config("autopilot.component=1")
+
+
+def test_an_autopilot_without_a_position_is_said_to_have_none() -> None:
+    aligning = encode([i for i in ITEMS if not isinstance(i.message, LocalPosition)])
+    flight = Flight().fly(aligning)
+    assert said(flight.lines, "the autopilot has no position yet (its filter aligns, or no GPS)")
+    assert said(flight.texts, "no position yet: filter aligns, or no GPS")
+    assert not said(flight.lines, "own attitude")
+
+
+def test_a_start_and_a_restart_are_said_within_two_seconds() -> None:
+    first_s = DATAGRAMS[0].t_recv_ns
+    flight = Flight().fly(d for d in DATAGRAMS if d.t_recv_ns < first_s + 3 * S)
+    assert flight.texts[0] == "onboard has started: no leader yet"
+
+
+def test_a_doubt_about_the_set_up_reaches_the_pilot() -> None:
+    flight = Flight().fly(DATAGRAMS)
+    words = f"{DOUBT}the leader moves as we lean, as if the camera looked 15 degrees lower"
+    flight.daemon._pipeline.refuse("camera front", words, flight.daemon._now_ns())
+    end_ns = DATAGRAMS[-1].t_recv_ns
+    for k in range(1, 50):
+        flight.wait(end_ns + k * TICK_NS)
+    assert said(flight.lines, f"camera front: {words}. Remedy: turn the camera, or set `mount_rpy_deg`")
+    assert said(flight.texts, "camera mount is off")
+
+
+def test_a_pilot_is_told_that_follow_waits_and_that_it_brakes() -> None:
+    out = "leader_out=[{link='udp', system=200, rates_hz={FOLLOW_TARGET=20.0}}]"
+    flight = Flight(out).fly(DATAGRAMS)
+    assert said(flight.texts, "leader tracked")
+    end_ns = DATAGRAMS[-1].t_recv_ns
+    for k in range(1, 600):
+        flight.wait(end_ns + k * TICK_NS)
+    assert said(flight.texts, "FOLLOW brakes within 3 s")
+    assert said(flight.lines, "no leader: withdrawn: nothing usable of our own motion arrives")

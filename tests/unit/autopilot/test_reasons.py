@@ -1,0 +1,80 @@
+"""What is said of a leader that an autopilot does not follow."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.autopilot.leader_messages import View
+from onboard.autopilot.reasons import Reasons, edge_of
+from onboard.geometry.camera import make_camera
+from onboard.geometry.rotations import quaternion_from_euler
+from onboard.messages import LeaderState
+from tests.support.leader import S, leader_state, lost_state
+
+CAMERA = make_camera(f_px=554.256, width_px=640, height_px=480)  # to 30 degrees aside, 23.4 up and down
+BEGIN = [(6, "onboard has started: no leader yet")]
+
+
+def view(pitch_deg: float = 0.0) -> View:
+    w, x, y, z = quaternion_from_euler(0.0, np.radians(pitch_deg), 0.0).tolist()
+    return View((w, x, y, z), CAMERA, is_px4=False)
+
+
+def texts(
+    reasons: Reasons, state: LeaderState | None, seconds: float, start: float = 0.0
+) -> list[tuple[float, str]]:
+    """(s, text) of what is said, looked at every 50 ms."""
+    found = []
+    for k in range(round(seconds * 20)):
+        t = start + k / 20
+        found += [(t, text) for _, text in reasons.tick(state, view(), round(1000 * S + t * S))]
+    return found
+
+
+def test_a_leader_without_a_course_is_said_where_follow_waits_for_it() -> None:
+    reasons = Reasons(follows=True)
+    assert reasons.tick(None, None, 999 * S) == BEGIN
+    hovering = leader_state(course=None)
+    assert texts(reasons, hovering, 40.0) == [
+        (1.0, "no course yet: FOLLOW waits for leader to move"),
+        (31.0, "no course yet: FOLLOW waits for leader to move"),
+    ]
+    assert texts(reasons, leader_state(), 5.0, 40.0) == []
+    quiet = Reasons(follows=False)
+    assert texts(quiet, hovering, 5.0) == [(0.0, BEGIN[0][1])]
+
+
+def test_no_leader_is_said_with_its_reason_and_again_when_that_changes() -> None:
+    reasons = Reasons(follows=False)
+    reasons.tick(None, None, 999 * S)
+    said = texts(reasons, lost_state(), 50.0)
+    # counted from the first look, a second earlier
+    assert said == [(4.0, "no leader: no image fused lately"), (34.0, "no leader: no image fused lately")]
+    assert texts(reasons, None, 6.0, 50.0)[0][1].startswith("no leader: nothing is estimated: no images")
+    assert texts(reasons, leader_state(), 1.0, 60.0) == []
+
+
+@pytest.mark.parametrize(
+    ("r_FL_n", "pitch_deg", "words"),
+    [
+        ((30.0, 0.0, 0.0), -30.0, "top edge by 7 deg"),
+        ((30.0, 0.0, 0.0), 30.0, "bottom edge by 7 deg"),
+        ((30.0, 30.0, 0.0), 0.0, "right edge by 15 deg"),
+        ((30.0, -30.0, 0.0), 0.0, "left edge by 15 deg"),
+        ((-30.0, 0.0, 0.0), 0.0, "behind the camera"),
+        ((30.0, 10.0, 5.0), 0.0, ""),
+    ],
+)
+def test_the_edge_of_the_image_is_named(r_FL_n: Any, pitch_deg: float, words: str) -> None:
+    assert edge_of(leader_state(r_FL_n=r_FL_n), view(pitch_deg)) == words
+
+
+def test_a_leader_that_leaves_the_image_is_said_once() -> None:
+    reasons = Reasons(follows=True)
+    reasons.tick(None, None, 999 * S)
+    inside, above = leader_state(age=0.9), leader_state(age=0.9, r_FL_n=(30.0, 0.0, -20.0))
+    assert texts(reasons, leader_state(age=0.1, r_FL_n=(30.0, 0.0, -20.0)), 1.0) == []  # images still come
+    assert texts(reasons, above, 3.0, 1.0) == [(1.0, "leader out of view: top edge by 10 deg")]
+    assert texts(reasons, inside, 1.0, 5.0) == []
+    assert len(texts(reasons, above, 3.0, 6.0)) == 1

@@ -1,0 +1,88 @@
+"""A mount that is wrong is named with its degrees, and a right one never."""
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.config import parse_config
+from onboard.geometry.rotations import matrix_from_euler
+from onboard.messages import DOUBT
+from onboard.ownship.mounts import FEWEST_WINDOWS, Sight, equations, rotation
+from onboard.pipeline import Pipeline
+from simlink.scenarios.scenario import Scenario, load_scenario
+from simlink.simulation import datagrams
+from tests.support.streams import S
+
+LEADER = {"size_prior_m": 2.667, "leader_class": "multirotor"}
+
+
+def windows(wrong: Any, seed: int, count: int = 20, nod: float = 0.1) -> tuple[Any, ...]:
+    """Windows of a vehicle that leans and turns behind a leader with a path of its own, seen by a camera that is
+    turned by `wrong` (3,) rad against what is configured. 1.5 mrad of noise."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        phases, rates, a = rng.uniform(0, 6, 3), rng.uniform(2, 5, 3), rng.normal(size=(3, 3))
+        sights = []
+        for k in range(50):
+            t = 0.04 * k
+            R = matrix_from_euler(*(nod * np.sin(rates * t + phases)))
+            r_F = 0.5 * a[0] * t**2 + 0.2 * a[1] * np.sin(3 * t)
+            r_L = np.array([30.0, 2.0, -4.0]) + a[2] * t**2
+            d = r_L - r_F
+            u = (R @ matrix_from_euler(*wrong)).T @ d
+            u = u / np.linalg.norm(u) + 0.0015 * rng.normal(size=3)
+            sights.append(Sight(int(t * S), R, u / np.linalg.norm(u), r_F, float(np.linalg.norm(d))))
+        found.append(equations(sights))
+    return tuple(found)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("degrees", [-15.0, 15.0, 30.0])
+def test_a_wrong_mount_is_measured_within_its_sigma_seed_1(axis: int, degrees: float) -> None:
+    wrong = np.zeros(3)
+    wrong[axis] = np.radians(degrees)
+    found = rotation(windows(wrong, 1))
+    assert found is not None
+    theta, sigma = np.degrees(found)
+    assert theta[axis] == pytest.approx(degrees, abs=max(5 * sigma[axis], 0.2 * abs(degrees)))
+    assert sigma.max() < 1.5
+
+
+def test_a_right_mount_is_never_doubted_seeds_1_to_40() -> None:
+    assert [seed for seed in range(1, 41) if rotation(windows(np.zeros(3), seed)) is not None] == []
+
+
+def test_a_wrong_mount_without_lean_is_not_claimed_seeds_1_to_20() -> None:
+    """Nothing shows it: neither an error nor a guess."""
+    wrong = np.radians([0.0, 15.0, 0.0])
+    assert all(rotation(windows(wrong, seed, nod=0.0)) is None for seed in range(1, 21))
+    assert rotation(windows(wrong, 1, count=FEWEST_WINDOWS - 1)) is None
+
+
+def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int) -> list[str]:
+    table = {"camera": {"mount_rpy_deg": mount_deg}, "estimator": {"leader": LEADER}}
+    pipeline, t_ns = Pipeline(parse_config(table)), 0
+    for item in datagrams(scenario, seed, seconds):
+        if hasattr(item, "data"):
+            pipeline.feed(item)
+            t_ns = item.t_recv_ns
+    return [r.reason for r in pipeline.health(t_ns).refusals if r.reason.startswith(DOUBT)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("pitch", "words"), [(15.0, "lower"), (-30.0, "higher"), (0.0, "")])
+def test_a_flight_with_a_circle_shows_its_mount_seed_3(pitch: float, words: str) -> None:
+    found = hints(load_scenario("guided"), [0.0, pitch, 0.0], 120.0, 3)
+    measured = [re.search(rf"looked (\d+) degrees {words} ", reason) for reason in found]
+    assert [m is not None and float(m[1]) == pytest.approx(abs(pitch), rel=0.2) for m in measured] == [
+        True
+    ] * bool(words)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_noisy_attitude_makes_no_mount_wrong_seeds_1_3(seed: int) -> None:
+    assert hints(load_scenario("mission"), [0.0, 8.0, 0.0], 60.0, seed) == []
