@@ -150,6 +150,7 @@ def test_there_are_the_configuration_files() -> None:
         "fleet.toml",
         "ground.toml",
         "router.toml",
+        "sitl.toml",
         "traffic.toml",
     ]
 

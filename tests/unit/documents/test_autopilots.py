@@ -1,0 +1,32 @@
+"""The guides for autopilots against the files that they name."""
+
+import tomllib
+
+from simlink.scenarios.describe import daemon_config
+from simlink.scenarios.scenario import load_scenario
+from tests.support import documents
+from tests.support.programs import ROOT
+
+
+def test_the_parameter_file_holds_what_the_guide_says() -> None:
+    rows = [line.split("#")[0].split() for line in _text("ardupilot-follow.parm").splitlines()]
+    in_file = {name: float(value) for name, value in (row for row in rows if row)}
+    in_guide: dict[str, float] = {}
+    for table in documents.tables(documents.text("ardupilot")):
+        for first, second, *_ in table:
+            names, values = first.replace("`", "").split(", "), second.split(", ")
+            if names[0].startswith(("FOLL_", "WPNAV_")):
+                in_guide |= {name: float(value) for name, value in zip(names, values, strict=True)}
+    assert in_file == in_guide
+    assert in_file["FOLL_SYSID"] == tomllib.loads(_text("sitl.toml"))["leader_out"][0]["system"]
+
+
+def test_the_simulated_camera_is_configured_as_it_is() -> None:
+    config, made = tomllib.loads(_text("sitl.toml")), tomllib.loads(daemon_config(load_scenario("sitl")))
+    camera = {key: made["camera"][key] for key in config["camera"]}
+    assert config["camera"] == camera
+    assert config["estimator"]["leader"] == made["estimator"]["leader"]
+
+
+def _text(name: str) -> str:
+    return (ROOT / "configs" / name).read_text(encoding="utf-8")
