@@ -24,6 +24,7 @@ REQUEST_NS: Final = 1_000_000_000  # between heartbeats, and between requests wh
 KEPT: Final = 200  # states: 4 s
 OFFSET_SHARE: Final = 0.01  # of a new difference of clocks in their mean: 2 s
 STEP_NS: Final = 500_000_000  # a difference that is this far from the mean begins a new one
+MOST_JUMPS: Final = 3  # that are a start and reboots
 ACCELERATION_NS: Final = 100_000_000  # over which velocities are subtracted
 SPAN_S: Final = 1e-9
 
@@ -67,6 +68,7 @@ class ObservedVehicle:
         self._motions: deque[Motion] = deque(maxlen=KEPT)
         self._truth_ns = -REQUEST_NS  # when the last true state came
         self._requested_ns = -REQUEST_NS
+        self._jumps = 0  # of the difference of clocks
 
     @property
     def latest_ns(self) -> int | None:
@@ -78,7 +80,10 @@ class ObservedVehicle:
         if self.sender is None:
             return "no autopilot's heartbeat is heard"
         if now_ns - self._truth_ns < REQUEST_NS:
-            return ""
+            wrong = (
+                "its clock does not run as fast as this computer's: fly at speedup 1, on a computer that keeps up"
+            )
+            return wrong if self._jumps > MOST_JUMPS else ""
         name, message = {"ardupilot": ("ArduPilot", "SIM_STATE"), "px4": ("PX4", "HIL_STATE_QUATERNION")}[
             self._autopilot
         ]
@@ -112,6 +117,7 @@ class ObservedVehicle:
             return
         offset = now_ns - t_ns
         if self.offset_ns is None or abs(offset - self.offset_ns) > STEP_NS:
+            self._jumps += 1
             self.offset_ns = float(offset)
         self.offset_ns += OFFSET_SHARE * (offset - self.offset_ns)
         r_n = self._frame.ned((message.lat_deg, message.lon_deg, message.height))

@@ -38,14 +38,16 @@ def of(autopilot: str, boot: float = 40.0, **changed: Any) -> Scenario:
     return msgspec.structs.replace(SITL, vehicle=vehicle, **changed)
 
 
-def observed(scenario: Scenario, seconds: float, seed: int = 1) -> tuple[ObservedVehicle, list[Any]]:
-    """A vehicle that simlink flies, observed over a link, and its true states."""
+def observed(
+    scenario: Scenario, seconds: float, seed: int = 1, speed: float = 1.0
+) -> tuple[ObservedVehicle, list[Any]]:
+    """A vehicle that simlink flies, observed over a link, and its true states. `speed`: of its clock in ours."""
     link = AutopilotLink(scenario.vehicle, UNIX_NS, stream=False)
     vehicle = ObservedVehicle(LocalFrame(), stream=False)
     flown = []
     for state, reading in islice(readings(scenario, seed, states(scenario, seed)), round(200 * seconds)):
         t_ns = state.step * STEP_NS
-        now_ns = EPOCH_NS + t_ns + LATE_NS
+        now_ns = EPOCH_NS + round(t_ns / speed) + LATE_NS
         for frame in link.send(t_ns, reading):
             vehicle.receive(frame, now_ns)
         for frame in vehicle.requests(now_ns):
@@ -114,6 +116,15 @@ def test_a_rebooted_vehicle_begins_anew_seed_1() -> None:
     assert vehicle.latest_ns is not None
     assert vehicle.latest_ns < 2 * 10**9
     assert vehicle.at(flown[-10].step * STEP_NS) is None
+
+
+@pytest.mark.parametrize("speed", [0.7, 3.0])
+def test_a_clock_of_another_speed_is_said_seed_1(speed: float) -> None:
+    vehicle, flown = observed(of("ardupilot"), 12.0, speed=speed)
+    now_ns = EPOCH_NS + round(flown[-1].step * STEP_NS / speed)
+    assert vehicle.missing(now_ns).startswith(
+        "its clock does not run as fast as this computer's: fly at speedup 1"
+    )
 
 
 def test_the_daemon_reads_no_truth() -> None:
