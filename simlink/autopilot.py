@@ -285,7 +285,8 @@ class AutopilotLink:
         r_n = ned_from_geodetic((message.lat_deg, message.lon_deg, message.alt_msl), self._vehicle.origin)
         north, east, down = r_n.tolist()
         _, _, heading = euler_from_quaternion(message.q_nL)
-        follow.receive(Target((north, east, down), message.v_n, heading), (t_ns - follow.begin_ns) * 1e-9)
+        target = Target((north, east, down), message.v_n, heading, message.a_n or (0.0, 0.0, 0.0))
+        follow.receive(target, (t_ns - follow.begin_ns) * 1e-9)
 
     def _encode(self, messages: Iterable[Message]) -> list[bytes]:
         return [self._encoder.encode(message) for message in messages]

@@ -1,9 +1,12 @@
 """The two aircraft of a formation flight; the defaults are the reference of Oh & Johnson (`scenario`)."""
 
-from typing import Literal
+from typing import Annotated, Literal
+
+import msgspec
 
 from onboard.messages import NotNegative, Positive, Record, Vec3
 from simlink.scenarios.profiles import GaussMarkov, Pulse, Wave
+from simlink.scenarios.quadrotor import Quadrotor
 
 
 class Leader(Record, frozen=True, kw_only=True):
@@ -11,17 +14,18 @@ class Leader(Record, frozen=True, kw_only=True):
 
     `a_lat` is positive to the right, `a_long` positive up and normal to the velocity (m/s^2, Oh & Johnson). `size`
     is the nominal distance of the two wing points (m); a run draws size (1 + size_sigma_percent / 100 N(0, 1)).
-    `speed` in m/s; `height` above the origin in m."""
+    `speed` in m/s, along the nose: a leader that backs up has a negative one; `height` above the origin in m."""
 
     size: Positive = 2.667
     size_sigma_percent: NotNegative = 2.0
-    speed: Positive = 21.336
+    speed: NotNegative = 21.336
     speed_pulses: tuple[Pulse, ...] = ()
     a_lat: Wave = Wave(mean=2.4384)
     a_long: Wave = Wave()
     a_lat_pulses: tuple[Pulse, ...] = ()  # m/s^2, added to a_lat
     course_deg: float = 0.0
     climb_deg: float = 0.0
+    climb_pulses: tuple[Pulse, ...] = ()  # m/s upwards, added to the vertical velocity
     yaw_pulses_deg: tuple[Pulse, ...] = ()  # heading minus course: a multirotor need not point along its course
     height: float = 100.0
     bank_wobble_deg: GaussMarkov = GaussMarkov(sigma=2.0, time=1.0)
@@ -44,16 +48,20 @@ class Follower(Record, frozen=True, kw_only=True):
 class Follow(Record, frozen=True, kw_only=True):
     """Our vehicle flown by an autopilot in FOLLOW mode (`simlink.world.follow`) from `engage` seconds on.
     `FOLL_OFS_*` (m: forward, right, down), `FOLL_DIST_MAX` (m), `FOLL_TIMEOUT` (s), and the limits of position
-    control: the greatest speed of an approach, acceleration and jerk (m/s, m/s^2, m/s^3)."""
+    control: the greatest speed of an approach (`WPNAV_SPEED`) and of its vertical part, acceleration and jerk
+    (m/s, m/s, m/s^2, m/s^3), lean and yaw rate. `craft` is the body that leans."""
 
     engage: NotNegative = 10.0
     offset: Vec3 = (-25.0, 0.0, 2.0)
     dist_max: Positive = 300.0
     timeout: NotNegative = 3.0
-    speed: Positive = 5.0
+    speed: Positive = 10.0
+    climb: Positive = 2.5
     acceleration: Positive = 2.5
     jerk: Positive = 5.0
+    lean_deg: Annotated[float, msgspec.Meta(gt=0, le=60)] = 30.0
     yaw_rate_deg_s: Positive = 60.0
+    craft: Quadrotor = Quadrotor()
 
     @property
     def gain(self) -> float:

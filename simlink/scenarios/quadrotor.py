@@ -57,6 +57,7 @@ class Quadrotor(Record, frozen=True, kw_only=True):
     torque_per_thrust: Positive = 0.03826  # m
     motor_time: Annotated[float, msgspec.Meta(ge=0.005)] = 0.02  # s, lag of a rotor's speed
     drag: NotNegative = 0.1  # 1/s, along b's x and y
+    wind: tuple[float, float] = (0.0, 0.0)  # m/s towards north and east, steady; it acts through `drag`
     turbulence: GaussMarkov = GaussMarkov(sigma=0.1, time=1.0)  # m/s^2 per axis
     gust: Gust = Gust()
     fault: QuadrotorFault = QuadrotorFault()

@@ -136,6 +136,7 @@ def _check(s: Scenario, source: str) -> None:
     """Conditions on several fields. Raises ScenarioError."""
     for key, intervals in (
         ("leader.speed_pulses", s.leader.speed_pulses),
+        ("leader.climb_pulses", s.leader.climb_pulses),
         ("leader.yaw_pulses_deg", s.leader.yaw_pulses_deg),
         ("follower.slot_pulses", s.follower.slot_pulses),
         ("camera.blackouts", s.camera.blackouts),
@@ -150,19 +151,21 @@ def _check(s: Scenario, source: str) -> None:
                 raise ScenarioError(f"{source}: {key}: needs start < end <= repeat ({s.repeat:g} s)")
     for key, pulses in (
         ("leader.speed_pulses", s.leader.speed_pulses),
+        ("leader.climb_pulses", s.leader.climb_pulses),
         ("leader.yaw_pulses_deg", s.leader.yaw_pulses_deg),
         ("follower.slot_pulses", s.follower.slot_pulses),
     ):
         if any(pulse.hold >= pulse.end - pulse.start for pulse in pulses):
             raise ScenarioError(f"{source}: {key}: hold leaves no time to rise and fall")
-    # a point mass needs speed to turn; in straight flight it may stop
+    # a point mass needs speed to turn; in straight flight it may stop, and ahead of a multirotor fly backwards
     turns = any((w.mean, w.amplitude) != (0.0, 0.0) for w in (s.leader.a_lat, s.leader.a_long))
     turns = turns or bool(s.leader.a_lat_pulses)
     slowest = s.leader.speed + sum(min(p.change, 0.0) for p in s.leader.speed_pulses)
-    if slowest < (1.0 if turns else 0.0):
+    hovers = s.follower.attitude == "hover"
+    if slowest < (1.0 if turns else -math.inf if hovers else 0.0):
         least = "at least 1 m/s as it turns" if turns else "from flying backwards"
         raise ScenarioError(f"{source}: leader.speed_pulses: the leader must keep {least}")
-    if slowest < 1.0 and s.follower.attitude == "coordinated" and s.quadrotor is None:
+    if slowest < 1.0 and not hovers and s.quadrotor is None:
         raise ScenarioError(f'{source}: follower.attitude: must be "hover" behind a leader that stops')
     names = [aircraft.name for aircraft in s.traffic.aircraft]
     if len(set(names)) < len(names) or len(names) > MOST_AIRCRAFT:

@@ -1,102 +1,116 @@
 """The follower flown by an autopilot in FOLLOW mode, on FOLLOW_TARGETs alone.
 
-The form is that of ArduCopter 4.7's FOLLOW mode with `FOLL_OFS_TYPE` 1 and `FOLL_ACCEL_H` 0 (`AP_Follow`). The
-target's last position is carried on with its last velocity, the offset turns with the target's heading, and
-position control limits acceleration and jerk. After `timeout` seconds without a target, or beyond `dist_max`, the
-vehicle brakes and holds its position.
+The form is that of ArduCopter 4.7's FOLLOW mode with `FOLL_OFS_TYPE` 1 and `FOLL_ACCEL_H` 0 (`AP_Follow`,
+`AC_PosControl`). The target's last position is carried on with its last velocity and acceleration, and the offset
+turns with the target's heading. A path approaches that place within limits of speed, acceleration and jerk.
+Position control flies the path by leaning the body, within a limit of lean. After `timeout` seconds without a
+target, or beyond `dist_max`, the path brakes and stands still. Until `engage` the path is the scenario's slot.
 """
 
 import math
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from onboard.messages import Vec3
+from onboard.messages import Quaternion, Vec3
 from simlink.scenarios.formation import Follow
 from simlink.scenarios.scenario import Scenario
 from simlink.world.attitude import add, difference
-from simlink.world.constants import DT, STEPS_PER_SECOND
-from simlink.world.motion import advance, make_motion
-from simlink.world.noise import uniforms
-from simlink.world.truth import State, hovering, leader_attitudes, state_of
+from simlink.world.constants import DT, G
+from simlink.world.quadrotor_control import Controller, Reference
+from simlink.world.truth import State, states
+
+POSITION_GAIN: Final = 1.0  # 1/s, PSC_NE_POS_P
+VELOCITY_GAIN: Final = 2.0  # 1/s, PSC_NE_VEL_P
+INTEGRAL_GAIN: Final = 1.0  # 1/s^2, PSC_NE_VEL_I
+INTEGRAL_LIMIT: Final = 10.0  # m/s^2, PSC_NE_VEL_IMAX
+NOWHERE: Final = (0.0, 0.0, 0.0)
 
 
 class Target(NamedTuple):
-    """A FOLLOW_TARGET: position from O and velocity in n (m, m/s), heading (rad)."""
+    """A FOLLOW_TARGET: position from O, velocity and acceleration in n (m, m/s, m/s^2), heading (rad)."""
 
     r_n: Vec3
     v_n: Vec3
     heading: float
+    a_n: Vec3 = NOWHERE
 
 
 class FollowMode:
-    """The mode's state. `is_following` is False while it brakes and holds. `begin_ns`: boot time at the start of
-    the flight, from which all times here count."""
+    """The mode, and the controllers below it: the pilot of a quadrotor. `is_following` is False while it brakes
+    and holds. `begin_ns`: boot time at the start of the flight, from which all times here count."""
 
     def __init__(self, settings: Follow) -> None:
         self.begin_ns = 0
         self.is_following = False
         self.engage = settings.engage
         self._settings = settings
+        self._controller = Controller(settings.craft, DT)
+        self._most_lean = G * math.tan(math.radians(settings.lean_deg))
+        self._yaw_step = math.radians(settings.yaw_rate_deg_s) * DT
+        self._step = 0
         self._target: Target | None = None
         self._t_target = 0.0
-        self._a: Vec3 = (0.0, 0.0, 0.0)
-        self.yaw_step = math.radians(settings.yaw_rate_deg_s) * DT
-
-    def hand_over(self, a_F: Vec3) -> None:
-        """Another pilot flies with this acceleration: the mode begins with it."""
-        self._a = a_F
+        self._path: Reference | None = None
+        self._integral: Vec3 = NOWHERE
 
     def receive(self, target: Target, t: float) -> None:
         """A target that arrives at time `t`, s."""
         self._target, self._t_target = target, t
 
-    def acceleration(self, t: float, r_F: Vec3, v_F: Vec3) -> Vec3:
-        """The acceleration over the next step of DT, m/s^2."""
+    def command(self, slot: Reference, r_n: Vec3, v_n: Vec3, q_nb: Quaternion, omega_b: Vec3) -> tuple[float, ...]:
+        """Each rotor's speed as a share of its maximum, over the next step; called once per step. `slot`: the
+        scenario's."""
+        t, before = self._step * DT, self._path
+        self._step += 1
+        if before is None or t < self.engage:
+            yaw = slot.yaw if before is None else _slewed(before.yaw, slot.yaw, self._yaw_step)
+            self._path = slot._replace(yaw=yaw)
+        else:
+            self._path = self._advanced(before, t, r_n)
+        return self._controller.steer(self._acceleration(self._path, r_n, v_n), self._path.yaw, q_nb, omega_b)
+
+    def _advanced(self, path: Reference, t: float, r_F: Vec3) -> Reference:
+        """The path one step later."""
         s, target = self._settings, self._target
         age = t - self._t_target
         self.is_following = False
-        wanted = (0.0, 0.0, 0.0)
+        approach, v, a = NOWHERE, NOWHERE, NOWHERE
         if target is not None and age <= s.timeout:
-            r_T = add(target.r_n, _scaled(target.v_n, age))
+            r_T = add(target.r_n, add(_scaled(target.v_n, age), _scaled(target.a_n, 0.5 * age * age)))
             if math.dist(r_T, r_F) <= s.dist_max:
                 self.is_following = True
-                error = difference(add(r_T, _turned(s.offset, target.heading)), r_F)
-                wanted = add(_approach(error, s.gain, s.acceleration, s.speed), target.v_n)
-        a = _approach(difference(wanted, v_F), s.gain, s.jerk, s.acceleration)
-        self._a = add(self._a, _limited(difference(a, self._a), s.jerk * DT))
-        return self._a
+                error = difference(add(r_T, _turned(s.offset, target.heading)), path.r_n)
+                approach = _by_axes(error, s.gain, s.acceleration, s.speed, s.climb)
+                v, a = add(target.v_n, _scaled(target.a_n, age)), target.a_n
+        wanted = difference(add(approach, v), path.v_n)
+        a = add(_by_axes(wanted, s.gain, s.jerk, s.acceleration, s.acceleration), a)
+        a = add(path.a_n, _limited(difference(a, path.a_n), s.jerk * DT))
+        yaw = path.yaw if target is None else _slewed(path.yaw, target.heading, self._yaw_step)
+        r = add(add(path.r_n, _scaled(path.v_n, DT)), _scaled(a, 0.5 * DT * DT))
+        return Reference(r, add(path.v_n, _scaled(a, DT)), a, yaw)
 
-    @property
-    def heading(self) -> float | None:
-        """That of the last target, rad; None before there is one."""
-        return None if self._target is None else self._target.heading
+    def _acceleration(self, path: Reference, r_F: Vec3, v_F: Vec3) -> Vec3:
+        """The acceleration that leads back to the path, as far as the lean may go, m/s^2."""
+        error = difference(add(path.v_n, _scaled(difference(path.r_n, r_F), POSITION_GAIN)), v_F)
+        self._integral = _limited(add(self._integral, _scaled(error, INTEGRAL_GAIN * DT)), INTEGRAL_LIMIT)
+        x, y, z = add(add(path.a_n, _scaled(error, VELOCITY_GAIN)), self._integral)
+        x, y, _ = _limited((x, y, 0.0), self._most_lean)
+        return x, y, min(max(z, -self._settings.acceleration * 2), self._settings.acceleration * 2)
 
 
 def following_states(scenario: Scenario, seed: int, mode: FollowMode) -> Iterator[State]:
-    """The world, 200 states per second without end: until `engage` the follower keeps the scenario's slot, then
-    the mode flies it. Targets may be given to the mode between states."""
-    phase, turn = uniforms(seed, "follower.wander"), 2 * math.pi
-    f, y = make_motion(scenario, (turn * next(phase), turn * next(phase), turn * next(phase)))
-    leader_attitude = leader_attitudes(scenario, seed)
-    step, q_before, yaw = 0, None, y[0]
-    wanted_yaw: float | None
-    r_F, v_F = (y[5], y[6], y[7]), (y[8], y[9], y[10])
-    while True:
-        t = step / STEPS_PER_SECOND
-        rates = f(t, y)
-        if t < mode.engage:
-            r_F, v_F, a_F, wanted_yaw = (y[5], y[6], y[7]), (y[8], y[9], y[10]), rates.a_F_n, y[0]
-            mode.hand_over(a_F)
-        else:
-            a_F, wanted_yaw = mode.acceleration(t, r_F, v_F), mode.heading
-        yaw = _slewed(yaw, yaw if wanted_yaw is None else wanted_yaw, mode.yaw_step)
-        q_nF = hovering(a_F, yaw)
-        q_nL = leader_attitude(t, y, rates)
-        yield state_of(step, (y[2], y[3], y[4]), rates, q_nL, (r_F, v_F, a_F), q_nF, q_before)
-        r_F = add(add(r_F, _scaled(v_F, DT)), _scaled(a_F, 0.5 * DT * DT))
-        v_F = add(v_F, _scaled(a_F, DT))
-        y = advance(f, t, y, rates, DT)
-        step, q_before = step + 1, q_nF
+    """The world, 200 states per second without end: a quadrotor flies the scenario's slot until `engage`, then as
+    the mode does. Targets may be given to the mode between states."""
+    if scenario.follow is None:
+        raise ValueError(f"{scenario.name} has no [follow]")
+    return states(scenario, seed, mode)
+
+
+def _by_axes(error: Vec3, gain: float, limit: float, level: float, upright: float) -> Vec3:
+    """`_approach` in the horizontal plane and, apart from it, in height, with their greatest rates."""
+    x, y, _ = _approach((error[0], error[1], 0.0), gain, limit, level)
+    _, _, z = _approach((0.0, 0.0, error[2]), gain, limit, upright)
+    return x, y, z
 
 
 def _approach(error: Vec3, gain: float, limit: float, most: float) -> Vec3:

@@ -124,12 +124,14 @@ def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Rea
     cruise, speed_change = leader.speed, pulses(leader.speed_pulses, scenario.repeat, maths)
     lateral, normal = wave(leader.a_lat, maths), wave(leader.a_long, maths)
     turns = pulses(leader.a_lat_pulses, scenario.repeat, maths)
+    lifts = pulses(leader.climb_pulses, scenario.repeat, maths)
 
     def at(t: Real, course: Real, climb: Real) -> LeaderMotion:
         change, dV, _ = speed_change(t)
         V = cruise + change
         (lat, dlat), (long, _) = lateral(t), normal(t)
         turn, dturn, _ = turns(t)
+        lift, dlift, _ = lifts(t)
         lat, dlat = lat + turn, dlat + dturn
         cc, sc, cg, sg = maths.cos(course), maths.sin(course), maths.cos(climb), maths.sin(climb)
         along = dV * cg - long * sg
@@ -140,8 +142,8 @@ def leader_motion(scenario: Scenario, maths: ModuleType = math) -> Callable[[Rea
             course_rate,
             dlat / (moving * cg) - course_rate * (dV / moving - climb_rate * sg / cg),
             climb_rate,
-            (V * cg * cc, V * cg * sc, -V * sg),
-            (along * cc - lat * sc, along * sc + lat * cc, -dV * sg - long * cg),
+            (V * cg * cc, V * cg * sc, -V * sg - lift),
+            (along * cc - lat * sc, along * sc + lat * cc, -dV * sg - long * cg - dlift),
             lat,
             long,
         )

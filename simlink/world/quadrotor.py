@@ -17,7 +17,7 @@ from simlink.world import attitude
 from simlink.world.constants import G
 from simlink.world.motion import Row, runge_kutta
 from simlink.world.noise import gauss_markov, gauss_markov_vectors, normals
-from simlink.world.quadrotor_control import Controller, Reference, thrust_attitude
+from simlink.world.quadrotor_control import Controller, Pilot, Reference, thrust_attitude
 
 PWM_US: Final = (1000, 2000)  # of a rotor at rest and at its maximum speed
 FULL: Final = 1.0
@@ -90,13 +90,13 @@ def advance(craft: Quadrotor, forces: Forces, command: Body, y: Body, dt: float)
 
 
 def quadrotor_states(
-    craft: Quadrotor, seed: int, references: Iterator[Reference], dt: float
+    craft: Quadrotor, seed: int, references: Iterator[Reference], dt: float, pilot: Pilot | None = None
 ) -> Iterator[QuadrotorState]:
-    """The quadrotor every `dt` seconds, flown along `references` (one per step).
+    """The quadrotor every `dt` seconds, flown along `references` (one per step) by its controller, or by `pilot`.
 
-    The controller knows the true state: the flight must not depend on the estimator under test.
+    Both know the true state: the flight must not depend on the estimator under test.
     """
-    controller = Controller(craft, dt)
+    controller = pilot or Controller(craft, dt)
     turbulence = gauss_markov_vectors(seed, "quadrotor.air", craft.turbulence, dt)
     wobble = [gauss_markov(normals(seed, f"quadrotor.gust.{axis}"), craft.gust.wobble, dt) for axis in "xy"]
     y: Body | None = None
@@ -158,7 +158,8 @@ def active_faults(craft: Quadrotor, t: float) -> str:
 
 
 def _wind(craft: Quadrotor, t: float, air: Vec3, wobble: tuple[float, float]) -> Vec3:
-    """The wind's acceleration in n: turbulence, and the gust during its interval."""
+    """The wind's acceleration in n: steady wind, turbulence, and the gust during its interval."""
+    air = attitude.add(air, (craft.drag * craft.wind[0], craft.drag * craft.wind[1], 0.0))
     if not _gusts(craft, t):
         return air
     north, east, down = craft.gust.acceleration

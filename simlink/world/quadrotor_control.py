@@ -7,7 +7,7 @@ speed.
 
 import math
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -65,6 +65,15 @@ def commanded_acceleration(reference: Reference, r_n: Vec3, v_n: Vec3, integral:
     return commanded[0], commanded[1], commanded[2]
 
 
+class Pilot(Protocol):
+    """What flies a quadrotor."""
+
+    def command(
+        self, reference: Reference, r_n: Vec3, v_n: Vec3, q_nb: Quaternion, omega_b: Vec3, /
+    ) -> tuple[float, ...]:
+        """Each rotor's speed as a share of its maximum; called once per step."""
+
+
 class Controller:
     """The cascaded controller. It assumes the nominal craft; its integral compensates faults."""
 
@@ -88,10 +97,14 @@ class Controller:
             grown = self._integral[i] + INTEGRAL_GAIN[i] * (reference.r_n[i] - r_n[i]) * self._dt
             self._integral[i] = min(max(grown, -INTEGRAL_LIMIT), INTEGRAL_LIMIT)
         x, y, z = self._integral
-        ax, ay, az = commanded_acceleration(reference, r_n, v_n, (x, y, z))
+        return self.steer(commanded_acceleration(reference, r_n, v_n, (x, y, z)), reference.yaw, q_nb, omega_b)
+
+    def steer(self, a_n: Vec3, yaw: float, q_nb: Quaternion, omega_b: Vec3) -> tuple[float, ...]:
+        """Each rotor's speed as a share of its maximum, for an acceleration in n (m/s^2) and a yaw (rad)."""
+        ax, ay, az = a_n
         down = (-ax, -ay, G - az)  # commanded direction of b's z axis
         lift = math.sqrt(down[0] ** 2 + down[1] ** 2 + down[2] ** 2)
-        commanded = thrust_attitude(down, lift, reference.yaw)
+        commanded = thrust_attitude(down, lift, yaw)
         error = attitude.to_vector(attitude.product(attitude.conjugate(q_nb), commanded))
         torque = []
         for i in range(3):

@@ -21,7 +21,7 @@ from simlink.world.constants import DT, STEPS_PER_SECOND, G
 from simlink.world.motion import Derivative, Kinematics, Real, Real3, advance, make_motion, pulses
 from simlink.world.noise import gauss_markov, normals, uniforms
 from simlink.world.quadrotor import quadrotor_states
-from simlink.world.quadrotor_control import Reference, figure_eight
+from simlink.world.quadrotor_control import Pilot, Reference, figure_eight
 
 
 class State(NamedTuple):
@@ -52,21 +52,31 @@ def true_size(scenario: Scenario, seed: int) -> float:
     return scenario.leader.size * (1.0 + sigma * next(normals(seed, "leader.size")))
 
 
-def states(scenario: Scenario, seed: int) -> Iterator[State]:
-    """The world, 200 states per second of flight, without end."""
+def states(scenario: Scenario, seed: int, pilot: Pilot | None = None) -> Iterator[State]:
+    """The world, 200 states per second of flight, without end. `pilot`: flies the craft of `[follow]`; its
+    references are the scenario's slot, with the nose along the leader's course."""
     formation = _formation(scenario, seed)
-    return formation if scenario.quadrotor is None else _with_quadrotor(scenario.quadrotor, seed, formation)
-
-
-def _with_quadrotor(craft: Quadrotor, seed: int, formation: Iterator[State]) -> Iterator[State]:
-    """The same world with a quadrotor as follower. On "slot" it follows the path of the original follower."""
-    if craft.path == "figure_eight":
-        path = figure_eight(seed, DT)
-    else:
+    if pilot is not None and scenario.follow is not None:
         formation, slots = tee(formation)
-        path = map(_as_reference, slots)
+        return _with_quadrotor(scenario.follow.craft, seed, formation, map(_as_slot, slots), pilot)
+    if scenario.quadrotor is None:
+        return formation
+    if scenario.quadrotor.path == "figure_eight":
+        return _with_quadrotor(scenario.quadrotor, seed, formation, figure_eight(seed, DT))
+    formation, slots = tee(formation)
+    return _with_quadrotor(scenario.quadrotor, seed, formation, map(_as_reference, slots))
+
+
+def _with_quadrotor(
+    craft: Quadrotor,
+    seed: int,
+    formation: Iterator[State],
+    path: Iterator[Reference],
+    pilot: Pilot | None = None,
+) -> Iterator[State]:
+    """The same world with a quadrotor on a path as follower."""
     q_before = None
-    for state, m in zip(formation, quadrotor_states(craft, seed, path, DT), strict=True):
+    for state, m in zip(formation, quadrotor_states(craft, seed, path, DT, pilot), strict=True):
         yield state._replace(
             r_OF_n=m.r_n,
             v_F_n=m.v_n,
@@ -79,6 +89,14 @@ def _with_quadrotor(craft: Quadrotor, seed: int, formation: Iterator[State]) -> 
             voltage_v=m.voltage_v,
         )
         q_before = m.q_nb
+
+
+def _as_slot(state: State) -> Reference:
+    """A reference for the quadrotor: the follower's motion, with the follower's heading."""
+    w, x, y, z = state.q_nF
+    return Reference(
+        state.r_OF_n, state.v_F_n, state.a_F_n, math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    )
 
 
 def _as_reference(state: State) -> Reference:

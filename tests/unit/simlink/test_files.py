@@ -52,7 +52,7 @@ def test_every_scenario_loads_and_has_a_description(name: str) -> None:
         ),
         ("[leader]\nspeed = nan", "leader.speed must be finite"),
         ("[follower]\nslot = [1.0, 2.0, inf]", "follower.slot[2] must be finite"),
-        ("[leader]\nspeed = -1", "> 0.0 - at `leader.speed`"),
+        ("[leader]\nspeed = -1", ">= 0.0 - at `leader.speed`"),
         ("[leader]\nspeed = 'fast'", "Expected `float`, got `str` - at `leader.speed`"),
         ("[vehicle]\ntype = 'boat'", "'boat' - at `vehicle.type`"),
         ("[camera]\nblackouts = [{ start = 5.0, end = 4.0 }]", "camera.blackouts: needs start < end"),

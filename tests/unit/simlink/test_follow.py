@@ -7,8 +7,11 @@ from itertools import islice, pairwise
 import pytest
 from msgspec.structs import replace
 
+from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import FollowTarget
 from onboard.wire.mavlink_encode import MavlinkEncoder
+from simlink.scenarios.profiles import GaussMarkov
+from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import EPOCH_NS, GuidedRun, boot_ns_of
 from simlink.world.follow import FollowMode, Target, _approach, following_states
@@ -16,6 +19,13 @@ from simlink.world.truth import State
 
 SCENARIO = load_scenario("guided")
 STEPS = 200
+
+
+def calm(wind: tuple[float, float] = (0.0, 0.0), **limits: float) -> Scenario:
+    """The scenario in still air or steady wind, with other limits of the mode."""
+    assert SCENARIO.follow is not None
+    craft = Quadrotor(turbulence=GaussMarkov(), wind=wind)
+    return replace(SCENARIO, follow=replace(SCENARIO.follow, craft=craft, **limits))
 
 
 def heading(s: State) -> float:
@@ -49,19 +59,36 @@ def test_it_keeps_its_slot_on_a_straight_leg_and_lags_in_a_turn_seed_1() -> None
     states, follows = fly(50)
     after = [s for s in states if s.t > 12]
     assert all(follows[12 * STEPS :])
-    assert max(slot_error(s) for s in after if s.t < 30) < 0.01
-    assert 1.0 < max(slot_error(s) for s in after) < 1.6
+    assert max(slot_error(s) for s in after if s.t < 30) < 0.3  # turbulence
+    assert 1.0 < max(slot_error(s) for s in after) < 1.8
 
 
 def test_it_coasts_for_its_timeout_then_brakes_within_its_limits_and_holds_seed_1() -> None:
-    states, follows = fly(28, sends=lambda t: t < 15)
+    """A path of 2.5 m/s^2 and 5 m/s^3, which the body follows by its lean: the nose goes up by 14 degrees."""
+    states, follows = fly(28, calm(), sends=lambda t: t < 15)
     assert follows[round(17.9 * STEPS)]
     assert not any(follows[round(18.1 * STEPS) :])
     assert math.hypot(*states[round(17.9 * STEPS)].v_F_n) == pytest.approx(10.0, abs=0.1)
-    assert math.hypot(*states[-1].v_F_n) < 0.05
-    for a, b in zip(states[15 * STEPS :], states[15 * STEPS + 1 :], strict=False):
-        assert math.hypot(*b.a_F_n) <= 2.5 + 1e-9
-        assert math.dist(a.a_F_n, b.a_F_n) * STEPS <= 5.0 + 1e-6
+    assert math.hypot(*states[-1].v_F_n) < 0.1
+    assert 2.3 < max(math.hypot(*s.a_F_n) for s in states[15 * STEPS :]) < 3.0
+    pitch = [math.degrees(euler_from_quaternion(s.q_nF)[1]) for s in states]
+    assert min(pitch[12 * STEPS : 17 * STEPS]) == pytest.approx(-5.8, abs=0.3)  # leans against its drag
+    assert 10.0 < max(pitch[15 * STEPS :]) < 15.0
+    assert max(abs(math.degrees(s.omega_b[1])) for s in states[15 * STEPS :]) < 45.0
+
+
+def test_it_leans_into_steady_wind_and_keeps_its_slot_seed_1() -> None:
+    windy = calm((0.0, 8.0))
+    states, _ = fly(30, windy)
+    assert slot_error(states[-1]) < 0.1
+    assert math.degrees(euler_from_quaternion(states[-1].q_nF)[0]) == pytest.approx(-4.7, abs=0.3)
+
+
+def test_no_command_leans_it_beyond_its_limit_seed_1() -> None:
+    steep = calm(acceleration=20.0, jerk=40.0)
+    states, _ = fly(25, steep, sends=lambda t: t < 15)
+    lean = [math.acos(1 - 2 * (s.q_nF[1] ** 2 + s.q_nF[2] ** 2)) for s in states]
+    assert 27.0 < math.degrees(max(lean)) < 36.0
 
 
 def test_it_comes_back_from_a_break_off_but_not_beyond_its_greatest_distance_seed_1() -> None:
@@ -77,7 +104,7 @@ def test_it_comes_back_from_a_break_off_but_not_beyond_its_greatest_distance_see
     near = replace(straight, follow=replace(straight.follow, dist_max=60.0))
     states, follows = fly(60, near, sends)
     assert not follows[-1]
-    assert math.hypot(*states[-1].v_F_n) < 0.05
+    assert math.hypot(*states[-1].v_F_n) < 0.2
 
 
 @pytest.mark.parametrize(("system", "q", "follows"), [(200, True, True), (1, True, False), (200, False, False)])
