@@ -39,12 +39,12 @@ class View(NamedTuple):
 
 
 def follow_target(s: LeaderState, _: View) -> Message | None:
-    """With the yaw of the leader's course as its attitude: offsets are relative to it."""
+    """With the yaw of its course as its attitude: offsets are relative to it."""
     place = _place(s)
     if place is None or s.v_L_n is None:
         return None
     q = None if s.course is None else _yaw(s.course)
-    return FollowTarget(**_stamp(s), **place, v_n=s.v_L_n, q_nL=q, position_sigma=_sigmas(s)[0])
+    return FollowTarget(**_stamp(s), **place, v_n=s.v_L_n, a_n=s.a_L_n, q_nL=q, position_sigma=_sigmas(s)[0])
 
 
 def global_position(s: LeaderState, _: View) -> Message | None:

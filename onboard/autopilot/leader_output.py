@@ -58,15 +58,17 @@ class LeaderOutput:
         commands = [m for m in messages if isinstance(m, Command) and camera.is_target(m)]
         return [frame for m in commands for frame in camera.answer(m, now_ns)]
 
-    def frames(self, state: LeaderState | None, view: View | None, now_ns: int) -> list[bytes]:
-        """Frames due at a time on this computer's clock."""
+    def frames(
+        self, state: LeaderState | None, virtual: LeaderState | None, view: View | None, now_ns: int
+    ) -> list[bytes]:
+        """Frames due at a time on this computer's clock. `virtual`: the leader that an autopilot is to follow."""
         frames = []
         if self._is_leader and self._heartbeats.is_due(now_ns):
             frames.append(self._virtual.encode(_heartbeat(is_valid=state is not None and state.valid)))
         if self._camera is not None and self._camera_heartbeats.is_due(now_ns):
             frames.append(self._camera.encode(_heartbeat(is_valid=True, kind=CAMERA)))
         if state is not None and view is not None:
-            frames.extend(self._reports(state, view, now_ns))
+            frames.extend(self._reports(state, virtual, view, now_ns))
         return frames
 
     def can_send(self, name: str, state: LeaderState | None, view: View | None) -> bool:
@@ -75,11 +77,14 @@ class LeaderOutput:
             return False
         return MAKE[name](state, view) is not None
 
-    def _reports(self, state: LeaderState, view: View, now_ns: int) -> Iterator[bytes]:
+    def _reports(
+        self, state: LeaderState, virtual: LeaderState | None, view: View, now_ns: int
+    ) -> Iterator[bytes]:
         for name, stream in self.streams.items():
-            if not (state.valid or name in TELLS_IDLE) or not stream.is_due(now_ns):
+            of = virtual if name in OWN_SYSTEM else state
+            if of is None or not (of.valid or name in TELLS_IDLE) or not stream.is_due(now_ns):
                 continue
-            message = MAKE[name](state, view)
+            message = MAKE[name](of, view)
             if message is not None:
                 yield self._sender(name).encode(message)
 

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.config import OwnErrors
@@ -25,10 +26,7 @@ from onboard.messages import (
 
 NAME: Final = "leader"
 MAX_PREDICTION_NS: Final = 500_000_000  # an older estimate is not flown on: the autopilot's stream has stopped
-SLOW: Final = (
-    1.0  # m/s; a slower leader, or one whose speed is less certain than this share, keeps its last course
-)
-SURE: Final = 2.0  # sigmas
+SLOW: Final = 1.0  # m/s; a slower leader has no direction for its acceleration
 ORIGIN_AGREES_M: Final = 20.0  # an origin farther from where our own positions put it is that of an earlier boot
 PAIRED_NS: Final = 100_000_000  # two messages of our own position this near in time tell where the origin is
 
@@ -53,11 +51,10 @@ class LeaderStates:
         self._own_variance = np.repeat([errors.position_sigma_m**2, errors.velocity_sigma_m_s**2], 3)
         self._own: OwnPose | None = None
         self._joined: Joined | None = None
-        self._course: float | None = None
 
     def restart(self) -> None:
         """The autopilot has rebooted: its clock and its origin are new."""
-        self._own = self._joined = self._course = self.origin = self.q_nb = None
+        self._own = self._joined = self.origin = self.q_nb = None
         self.has_stated_origin = False
 
     def note(self, output: Output) -> None:
@@ -114,9 +111,7 @@ class LeaderStates:
         F[:3, 3:] = dt * np.eye(3)
         relative = (F @ P @ F.T)[:3, :3]
         P = F @ (P + np.diag(self._own_variance)) @ F.T
-        self._learn_course(v_L, P)
-        lat, lon, alt = (None, None, None) if self.origin is None else geodetic_from_ned(r_L, self.origin)
-        return LeaderState(
+        made = LeaderState(
             t_ns=t_ns,
             t_host_ns=t_host_ns,
             sequence=e.sequence,
@@ -129,20 +124,21 @@ class LeaderStates:
             covariance=_rows(P),
             r_FL_n=_vec3(r_L - _carried(self._own, t_ns)[0]),
             r_FL_covariance=_rows(relative),
-            lat_deg=lat,
-            lon_deg=lon,
-            alt_msl=alt,
-            course=self._course,
             size=e.mean[e.components.index("size")] if "size" in e.components else None,
             age=None if e.age is None else e.age + dt,
         )
+        return self.located(made)
 
-    def _learn_course(self, v_L: Array, P: Array) -> None:
-        """The course, while the leader is fast enough to have one."""
-        speed = math.hypot(v_L[0], v_L[1])
-        sigma = math.sqrt(max(P[3, 3], P[4, 4]))
-        if speed > max(SLOW, SURE * sigma):
-            self._course = math.atan2(v_L[1], v_L[0])
+    def located(self, state: LeaderState) -> LeaderState:
+        """A state with the latitude, longitude and altitude of its position, where the origin is known."""
+        if self.origin is None or state.r_OL_n is None:
+            return state
+        lat, lon, alt = geodetic_from_ned(np.array(state.r_OL_n), self.origin)
+        return replace(state, lat_deg=lat, lon_deg=lon, alt_msl=alt)
+
+    def own_at(self, t_ns: int) -> tuple[Array, Array]:
+        """Our own position and velocity in n at a time; NaN where not known."""
+        return _carried(self._own, t_ns)
 
 
 def _carried(own: OwnPose | None, t_ns: int) -> tuple[Array, Array]:

@@ -4,8 +4,11 @@ traffic."""
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from onboard.autopilot.files import Files
-from onboard.autopilot.leader_messages import View
+from onboard.autopilot.guidance import Guidance
+from onboard.autopilot.leader_messages import OWN_SYSTEM, View
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.autopilot.leader_state import LeaderStates
 from onboard.autopilot.metadata import Metadata
@@ -78,6 +81,8 @@ class AutopilotOutput:
         self._odometry: OdometryStream | None = None
         self._leader_outputs: list[LeaderOutput] = []
         self._leader_states = LeaderStates(config.ownship.errors)
+        self._guidance = Guidance(config.guidance)
+        self._virtual: LeaderState | None = None
 
     def signed(self, channel: str, frame: bytes, wall_ns: int) -> bytes:
         """A frame as it leaves on a channel's link: signed there if the link has a key. Times are Unix time."""
@@ -116,6 +121,7 @@ class AutopilotOutput:
         usable = [out for out in config.leader_out if out.system != autopilot.system]
         self._leader_outputs = [LeaderOutput(out, *ids) for out in usable]
         self._leader_states.restart()
+        self._guidance.restart()
         self._leader_states.delay_ns = source_delays_ns(config.delay, autopilot.autopilot)[GlobalPosition]
         self._offer()
         return [
@@ -137,11 +143,12 @@ class AutopilotOutput:
             out.offer(self._requests, self._camera, self._config.camera.name, self._can_send)
 
     def _can_send(self, out: LeaderOutput, name: str) -> bool:
-        return out.can_send(name, self.leader, self._view())
+        return out.can_send(name, self._virtual if name in OWN_SYSTEM else self.leader, self._view())
 
     def reboot(self) -> None:
         """The autopilot has rebooted and forgotten our requests."""
         self._leader_states.restart()
+        self._guidance.restart()
         for session in self._sessions.values():
             session.reboot()
 
@@ -200,11 +207,21 @@ class AutopilotOutput:
             yield Outgoing(channel, frames)
         if boot_ns is None or not (wants_leader or self._leader_outputs):
             return
-        self.leader = self._leader_states.at(boot_ns, now_ns if host_ns is None else host_ns)
+        self._guide(boot_ns, now_ns if host_ns is None else host_ns)
         view = self._view()
         self._explain(view, now_ns)
         for out in self._leader_outputs:
-            yield Outgoing(out.link, out.frames(self.leader, view, now_ns))
+            yield Outgoing(out.link, out.frames(self.leader, self._virtual, view, now_ns))
+
+    def _guide(self, boot_ns: int, host_ns: int) -> None:
+        """The leader, and the virtual one, at a time."""
+        states = self._leader_states
+        state, self._virtual = states.at(boot_ns, host_ns), None
+        if state is not None:
+            virtual = self._guidance.virtual_leader(state, *states.own_at(state.t_ns))
+            self._virtual = None if virtual is None else states.located(virtual)
+            state = replace(state, course=self._guidance.course) if state.valid else state
+        self.leader = state
 
     def _explain(self, view: View | None, now_ns: int) -> None:
         """Say why nothing happens."""

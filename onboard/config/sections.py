@@ -21,6 +21,7 @@ from onboard.messages import (
     TargetClass,
     TargetDetection,
     TargetPoints,
+    Vec3,
 )
 from onboard.sinks.zenoh_router import RouterConfig
 from onboard.sinks.zenoh_session import ZenohConfig
@@ -153,6 +154,16 @@ class LeaderOutConfig(Record, frozen=True, kw_only=True):
     camera_component: Annotated[int, msgspec.Meta(ge=1, le=255)] = 100  # sends CAMERA_TRACKING_*; a free one
 
 
+class GuidanceConfig(Record, frozen=True, kw_only=True):
+    """`[guidance]`: where FOLLOW_TARGET and GLOBAL_POSITION_INT lead an autopilot that follows the leader."""
+
+    slot_m: Vec3 = (-30.0, 0.0, 3.0)  # from the leader: forward along its course, right, down; as FOLL_OFS_*
+    least_distance_m: Positive | None = None  # from the nearest the leader may be; None: half the slot's
+    closing_speed_m_s: Positive = 5.0  # at which the distance may shrink, at most
+    start_course: Literal["bearing", "none"] = "bearing"  # before the leader has flown; none: it is not followed
+    hold_s: NotNegative = 3.0  # for which the vehicle stops with its nose on a lost leader; FOLL_TIMEOUT
+
+
 class Config(Record, frozen=True, kw_only=True):
     """The whole configuration of the daemon and the replay. `estimator` holds each estimator's own Config."""
 
@@ -172,6 +183,7 @@ class Config(Record, frozen=True, kw_only=True):
     recorder: RecorderConfig = RecorderConfig()
     traffic_out: TrafficOutConfig = TrafficOutConfig()
     leader_out: tuple[LeaderOutConfig, ...] = ()
+    guidance: GuidanceConfig = GuidanceConfig()
     parameters: ParametersConfig = ParametersConfig()
     odometry: OdometryConfig = OdometryConfig()
 

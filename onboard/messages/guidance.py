@@ -34,8 +34,8 @@ class LeaderState(Record, frozen=True, kw_only=True):
 
 
 class FollowTarget(Message, frozen=True, kw_only=True):
-    """FOLLOW_TARGET: WGS-84 degrees and metres above mean sea level, velocity in n, the attitude (None: not sent),
-    and the standard deviations of the position, m."""
+    """FOLLOW_TARGET: WGS-84 degrees and metres above mean sea level, velocity and acceleration in n, the attitude
+    (None: not sent), and the standard deviations of the position, m."""
 
     lat_deg: float
     lon_deg: float
@@ -43,6 +43,7 @@ class FollowTarget(Message, frozen=True, kw_only=True):
     v_n: Vec3
     q_nL: Quaternion | None
     position_sigma: Vec3
+    a_n: Vec3 | None = None
 
 
 class TargetRelative(Message, frozen=True, kw_only=True):

@@ -20,11 +20,12 @@ from onboard.messages import (
     MessageInterval,
     Quaternion,
     TargetRelative,
+    Vec3,
 )
 from onboard.wire.mavlink_frame import TARGET_RELATIVE
 from onboard.wire.unlisted import UnlistedMessage
 
-POSITION, VELOCITY, ATTITUDE = 1, 2, 8  # bits of est_capabilities
+POSITION, VELOCITY, ACCELERATION, ATTITUDE = 1, 2, 4, 8  # bits of est_capabilities
 LOCAL_OFFSET_NED: Final = 2  # TARGET_OBS_FRAME: NED, travels with the vehicle
 VISION_OTHER: Final = 3  # LANDING_TARGET_TYPE
 BODY_FRD: Final = 12
@@ -51,8 +52,8 @@ def _target_relative(m: Any) -> list[Any]:
 
 
 def _follow_target(m: Any) -> list[Any]:
-    """Without acceleration: PX4 ignores it, ArduPilot would fly its noise."""
-    capabilities = POSITION | VELOCITY | (0 if m.q_nL is None else ATTITUDE)
+    capabilities = POSITION | VELOCITY
+    capabilities |= (0 if m.a_n is None else ACCELERATION) | (0 if m.q_nL is None else ATTITUDE)
     zero = (0.0, 0.0, 0.0)
     return [
         dialect.MAVLink_follow_target_message(
@@ -62,7 +63,7 @@ def _follow_target(m: Any) -> list[Any]:
             round(m.lon_deg * 1e7),
             m.alt_msl,
             m.v_n,
-            zero,
+            m.a_n or zero,
             m.q_nL or (1.0, 0.0, 0.0, 0.0),
             zero,
             tuple(sigma * sigma for sigma in m.position_sigma),
@@ -83,6 +84,7 @@ def follow_target(fields: tuple[Any, ...], header: dict[str, Any]) -> Message:
         lon_deg=lon * 1e-7,
         alt_msl=alt,
         v_n=fields[5:8],
+        a_n=cast(Vec3, fields[8:11]) if capabilities & ACCELERATION else None,
         q_nL=q,
         position_sigma=(north, east, down),
     )

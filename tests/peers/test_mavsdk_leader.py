@@ -80,7 +80,10 @@ def test_mavsdk_decodes_everything_that_we_send_of_the_leader() -> None:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
             for k in range(round(PATIENCE / 0.05)):
                 now_ns = 1_800_000_000 * S + k * S // 20
-                for frame in (autopilot.encode(AUTOPILOT), *out.frames(leader_state(), view, now_ns)):
+                for frame in (
+                    autopilot.encode(AUTOPILOT),
+                    *out.frames(leader_state(), leader_state(), view, now_ns),
+                ):
                     ours.sendto(frame, ("127.0.0.1", port))
                 try:
                     client.wait(0.05)

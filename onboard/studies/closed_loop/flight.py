@@ -15,23 +15,28 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.autopilot.output import AutopilotOutput
 from onboard.config import Config, load_config
+from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import Datagram
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import Scenario
+from simlink.sensors.camera import mount_quaternion, project
 from simlink.simulation import GuidedRun, Tick, boot_ns_of
+from simlink.world.truth import true_size
 
 LINK: Final = "autopilot"
 TIMER_STEPS: Final = 4  # 20 ms, the daemon's timer
 DELAY_STEPS: Final = 2  # 10 ms, from the daemon to the autopilot
 ROWS_PER_S: Final = 10
 STEPS_PER_S: Final = 200
+HOVERS: Final = 0.5  # m/s; slower, the leader has no course
 NO_RATES: Final[dict[str, float]] = {}
 
 
 class Flight(NamedTuple):
     """Ten rows a second (n,): time (s), the distance of both aircraft (m), the follower's distance from its slot
-    (m), its speed over ground and that at which the distance shrinks (m/s), the leader's turn rate (rad/s), and
-    whether our estimate was valid and the autopilot followed."""
+    (m), its speed over ground and that at which the distance shrinks (m/s), the leader's turn rate (rad/s),
+    whether our estimate was valid and the autopilot followed, the follower's pitch and pitch rate (rad, rad/s),
+    its position north and east (m), and whether the leader was inside the image."""
 
     t: Array
     distance: Array
@@ -41,6 +46,11 @@ class Flight(NamedTuple):
     turn_rate: Array
     valid: Array
     following: Array
+    pitch: Array
+    pitch_rate: Array
+    north: Array
+    east: Array
+    in_view: Array
 
 
 class Companion:
@@ -77,9 +87,11 @@ def config_of(scenario: Scenario, settings: Sequence[str] = ()) -> Config:
     """What is known of the leader, and where it is sent; otherwise the daemon as it ships."""
     kind = "multirotor" if scenario.follower.attitude == "hover" else "fixed_wing"
     known = (
+        f"camera.mount_rpy_deg={list(scenario.camera.mount_rpy_deg)}",
         f"estimator.leader.size_prior_m={scenario.leader.size}",
         f"estimator.leader.leader_class={kind}",
         f'leader_out=[{{ link = "{LINK}" }}]',
+        *(() if scenario.follow is None else (f"guidance.slot_m={list(scenario.follow.offset)}",)),
     )
     return load_config(None, (*known, *settings))
 
@@ -87,6 +99,7 @@ def config_of(scenario: Scenario, settings: Sequence[str] = ()) -> Config:
 def fly(scenario: Scenario, seed: int, duration: float, settings: Sequence[str] = ()) -> Flight:
     """The flight over `duration` s."""
     run, companion = GuidedRun(scenario, seed), Companion(config_of(scenario, settings))
+    row = Row(scenario, seed)
     epoch_ns: int | None = None
     on_way: deque[tuple[int, bytes]] = deque()
     rows = []
@@ -103,20 +116,48 @@ def fly(scenario: Scenario, seed: int, duration: float, settings: Sequence[str] 
             on_way.extend((step + DELAY_STEPS, frame) for frame in frames)
         if step % (STEPS_PER_S // ROWS_PER_S) == 0:
             leader = companion.output.leader
-            rows.append(_row(scenario, tick, leader is not None and leader.valid, run.mode.is_following))
+            rows.append(row.of(tick, leader is not None and leader.valid, run.mode.is_following))
     return Flight(*np.array(rows).T)
 
 
-def _row(scenario: Scenario, tick: Tick, is_valid: bool, is_following: bool) -> tuple[float, ...]:
-    s, follow = tick.state, scenario.follow
-    assert follow is not None  # noqa: S101 - GuidedRun raises otherwise
-    course = math.atan2(s.v_L_n[1], s.v_L_n[0])
-    c, n, (x, y, z) = math.cos(course), math.sin(course), follow.offset
-    slot = (s.r_OL_n[0] + c * x - n * y, s.r_OL_n[1] + n * x + c * y, s.r_OL_n[2] + z)
-    r = np.subtract(s.r_OL_n, s.r_OF_n)
-    distance = float(np.linalg.norm(r))
-    closing = -float(r @ np.subtract(s.v_L_n, s.v_F_n)) / distance
-    turn_rate = s.a_lat / math.hypot(s.v_L_n[0], s.v_L_n[1])
-    error, speed = math.dist(slot, s.r_OF_n), math.hypot(s.v_F_n[0], s.v_F_n[1])
-    t = (tick.t_ns - boot_ns_of(scenario)) * 1e-9
-    return t, distance, error, speed, closing, turn_rate, float(is_valid), float(is_following)
+class Row:
+    """Rows of one flight, made one after the other. The slot turns with the leader's path: a leader that backs up
+    keeps its course, and one that hovers its last one."""
+
+    def __init__(self, scenario: Scenario, seed: int) -> None:
+        follow = scenario.follow
+        assert follow is not None  # noqa: S101 - GuidedRun raises otherwise
+        self._offset, self._begin_ns = follow.offset, boot_ns_of(scenario)
+        self._camera, self._size = scenario.camera, true_size(scenario, seed)
+        self._mount = mount_quaternion(scenario.camera)
+        self._course = math.radians(scenario.leader.course_deg)
+
+    def of(self, tick: Tick, is_valid: bool, is_following: bool) -> tuple[float, ...]:
+        """The row of one step."""
+        s = tick.state
+        speed = math.hypot(s.v_L_n[0], s.v_L_n[1])
+        if speed > HOVERS:
+            course = math.atan2(s.v_L_n[1], s.v_L_n[0])
+            backs = math.cos(course - self._course) < 0.0
+            self._course = course + math.pi if backs else course
+        c, n, (x, y, z) = math.cos(self._course), math.sin(self._course), self._offset
+        slot = (s.r_OL_n[0] + c * x - n * y, s.r_OL_n[1] + n * x + c * y, s.r_OL_n[2] + z)
+        r = np.subtract(s.r_OL_n, s.r_OF_n)
+        distance = float(np.linalg.norm(r))
+        closing = -float(r @ np.subtract(s.v_L_n, s.v_F_n)) / distance
+        _, pitch, _ = euler_from_quaternion(s.q_nF)
+        return (
+            (tick.t_ns - self._begin_ns) * 1e-9,
+            distance,
+            math.dist(slot, s.r_OF_n),
+            math.hypot(s.v_F_n[0], s.v_F_n[1]),
+            closing,
+            s.a_lat / max(speed, HOVERS),
+            float(is_valid),
+            float(is_following),
+            pitch,
+            s.omega_b[1],
+            s.r_OF_n[0],
+            s.r_OF_n[1],
+            float(project(s, self._size, self._camera, self._mount) is not None),
+        )

@@ -37,16 +37,18 @@ def parsed(frames: list[bytes]) -> list[Any]:
 
 
 def only(name: str, view: View = VIEW) -> Any:
-    (m,) = (m for m in parsed(output(name).frames(leader_state(), view, NOW)) if m.get_type() == name)
+    (m,) = (
+        m for m in parsed(output(name).frames(leader_state(), leader_state(), view, NOW)) if m.get_type() == name
+    )
     return m
 
 
 def test_follow_target_is_what_ardupilot_follows() -> None:
-    """Position, velocity and attitude (bits 1, 2 and 8); no acceleration, no rates; yaw of the course: east."""
+    """Position, velocity, acceleration and attitude (bits 1, 2, 4, 8); no rates; yaw of the course: east."""
     m = only("FOLLOW_TARGET")
     assert m.custom_state == 0
     assert (m.get_srcSystem(), m.get_srcComponent()) == (99, 191)
-    assert (m.timestamp, m.est_capabilities) == (20_000, 11)
+    assert (m.timestamp, m.est_capabilities) == (20_000, 15)
     assert (m.lat, m.lon, m.alt) == (474_000_000, -85_000_000, 538.0)
     assert (tuple(m.vel), tuple(m.acc), tuple(m.rates)) == ((0.0, 8.0, -1.0), (0.0,) * 3, (0.0,) * 3)
     assert_allclose(m.attitude_q, EAST, atol=1e-7)
@@ -54,8 +56,8 @@ def test_follow_target_is_what_ardupilot_follows() -> None:
 
 
 def test_without_a_course_follow_target_has_no_attitude() -> None:
-    frames = output("FOLLOW_TARGET").frames(leader_state(course=None), VIEW, NOW)
-    assert [m.est_capabilities for m in parsed(frames) if m.get_type() == "FOLLOW_TARGET"] == [3]
+    frames = output("FOLLOW_TARGET").frames(leader_state(), leader_state(course=None), VIEW, NOW)
+    assert [m.est_capabilities for m in parsed(frames) if m.get_type() == "FOLLOW_TARGET"] == [7]
 
 
 def test_the_virtual_leader_has_a_position_of_its_own_and_a_heartbeat_a_second() -> None:
@@ -64,7 +66,7 @@ def test_the_virtual_leader_has_a_position_of_its_own_and_a_heartbeat_a_second()
     assert (m.lat, m.lon, m.alt, m.relative_alt) == (474_000_000, -85_000_000, 538_000, 38_000)
     assert (m.vx, m.vy, m.vz) == (0, 800, -100)
     out = output("FOLLOW_TARGET")
-    sent = [parsed(out.frames(leader_state(), VIEW, NOW + t * S // 20)) for t in range(100)]
+    sent = [parsed(out.frames(leader_state(), leader_state(), VIEW, NOW + t * S // 20)) for t in range(100)]
     beats = [m for batch in sent for m in batch if m.get_type() == "HEARTBEAT"]
     assert [(b.get_srcSystem(), b.type, b.autopilot, b.system_status) for b in beats] == [(99, 18, 8, 4)] * 5
     assert sum(m.get_type() == "FOLLOW_TARGET" for batch in sent for m in batch) == 100
@@ -72,13 +74,13 @@ def test_the_virtual_leader_has_a_position_of_its_own_and_a_heartbeat_a_second()
 
 def test_a_rate_is_kept_by_a_timer_that_does_not_divide_it() -> None:
     out = output("ADSB_VEHICLE", rate=20.0)
-    assert sum(len(out.frames(leader_state(), VIEW, NOW + t * 21_000_000)) for t in range(1000)) == pytest.approx(
-        420, abs=1
-    )
+    assert sum(
+        len(out.frames(leader_state(), leader_state(), VIEW, NOW + t * 21_000_000)) for t in range(1000)
+    ) == pytest.approx(420, abs=1)
 
 
 def test_nothing_is_sent_of_an_estimate_that_is_not_valid_but_that_it_is_not() -> None:
-    sent = parsed(output(*LEADER).frames(lost_state(), VIEW, NOW))
+    sent = parsed(output(*LEADER).frames(lost_state(), lost_state(), VIEW, NOW))
     assert [m.get_type() for m in sent] == [
         *("HEARTBEAT", "HEARTBEAT"),  # of the virtual leader and of the camera
         "CAMERA_TRACKING_IMAGE_STATUS",
@@ -88,19 +90,19 @@ def test_nothing_is_sent_of_an_estimate_that_is_not_valid_but_that_it_is_not() -
     assert (sent[1].get_srcComponent(), sent[1].type) == (100, 30)
     assert sent[0].system_status == 3  # standby
     assert all(math.isnan(x) for x in (sent[2].point_x, sent[3].alt, sent[3].dist))
-    assert parsed(output(*LEADER).frames(None, None, NOW))[2:] == []
+    assert parsed(output(*LEADER).frames(None, None, None, NOW))[2:] == []
 
 
 def test_numbers_of_an_estimate_that_is_not_valid_are_not_sent() -> None:
     """Predicted beyond what is valid, it still has all of them."""
     state = replace(leader_state(), valid=False)
-    names = {m.get_type() for m in parsed(output(*LEADER).frames(state, VIEW, NOW))}
+    names = {m.get_type() for m in parsed(output(*LEADER).frames(state, state, VIEW, NOW))}
     assert names <= {"HEARTBEAT", "CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"}
 
 
 def test_without_the_origin_nothing_that_has_degrees_is_sent() -> None:
     state = leader_state(lat_deg=None, lon_deg=None, alt_msl=None)
-    frames = output("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "ADSB_VEHICLE").frames(state, VIEW, NOW)
+    frames = output("FOLLOW_TARGET", "GLOBAL_POSITION_INT", "ADSB_VEHICLE").frames(state, state, VIEW, NOW)
     assert [m.get_type() for m in parsed(frames)] == ["HEARTBEAT"]
 
 
@@ -116,7 +118,7 @@ def test_target_relative_is_laid_out_as_in_mavlinks_definition() -> None:
         text += declared + b" " + (bytes([count]) if count else b"")
     crc = crc_x25(text)
     extra = (crc & 0xFF) ^ (crc >> 8)
-    (frame,) = output("TARGET_RELATIVE").frames(leader_state(), VIEW, NOW)
+    (frame,) = output("TARGET_RELATIVE").frames(leader_state(), leader_state(), VIEW, NOW)
     assert frame[0] == 0xFD
     assert int.from_bytes(frame[7:10], "little") == 511
     assert (frame[5], frame[6], frame[1]) == (7, 191, 71)
@@ -172,7 +174,10 @@ def test_the_virtual_leader_come_back_by_another_way_is_no_traffic_and_no_points
         parse_config({"estimator": {"traffic": {}}, "leader_out": [{"link": "autopilot", "system": 99}]})
     )
     names = ("GLOBAL_POSITION_INT", "LANDING_TARGET", "ADSB_VEHICLE")
-    frames = [MavlinkEncoder(7, 1).encode(AUTOPILOT), *output(*names).frames(leader_state(), VIEW, NOW)]
+    frames = [
+        MavlinkEncoder(7, 1).encode(AUTOPILOT),
+        *output(*names).frames(leader_state(), leader_state(), VIEW, NOW),
+    ]
     for frame in frames:
         pipeline.feed(Datagram(channel="autopilot", encoding=Encoding.MAVLINK, t_recv_ns=T, data=frame))
     health = pipeline.health(2 * T)

@@ -1,0 +1,243 @@
+"""From the estimate of the leader to what an autopilot can fly: a slot that moves smoothly, keeps its distance
+and turns at a bounded rate.
+
+An autopilot in FOLLOW mode flies to the target that it is sent, plus an offset that turns with the target's
+heading. It is sent a *virtual leader*, placed so that its offset ends in the slot that is meant here, with the
+slot's velocity, and with the direction to the true leader as its heading. Where the slot is at rest behind the
+leader, both coincide.
+"""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+
+from onboard.arrays import Array
+from onboard.autopilot.course import Course, wrapped
+from onboard.config import GuidanceConfig
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import LeaderState
+
+LONGEST_STEP: Final = 0.1  # s
+ACCELERATION_RATE: Final = 5.0  # 1/s, with which the acceleration is smoothed
+VELOCITY_RATE: Final = 1.2  # 1/s, with which the velocity is
+POSITION_RATE: Final = 0.4  # rad/s, with which the position is
+NOISE: Final = (0.4, 0.6)  # m/s, m: errors that are seldom noise raise the bandwidth
+MOST_FASTER: Final = 4.0
+LEAD: Final = 0.5  # s, by which ArduPilot's position control lags behind the velocity that it is sent
+MOST_ACCELERATION: Final = 4.0  # m/s^2, of the smoothed leader
+TURN_SPEED, TURN_ACCELERATION = 7.0, 2.0  # m/s, m/s^2: of the slot about the leader
+TURN_GAIN: Final = 0.8  # 1/s
+FAR_OFF: Final = math.radians(45.0)  # from its slot about the leader: the follower goes round from where it is
+NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
+INSIDE: Final = 0.9  # of the slot's distance: nearer, the smoothed leader no longer decides
+MOST_STRETCH: Final = 2.0  # of the slot's distance
+STRETCH_SPEED: Final = 2.0  # m/s
+BRAKING: Final = 2.2  # m/s^2: less than ArduPilot's 2.5, so that it stops where it is meant to
+OVERHEAD: Final = 2.0  # m; nearer in the plane, the leader has no bearing
+
+
+FORWARD: Final = np.array([1.0, 0.0, 0.0])
+
+
+class Track(NamedTuple):
+    """The smoothed leader: position and its derivative, and velocity and acceleration as observed (m, NED)."""
+
+    r: Array
+    v: Array
+    v_observed: Array
+    a: Array
+
+
+class Sent(NamedTuple):
+    """Position, velocity and acceleration of what is to be flown to, n, and the heading to have (rad). The
+    acceleration is that of the turn and of braking only: an autopilot carries it on for as long as it waits for
+    the next message."""
+
+    r: Array
+    v: Array
+    a: Array
+    yaw: float
+
+
+class Guidance:
+    """State from tick to tick. `course`: the leader's, once learnt."""
+
+    def __init__(self, config: GuidanceConfig) -> None:
+        self._config = config
+        self._slot = np.array(config.slot_m)
+        self._distance = float(np.linalg.norm(self._slot))
+        least = config.least_distance_m
+        self._least = 0.5 * self._distance if least is None else min(least, self._distance)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the leader."""
+        self._t_ns = 0
+        self._track: Track | None = None
+        self._course = Course()
+        self._direction, self._turn_rate = 0.0, 0.0  # of the slot, from it to the leader
+        self._stretch = 1.0
+        self._yaw: float | None = None
+        self._valid_ns: int | None = None
+        self._last: LeaderState | None = None
+        self._stop: Array | None = None  # where the follower comes to rest once the leader is lost
+
+    @property
+    def course(self) -> float | None:
+        """The leader's course, rad; None before it has flown."""
+        return self._course.value if self._course.is_learnt else None
+
+    def virtual_leader(self, state: LeaderState, r_F: Array, v_F: Array) -> LeaderState | None:
+        """What to send at the state's time, from our own position and velocity in n; None: nothing. It has no
+        latitude or longitude. While the leader is lost the slot comes to rest, and the heading stays on where the
+        leader should be, for `hold_s`."""
+        dt = min(max((state.t_ns - self._t_ns) / NS_PER_S, 0.0), LONGEST_STEP)
+        self._t_ns = state.t_ns
+        if state.valid:
+            self._valid_ns, self._stop = state.t_ns, None
+            self._last = state
+            sent = self._follow(state, r_F, dt)
+        elif self._valid_ns is None or state.t_ns - self._valid_ns > self._config.hold_s * NS_PER_S:
+            self.restart()
+            return None
+        else:
+            sent = self._hold(r_F, v_F, dt)
+        if sent is None or self._last is None:
+            return None
+        r = sent.r - turned(self._slot, sent.yaw)
+        return replace(
+            self._last,
+            t_ns=state.t_ns,
+            t_host_ns=state.t_host_ns,
+            r_OL_n=tuple(r.tolist()),
+            v_L_n=tuple(sent.v.tolist()),
+            a_L_n=tuple(sent.a.tolist()),
+            course=sent.yaw,
+            lat_deg=None,
+            lon_deg=None,
+            alt_msl=None,
+        )
+
+    def _follow(self, state: LeaderState, r_F: Array, dt: float) -> Sent | None:
+        r_L, v_L, P = np.array(state.r_OL_n), np.array(state.v_L_n), np.array(state.covariance)
+        track = self._track = smoothed(self._track, r_L, v_L, np.array(state.a_L_n), dt)
+        yaw = self._look(track, r_F)
+        is_new = self._course.value is None
+        if is_new and self._config.start_course == "bearing":
+            self._course.start(yaw)
+        self._course.learn(track.v_observed, math.sqrt(max(P[3, 3], P[4, 4])), dt)
+        if self._course.value is None:
+            return None
+        if is_new or abs(wrapped(yaw - self._direction)) > FAR_OFF:
+            self._direction, self._turn_rate = yaw, 0.0
+            if not self._course.is_learnt:
+                self._course.start(yaw)
+        turn = self._turn(self._course.value, track, dt)
+        toward = r_L - r_F
+        sigma = _sigma(np.array(state.r_FL_covariance), toward)
+        self._widen(sigma / max(float(np.linalg.norm(toward)), 1.0), dt)
+        arm = turned(self._stretch * self._slot, self._direction)
+        around = np.array([-arm[1], arm[0], 0.0])
+        r, v = track.r + arm, track.v + turn * around
+        a = turn * np.array([-v[1], v[0], 0.0])
+        change = track.a - turn * np.array([-track.v[1], track.v[0], 0.0])
+        v = v + LEAD * change
+        ahead = turned(FORWARD, yaw)
+        a = a + min(float(change @ ahead), 0.0) * ahead
+        error = r - r_F
+        length = float(np.linalg.norm(error))
+        if length > self._config.closing_speed_m_s:  # position control closes at about 1/s
+            r = r_F + error * (self._config.closing_speed_m_s / length)
+        return self._kept_away(Sent(r, v, a, yaw), r_L, v_L, sigma)
+
+    def _hold(self, r_F: Array, v_F: Array, dt: float) -> Sent | None:
+        track = self._track
+        if track is None or not np.isfinite(r_F).all():
+            return None
+        track = self._track = track._replace(r=track.r + dt * track.v)
+        if self._stop is None:
+            self._stop = r_F + v_F * (float(np.linalg.norm(v_F)) / (2.0 * BRAKING))
+        yaw = self._look(track, r_F)
+        return Sent(self._stop, np.zeros(3), np.zeros(3), yaw)
+
+    def _look(self, track: Track, r_F: Array) -> float:
+        """The direction from us to the leader, rad."""
+        x, y, _ = (track.r - r_F).tolist()
+        if self._yaw is None or math.hypot(x, y) > OVERHEAD:
+            self._yaw = math.atan2(y, x)
+        return self._yaw
+
+    def _turn(self, course: float, track: Track, dt: float) -> float:
+        """Turn the slot about the leader, towards its course; the rate, rad/s."""
+        reach = max(math.hypot(self._slot[0], self._slot[1]), 1.0)
+        most, change = TURN_SPEED / reach, TURN_ACCELERATION / reach
+        away = wrapped(course - self._direction)
+        rate = math.copysign(min(TURN_GAIN * abs(away), math.sqrt(change * abs(away))), away)
+        rate = min(max(rate + self._course.rate(track.v_observed, track.a), -most), most)
+        self._turn_rate += min(max(rate - self._turn_rate, -change * dt), change * dt)
+        self._direction = wrapped(self._direction + self._turn_rate * dt)
+        return self._turn_rate
+
+    def _widen(self, relative_sigma: float, dt: float) -> None:
+        """Let the slot's distance grow, where the leader may be so near that it is too little."""
+        room = self._distance * max(1.0 - NEAR_SIGMAS * relative_sigma, 0.01)
+        wanted = min(max(self._least / room, 1.0), MOST_STRETCH)
+        step = STRETCH_SPEED / self._distance * dt
+        self._stretch += min(max(wanted - self._stretch, -step), step)
+
+    def _kept_away(self, sent: Sent, r_L: Array, v_L: Array, sigma: float) -> Sent:
+        """Never nearer than the least distance from the near end of the covariance, and never closing faster than
+        can be stopped before it."""
+        away = r_L - sent.r
+        distance = float(np.linalg.norm(away))
+        if distance < 1e-3:
+            return sent._replace(r=r_L - self._least * turned(FORWARD, sent.yaw), v=v_L)
+        toward = away / distance
+        room = max(self._least + NEAR_SIGMAS * sigma, INSIDE * self._distance)
+        spare = distance - room
+        most = min(self._config.closing_speed_m_s, math.sqrt(2.0 * BRAKING * max(spare, 0.0)))
+        closing = float((sent.v - v_L) @ toward)
+        r = sent.r + min(spare, 0.0) * toward
+        v = sent.v - max(closing - most, 0.0) * toward
+        return sent._replace(r=r, v=v)
+
+
+def smoothed(track: Track | None, r: Array, v: Array, a_L: Array, dt: float) -> Track:
+    """The smoothed leader after `dt` s, when it is estimated at r, with v and a_L. Velocity and acceleration are
+    smoothed first; then position and its derivative follow them, as one trajectory. What is too large for noise is
+    followed faster."""
+    if track is None:
+        return Track(r, v, v, a_L)
+    away, behind = v - track.v_observed, r - (track.r + dt * track.v)
+    a = track.a + min(dt * ACCELERATION_RATE, 1.0) * (_limited(a_L, MOST_ACCELERATION) - track.a)
+    v_observed = track.v_observed + dt * (a + VELOCITY_RATE * _faster(away, NOISE[0]) * away)
+    rate = POSITION_RATE * _faster(behind, NOISE[1])
+    pull = 2.0 * rate * (v_observed - track.v) + rate**2 * behind
+    v_next = track.v + dt * _limited(a + pull, 2.0 * MOST_ACCELERATION)
+    return Track(track.r + dt * v_next, v_next, v_observed, a)
+
+
+def _faster(error: Array, noise: float) -> float:
+    return min(max(float(np.linalg.norm(error)) / noise, 1.0), MOST_FASTER)
+
+
+def turned(v: Array, yaw: float) -> Array:
+    """A vector forward, right, down of a heading, in n."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]])
+
+
+def _sigma(P: Array, direction: Array) -> float:
+    """The standard deviation along a direction."""
+    length = float(np.linalg.norm(direction))
+    if length < 1e-3:
+        return math.sqrt(float(np.linalg.eigvalsh(P)[-1]))
+    u = direction / length
+    return math.sqrt(max(float(u @ P @ u), 0.0))
+
+
+def _limited(v: Array, most: float) -> Array:
+    size = float(np.linalg.norm(v))
+    return v if size <= most else v * (most / size)

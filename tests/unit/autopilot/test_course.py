@@ -1,0 +1,57 @@
+"""The leader's course."""
+
+import math
+
+import numpy as np
+import pytest
+
+from onboard.autopilot.course import Course
+
+DT = 0.05
+
+
+def fly(course: Course, speed: float, direction: float, seconds: float, sigma: float = 0.5) -> Course:
+    v = speed * np.array([math.cos(direction), math.sin(direction), 0.0])
+    for _ in range(round(seconds / DT)):
+        course.learn(v, sigma, DT)
+    return course
+
+
+def test_a_velocity_that_may_be_noise_teaches_nothing() -> None:
+    """5.9 +- 2.2 m/s, which a take-off showed of a leader that hovered."""
+    course = fly(Course(), 5.9, 1.0, 20.0, sigma=2.2)
+    assert (course.value, course.is_learnt) == (None, False)
+    assert fly(Course(), 0.9, 1.0, 20.0, sigma=0.01).value is None
+    assert fly(Course(), 10.0, 1.0, 0.9).value is None
+    assert fly(Course(), 10.0, 1.0, 1.1).value == 1.0
+
+
+def test_it_is_held_in_a_hover_and_when_the_leader_backs_up() -> None:
+    course = fly(Course(), 10.0, 1.0, 2.0)
+    fly(course, 0.2, -2.0, 10.0)
+    assert course.value == 1.0
+    fly(course, 4.0, 1.0 + math.pi, 10.0)
+    assert course.value == 1.0
+    assert course.rate(np.array([-4.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])) == 0.0
+    fly(course, 4.0, 1.0 + math.radians(95), 10.0)  # neither within 80 degrees again, nor surely another course
+    assert course.value == 1.0
+    fly(course, 4.0, 1.0 + math.radians(75), 2.0)
+    assert course.value == pytest.approx(1.0 + math.radians(75))
+
+
+def test_it_follows_a_turn_of_any_size() -> None:
+    course = fly(Course(), 10.0, 0.0, 2.0)
+    for k in range(100):
+        fly(course, 10.0, 0.05 * k, DT)
+    assert course.value == pytest.approx(math.remainder(0.05 * 99, 2 * math.pi))
+    assert course.rate(np.array([10.0, 0.0, 0.0]), np.array([1.0, 2.0, 0.0])) == pytest.approx(0.2)
+
+
+def test_a_supposed_course_is_not_flipped_either() -> None:
+    """A leader that hovers first, and then backs up towards us."""
+    course = Course()
+    course.start(0.3)
+    fly(course, 4.0, 0.3 + math.pi, 5.0)
+    assert (course.value, course.is_learnt) == (0.3, False)
+    fly(course, 4.0, 0.5, 5.0)
+    assert (course.value, course.is_learnt) == (0.5, True)

@@ -1,0 +1,181 @@
+"""Where an autopilot that follows the leader is led."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from onboard.arrays import Array
+from onboard.autopilot.guidance import Guidance, turned
+from onboard.config import GuidanceConfig
+from onboard.messages import LeaderState
+from tests.support.leader import S, T, leader_state
+
+SLOT = np.array([-30.0, 0.0, 3.0])
+TICK = S // 50
+STILL = np.zeros(3)
+
+
+def state(
+    t_ns: int, r_L: Any, v_L: Any, a_L: Any = (0.0, 0.0, 0.0), sigma: float = 0.5, **more: Any
+) -> LeaderState:
+    variances = (sigma**2,) * 3 + (0.04,) * 3
+    P = tuple(tuple(v if i == j else 0.0 for j in range(6)) for i, v in enumerate(variances))
+    values = {"r_OL_n": tuple(r_L), "v_L_n": tuple(v_L), "a_L_n": tuple(a_L), "covariance": P}
+    return leader_state(t_ns=t_ns, **values, r_FL_covariance=tuple(row[:3] for row in P[:3]), **more)
+
+
+def slot_of(sent: LeaderState | None) -> tuple[Array, Array]:
+    """Where the autopilot flies, and with what velocity."""
+    assert sent is not None
+    assert sent.course is not None
+    return np.array(sent.r_OL_n) + turned(SLOT, sent.course), np.array(sent.v_L_n)
+
+
+class Chase:
+    """A follower that is where it is led, at once."""
+
+    def __init__(self, r_F: Any = (-30.0, 0.0, 3.0), **config: Any) -> None:
+        self.guidance = Guidance(GuidanceConfig(**config))
+        self.t_ns, self.r_F, self.v_F = T, np.array(r_F), STILL
+
+    def step(self, r_L: Any, v_L: Any, a_L: Any = (0.0, 0.0, 0.0), sigma: float = 0.5) -> LeaderState | None:
+        self.t_ns += TICK
+        sent = self.guidance.virtual_leader(state(self.t_ns, r_L, v_L, a_L, sigma), self.r_F, self.v_F)
+        if sent is not None:
+            self.r_F, self.v_F = slot_of(sent)
+        return sent
+
+
+def straight(k: int, speed: float = 10.0) -> tuple[Array, Array]:
+    return np.array([speed * 0.02 * k, 0.0, 0.0]), np.array([speed, 0.0, 0.0])
+
+
+def test_from_the_first_message_it_leads_along_the_bearing_of_a_leader_at_rest() -> None:
+    """The leader is north-east of us; the virtual leader is the true one."""
+    chase = Chase((-30.0 / math.sqrt(2), -30.0 / math.sqrt(2), 3.0))
+    sent = chase.step(STILL, STILL)
+    assert sent is not None
+    assert sent.course == pytest.approx(math.pi / 4)
+    assert_allclose(sent.r_OL_n, STILL, atol=1e-9)
+    assert chase.guidance.course is None
+    assert Chase(start_course="none").step(STILL, STILL) is None
+
+
+def test_a_steady_leader_is_followed_without_lag() -> None:
+    chase = Chase()
+    for k in range(1500):
+        sent = chase.step(*straight(k))
+    assert sent is not None
+    assert_allclose(sent.r_OL_n, straight(1499)[0], atol=0.01)
+    assert_allclose(sent.v_L_n, (10.0, 0.0, 0.0), atol=0.01)
+    assert chase.guidance.course == pytest.approx(0.0)
+
+
+def test_noise_of_each_message_moves_it_little() -> None:
+    """Jumps of 0.1 m and 0.15 m/s from image to image, as those that made an autopilot nod."""
+    rng, chase = np.random.default_rng(3), Chase()
+    sent = []
+    for k in range(1500):
+        if k % 2 == 0:
+            noise = rng.normal(0.0, 1.0, (2, 3))
+        r, v = straight(k)
+        sent.append(chase.step(r + 0.1 * noise[0], v + 0.15 * noise[1]))
+    speeds = np.array([s.v_L_n for s in sent[500:] if s is not None])
+    assert np.linalg.norm(np.diff(speeds, axis=0), axis=1).max() < 0.06
+    assert speeds.std(axis=0).max() < 0.1
+
+
+def test_in_a_turn_it_sends_the_slots_own_velocity_and_acceleration() -> None:
+    """12 m/s at 0.2 rad/s: the slot, 30 m behind, flies a circle of its own at 13.4 m/s."""
+    rate, speed = 0.2, 12.0
+    chase, slots = Chase((0.0, 0.0, 3.0)), []
+    chase.r_F = np.array([0.0, -60.0, 0.0]) + turned(SLOT, 0.0)
+    for k in range(2000):
+        angle = rate * 0.02 * k
+        r = speed / rate * np.array([math.sin(angle), -math.cos(angle), 0.0])
+        v = speed * np.array([math.cos(angle), math.sin(angle), 0.0])
+        sent = chase.step(r, v, rate * np.array([-v[1], v[0], 0.0]))
+        slots.append(slot_of(sent)[0])
+    assert sent is not None
+    assert math.hypot(*sent.v_L_n) == pytest.approx(math.hypot(12.0, 6.0), abs=0.15)
+    assert_allclose(sent.v_L_n, (slots[-1] - slots[-2]) / 0.02, atol=0.2)
+    assert np.linalg.norm(sent.a_L_n or ()) == pytest.approx(0.2 * math.hypot(12.0, 6.0), abs=0.1)
+    assert np.linalg.norm(slots[-1] - (r + turned(SLOT, angle))) < 0.8
+
+
+def test_a_leader_that_reverses_is_kept_at_its_distance_on_the_same_side() -> None:
+    """From 10 m/s to -8 m/s at 2 m/s^2: it comes towards us, and the slot gives way."""
+    chase, speed, x = Chase(), 10.0, 0.0
+    for k in range(2000):
+        a = -2.0 if k > 500 and speed > -8.0 else 0.0
+        speed, x = speed + 0.02 * a, x + 0.02 * speed
+        chase.step((x, 0.0, 0.0), (speed, 0.0, 0.0), (a, 0.0, 0.0))
+        assert x - chase.r_F[0] > 26.0
+        assert abs(chase.r_F[1]) < 0.01
+    assert chase.guidance.course == pytest.approx(0.0)
+
+
+def test_a_follower_on_the_wrong_side_goes_round_at_its_distance() -> None:
+    """A pilot flew it ahead of the leader, before FOLLOW: the way to the slot is not through the leader."""
+    chase, nearest = Chase(), math.inf
+    for k in range(200):
+        chase.step(*straight(k, 3.0))
+    chase.r_F = straight(200, 3.0)[0] + (30.0, 3.0, 3.0)
+    for k in range(200, 3000):
+        r, v = straight(k, 3.0)
+        place, _ = slot_of(chase.step(r, v))
+        nearest = min(nearest, math.hypot(*(r - place)[:2]))
+    assert nearest > 24.0
+    assert_allclose(chase.r_F - r, SLOT, atol=1.0)
+
+
+@pytest.mark.parametrize("sigma", [0.5, 4.0, 8.0])
+def test_what_is_sent_is_never_nearer_than_the_least_distance_from_the_near_end(sigma: float) -> None:
+    chase = Chase(least_distance_m=20.0)
+    for _ in range(1000):
+        chase.step(STILL, STILL, sigma=sigma)
+        assert np.linalg.norm(chase.r_F) >= 20.0 + 2.0 * sigma - 1e-6
+    chase.r_F = np.array([-8.0, 0.0, 0.0])  # too near: it is led away
+    chase.step(STILL, STILL, sigma=sigma)
+    assert np.linalg.norm(chase.r_F) > 12.9
+
+
+def test_it_never_closes_faster_than_its_speed_allows() -> None:
+    """100 m behind: the target is 4 m ahead of us. Inside the slot's distance it does not close at all."""
+    chase = Chase((-100.0, 0.0, 3.0), closing_speed_m_s=4.0)
+    sent = chase.guidance.virtual_leader(state(T, STILL, STILL), chase.r_F, STILL)
+    assert np.linalg.norm(slot_of(sent)[0] - chase.r_F) == pytest.approx(4.0, abs=0.01)
+    chase = Chase()
+    for k in range(500):
+        chase.step(*straight(k))
+    r = straight(500)[0] - (12.0, 0.0, 0.0)  # suddenly 12 m nearer, at half its speed
+    chase.t_ns += TICK
+    sent = chase.guidance.virtual_leader(state(chase.t_ns, r, (5.0, 0.0, 0.0)), chase.r_F, STILL)
+    place, v = slot_of(sent)
+    assert float((v - (5.0, 0.0, 0.0)) @ (r - place)) < 1e-6
+    assert np.linalg.norm(place - r) >= 0.9 * np.linalg.norm(SLOT) - 1e-6
+
+
+def test_once_the_leader_is_lost_we_stop_with_the_nose_on_it_and_are_silent_after_a_while() -> None:
+    chase = Chase()
+    for k in range(500):
+        chase.step(*straight(k))
+    v_F, r_F = np.array([10.0, 0.0, 0.0]), chase.r_F
+    guidance = chase.guidance
+    sent = []
+    for k in range(1, 160):
+        moment = chase.t_ns + k * TICK
+        lost = state(moment, STILL, STILL, valid=False)
+        sent.append(guidance.virtual_leader(lost, r_F + np.array([0.0, 0.1 * k, 0.0]), v_F))
+    place, v = slot_of(sent[0])
+    assert_allclose(v, STILL)
+    assert place[0] - r_F[0] == pytest.approx(100.0 / 4.4, rel=0.01)
+    last = sent[140]
+    assert last is not None
+    assert_allclose(slot_of(last)[0], place, atol=1e-6)
+    assert last.course == pytest.approx(math.atan2(-14.1, 30.0 + 28.2), abs=0.01)  # where it should be by now
+    assert [s is None for s in sent] == [k > 150 for k in range(1, 160)]
+    assert guidance.course is None
