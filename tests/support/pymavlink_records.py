@@ -242,6 +242,7 @@ def _follow_target(m: Any, h: dict[str, Any]) -> Message:
         lon_deg=m.lon * 1e-7,
         alt_msl=m.alt,
         v_n=tuple(m.vel),
+        a_n=tuple(m.acc) if m.est_capabilities & 4 else None,
         q_nL=tuple(m.attitude_q) if m.est_capabilities & 8 else None,
         position_sigma=(north, east, down),
     )
