@@ -33,6 +33,9 @@ FAR_OFF: Final = math.radians(45.0)  # from its slot about the leader: the follo
 NEAR_SIGMAS: Final = 2.0  # the near end of the covariance
 INSIDE: Final = 0.9  # of the slot's distance: nearer, the smoothed leader no longer decides
 MOST_STRETCH: Final = 2.0  # of the slot's distance
+BAND: Final = 0.08  # of the slot's distance
+BAND_SPEED: Final = 1.0  # m/s, at which the band opens
+HOVERS: Final = 1.0  # m/s
 STRETCH_SPEED: Final = 2.0  # m/s
 BRAKING: Final = 2.2  # m/s^2: less than ArduPilot's 2.5, so that it stops where it is meant to
 OVERHEAD: Final = 2.0  # m; nearer in the plane, the leader has no bearing
@@ -79,6 +82,8 @@ class Guidance:
         self._course = Course()
         self._direction, self._turn_rate = 0.0, 0.0  # of the slot, from it to the leader
         self._stretch = 1.0
+        self._band = 0.0  # m
+        self._held: Array | None = None  # where the slot stands
         self._yaw: float | None = None
         self._valid_ns: int | None = None
         self._last: LeaderState | None = None
@@ -146,6 +151,7 @@ class Guidance:
         v = v + LEAD * change
         ahead = turned(FORWARD, yaw)
         a = a + min(float(change @ ahead), 0.0) * ahead
+        r, v = self._at_rest(r, v, float(np.linalg.norm(track.v)), dt)
         error = r - r_F
         length = float(np.linalg.norm(error))
         if length > self._config.closing_speed_m_s:  # position control closes at about 1/s
@@ -186,6 +192,19 @@ class Guidance:
         wanted = min(max(self._least / room, 1.0), MOST_STRETCH)
         step = STRETCH_SPEED / self._distance * dt
         self._stretch += min(max(wanted - self._stretch, -step), step)
+
+    def _at_rest(self, r: Array, v: Array, speed: float, dt: float) -> tuple[Array, Array]:
+        """Behind a leader that hovers the slot stands still, until it is out by more than a band: in a hover the
+        range wanders with the errors of the estimate."""
+        most = BAND * self._distance
+        step = BAND_SPEED * dt if speed < HOVERS else -2.0 * BAND_SPEED * dt
+        self._band = min(max(self._band + step, 0.0), most)
+        held = r if self._held is None else self._held
+        away = held - r
+        length = float(np.linalg.norm(away))
+        is_inside = length < self._band
+        self._held = held if is_inside else r + away * (self._band / length if length > 0.0 else 0.0)
+        return self._held, v * (0.0 if is_inside else 1.0)
 
     def _kept_away(self, sent: Sent, r_L: Array, v_L: Array, sigma: float) -> Sent:
         """Never nearer than the least distance from the near end of the covariance, and never closing faster than

@@ -57,6 +57,7 @@ class Companion:
     """The daemon without its links: bytes in, frames for the autopilot out."""
 
     def __init__(self, config: Config) -> None:
+        self.config = config
         self.pipeline = Pipeline(config)
         self.output = AutopilotOutput(config)
 
@@ -96,8 +97,15 @@ def config_of(scenario: Scenario, settings: Sequence[str] = ()) -> Config:
     return load_config(None, (*known, *settings))
 
 
-def fly(scenario: Scenario, seed: int, duration: float, settings: Sequence[str] = ()) -> Flight:
-    """The flight over `duration` s."""
+def fly(
+    scenario: Scenario,
+    seed: int,
+    duration: float,
+    settings: Sequence[str] = (),
+    killed: tuple[float, float] = (math.inf, math.inf),
+) -> Flight:
+    """The flight over `duration` s. From the first to the second time of `killed` (s) there is no daemon; then it
+    has been started again."""
     run, companion = GuidedRun(scenario, seed), Companion(config_of(scenario, settings))
     row = Row(scenario, seed)
     epoch_ns: int | None = None
@@ -105,13 +113,18 @@ def fly(scenario: Scenario, seed: int, duration: float, settings: Sequence[str] 
     rows = []
     for step in range(round(duration * STEPS_PER_S) + 1):
         tick, datagrams = run.step()
+        t = step / STEPS_PER_S
+        if killed[0] <= t < killed[1]:
+            datagrams = []
+        if t == killed[1]:
+            companion = Companion(companion.config)
         while on_way and on_way[0][0] <= step:
             datagrams += run.receive(on_way.popleft()[1], tick)
         for datagram in datagrams:
             if epoch_ns is None:
                 epoch_ns = datagram.t_recv_ns - tick.t_ns
             on_way.extend((step + DELAY_STEPS, frame) for frame in companion.receive(datagram))
-        if epoch_ns is not None and step % TIMER_STEPS == 0:
+        if epoch_ns is not None and step % TIMER_STEPS == 0 and not killed[0] <= t < killed[1]:
             frames = companion.tick(epoch_ns + tick.t_ns)
             on_way.extend((step + DELAY_STEPS, frame) for frame in frames)
         if step % (STEPS_PER_S // ROWS_PER_S) == 0:
