@@ -37,6 +37,8 @@ BAND: Final = 0.08  # of the slot's distance
 BAND_SPEED: Final = 1.0  # m/s, at which the band opens
 HOVERS: Final = 1.0  # m/s
 STRETCH_SPEED: Final = 2.0  # m/s
+HARD_BRAKING, EXTRA_BRAKING = 5.0, 1.5  # m/s^2, of a follower whose leader is lost; beyond its own limit of 2.5
+SLOW_ENOUGH: Final = 2.0  # m/s
 BRAKING: Final = 2.2  # m/s^2: less than ArduPilot's 2.5, so that it stops where it is meant to
 OVERHEAD: Final = 2.0  # m; nearer in the plane, the leader has no bearing
 
@@ -163,10 +165,12 @@ class Guidance:
         if track is None or not np.isfinite(r_F).all():
             return None
         track = self._track = track._replace(r=track.r + dt * track.v)
+        speed = float(np.linalg.norm(v_F))
         if self._stop is None:
-            self._stop = r_F + v_F * (float(np.linalg.norm(v_F)) / (2.0 * BRAKING))
-        yaw = self._look(track, r_F)
-        return Sent(self._stop, np.zeros(3), np.zeros(3), yaw)
+            self._stop = r_F + v_F * (speed / (2.0 * HARD_BRAKING))
+        brakes = speed > SLOW_ENOUGH
+        a = v_F * (-EXTRA_BRAKING / speed) if brakes else np.zeros(3)
+        return Sent(self._stop, np.zeros(3), a, self._look(track, r_F))
 
     def _look(self, track: Track, r_F: Array) -> float:
         """The direction from us to the leader, rad."""
