@@ -15,9 +15,11 @@ from msgspec.structs import replace
 
 from onboard.arrays import Array
 from onboard.autopilot.course import Course, wrapped
+from onboard.autopilot.framing import Framing
 from onboard.config import GuidanceConfig
+from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import LeaderState
+from onboard.messages import LeaderState, Quaternion
 
 LONGEST_STEP: Final = 0.1  # s
 ACCELERATION_RATE: Final = 5.0  # 1/s, with which the acceleration is smoothed
@@ -69,8 +71,8 @@ class Sent(NamedTuple):
 class Guidance:
     """State from tick to tick. `course`: the leader's, once learnt."""
 
-    def __init__(self, config: GuidanceConfig) -> None:
-        self._config = config
+    def __init__(self, config: GuidanceConfig, camera: Camera | None = None) -> None:
+        self._config, self._camera = config, camera
         self._slot = np.array(config.slot_m)
         self._distance = float(np.linalg.norm(self._slot))
         least = config.least_distance_m
@@ -84,6 +86,7 @@ class Guidance:
         self._course = Course()
         self._direction, self._turn_rate = 0.0, 0.0  # of the slot, from it to the leader
         self._stretch = 1.0
+        self._framing = Framing(self._config.slot_m)
         self._band = 0.0  # m
         self._held: Array | None = None  # where the slot stands
         self._yaw: float | None = None
@@ -96,15 +99,19 @@ class Guidance:
         """The leader's course, rad; None before it has flown."""
         return self._course.value if self._course.is_learnt else None
 
-    def virtual_leader(self, state: LeaderState, r_F: Array, v_F: Array) -> LeaderState | None:
-        """What to send at the state's time, from our own position and velocity in n; None: nothing. It has no
-        latitude or longitude. While the leader is lost the slot comes to rest, and the heading stays on where the
-        leader should be, for `hold_s`."""
+    def virtual_leader(
+        self, state: LeaderState, r_F: Array, v_F: Array, q_nb: Quaternion | None = None
+    ) -> LeaderState | None:
+        """What to send at the state's time, from our own position and velocity in n and our attitude; None:
+        nothing. It has no latitude or longitude. While the leader is lost the slot comes to rest, and the heading
+        stays on where the leader should be, for `hold_s`."""
         dt = min(max((state.t_ns - self._t_ns) / NS_PER_S, 0.0), LONGEST_STEP)
         self._t_ns = state.t_ns
         if state.valid:
             self._valid_ns, self._stop = state.t_ns, None
             self._last = state
+            if q_nb is not None and self._camera is not None:
+                self._framing.update(self._camera, q_nb, dt)
             sent = self._follow(state, r_F, dt)
         elif self._valid_ns is None or state.t_ns - self._valid_ns > self._config.hold_s * NS_PER_S:
             self.restart()
@@ -146,6 +153,7 @@ class Guidance:
         sigma = _sigma(np.array(state.r_FL_covariance), toward)
         self._widen(sigma / max(float(np.linalg.norm(toward)), 1.0), dt)
         arm = turned(self._stretch * self._slot, self._direction)
+        arm[2] += self._framing.lift
         around = np.array([-arm[1], arm[0], 0.0])
         r, v = track.r + arm, track.v + turn * around
         a = turn * np.array([-v[1], v[0], 0.0])

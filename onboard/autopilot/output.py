@@ -81,7 +81,7 @@ class AutopilotOutput:
         self._odometry: OdometryStream | None = None
         self._leader_outputs: list[LeaderOutput] = []
         self._leader_states = LeaderStates(config.ownship.errors)
-        self._guidance = Guidance(config.guidance)
+        self._guidance = Guidance(config.guidance, self._camera)
         self._virtual: LeaderState | None = None
 
     def signed(self, channel: str, frame: bytes, wall_ns: int) -> bytes:
@@ -218,7 +218,7 @@ class AutopilotOutput:
         states = self._leader_states
         state, self._virtual = states.at(boot_ns, host_ns), None
         if state is not None:
-            virtual = self._guidance.virtual_leader(state, *states.own_at(state.t_ns))
+            virtual = self._guidance.virtual_leader(state, *states.own_at(state.t_ns), states.q_nb)
             self._virtual = None if virtual is None else states.located(virtual)
             state = replace(state, course=self._guidance.course) if state.valid else state
         self.leader = state

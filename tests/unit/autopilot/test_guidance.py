@@ -172,7 +172,9 @@ def test_once_the_leader_is_lost_we_stop_with_the_nose_on_it_and_are_silent_afte
         sent.append(guidance.virtual_leader(lost, r_F + np.array([0.0, 0.1 * k, 0.0]), v_F))
     place, v = slot_of(sent[0])
     assert_allclose(v, STILL)
-    assert place[0] - r_F[0] == pytest.approx(100.0 / 4.4, rel=0.01)
+    assert place[0] - r_F[0] == pytest.approx(10.0, rel=0.01)  # at its own limit, and 1.5 m/s^2 beyond
+    assert sent[0] is not None
+    assert_allclose(sent[0].a_L_n, (-1.5, 0.0, 0.0))
     last = sent[140]
     assert last is not None
     assert_allclose(slot_of(last)[0], place, atol=1e-6)
