@@ -40,7 +40,8 @@ BAND_SPEED: Final = 1.0  # m/s, at which the band opens
 HOVERS: Final = 1.0  # m/s
 STRETCH_SPEED: Final = 2.0  # m/s
 HARD_BRAKING, EXTRA_BRAKING = 5.0, 1.5  # m/s^2, of a follower whose leader is lost; beyond its own limit of 2.5
-SLOW_ENOUGH: Final = 2.0  # m/s
+GRACE: Final = 1.0  # s, before it brakes
+SLOW_ENOUGH, LAST = 2.0, 0.3  # m/s, s
 BRAKING: Final = 2.2  # m/s^2: less than ArduPilot's 2.5, so that it stops where it is meant to
 OVERHEAD: Final = 2.0  # m; nearer in the plane, the leader has no bearing
 
@@ -117,7 +118,7 @@ class Guidance:
             self.restart()
             return None
         else:
-            sent = self._hold(r_F, v_F, dt)
+            sent = self._hold((state.t_ns - self._valid_ns) / NS_PER_S, r_F, v_F, dt)
         if sent is None or self._last is None:
             return None
         r = sent.r - turned(self._slot, sent.yaw)
@@ -148,37 +149,48 @@ class Guidance:
             self._direction, self._turn_rate = yaw, 0.0
             if not self._course.is_learnt:
                 self._course.start(yaw)
-        turn = self._turn(self._course.value, track, dt)
+        self._turn(self._course.value, track, dt)
         toward = r_L - r_F
         sigma = _sigma(np.array(state.r_FL_covariance), toward)
         self._widen(sigma / max(float(np.linalg.norm(toward)), 1.0), dt)
+        return self._kept_away(self._slot_of(track, r_F, yaw, dt), r_L, v_L, sigma)
+
+    def _slot_of(self, track: Track, r_F: Array, yaw: float, dt: float) -> Sent:
+        """The slot's motion, and as much of its place as may be flown to at once."""
         arm = turned(self._stretch * self._slot, self._direction)
         arm[2] += self._framing.lift
-        around = np.array([-arm[1], arm[0], 0.0])
-        r, v = track.r + arm, track.v + turn * around
-        a = turn * np.array([-v[1], v[0], 0.0])
-        change = track.a - turn * np.array([-track.v[1], track.v[0], 0.0])
-        v = v + LEAD * change
+        turn = self._turn_rate
+        v = track.v + turn * _across(arm)
+        a = turn * _across(v)
+        change = track.a - turn * _across(track.v)
         ahead = turned(FORWARD, yaw)
         a = a + min(float(change @ ahead), 0.0) * ahead
-        r, v = self._at_rest(r, v, float(np.linalg.norm(track.v)), dt)
+        r, v = self._at_rest(track.r + arm, v + LEAD * change, float(np.linalg.norm(track.v)), dt)
         error = r - r_F
         length = float(np.linalg.norm(error))
         if length > self._config.closing_speed_m_s:  # position control closes at about 1/s
             r = r_F + error * (self._config.closing_speed_m_s / length)
-        return self._kept_away(Sent(r, v, a, yaw), r_L, v_L, sigma)
+        return Sent(r, v, a, yaw)
 
-    def _hold(self, r_F: Array, v_F: Array, dt: float) -> Sent | None:
+    def _hold(self, t: float, r_F: Array, v_F: Array, dt: float) -> Sent | None:
+        """What to send `t` s after the end of `valid`. The leader is supposed to fly on as it did, turns included;
+        it is followed for a moment, since most drop-outs are short."""
         track = self._track
         if track is None or not np.isfinite(r_F).all():
             return None
-        track = self._track = track._replace(r=track.r + dt * track.v)
+        v = track.v + dt * self._turn_rate * _across(track.v)
+        track = self._track = track._replace(r=track.r + dt * v, v=v, a=self._turn_rate * _across(v))
+        yaw = self._look(track, r_F)
+        if t < GRACE:
+            self._direction = wrapped(self._direction + self._turn_rate * dt)
+            return self._slot_of(track, r_F, yaw, dt)
         speed = float(np.linalg.norm(v_F))
         if self._stop is None:
             self._stop = r_F + v_F * (speed / (2.0 * HARD_BRAKING))
-        brakes = speed > SLOW_ENOUGH
+        # the last messages have no acceleration, which the autopilot would carry on in the silence that follows
+        brakes = speed > SLOW_ENOUGH and t < self._config.hold_s - LAST
         a = v_F * (-EXTRA_BRAKING / speed) if brakes else np.zeros(3)
-        return Sent(self._stop, np.zeros(3), a, self._look(track, r_F))
+        return Sent(self._stop, np.zeros(3), a, yaw)
 
     def _look(self, track: Track, r_F: Array) -> float:
         """The direction from us to the leader, rad."""
@@ -187,8 +199,8 @@ class Guidance:
             self._yaw = math.atan2(y, x)
         return self._yaw
 
-    def _turn(self, course: float, track: Track, dt: float) -> float:
-        """Turn the slot about the leader, towards its course; the rate, rad/s."""
+    def _turn(self, course: float, track: Track, dt: float) -> None:
+        """Turn the slot about the leader, towards its course."""
         reach = max(math.hypot(self._slot[0], self._slot[1]), 1.0)
         most, change = TURN_SPEED / reach, TURN_ACCELERATION / reach
         away = wrapped(course - self._direction)
@@ -196,7 +208,6 @@ class Guidance:
         rate = min(max(rate + self._course.rate(track.v_observed, track.a), -most), most)
         self._turn_rate += min(max(rate - self._turn_rate, -change * dt), change * dt)
         self._direction = wrapped(self._direction + self._turn_rate * dt)
-        return self._turn_rate
 
     def _widen(self, relative_sigma: float, dt: float) -> None:
         """Let the slot's distance grow, where the leader may be so near that it is too little."""
@@ -252,6 +263,11 @@ def smoothed(track: Track | None, r: Array, v: Array, a_L: Array, dt: float) -> 
 
 def _faster(error: Array, noise: float) -> float:
     return min(max(float(np.linalg.norm(error)) / noise, 1.0), MOST_FASTER)
+
+
+def _across(v: Array) -> Array:
+    """A horizontal vector turned by 90 degrees to the right."""
+    return np.array([-v[1], v[0], 0.0])
 
 
 def turned(v: Array, yaw: float) -> Array:

@@ -161,7 +161,7 @@ class GuidanceConfig(Record, frozen=True, kw_only=True):
     least_distance_m: Positive | None = None  # from the nearest the leader may be; None: half the slot's
     closing_speed_m_s: Positive = 5.0  # at which the distance may shrink, at most
     start_course: Literal["bearing", "none"] = "bearing"  # before the leader has flown; none: it is not followed
-    hold_s: NotNegative = 3.0  # for which the vehicle stops with its nose on a lost leader; FOLL_TIMEOUT
+    hold_s: NotNegative = 3.0  # for which the vehicle stops with its nose on a lost leader
 
 
 class Config(Record, frozen=True, kw_only=True):
