@@ -17,7 +17,6 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses import particles
-from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.filters.noses.summary import MOTION, summarise
 from onboard.models.wing_line import from_points
@@ -67,7 +66,7 @@ def flown(seed: int, images: int) -> End:
     seen = np.array([0.0, 0.0, math.cos(0.2 * angle), math.sin(0.2 * angle)]) * 2.0 / rng.uniform(25.0, 45.0)
     size = s.size * math.exp(s.size_sigma / s.size * rng.normal())
     leader = bootstrap.start(s._replace(size=size), seen, SIGMA, 1, rng)
-    cloud, east = start(s, measurement(seen), STILL), 0.0
+    cloud, east = particles.start(s, measurement(seen), STILL), 0.0
     for k in range(1, images + 1):
         new = 3.0 * math.sin(0.15 * k)
         moved, east = np.array([0.0, new - east, 0.0]), new

@@ -112,14 +112,11 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
 
 
 def with_course(settings: NoseModel, cloud: Cloud) -> Array:
-    """Weights (K,) of the particles, with what is likely of the nose of a fixed wing and its course. Of others,
-    the particles themselves suppose that (`cloud.Cloud.tied`).
+    """Weights (K,) of the particles, with what is likely of a nose and its course: most leaders that fly fast
+    point their nose along their course.
 
     That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the cloud
     itself, where each image would count it again."""
-    w = np.exp(cloud.log_weights)
-    if settings.crab == 0.0:
-        return np.asarray(w)
     x, P = cloud.means, cloud.covariances
     u, v = x[:, 3] - settings.air[0], x[:, 4] - settings.air[1]
     speed2 = u * u + v * v + 1e-6
@@ -128,9 +125,9 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
     a, b = v / speed2, -u / speed2
     S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
     S += settings.air_sigma**2 / speed2
-    share = speed2**2 / (speed2**2 + model.FOLLOWS4)
+    share = settings.follows * speed2**2 / (speed2**2 + model.FOLLOWS4)
     likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
-    w *= (1.0 - share) / math.pi + share * likely
+    w = np.exp(cloud.log_weights) * ((1.0 - share) / math.pi + share * likely)
     return np.asarray(w / w.sum())
 
 
