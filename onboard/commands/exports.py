@@ -33,18 +33,23 @@ def check_exports(*paths: Path | None) -> None:
     for path in paths:
         if path is None:
             continue
-        if path.suffix not in MAKE:
+        if suffix_of(path) not in MAKE:
             raise UserError(f"cannot write {path}: the suffix says the format, one of {', '.join(MAKE)}")
         module, extra = EXTRAS.get(path.suffix, ("", ""))
         if module and find_spec(module) is None:
             raise UserError(f"cannot write {path}: it needs {module}: pip install 'wingline[{extra}]'")
 
 
+def suffix_of(path: Path) -> str:
+    """Says the format; a file without one, as /dev/stdout, is a CSV."""
+    return path.suffix or ".csv"
+
+
 def open_export(path: Path, stack: ExitStack, *, of_own: bool) -> Callable[[Output], None]:
     """A new file, closed by `stack`; its `write`. `of_own`: of our own state, and not of the leader. Raises
     UserError."""
     try:
-        writer = stack.enter_context(MAKE[path.suffix](path, of_own))
+        writer = stack.enter_context(MAKE[suffix_of(path)](path, of_own))
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror or error}") from error
     return writer.write

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from onboard.commands import cli, study
+from onboard.studies.report.workers import Computers
 
 
 @pytest.mark.parametrize(
@@ -27,7 +28,8 @@ def test_what_is_given_reaches_the_study(
         (out / name / "report.md").write_text("# nothing\n", encoding="utf-8")
         return {}
 
+    where = {"jobs": Computers(jobs=given.pop("jobs", None))}
     monkeypatch.setattr(study, "run_study", run_study)
     monkeypatch.setattr(study, "_compile", lambda _names: None)
     assert cli.main(["study", "traffic", *options, "--out", str(tmp_path)]) == 0
-    assert received == [given]
+    assert received == [given | where]

@@ -40,7 +40,7 @@ def test_equals_the_additive_filter_on_a_linear_model_seed_1(rule: Rule) -> None
         step_augmented(belief, additive(lambda r: r @ F.T), Q, y, additive(lambda r: r @ H.T), R, rule),
     )
     for update in both:
-        for a, b in zip((*update.belief, *update[1:]), (*expected.belief, *expected[1:]), strict=True):
+        for a, b in zip((*update.belief, *update[1:-1]), (*expected.belief, *expected[1:-1]), strict=True):
             np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-9)
 
 

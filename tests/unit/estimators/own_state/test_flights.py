@@ -137,7 +137,7 @@ def test_a_replay_writes_our_own_state_seed_1(tmp_path: Path, capsys: pytest.Cap
     capsys.readouterr()
     assert onboard(["replay", str(log), "--config", str(config), "--own", str(rows)]) == 0
     printed = capsys.readouterr().out
-    assert re.search(r"own state: \d+ \(\d+ valid\), NIS 0\.\d+ of its expectation", printed)
+    assert re.search(r"own state: states: \d+ \(\d+ valid\), NIS, of its expectation: 0\.\d+", printed)
     assert re.search(r"50\.\d+ s: mass, 1\.[23]\d times the known mass", printed)
     table = list(csv.DictReader(rows.read_text().splitlines()))
     assert {"time_boot_s", "r_north_m", "v_down_m_s", "sigma_yaw_rad", "p_rad_s", "q_w"} <= set(table[0])
