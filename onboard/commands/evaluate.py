@@ -56,7 +56,7 @@ def main(arguments: argparse.Namespace) -> int:
     """Score all flights of a data set. Raises UserError."""
     a = arguments
     check_targets(a.json)
-    where = computers(a.cluster, a.rows)
+    where = computers(None, a.cluster, a.rows)
     words = tuple(dict.fromkeys(a.compare if a.compare is not None else BASELINES))
     if FILTERPY in words and find_spec(FILTERPY) is None:
         words = tuple(word for word in words if word != FILTERPY)

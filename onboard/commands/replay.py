@@ -57,7 +57,7 @@ def _replay_many(a: argparse.Namespace) -> int:
             "replay: several logs, --cluster and --rows give scores: no --out, --own, --rrd or --truth"
         )
     check_targets(a.json)
-    where = computers(a.cluster, a.rows)
+    where = computers(None, a.cluster, a.rows)
     for log in a.log:
         check_log(log)
     paths = [a.config or flight_of(log).config for log in a.log]
