@@ -101,7 +101,7 @@ def test_mavsdk_decodes_everything_that_we_send_of_the_leader() -> None:
     }
     follow = found["FOLLOW_TARGET"][2]
     assert (follow["lat"], follow["lon"], follow["alt"]) == (474_000_000, -85_000_000, 538.0)
-    assert (follow["est_capabilities"], follow["vel"]) == (11, [0.0, 8.0, -1.0])
+    assert (follow["est_capabilities"], follow["vel"]) == (15, [0.0, 8.0, -1.0])
     relative = found["TARGET_RELATIVE"][2]
     assert (relative["x"], relative["y"], relative["z"]) == (30.0, 4.0, 2.0)
     assert (relative["pos_std"], relative["frame"], relative["type"]) == ([1.5, 2.5, 0.5], 2, 3)

@@ -63,7 +63,6 @@ class Flight:
         (points(target="a b"), "letters, digits and -_. with / between, 64 at most - at `$.target`"),
         (points(centre={}), "unknown field `centre`; the fields of CameraPoints are t_ns, clock, camera, intr"),
         (points(clock="none"), "it has no time; expected the time of exposure, on the clock `boot` or `host`"),
-        (points(), "the autopilot has sent no time stamp yet"),
         (raw(b"\xff"), "expected one JSON object of CameraPoints"),
         (raw(b"[1, 2]"), "Expected `object`, got `array`"),
         (raw(b""), "expected one JSON object of CameraPoints"),
@@ -81,6 +80,13 @@ def test_what_is_refused_is_named_within_a_second(datagram: Datagram, expected: 
     assert health.refusals[0].reason in line
     shown = words.health(health)
     assert f"**refused** from {health.refusals[0].source}: {health.refusals[0].reason} (1 times)" in shown
+
+
+def test_before_any_autopilot_is_heard_an_image_is_counted_and_its_reason_is_the_autopilot_s() -> None:
+    flight = Flight()
+    assert not flight.second(points())
+    (refusal,) = flight.daemon._pipeline.health(flight.t_ns).refusals
+    assert refusal.reason.startswith("no autopilot has sent a heartbeat yet")
 
 
 def test_a_detector_that_is_always_wrong_is_named_every_ten_seconds_with_a_count() -> None:
