@@ -15,10 +15,10 @@ from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import LeaderState
 
-Text = tuple[int, str]  # MAV_SEVERITY and what is said
+Text = tuple[int, str]  # MAV_SEVERITY and the words
 
-PATIENCE_NS: Final = 5 * NS_PER_S  # without a leader before it is said why
-AGAIN_NS: Final = 30 * NS_PER_S  # before it is said again
+PATIENCE_NS: Final = 5 * NS_PER_S  # without a leader before the reason is sent
+AGAIN_NS: Final = 30 * NS_PER_S  # before the same is sent again
 NO_COURSE_NS: Final = NS_PER_S
 UNSEEN_S: Final = 0.5  # without an image: the predicted leader may have left the view
 
@@ -29,13 +29,13 @@ class Reasons:
     def __init__(self, *, follows: bool) -> None:
         self._follows = follows
         self._start_ns: int | None = None
-        self._no_leader_ns: int | None = None  # since when there has been no leader, or when that was said
+        self._no_leader_ns: int | None = None  # since when there has been no leader, or when that was sent
         self._no_course_ns: int | None = None
         self._said = ""
         self._edge = ""
 
     def tick(self, state: LeaderState | None, view: View | None, now_ns: int) -> list[Text]:
-        """What is to be said at a time on this computer's clock. `state`: the leader; None before an estimate."""
+        """What is to be sent at a time on this computer's clock. `state`: the leader; None before an estimate."""
         texts: list[Text] = []
         if self._start_ns is None:
             self._start_ns = now_ns
@@ -75,8 +75,9 @@ class Reasons:
         edge = ""
         if view is not None and state.age is not None and state.age > UNSEEN_S:
             edge = edge_of(state, view)
-        said, self._edge = self._edge, edge
-        return [(WARNING, f"leader out of view: {edge}")] if edge and edge.split()[:2] != said.split()[:2] else []
+        before, self._edge = self._edge, edge
+        is_new = bool(edge) and edge.split()[:2] != before.split()[:2]
+        return [(WARNING, f"leader out of view: {edge}")] if is_new else []
 
 
 def edge_of(state: LeaderState, view: View) -> str:

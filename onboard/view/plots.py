@@ -102,21 +102,13 @@ def plot_report(columns: Columns, memory: Memory, report: MeasurementReport, str
 def plot_health(columns: Columns, memory: Memory, health: Health, stream: "rr.RecordingStream") -> None:
     """The rate of every stream, Hz."""
     for name, one in health.streams.items():
-        entity = f"plots/rate/{rr.escape_entity_path_part(name)}"
-        if name not in memory.rates:
-            stream.log(entity, rr.SeriesLines(names=plain(name), widths=1.5), static=True)
-            memory.rates.add(name)
-        columns.add(scalars, entity, health.t_ns, one.rate)
+        columns.add(scalars, _line(memory, stream, "rate", name), health.t_ns, one.rate)
 
 
 def plot_consistency(columns: Columns, memory: Memory, health: Health, stream: "rr.RecordingStream") -> None:
     """The mean NIS of each source over its expectation, and the bounds of the last."""
     for name, one in health.consistency.items():
-        entity = f"plots/consistency/{rr.escape_entity_path_part(name)}"
-        if name not in memory.rates:
-            stream.log(entity, rr.SeriesLines(names=plain(name), widths=1.5), static=True)
-            memory.rates.add(name)
-        columns.add(scalars, entity, health.t_ns, one.nis)
+        columns.add(scalars, _line(memory, stream, "consistency", name), health.t_ns, one.nis)
         columns.add(scalars, "plots/consistency/bounds", health.t_ns, np.array([one.low, one.high]))
 
 
@@ -137,3 +129,12 @@ def plot_age(columns: Columns, estimate: Estimate) -> None:
     """How long ago an image was fused, s."""
     age = estimate.age
     columns.add(scalars, "plots/age", estimate.t_ns, np.nan if age is None else age)
+
+
+def _line(memory: Memory, stream: "rr.RecordingStream", plot: str, name: str) -> str:
+    """The entity of a line of a plot, which gets its look when it is first drawn."""
+    entity = f"plots/{plot}/{rr.escape_entity_path_part(name)}"
+    if entity not in memory.rates:
+        stream.log(entity, rr.SeriesLines(names=plain(name), widths=1.5), static=True)
+        memory.rates.add(entity)
+    return entity

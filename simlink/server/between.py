@@ -27,7 +27,7 @@ from simlink.world.truth import State, true_size, truth_record
 TURN: Final = 0.004  # s
 NS_PER_S: Final = 1_000_000_000
 MOST_LATE_NS: Final = NS_PER_S // 2  # an exposure for which no true state comes is left out then
-GRACE_NS: Final = 3 * NS_PER_S  # before it is said what is missing
+GRACE_NS: Final = 3 * NS_PER_S  # before what is missing is named
 STATUS_NS: Final = NS_PER_S // 5
 
 

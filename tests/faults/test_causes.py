@@ -1,4 +1,4 @@
-"""Why nothing happens is said: on the console, in the health, and to the pilot as STATUSTEXT."""
+"""Why nothing happens is shown: on the console, in the health, and to the pilot as STATUSTEXT."""
 
 from typing import Any
 
@@ -61,16 +61,16 @@ def _is_mavlink(datagram: Datagram) -> bool:
     return datagram.encoding is Encoding.MAVLINK
 
 
-def said(lines: list[str], words: str) -> bool:
+def shown(lines: list[str], words: str) -> bool:
     return any(words in line for line in lines)
 
 
 def test_an_autopilot_of_another_system_than_the_wanted_one_is_named() -> None:
     flight = Flight("autopilot.system=7").fly(DATAGRAMS)
-    assert said(
+    assert shown(
         flight.lines, "no autopilot of system 7 is heard, as `autopilot.system` wants; heard: PX4, system 1"
     )
-    assert not said(flight.lines, "time stamp")
+    assert not shown(flight.lines, "time stamp")
 
 
 def test_the_autopilots_own_component_is_refused() -> None:
@@ -81,9 +81,9 @@ def test_the_autopilots_own_component_is_refused() -> None:
 def test_an_autopilot_without_a_position_is_said_to_have_none() -> None:
     aligning = encode([i for i in ITEMS if not isinstance(i.message, LocalPosition)])
     flight = Flight().fly(aligning)
-    assert said(flight.lines, "the autopilot has no position yet (its filter aligns, or no GPS)")
-    assert said(flight.texts, "no position yet: filter aligns, or no GPS")
-    assert not said(flight.lines, "own attitude")
+    assert shown(flight.lines, "the autopilot has no position yet (its filter aligns, or no GPS)")
+    assert shown(flight.texts, "no position yet: filter aligns, or no GPS")
+    assert not shown(flight.lines, "own attitude")
 
 
 def test_a_start_and_a_restart_are_said_within_two_seconds() -> None:
@@ -101,16 +101,16 @@ def test_a_doubt_about_the_set_up_reaches_the_pilot() -> None:
     end_ns = DATAGRAMS[-1].t_recv_ns
     for k in range(1, 50):
         flight.wait(end_ns + k * TICK_NS)
-    assert said(flight.lines, f"camera front: {words}. Remedy: turn the camera, or set `mount_rpy_deg`")
-    assert said(flight.texts, "camera mount is off")
+    assert shown(flight.lines, f"camera front: {words}. Remedy: turn the camera, or set `mount_rpy_deg`")
+    assert shown(flight.texts, "camera mount is off")
 
 
 def test_a_pilot_is_told_that_follow_waits_and_that_it_brakes() -> None:
     out = "leader_out=[{link='udp', system=200, rates_hz={FOLLOW_TARGET=20.0}}]"
     flight = Flight(out).fly(DATAGRAMS)
-    assert said(flight.texts, "leader tracked")
+    assert shown(flight.texts, "leader tracked")
     end_ns = DATAGRAMS[-1].t_recv_ns
     for k in range(1, 600):
         flight.wait(end_ns + k * TICK_NS)
-    assert said(flight.texts, "FOLLOW brakes within 3 s")
-    assert said(flight.lines, "no leader: withdrawn: nothing usable of our own motion arrives")
+    assert shown(flight.texts, "FOLLOW brakes within 3 s")
+    assert shown(flight.lines, "no leader: withdrawn: nothing usable of our own motion arrives")

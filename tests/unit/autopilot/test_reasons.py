@@ -1,4 +1,4 @@
-"""What is said of a leader that an autopilot does not follow."""
+"""What is sent of a leader that an autopilot does not follow."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ def view(pitch_deg: float = 0.0) -> View:
 def texts(
     reasons: Reasons, state: LeaderState | None, seconds: float, start: float = 0.0
 ) -> list[tuple[float, str]]:
-    """(s, text) of what is said, looked at every 50 ms."""
+    """(s, text) of what is sent, looked at every 50 ms."""
     found = []
     for k in range(round(seconds * 20)):
         t = start + k / 20
@@ -48,9 +48,9 @@ def test_a_leader_without_a_course_is_said_where_follow_waits_for_it() -> None:
 def test_no_leader_is_said_with_its_reason_and_again_when_that_changes() -> None:
     reasons = Reasons(follows=False)
     reasons.tick(None, None, 999 * S)
-    said = texts(reasons, lost_state(), 50.0)
+    sent = texts(reasons, lost_state(), 50.0)
     # counted from the first look, a second earlier
-    assert said == [(4.0, "no leader: no image fused lately"), (34.0, "no leader: no image fused lately")]
+    assert sent == [(4.0, "no leader: no image fused lately"), (34.0, "no leader: no image fused lately")]
     assert texts(reasons, None, 6.0, 50.0)[0][1].startswith("no leader: nothing is estimated: no images")
     assert texts(reasons, leader_state(), 1.0, 60.0) == []
 

@@ -234,10 +234,10 @@ def test_10_stamps_of_the_arrival() -> None:
     assert "after the time of their stamp" in named(doctor, "stamps", "`delay_s`").what
 
 
-@pytest.mark.parametrize(("off_ns", "said", "meant"), [(EPOCH, "boot", "host"), (0, "host", "boot")])
-def test_11_the_wrong_clock(off_ns: int, said: str, meant: str) -> None:
+@pytest.mark.parametrize(("off_ns", "stated", "meant"), [(EPOCH, "boot", "host"), (0, "host", "boot")])
+def test_11_the_wrong_clock(off_ns: int, stated: str, meant: str) -> None:
     """Unix time that is called time since boot, and the other way round."""
-    doctor = detected(lambda d, _: d.update(t_ns=d["t_ns"] + off_ns, clock=said))
+    doctor = detected(lambda d, _: d.update(t_ns=d["t_ns"] + off_ns, clock=stated))
     causes = [a for a in doctor.found.values() if a.cause == "clock"]
     assert causes, doctor.found
     assert any(f"clock: {meant}" in a.remedy + a.what for a in causes)
