@@ -16,14 +16,19 @@ from onboard.commands.progress import announce_once
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interruption_that_is_lost_is_heeded_all_the_same(number: signal.Signals) -> None:
     """As one raised while an object is finalised is: Python prints it and goes on."""
-    before = signal.getsignal(number)
-    with interruptions() as heed:
-        heed()
-        with contextlib.suppress(KeyboardInterrupt):
-            signal.raise_signal(number)
-        with pytest.raises(KeyboardInterrupt):
+    ours = signal.getsignal(number)
+    before = signal.default_int_handler
+    signal.signal(number, before)  # under nohup SIGHUP would be ignored
+    try:
+        with interruptions() as heed:
             heed()
-    assert signal.getsignal(number) is before
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(number)
+            with pytest.raises(KeyboardInterrupt):
+                heed()
+        assert signal.getsignal(number) is before
+    finally:
+        signal.signal(number, ours)
 
 
 def test_an_interruption_interrupts() -> None:

@@ -84,6 +84,8 @@ LOADS = """
 import os, signal, sys
 from onboard.commands import {module}
 
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # which nohup ignores
+
 def load(*_):
     try:
         os.kill(os.getpid(), signal.Signals.{number})
