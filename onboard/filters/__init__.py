@@ -15,7 +15,8 @@ from pkgutil import iter_modules
 from types import ModuleType
 from typing import Any, Final
 
-from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Update
+from onboard.filters.belief import Belief, Method, Update
+from onboard.filters.errors import FilterError, NotPositiveDefiniteError
 
 __all__ = [
     "Belief",

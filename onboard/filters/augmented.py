@@ -20,7 +20,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, Weights, array_error, mask, start
+from onboard.filters.angles import beside_first, check_spread
+from onboard.filters.belief import ROWS, Belief, Indices, Method, Rows, Update, Weights, check_weights, mask, start
+from onboard.filters.errors import FilterError, array_error, require_plain
 from onboard.filters.kernels import augmented as kernels
 from onboard.filters.kernels.calls import call
 from onboard.filters.unscented import julier_weights, scaled_weights
@@ -29,14 +31,18 @@ NoisyRows = Callable[[Array, Array], Array]
 Rule = Callable[[int], Weights]
 
 
-def predict_augmented(belief: Belief, process: NoisyRows, Q: Array, weights: Rule = julier_weights) -> Belief:
-    """Time update; Q (..., n_w, n_w) is the covariance of what `process` gets as noises.
+def predict_augmented(
+    belief: Belief, process: NoisyRows, Q: Array, weights: Rule = julier_weights, angular_states: Indices = ()
+) -> Belief:
+    """Time update; Q (..., n_w, n_w) is the covariance of what `process` gets as noises; `angular_states` as in
+    `angles`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     n = belief.mean.shape[-1]
-    points, rule = _spread(belief, Q, _no_noise(belief), weights)
-    return _gathered(_apply(process, points[..., :n], points[..., n:], "process"), rule)
+    points, rule = _spread(belief, Q, _no_noise(belief), weights, angular_states)
+    moved = _apply(process, points[..., :n], points[..., n:], "process")
+    return _gathered(beside_first(moved, angular_states) if angular_states else moved, rule)
 
 
 def update_augmented(
@@ -45,7 +51,8 @@ def update_augmented(
     measure: NoisyRows,
     R: Array,
     weights: Rule = julier_weights,
-    angular: tuple[int, ...] = (),
+    angular: Indices = (),
+    angular_states: Indices = (),
 ) -> Update:
     """Measurement update; R (..., n_v, n_v) is the covariance of what `measure` gets as noises. `angular` are the
     components of y that are angles, whose differences wrap.
@@ -53,9 +60,9 @@ def update_augmented(
     Raises FilterError, NotPositiveDefiniteError.
     """
     n = belief.mean.shape[-1]
-    points, rule = _spread(belief, _no_noise(belief), R, weights)
+    points, rule = _spread(belief, _no_noise(belief), R, weights, angular_states)
     images = _apply(measure, points[..., :n], points[..., n:], "measure")
-    return _correct(belief, points[..., :n], images, y, rule, angular)
+    return _correct(belief, points[..., :n], images, y, R, rule, angular)
 
 
 def step_augmented(
@@ -66,39 +73,52 @@ def step_augmented(
     measure: NoisyRows,
     R: Array,
     weights: Rule = julier_weights,
-    angular: tuple[int, ...] = (),
+    angular: Indices = (),
+    angular_states: Indices = (),
 ) -> Update:
     """A prediction and an update from one set of 2L + 1 points, L = n + n_w + n_v (eqs 8-12).
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     n = belief.mean.shape[-1]
-    points, rule = _spread(belief, Q, R, weights)
+    points, rule = _spread(belief, Q, R, weights, angular_states)
     k = n + Q.shape[-1]
-    moved = _apply(process, points[..., :n], points[..., n:k], "process")
+    moved = beside_first(_apply(process, points[..., :n], points[..., n:k], "process"), angular_states)
     images = _apply(measure, moved, points[..., k:], "measure")
-    return _correct(_gathered(moved, rule), moved, images, y, rule, angular)
+    return _correct(_gathered(moved, rule), moved, images, y, R, rule, angular)
 
 
 def _no_noise(belief: Belief) -> Array:
     return np.empty((0, 0), belief.mean.dtype)
 
 
-def _spread(belief: Belief, Q: Array, R: Array, weights: Rule) -> tuple[Array, Weights]:
+def _spread(belief: Belief, Q: Array, R: Array, weights: Rule, angular_states: Indices) -> tuple[Array, Weights]:
     """Points (..., 2L+1, L) of state and noises (eq 9), the mean first, and their weights."""
     try:
-        rule = weights(belief.mean.shape[-1] + Q.shape[-1] + R.shape[-1])
+        L = belief.mean.shape[-1] + Q.shape[-1] + R.shape[-1]
+        rule = weights(L)
     except (AttributeError, IndexError) as error:
         raise array_error(Q=Q, R=R) from error
     (points,) = call(kernels.spread, rule.spread, mean=belief.mean, covariance=belief.covariance, Q=Q, R=R)
+    check_weights(rule, L)
+    if angular_states:
+        check_spread(points[..., : belief.mean.shape[-1]], angular_states)
     return points, rule
 
 
 def _apply(model: NoisyRows, points: Array, noises: Array, name: str) -> Array:
     """Images (..., 2L+1, m) of points with their noises. Raises FilterError."""
     n = points.shape[-1]
-    rows, noise_rows = points.reshape(-1, n), noises.reshape(-1, noises.shape[-1])
-    images = model(rows, noise_rows)
+    rows, noise_rows = points.reshape(-1, n), noises.reshape(points[..., 0].size, noises.shape[-1])
+    rows.setflags(False)  # type: ignore[call-arg]  # NumPy takes it
+    noise_rows.setflags(False)  # type: ignore[call-arg]
+    try:
+        images = model(rows, noise_rows)
+    except (ValueError, IndexError, TypeError) as error:
+        error.add_note(ROWS)
+        raise
+    if images.__class__ is not np.ndarray:
+        require_plain(**{name: images})
     if images.ndim != 2 or len(images) != len(rows) or (name == "process" and images.shape != rows.shape):
         raise FilterError(f"{name}: gave {images.shape} for rows {rows.shape}")
     return images.reshape(*points.shape[:-1], images.shape[1])
@@ -110,10 +130,20 @@ def _gathered(process: Array, rule: Weights) -> Belief:
 
 
 def _correct(
-    prior: Belief, points: Array, images: Array, y: Array, rule: Weights, angular: tuple[int, ...]
+    prior: Belief, points: Array, images: Array, y: Array, R: Array, rule: Weights, angular: tuple[int, ...]
 ) -> Update:
-    angles = mask(angular, np.shape(y)[-1] if np.ndim(y) else 0)
-    arrays = {"mean": prior.mean, "covariance": prior.covariance, "points": points, "measure": images, "y": y}
+    if y.__class__ is not np.ndarray or y.ndim == 0:
+        require_plain(y=y)
+        raise array_error(y=y, points=points)
+    angles = mask(angular, y.shape[-1])
+    arrays = {
+        "mean": prior.mean,
+        "covariance": prior.covariance,
+        "points": points,
+        "measure": images,
+        "y": y,
+        "R": R,
+    }
     mean, covariance, e, S, predicted, nis = call(kernels.correct, rule.covariance, rule.other, angles, **arrays)
     return Update(Belief(mean, covariance), e, S, predicted, nis if nis.ndim else float(nis))
 
@@ -126,6 +156,8 @@ def additive(model: Rows, names: str = "model, noise") -> NoisyRows:
 
     def noisy(points: Array, noises: Array) -> Array:
         images = model(points)
+        if images.__class__ is not np.ndarray:
+            require_plain(**{names.partition(",")[0]: images})
         if images.shape != noises.shape:
             raise FilterError(f"{names}: gave {images.shape}, where noises are {noises.shape}")
         return images + noises
@@ -134,11 +166,13 @@ def additive(model: Rows, names: str = "model, noise") -> NoisyRows:
 
 
 def _method(name: str, weights: Rule, **more: Any) -> Method:
-    def predict_(state: Belief, process: Rows, Q: Array) -> Belief:
-        return predict_augmented(state, additive(process, "process, Q"), Q, weights)
+    def predict_(state: Belief, process: Rows, Q: Array, angular_states: Indices = ()) -> Belief:
+        return predict_augmented(state, additive(process, "process, Q"), Q, weights, angular_states)
 
-    def update_(state: Belief, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
-        return update_augmented(state, y, additive(measure, "measure, R"), R, weights, angular)
+    def update_(
+        state: Belief, y: Array, measure: Rows, R: Array, angular: Indices = (), angular_states: Indices = ()
+    ) -> Update:
+        return update_augmented(state, y, additive(measure, "measure, R"), R, weights, angular, angular_states)
 
     return Method(name, start, predict_, update_, lambda state: state, **more)
 

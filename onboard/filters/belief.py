@@ -13,8 +13,42 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.filters.errors import (
+    AXES,
+    NEAR,
+    OK,
+    SHAPE,
+    FilterError,
+    NotPositiveDefiniteError,
+    array_error,
+    is_plain,
+    raise_status,
+)
+
+__all__ = [
+    "OK",
+    "PROPERTIES",
+    "ROWS",
+    "SHAPE",
+    "Belief",
+    "FilterError",
+    "Indices",
+    "Method",
+    "NotPositiveDefiniteError",
+    "Rows",
+    "Update",
+    "Weights",
+    "array_error",
+    "check_weights",
+    "images_of",
+    "mask",
+    "over_rows",
+    "raise_status",
+    "start",
+]
 
 Rows = Callable[[Array], Array]
+Indices = tuple[int, ...]
 
 
 class Belief(NamedTuple):
@@ -54,9 +88,10 @@ class Weights(NamedTuple):
 class Method(NamedTuple):
     """A filter as four pure functions, so that all can be held to the same tests.
 
-    `start(mean, covariance) -> state`; `predict(state, process, Q) -> state`; `update(state, y, measure, R,
-    angular) -> Update` whose `belief` is a state; `belief(state) -> Belief`. `process` and `measure` are functions
-    over rows; `angular` are the components of y that are angles and wrap.
+    `start(mean, covariance) -> state`; `predict(state, process, Q, angular_states=()) -> state`; `update(state, y,
+    measure, R, angular=(), angular_states=()) -> Update` whose `belief` is a state; `belief(state) -> Belief`.
+    `process` and `measure` are functions over rows; `angular` are the components of y that are angles and wrap,
+    `angular_states` those of the state (`angles`).
 
     `exempt` names those of PROPERTIES that the method does not have by its nature, each with its reason in a
     sentence. The conformance suite (tests/conformance/test_methods.py) then demands that the property does
@@ -66,8 +101,8 @@ class Method(NamedTuple):
 
     name: str
     start: Callable[[Array, Array], Any]
-    predict: Callable[[Any, Rows, Array], Any]
-    update: Callable[[Any, Array, Rows, Array, tuple[int, ...]], Update]
+    predict: Callable[..., Any]
+    update: Callable[..., Update]
     belief: Callable[[Any], Belief]
     factor: Callable[[Any], Array] | None = None
     exempt: Mapping[str, str] = MappingProxyType({})
@@ -86,86 +121,62 @@ PROPERTIES: Final = (
 )
 
 
-class FilterError(ValueError):
-    """An argument cannot be used; the message says which one and why. Nothing passed in has been changed."""
+def check_weights(weights: Weights, n: int) -> None:
+    """Check that weights are those of n states.
 
-
-class NotPositiveDefiniteError(FilterError):
-    """A covariance has no Cholesky factor (or is not finite), so the step cannot be made."""
-
-
-# The status that a compiled kernel returns: OK, or what is wrong.
-OK: Final = 0
-MEAN: Final = 1
-COVARIANCE: Final = 2
-NOISE: Final = 3
-POINTS: Final = 4
-IMAGES: Final = 5
-MEASUREMENT: Final = 6
-INNOVATION: Final = 7
-SHAPE: Final = 8
-MATRIX: Final = 9
-INDEFINITE: Final = 10
-FACTOR: Final = 11
-DOWNDATE: Final = 12
-PREDICTED: Final = 13
-POSTERIOR: Final = 14
-
-REASONS: Final = {
-    MEAN: "mean: not finite",
-    COVARIANCE: "covariance: not positive definite",
-    NOISE: "Q or R: not finite",
-    POINTS: "process: gave states that are not finite",
-    IMAGES: "measure: gave measurements that are not finite",
-    MEASUREMENT: "y: not finite",
-    INNOVATION: "innovation covariance (R in it): not positive definite",
-    SHAPE: "shapes do not fit: mean (n,), covariance and Q (n, n), process (k, n) to (k, n), y (m,), R (m, m), "
-    "measure (k, n) to (k, m)",
-    MATRIX: "F or H: not finite",
-    INDEFINITE: "Q or R: not positive semi-definite, so it has no square root",
-    FACTOR: "factor: not lower triangular with a positive diagonal, or not finite",
-    DOWNDATE: "downdate: leaves a factor that is not positive definite",
-    PREDICTED: "predicted covariance: not positive definite",
-    POSTERIOR: "covariance after the update: not positive definite",
-}
-
-
-def raise_status(status: int) -> None:
-    """Raise FilterError or NotPositiveDefiniteError for a kernel's status that is not OK."""
-    square_roots = {COVARIANCE, INNOVATION, INDEFINITE, FACTOR, DOWNDATE, PREDICTED, POSTERIOR}
-    kind = NotPositiveDefiniteError if status in square_roots else FilterError
-    raise kind(REASONS[status])
-
-
-def array_error(**arrays: Any) -> FilterError:
-    """The error for arguments that no kernel takes: not arrays, not of floating point, or of different precision
-    or rank."""
-    for name, array in arrays.items():
-        if not isinstance(array, np.ndarray):
-            return FilterError(f"{name}: must be a NumPy array, not {type(array).__name__}")
-        if array.dtype not in (np.float64, np.float32):
-            return FilterError(f"{name}: must be float64 or float32, not {array.dtype}")
-    described = ", ".join(f"{name} {array.dtype} {array.shape}" for name, array in arrays.items())
-    return FilterError(f"arrays must agree in precision and in batch axes: {described}")
+    Raises FilterError.
+    """
+    _, centre, _, other = weights
+    others = 2 * n * other
+    if abs(centre + others - 1.0) > NEAR * others:
+        made_for = (1.0 - centre) / (2 * other)
+        raise FilterError(
+            f"weights: are for {made_for:.4g} states, not {n}: the centre's and those of 2 n others must sum to 1"
+        )
 
 
 @lru_cache(maxsize=256)
 def mask(chosen: tuple[int, ...], size: int) -> Any:
-    """A mask (size,) with the chosen components set."""
+    """A mask (size,) with the chosen components set. Raises FilterError for one that there is not."""
     made = np.zeros(size, bool)
-    made[list(chosen)] = True
+    try:
+        made[list(chosen)] = True
+    except IndexError as error:
+        raise FilterError(f"angular, considered or angular_states: {chosen}, of {size} components") from error
     made.flags.writeable = False  # cached, so shared
     return made
 
 
-def over_rows(model: Rows, points: Array) -> Array:
-    """A model over points (k, n), or over the rows of a batch (B, k, n). Raises FilterError."""
+ROWS: Final = (
+    "process and measure are called with rows of states, read-only: x of shape (k, n), not (n,). "
+    "A component of all rows is x[:, i]; a model that changes its rows must copy them."
+)
+
+
+def over_rows(model: Rows, points: Array, y: Array | None = None) -> Array:
+    """A model over points (k, n), or over the rows of a batch (B, k, n); without y it is a process. It sees the
+    points read-only, because the filter needs them again.
+
+    Raises FilterError.
+    """
+    points.setflags(False)  # type: ignore[call-arg]  # NumPy takes it; by keyword it takes twice as long
+    try:
+        if points.ndim == 2:
+            images = model(points)
+            if images.__class__ is np.ndarray:
+                return images
+        else:
+            images = model(points.reshape(-1, points.shape[-1]))
+    except (ValueError, IndexError, TypeError) as error:
+        error.add_note(ROWS)
+        raise
+    name = "process" if y is None else "measure"
+    if not is_plain(images):
+        raise array_error(**{name: images})
     if points.ndim == 2:
-        return model(points)
-    rows = points.reshape(-1, points.shape[-1])
-    images = model(rows)
-    if images.ndim != 2 or len(images) != len(rows):
-        raise FilterError(f"process or measure: gave {images.shape} for rows {rows.shape}")
+        return images
+    if images.ndim != 2 or len(images) * points.shape[-1] != points.size:
+        raise FilterError(f"{name}: gave {images.shape} for rows {(points[..., 0].size, points.shape[-1])}")
     return images.reshape(*points.shape[:-1], images.shape[-1])
 
 
@@ -175,11 +186,13 @@ def images_of(model: Rows, points: Array, y: Array | None) -> Array:
 
     Raises FilterError.
     """
-    images = over_rows(model, points)
-    columns = np.shape(points if y is None else y)[-1:]
-    if np.shape(images) != points.shape[:-1] + columns:
-        name, beside = ("process", "") if y is None else ("measure", f" and y {np.shape(y)}")
-        raise FilterError(f"{name}: gave {np.shape(images)} for points {points.shape}{beside}")
+    if y is not None and ((y.__class__ is not np.ndarray and not is_plain(y)) or y.ndim != points.ndim - 1):
+        raise array_error(y=y, points=points)
+    images = over_rows(model, points, y)
+    columns = (points if y is None else y).shape[-1:]
+    if images.shape != points.shape[:-1] + columns:
+        name, beside = ("process", "") if y is None else ("measure", f" and y {y.shape}")
+        raise FilterError(f"{name}: gave {images.shape} for points {points.shape}{beside}")
     return images
 
 
@@ -188,13 +201,11 @@ def start(mean: Array, covariance: Array) -> Belief:
 
     Raises FilterError.
     """
-    for name, array, axes in (("mean", mean, 1), ("covariance", covariance, 2)):
-        if not isinstance(array, np.ndarray):
-            raise FilterError(f"{name}: must be a NumPy array, not {type(array).__name__}")
-        if array.dtype not in (np.float64, np.float32):
-            raise FilterError(f"{name}: must be float64 or float32, not {array.dtype}")
-        if array.ndim < axes or not np.isfinite(array).all():
-            raise FilterError(f"{name}: must be finite, and have at least {axes} axes: has shape {array.shape}")
+    for name, array in (("mean", mean), ("covariance", covariance)):
+        if not is_plain(array) or array.dtype not in (np.float64, np.float32):
+            raise array_error(**{name: array})
+        if array.ndim < AXES[name] or not np.isfinite(array).all():
+            raise FilterError(f"{name}: must be finite, and have at least {AXES[name]} axes: has {array.shape}")
     if covariance.shape != (*mean.shape, mean.shape[-1]) or mean.dtype != covariance.dtype:
         described = f"mean {mean.dtype} {mean.shape}, covariance {covariance.dtype} {covariance.shape}"
         raise FilterError(

@@ -1,15 +1,20 @@
 """The cubature Kalman filter (Arasaratnam & Haykin 2009): 2n points at sqrt(n) deviations, of weight 1/(2n) each.
 
 That is exactly the unscented filter with kappa = 0, `julier_weights(n, n)`, whose centre has weight zero. Here the
-model is called for 2n rows a filter, never for the centre: a value that is not finite there has no effect.
+model is called for 2n rows a filter, and not for the centre: a value that is not finite there has no effect. Where
+some of the model's values are angles it is called for the centre, too, because without one the mean of two angles
+a radian and more to each side is ambiguous.
 """
 
 from functools import lru_cache
 from typing import Final
 
+import numpy as np
+
 from onboard.arrays import Array
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, Method, Rows, Update, Weights, images_of, mask, start
+from onboard.filters.angles import beside_first
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, Weights, images_of, mask, start
 from onboard.filters.kernels import linearisation
 from onboard.filters.kernels.calls import call
 
@@ -20,14 +25,15 @@ def weights(n: int) -> Weights:
     return Weights(float(n) ** 0.5, 0.0, 0.0, 0.5 / n)
 
 
-def predict(belief: Belief, process: Rows, Q: Array) -> Belief:
-    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n).
+def predict(belief: Belief, process: Rows, Q: Array, angular_states: Indices = ()) -> Belief:
+    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n), `angular_states` as in `angles`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     rule = weights(belief.mean.shape[-1])
-    points = unscented.sigma_points(belief, rule)
-    return unscented.recombine(_images(process, points, (), None), rule, Q)
+    points = unscented.sigma_points(belief, rule, angular_states)
+    moved = beside_first(_images(process, points, angular_states, None), angular_states)
+    return unscented.recombine(moved, rule, Q)
 
 
 def update(
@@ -35,23 +41,30 @@ def update(
     y: Array,
     measure: Rows,
     R: Array,
-    angular: tuple[int, ...] = (),
-    considered: tuple[int, ...] = (),
+    angular: Indices = (),
+    considered: Indices = (),
+    angular_states: Indices = (),
 ) -> Update:
-    """Measurement update; `measure` maps rows (k, n) -> (k, m), `angular` and `considered` as in
+    """Measurement update; `measure` maps rows (k, n) -> (k, m), the last arguments are those of
     `unscented.update`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     rule = weights(belief.mean.shape[-1])
-    points = unscented.sigma_points(belief, rule)
+    points = unscented.sigma_points(belief, rule, angular_states)
     images = _images(measure, points, angular, y)
     return unscented.correct(belief, points, images, y, R, rule, angular, considered)
 
 
-def _images(model: Rows, points: Array, angular: tuple[int, ...], y: Array | None) -> Array:
-    """Images (..., 2n+1, m) of points but the centre, in whose place stands the mean of the others'."""
-    images = images_of(model, points[..., 1:, :], y)
+def _images(model: Rows, points: Array, angular: Indices, y: Array | None) -> Array:
+    """Images (..., 2n+1, m) of points. The centre's is the mean of the others', unless there are angles."""
+    if angular:
+        images = images_of(model, points, y)
+        if np.isfinite(images[..., 0, :]).all():
+            return images
+        images = images[..., 1:, :]
+    else:
+        images = images_of(model, points[..., 1:, :], y)
     (completed,) = call(linearisation.with_centre, mask(angular, images.shape[-1]), model=images)
     return completed  # type: ignore[no-any-return]  # Numba's functions are not typed
 
@@ -61,7 +74,9 @@ METHODS: Final = (
         "cubature",
         start,
         predict,
-        update,
+        lambda state, y, measure, R, angular=(), angular_states=(): update(
+            state, y, measure, R, angular, (), angular_states
+        ),
         lambda belief: belief,
         exempt=unscented.EXEMPT,
     ),

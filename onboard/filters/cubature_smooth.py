@@ -19,7 +19,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import Belief, FilterError, Method, Rows
+from onboard.filters.belief import Belief, Method, Rows
+from onboard.filters.errors import FilterError
 from onboard.filters.kernels.variable_structure import ADAPTIVE, FIXED, SWITCHED
 from onboard.filters.smooth_variable_structure import NOT_OPTIMAL
 from onboard.filters.variable_structure import (
@@ -151,12 +152,14 @@ def start_printed(mean: Array, covariance: Array) -> PrintedState:
     return PrintedState(state, state)
 
 
-def predict_printed(state: PrintedState, process: Rows, Q: Array) -> PrintedState:
-    """Time update of both filters.
+def predict_printed(
+    state: PrintedState, process: Rows, Q: Array, angular_states: tuple[int, ...] = ()
+) -> PrintedState:
+    """Time update of both filters; arguments as in `predict`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    return PrintedState(predict(state.first, process, Q), predict(state.second, process, Q))
+    return PrintedState(*(predict(one, process, Q, angular_states) for one in state))
 
 
 def update_printed(

@@ -12,7 +12,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import FilterError, Rows
+from onboard.filters.belief import Rows
+from onboard.filters.errors import FilterError
 
 TERMS: Final = 14  # of the series at a norm of 1/4: the first left out is below 1e-19
 
@@ -36,6 +37,7 @@ def van_loan(A: Array, W: Array, dt: Any) -> Discrete:
     Raises FilterError.
     """
     step = _positive(dt)
+    A, W = np.asarray(A, float), np.asarray(W, float)
     if A.ndim < 2 or A.shape[-1] != A.shape[-2] or W.shape[-2:] != A.shape[-2:]:
         raise FilterError(f"A, W: must be square and of one size, not {A.shape} and {W.shape}")
     if not (np.isfinite(A).all() and np.isfinite(W).all()):

@@ -12,30 +12,22 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import kalman
-from onboard.filters.belief import (
-    IMAGES,
-    POINTS,
-    Belief,
-    FilterError,
-    Method,
-    Rows,
-    Update,
-    images_of,
-    mask,
-    start,
-)
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, images_of, mask, over_rows, start
+from onboard.filters.errors import IMAGES, POINTS, FilterError
 from onboard.filters.kernels import linear, linearisation
 from onboard.filters.kernels.calls import call
 
 Jacobian = Callable[[Array], Array]
 
 
-def predict(belief: Belief, process: Rows, Q: Array, jacobian: Jacobian | None = None) -> Belief:
-    """Time update: f(m) and F P F^T + Q, F the Jacobian of `process` at the mean.
+def predict(
+    belief: Belief, process: Rows, Q: Array, jacobian: Jacobian | None = None, angular_states: Indices = ()
+) -> Belief:
+    """Time update: f(m) and F P F^T + Q, F the Jacobian of `process` at the mean; `angular_states` as in `angles`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    mean, F = tangent(belief, process, jacobian)
+    mean, F = tangent(belief, process, jacobian, None, angular_states)
     if not np.isfinite(mean).all():
         raise FilterError("process: gave states that are not finite")
     (covariance,) = call(linear.propagate, covariance=belief.covariance, F=F, Q=Q)
@@ -76,7 +68,11 @@ def tangent(
     if jacobian is not None:
         *lead, n = belief.mean.shape
         value = images_of(model, belief.mean[..., None, :], y)[..., 0, :]
-        return value, jacobian(belief.mean.reshape(-1, n)).reshape(*lead, value.shape[-1], n)
+        slopes = over_rows(jacobian, belief.mean.reshape(-1, n), y)
+        wanted = (belief.mean.size // n, value.shape[-1], n)
+        if slopes.shape != wanted:
+            raise FilterError(f"jacobian: gave {slopes.shape}, must be {wanted}: for each row a matrix (m, n)")
+        return value, slopes.reshape(*lead, *wanted[1:])
     (points,) = call(linearisation.stencil, mean=belief.mean, covariance=belief.covariance)
     fault = POINTS if y is None else IMAGES
     images = images_of(model, points, y)
@@ -88,8 +84,8 @@ METHODS: Final = (
     Method(
         "extended",
         start,
-        predict,
-        update,
+        lambda state, process, Q, angular_states=(): predict(state, process, Q, None, angular_states),
+        lambda state, y, measure, R, angular=(), _=(): update(state, y, measure, R, angular),
         lambda belief: belief,
     ),
 )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from onboard.arrays import Array
+from onboard.filters.errors import FilterError
 
 STEPS: Final = 100
 NEAR: Final = 1e-14  # relative
@@ -20,10 +21,10 @@ def chi_square_threshold(probability: float, degrees: int) -> float:
     Newton's method from the approximation of Wilson and Hilferty. SciPy's takes longer to load than a flight may
     take to start.
 
-    Raises ValueError.
+    Raises FilterError.
     """
     if not (degrees > 0 and 0.0 < probability < 1.0):
-        raise ValueError(f"no quantile at {probability} with {degrees} degrees of freedom")
+        raise FilterError(f"no quantile at {probability} with {degrees} degrees of freedom")
     a, few, tail = 0.5 * degrees, 2.0 / (9.0 * degrees), 1.0 - probability
     z = _normal_quantile(tail) if tail < probability else -_normal_quantile(probability)
     x = a * max(1.0 - few + z * math.sqrt(few), 0.05) ** 3

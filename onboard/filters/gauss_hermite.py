@@ -12,17 +12,11 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import kalman
-from onboard.filters.belief import (
-    Belief,
-    FilterError,
-    Method,
-    NotPositiveDefiniteError,
-    Rows,
-    Update,
-    images_of,
-    start,
-)
-from onboard.filters.kernels.calls import check_like
+from onboard.filters.angles import beside, check_spread
+from onboard.filters.belief import Belief, Method, Rows, Update, images_of, mask, start
+from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, MEMBER, POINTS, FilterError, status_error
+from onboard.filters.kernels import factors
+from onboard.filters.kernels.calls import call, check_like, noise_factor
 
 MOST: Final = 1_000_000  # points
 ORDER: Final = 3
@@ -44,18 +38,19 @@ def rule(n: int, order: int = ORDER) -> tuple[Array, Array]:
     return points, each
 
 
-def predict(belief: Belief, process: Rows, Q: Array, order: int = ORDER) -> Belief:
-    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n).
+def predict(
+    belief: Belief, process: Rows, Q: Array, order: int = ORDER, angular_states: tuple[int, ...] = ()
+) -> Belief:
+    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n), `angular_states` as in `angles`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    points, weights, _, _ = _drawn(belief, order)
+    points, weights, _, _ = _drawn(belief, order, angular_states)
     images = images_of(process, points, None)
     _check("process", images)
     check_like(belief.covariance, Q=Q)
-    if not np.isfinite(Q).all():
-        raise FilterError("Q: not finite")
-    mean, off = _centred(images, weights, ())
+    noise_factor("Q", Q)
+    mean, off = _centred(images, weights, angular_states)
     spread = np.swapaxes(off, -1, -2) @ (weights[:, None] * off)
     return Belief(mean, 0.5 * (spread + np.swapaxes(spread, -1, -2)) + Q)
 
@@ -68,33 +63,37 @@ def update(
     angular: tuple[int, ...] = (),
     considered: tuple[int, ...] = (),
     order: int = ORDER,
+    angular_states: tuple[int, ...] = (),
 ) -> Update:
     """Measurement update in Joseph's form, with the best line through the points' images; arguments as in
     `unscented.update`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    points, weights, L, z = _drawn(belief, order)
+    points, weights, L, z = _drawn(belief, order, angular_states)
     images = images_of(measure, points, y)
     _check("measure", images)
     predicted, off = _centred(images, weights, angular)
     scaled = np.swapaxes(off, -1, -2) @ (weights[:, None] * z)  # the line, over the factor
+    known = np.diagonal(L, axis1=-2, axis2=-1) == 0  # of which the images do not depend on z
+    L = L + known[..., None] * np.eye(L.shape[-1], dtype=L.dtype)
     slope = np.swapaxes(np.linalg.solve(np.swapaxes(L, -1, -2), np.swapaxes(scaled, -1, -2)), -1, -2)
     rest = off - z @ np.swapaxes(scaled, -1, -2)
     noise = np.swapaxes(rest, -1, -2) @ (weights[:, None] * rest)
     check_like(noise, R=R)
+    noise_factor("R", R)
     return kalman.correct(belief, y, predicted, slope, R + noise, considered, angular)
 
 
-def _drawn(belief: Belief, order: int) -> tuple[Array, Array, Any, Array]:
+def _drawn(belief: Belief, order: int, angular_states: tuple[int, ...]) -> tuple[Array, Array, Any, Array]:
     """Points (..., k, n), their weights (k,), the factor (..., n, n), and the standard points (k, n)."""
     mean, covariance = start(*belief)
     z, weights = (array.astype(mean.dtype) for array in rule(mean.shape[-1], order))
-    try:
-        L = np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError as error:
-        raise NotPositiveDefiniteError("covariance: not positive definite") from error
-    return mean[..., None, :] + z @ np.swapaxes(L, -1, -2), weights, L, z
+    (L,) = call(factors.factor, covariance=covariance)
+    offsets = z @ np.swapaxes(L, -1, -2)
+    if angular_states:
+        check_spread(np.concatenate([0 * offsets[..., :1, :], offsets], axis=-2), angular_states)
+    return mean[..., None, :] + offsets, weights, L, z
 
 
 def _centred(images: Array, weights: Array, angular: tuple[int, ...]) -> tuple[Array, Array]:
@@ -102,15 +101,30 @@ def _centred(images: Array, weights: Array, angular: tuple[int, ...]) -> tuple[A
     which is the mean's or beside it."""
     middle = images[..., images.shape[-2] // 2, :]
     off = images - middle[..., None, :]
-    for a in angular:
-        off[..., a] -= 2 * np.pi * np.rint(off[..., a] / (2 * np.pi))
+    if angular:
+        angles = mask(angular, off.shape[-1])
+        off = beside(off, np.zeros_like(off), angular)
+        if (np.abs(off) > FARTHEST)[..., angles].any():
+            raise status_error(ANGLE)
     shift = weights @ off
     return middle + shift, off - shift[..., None, :]
 
 
 def _check(name: str, images: Array) -> None:
-    if not np.isfinite(images).all():
-        raise FilterError(f"{name}: gave {'states' if name == 'process' else 'measurements'} that are not finite")
+    bad = ~np.isfinite(images).all(axis=(-1, -2))
+    if bad.any():
+        reason = POINTS if name == "process" else IMAGES
+        raise status_error(reason + MEMBER * int(np.flatnonzero(bad)[0]), bad.shape)
 
 
-METHODS: Final = (Method("gauss-hermite", start, predict, update, lambda belief: belief),)
+METHODS: Final = (
+    Method(
+        "gauss-hermite",
+        start,
+        lambda state, process, Q, angular_states=(): predict(state, process, Q, ORDER, angular_states),
+        lambda state, y, measure, R, angular=(), angular_states=(): update(
+            state, y, measure, R, angular, angular_states=angular_states
+        ),
+        lambda belief: belief,
+    ),
+)

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, images_of, start
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, images_of, mask, start
+from onboard.filters.errors import FilterError, require_plain
 from onboard.filters.kernels import linear as kernels
 from onboard.filters.kernels.calls import call, masks
 
@@ -68,21 +69,22 @@ def correct(
     return Update(Belief(mean, covariance), innovation, S, predicted, nis if nis.ndim else float(nis))
 
 
-def affine(model: Rows, mean: Array, y: Array | None = None) -> tuple[Array, Array]:
+def affine(model: Rows, mean: Array, y: Array | None = None, angular: Indices = ()) -> tuple[Array, Array]:
     """The matrix (..., m, n) of an affine function over rows, and its value at the mean (..., m): exact but for
-    rounding, from its values at the origin, on the axes and at the mean. Wrong for a function that is not
-    affine."""
-    n = mean.shape[-1]
-    corners = np.zeros((*mean.shape[:-1], n + 2, n), mean.dtype)
-    corners[..., np.arange(1, n + 1), np.arange(n)] = 1
-    corners[..., n + 1, :] = mean
+    rounding, from its values at the origin, on the axes and at the mean; `angular` are the values that wrap.
+
+    Raises FilterError, also for a function that is not affine: its value at the mean, or far from it, is another.
+    """
+    (corners,) = call(kernels.corners, mean=mean)
     images = images_of(model, corners, y)
-    if not np.isfinite(images).all():
-        raise FilterError(f"{'process' if y is None else 'measure'}: gave values that are not finite")
-    return np.swapaxes(images[..., 1:-1, :] - images[..., :1, :], -1, -2), images[..., -1, :]
+    options = mask(angular, images.shape[-1]), y is not None
+    matrix, value = call(kernels.affine, *options, points=corners, model=images)
+    return matrix, value
 
 
 def _image(matrix: Array, mean: Array, name: str) -> Array:
+    if type(matrix) is not np.ndarray or type(mean) is not np.ndarray:
+        require_plain(**{name: matrix, "mean": mean})
     try:
         image: Array = np.matvec(matrix, mean) if hasattr(np, "matvec") else (matrix @ mean[..., None])[..., 0]
     except (ValueError, TypeError) as error:
@@ -93,14 +95,14 @@ def _image(matrix: Array, mean: Array, name: str) -> Array:
     return image
 
 
-def _predict(belief: Belief, process: Rows, Q: Array) -> Belief:
-    F, mean = affine(process, belief.mean)
+def _predict(belief: Belief, process: Rows, Q: Array, angular_states: Indices = ()) -> Belief:
+    F, mean = affine(process, belief.mean, None, angular_states)
     (covariance,) = call(kernels.propagate, covariance=belief.covariance, F=F, Q=Q)
     return Belief(mean, covariance)
 
 
-def _update(belief: Belief, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
-    H, predicted = affine(measure, belief.mean, y)
+def _update(belief: Belief, y: Array, measure: Rows, R: Array, angular: Indices = (), _: Indices = ()) -> Update:
+    H, predicted = affine(measure, belief.mean, y, angular)
     return correct(belief, y, predicted, H, R, (), angular)
 
 

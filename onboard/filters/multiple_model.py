@@ -11,22 +11,25 @@ has fields `mean` and `covariance`; any other is started anew from the mixed bel
 filter of the batch has its own probabilities.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import unscented
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, mask, raise_status
+from onboard.filters.angles import beside
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, mask
+from onboard.filters.errors import FilterError, raise_status
 from onboard.filters.kernels import multiple_model as kernels
 
 
 class ModesState(NamedTuple):
-    """Each mode's filter state, and the modes' probabilities (..., r)."""
+    """Each mode's filter state, the modes' probabilities (..., r), and which states are angles."""
 
     states: tuple[Any, ...]
     probabilities: Array
+    angular_states: Indices = ()
 
 
 class ModesUpdate(NamedTuple):
@@ -40,16 +43,24 @@ class ModesUpdate(NamedTuple):
     log_likelihood: Array
 
 
-def start(methods: Sequence[Method], mean: Array, covariance: Array, probabilities: Array) -> ModesState:
+def start(
+    methods: Sequence[Method],
+    mean: Array,
+    covariance: Array,
+    probabilities: Array,
+    angular_states: Indices = (),
+) -> ModesState:
     """All modes with one belief, mean (..., n) and covariance (..., n, n), and `probabilities` (r,) or (..., r).
+    `angular_states` are the states that are angles (`angles`): modes are mixed by differences that wrap.
 
     Raises FilterError.
     """
     states = tuple(method.start(mean, covariance) for method in methods)
+    mask(angular_states, mean.shape[-1])
     weights = np.asarray(probabilities, mean.dtype)
     if weights.shape[-1:] != (len(methods),) or not _sum_to_one(weights):
         raise FilterError(f"probabilities: must be {len(methods)} that are not negative and sum to one")
-    return ModesState(states, np.broadcast_to(weights, (*mean.shape[:-1], len(methods))).copy())
+    return ModesState(states, np.broadcast_to(weights, (*mean.shape[:-1], len(methods))).copy(), angular_states)
 
 
 def predict(
@@ -75,12 +86,12 @@ def predict(
     ahead = joint.sum(axis=-2)
     possible = ahead[..., None, :] > 0
     mixing = np.where(possible, joint / np.where(possible, ahead[..., None, :], 1), np.eye(r, dtype=joint.dtype))
-    mixed = _mix(_beliefs(methods, state), mixing)
+    mixed = _mix(_beliefs(methods, state, _carried), mixing)
     states = [
-        method.predict(_with_belief(method, old, belief), process, Q)
+        method.predict(_with_belief(method, old, belief), process, Q, state.angular_states)
         for method, old, belief, process, Q in zip(methods, state.states, mixed, processes, noises, strict=True)
     ]
-    return ModesState(tuple(states), ahead / ahead.sum(axis=-1, keepdims=True))
+    return ModesState(tuple(states), ahead / ahead.sum(axis=-1, keepdims=True), state.angular_states)
 
 
 def update(
@@ -100,7 +111,7 @@ def update(
     if len(measures) != len(methods):
         raise FilterError(f"measures: must be {len(methods)}, not {len(measures)}")
     updates = [
-        method.update(mode, y, measure, R, angular)
+        method.update(mode, y, measure, R, angular, state.angular_states)
         for method, mode, measure in zip(methods, state.states, measures, strict=True)
     ]
     innovations = np.stack([u.innovation for u in updates], axis=-2)
@@ -111,26 +122,41 @@ def update(
     innovations, S, nis, prior = [array[None] for array in arrays] if single else arrays
     *outputs, status = kernels.weigh(innovations, S, nis, prior, mask(angular, y.shape[-1]))
     if status:
-        raise_status(status)
+        raise_status(status, () if single else (len(innovations),))
     log_likelihood, posterior, e, S, mixed_nis = [output[0] for output in outputs] if single else outputs
-    after = ModesState(tuple(u.belief for u in updates), posterior)
+    after = ModesState(tuple(u.belief for u in updates), posterior, state.angular_states)
     predicted = updates[0].predicted + (updates[0].innovation - e)
     return ModesUpdate(after, e, S, predicted, float(mixed_nis) if single else mixed_nis, log_likelihood)
 
 
 def belief(methods: Sequence[Method], state: ModesState) -> Belief:
     """Mean and covariance of the mixture of all modes."""
-    return _mix(_beliefs(methods, state), state.probabilities[..., None])[0]
+    return _mix(_beliefs(methods, state, _published), state.probabilities[..., None])[0]
 
 
 def _sum_to_one(weights: Array) -> bool:
     return bool(weights.min() >= 0 and np.abs(weights.sum(axis=-1) - 1).max() < 1e-6)
 
 
-def _beliefs(methods: Sequence[Method], state: ModesState) -> Belief:
-    """The modes' beliefs, mean (..., r, n) and covariance (..., r, n, n)."""
-    each = [method.belief(mode) for method, mode in zip(methods, state.states, strict=True)]
-    return Belief(np.stack([b.mean for b in each], axis=-2), np.stack([b.covariance for b in each], axis=-3))
+def _beliefs(methods: Sequence[Method], state: ModesState, of: Callable[[Method, Any], Belief]) -> Belief:
+    """The modes' beliefs, mean (..., r, n) and covariance (..., r, n, n). Angles are beside those of the most
+    probable mode."""
+    each = [of(method, mode) for method, mode in zip(methods, state.states, strict=True)]
+    means = np.stack([b.mean for b in each], axis=-2)
+    if state.angular_states:
+        best = np.argmax(state.probabilities, axis=-1)[..., None, None]
+        means = beside(means, np.take_along_axis(means, best, axis=-2), state.angular_states)
+    return Belief(means, np.stack([b.covariance for b in each], axis=-3))
+
+
+def _published(method: Method, mode: Any) -> Belief:
+    """What a mode says of itself."""
+    return method.belief(mode)
+
+
+def _carried(method: Method, mode: Any) -> Belief:
+    """What a mode predicts from: without what its filter adds to a belief when it is asked, and keeps apart."""
+    return Belief(mode.mean, mode.covariance) if _carries_belief(mode) else method.belief(mode)
 
 
 def _mix(beliefs: Belief, weights: Array) -> list[Belief]:
@@ -150,9 +176,17 @@ def _mix(beliefs: Belief, weights: Array) -> list[Belief]:
 
 def _with_belief(method: Method, state: Any, belief: Belief) -> Any:
     """The state with another belief: its other fields are kept if the state has fields for mean and covariance."""
-    if {"mean", "covariance"} <= set(getattr(state, "_fields", ())):
+    if _carries_belief(state):
         return state._replace(mean=belief.mean, covariance=belief.covariance)
     return method.start(*belief)
+
+
+def _with_angles(state: ModesState, angular_states: Indices) -> ModesState:
+    return state._replace(angular_states=angular_states) if angular_states else state
+
+
+def _carries_belief(state: Any) -> bool:
+    return {"mean", "covariance"} <= set(getattr(state, "_fields", ()))
 
 
 # ------------------------------------------------------------------------------------- as a method
@@ -180,11 +214,15 @@ def interacting(
     def start_(mean: Array, covariance: Array) -> ModesState:
         return start(modes, mean, covariance, np.full(r, 1 / r) if probabilities is None else probabilities)
 
-    def predict_(state: ModesState, process: Any, Q: Any) -> ModesState:
+    def predict_(state: ModesState, process: Any, Q: Any, angular_states: Indices = ()) -> ModesState:
+        state = _with_angles(state, angular_states)
         noises = [q if f == 1 else f * q for q, f in zip(each(Q), factors or [1.0] * r, strict=True)]
         return predict(modes, state, each(process), noises, transition)
 
-    def update_(state: ModesState, y: Array, measure: Any, R: Array, angular: tuple[int, ...]) -> Update:
+    def update_(
+        state: ModesState, y: Array, measure: Any, R: Array, angular: Indices = (), angular_states: Indices = ()
+    ) -> Update:
+        state = _with_angles(state, angular_states)
         found = update(modes, state, y, each(measure), R, angular)
         with np.errstate(divide="ignore"):  # a mode may be impossible
             each_log = np.log(state.probabilities) + found.log_likelihood

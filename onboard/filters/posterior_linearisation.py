@@ -9,33 +9,27 @@ the Kalman filter.
 
 from typing import Final
 
+import numpy as np
+
 from onboard.arrays import Array
 from onboard.filters import cubature, kalman, unscented
-from onboard.filters.belief import (
-    IMAGES,
-    POINTS,
-    Belief,
-    FilterError,
-    Method,
-    Rows,
-    Update,
-    Weights,
-    images_of,
-    mask,
-    start,
-)
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, Weights, images_of, mask, start
+from onboard.filters.errors import IMAGES, POINTS, FilterError
 from onboard.filters.kernels import linearisation
-from onboard.filters.kernels.calls import call, check_like
+from onboard.filters.kernels.calls import call, check_like, noise_factor
 
 
-def predict(belief: Belief, process: Rows, Q: Array, weights: Weights | None = None) -> Belief:
-    """Time update of the unscented filter; without `weights`, of the cubature filter.
+def predict(
+    belief: Belief, process: Rows, Q: Array, weights: Weights | None = None, angular_states: Indices = ()
+) -> Belief:
+    """Time update of the unscented filter; without `weights`, of the cubature filter. `angular_states` as in
+    `angles`.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Raises FilterError.
     """
     if weights is None:
-        return cubature.predict(belief, process, Q)
-    return unscented.predict(belief, process, Q, weights)
+        return cubature.predict(belief, process, Q, angular_states)
+    return unscented.predict(belief, process, Q, weights, angular_states)
 
 
 def update(
@@ -47,20 +41,24 @@ def update(
     considered: tuple[int, ...] = (),
     iterations: int = 4,
     weights: Weights | None = None,
+    angular_states: tuple[int, ...] = (),
 ) -> Update:
     """Measurement update with `iterations` linearisations, the first over the prior; arguments as in
     `unscented.update`, the weights by default those of the cubature filter. Innovation, its covariance and NIS are
     of the first linearisation: they are the prior's prediction, which a gate should test.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Raises FilterError.
     """
     if iterations < 1:
         raise FilterError("iterations: must be at least 1")
     rule = weights or cubature.weights(belief.mean.shape[-1])
-    first = _relinearised(belief, belief, y, measure, R, rule, angular, considered)
+    arguments = y, measure, R, rule, angular, considered, angular_states
+    first = _relinearised(belief, belief, *arguments)
     posterior = first.belief
-    for _ in range(iterations - 1):
-        posterior = _relinearised(belief, posterior, y, measure, R, rule, angular, considered).belief
+    # an exact measurement leaves a posterior without width, over which no other line can be fitted
+    exact = not np.diagonal(noise_factor("R", R), axis1=-2, axis2=-1).all()
+    for _ in range(0 if exact else iterations - 1):
+        posterior = _relinearised(belief, posterior, *arguments).belief
     return first._replace(belief=posterior)
 
 
@@ -71,11 +69,12 @@ def _relinearised(
     measure: Rows,
     R: Array,
     weights: Weights,
-    angular: tuple[int, ...],
-    considered: tuple[int, ...],
+    angular: Indices,
+    considered: Indices,
+    angular_states: Indices,
 ) -> Update:
     """The prior's update with the line fitted over another belief."""
-    slope, value, rest = regression(about, measure, weights, y, angular)
+    slope, value, rest = regression(about, measure, weights, y, angular, angular_states)
     # exactly `value` if `about` is the prior
     predicted = value + (slope @ (prior.mean - about.mean)[..., None])[..., 0]
     check_like(rest, R=R)
@@ -83,15 +82,20 @@ def _relinearised(
 
 
 def regression(
-    belief: Belief, model: Rows, weights: Weights, y: Array | None = None, angular: tuple[int, ...] = ()
+    belief: Belief,
+    model: Rows,
+    weights: Weights,
+    y: Array | None = None,
+    angular: Indices = (),
+    angular_states: Indices = (),
 ) -> tuple[Array, Array, Array]:
     """Statistical linear regression of a model over a belief: slope (..., m, n), value at the mean (..., m), and
     the covariance (..., m, m) of the residual. With y the model is a measurement, without y a process: errors name
-    it so.
+    it so. `angular` are the model's values that are angles, `angular_states` the belief's.
 
-    Raises FilterError, NotPositiveDefiniteError.
+    Raises FilterError.
     """
-    points = unscented.sigma_points(belief, weights)
+    points = unscented.sigma_points(belief, weights, angular_states)
     images = images_of(model, points, y)
     options = weights.covariance, weights.other, mask(angular, images.shape[-1]), POINTS if y is None else IMAGES
     slope, value, rest = call(linearisation.regress, *options, covariance=belief.covariance, model=images)
@@ -102,8 +106,10 @@ METHODS: Final = (
     Method(
         "posterior-linearisation",
         start,
-        predict,
-        update,
+        lambda state, process, Q, angular_states=(): predict(state, process, Q, None, angular_states),
+        lambda state, y, measure, R, angular=(), angular_states=(): update(
+            state, y, measure, R, angular, angular_states=angular_states
+        ),
         lambda belief: belief,
     ),
 )

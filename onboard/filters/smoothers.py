@@ -107,8 +107,8 @@ def _fixed_lag(filtered: Belief, lines: Lines, lag: int) -> Belief:
         return picked.reshape(len(index), -1, *picked.shape[len(shape) :])
 
     mean, P = batch(filtered.mean, at), batch(filtered.covariance, at)
-    each = (batch(part, at[:-1]) for part in lines)
-    smoothed = rauch_tung_striebel(Belief(mean, P), *each)
+    F, Q, inputs = (batch(part, at[:-1]) for part in lines)
+    smoothed = rauch_tung_striebel(Belief(mean, P), F, Q, inputs)
     parts = []
     for array, own in ((smoothed.mean, (n,)), (smoothed.covariance, (n, n))):
         apart = array.reshape(lag + 1, windows, *shape[1:-1], *own)

@@ -11,15 +11,20 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Weights
+from onboard.filters.angles import beside
+from onboard.filters.belief import Belief, Indices, Method, Rows, Weights
+from onboard.filters.errors import FilterError, require_plain
 from onboard.filters.kernels import linearisation
 from onboard.filters.kernels.calls import call_as_is
 from onboard.filters.posterior_linearisation import regression
 
 
-def rauch_tung_striebel(filtered: Belief, F: Array, Q: Array, inputs: Array | None = None) -> Belief:
+def rauch_tung_striebel(
+    filtered: Belief, F: Array, Q: Array, inputs: Array | None = None, angular_states: Indices = ()
+) -> Belief:
     """Smooth the beliefs of a linear Kalman filter. F and Q (n, n), or (T-1, n, n) with those of each step from
-    t to t + 1 (a batch: (T-1, B or 1, n, n)); `inputs` (T-1, n) is what else each step added to the mean.
+    t to t + 1 (a batch: (T-1, B or 1, n, n)); `inputs` (T-1, n) is what else each step added to the mean;
+    `angular_states` are the states that are angles, whose differences wrap.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
@@ -28,15 +33,24 @@ def rauch_tung_striebel(filtered: Belief, F: Array, Q: Array, inputs: Array | No
     F, Q = _each_step(F, filtered, "F"), _each_step(Q, filtered, "Q")
     predicted = (F @ mean[..., None])[..., 0]
     if inputs is not None:
+        require_plain(inputs=inputs)
+        if inputs.shape not in {mean.shape, (len(mean), mean.shape[-1])}:
+            raise FilterError(
+                f"inputs: must be {(len(mean), mean.shape[-1])}, one for each step, not {inputs.shape}"
+            )
         predicted = predicted + (inputs[:, None] if inputs.ndim < mean.ndim else inputs)
-    return _smoothed(filtered, F, Q, predicted)
+    return _smoothed(filtered, F, Q, predicted, angular_states)
 
 
 def unscented_rauch_tung_striebel(
-    filtered: Belief, process: Rows | Sequence[Rows], Q: Array, weights: Weights
+    filtered: Belief,
+    process: Rows | Sequence[Rows],
+    Q: Array,
+    weights: Weights,
+    angular_states: Indices = (),
 ) -> Belief:
     """Smooth the beliefs of a sigma-point filter (Sarkka 2008). `process` maps rows (k, n) -> (k, n), one
-    function for all steps, or one for each of the T-1; Q as in `rauch_tung_striebel`.
+    function for all steps, or one for each of the T-1; Q and `angular_states` as in `rauch_tung_striebel`.
 
     The process is replaced by its regression over each filtered belief. These do not depend on each other, so
     with one function for all steps it is called once, with the rows of all times.
@@ -48,22 +62,23 @@ def unscented_rauch_tung_striebel(
     if callable(process):
         n = filtered.mean.shape[-1]
         flat = Belief(before.mean.reshape(-1, n), before.covariance.reshape(-1, n, n))
-        slope, predicted, rest = regression(flat, process, weights)
+        slope, predicted, rest = regression(flat, process, weights, None, angular_states, angular_states)
     else:
         if len(process) != len(before.mean):
             raise FilterError(f"process: {len(process)} functions for {len(before.mean)} steps")
         lines = [
-            regression(Belief(mean, covariance), step, weights)
+            regression(Belief(mean, covariance), step, weights, None, angular_states, angular_states)
             for step, mean, covariance in zip(process, *before, strict=True)
         ]
         slope, predicted, rest = (np.stack(parts) for parts in zip(*lines, strict=True))
     shape = before.covariance.shape
     noise = _each_step(Q, filtered, "Q") + rest.reshape(shape)
-    return _smoothed(filtered, slope.reshape(shape), noise, predicted.reshape(before.mean.shape))
+    return _smoothed(filtered, slope.reshape(shape), noise, predicted.reshape(before.mean.shape), angular_states)
 
 
 def _check(filtered: Belief) -> None:
     mean, covariance = filtered
+    require_plain(mean=mean, covariance=covariance)
     if mean.ndim not in (2, 3) or len(mean) < 2 or covariance.shape != (*mean.shape, mean.shape[-1]):
         raise FilterError(
             f"shapes do not fit: mean {mean.shape}, covariance {covariance.shape}; must be (T, n) and (T, n, n), "
@@ -74,6 +89,9 @@ def _check(filtered: Belief) -> None:
 def _each_step(matrix: Array, filtered: Belief, name: str) -> Array:
     """A matrix of all steps, or one for each, as one for each: (T-1, ..., n, n)."""
     shape = filtered.covariance[:-1].shape
+    require_plain(**{name: matrix})
+    if matrix.shape[-2:] != shape[-2:]:
+        raise FilterError(f"{name}: must be {shape[-2:]}, or one for each step before that, not {matrix.shape}")
     if matrix.ndim == 3 and len(shape) == 4:
         matrix = matrix[:, None]
     try:
@@ -82,12 +100,15 @@ def _each_step(matrix: Array, filtered: Belief, name: str) -> Array:
         raise FilterError(f"shapes do not fit: {name} {matrix.shape} for {shape}") from error
 
 
-def _smoothed(filtered: Belief, F: Array, Q: Array, predicted: Array) -> Belief:
+def _smoothed(filtered: Belief, F: Array, Q: Array, predicted: Array, angular_states: Indices) -> Belief:
     mean, covariance = filtered
+    # a smoothed mean is near the filtered one, whose angles have made any number of turns since the prediction
+    predicted = beside(predicted, mean[1:], angular_states)
+    lead = mean.shape[1:-1]
     if mean.ndim == 2:
         mean, covariance, F, Q, predicted = (a[:, None] for a in (mean, covariance, F, Q, predicted))
     arrays = {"mean": mean, "covariance": covariance, "F": F, "Q": Q, "predicted": predicted}
-    mean, covariance = call_as_is(linearisation.smooth_back, **arrays)
+    mean, covariance = call_as_is(linearisation.smooth_back, lead, **arrays)
     shape = filtered.mean.shape
     return Belief(mean.reshape(shape), covariance.reshape(filtered.covariance.shape))
 

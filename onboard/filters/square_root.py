@@ -22,17 +22,10 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters import belief as beliefs
 from onboard.filters import extended, stepping
-from onboard.filters.belief import (
-    Belief,
-    FilterError,
-    Method,
-    NotPositiveDefiniteError,
-    Rows,
-    Update,
-    Weights,
-    images_of,
-)
+from onboard.filters.angles import beside_first, check_spread
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, Weights, check_weights, images_of
 from onboard.filters.cubature import weights as cubature_weights
+from onboard.filters.errors import FilterError, NotPositiveDefiniteError
 from onboard.filters.kernels import factors
 from onboard.filters.kernels import square_root as kernels
 from onboard.filters.kernels.calls import call, masks
@@ -63,14 +56,17 @@ def belief(state: SquareRoot) -> Belief:
     return Belief(state.mean, covariance)
 
 
-def predict(state: SquareRoot, process: Rows, Q: Array, weights: Weights) -> SquareRoot:
+def predict(
+    state: SquareRoot, process: Rows, Q: Array, weights: Weights, angular_states: Indices = ()
+) -> SquareRoot:
     """Time update (eqs 19-22, with f(X) in 21 and 22, where X is printed). A negative centre weight makes eq 22 a
-    downdate, which can fail.
+    downdate, which can fail. `angular_states` as in `angles`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    _, images = _images(state, process, weights, None)
-    mean, factor = call(kernels.gather, weights.covariance, weights.other, process=images, Q=Q)
+    _, images = _images(state, process, weights, None, angular_states)
+    moved = beside_first(images, angular_states)
+    mean, factor = call(kernels.gather, weights.covariance, weights.other, process=moved, Q=Q)
     return SquareRoot(mean, factor)
 
 
@@ -80,8 +76,9 @@ def update(
     measure: Rows,
     R: Array,
     weights: Weights,
-    angular: tuple[int, ...] = (),
-    considered: tuple[int, ...] = (),
+    angular: Indices = (),
+    considered: Indices = (),
+    angular_states: Indices = (),
 ) -> Update:
     """Measurement update by triangularisation; arguments as in `unscented.update`.
 
@@ -92,7 +89,7 @@ def update(
     Raises FilterError, also for a negative centre weight; NotPositiveDefiniteError.
     """
     _require_centre(weights)
-    mean, factor, _, _, *rest = _correct(state, y, measure, R, weights, angular, considered)
+    mean, factor, _, _, *rest = _correct(state, y, measure, R, weights, angular, considered, angular_states)
     return _update(SquareRoot(mean, factor), *rest)
 
 
@@ -103,25 +100,29 @@ def rule(
     angular: tuple[int, ...] = (),
     considered: tuple[int, ...] = (),
     dtype: Any = np.float64,
+    angular_states: Indices = (),
 ) -> Rule:
-    """`predict` and `update` for `step`, of n states and m measured components; the last arguments are those of
+    """`predict` and `update` for `step`, of n states and m measured components; the other arguments are those of
     `update`.
 
     Raises FilterError.
     """
     _require_centre(weights)
     _require_scale(weights)
-    return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS)
+    return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS, angular_states)
 
 
-def sigma_points(state: SquareRoot | Step, weights: Weights) -> Array:
+def sigma_points(state: SquareRoot | Step, weights: Weights, angular_states: Indices = ()) -> Array:
     """Sigma points (..., 2n+1, n), the mean first (eqs 19, 23).
 
     Raises FilterError.
     """
     if isinstance(state, Step):
         state = start(state.mean, state.covariance)
+    check_weights(weights, state.mean.shape[-1])
     (points,) = call(kernels.spread, weights.spread, mean=state.mean, factor=state.factor)
+    if angular_states:
+        check_spread(points, angular_states)
     return np.asarray(points)
 
 
@@ -135,8 +136,9 @@ def update_joseph(
     measure: Rows,
     R: Array,
     weights: Weights,
-    angular: tuple[int, ...] = (),
+    angular: Indices = (),
     jacobian: extended.Jacobian | None = None,
+    angular_states: Indices = (),
 ) -> Update:
     """Measurement update of De Vivo et al. (eqs 23-32): the unscented gain, then S+ = tria[(I - K H_J) S, K S_R]
     with the Jacobian H_J at the posterior mean, given over rows, (k, n) -> (k, m, n), or by central differences.
@@ -149,7 +151,7 @@ def update_joseph(
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    mean, _, gain, _, *rest = _correct(state, y, measure, R, weights, angular, ())
+    mean, _, gain, _, *rest = _correct(state, y, measure, R, weights, angular, (), angular_states)
     # the step of the differences is scaled by the prior's deviations
     _, H = extended.tangent(Belief(mean, belief(state).covariance), measure, jacobian, y, angular)
     (factor,) = call(kernels.joseph, factor=state.factor, H=H, K=gain, R=R)
@@ -157,20 +159,28 @@ def update_joseph(
 
 
 def update_classical(
-    state: SquareRoot, y: Array, measure: Rows, R: Array, weights: Weights, angular: tuple[int, ...] = ()
+    state: SquareRoot,
+    y: Array,
+    measure: Rows,
+    R: Array,
+    weights: Weights,
+    angular: Indices = (),
+    angular_states: Indices = (),
 ) -> Update:
     """Measurement update of van der Merwe & Wan: S+ by a downdate of S with each column of K chol(P_zz).
 
     Raises FilterError; NotPositiveDefiniteError, also when a downdate fails.
     """
-    mean, _, _, U, *rest = _correct(state, y, measure, R, weights, angular, ())
+    mean, _, _, U, *rest = _correct(state, y, measure, R, weights, angular, (), angular_states)
     (factor,) = call(factors.downdate, factor=state.factor, U=U)
     return _update(SquareRoot(mean, factor), *rest)
 
 
-def _images(state: SquareRoot, model: Rows, weights: Weights, y: Array | None) -> tuple[Array, Array]:
+def _images(
+    state: SquareRoot, model: Rows, weights: Weights, y: Array | None, angular_states: Indices
+) -> tuple[Array, Array]:
     _require_scale(weights)
-    points = sigma_points(state, weights)
+    points = sigma_points(state, weights, angular_states)
     return points, images_of(model, points, y)
 
 
@@ -190,10 +200,11 @@ def _correct(
     measure: Rows,
     R: Array,
     weights: Weights,
-    angular: tuple[int, ...],
-    considered: tuple[int, ...],
+    angular: Indices,
+    considered: Indices,
+    angular_states: Indices,
 ) -> list[Any]:
-    points, images = _images(state, measure, weights, y)
+    points, images = _images(state, measure, weights, y, angular_states)
     options = weights.covariance, weights.other, *masks(y, angular, state.mean, considered)
     return call(kernels.correct, *options, points=points, factor=state.factor, measure=images, y=y, R=R)
 
@@ -212,11 +223,20 @@ def _unscented(n: int) -> Weights:
 def _method(
     name: str, correct: Callable[..., Update], rule: Callable[[int], Weights], exempt: dict[str, str]
 ) -> Method:
+    def predict_(state: SquareRoot, process: Rows, Q: Array, angular_states: Indices = ()) -> SquareRoot:
+        return predict(state, process, Q, rule(state.mean.shape[-1]), angular_states)
+
+    def update_(
+        state: SquareRoot, y: Array, measure: Rows, R: Array, angular: Indices = (), angular_states: Indices = ()
+    ) -> Update:
+        weights = rule(state.mean.shape[-1])
+        return correct(state, y, measure, R, weights, angular, angular_states=angular_states)
+
     return Method(
         name,
         start,
-        lambda state, process, Q: predict(state, process, Q, rule(state.mean.shape[-1])),
-        lambda state, y, measure, R, angular: correct(state, y, measure, R, rule(state.mean.shape[-1]), angular),
+        predict_,
+        update_,
         belief,
         lambda state: state.factor,
         exempt,

@@ -13,7 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import FilterError, Rows, Weights, array_error, mask, raise_status
+from onboard.filters.angles import beside_first, check_spread
+from onboard.filters.belief import Rows, Weights, check_weights, mask
+from onboard.filters.errors import FilterError, array_error, raise_status, require_plain
 
 
 class Kernels(NamedTuple):
@@ -30,7 +32,8 @@ class Kernels(NamedTuple):
 
 class Rule(NamedTuple):
     """What stays the same from step to step: weights, and the same as an array (4,); the masks (m + n,) of angular
-    components and of considered states; shape and precision of a step's storage; and the filter's kernels."""
+    components and of considered states; shape and precision of a step's storage; the filter's kernels; and the
+    states that are angles."""
 
     weights: Weights
     numbers: Array
@@ -38,6 +41,7 @@ class Rule(NamedTuple):
     shape: tuple[int, int]
     dtype: Any
     kernels: Kernels
+    angular_states: tuple[int, ...]
 
 
 class Step(NamedTuple):
@@ -76,18 +80,20 @@ def rule(
     considered: tuple[int, ...],
     dtype: Any,
     kernels: Kernels,
+    angular_states: tuple[int, ...],
 ) -> Rule:
     """The rule of a filter with n states and m measured components; the filters' own `rule` calls it.
 
     Raises FilterError.
     """
+    check_weights(weights, n)
     try:
         masks = np.concatenate([mask(angular, m), mask(considered, n)])
-    except IndexError as error:
+    except FilterError as error:
         raise FilterError(f"angular {angular}, considered {considered}: must be below {m} and {n}") from error
     size = kernels.scratch_size(n, m) if kernels.scratch_size else 0
     rows = 3 * n + 1 + -(-size // n)
-    return Rule(weights, np.array(weights, dtype), masks, (rows, n), np.dtype(dtype), kernels)
+    return Rule(weights, np.array(weights, dtype), masks, (rows, n), np.dtype(dtype), kernels, angular_states)
 
 
 def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array, rule: Rule) -> Step:
@@ -105,22 +111,30 @@ def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array
         points = rule.kernels.draw(belief, rule.weights)
         if points.ndim > 2:
             raise FilterError("step: takes one filter; a batch takes predict and update")
+        points.setflags(False)  # type: ignore[call-arg]  # NumPy takes it
     moved = process(points)
+    if rule.angular_states:
+        check_spread(points, rule.angular_states)
+        moved = beside_first(moved, rule.angular_states)
     storage = np.empty(rule.shape, rule.dtype)
+    if not (moved.__class__ is Q.__class__ is y.__class__ is R.__class__ is np.ndarray):
+        require_plain(process=moved, Q=Q, y=y, R=R)
     try:
         status = redraw(moved, rule.numbers, Q, storage)
     except TypeError as error:
-        raise array_error(mean=points, process=moved, Q=Q) from error
+        raise array_error(points=points, process=moved, Q=Q) from error
     if status:
-        raise_status(status)
+        raise_status(status, points=points, process=moved, Q=Q)
     points = storage[: 2 * rule.shape[1] + 1]
     # the parts depend on one another, and a model could write into its rows (by keyword it takes twice as long)
     points.setflags(False)  # type: ignore[call-arg]  # NumPy takes it
     images = measure(points)
+    if images.__class__ is not np.ndarray:
+        require_plain(measure=images)
     try:
         status, nis = correct_and_redraw(storage, images, y, R, rule.numbers, rule.masks)
     except TypeError as error:
-        raise array_error(mean=points, measure=images, y=y, R=R) from error
+        raise array_error(points=points, measure=images, y=y, R=R) from error
     if status:
-        raise_status(status)
+        raise_status(status, points=points, measure=images, y=y, R=R)
     return Step(points, storage, nis, rule)

@@ -15,18 +15,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import stepping
-from onboard.filters.belief import (
-    Belief,
-    Method,
-    Rows,
-    Update,
-    Weights,
-    array_error,
-    mask,
-    over_rows,
-    raise_status,
-    start,
-)
+from onboard.filters.angles import beside_first
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, Weights, mask, over_rows, start
+from onboard.filters.errors import array_error, require_plain, status_error
 from onboard.filters.kernels import unscented as kernels
 from onboard.filters.stepping import Rule
 from onboard.filters.unscented_transform import (
@@ -73,12 +64,13 @@ def rule(
     angular: tuple[int, ...] = (),
     considered: tuple[int, ...] = (),
     dtype: Any = np.float64,
+    angular_states: tuple[int, ...] = (),
 ) -> Rule:
-    """This filter for `step`, of n states and m measured components; the last arguments are those of `update`.
+    """This filter for `step`, of n states and m measured components; the other arguments are those of `update`.
 
     Raises FilterError.
     """
-    return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS)
+    return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS, angular_states)
 
 
 KERNELS: Final = stepping.Kernels(
@@ -87,12 +79,16 @@ KERNELS: Final = stepping.Kernels(
 step: Final = stepping.step  # of this filter, by its `rule`
 
 
-def predict(belief: Belief, process: Rows, Q: Array, weights: Weights) -> Belief:
-    """Time update (eqs 29-33). `process` maps rows (k, n) -> (k, n); `Q` (n, n) is that of the whole step.
+def predict(
+    belief: Belief, process: Rows, Q: Array, weights: Weights, angular_states: tuple[int, ...] = ()
+) -> Belief:
+    """Time update (eqs 29-33). `process` maps rows (k, n) -> (k, n); `Q` (n, n) is that of the whole step;
+    `angular_states` are the states that are angles, whose differences wrap (`angles`).
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    return recombine(over_rows(process, sigma_points(belief, weights)), weights, Q)
+    moved = over_rows(process, sigma_points(belief, weights, angular_states))
+    return recombine(beside_first(moved, angular_states) if angular_states else moved, weights, Q)
 
 
 def update(
@@ -103,6 +99,7 @@ def update(
     weights: Weights,
     angular: tuple[int, ...] = (),
     considered: tuple[int, ...] = (),
+    angular_states: tuple[int, ...] = (),
 ) -> Update:
     """Measurement update (eqs 34-42). `measure` maps rows (k, n) -> (k, m); `angular` are the components of y that
     are angles, whose differences wrap. States in `considered` keep their mean and variance: no measurement moves
@@ -110,8 +107,8 @@ def update(
 
     Raises FilterError, NotPositiveDefiniteError for the prior and for an innovation covariance without factor.
     """
-    points = sigma_points(belief, weights)
-    images = over_rows(measure, points)
+    points = sigma_points(belief, weights, angular_states)
+    images = over_rows(measure, points, y)
     return correct(belief, points, images, y, R, weights, angular, considered)
 
 
@@ -126,41 +123,26 @@ def correct(
     considered: tuple[int, ...],
 ) -> Update:
     """The second half of `update`: from sigma points (..., 2n+1, n) and their images (..., 2n+1, m)."""
-    if points.ndim == 2:
-        return _correct(points, images, belief.covariance, y, R, weights, angular, considered)
+    if not (y.__class__ is R.__class__ is np.ndarray):
+        require_plain(y=y, R=R)
     try:
-        masks = mask(angular, y.shape[-1]), mask(considered, points.shape[-1])
-        arrays = packed(points), images, packed(belief.covariance), packed(y), batched(R)
-        *posterior, innovation, S, predicted, nis, status = kernels.correct_batch(*arrays, *weights[2:], *masks)
-    except (TypeError, AttributeError, IndexError) as error:
-        raise array_error(mean=belief.mean, measure=images, y=y, R=R) from error
-    if status:
-        raise_status(status)
-    return Update(Belief(*posterior), innovation, S, predicted, nis)
-
-
-def _correct(
-    points: Array,
-    images: Array,
-    P: Array,
-    y: Array,
-    R: Array,
-    weights: Weights,
-    angular: tuple[int, ...],
-    considered: tuple[int, ...],
-) -> Update:
-    """`correct` of one filter."""
-    _, _, w_cov, w = weights
-    try:
-        n, m, dtype = points.shape[1], len(y), points.dtype
+        n, m, dtype = points.shape[-1], y.shape[-1], points.dtype
         masks = mask(angular, m), mask(considered, n)
-        posterior, found = np.empty((n + 1, n), dtype), np.empty((m + 2, m), dtype)
-        status, nis = kernels.correct(points, images, P, y, R, w_cov, w, *masks, posterior, found)
+        if points.ndim == 2:
+            posterior, found = np.empty((n + 1, n), dtype), np.empty((m + 2, m), dtype)
+            arrays = points, images, belief.covariance, y, R
+            status, nis = kernels.correct(*arrays, *weights[2:], *masks, posterior, found)
+            if not status:
+                return Update(Belief(posterior[0], posterior[1:]), found[0], found[2:], found[1], nis)
+        else:
+            arrays = packed(points), images, packed(belief.covariance), packed(y), batched(R)
+            *after, innovation, S, predicted, nis, status = kernels.correct_batch(*arrays, *weights[2:], *masks)
+            if not status:
+                return Update(Belief(*after), innovation, S, predicted, nis)
     except (TypeError, AttributeError, IndexError) as error:
-        raise array_error(mean=points, measure=images, y=y, R=R) from error
-    if status:
-        raise_status(status)
-    return Update(Belief(posterior[0], posterior[1:]), found[0], found[2:], found[1], nis)
+        chosen: Any = {"angular": angular, "considered": considered}
+        raise array_error(points=points, measure=images, y=y, R=R, **chosen) from error
+    raise status_error(status, points.shape[:-2], points=points, measure=images, y=y, R=R)
 
 
 # ------------------------------------------------------------------------------------- as methods
@@ -169,11 +151,13 @@ def _correct(
 def method(name: str, weights: Callable[[int], Weights], considered: tuple[int, ...] = (), **more: Any) -> Method:
     """The filter with given weights, as every method is called."""
 
-    def predict_(state: Belief, process: Rows, Q: Array) -> Belief:
-        return predict(state, process, Q, weights(state.mean.shape[-1]))
+    def predict_(state: Belief, process: Rows, Q: Array, angular_states: Indices = ()) -> Belief:
+        return predict(state, process, Q, weights(state.mean.shape[-1]), angular_states)
 
-    def update_(state: Belief, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
-        return update(state, y, measure, R, weights(state.mean.shape[-1]), angular, considered)
+    def update_(
+        state: Belief, y: Array, measure: Rows, R: Array, angular: Indices = (), angular_states: Indices = ()
+    ) -> Update:
+        return update(state, y, measure, R, weights(state.mean.shape[-1]), angular, considered, angular_states)
 
     return Method(name, start, predict_, update_, lambda state: state, **more)
 

@@ -10,21 +10,19 @@ Arrays are all float64 or all float32. With a leading batch axis on mean and cov
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import (
-    Belief,
-    FilterError,
-    NotPositiveDefiniteError,
-    Weights,
-    array_error,
-    raise_status,
-)
+from onboard.filters.angles import check_spread
+from onboard.filters.belief import Belief, Weights, check_weights
+from onboard.filters.errors import FilterError, NotPositiveDefiniteError, array_error, raise_status, require_plain
 from onboard.filters.kernels import unscented_transform as kernels
 from onboard.filters.stepping import Step
 
 
 def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
-    """Weights with n + lambda given (eqs 23-25): 3 matches the fourth moment of a Gaussian; for n > 3 the centre
-    weight is then negative."""
+    """Weights with n + lambda given (eqs 23-25): 3 matches the fourth moment of a Gaussian.
+
+    For n > 3 the centre's weight is then negative: where a model is strongly curved over the belief, the centre
+    subtracts more than the other points add, and the filter is far too sure (or finds no covariance). With
+    `n_plus_lambda` of n or more no weight is negative."""
     if not n_plus_lambda > 0:
         raise FilterError("n_plus_lambda: must be positive")
     centre = 1.0 - n / n_plus_lambda
@@ -54,23 +52,28 @@ def factor(covariance: Array) -> Array:
     return upper.T  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 
-def sigma_points(belief: Belief | Step, weights: Weights) -> Array:
-    """Sigma points (..., 2n+1, n), the mean first (eqs 29-30).
+def sigma_points(belief: Belief | Step, weights: Weights, angular_states: tuple[int, ...] = ()) -> Array:
+    """Sigma points (..., 2n+1, n), the mean first (eqs 29-30); `angular_states` as in `angles`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
     mean, covariance = belief.mean, belief.covariance
+    spread, w_mean, _, w = weights
     try:
         if mean.ndim == 1:
             n = len(mean)
             points = np.empty((2 * n + 1, n), mean.dtype)
-            status = kernels.spread(mean, covariance, weights.spread, points)
+            status = kernels.spread(mean, covariance, spread, w_mean, w, points)
         else:
-            points, status = kernels.spread_batch(packed(mean), packed(covariance), weights.spread)
-    except (TypeError, AttributeError) as error:
+            check_weights(weights, mean.shape[-1])
+            points, status = kernels.spread_batch(packed(mean), packed(covariance), spread)
+    except (TypeError, AttributeError, IndexError) as error:
         raise array_error(mean=mean, covariance=covariance) from error
     if status:
-        raise_status(status)
+        check_weights(weights, mean.shape[-1])
+        raise_status(status, mean.shape[:-1], mean=mean, covariance=covariance)
+    if angular_states:
+        check_spread(points, angular_states)
     return points
 
 
@@ -81,6 +84,8 @@ def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
     """
     _, w_mean, w_cov, w = weights
     try:
+        if noise.__class__ is not np.ndarray:
+            require_plain(Q=noise)
         if points.ndim == 2:
             n = points.shape[1]
             out = np.empty((n + 1, n), points.dtype)
@@ -91,7 +96,7 @@ def recombine(points: Array, weights: Weights, noise: Array) -> Belief:
     except (TypeError, AttributeError) as error:
         raise array_error(process=points, Q=noise) from error
     if status:
-        raise_status(status)
+        raise_status(status, points.shape[:-2], process=points, Q=noise)
     return Belief(mean, covariance)
 
 

@@ -12,7 +12,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters import belief as beliefs
 from onboard.filters import cubature
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, mask, over_rows
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, images_of, mask, over_rows
+from onboard.filters.errors import FilterError, require_plain
 from onboard.filters.kernels import variable_structure as kernels
 from onboard.filters.kernels.calls import call_as_is
 from onboard.filters.unscented_transform import sigma_points
@@ -79,12 +80,13 @@ def belief(state: State) -> Belief:
     return Belief(state.mean, state.covariance + state.model_error)
 
 
-def predict(state: State, process: Rows, Q: Array) -> State:
-    """Time update over cubature points (eqs 2.2.1-2.2.4). `process` maps rows (k, n) -> (k, n), Q is (..., n, n).
+def predict(state: State, process: Rows, Q: Array, angular_states: Indices = ()) -> State:
+    """Time update over cubature points (eqs 2.2.1-2.2.4). `process` maps rows (k, n) -> (k, n), Q is (..., n, n),
+    `angular_states` as in `angles`.
 
     Raises FilterError, NotPositiveDefiniteError.
     """
-    mean, covariance = cubature.predict(Belief(state.mean, state.covariance), process, Q)
+    mean, covariance = cubature.predict(Belief(state.mean, state.covariance), process, Q, angular_states)
     return State(mean, covariance, *state[2:])
 
 
@@ -105,15 +107,16 @@ def correct(
     _check(settings, layer)
     mean, P, residual, updates_outside, switching, slow_switching, _ = state
     points = sigma_points(Belief(mean, P), cubature.weights(mean.shape[-1]))
-    images = over_rows(measure, points)
-    if not isinstance(y, np.ndarray) or y.ndim != mean.ndim:
-        raise FilterError(f"y: must be an array, with the axes of the mean {mean.shape}: has {np.shape(y)}")
+    if y.__class__ is not np.ndarray:
+        require_plain(y=y)
+    images = images_of(measure, points, y)
     # of the first measurement, or of one of another sensor, nothing is known yet
     if residual.shape != y.shape or updates_outside.shape != y.shape:
         residual = updates_outside = switching = slow_switching = np.zeros_like(y, mean.dtype)
     angles = mask(angular, y.shape[-1])
     outputs = call_as_is(
         kernels.update_batch,
+        mean.shape[:-1],
         *(angles, settings.kind, settings.gamma, settings.scale, settings.patience, settings.weighted),
         settings.fading,
         mean=_batch(mean, 1),
@@ -131,7 +134,7 @@ def correct(
         outputs = [output[0] for output in outputs]
     mean, P, e, S, predicted, width, ratio, outside, rejected, model_error = outputs[:10]
     updates_outside, switching, slow_switching, nis = outputs[10:]
-    residual = wrapped(y - over_rows(measure, mean[..., None, :])[..., 0, :], angles)
+    residual = wrapped(y - over_rows(measure, mean[..., None, :], y)[..., 0, :], angles)
     after = State(mean, P, residual, updates_outside, switching, slow_switching, model_error)
     nis = nis if nis.ndim else float(nis)
     return LayerUpdate(after, e, S, predicted, nis, width, outside, rejected), ratio
@@ -155,7 +158,12 @@ def method(
     """A filter as every method is called, with the five fields of `Update` alone. `functions` are start,
     predict and belief."""
 
-    def update_(state: Any, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]) -> Update:
+    def update_(
+        state: Any, y: Array, measure: Rows, R: Array, angular: Indices = (), angular_states: Indices = ()
+    ) -> Update:
+        if angular_states:
+            prior = functions[2](state)
+            sigma_points(prior, cubature.weights(prior.mean.shape[-1]), angular_states)  # refuses those too wide
         return Update(*update(state, y, measure, R, angular)[:5])
 
     return Method(name, functions[0], functions[1], update_, functions[2], None, exempt or {})

@@ -3,9 +3,22 @@
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import COVARIANCE, IMAGES, INDEFINITE, INNOVATION, MEASUREMENT, OK, POINTS, SHAPE
 from onboard.filters.compiled import FLAGS, MAKING, signatures
-from onboard.filters.kernels.cholesky import factor_into, semifactor_into
+from onboard.filters.errors import (
+    ANGLE,
+    COVARIANCE,
+    FARTHEST,
+    IMAGES,
+    INNOVATION,
+    MEMBER,
+    OK,
+    POINTS,
+    Q_INDEFINITE,
+    R_INDEFINITE,
+    SHAPE,
+)
+from onboard.filters.kernels.cholesky import clear_known, factor_into, root_into, semifactor_into
+from onboard.filters.kernels.linear import innovate_into
 from onboard.filters.kernels.sigma_points import wrapped
 
 
@@ -25,12 +38,12 @@ def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def] # noq
         return points, SHAPE
     own, one, two = np.empty((n, n), mean.dtype), np.empty((k1, k1), mean.dtype), np.empty((k2, k2), mean.dtype)
     for b in range(count):
-        if not factor_into(P[b], own):
-            return points, COVARIANCE
-        if not semifactor_into(first[b % first.shape[0]], one) or not semifactor_into(
-            second[b % second.shape[0]], two
-        ):
-            return points, INDEFINITE
+        if not root_into(P[b], own):
+            return points, COVARIANCE + MEMBER * b
+        if not semifactor_into(first[b % first.shape[0]], one):
+            return points, Q_INDEFINITE + MEMBER * b
+        if not semifactor_into(second[b % second.shape[0]], two):
+            return points, R_INDEFINITE + MEMBER * b
         for s in range(2 * L + 1):
             for i in range(n):
                 points[b, s, i] = mean[b, i]
@@ -50,22 +63,25 @@ def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def] # noq
 
 @njit(**MAKING)
 def centred_into(points, w, angular, mean, d):  # type: ignore[no-untyped-def]
-    """Mean (m,) of points (k, m) and deviations from it (k, m);
-    False if not finite. Sums are relative to the first point."""
+    """Mean (m,) of points (k, m) and deviations from it (k, m); a
+    status, IMAGES if they are not finite. Sums are relative to the first point."""
     k, m = points.shape
-    is_finite = True
+    is_finite, farthest = True, points.dtype.type(0)
     for a in range(m):
         total = 0.0
         for s in range(k):
             d[s, a] = points[s, a] - points[0, a]
             if angular[a]:
                 d[s, a] = wrapped(d[s, a])
+                farthest = max(farthest, abs(d[s, a]))
             total += d[s, a]
         mean[a] = points[0, a] + w * total
         for s in range(k):
             d[s, a] -= w * total
         is_finite = is_finite and np.isfinite(mean[a])
-    return is_finite
+    if not is_finite:
+        return IMAGES
+    return OK if farthest <= FARTHEST else ANGLE
 
 
 @njit(**MAKING)
@@ -87,8 +103,8 @@ def gather(points, w_cov, w):  # type: ignore[no-untyped-def]
     mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
     d, no_angles = np.empty((k, n), points.dtype), np.zeros(n, np.bool_)
     for b in range(count):
-        if not centred_into(points[b], w, no_angles, mean[b], d):
-            return mean, P, POINTS
+        if centred_into(points[b], w, no_angles, mean[b], d) != OK:
+            return mean, P, POINTS + MEMBER * b
         covariance_into(d, w_cov, w, P[b])
     return mean, P, OK
 
@@ -111,36 +127,38 @@ def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):  # type: ignore[n
             white[a, i] /= lower_t[a, a]
 
 
-@njit(signatures(2, 3, 3, 3, 2, "f", "f", FLAGS), **MAKING)
-def correct(mean, P, points, images, y, w_cov, w, angular):  # type: ignore[no-untyped-def]
+@njit(signatures(2, 3, 3, 3, 2, 3, "f", "f", FLAGS), **MAKING)
+def correct(mean, P, points, images, y, R, w_cov, w, angular):  # type: ignore[no-untyped-def]
     """(mean (B, n), covariance, innovation (B, m), S, predicted, NIS, status) after y (B, m), from points
-    (B, k, n), which need not be symmetric, and their images (B, k, m), which include the noise (eq 12)."""
-    count, n = mean.shape
-    k, m = points.shape[1], y.shape[1]
-    dtype = mean.dtype
+    (B, k, n), which need not be symmetric, and their images (B, k, m), which include the noise (eq 12), of
+    covariance R (B or 1, n_v, n_v)."""
+    (count, n), (k, m), dtype = mean.shape, (points.shape[1], y.shape[1]), mean.dtype
     mean_out, P_out, nis = mean.copy(), np.empty((count, n, n), dtype), np.zeros(count, dtype)
     e, S, predicted = np.empty((count, m), dtype), np.empty((count, m, m), dtype), np.empty((count, m), dtype)
     d, lower_t, white = np.empty((k, m), dtype), np.empty((m, m), dtype), np.empty((m, n + 1), dtype)
+    rounding = (P.dtype.type(4) * n) * np.finfo(dtype).eps
     status = OK if y.shape[0] == count and images.shape[1] == k and images.shape[2] == m else SHAPE
     for b in range(count):
-        if status == OK and not centred_into(images[b], w, angular, predicted[b], d):
-            status = IMAGES
+        if status == OK:
+            status = centred_into(images[b], w, angular, predicted[b], d)
+        if status == OK:
+            covariance_into(d, w_cov, w, S[b])
+            status = innovate_into(y[b], predicted[b], angular, e[b])
+            status = INNOVATION if status == OK and not factor_into(S[b], lower_t) else status
         if status != OK:
-            break
-        for a in range(m):
-            e[b, a] = wrapped(y[b, a] - predicted[b, a]) if angular[a] else y[b, a] - predicted[b, a]
-            if not np.isfinite(e[b, a]):
-                status = MEASUREMENT
-        covariance_into(d, w_cov, w, S[b])
-        if not factor_into(S[b], lower_t):
-            status = INNOVATION
+            status += MEMBER * b
             break
         whiten_into(points[b], mean[b], d, e[b], lower_t, w_cov, w, white)
-        half, last = white[:, :n], white[:, n]
+        half, last, exact = white[:, :n], white[:, n], False
+        for a in range(R.shape[1]):
+            exact |= R[b % R.shape[0], a, a] == 0
         nis[b] = np.sum(last * last)
         for i in range(n):
             mean_out[b, i] += np.sum(half[:, i] * last)
             for j in range(i, n):
                 reduction = np.sum(half[:, i] * half[:, j])
                 P_out[b, i, j] = P_out[b, j, i] = 0.5 * (P[b, i, j] + P[b, j, i]) - reduction
+            if exact and abs(P_out[b, i, i]) <= rounding * P[b, i, i]:  # as in `sigma_points.reduce_into`
+                P_out[b, i, i] = 0.0
+        clear_known(P_out[b])
     return mean_out, P_out, e, S, predicted, nis, status

@@ -1,16 +1,24 @@
 """How the filters call their compiled kernels: one filter is a batch of one, and a status becomes an exception."""
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import SHAPE, FilterError, array_error, mask, raise_status
-
-# The axes that an argument has for one filter; axes before these are the batch.
-AXES: Final = {"mean": 1, "y": 1, "predicted": 1} | dict.fromkeys(
-    ("covariance", "factor", "F", "H", "Q", "R", "K", "U", "points", "process", "measure", "model"), 2
+from onboard.filters.belief import mask
+from onboard.filters.errors import (
+    AXES,
+    Q_INDEFINITE,
+    R_INDEFINITE,
+    FilterError,
+    NotPositiveDefiniteError,
+    array_error,
+    is_plain,
+    raise_status,
+    shape_error,
+    status_error,
 )
+from onboard.filters.kernels import factors
 
 
 def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
@@ -18,20 +26,20 @@ def call(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
 
     Raises FilterError, NotPositiveDefiniteError: by the status, or for arrays that no kernel takes.
     """
-    try:
-        depths = [array.ndim - AXES[name] for name, array in arrays.items()]
-    except AttributeError as error:
-        raise array_error(**arrays) from error
+    depths = [
+        array.ndim - AXES[name] if array.__class__ is np.ndarray or is_plain(array) else -1
+        for name, array in arrays.items()
+    ]
     if not any(depths):  # one filter: the usual case, and the one where microseconds count
         return [output[0] for output in _run(kernel, options, arrays, lift=True)]
     if min(depths) < 0:
-        raise _shape_error(arrays)
+        raise array_error(**arrays)
+    lead = _batch_shape(arrays)
     if max(depths) > 1:
-        lead = _batch_shape(arrays)
         flat = {name: _flattened(array, AXES[name], lead) for name, array in arrays.items()}
-        return [output.reshape(*lead, *output.shape[1:]) for output in _run(kernel, options, flat)]
+        return [output.reshape(*lead, *output.shape[1:]) for output in _run(kernel, options, flat, lead)]
     batch = {n: a if d else a[None] for (n, a), d in zip(arrays.items(), depths, strict=True)}
-    return _run(kernel, options, batch)
+    return _run(kernel, options, batch, lead)
 
 
 def masks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int, ...]) -> tuple[Any, Any]:
@@ -41,8 +49,22 @@ def masks(y: Array, angular: tuple[int, ...], mean: Array, considered: tuple[int
     """
     try:
         return mask(angular, y.shape[-1]), mask(considered, mean.shape[-1])
-    except (AttributeError, IndexError) as error:
-        raise array_error(y=y, mean=mean) from error
+    except (AttributeError, IndexError, TypeError) as error:
+        raise array_error(y=y, mean=mean, angular=angular, considered=considered) from error
+
+
+def noise_factor(name: str, noise: Array) -> Array:
+    """The lower factor (..., m, m) of a noise, "Q" or "R", which may be singular.
+
+    Raises FilterError, NotPositiveDefiniteError, with the name.
+    """
+    if not np.isfinite(noise).all():
+        raise FilterError(f"{name}: not finite")
+    try:
+        (lower,) = call(factors.factor, covariance=noise)
+    except NotPositiveDefiniteError as error:
+        raise status_error(Q_INDEFINITE if name == "Q" else R_INDEFINITE) from error
+    return np.asarray(lower)
 
 
 def check_like(reference: Array, **arrays: Array) -> None:
@@ -51,7 +73,7 @@ def check_like(reference: Array, **arrays: Array) -> None:
     Raises FilterError.
     """
     for name, array in arrays.items():
-        if not isinstance(array, np.ndarray) or array.dtype != reference.dtype:
+        if not is_plain(array) or array.dtype != reference.dtype:
             raise array_error(mean=reference, **{name: array})
         if array.shape[-2:] != reference.shape[-2:]:
             raise FilterError(f"shapes do not fit: {name} {array.shape}, must be {reference.shape[-2:]}")
@@ -59,25 +81,27 @@ def check_like(reference: Array, **arrays: Array) -> None:
             raise FilterError(f"shapes do not fit: {name} {array.shape}, must be {reference.shape}")
 
 
-def call_as_is(kernel: Any, *options: Any, **arrays: Array) -> list[Any]:
-    """The outputs of a kernel without its status; the arrays are passed as they are.
+def call_as_is(kernel: Any, lead: tuple[int, ...], *options: Any, **arrays: Array) -> list[Any]:
+    """The outputs of a kernel without its status; the arrays are passed as they are, of a batch of shape `lead`.
 
     Raises FilterError, NotPositiveDefiniteError: by the status, or for arrays that no kernel takes.
     """
-    return _run(kernel, options, arrays)
+    if not all(array.__class__ is np.ndarray or is_plain(array) for array in arrays.values()):
+        raise array_error(**arrays)
+    return _run(kernel, options, arrays, lead)
 
 
-def _run(kernel: Any, options: tuple[Any, ...], arrays: dict[str, Array], lift: bool = False) -> list[Any]:
+def _run(
+    kernel: Any, options: tuple[Any, ...], arrays: dict[str, Array], lead: tuple[int, ...] = (), lift: bool = False
+) -> list[Any]:
     try:
         outputs: list[Any]
         passed = [array[None] for array in arrays.values()] if lift else arrays.values()
         *outputs, status = kernel(*passed, *options)
     except TypeError as error:
         raise array_error(**arrays) from error
-    if status == SHAPE:
-        raise _shape_error(arrays)
     if status:
-        raise_status(status)
+        raise_status(status, lead, **arrays)
     return outputs
 
 
@@ -85,7 +109,7 @@ def _batch_shape(arrays: dict[str, Array]) -> tuple[int, ...]:
     try:
         return np.broadcast_shapes(*[array.shape[: array.ndim - AXES[name]] for name, array in arrays.items()])
     except ValueError as error:
-        raise _shape_error(arrays) from error
+        raise shape_error(**arrays) from error
 
 
 def _flattened(array: Array, axes: int, lead: tuple[int, ...]) -> Array:
@@ -93,8 +117,3 @@ def _flattened(array: Array, axes: int, lead: tuple[int, ...]) -> Array:
         return array[None]
     core = array.shape[array.ndim - axes :]
     return np.broadcast_to(array, lead + core).reshape(-1, *core)
-
-
-def _shape_error(arrays: dict[str, Array]) -> FilterError:
-    described = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
-    return FilterError(f"shapes do not fit: {described}")

@@ -30,13 +30,12 @@ def factor_into(A, lower_t):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
-    """Cholesky factor (n, n) of the symmetric part of A, which may be singular; False if it is indefinite or not
-    finite. A pivot lost in rounding gives a column of zeros: process noise often has rank one."""
+def transposed_semifactor_into(A, upper):  # type: ignore[no-untyped-def]
+    """As `factor_into`, of the symmetric part of A, which may be singular; False if it is indefinite or not
+    finite. A pivot lost in rounding gives a row of zeros: process noise often has rank one."""
     n = A.shape[0]
     tolerance = A.dtype.type(4 * n) * np.finfo(A.dtype).eps
     half = A.dtype.type(0.5)
-    upper = lower  # at first its transpose, row by row along memory
     for j in range(n):
         for i in range(j, n):
             upper[j, i] = half * (A[i, j] + A[j, i])
@@ -52,22 +51,63 @@ def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
             for i in range(j + 1, n):
                 if not upper[j, i] * upper[j, i] <= (allowed + tolerance * A[j, j]) * abs(A[i, i]):
                     return False
-                upper[j, i] = 0.0
+                upper[j, i] = upper[i, j] = 0.0
             upper[j, j] = 0.0
             continue
         root = np.sqrt(pivot)
         upper[j, j] = root
         for i in range(j + 1, n):
             upper[j, i] /= root
-    for i in range(n):
-        for j in range(i):
-            lower[i, j] = upper[j, i]
-            upper[j, i] = 0.0
+            upper[i, j] = 0.0
     return True
 
 
 @njit(**FILLING)
-def is_semidefinite(A, scratch):  # type: ignore[no-untyped-def]
-    """Whether a symmetric A (n, n) is finite and not indefinite; `scratch` is (n, n). Most are positive definite,
-    which is the cheaper test."""
-    return factor_into(A, scratch) or semifactor_into(A, scratch)
+def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
+    """The lower factor (n, n), as it is usually written, of a covariance that may be singular; False if it is
+    indefinite or not finite."""
+    if not transposed_semifactor_into(A, lower):
+        return False
+    for i in range(A.shape[0]):
+        for j in range(i):
+            lower[i, j] = lower[j, i]
+            lower[j, i] = 0.0
+    return True
+
+
+@njit(**FILLING)
+def root_into(A, lower_t):  # type: ignore[no-untyped-def]
+    """As `factor_into`, but A may be singular: what is known exactly has a row of zeros. Most are positive
+    definite, which costs no more than `factor_into` does."""
+    return factor_into(A, lower_t) or transposed_semifactor_into(A, lower_t)
+
+
+@njit(**FILLING)
+def skip_known(lower_t):  # type: ignore[no-untyped-def]
+    """Replace the zero pivots of `root_into` by infinity: to divide by it gives what is known exactly no share,
+    and so solves a singular system that is consistent."""
+    for i in range(lower_t.shape[0]):
+        if lower_t[i, i] == 0:
+            lower_t[i, i] = np.inf
+
+
+@njit(**FILLING)
+def clear_known(P):  # type: ignore[no-untyped-def]
+    """Zero the covariances of what is known exactly: of the states whose variance is zero."""
+    for i in range(P.shape[0]):
+        if P[i, i] == 0:
+            for j in range(P.shape[0]):
+                P[i, j] = P[j, i] = 0.0
+
+
+@njit(**FILLING)
+def is_noise(A, scratch):  # type: ignore[no-untyped-def]
+    """Whether a finite A (n, n) is the covariance of a noise, not indefinite; `scratch` is (n, n). A diagonal one
+    costs next to nothing."""
+    n, off = A.shape[0], False
+    for i in range(n):
+        if A[i, i] < 0:
+            return False
+        for j in range(i):
+            off |= (A[i, j] != 0) | (A[j, i] != 0)
+    return not off or root_into(A, scratch)

@@ -6,9 +6,9 @@ Everything is in the precision of the arguments, single included: no accumulator
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import COVARIANCE, DOWNDATE, OK, SHAPE
 from onboard.filters.compiled import FILLING, MAKING, signatures
-from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.errors import COVARIANCE, DOWNDATE, MEMBER, OK, SHAPE
+from onboard.filters.kernels.cholesky import root_into
 
 
 @njit(**FILLING)
@@ -45,9 +45,11 @@ def tria_into(lower, extra):  # type: ignore[no-untyped-def]
 @njit(**FILLING)
 def downdate_into(lower, x):  # type: ignore[no-untyped-def]
     """lower := the factor of lower lower^T - x x^T (rank one; x (n,) is used up); False if that is not positive
-    definite."""
+    definite, but for what is known exactly and remains so."""
     n = lower.shape[0]
     for j in range(n):
+        if lower[j, j] == 0 and x[j] == 0:
+            continue
         square = (lower[j, j] - x[j]) * (lower[j, j] + x[j])
         if not (square > 0 and square < np.inf):
             return False
@@ -61,11 +63,11 @@ def downdate_into(lower, x):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def is_factor(lower):  # type: ignore[no-untyped-def]
-    """Whether a factor is finite, with a positive diagonal."""
+def is_factor(lower, least):  # type: ignore[no-untyped-def]
+    """Whether a factor is finite, with a diagonal of at least `least`, zero or the smallest positive number."""
     good = True
     for i in range(lower.shape[0]):
-        good &= lower[i, i] > 0
+        good &= lower[i, i] >= least
         for j in range(i + 1):
             good &= np.isfinite(lower[i, j])
     return good
@@ -93,8 +95,8 @@ def factor(P):  # type: ignore[no-untyped-def]
     if P.shape[2] != n:
         return out, SHAPE
     for b in range(count):
-        if not factor_into(P[b], lower_t):
-            return out, COVARIANCE
+        if not root_into(P[b], lower_t):
+            return out, COVARIANCE + MEMBER * b
         out[b] = lower_t.T
     return out, OK
 
@@ -114,5 +116,5 @@ def downdate(L, U):  # type: ignore[no-untyped-def]
             for i in range(n):
                 x[i] = U[b, i, a]
             if not downdate_into(out[b], x):
-                return out, DOWNDATE
+                return out, DOWNDATE + MEMBER * b
     return out, OK

@@ -121,8 +121,8 @@ def right_inverse(L_t, B, weighted):  # type: ignore[no-untyped-def]
         for i in range(j + 1, n):
             for a in range(m):
                 H_t[j, a] -= L_t[j, i] * H_t[i, a]
-        for a in range(m):
-            H_t[j, a] /= L_t[j, j]
+        for a in range(m):  # what is known exactly is not moved
+            H_t[j, a] = H_t[j, a] / L_t[j, j] if L_t[j, j] > 0 else 0
     return np.linalg.pinv(H_t, tolerance(B))
 
 

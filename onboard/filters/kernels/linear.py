@@ -5,11 +5,28 @@ filter is a batch of one.
 """
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
-from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MATRIX, MEAN, MEASUREMENT, NOISE, OK, SHAPE
 from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
-from onboard.filters.kernels.cholesky import factor_into, is_semidefinite
+from onboard.filters.errors import (
+    BENT_MEASURE,
+    BENT_PROCESS,
+    COVARIANCE,
+    IMAGES,
+    INNOVATION,
+    MATRIX,
+    MEAN,
+    MEASUREMENT,
+    MEMBER,
+    OK,
+    POINTS,
+    Q_INDEFINITE,
+    Q_NOT_FINITE,
+    R_INDEFINITE,
+    R_NOT_FINITE,
+    SHAPE,
+)
+from onboard.filters.kernels.cholesky import factor_into, is_noise, root_into
 from onboard.filters.kernels.sigma_points import wrapped
 
 
@@ -81,14 +98,58 @@ def propagate(P, F, Q):  # type: ignore[no-untyped-def]
     for b in range(count):
         matrix, noise = F[b % F.shape[0]], Q[b % Q.shape[0]]
         symmetric_into(P[b % P.shape[0]], prior)
-        if not is_semidefinite(prior, out[b]):
-            return out, COVARIANCE
+        if not root_into(prior, out[b]):
+            return out, COVARIANCE + MEMBER * b
         if not is_finite(matrix):
-            return out, MATRIX
+            return out, MATRIX + MEMBER * b
         if not is_finite(noise):
-            return out, NOISE
+            return out, Q_NOT_FINITE + MEMBER * b
+        if not is_noise(noise, out[b]):
+            return out, Q_INDEFINITE + MEMBER * b
         sandwich_into(matrix, prior, noise, out[b])
     return out, OK
+
+
+@njit(signatures(2), **MAKING)
+def corners(mean):  # type: ignore[no-untyped-def]
+    """(points (B, n+3, n), OK) where an affine function is found out: the origin, one on each axis, the mean, and
+    one more where no curved function is likely to have what the others foretell."""
+    count, n = mean.shape
+    points = np.zeros((count, n + 3, n), mean.dtype)
+    for b in range(count):
+        for i in range(n):
+            points[b, 1 + i, i] = 1.0
+            points[b, n + 1, i] = mean[b, i]
+            points[b, n + 2, i] = -1.5 - 0.125 * i
+    return points, OK
+
+
+@njit(signatures(3, 3, FLAGS, types.boolean), **MAKING)
+def affine(points, images, angular, is_measure):  # type: ignore[no-untyped-def]
+    """(matrix (B, m, n), value at the mean (B, m), status) from the images (B, n+3, m) of `corners`."""
+    count, size, n = points.shape
+    m = images.shape[2]
+    matrix, value = np.empty((count, m, n), points.dtype), np.empty((count, m), points.dtype)
+    if images.shape[0] != count or images.shape[1] != size:
+        return matrix, value, SHAPE
+    allowed = np.sqrt(np.finfo(points.dtype).eps)
+    for b in range(count):
+        for a in range(m):
+            value[b, a] = images[b, n + 1, a]
+            for i in range(n):
+                matrix[b, a, i] = images[b, 1 + i, a] - images[b, 0, a]
+            for s in range(n + 1, n + 3):
+                off, size_of = images[b, s, a] - images[b, 0, a], abs(images[b, 0, a]) + abs(images[b, s, a])
+                for i in range(n):
+                    part = matrix[b, a, i] * points[b, s, i]
+                    off, size_of = off - part, size_of + abs(part)
+                if angular[a]:
+                    off = wrapped(off)
+                if not np.isfinite(off):
+                    return matrix, value, (IMAGES if is_measure else POINTS) + MEMBER * b
+                if abs(off) > allowed * size_of:
+                    return matrix, value, (BENT_MEASURE if is_measure else BENT_PROCESS) + MEMBER * b
+    return matrix, value, OK
 
 
 @njit(**MAKING)
@@ -146,14 +207,14 @@ def correct_into(  # type: ignore[no-untyped-def]
         return status, P.dtype.type(0)
     prior = np.empty((n, n), P.dtype)
     symmetric_into(P, prior)
-    if not is_semidefinite(prior, P_out):
+    if not root_into(prior, P_out):
         return COVARIANCE, P.dtype.type(0)
-    if not is_finite(H):
-        return MATRIX, P.dtype.type(0)
-    if not is_finite(R):
-        return NOISE, P.dtype.type(0)
+    if not is_finite(H) or not is_finite(R):
+        return R_NOT_FINITE if is_finite(H) else MATRIX, P.dtype.type(0)
     HP = sandwich_into(H, prior, R, S)
     lower_t = np.empty((m, m), P.dtype)
+    if not is_noise(R, lower_t):
+        return R_INDEFINITE, P.dtype.type(0)
     if not factor_into(S, lower_t):
         return INNOVATION, P.dtype.type(0)
     K = HP.T.copy()
@@ -203,5 +264,5 @@ def correct(mean, P, H, predicted, y, R, angular, considered):  # type: ignore[n
             S[b],
         )
         if status != OK:
-            return mean_out, P_out, innovation, S, nis, status
+            return mean_out, P_out, innovation, S, nis, status + MEMBER * b
     return mean_out, P_out, innovation, S, nis, OK

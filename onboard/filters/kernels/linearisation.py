@@ -6,9 +6,22 @@ Batches as in `linear`.
 import numpy as np
 from numba import njit, types
 
-from onboard.filters.belief import COVARIANCE, MATRIX, MEAN, NOISE, OK, PREDICTED, SHAPE
 from onboard.filters.compiled import FILLING, FLAGS, MAKING, signatures
-from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.errors import (
+    ANGLE,
+    COVARIANCE,
+    FARTHEST,
+    IMAGES,
+    MATRIX,
+    MEAN,
+    MEMBER,
+    OK,
+    PREDICTED,
+    Q_INDEFINITE,
+    Q_NOT_FINITE,
+    SHAPE,
+)
+from onboard.filters.kernels.cholesky import is_noise, root_into, skip_known
 from onboard.filters.kernels.linear import common_batch, is_finite, joseph_into, sandwich_into, solve_into
 from onboard.filters.kernels.sigma_points import wrapped
 
@@ -33,9 +46,9 @@ def stencil(mean, P):  # type: ignore[no-untyped-def]
                 points[b, s, i] = centre[i]
         for i in range(n):
             if not np.isfinite(centre[i]):
-                return points, MEAN
+                return points, MEAN + MEMBER * b
             if not (covariance[i, i] >= 0 and covariance[i, i] < np.inf):
-                return points, COVARIANCE
+                return points, COVARIANCE + MEMBER * b
             step = max(eps**0.25 * np.sqrt(covariance[i, i]), np.sqrt(eps) * abs(centre[i]))
             if not step > 0:
                 step = eps**0.25
@@ -60,18 +73,18 @@ def slopes(points, images, angular, fault):  # type: ignore[no-untyped-def]
                 rise = images[b, 1 + i, a] - images[b, 1 + n + i, a]
                 jacobian[b, a, i] = (wrapped(rise) if angular[a] else rise) / width
         if not is_finite(jacobian[b]):
-            return jacobian, fault
+            return jacobian, fault + MEMBER * b
     return jacobian, OK
 
 
 @njit(**FILLING)
 def centred_into(images, w, first, angular, mean, deviations):  # type: ignore[no-untyped-def]
-    """Mean (m,) of images (2n+1, m), the 2n outer ones of weight w, and the deviations (m, 2n+1) from it; whether
-    it is finite. Weights sum to one, so a mean relative to the centre's image needs no other weight, and a mean of
-    angles does not break at +-pi. With `first` 1 there is no centre: the mean is relative to the first image, and
-    then to that mean."""
+    """Mean (m,) of images (2n+1, m), the 2n outer ones of weight w, and the deviations (m, 2n+1) from it; a
+    status, IMAGES if it is not finite. Weights sum to one, so a mean relative to the centre's image needs no other
+    weight, and a mean of angles does not break at +-pi. With `first` 1 there is no centre: the mean is relative to
+    the first image, and then to that mean."""
     k, m = images.shape
-    good = True
+    good, farthest = True, images.dtype.type(0)
     for a in range(m):
         origin = images[first, a]
         deviations[a, 0] = 0.0
@@ -79,8 +92,11 @@ def centred_into(images, w, first, angular, mean, deviations):  # type: ignore[n
             shift = images.dtype.type(0)
             for s in range(1, k):
                 d = images[s, a] - origin
-                deviations[a, s] = wrapped(d) if angular[a] else d
-                shift += deviations[a, s]
+                if angular[a]:
+                    d = wrapped(d)
+                    farthest = max(farthest, abs(d))
+                deviations[a, s] = d
+                shift += d
             shift *= w
             if sweep < first:
                 origin += shift
@@ -88,7 +104,9 @@ def centred_into(images, w, first, angular, mean, deviations):  # type: ignore[n
             deviations[a, s] -= shift
         mean[a] = origin + shift
         good &= np.isfinite(mean[a])
-    return good
+    if not good:
+        return IMAGES
+    return OK if farthest <= FARTHEST else ANGLE
 
 
 @njit(**FILLING)
@@ -110,8 +128,29 @@ def with_centre(images, angular):  # type: ignore[no-untyped-def]
     mean, deviations = np.empty(m, images.dtype), np.empty((m, k + 1), images.dtype)
     for b in range(count):
         out[b, 1:] = images[b]
-        centred_into(out[b], images.dtype.type(1) / k, 1, angular, mean, deviations)  # callers find NaN
+        status = centred_into(out[b], images.dtype.type(1) / k, 1, angular, mean, deviations)
+        if status == ANGLE:  # callers find NaN
+            return out, ANGLE + MEMBER * b
         out[b, 0] = mean
+    return out, OK
+
+
+@njit(signatures(3, FLAGS), **MAKING)
+def beside_first(images, angular):  # type: ignore[no-untyped-def]
+    """(images (B, k, m), status): angles moved by whole turns to be within pi of the first image's."""
+    count, k, m = images.shape
+    out = np.empty((count, k, m), images.dtype)
+    if angular.shape[0] != m:
+        return out, SHAPE
+    for b in range(count):
+        for s in range(k):
+            for a in range(m):
+                out[b, s, a] = images[b, s, a]
+                if angular[a]:
+                    d = wrapped(images[b, s, a] - images[b, 0, a])
+                    if abs(d) > FARTHEST:
+                        return out, ANGLE + MEMBER * b
+                    out[b, s, a] = images[b, 0, a] + d
     return out, OK
 
 
@@ -129,10 +168,12 @@ def regress(P, images, w_cov, w, angular, fault):  # type: ignore[no-untyped-def
     d, lower_t = np.empty((m, size), P.dtype), np.empty((n, n), P.dtype)
     root = np.sqrt(P.dtype.type(0.5) * w)
     for b in range(count):
-        if not factor_into(P[b], lower_t):
-            return A, value, rest, COVARIANCE
-        if not centred_into(images[b], w, skips_centre(images[b], w_cov), angular, value[b], d):
-            return A, value, rest, fault
+        if not root_into(P[b], lower_t):
+            return A, value, rest, COVARIANCE + MEMBER * b
+        skip_known(lower_t)
+        status = centred_into(images[b], w, skips_centre(images[b], w_cov), angular, value[b], d)
+        if status != OK:
+            return A, value, rest, (fault if status == IMAGES else status) + MEMBER * b
         for a in range(m):
             for i in range(n - 1, -1, -1):  # A L = the odd part of the deviations; L lower, so from the right
                 odd = root * (d[a, 1 + i] - d[a, 1 + n + i])
@@ -158,10 +199,13 @@ def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):  
     if not is_finite(F):
         return MATRIX
     if not is_finite(Q):
-        return NOISE
+        return Q_NOT_FINITE
+    if not is_noise(Q, lower_t):
+        return Q_INDEFINITE
     sandwich_into(F, P, Q, forecast)
-    if not factor_into(forecast, lower_t):
+    if not root_into(forecast, lower_t):
         return PREDICTED
+    skip_known(lower_t)
     G, noise = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype)
     for i in range(n):
         for k in range(n):
@@ -192,8 +236,8 @@ def smooth_back(mean, P, F, Q, predicted):  # type: ignore[no-untyped-def]
     lower_t = np.empty((n, n), P.dtype)
     for b in range(count):
         for t in range(steps - 1, -1, -1):
-            if not factor_into(P[t, b], lower_t):
-                return mean_out, P_out, COVARIANCE
+            if not root_into(P[t, b], lower_t):
+                return mean_out, P_out, COVARIANCE + MEMBER * b
             if t == steps - 1:
                 mean_out[t, b] = mean[t, b]
                 P_out[t, b] = P[t, b]
@@ -203,5 +247,5 @@ def smooth_back(mean, P, F, Q, predicted):  # type: ignore[no-untyped-def]
                 mean_out[t + 1, b], P_out[t + 1, b], mean_out[t, b], P_out[t, b],
             )  # fmt: skip
             if status != OK:
-                return mean_out, P_out, status
+                return mean_out, P_out, status + MEMBER * b
     return mean_out, P_out, OK

@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import INNOVATION, OK
 from onboard.filters.compiled import FILLING, MAKING
+from onboard.filters.errors import INNOVATION, OK
 from onboard.filters.kernels.cholesky import factor_into
 from onboard.filters.kernels.sigma_points import TWO_PI
 
@@ -66,11 +66,13 @@ def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P): 
             if angular[a]:
                 e[k, a] -= TWO_PI * np.rint((e[k, a] - e[0, a]) / TWO_PI)
         log_l[k] = -0.5 * (nis[k] + log_det)
-        if prior[k] > 0:
+        if prior[k] > 0 and log_l[k] > -np.inf:
             best = max(best, np.log(prior[k]) + log_l[k])
     total = 0.0
     for k in range(r):
-        score = np.exp(np.log(prior[k]) + log_l[k] - best) if prior[k] > 0 else 0.0
+        score = np.exp(np.log(prior[k]) + log_l[k] - best) if prior[k] > 0 and log_l[k] > -np.inf else 0.0
+        if best == -np.inf:  # beyond what numbers hold under all modes alike: nothing is learned of them
+            score = prior[k]
         posterior[k] = score
         total += score
     for k in range(r):

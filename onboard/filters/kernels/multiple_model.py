@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import OK
 from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.filters.errors import MEMBER, OK
 from onboard.filters.kernels.mixture import mix_into, weigh_into
 
 
@@ -34,6 +34,6 @@ def weigh(innovations, S, nis, prior, angular):  # type: ignore[no-untyped-def]
         found, mixed_nis[b] = weigh_into(
             innovations[b], S[b], nis[b], prior[b], angular, log_l[b], posterior[b], mean[b], P[b]
         )
-        if found != OK:
-            status = found
+        if found != OK and status == OK:
+            status = found + MEMBER * b
     return log_l, posterior, mean, P, mixed_nis, status

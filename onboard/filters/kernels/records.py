@@ -3,9 +3,9 @@
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import OK
 from onboard.filters.compiled import FLAGS, MAKING, signatures
-from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.errors import OK, Q_INDEFINITE
+from onboard.filters.kernels.cholesky import factor_into, is_noise
 from onboard.filters.kernels.linear import correct_into, sandwich_into
 from onboard.filters.kernels.sigma_points import TWO_PI
 
@@ -71,6 +71,10 @@ def filter_record(mean, P, F, Q, inputs, H, R, y, angular):  # type: ignore[no-u
     innovation, S = np.empty((steps, count, m), dtype), np.empty((steps, count, m, m), dtype)
     predicted = np.empty((steps, count, m), dtype)
     nis, log_l = np.empty((steps, count), dtype), np.empty((steps, count), dtype)
+    scratch = np.empty((n, n), dtype)
+    for q in range(len(Q)):
+        if steps > 1 and not is_noise(Q[q], scratch):
+            return prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l, q + 1, 0, Q_INDEFINITE
     for k in range(steps):
         f, q, u, h, r = (k - 1) % len(F), (k - 1) % len(Q), (k - 1) % len(inputs), k % len(H), k % len(R)
         for b in range(count):

@@ -8,9 +8,21 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MEAN, MEASUREMENT, NOISE, OK, POINTS, SHAPE
 from onboard.filters.compiled import CONTRACTED, FILLING
-from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.errors import (
+    ANGLE,
+    COVARIANCE,
+    FARTHEST,
+    IMAGES,
+    INNOVATION,
+    MEAN,
+    MEASUREMENT,
+    OK,
+    POINTS,
+    Q_NOT_FINITE,
+    SHAPE,
+)
+from onboard.filters.kernels.cholesky import clear_known, factor_into, transposed_semifactor_into
 from onboard.filters.kernels.products import offsets_by_into, padded, squares_into
 
 TWO_PI: Final = 2.0 * np.pi
@@ -26,7 +38,7 @@ def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
         if not np.isfinite(mean[i]):
             return MEAN
         points[0, i] = mean[i]
-    if not factor_into(P, points[1 : n + 1]):
+    if not factor_into(P, points[1 : n + 1]) and not transposed_semifactor_into(P, points[1 : n + 1]):
         return COVARIANCE
     for j in range(1, n + 1):
         for i in range(n):
@@ -77,7 +89,7 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):  # type: ignore[
             P[i, j] = value
             P[j, i] = value
         off += here
-    return OK if off == 0 else NOISE
+    return OK if off == 0 else Q_NOT_FINITE
 
 
 @njit(**FILLING, **CONTRACTED)
@@ -92,7 +104,7 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: i
     d (m, 2n+1): n differences of opposite images, n sums of their deviations, and the centre's deviation."""
     k, m = images.shape
     n = k // 2
-    plus, minus = images[1:], images[n + 1 :]
+    plus, minus, farthest = images[1:], images[n + 1 :], w - w
     for a in range(m):  # relative to the centre's image, so that a mean of angles does not break at +-pi
         centre = images[0, a]
         total = w - w
@@ -103,6 +115,9 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: i
                 one, other = wrapped(one), wrapped(other)
             row[s], opposite[s] = one - other, one + other
             total += one + other
+        if angular[a]:
+            for s in range(n):  # the larger of two sizes is half that of their sum and difference together
+                farthest = max(farthest, abs(row[s]) + abs(opposite[s]))
         shift = w * total
         for s in range(n):
             opposite[s] -= shift + shift
@@ -116,7 +131,7 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: i
             return IMAGES
         if not np.isfinite(z):
             return MEASUREMENT
-    return OK
+    return OK if farthest <= 2 * FARTHEST else ANGLE
 
 
 @njit(**FILLING, **CONTRACTED)
@@ -180,9 +195,11 @@ def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):  #
 
 
 @njit(**FILLING, **CONTRACTED)
-def reduce_into(P, reductions, considered, P_out):  # type: ignore[no-untyped-def]
-    """P less the `reductions` (n, n), but for pairs of considered states."""
-    n = P.shape[0]
+def reduce_into(P, reductions, considered, exact, P_out):  # type: ignore[no-untyped-def]
+    """P less the `reductions` (n, n), but for pairs of considered states. After an `exact` measurement a variance
+    of which only rounding is left is zero."""
+    n, zero = P.shape[0], P.dtype.type(0)
+    rounding = (zero + 4 * n) * np.finfo(P.dtype).eps
     any_considered = False
     for i in range(n):
         any_considered |= considered[i]
@@ -196,6 +213,11 @@ def reduce_into(P, reductions, considered, P_out):  # type: ignore[no-untyped-de
             value = P[j, i] - reductions[i, j]
             P_out[i, j] = value
             P_out[j, i] = value
+    if exact:
+        for i in range(n):
+            if abs(P_out[i, i]) <= rounding * (P_out[i, i] + reductions[i, i]):
+                P_out[i, i] = zero
+        clear_known(P_out)
 
 
 @njit(**FILLING, **CONTRACTED)
@@ -232,5 +254,8 @@ def correct_into(  # type: ignore[no-untyped-def]
         squares_into(cross, m, reductions)  # K S K^T
     else:
         reductions[:] = zero
-    reduce_into(P, reductions, considered, P_out)
+    exact = False
+    for a in range(m):
+        exact |= R[a, a] == 0
+    reduce_into(P, reductions, considered, exact, P_out)
     return OK, nis

@@ -4,8 +4,8 @@ filter a step at a time (`stepping`)."""
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import FACTOR, INDEFINITE, MATRIX, OK, POSTERIOR, PREDICTED, SHAPE
 from onboard.filters.compiled import FLAGS, MAKING, signatures
+from onboard.filters.errors import FACTOR, MATRIX, MEMBER, OK, POSTERIOR, PREDICTED, R_INDEFINITE, SHAPE
 from onboard.filters.kernels.cholesky import semifactor_into
 from onboard.filters.kernels.factors import is_factor
 from onboard.filters.kernels.linear import common_batch
@@ -22,7 +22,7 @@ def spread(mean, L, gamma):  # type: ignore[no-untyped-def]
     for b in range(count):
         status = spread_into(mean[b % mean.shape[0]], L[b % L.shape[0]], gamma, points[b])
         if status != OK:
-            return points, status
+            return points, status + MEMBER * b
     return points, OK
 
 
@@ -38,7 +38,7 @@ def gather(points, Q, w_cov, w):  # type: ignore[no-untyped-def]
     for b in range(count):
         status = gather_into(points[b], Q[b % Q.shape[0]], w_cov, w, no_angles, extra, centre, mean[b], L[b])
         if status != OK:
-            return mean, L, status
+            return mean, L, status + MEMBER * b
     return mean, L, OK
 
 
@@ -80,6 +80,8 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):  # type: ig
                 S[b],
                 predicted[b],
             )
+            if status != OK:
+                status += MEMBER * b
     return mean_out, L_out, K, U, innovation, S, predicted, nis, status
 
 
@@ -94,15 +96,15 @@ def joseph(L, H, K, R):  # type: ignore[no-untyped-def]
     for b in range(count):
         prior = L[b % L.shape[0]]
         if not semifactor_into(R[b % R.shape[0]], V):
-            return out, INDEFINITE
+            return out, R_INDEFINITE + MEMBER * b
         for a in range(m):
             for j in range(n):
                 HL[a, j] = 0.0
                 for i in range(j, n):
                     HL[a, j] += H[b, a, i] * prior[i, j]
         joseph_into(prior, HL, K[b], V, out[b])
-        if not is_factor(out[b]):
-            return out, MATRIX
+        if not is_factor(out[b], 0.0):
+            return out, MATRIX + MEMBER * b
     return out, OK
 
 

@@ -6,8 +6,18 @@ Everything is in the precision of the arguments, single included: no accumulator
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import DOWNDATE, FACTOR, IMAGES, INDEFINITE, INNOVATION, MEAN, OK, POINTS, SHAPE
 from onboard.filters.compiled import FILLING, MAKING
+from onboard.filters.errors import (
+    DOWNDATE,
+    FACTOR,
+    INNOVATION,
+    MEAN,
+    OK,
+    POINTS,
+    Q_INDEFINITE,
+    R_INDEFINITE,
+    SHAPE,
+)
 from onboard.filters.kernels.cholesky import semifactor_into
 from onboard.filters.kernels.factors import downdate_into, is_factor, tria_into
 from onboard.filters.kernels.linear import innovate_into
@@ -18,7 +28,7 @@ from onboard.filters.kernels.linearisation import centred_into, skips_centre
 def spread_into(mean, lower, gamma, points):  # type: ignore[no-untyped-def]
     """Sigma points of one filter into `points` (2n+1, n); a status."""
     n = mean.shape[0]
-    if not is_factor(lower):
+    if not is_factor(lower, 0.0):
         return FACTOR
     for i in range(n):
         if not np.isfinite(mean[i]):
@@ -39,10 +49,10 @@ def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):  # type
     if Q.shape != (n, n) or size != 2 * n + 1:
         return SHAPE
     root, root_centre = np.sqrt(w), np.sqrt(abs(w_cov))
-    if not centred_into(points, w, skips_centre(points, w_cov), no_angles, mean, extra):
+    if centred_into(points, w, skips_centre(points, w_cov), no_angles, mean, extra) != OK:
         return POINTS
     if not semifactor_into(Q, L):
-        return INDEFINITE
+        return Q_INDEFINITE
     for i in range(n):
         centre[i] = root_centre * extra[i, 0]
         extra[i, 0] = centre[i] if w_cov > 0 else points.dtype.type(0)
@@ -60,10 +70,11 @@ def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):  # ty
     (eqs 25, 26). A negative centre weight is in `root`, by a downdate, but not in V; a status."""
     m, n = odd.shape
     d, even = np.empty((m, 2 * n + 1), odd.dtype), np.empty((m, n + 1), odd.dtype)
-    if not centred_into(images, w, skips_centre(images, w_cov), angular, predicted, d):
-        return IMAGES
+    status = centred_into(images, w, skips_centre(images, w_cov), angular, predicted, d)
+    if status != OK:
+        return status
     if not semifactor_into(R, V):
-        return INDEFINITE
+        return R_INDEFINITE
     share, centre = np.sqrt(odd.dtype.type(0.5) * w), np.sqrt(abs(w_cov))
     column = np.empty(m, odd.dtype)
     for a in range(m):
@@ -77,7 +88,7 @@ def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):  # ty
     tria_into(root, odd.copy())
     if w_cov < 0 and not downdate_into(root, column):
         return DOWNDATE
-    return OK if is_factor(root) else INNOVATION
+    return OK if is_factor(root, np.finfo(root.dtype).tiny) else INNOVATION
 
 
 @njit(**MAKING)

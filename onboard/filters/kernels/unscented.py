@@ -7,8 +7,9 @@ it in Python, so the callers bring the arrays for the results.
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import COVARIANCE, OK, POSTERIOR, PREDICTED, SHAPE
 from onboard.filters.compiled import CONTRACTED, FILLING, FLAGS, MAKING, signatures
+from onboard.filters.errors import COVARIANCE, MEMBER, OK, POSTERIOR, PREDICTED, Q_INDEFINITE, R_INDEFINITE, SHAPE
+from onboard.filters.kernels.cholesky import is_noise
 from onboard.filters.kernels.sigma_points import (
     correct_into,
     correct_scratch_shape,
@@ -36,6 +37,8 @@ def redraw(moved, weights, Q, state):  # type: ignore[no-untyped-def]
     rows, width = gather_scratch_shape(n)
     scratch = state[3 * n + 1 :].reshape(-1)[: rows * width].reshape(rows, width)
     status = gather_into(moved, w_mean, w_cov, w, Q, scratch, points[0], P)
+    if status == OK and not is_noise(Q, scratch):
+        return Q_INDEFINITE
     if status == OK:
         status = spread_into(points[0], P, gamma, points)
     return PREDICTED if status == COVARIANCE else status
@@ -46,7 +49,7 @@ def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):
     """Mean and covariance into the rows of `out` (1 + n, n); innovation, prediction and the covariance of the
     innovation into those of `found` (2 + m, m). (status, NIS)."""
     scratch = np.empty(correct_scratch_shape(points.shape[1], y.shape[0]), points.dtype)
-    return correct_into(
+    status, nis = correct_into(
         points,
         images,
         P,
@@ -63,6 +66,7 @@ def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):
         found[2:],
         found[1],
     )
+    return R_INDEFINITE if status != SHAPE and not is_noise(R, scratch) else status, nis
 
 
 @njit(signatures("out", 2, 1, 2, 1, FLAGS), **FILLING, **CONTRACTED)
@@ -82,6 +86,8 @@ def correct_and_redraw(state, images, y, R, weights, masks):  # type: ignore[no-
     status, nis = correct_into(  # reads each number for the last time before it writes there
         points, images, P, y, R, w_cov, w, angular, considered, scratch, mean, P, innovation, S, predicted
     )
+    if status != SHAPE and not is_noise(R, scratch):
+        return R_INDEFINITE, nis
     if status == OK:
         status = spread_into(mean, P, gamma, points)
         if status == COVARIANCE:
@@ -124,6 +130,8 @@ def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):  # ty
             S[b],
             predicted[b],
         )
+        if status != SHAPE and (b == 0 or R.shape[0] > 1) and not is_noise(R[b % R.shape[0]], scratch):
+            status = R_INDEFINITE
         if status != OK:
-            return mean_out, P_out, innovation, S, predicted, nis, status
+            return mean_out, P_out, innovation, S, predicted, nis, status + MEMBER * b
     return mean_out, P_out, innovation, S, predicted, nis, OK

@@ -7,9 +7,9 @@ As in `unscented`, the callers bring the arrays for the results of one belief.
 import numpy as np
 from numba import njit
 
-from onboard.filters.belief import OK, SHAPE
 from onboard.filters.compiled import CONTRACTED, MAKING, signatures
-from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.errors import MEMBER, NEAR, OK, Q_INDEFINITE, SHAPE, WEIGHTS
+from onboard.filters.kernels.cholesky import factor_into, is_noise
 from onboard.filters.kernels.sigma_points import gather_into, gather_scratch_shape, spread_into
 
 
@@ -20,9 +20,12 @@ def factor(A):  # type: ignore[no-untyped-def]
     return lower_t, factor_into(A, lower_t)
 
 
-@njit(signatures(1, 2, "f", "out"), **MAKING, **CONTRACTED)
-def spread(mean, P, gamma, points):  # type: ignore[no-untyped-def]
+@njit(signatures(1, 2, "f", "f", "f", "out"), **MAKING, **CONTRACTED)
+def spread(mean, P, gamma, w_mean, w, points):  # type: ignore[no-untyped-def]
     """Sigma points into `points` (2n+1, n); a status."""
+    others = 2 * w * mean.shape[0]
+    if abs(w_mean + others - 1) > NEAR * others:
+        return WEIGHTS
     return spread_into(mean, P, gamma, points)
 
 
@@ -30,7 +33,8 @@ def spread(mean, P, gamma, points):  # type: ignore[no-untyped-def]
 def gather(points, w_mean, w_cov, w, Q, out):  # type: ignore[no-untyped-def]
     """Mean and covariance into the rows of `out` (1 + n, n); a status."""
     scratch = np.empty(gather_scratch_shape(out.shape[1]), points.dtype)
-    return gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
+    status = gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
+    return Q_INDEFINITE if status == OK and not is_noise(Q, scratch) else status
 
 
 # ---------------------------------------------------------------------------------- a batch of them
@@ -46,7 +50,7 @@ def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
     for b in range(count):
         status = spread_into(mean[b], P[b], gamma, points[b])
         if status != OK:
-            return points, status
+            return points, status + MEMBER * b
     return points, OK
 
 
@@ -60,6 +64,8 @@ def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
     scratch = np.empty(gather_scratch_shape(n), points.dtype)
     for b in range(count):
         status = gather_into(points[b], w_mean, w_cov, w, Q[b % Q.shape[0]], scratch, mean[b], P[b])
+        if status == OK and (b == 0 or Q.shape[0] > 1) and not is_noise(Q[b % Q.shape[0]], scratch):
+            status = Q_INDEFINITE
         if status != OK:
-            return mean, P, status
+            return mean, P, status + MEMBER * b
     return mean, P, OK

@@ -12,9 +12,21 @@ from typing import Final
 import numpy as np
 from numba import njit, types
 
-from onboard.filters.belief import COVARIANCE, IMAGES, INNOVATION, MEASUREMENT, NOISE, OK, SHAPE
 from onboard.filters.compiled import FLAGS, MAKING, signatures
-from onboard.filters.kernels.cholesky import factor_into
+from onboard.filters.errors import (
+    ANGLE,
+    COVARIANCE,
+    FARTHEST,
+    IMAGES,
+    INNOVATION,
+    MEASUREMENT,
+    MEMBER,
+    OK,
+    R_INDEFINITE,
+    R_NOT_FINITE,
+    SHAPE,
+)
+from onboard.filters.kernels.cholesky import factor_into, is_noise, root_into
 from onboard.filters.kernels.gains import (
     add_transposed_product_into,
     joseph_into,
@@ -43,13 +55,14 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):  # type: ignor
     """Predicted measurement, innovation e, B (n, m), N and S = B^T B + N, of images (2n+1, m); a status."""
     k, m = images.shape
     n = k // 2
-    even = np.empty((n, m), images.dtype)
+    even, farthest = np.empty((n, m), images.dtype), images.dtype.type(0)
     for a in range(m):  # relative to the centre's image, so that a mean of angles does not break at +-pi
         total = 0.0
         for j in range(n):
             up, down = images[1 + j, a] - images[0, a], images[1 + n + j, a] - images[0, a]
             if angular[a]:
                 up, down = wrapped(up), wrapped(down)
+                farthest = max(farthest, abs(up), abs(down))
             B[j, a] = 0.5 * (up - down) / np.sqrt(n)
             even[j, a] = 0.5 * (up + down)
             total += even[j, a]
@@ -74,8 +87,8 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):  # type: ignor
             S[a, b] = odd + N[a, b]
             N[b, a], S[b, a] = N[a, b], S[a, b]
             if not np.isfinite(N[a, b]):
-                return NOISE
-    return OK
+                return R_NOT_FINITE
+    return OK if farthest <= FARTHEST else ANGLE
 
 
 @njit(**MAKING)
@@ -172,12 +185,14 @@ def update_into(  # type: ignore[no-untyped-def]
         return SHAPE, 0.0
     dtype = mean.dtype
     L_t, B, N = np.empty((n, n), dtype), np.empty((n, m), dtype), np.empty((m, m), dtype)
-    if not factor_into(P, L_t):
+    if not root_into(P, L_t):
         return COVARIANCE, 0.0
     status = linearise_into(images, y, R, angular, predicted, e, B, N, S)
     if status != OK:
         return status, 0.0
     white, lower_t = np.empty((m, 1), dtype), np.empty((m, m), dtype)
+    if not is_noise(R, lower_t):
+        return R_INDEFINITE, 0.0
     if not factor_into(S, lower_t):
         return INNOVATION, 0.0
     white[:, 0] = e
@@ -261,4 +276,6 @@ def update_batch(  # type: ignore[no-untyped-def]
                 kind, gamma, scale, patience, weighted, fading, updates_outside[b], switching[b],
                 slow_switching[b], rows,
             )  # fmt: skip
+            if status != OK:
+                status += MEMBER * b
     return (*out, updates_outside, switching, slow_switching, nis, status)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from onboard.arrays import Array
 from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Rows, Update
+from onboard.filters.errors import SpreadError
 from onboard.filters.gating import normalised_squared
 
 Indices = npt.NDArray[np.intp]
@@ -129,7 +130,7 @@ def _works(scene: Scene, tracker: Tracker, k: int, state: Any, run: Indices) -> 
 
 def _is_numerical(error: FilterError) -> bool:
     """Whether the numbers of a run are at fault, and not the call."""
-    return isinstance(error, NotPositiveDefiniteError) or "not finite" in str(error)
+    return isinstance(error, NotPositiveDefiniteError | SpreadError) or "not finite" in str(error)
 
 
 def _advance(

@@ -19,9 +19,9 @@ LAST: Final = 50  # steps over which divergence is judged
 
 
 class WindowErrors(NamedTuple):
-    """Over the steps of a window and the runs that did not fail: root mean squares of the lengths of error vectors
-    (m, m/s, m/s^2), means of NEES and NIS, and the share of NEES within its 95 %
-    bound."""
+    """Over the steps of a window and the runs that did not fail, before or after: root mean squares of the lengths
+    of error vectors (m, m/s, m/s^2), means of NEES and NIS, and the share of NEES within its 95 % bound. NaN if
+    all failed."""
 
     position: float
     velocity: float
@@ -80,6 +80,7 @@ def judge(
     steps, runs, n = trace.mean.shape
     error = trace.mean - (truth if truth.ndim == 3 else truth[:, None])
     failed = trace.failed < steps
+    kept = error[:, ~failed]  # a run is easy as long as it does not fail: to count it up to there would flatter
     distance = _length(error, POSITION)
     far = distance[-LAST:].mean(axis=0) > limit  # false of NaN, a run that failed
     bound = chi_square_threshold(0.95, n)
@@ -91,12 +92,12 @@ def judge(
         diverged=int((failed | far).sum()),
         windows={
             name: WindowErrors(
-                position=_rms(distance[at]),
-                velocity=_rms(_length(error[at], VELOCITY)),
-                acceleration=_rms(_length(error[at], ACCELERATION)),
-                nees=_over(np.mean, trace.nees[at]),
-                nis=_over(np.mean, trace.nis[at]),
-                inside=_over(np.mean, trace.nees[at], lambda x: x < bound),
+                position=_rms(_length(kept[at], POSITION)),
+                velocity=_rms(_length(kept[at], VELOCITY)),
+                acceleration=_rms(_length(kept[at], ACCELERATION)),
+                nees=_over(np.mean, trace.nees[at][:, ~failed]),
+                nis=_over(np.mean, trace.nis[at][:, ~failed]),
+                inside=_over(np.mean, trace.nees[at][:, ~failed], lambda x: x < bound),
             )
             for name, at in windows.items()
         },

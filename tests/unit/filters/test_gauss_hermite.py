@@ -50,5 +50,5 @@ def test_what_it_cannot_do_is_refused() -> None:
         gauss_hermite.rule(4, 100)
     with pytest.raises(FilterError, match="process: gave states that are not finite"):
         gauss_hermite.predict(belief, lambda rows: rows * np.nan, np.eye(2))
-    with pytest.raises(NotPositiveDefiniteError, match="covariance: not positive definite"):
+    with pytest.raises(NotPositiveDefiniteError, match="covariance: not positive semi-definite"):
         gauss_hermite.predict(Belief(np.zeros(2), -np.eye(2)), lambda rows: rows, np.eye(2))

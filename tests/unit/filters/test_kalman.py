@@ -21,7 +21,7 @@ def problem(seed: int, lead: tuple[int, ...] = ()) -> dict[str, Any]:
         "H": rng.normal(0, 1, (M, N)),
         "Q": spd(rng, N),
         "R": spd(rng, M),
-        "mean": rng.normal(0, 3, (*lead, N)),
+        "mean": rng.normal(0, 3, (*lead, N)) + 40 * np.eye(N)[0],  # so far off that its bearing is known
         "P": spd(rng, N, lead),
         "y": rng.normal(0, 3, (*lead, M)),
     }

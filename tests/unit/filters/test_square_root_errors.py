@@ -60,7 +60,7 @@ def test_what_cannot_be_used_is_refused_by_name(update: Callable[..., Any], name
         ("R", np.diag([1.0, -1e-6])),
         ("factor", np.diag([1.0, -1.0])),
         ("factor", np.diag(NAN)),
-        ("factor", np.zeros((2, 2))),
+        ("factor", np.array([[1.0, 0.0], [0.0, -1e-9]])),
     ],
 )
 def test_what_has_no_square_root_is_refused_by_name(name: str, bad: Any) -> None:

@@ -92,6 +92,22 @@ def test_a_run_that_fails_is_taken_out_and_the_others_stay_seed_3() -> None:
     assert (found.runs, found.failed, found.diverged, found.failed_at) == (5, 2, 2, 4.0)
 
 
+def test_a_filter_of_which_all_runs_fail_has_no_error_to_look_best_by() -> None:
+    """ "EKF as printed" had 3.57 m, the best of the table, and a NEES of -1605, with 3 of 3 runs failed."""
+    steps, windows = 60, {"early": np.arange(60) < 30, "all": np.ones(60, bool)}
+    mean = np.zeros((steps, 3, 9))
+    mean[40:] = np.nan
+    trace = Trace(mean, mean + 1, mean[..., 0] - 1605.0, mean[..., 0], mean[..., 0] + 1, np.full(3, 40))
+    found = judge(trace, np.zeros((steps, 9)), UKF, np.arange(60.0), windows, 50.0)
+    for window in found.windows.values():
+        assert np.isnan(window).all()
+    assert found.failures == "3 of 3, median 40 s"
+    one = judge(
+        trace._replace(failed=np.array([40, 60, 40])), np.zeros((60, 9)), UKF, np.arange(60.0), windows, 50.0
+    )
+    assert one.windows["early"].position == 0.0
+
+
 def test_a_fault_of_the_call_is_not_a_failure_of_runs() -> None:
     wrong = Measurement(np.zeros((2, 3)), np.eye(3), lambda rows: rows[:, :2])
     with pytest.raises(FilterError, match="measure"):

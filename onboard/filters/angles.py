@@ -1,0 +1,46 @@
+"""Angles among the states: a heading of 3.1 rad and one of -3.1 rad are 0.08 rad apart.
+
+Every prediction takes `angular_states`, the indices of states that are angles; so do updates by sigma points, the
+smoothers, and `multiple_model.start`. Their differences then wrap. A mean is beside the model's own value, not
+moved into [-pi, pi]: a model that wraps its angles keeps them there, give or take their uncertainty.
+"""
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters.belief import mask
+from onboard.filters.errors import ANGLE, FARTHEST, raise_status
+from onboard.filters.kernels import linearisation
+from onboard.filters.kernels.calls import call
+
+TURN = 2 * np.pi
+
+
+def beside_first(images: Array, angular_states: tuple[int, ...]) -> Array:
+    """Images (..., k, n) whose angles are moved by whole turns, to be within pi of the first image's.
+
+    Raises FilterError for one that is more than 2 rad from it.
+    """
+    if not angular_states:
+        return images
+    (moved,) = call(linearisation.beside_first, mask(angular_states, images.shape[-1]), model=images)
+    return np.asarray(moved)
+
+
+def beside(angles: Array, reference: Array, angular_states: tuple[int, ...]) -> Array:
+    """States (..., n) whose angles are moved by whole turns, to be within pi of those of the reference."""
+    if not angular_states:
+        return angles
+    turns = np.rint((angles - reference) / TURN)
+    return np.asarray(angles - TURN * turns * mask(angular_states, angles.shape[-1]), angles.dtype)
+
+
+def check_spread(points: Array, angular_states: tuple[int, ...]) -> None:
+    """Check that sigma points (..., k, n), the mean first, are near it in all angles.
+
+    Raises FilterError for one that is more than 2 rad from it.
+    """
+    if angular_states:
+        far = np.abs(points - points[..., :1, :]) > FARTHEST
+        if far[..., mask(angular_states, points.shape[-1])].any():
+            raise_status(ANGLE)
