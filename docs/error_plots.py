@@ -8,8 +8,8 @@ import numpy as np
 from drawings import BLUE, GREEN, INK, ORANGE, PICTURES, PINK
 
 from onboard.arrays import Array
+from onboard.commands.report_style import STYLE, mpl
 from onboard.messages import Estimate, NavState, TrafficTruth, Truth
-from onboard.studies.report.drawing import STYLE, mpl
 
 SIGMAS: Final = 3.0
 MOST_ROWS: Final = 500  # of a plot

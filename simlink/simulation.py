@@ -1,8 +1,7 @@
 """One run, step by step: world, sensors, traffic. It depends on scenario and seed alone.
 
-A run in four forms, from ideal to realistic:
+A run in three forms, from ideal to realistic; a study has a fourth, arrays (`studies/relative_motion/flight.py`):
 
-    flight.fly(scenario, seed, duration) arrays, nothing quantised: for studies
     ticks(scenario, seed, boot_ns)       endless steps of 5 ms: for the server
     simulate(scenario, seed, duration)   records with the times at which they are sent
     datagrams(scenario, seed, duration)  bytes with arrival times: the input of `Pipeline.feed`

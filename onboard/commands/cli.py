@@ -223,7 +223,7 @@ def _add_status(status: argparse.ArgumentParser) -> None:
 
 
 def _add_study(study: argparse.ArgumentParser) -> None:
-    study.add_argument("name", nargs="?", help="the paper, by the name of its folder in onboard/studies")
+    study.add_argument("name", nargs="?", help="the paper, by the name of its folder in studies/")
     study.add_argument("--all", action="store_true", help="every paper, two at a time")
     study.add_argument("--seeds", type=_seeds, metavar="N", help="how many (default: what the study needs)")
     study.add_argument("--first-seed", type=_count, metavar="N", help="of one study (default: its own)")

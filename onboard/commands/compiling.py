@@ -22,9 +22,9 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from onboard.commands.parallel.processes import CONTEXT, processes
 from onboard.errors import UserError
 from onboard.filters import numba_internals
-from onboard.studies.report.processes import CONTEXT, processes
 
 ROOT: Final = Path(__file__).parents[2]
 KERNEL: Final = re.compile(r"^@njit", re.MULTILINE)
@@ -34,6 +34,7 @@ PROGRAMS: Final = (  # that fly, replay or show a flight
     "onboard.commands.replay",
     "onboard.view.view",
 )
+FOLLOWED: Final = ("onboard.", "studies.")
 FINDS_FILTERS: Final = "onboard.filters.methods"  # this function imports every module of its package
 
 
@@ -131,7 +132,8 @@ def needed_by(names: Iterable[str], *, at_once: bool = False) -> set[str]:
 
 @cache
 def imported_by(name: str, *, at_once: bool) -> frozenset[str]:
-    """The modules of `onboard` that a module of it names in imports: only at its top level, or anywhere."""
+    """The modules of `onboard` and of the studies that one of theirs names in imports: only at its top level, or
+    anywhere."""
     tree = ast.parse(_source(name).read_text(encoding="utf-8"))
     named: set[str] = set()
     for node in tree.body if at_once else ast.walk(tree):
@@ -141,7 +143,7 @@ def imported_by(name: str, *, at_once: bool) -> frozenset[str]:
             named |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
     if FINDS_FILTERS in named:
         named |= _modules(FINDS_FILTERS.rpartition(".")[0])
-    return frozenset(n for n in named - {name} if n.startswith("onboard.") and _source(n).exists())
+    return frozenset(n for n in named - {name} if n.startswith(FOLLOWED) and _source(n).exists())
 
 
 # ------------------------------------------------------------------------------------- stale machine code

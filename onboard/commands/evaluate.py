@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.table import Table
 
 from onboard import __version__
+from onboard.commands.computers import computers
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.flight_folder import CONFIG, LOGS, TRUTHS
 from onboard.commands.many import FILTERPY, Flight, Scored, numbers_of, score_flights
-from onboard.commands.study import computers
 from onboard.errors import UserError
 from onboard.messages import Record
 from onboard.scoring.leader import LeaderScore

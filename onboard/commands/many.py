@@ -9,6 +9,8 @@ from rich.console import Console
 
 from onboard.commands.compare import variants
 from onboard.commands.log_replay import flight_of, replay
+from onboard.commands.parallel.cluster import ClusterError
+from onboard.commands.parallel.workers import Computers, Part, compute
 from onboard.commands.progress import progress_bar
 from onboard.config import load_config
 from onboard.errors import UserError
@@ -16,8 +18,6 @@ from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
 from onboard.scoring.leader import LeaderScore
 from onboard.scoring.reference import reference_from_csv
-from onboard.studies.report.cluster import ClusterError
-from onboard.studies.report.workers import Computers, Part, compute
 
 FILTERPY = "filterpy"
 

@@ -11,13 +11,13 @@ import msgspec
 from rich.console import Console
 
 from onboard.commands.compare import print_comparison, variants
+from onboard.commands.computers import computers
 from onboard.commands.evaluate import print_rows, rows_of
 from onboard.commands.exports import check_exports, open_export, write_truth
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.log_replay import ALONE, Replayed, check_log, flight_of, replay
 from onboard.commands.many import Flight, numbers_of, score_flights
 from onboard.commands.progress import progress_bar
-from onboard.commands.study import computers
 from onboard.config import Config, load_config
 from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output

@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 
 from onboard.arrays import Array
 from onboard.commands.report_series import FUSED, FlightSeries
+from onboard.commands.report_style import STYLE, TRUTH, panels
 from onboard.filters.gating import chi_square_threshold
 from onboard.messages import Lifecycle
 from onboard.scoring.leader import Errors
 from onboard.scoring.reference import Reference
-from onboard.studies.report.drawing import STYLE, TRUTH, panels
 
 MOST_POINTS: Final = 2000  # of a curve
 BINS: Final = 120  # of windowed figures

@@ -1,142 +1,18 @@
-"""`onboard study`: the claims of a paper, measured."""
+"""`onboard study`: the claims of a paper, measured. The studies stand beside this package, in the source tree."""
 
 import argparse
-import pkgutil
-from collections.abc import Mapping
 from importlib import import_module
-from importlib.util import find_spec
-from pathlib import Path
-from typing import Any, get_args
 
-from rich.console import Console
-from rich.markdown import Markdown
-from rich.table import Column, Table
-
-from onboard import studies
-from onboard.commands.compiling import needed_by, needed_by_flight
-from onboard.commands.files import check_targets, make_folder, write_json
-from onboard.commands.progress import announce_once, compile_shown, progress_bar
-from onboard.config import estimator_modules
+from onboard.commands.parallel.cluster import ROOT, STUDIES, find_studies
 from onboard.errors import UserError
-from onboard.studies.report.cluster import ClusterError
-from onboard.studies.report.findings import Verdict
-from onboard.studies.report.workers import Computers
-from onboard.studies.together import run_all, run_study
 
 
 def main(arguments: argparse.Namespace) -> int:
-    """Measure one study, or all. Raises UserError."""
-    a = arguments
-    if a.all and (a.cluster or a.rows):
-        raise UserError("study: --cluster and --rows go with one name, not with --all")
-    if a.all and a.name is None:
-        for option, value in (("--first-seed", a.first_seed), ("--jobs", a.jobs)):
-            if value is not None:
-                raise UserError(
-                    f"study: {option} goes with one name, not with --all, whose studies have their own"
-                )
-        return all_studies(seeds=a.seeds, out=a.out, json_file=a.json)
-    if a.all or a.name is None:
-        raise UserError(f"study: give --all, or one name of: {', '.join(study_names())}")
-    chosen = {"seeds": a.seeds, "first_seed": a.first_seed}
-    given: dict[str, Any] = {k: v for k, v in chosen.items() if v is not None}
-    given["jobs"] = computers(a.jobs, a.cluster, a.rows)
-    return one_study(a.name, given, out=a.out, json_file=a.json)
-
-
-def computers(jobs: int | None, cluster: str | None, rows: Path | None) -> Computers:
-    """Where parts are computed, by `--jobs`, `--cluster` and `--rows`. Raises UserError: a library is missing."""
-    check_targets(rows)
-    if rows is not None and find_spec("pyarrow") is None:
-        raise UserError(f"cannot write {rows}: it needs pyarrow: pip install 'wingline[cluster]'")
-    return Computers(jobs=jobs, cluster=cluster or "", rows=rows)
-
-
-def one_study(name: str, given: Mapping[str, Any], *, out: Path, json_file: Path | None) -> int:
-    """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`.
-    `given`: seeds and first_seed, without which it takes what the study asks for, and jobs, where it computes."""
-    known = study_names()
-    if name not in known:
-        raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")
-    _require_figures()
-    make_folder(out / name)
-    check_targets(json_file)
-    _compile([name])
-    try:
-        result = _measure(name, given, out)
-    except ClusterError as error:
-        raise UserError(str(error)) from error
-    Console().print(Markdown((out / name / "report.md").read_text(encoding="utf-8")))
-    print(f"written: {out / name}/report.md, result.json and figures")
-    if json_file is not None:
-        write_json(json_file, result)
-    return 0
-
-
-def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
-    """`onboard study --all`: every study, two at a time; the JSON has their numbers by name."""
-    known = study_names()
-    _require_figures()
-    for name in known:
-        make_folder(out / name)
-    check_targets(json_file)
-    _compile(known)
-    results = _measure_all(known, seeds, out)
-    name_column = Column("study", no_wrap=True)
-    table = Table(
-        name_column, "claims: hold", "only if", "do not", "not decided", "agree with reference", box=None
-    )
-    for name, result in results.items():
-        verdicts = [claim["verdict"] for claim in result.get("claims", ())]
-        held = [str(verdicts.count(verdict)) for verdict in get_args(Verdict)]
-        compared = [c["agrees"] for c in result.get("checks", result.get("comparisons", ()))]
-        table.add_row(name, *held, f"{sum(compared)} of {len(compared)}")
-    Console().print(table)
-    print(f"written: report.md, result.json and figures in each folder of {out}")
-    if json_file is not None:
-        write_json(json_file, results)
-    return 0
-
-
-def study_names() -> list[str]:
-    """Every study there is: the modules of onboard/studies."""
-    folders = (m.name for m in pkgutil.iter_modules(studies.__path__) if m.ispkg)
-    return sorted(name.replace("_", "-") for name in folders if find_spec(f"{studies.__name__}.{name}.study"))
-
-
-def _compile(names: list[str]) -> None:
-    """Ahead and by all cores together: each of a study's processes would compile the same."""
-    modules = needed_by(map(_module, names))
-    if "onboard.pipeline" in modules:  # which loads estimators by name
-        modules |= needed_by_flight(estimator_modules())
-    console = Console(stderr=True)
-    compile_shown(modules, console, announce_once(console, "this study", "up to a minute and a half"))
-
-
-def _measure(name: str, given: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    with progress_bar(Console(stderr=True)) as bar:
-        task = bar.add_task(_title(name), total=None)
-        return run_study(name, given, out, lambda done, total: bar.update(task, completed=done, total=total))
-
-
-def _measure_all(names: list[str], seeds: int | None, out: Path) -> dict[str, dict[str, Any]]:
-    with progress_bar(Console(stderr=True)) as bar:
-        tasks = {name: bar.add_task(_title(name), total=None) for name in names}
-        return run_all(
-            names, seeds, out, lambda name, done, total: bar.update(tasks[name], completed=done, total=total)
+    """Hand over to `studies.command`, as `python -m studies` does. Raises UserError: there are none here."""
+    if not find_studies():
+        raise UserError(
+            f"study: studies are in the source tree, and this is an installed package ({ROOT}): "
+            f"in a checkout of the sources, `make install`, then `python -m {STUDIES} NAME` there"
         )
-
-
-def _title(name: str) -> str:
-    title: str = import_module(_module(name)).TITLE
-    return title
-
-
-def _module(name: str) -> str:
-    return f"{studies.__name__}.{name.replace('-', '_')}.study"
-
-
-def _require_figures() -> None:
-    """Before anything is compiled or flown. Raises UserError where figures cannot be drawn."""
-    if find_spec("matplotlib") is None:
-        raise UserError("figures need matplotlib: pip install 'wingline[study]'")
+    code: int = import_module(f"{STUDIES}.command").main(arguments)
+    return code

@@ -16,8 +16,8 @@ class Nav(Record, frozen=True, kw_only=True):
     yaw_deg: GaussMarkov | None = None
     velocity: GaussMarkov = GaussMarkov(time=5.0)
     position: GaussMarkov = GaussMarkov(time=10.0)
-    acceleration_white: NotNegative = 0.0  # m/s^2, only in `simlink.flight.fly`
-    acceleration_bias: NotNegative = 0.0  # m/s^2, drawn once a run, only in `simlink.flight.fly`
+    acceleration_white: NotNegative = 0.0  # m/s^2, only in the studies' `fly`
+    acceleration_bias: NotNegative = 0.0  # m/s^2, drawn once a run, only in the studies' `fly`
     position_delay: NotNegative = 0.0  # s: LOCAL_POSITION_NED is that much older than its stamp
     attitude_white: Vec3 = (0.0, 0.0, 0.0)  # rad, per message and body axis
     rates_white: NotNegative = 0.0  # rad/s, of the body rates in the attitude message

@@ -1,7 +1,7 @@
 """What differs from run to run, by seed: how large our vehicle's errors are, and those of its sensors.
 
-A run on the wire, or through a pipeline, is drawn (`simlink.simulation`); the arrays of `simlink.flight` and
-`simlink.flights`, which reproduce a paper, are not. Nobody who configures a daemon knows these numbers, and no
+A run on the wire, or through a pipeline, is drawn (`simlink.simulation`); the flights that studies
+compute as arrays, to reproduce a paper, are not. Nobody who configures a daemon knows these numbers, and no
 estimator is to be judged at its own settings.
 """
 

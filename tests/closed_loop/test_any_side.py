@@ -11,10 +11,10 @@ import pytest
 from onboard.config import load_config
 from onboard.messages import Message, TargetPoints
 from onboard.pipeline import Pipeline
-from onboard.studies.encounters.flights import estimated, judged, known
-from onboard.studies.encounters.scores import Score, score
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.reports import BOOT_NS
+from studies.encounters.flights import estimated, judged, known
+from studies.encounters.scores import Score, score
 
 SECONDS: Final = 30.0
 WING_LINE: Final = ("estimator.leader.filter=wing-line",)

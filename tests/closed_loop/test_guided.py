@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from onboard.studies.closed_loop import study
-from onboard.studies.closed_loop.flight import Flight, fly
-from onboard.studies.closed_loop.scores import broken_off, score
 from simlink.scenarios.profiles import Interval, Pulse
 from simlink.scenarios.scenario import Scenario, load_scenario
+from studies.closed_loop import study
+from studies.closed_loop.flight import Flight, fly
+from studies.closed_loop.scores import broken_off, score
 
 SLOT = float(np.linalg.norm((-25.0, 0.0, 2.0)))
 LOST_AT = 28.0

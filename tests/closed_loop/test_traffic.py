@@ -5,8 +5,8 @@ import pytest
 
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import TrafficScore
-from onboard.studies.traffic.study import flight
 from simlink.scenarios.scenario import load_scenario
+from studies.traffic.study import flight
 
 SEED = 21
 DURATION = 120.0  # both crossings, the jammed interval, and a while after it

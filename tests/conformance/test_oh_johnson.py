@@ -8,12 +8,12 @@ from onboard.estimators.oh_johnson import noise as flown
 from onboard.filters import unscented
 from onboard.models import camera_angles, relative_motion
 from onboard.models.relative_motion import SIZE
-from onboard.studies.relative_motion.formation import FT, Method, Setting, track
-from onboard.studies.relative_motion.methods import PAPER_MENDED, TUNED
-from onboard.studies.relative_motion.noise import PAPER
-from onboard.studies.relative_motion.scores import truth_of
-from simlink.flights import fly_many
 from simlink.scenarios.scenario import load_scenario
+from studies.relative_motion.flights import fly_many
+from studies.relative_motion.formation import FT, Method, Setting, track
+from studies.relative_motion.methods import PAPER_MENDED, TUNED
+from studies.relative_motion.noise import PAPER
+from studies.relative_motion.scores import truth_of
 
 MEASURE = camera_angles.measure
 SCENARIO = load_scenario("formation")

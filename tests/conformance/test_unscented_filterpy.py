@@ -16,11 +16,11 @@ from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.geometry.rotations import matrix_from_quaternion, wrap_angle
 from onboard.models import camera_angles, relative_motion
-from onboard.studies.relative_motion.formation import B0, SIZE_SIGMA
-from onboard.studies.relative_motion.methods import TUNED_NOISE
-from onboard.studies.relative_motion.noise import PAPER, Noise, initial_belief
-from simlink.flight import Flight, fly
 from simlink.scenarios.scenario import load_scenario
+from studies.relative_motion.flight import Flight, fly
+from studies.relative_motion.formation import B0, SIZE_SIGMA
+from studies.relative_motion.methods import TUNED_NOISE
+from studies.relative_motion.noise import PAPER, Noise, initial_belief
 from tests.conformance.problems import in_sigmas
 
 SCENARIO = load_scenario("formation")

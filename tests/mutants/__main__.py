@@ -33,7 +33,17 @@ from tests.mutants.table import ROOT, Mutant, MutantError, read
 KILLED, ENDLESS, SURVIVED, BROKEN = "killed", "endless", "survived", "BROKEN"
 UNDECIDED, EQUIVALENT = "not decided", "equivalent"  # of those drawn
 WANTED: Final = 0.9  # share of those drawn and decided that tests kill
-PARTS: Final = ("onboard", "simlink", "benchmarks", "examples", "docs", "configs", "tests", "pyproject.toml")
+PARTS: Final = (
+    "onboard",
+    "simlink",
+    "studies",
+    "benchmarks",
+    "examples",
+    "docs",
+    "configs",
+    "tests",
+    "pyproject.toml",
+)
 LIMIT_S: Final = 600.0  # then it is taken to run for ever, and counts as killed
 # pytest's exit code for failed tests, and ours for endless ones; 0 is success, any other: no tests were run
 TESTS_FAILED, TOO_LONG = 1, -1

@@ -17,7 +17,7 @@ from typing import Final
 from tests.mutants.changes import Change, changes
 from tests.mutants.table import ROOT, Mutant
 
-PACKAGES: Final = ("onboard", "simlink")
+PACKAGES: Final = ("onboard", "simlink", "studies")
 MOST_FILES: Final = 10  # of tests that run for one mutant
 CONFIDENCE: Final = 1.96  # standard deviations: an interval that holds the true share 19 times of 20
 

@@ -15,7 +15,7 @@ from onboard.filters import unscented
 from onboard.filters.belief import Belief, NotPositiveDefiniteError, Update
 from onboard.geometry.rotations import wrap_angle
 from onboard.models import camera_angles, relative_motion
-from onboard.studies.relative_motion.noise import HONEST, PAPER, Noise, initial_belief
+from studies.relative_motion.noise import HONEST, PAPER, Noise, initial_belief
 
 SEED = st.integers(0, 2**32 - 1)
 EXACT = 1e-9

@@ -18,10 +18,10 @@ from onboard.arrays import Array
 from onboard.filters.gating import normalised_squared
 from onboard.messages import Datagram, Estimate, TargetPoints
 from onboard.pipeline import Pipeline
-from onboard.studies.encounters.flights import Flight
-from onboard.studies.encounters.scores import score
 from onboard.wire.recording import read_recording
 from onboard.wire.tlog import read_tlog
+from studies.encounters.flights import Flight
+from studies.encounters.scores import score
 from tests.support.streams import F_PX, S, make_config
 
 DATA: Final = Path(__file__).parents[3] / "shared" / "data" / "hover-collapse"

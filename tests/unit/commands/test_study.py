@@ -1,13 +1,17 @@
-"""`onboard study NAME`: what is given reaches the study, and nothing else does."""
+"""`onboard study NAME`: what is given reaches the study, and nothing else does; where studies are found."""
 
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from onboard.commands import cli, study
-from onboard.studies.report.workers import Computers
+from onboard.commands import cli
+from onboard.commands.parallel import cluster
+from onboard.commands.parallel.workers import Computers
+from studies import command
 
 
 @pytest.mark.parametrize(
@@ -29,7 +33,22 @@ def test_what_is_given_reaches_the_study(
         return {}
 
     where = {"jobs": Computers(jobs=given.pop("jobs", None))}
-    monkeypatch.setattr(study, "run_study", run_study)
-    monkeypatch.setattr(study, "_compile", lambda _names: None)
+    monkeypatch.setattr(command, "run_study", run_study)
+    monkeypatch.setattr(command, "_compile", lambda _names: None)
     assert cli.main(["study", "traffic", *options, "--out", str(tmp_path)]) == 0
     assert received == [given | where]
+
+
+def test_an_installed_package_names_the_source_tree(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cluster, "ROOT", tmp_path)
+    assert cli.main(["study", "traffic"]) == 2
+    assert "studies are in the source tree" in capsys.readouterr().err
+
+
+def test_the_studies_are_found_from_any_folder(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "onboard", "study", "none"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "no study named 'none'; there are: closed-loop, " in done.stderr

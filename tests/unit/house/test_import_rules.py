@@ -20,7 +20,7 @@ FLOORS = (
     {"estimators", "scoring"},
     {"client", "config", "view"},
     {"autopilot", "pipeline"},
-    {"daemon", "studies"},
+    {"daemon"},
     {"commands"},
     {"__main__"},
 )
@@ -32,17 +32,19 @@ INSIDE = {
         *({"frame", "history"}, {"reported", "reports"}),
         {"leader", "oh_johnson", "own_state", "traffic"},
     ),
-    "onboard.studies": ({"report"}, {"tracking"}, {"*"}, {"together"}),
+    "studies": ({"report"}, {"tracking"}, {"*"}, {"together"}, {"command"}, {"__main__"}),
     "simlink": (
-        *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot", "encounters", "flight"}),
-        *({"flights", "simulation"}, {"log", "server"}, {"cli"}, {"__main__"}),
+        *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot", "encounters"}),
+        *({"simulation"}, {"log", "server"}, {"cli"}, {"__main__"}),
     ),
 }
+OURS = ("onboard", "simlink", "studies", "benchmarks")
+ABOVE = {"studies", "benchmarks"}  # both see onboard and simlink; nobody sees them
 SHARED = {"geometry", "messages", "wire"}  # what simlink may see of onboard
 PURE = {"pipeline", "filters", "models", "estimators", "geometry", "ownship", "clocks", "wire"}
 RIM = {"asyncio", "socket", "time", "threading", "zenoh", "rerun", "selectors", "multiprocessing", "serial"}
 PRIVATE_TO = {"onboard.filters.kernels": "onboard.filters"}
-MOST_PARTS = 26
+MOST_PARTS = 25
 MOST_ARROWS = 96
 
 
@@ -69,7 +71,7 @@ def imports(source: str) -> tuple[Import, ...]:
 def sources(root: Path) -> dict[str, str]:
     """The text of every module by its whole name; a package's is under the package's name."""
     found = {}
-    for folder in ("onboard", "simlink", "benchmarks"):
+    for folder in OURS:
         for path in sorted(root.glob(f"{folder}/**/*.py")):
             parts = path.relative_to(root).with_suffix("").parts
             found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path.read_text(encoding="utf-8")
@@ -96,17 +98,19 @@ def forbidden(module: str, one: Import) -> str | None:
     top, their_part, *_ = (*target.split("."), "")
     if package == "onboard" and part in PURE and top in RIM:
         return "the synchronous core knows neither clock, socket nor thread"
-    if top not in {"onboard", "simlink"}:
+    if top not in OURS:
         return None
     if is_private(module, one):
         return "private"
-    if package == "benchmarks":
+    if top == package:
+        return between(part, their_part) if top == "onboard" and part != their_part else inside(module, target)
+    if top in ABOVE:
+        return f"{top} stands above all"
+    if package in ABOVE:
         return None
-    if top == "simlink" and package == "onboard":
-        return None if part == "studies" else "only studies see the simulator"
-    if package == "simlink" and top == "onboard":
-        return None if their_part in SHARED else "not shared with the simulator"
-    return inside(module, target) if package == "simlink" or part == their_part else between(part, their_part)
+    if top == "simlink":
+        return "what flies does not see the simulator"
+    return None if their_part in SHARED else "not shared with the simulator"
 
 
 def between(mine: str, theirs: str) -> str | None:
@@ -228,12 +232,16 @@ def test_all_parts_are_there_and_have_a_floor() -> None:
         ("onboard/estimators/bad.py", "from onboard.links import link"),
         ("onboard/estimators/leader/bad.py", "from onboard.estimators.traffic import track"),
         ("onboard/sinks/bad.py", "import onboard.estimators.leader"),
-        ("onboard/studies/tracking/bad.py", "from onboard.studies.traffic import study"),
+        ("studies/tracking/bad.py", "from studies.traffic import study"),
         ("onboard/wire/bad.py", "from onboard.config import Config"),
         ("onboard/wire/bad.py", "from onboard import clocks"),
         ("onboard/estimators/bad.py", "import rerun as rr"),
         ("onboard/daemon.py", "from onboard.commands.cli import main"),
         ("onboard/daemon.py", "import simlink.world"),
+        ("onboard/commands/study.py", "from studies.command import main"),
+        ("onboard/commands/demo.py", "from simlink.scenarios.scenario import load_scenario"),
+        ("simlink/log.py", "from studies.relative_motion.flights import fly_many"),
+        ("studies/traffic/bad.py", "from benchmarks import live"),
         ("onboard/unheard_of.py", "from onboard.messages import Record"),
         ("onboard/wire/bad.py", "from . import tlog"),
         ("simlink/world/bad.py", "from onboard.models import relative_motion"),
@@ -251,8 +259,8 @@ def test_a_forbidden_import_is_found(tmp_path: Path, path: str, line: str) -> No
     ("path", "line"),
     [
         ("onboard/estimators/good.py", "from onboard.ownship import Ownship"),
-        ("onboard/studies/traffic/good.py", "from simlink.flight import fly"),
-        ("onboard/studies/traffic/good.py", "from onboard.studies.tracking import outcomes"),
+        ("studies/traffic/good.py", "from simlink.simulation import datagrams"),
+        ("studies/traffic/good.py", "from studies.tracking import outcomes"),
         ("onboard/autopilot/good.py", "from onboard.config import Config"),
         ("onboard/filters/good.py", "from onboard.filters.kernels import linear"),
         ("onboard/links/good.py", "import asyncio"),

@@ -7,9 +7,9 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.models.quadrotor import VELOCITY
-from onboard.studies.csvsf_quadrotor.cases import NAMED, Case, simulate
-from onboard.studies.csvsf_quadrotor.filters import WIDE, track
-from onboard.studies.csvsf_quadrotor.scores import make_row, score
+from studies.csvsf_quadrotor.cases import NAMED, Case, simulate
+from studies.csvsf_quadrotor.filters import WIDE, track
+from studies.csvsf_quadrotor.scores import make_row, score
 
 WIDER = 300.0
 M, IXX, IYY, IZZ, ARM, G, T = 0.468, 4.856e-3, 4.856e-3, 8.801e-3, 0.225, 9.81, 0.01

@@ -17,7 +17,6 @@ from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.points import decode_points
 from onboard.wire.tlog import read_tlog
 from simlink.cli import main
-from simlink.flight import fly
 from simlink.scenarios.scenario import (
     Scenario,
     ScenarioError,
@@ -27,6 +26,7 @@ from simlink.scenarios.scenario import (
     scenario_names,
 )
 from simlink.simulation import datagrams, simulate
+from studies.relative_motion.flight import fly
 
 
 def test_formation_toml_writes_every_default_out() -> None:

@@ -10,13 +10,13 @@ from numpy.testing import assert_allclose
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Datagram, GimbalAttitude
 from onboard.ownship import head_attitude
-from simlink.flight import fly
 from simlink.scenarios.camera import Camera, Gimbal
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.sensors.gimbal import make_gimbal
 from simlink.simulation import datagrams, simulate
 from simlink.world.truth import states
+from studies.relative_motion.flight import fly
 
 
 def test_with_our_own_attitude_it_says_where_the_camera_points_seed_1() -> None:

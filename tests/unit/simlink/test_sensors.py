@@ -9,7 +9,6 @@ from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import TargetPoints, Truth
-from simlink.flight import fly
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import GaussMarkov, Interval
 from simlink.scenarios.scenario import Scenario, load_scenario
@@ -27,6 +26,7 @@ from simlink.sensors.camera import (
 from simlink.sensors.navigation import barometer, readings
 from simlink.simulation import simulate
 from simlink.world.truth import State, states
+from studies.relative_motion.flight import fly
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 

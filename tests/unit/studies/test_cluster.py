@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from onboard.studies.report import cluster
-from onboard.studies.report.cluster import ClusterError, fingerprint, on_cluster
-from onboard.studies.report.workers import Computers, Part, compute
+from onboard.commands.parallel import cluster
+from onboard.commands.parallel.cluster import ClusterError, fingerprint, on_cluster
+from onboard.commands.parallel.workers import Computers, Part, compute
 from tests.support.programs import ROOT
 
 pytest.importorskip("distributed", reason="needs Dask: the extra `cluster`")
@@ -116,7 +116,9 @@ def test_the_sources_decide_the_fingerprint(tmp_path: Path) -> None:
     package = tmp_path / "onboard"
     package.mkdir()
     (package / "a.py").write_text("x = 1\n", encoding="utf-8")
-    before = fingerprint(package)
-    assert before == fingerprint(package)
+    before = fingerprint(["onboard"], tmp_path)
+    assert before == fingerprint(["onboard"], tmp_path)
     (package / "a.py").write_text("x = 2\n", encoding="utf-8")
-    assert fingerprint(package) != before
+    assert fingerprint(["onboard"], tmp_path) != before
+    with pytest.raises(FileNotFoundError, match=r"no studies/ in .*: it is in the source tree only"):
+        fingerprint(["onboard", "studies"], tmp_path)

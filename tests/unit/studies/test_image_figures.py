@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from onboard.models import camera_angles
-from onboard.studies.relative_motion.image_figures import image_points, measured_angles, true_angles
-from simlink.flight import Flight, fly
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.scenario import load_scenario
+from studies.relative_motion.flight import Flight, fly
+from studies.relative_motion.image_figures import image_points, measured_angles, true_angles
 
 SCENARIO = load_scenario("formation")
 # turned and off our center, without noise, and often without an image

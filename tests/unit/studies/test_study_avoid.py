@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from onboard.filters.discretisation import van_loan
-from onboard.studies.joseph_srukf_sense_and_avoid import runs, scenes, study
-from onboard.studies.joseph_srukf_sense_and_avoid.misprints import models
-from onboard.studies.report.findings import Findings, Misprint
-from onboard.studies.tracking.outcomes import POSITION
 from simlink.sensors import gnss
+from studies.joseph_srukf_sense_and_avoid import runs, scenes, study
+from studies.joseph_srukf_sense_and_avoid.misprints import models
+from studies.report.findings import Findings, Misprint
+from studies.tracking.outcomes import POSITION
 
 
 @pytest.mark.parametrize("formula", study.FORMULAS, ids=lambda f: f.__name__)

@@ -11,13 +11,13 @@ from onboard.filters.belief import FilterError
 from onboard.models import quadrotor
 from onboard.models.quadrotor import RATES, VELOCITY
 from onboard.models.quadrotor_flight import DT
-from onboard.studies.csvsf_quadrotor import filters, study
-from onboard.studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, multirate_noise, simulate, specific_force
-from onboard.studies.csvsf_quadrotor.figures import roll_rate
-from onboard.studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, FORCE, RECURSIVE, SVSF, Track, methods_on, track
-from onboard.studies.csvsf_quadrotor.misprints import misprints
-from onboard.studies.csvsf_quadrotor.report import findings
-from onboard.studies.csvsf_quadrotor.scores import Score, compare, limits_of, make_row, score
+from studies.csvsf_quadrotor import filters, study
+from studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, multirate_noise, simulate, specific_force
+from studies.csvsf_quadrotor.figures import roll_rate
+from studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, FORCE, RECURSIVE, SVSF, Track, methods_on, track
+from studies.csvsf_quadrotor.misprints import misprints
+from studies.csvsf_quadrotor.report import findings
+from studies.csvsf_quadrotor.scores import Score, compare, limits_of, make_row, score
 
 Ran = tuple[study.Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
 BEGIN = 1000  # the step from which scores are taken

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from onboard.filters.discretisation import wiener_acceleration
-from onboard.studies.cwpa_kalman_tracker_3d import runs, study
-from onboard.studies.report import findings
+from studies.cwpa_kalman_tracker_3d import runs, study
+from studies.report import findings
 
 
 def test_the_last_covariance_and_gain_are_golden() -> None:

@@ -10,9 +10,13 @@ import pytest
 from onboard.config import load_config
 from onboard.messages import LocalPosition, TargetPoints
 from onboard.pipeline import Pipeline
-from onboard.studies.encounters import flights as flown
-from onboard.studies.encounters import study
-from onboard.studies.encounters.flights import (
+from simlink.encounters.encounter import make_encounter
+from simlink.encounters.families import FAMILIES
+from simlink.encounters.reports import BOOT_NS
+from simlink.encounters.truth import at
+from studies.encounters import flights as flown
+from studies.encounters import study
+from studies.encounters.flights import (
     BOXES,
     CASES,
     DEFAULTS,
@@ -27,11 +31,7 @@ from onboard.studies.encounters.flights import (
     judged,
     known,
 )
-from onboard.studies.encounters.scores import over_all, ratio, score
-from simlink.encounters.encounter import make_encounter
-from simlink.encounters.families import FAMILIES
-from simlink.encounters.reports import BOOT_NS
-from simlink.encounters.truth import at
+from studies.encounters.scores import over_all, ratio, score
 
 STEPS = 200
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from onboard.studies.encounters import flights as flown
-from onboard.studies.encounters import study
-from onboard.studies.encounters.assumptions import ASSUMPTIONS, BROKEN, WRONG, name_of
-from onboard.studies.encounters.flights import Case, Flight, fly, known, mount_off
 from simlink.encounters.departures import Departure
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.families import FAMILIES
+from studies.encounters import flights as flown
+from studies.encounters import study
+from studies.encounters.assumptions import ASSUMPTIONS, BROKEN, WRONG, name_of
+from studies.encounters.flights import Case, Flight, fly, known, mount_off
 
 STEPS = 200
 

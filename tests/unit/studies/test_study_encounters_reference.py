@@ -7,10 +7,10 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.config import load_config
-from onboard.studies.encounters import flights as flown
-from onboard.studies.encounters import reference, study
-from onboard.studies.encounters.flights import DEFAULTS, ON_WING, POSES, Case, Flight
-from onboard.studies.encounters.reference import COMPARED, MOST, Pair, sigma_ratio
+from studies.encounters import flights as flown
+from studies.encounters import reference, study
+from studies.encounters.flights import DEFAULTS, ON_WING, POSES, Case, Flight
+from studies.encounters.reference import COMPARED, MOST, Pair, sigma_ratio
 
 TIMES: Array = np.arange(5.0, 9.0, 0.1)
 CLAIM = "Nowhere is the range 1.5 times surer than that of 20,000 particles, or less sure."

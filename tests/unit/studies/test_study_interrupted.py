@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from onboard.studies.report.processes import processes
+from onboard.commands.parallel.processes import processes
 
 ROOT = Path(__file__).parents[3]
 AT_WORK_S = 1.0  # of computing after the start

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.studies.report.findings import Findings
-from onboard.studies.tracking.outcomes import Outcome, WindowErrors
-from onboard.studies.ukf_radar_launch_vehicle import runs, study
-from onboard.studies.ukf_radar_launch_vehicle.claims import claims_of
-from onboard.studies.ukf_radar_launch_vehicle.runs import Results
 from simlink.sensors.tracking_radar import TrackingRadar, track
+from studies.report.findings import Findings
+from studies.tracking.outcomes import Outcome, WindowErrors
+from studies.ukf_radar_launch_vehicle import runs, study
+from studies.ukf_radar_launch_vehicle.claims import claims_of
+from studies.ukf_radar_launch_vehicle.runs import Results
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,8 @@
 import pytest
 
 from onboard.messages import FaultKind, NavState, Truth
-from onboard.studies.own_state import flights
 from simlink.scenarios.scenario import load_scenario
+from studies.own_state import flights
 
 MOTOR = (FaultKind.MOTOR, "motor 1")
 Flight = tuple[list[NavState], list[Truth]]

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from onboard.studies.relative_motion import study
-from onboard.studies.relative_motion.report import findings, targets_table
-from onboard.studies.relative_motion.targets import judge
-from onboard.studies.relative_motion.variants import BY_NAME, VARIANTS
-from onboard.studies.report.workers import Part, compute
+from onboard.commands.parallel.workers import Part, compute
 from simlink.scenarios.scenario import load_scenario
+from studies.relative_motion import study
+from studies.relative_motion.report import findings, targets_table
+from studies.relative_motion.targets import judge
+from studies.relative_motion.variants import BY_NAME, VARIANTS
 
 SCENARIO = load_scenario("formation")
 

@@ -8,13 +8,13 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.filters.belief import Belief, FilterError
-from onboard.studies.relative_motion.formation import Filter, Images, ImageUpdate, Lateness, Method, Setting, track
-from onboard.studies.relative_motion.methods import HONEST, PAPER_MENDED, TUNED
-from onboard.studies.relative_motion.scores import score, truth_of
-from simlink.flights import Flights, fly_many
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.scenarios.scenario import load_scenario
 from simlink.scenarios.vehicle import Nav
+from studies.relative_motion.flights import Flights, fly_many
+from studies.relative_motion.formation import Filter, Images, ImageUpdate, Lateness, Method, Setting, track
+from studies.relative_motion.methods import HONEST, PAPER_MENDED, TUNED
+from studies.relative_motion.scores import score, truth_of
 
 SCENARIO = load_scenario("formation")
 

@@ -5,7 +5,7 @@ import pytest
 
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.models import camera_angles
-from onboard.studies.relative_motion.noise import HONEST, PAPER, initial_belief
+from studies.relative_motion.noise import HONEST, PAPER, initial_belief
 
 NOWHERE = np.zeros(3)
 

@@ -5,14 +5,14 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler
-from onboard.studies.relative_motion.bound import bounds
-from onboard.studies.relative_motion.formation import FT, Track
-from onboard.studies.relative_motion.noise import honest_noise
-from onboard.studies.relative_motion.reference import compare
-from onboard.studies.relative_motion.scores import Score, make_row, score, truth_of, unseen_samples
-from simlink.flight import Flight
-from simlink.flights import Flights, fly_many
 from simlink.scenarios.scenario import load_scenario
+from studies.relative_motion.bound import bounds
+from studies.relative_motion.flight import Flight
+from studies.relative_motion.flights import Flights, fly_many
+from studies.relative_motion.formation import FT, Track
+from studies.relative_motion.noise import honest_noise
+from studies.relative_motion.reference import compare
+from studies.relative_motion.scores import Score, make_row, score, truth_of, unseen_samples
 
 SCENARIO = load_scenario("formation")
 

@@ -11,17 +11,17 @@ from onboard.config import load_config
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Attitude, LocalPosition, TargetPoints
 from onboard.models.relative_motion import SIZE, R
-from onboard.studies.encounters import flights as encounters
-from onboard.studies.relative_motion import shipped
-from onboard.studies.relative_motion.formation import Lateness
-from onboard.studies.relative_motion.scores import truth_of
-from onboard.studies.relative_motion.shipped import DEFAULT, ON_WING, known, messages
-from onboard.studies.relative_motion.study import flown
-from onboard.studies.relative_motion.variants import BY_NAME, VARIANTS, scenario_of, setting_of
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.reports import BOOT_NS, EPOCH_NS
-from simlink.flight import Flight
-from simlink.flights import fly_many
+from studies.encounters import flights as encounters
+from studies.relative_motion import shipped
+from studies.relative_motion.flight import Flight
+from studies.relative_motion.flights import fly_many
+from studies.relative_motion.formation import Lateness
+from studies.relative_motion.scores import truth_of
+from studies.relative_motion.shipped import DEFAULT, ON_WING, known, messages
+from studies.relative_motion.study import flown
+from studies.relative_motion.variants import BY_NAME, VARIANTS, scenario_of, setting_of
 
 ALLOWED = {
     *("camera.f_px", "camera.width_px", "camera.height_px", "camera.mount_rpy_deg", "camera.mount_offset_m"),

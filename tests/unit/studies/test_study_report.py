@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from onboard.studies.report.findings import Claim, Findings, Table, verdict, within
-from onboard.studies.report.markdown import interval, markdown, number
-from onboard.studies.report.runs import half_unit, mean, rms
+from studies.report.findings import Claim, Findings, Table, verdict, within
+from studies.report.markdown import interval, markdown, number
+from studies.report.runs import half_unit, mean, rms
 
 
 @pytest.mark.parametrize(

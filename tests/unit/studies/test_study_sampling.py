@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from onboard.studies.cwpa_kalman_tracker_3d import study as cwpa
-from onboard.studies.report.findings import Outcome, verdict
-from onboard.studies.report.sampling import (
+from studies.cwpa_kalman_tracker_3d import study as cwpa
+from studies.report.findings import Outcome, verdict
+from studies.report.sampling import (
     FEWEST,
     all_of,
     any_of,

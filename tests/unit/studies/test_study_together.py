@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from onboard.studies.together import run_all
+from studies.together import run_all
 
 SMALL = "cwpa-kalman-tracker-3d"
 

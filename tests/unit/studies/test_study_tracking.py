@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
+from onboard.commands.parallel.workers import Part, compute
 from onboard.filters.belief import FilterError, NotPositiveDefiniteError
 from onboard.filters.discretisation import wiener_acceleration
 from onboard.models import constant_acceleration, radar
-from onboard.studies.report.workers import Part, compute
-from onboard.studies.tracking.batch import Measurement, Scene, Trace, run_batch
-from onboard.studies.tracking.outcomes import POSITION, judge
-from onboard.studies.tracking.trackers import EKF, ITERATED, SRUKF, SRUKF_CLASSICAL, SRUKF_JOSEPH, UKF
-from onboard.studies.tracking.trajectories import load
+from studies.tracking.batch import Measurement, Scene, Trace, run_batch
+from studies.tracking.outcomes import POSITION, judge
+from studies.tracking.trackers import EKF, ITERATED, SRUKF, SRUKF_CLASSICAL, SRUKF_JOSEPH, UKF
+from studies.tracking.trajectories import load
 
 DT, STEPS = 0.5, 40
 SIGMA = np.array([30.0, 0.02, 0.02])

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from onboard.scoring.traffic import AircraftScore, Encounter, TrafficScore
-from onboard.studies.report.workers import write
-from onboard.studies.traffic import study as traffic
 from simlink.scenarios.scenario import load_scenario
+from studies.report.files import write
+from studies.traffic import study as traffic
 
 
 def scored(name: str, **changes: object) -> AircraftScore:

@@ -7,16 +7,16 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from onboard.studies.csvsf_quadrotor import claims as csvsf
-from onboard.studies.cwpa_kalman_tracker_3d import claims as cwpa
-from onboard.studies.cwpa_kalman_tracker_3d.runs import Scores
-from onboard.studies.joseph_srukf_sense_and_avoid import claims as joseph
-from onboard.studies.own_state import results as own_state
-from onboard.studies.own_state.flights import DEFAULT, EXPECTED, FlightScore
-from onboard.studies.relative_motion import claims as relative_motion
-from onboard.studies.report.findings import Claim
-from onboard.studies.tracking.outcomes import Outcome, WindowErrors
-from onboard.studies.ukf_radar_launch_vehicle import claims as launch
+from studies.csvsf_quadrotor import claims as csvsf
+from studies.cwpa_kalman_tracker_3d import claims as cwpa
+from studies.cwpa_kalman_tracker_3d.runs import Scores
+from studies.joseph_srukf_sense_and_avoid import claims as joseph
+from studies.own_state import results as own_state
+from studies.own_state.flights import DEFAULT, EXPECTED, FlightScore
+from studies.relative_motion import claims as relative_motion
+from studies.report.findings import Claim
+from studies.tracking.outcomes import Outcome, WindowErrors
+from studies.ukf_radar_launch_vehicle import claims as launch
 
 Claims = tuple[Claim, ...]
 RUNS = 60

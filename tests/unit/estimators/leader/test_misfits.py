@@ -8,9 +8,9 @@ from msgspec.structs import replace
 
 from onboard.messages import Estimate, ImageFeature, Message, TargetPoints
 from onboard.pipeline import Pipeline
-from onboard.studies.encounters.flights import FIVE_POINTS, known
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.reports import BOOT_NS
+from studies.encounters.flights import FIVE_POINTS, known
 from tests.support.streams import make_config
 
 SECONDS = 9.0

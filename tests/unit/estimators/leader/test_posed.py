@@ -19,8 +19,8 @@ from onboard.estimators.leader.size import Size
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
 from onboard.messages import Estimate, Lifecycle, RelativePose, TargetDetection, Verdict
 from onboard.ownship import Ownship
-from onboard.studies.encounters.flights import Case, fly
-from onboard.studies.encounters.scores import score
+from studies.encounters.flights import Case, fly
+from studies.encounters.scores import score
 from tests.support.leader import estimate
 from tests.unit.estimators.leader.test_shape import IMAGE, SIGMA, detection, feature, leader, measured
 from tests.unit.estimators.leader.test_shape_flown import flown, range_sigma_of_one_that_holds_the_truth

@@ -7,12 +7,12 @@ import pytest
 
 from onboard.messages import Estimate, Lifecycle, Verdict
 from onboard.pipeline import Pipeline
-from onboard.studies.encounters.flights import FIVE_POINTS, WINGED, Case, fly, known
-from onboard.studies.encounters.scores import score
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
 from simlink.encounters.reports import BOOT_NS
 from simlink.encounters.shapes import Sees
+from studies.encounters.flights import FIVE_POINTS, WINGED, Case, fly, known
+from studies.encounters.scores import score
 from tests.support.streams import S, make_config
 
 

@@ -14,10 +14,10 @@ from onboard.filters.belief import Belief
 from onboard.models import leader_flight as flight
 from onboard.models.leader_flight import ImageGeometry
 from onboard.models.relative_motion import R, V
-from onboard.studies.relative_motion.scores import truth_of
-from onboard.studies.relative_motion.shipped import Shipped, track
-from onboard.studies.relative_motion.variants import BY_NAME, scenario_of, setting_of
-from simlink.flights import fly_many
+from studies.relative_motion.flights import fly_many
+from studies.relative_motion.scores import truth_of
+from studies.relative_motion.shipped import Shipped, track
+from studies.relative_motion.variants import BY_NAME, scenario_of, setting_of
 
 
 @pytest.mark.parametrize("largest", [0.0, 1e-6, 0.02, 0.3, 12.0])

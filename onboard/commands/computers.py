@@ -1,0 +1,16 @@
+"""Where flights are computed, by `--jobs`, `--cluster` and `--rows`."""
+
+from importlib.util import find_spec
+from pathlib import Path
+
+from onboard.commands.files import check_targets
+from onboard.commands.parallel.workers import Computers
+from onboard.errors import UserError
+
+
+def computers(jobs: int | None, cluster: str | None, rows: Path | None) -> Computers:
+    """Where parts are computed, by `--jobs`, `--cluster` and `--rows`. Raises UserError: a library is missing."""
+    check_targets(rows)
+    if rows is not None and find_spec("pyarrow") is None:
+        raise UserError(f"cannot write {rows}: it needs pyarrow: pip install 'wingline[cluster]'")
+    return Computers(jobs=jobs, cluster=cluster or "", rows=rows)

@@ -1,0 +1,119 @@
+"""Parts of work on a Dask cluster: the results in the order of the parts, whatever the number of workers, and
+again where a worker was lost. Needs the extra `cluster`.
+
+A worker that was installed from a source tree finds the studies there; no wheel has them.
+
+A part is a function and its arguments and draws its own randomness from them, so it gives the same result on every
+computer with the same program; that they have it is checked.
+"""
+
+import hashlib
+import pickle
+import sys
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+WAITING: Final = 4  # parts for each core that are handed out at once
+LEAST_WAITING: Final = 16
+PATIENCE_S: Final = 120.0  # without any worker
+RETRIES: Final = 10  # of a part whose worker was lost, or that failed on it
+ROOT: Final = Path(__file__).parents[3]  # the source tree, or where packages are installed
+PROGRAM: Final = ("onboard", "simlink")
+STUDIES: Final = "studies"
+
+
+class ClusterError(ValueError):
+    """The cluster cannot be used; the message says why in one line."""
+
+
+def on_cluster(
+    address: str, run: Callable[[Any], Any], parts: Sequence[Any], packages: Sequence[str] = PROGRAM
+) -> Iterator[Any]:
+    """`run(part)` of each part, in their order, computed by the workers of the scheduler at `address`, whose
+    sources of `packages` must be ours. Only some parts for each core are with the cluster at a time, so memory
+    does not grow with their number.
+
+    Raises ClusterError, and what `run` raises.
+    """
+    try:
+        import distributed  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise ClusterError("a cluster needs Dask: pip install 'wingline[cluster]'") from error
+    try:
+        connect: Any = distributed.Client
+        pack: Any = distributed.protocol.pickle.dumps
+        client = connect(address, timeout=10, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise ClusterError(f"there is no Dask scheduler at {address}: {error}") from error
+    with client:
+        most = max(LEAST_WAITING, WAITING * _cores(client, address))
+        _check_program(client, packages)
+        waiting: deque[Any] = deque()
+        for part in parts:
+            waiting.append(client.submit(_run_packed, pack((run, part)), pure=False, retries=RETRIES))
+            if len(waiting) >= most:
+                yield _result(client, waiting.popleft(), address)
+        while waiting:
+            yield _result(client, waiting.popleft(), address)
+
+
+def fingerprint(packages: Sequence[str] = PROGRAM, root: Path = ROOT) -> str:
+    """A digest of the sources of these packages in `root`. Raises FileNotFoundError: one is not there."""
+    digest = hashlib.sha256()
+    for package in packages:
+        if not (root / package).is_dir():
+            raise FileNotFoundError(f"there is no {package}/ in {root}: it is in the source tree only")
+        for path in sorted((root / package).rglob("*.py")):
+            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def find_studies() -> bool:
+    """Whether this program was installed from a source tree, whose studies can then be imported."""
+    if (ROOT / STUDIES / "__init__.py").exists() and (ROOT / "pyproject.toml").exists():
+        if str(ROOT) not in sys.path:
+            sys.path.append(str(ROOT))
+        return True
+    return False
+
+
+def _run_packed(packed: bytes) -> Any:
+    """On a worker: a function on a part, which can be unpacked once the studies are found."""
+    find_studies()
+    run, part = pickle.loads(packed)  # noqa: S301 - of the client, as all that Dask sends
+    return run(part)
+
+
+def _cores(client: Any, address: str) -> int:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+    except TimeoutError as error:
+        raise ClusterError(f"the scheduler at {address} has had no worker for {PATIENCE_S:.0f} s") from error
+    return sum(client.nthreads().values())
+
+
+def _check_program(client: Any, packages: Sequence[str]) -> None:
+    """Raises ClusterError where a worker has another version of the program: its results would differ."""
+    ours = fingerprint(packages)
+    for worker, theirs in client.run(fingerprint, packages, on_error="return").items():
+        if isinstance(theirs, Exception):
+            raise ClusterError(f"worker {worker} cannot load wingline: {theirs}; install the same version there")
+        if theirs != ours:
+            raise ClusterError(
+                f"worker {worker} has other sources of wingline ({theirs}, here {ours}): install the same"
+            )
+
+
+def _result(client: Any, future: Any, address: str) -> Any:
+    """A part's result. Raises ClusterError when no worker is left."""
+    while True:
+        try:
+            result = future.result(timeout=PATIENCE_S)
+        except TimeoutError:
+            if not future.done() and not client.nthreads():
+                raise ClusterError(f"the scheduler at {address} has lost all its workers") from None
+            continue
+        future.release()
+        return result

@@ -1,1 +1,0 @@
-"""Studies: one file per paper; what it claims, what we measure."""

@@ -1,0 +1,90 @@
+"""A follower flies formation on nothing but our estimates for ten minutes: straight legs, turns, a whole circle,
+drop-outs of 3 s, and one of 20 s, in which it breaks off. The daemon's pipeline flies as it ships, with nothing
+configured but the leader's size and class. The follower's autopilot obeys FOLLOW_TARGET as ArduPilot's FOLLOW mode
+does. It begins to follow after 10 s; what counts begins 5 s later.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from simlink.scenarios.scenario import Scenario, load_scenario
+from studies.closed_loop.flight import Flight, fly
+from studies.closed_loop.scores import MOST_STRAIGHT, MOST_TURNING, NEAREST, STOP_WITHIN, Score, score
+from studies.report.files import require_seeds
+from studies.report.findings import Claim, Findings, Table, check, verdict
+from studies.report.sampling import decided
+from studies.tracking.publish import drawing, publish
+
+NAME: Final = "closed-loop"
+TITLE: Final = "Closed loop: formation on our estimates alone"
+LEAST: Final = 2  # seeds to decide the claims, each of a flight with every kind of leg
+FIRST_SEED: Final = 1
+
+
+def run(
+    seeds: int = 2,
+    first_seed: int = FIRST_SEED,
+    jobs: Jobs = None,
+    out: Path | None = None,
+    progress: Progress | None = None,
+    duration: float | None = None,
+) -> Findings:
+    """The study over `seeds` flights of `duration` s (None: the scenario's)."""
+    draw = drawing(__package__, out)
+    scenario = load_scenario("guided")
+    length = scenario.duration if duration is None else duration
+    parts = [Part(fly, (scenario, seed, length)) for seed in require_seeds(seeds, first_seed)]
+    flights: list[Flight] = compute(parts, jobs, progress)
+    return publish(decided(findings(flights, scenario, first_seed), LEAST), out, draw, flights[0])
+
+
+def findings(flights: Sequence[Flight], scenario: Scenario, first_seed: int) -> Findings:
+    """The results of flights with successive seeds."""
+    scores = [score(flight, scenario) for flight in flights]
+    straight, turning, nearest, stop = (
+        float(column.max()) for column in np.array([[s.straight, s.turning, -s.nearest, s.stop] for s in scores]).T
+    )
+    checks = (
+        check("slot error, straight, worst", "% of the distance", straight, high=MOST_STRAIGHT),
+        check("slot error, worst", "% of the distance", max(straight, turning), high=MOST_TURNING),
+        check("least distance", "% of the slot's", -nearest, low=NEAREST),
+        check("still closing after `valid` ended", "s", stop, high=STOP_WITHIN),
+    )
+    statements = (
+        f"the follower stays within {MOST_STRAIGHT:g} % of the distance from its slot on straight legs",
+        f"the follower stays within {MOST_TURNING:g} % of it in turns",
+        f"it never comes nearer than {NEAREST:g} % of the slot's distance",
+        f"in the long drop-out it has stopped closing within {STOP_WITHIN:g} s of the end of `valid`",
+    )
+    return Findings(
+        study=NAME,
+        title=TITLE,
+        setting=(__doc__ or "").replace("\n", " ").strip(),
+        seeds=len(flights),
+        first_seed=first_seed,
+        tables=(_table(scores, first_seed),),
+        checks=checks,
+        claims=tuple(
+            Claim(claim=claim, where="ours", verdict=verdict(c.agrees), evidence=f"{c.ours:.3g} {c.unit}")
+            for claim, c in zip(statements, checks, strict=True)
+        ),
+        misprints=(),
+        figures=(),
+    )
+
+
+def _table(scores: Sequence[Score], first_seed: int) -> Table:
+    return Table(
+        title="Flight by flight",
+        note="Slot errors are the greatest, in percent of the slot's distance. They do not count from the "
+        "break-off until the follower is back in its slot.",
+        header=(
+            *("seed", "slot error, straight %", "in turns %", "RMS %", "least distance %"),
+            *("closing after `valid` s", "greatest distance m", "back after s"),
+        ),
+        rows=tuple((f"{first_seed + k}", *s) for k, s in enumerate(scores)),
+    )

@@ -1,0 +1,156 @@
+"""The table, checks and claims of the study of encounters. Every verdict follows from the numbers."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final, NamedTuple
+
+from studies.encounters.flights import BOXES, DEFAULTS, GIMBALS, ON_WING, POINTS, POSES, SETTLE, Case
+from studies.encounters.scores import Score, Share
+from studies.report.findings import Check, Claim, Table, check, verdict
+from studies.report.markdown import number
+
+INSIDE_ALL, INSIDE_FAMILY = 93.0, 88.0  # percent of valid estimates, at least
+WRONG_FAMILY: Final = 1.0  # percent of valid estimates, at most
+INSIDE_BOXES: Final = 92.0  # percent of valid estimates of the cases with boxes alone, at least
+ON_GIMBAL: Final = 1.2  # times the range error behind a fixed camera, at most
+INSIDE_POSES: Final = 92.0  # the same of those with poses alone, of which at most WRONG_FAMILY are wrong
+VALID_WHERE_SHARP: Final = 90.0  # percent of estimates, at least
+SHARP: Final = {  # range error (RMS, percent), at most, where the geometry allows it
+    Case("behind"): 2.5,
+    Case("crab"): 4.0,
+    Case("crab", feels_wind=True): 4.0,
+    Case("hover", ON_WING): 6.0,
+    Case("circling", ON_WING): 6.0,
+}
+
+
+class Requirement(NamedTuple):
+    """A figure that must be at least `low`, or at most `high` (percent)."""
+
+    name: str
+    ours: Share
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def missed_by(self) -> float:
+        """By how much the figure misses, percent; not positive if it does not. NaN if the figure is unknown."""
+        return self.ours.percent - self.high if self.high is not None else (self.low or 0.0) - self.ours.percent
+
+    @property
+    def is_met(self) -> bool:
+        """Whether it is; an unknown figure meets nothing."""
+        return self.missed_by <= 0.0
+
+    @property
+    def is_near(self) -> bool:
+        """Whether it is met, or missed by less than twice the figure's standard error."""
+        return self.is_met or self.missed_by < 2.0 * self.ours.error
+
+
+def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
+    """One row for each case, and all flights with default settings together."""
+    rows = [(case.name, scores[case]) for case in DEFAULTS if case in scores]
+    rows += [("all, defaults", total)] if total.flights else []
+    rows += [(case.name, score) for case, score in scores.items() if case not in DEFAULTS]
+    return Table(
+        title="Family by family",
+        note=f"Every estimate from {SETTLE:g} s on; ± is one standard error, by the scatter from flight to "
+        "flight. Range errors are RMS over valid estimates. Inside: the truth is in the 95 % ellipsoid of the "
+        "position. Wrong: the range is off by more than 3 sigma and more than 5 %. The last rows fly other "
+        "settings, and do not count in `all, defaults`.",
+        header=(
+            *(
+                "encounter",
+                "flights",
+                "valid %",
+                "± %",
+                "range error %",
+                "± %",
+                "median flight %",
+                "worst flight %",
+            ),
+            *("sigma of range % (median)", "inside %", "± %", "confidently wrong %", "± %"),
+        ),
+        rows=tuple(
+            (
+                *(name, float(s.flights), *s.valid, *s.range_error, s.median_flight, s.worst_flight),
+                *(s.sigma, *s.inside, *s.wrong),
+            )
+            for name, s in rows
+        ),
+    )
+
+
+def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[Requirement]]:
+    """What is required, by claim; nothing of cases that were not flown."""
+    families = {case: scores[case] for case in DEFAULTS if case in scores}
+    sharp = {case: scores[case] for case in SHARP if case in scores}
+    inside = [Requirement("inside, all", total.inside, low=INSIDE_ALL)] if total.flights else []
+    inside += [Requirement(f"inside, {c.name}", s.inside, low=INSIDE_FAMILY) for c, s in families.items()]
+    wrong = [Requirement(f"confidently wrong, {c.name}", s.wrong, high=WRONG_FAMILY) for c, s in families.items()]
+    errors = [Requirement(f"range error, {c.name}", s.range_error, high=SHARP[c]) for c, s in sharp.items()]
+    valid = [Requirement(f"valid, {c.name}", s.valid, low=VALID_WHERE_SHARP) for c, s in sharp.items()]
+    boxes = [Requirement(f"inside, {c.name}", scores[c].inside, low=INSIDE_BOXES) for c in BOXES if c in scores]
+    points = [
+        Requirement(f"range error, {c.name}", scores[c].range_error, high=scores[wing].range_error.percent)
+        for c in POINTS
+        if c in scores and (wing := Case(c.family)) in scores
+    ]
+    posed = [c for c in POSES if c in scores]
+    poses = [Requirement(f"inside, {c.name}", scores[c].inside, low=INSIDE_POSES) for c in posed]
+    poses += [Requirement(f"confidently wrong, {c.name}", scores[c].wrong, high=WRONG_FAMILY) for c in posed]
+    moved = [
+        Requirement(
+            f"range error, {c.name}", scores[c].range_error, high=ON_GIMBAL * scores[fixed].range_error.percent
+        )
+        for c in GIMBALS
+        if c in scores and (fixed := c._replace(mount="fixed")) in scores
+    ]
+    return {
+        f"The 95 % ellipsoid holds the truth in {INSIDE_ALL:g} % of all valid estimates, and in "
+        f"{INSIDE_FAMILY:g} % of each family's.": inside,
+        f"At most {WRONG_FAMILY:g} % of the valid estimates of any family are confidently wrong.": wrong,
+        "The range is sharp where the geometry allows it: "
+        + ", ".join(f"{limit:g} % ({case.name})" for case, limit in SHARP.items())
+        + ".": errors,
+        f"There, at least {VALID_WHERE_SHARP:g} % of all estimates are valid.": valid,
+        f"With boxes alone, the 95 % ellipsoid holds the truth in {INSIDE_BOXES:g} % of valid estimates.": boxes,
+        "Nose and tail, where a detector finds them, make the range better than the wing alone does.": points,
+        f"With poses alone, the 95 % ellipsoid holds the truth in {INSIDE_POSES:g} % of valid estimates, and at "
+        f"most {WRONG_FAMILY:g} % are confidently wrong.": poses,
+        f"With the camera on a gimbal that sweeps, the range error is at most {ON_GIMBAL:g} times that of a fixed "
+        "one.": moved,
+    }
+
+
+def checks_of(required: Mapping[str, Sequence[Requirement]]) -> tuple[Check, ...]:
+    """Every requirement as a check."""
+    return tuple(check(r.name, "%", r.ours.percent, r.low, r.high) for each in required.values() for r in each)
+
+
+def claims_of(required: Mapping[str, Sequence[Requirement]]) -> tuple[Claim, ...]:
+    """A claim holds if each of its requirements is met. If each miss is less than twice its standard error, it
+    holds only if those misses are chance."""
+    return tuple(
+        Claim(
+            claim=claim,
+            where="required",
+            verdict=verdict(all(r.is_met for r in each), all(r.is_near for r in each)),
+            evidence=_evidence(each),
+        )
+        for claim, each in required.items()
+        if each
+    )
+
+
+def _evidence(each: Sequence[Requirement]) -> str:
+    little = [_text(r) for r in each if not r.is_met and r.is_near]
+    surely = [_text(r) for r in each if not r.is_near]
+    return (
+        f"{sum(r.is_met for r in each)} of {len(each)} are met. Missed by more than twice the error of sampling: "
+        f"{', '.join(surely) or 'none'}; by less: {', '.join(little) or 'none'}."
+    )
+
+
+def _text(r: Requirement) -> str:
+    return f"{r.name} {number(r.ours.percent)} ± {number(r.ours.error, 2)} %"

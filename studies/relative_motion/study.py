@@ -1,0 +1,140 @@
+"""Oh & Johnson, "Relative Motion Estimation for Vision-based Formation Flight using Unscented Kalman Filter".
+
+The paper's estimator on simulated formation flights: as printed, with noise settings that follow from the camera,
+and as this package ships it; on the reference flight and on difficult ones. Each run's initial course is drawn at
+random: sigma points from a Cholesky factor are another set in a turned frame, so whether one of them falls behind
+the camera depends on the direction of north.
+"""
+
+from importlib import import_module
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+
+from onboard.arrays import Array
+from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from studies.relative_motion import shipped
+from studies.relative_motion.bound import FlightBound, bounds, over_flights
+from studies.relative_motion.claims import claims_of
+from studies.relative_motion.flights import Flights, fly_many
+from studies.relative_motion.formation import Setting, Track, track
+from studies.relative_motion.noise import honest_noise
+from studies.relative_motion.reference import compare
+from studies.relative_motion.report import Result, findings
+from studies.relative_motion.scores import SETTLED, Score, error_over_time, make_row, score_flight
+from studies.relative_motion.shipped import DEFAULT, Shipped
+from studies.relative_motion.targets import judge
+from studies.relative_motion.variants import (
+    BY_NAME,
+    SHOWN,
+    VARIANTS,
+    AnyMethod,
+    Variant,
+    course_deg,
+    scenario_of,
+    setting_of,
+)
+from studies.report.files import require_seeds, write
+from studies.report.runs import by_name
+
+NAME: Final = "relative-motion"
+TITLE: Final = "Oh & Johnson: relative motion by vision, an unscented Kalman filter"
+AT_ONCE: Final = 100  # flights advanced at once: their tracks take 200 MB
+SHIPPED_EVERY: Final = 5  # every fifth of them also goes through the pipeline, which takes seconds for each
+EXAMPLE: Final = 10  # navigation samples from one point of a figure to the next
+# Variants whose filters know the truth about their setting, and our own motion exactly.
+BOUNDED: Final = ("a", "b", "c", "d", "i", "k30", "k45", "k60", "hover")
+
+
+class Flown(NamedTuple):
+    """Some flights of a variant: scores by method, in the order of seeds, and their bounds."""
+
+    scores: dict[str, list[Score]]
+    bounds: list[FlightBound]
+    examples: dict[str, Array]  # by method, of the first flight: `error_over_time`, thinned out
+
+
+def run(
+    seeds: int = 100,
+    first_seed: int = 1,
+    jobs: Jobs = None,
+    out: Path | None = None,
+    progress: Progress | None = None,
+    variants: tuple[Variant, ...] = VARIANTS,
+) -> Result:
+    """Fly every variant `seeds` times with each of its methods, in `jobs` processes (None: one per core).
+
+    `progress(done, total)` is called as groups of flights finish. With `out`, figures, report.md and result.json
+    are written there; figures need the extra `study` (else ImportError, before anything is flown).
+    """
+    if out is not None:
+        import_module("matplotlib")
+    every = require_seeds(seeds, first_seed)
+    groups = [(v, every[i : i + AT_ONCE]) for i in range(0, seeds, AT_ONCE) for v in variants]
+    found = compute([Part(fly_some, (v.name, tuple(group))) for v, group in groups], jobs, progress)
+    scores: dict[tuple[str, str], list[Score]] = {}
+    limits: dict[str, list[FlightBound]] = {}
+    for (variant, _), group in zip(groups, found, strict=True):
+        for name, more in group.scores.items():
+            scores.setdefault((variant.name, name), []).extend(more)
+        limits.setdefault(variant.name, []).extend(group.bounds)
+    rows = [make_row(variant, method, of_runs) for (variant, method), of_runs in scores.items()]
+    least = tuple(over_flights(name, of_flights) for name, of_flights in limits.items() if of_flights)
+    result = Result(
+        seeds=seeds,
+        first_seed=first_seed,
+        rows=tuple(rows),
+        bounds=least,
+        targets=judge(rows, DEFAULT.name, least),
+        comparisons=tuple(c for row in rows for c in compare(row)),
+        claims=claims_of(by_name(rows)),
+        figures=(),
+    )
+    if out is None:
+        return result
+    examples = {variant.name: found[i].examples for i, variant in enumerate(variants)}
+    result = msgspec.structs.replace(result, figures=_draw(result, examples, out))
+    write(findings(result, NAME, TITLE), out, result)
+    return result
+
+
+def fly_some(name: str, seeds: tuple[int, ...], duration: float | None = None) -> Flown:
+    """Flights of a variant over `duration` s (None: the scenario's), scored with each of its methods."""
+    variant = BY_NAME[name]
+    flights, setting = flown(variant, seeds, duration)
+    scores, examples = {}, {}
+    for method in variant.methods:
+        tracks = _tracks(variant, flights, setting, method)
+        examples[method.name] = error_over_time(flights.one(0), tracks[0])[::EXAMPLE]
+        scores[method.name] = [score_flight(flights, b, one) for b, one in tracks.items()]
+    limits = []
+    if name in BOUNDED:
+        limits = bounds(flights, setting.camera, honest_noise(setting.leader_class), SETTLED)
+    return Flown(scores, limits, examples)
+
+
+def _tracks(variant: Variant, flights: Flights, setting: Setting, method: AnyMethod) -> dict[int, Track]:
+    """A method's tracks, by the flight's place among `flights`; the first is always among them."""
+    count = len(flights.seeds)
+    if isinstance(method, Shipped):
+        every = range(0, count, SHIPPED_EVERY)
+        return {b: shipped.track(flights.one(b), setting, method, variant.late) for b in every}
+    tracks = track(flights, setting, method, variant.late)
+    return {b: tracks.one(b) for b in range(count)}
+
+
+def flown(variant: Variant, seeds: tuple[int, ...], duration: float | None = None) -> tuple[Flights, Setting]:
+    """The flights, each with its own initial course, and what the filters know."""
+    scenario = scenario_of(variant)
+    flights = fly_many(scenario, seeds, [course_deg(seed) for seed in seeds], duration)
+    return flights, setting_of(variant, scenario)
+
+
+def _draw(result: Result, examples: dict[str, dict[str, Array]], out: Path) -> tuple[str, ...]:
+    """Figures of the first seed, into the folder `out`."""
+    from studies.relative_motion import figures  # noqa: PLC0415 - matplotlib is an extra
+
+    flights, setting = flown(VARIANTS[0], (result.first_seed,))
+    tracks = {method.name: _tracks(VARIANTS[0], flights, setting, method)[0] for method in SHOWN}
+    return figures.draw(flights.one(0), setting.camera, tracks, result, examples, out)
