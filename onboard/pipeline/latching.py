@@ -7,8 +7,8 @@ heard beside ours: its motion is not ours, whatever becomes of ours.
 
 from typing import Final
 
-from onboard.health import autopilot_name
 from onboard.messages import Attitude, GlobalPosition, Heartbeat, LocalPosition, Message
+from onboard.pipeline.health import autopilot_name
 
 MAV_AUTOPILOT_INVALID: Final = 8
 # MAV_TYPE of what flies, drives, swims or floats. A gimbal, camera or transponder may also claim an autopilot.

@@ -12,7 +12,6 @@ from msgspec.structs import replace
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
 from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Postpones, load
-from onboard.health import Advisor, Monitor
 from onboard.messages import (
     Attitude,
     Clock,
@@ -30,6 +29,7 @@ from onboard.messages import (
 )
 from onboard.ownship.mounts import Mounts
 from onboard.pipeline.admission import FROM_ARRIVAL, SENSED, Admission
+from onboard.pipeline.health import Advisor, Monitor
 from onboard.pipeline.needs import needs
 from onboard.pipeline.own_motion import OwnMotionSource
 from onboard.pipeline.report import NO_RIM, Parts, Rim, health

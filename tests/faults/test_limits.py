@@ -15,7 +15,6 @@ from onboard.estimators.traffic import track as traffic_track
 from onboard.estimators.traffic import waiting as traffic_waiting
 from onboard.estimators.traffic.config import Config as TrafficConfig
 from onboard.estimators.traffic.track import Track
-from onboard.health.monitor import MOST_ERRORS, Errors
 from onboard.messages import (
     Clock,
     Datagram,
@@ -25,6 +24,7 @@ from onboard.messages import (
     TargetPoints,
     Verdict,
 )
+from onboard.pipeline.health.monitor import MOST_ERRORS, Errors
 from onboard.pipeline.waiting import MAX_WAITING, Waiting
 from onboard.sinks import zenoh
 from onboard.sinks.recorder import Recorder

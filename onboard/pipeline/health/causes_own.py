@@ -4,8 +4,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.needs import ENOUGH, MOTION, SILENT_S, LinkNeed, Moment
 from onboard.messages import Advice, Severity
+from onboard.pipeline.health.needs import ENOUGH, MOTION, SILENT_S, LinkNeed, Moment
 
 CLOCK_PATIENCE_S: Final = 15.0
 PATIENCE_S: Final = 5.0  # after the start, before a stream is missing

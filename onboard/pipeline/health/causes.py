@@ -7,9 +7,9 @@ it advises (tests/unit/health/test_advice.py)."""
 from collections.abc import Callable, Iterator
 from typing import Final
 
-from onboard.health import causes_camera, causes_host, causes_own
-from onboard.health.needs import Moment
 from onboard.messages import Advice
+from onboard.pipeline.health import causes_camera, causes_host, causes_own
+from onboard.pipeline.health.needs import Moment
 
 CAUSES: Final[tuple[Callable[[Moment], Iterator[Advice]], ...]] = (
     causes_own.silent_autopilot,

@@ -6,11 +6,11 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from onboard.health.cameras import Cameras
-from onboard.health.consistency import Consistencies
-from onboard.health.hints import Hints
-from onboard.health.refusals import Refusals
 from onboard.messages import Estimate, Fault, Heartbeat, Lifecycle, Message, NavState, StreamHealth, TargetImage
+from onboard.pipeline.health.cameras import Cameras
+from onboard.pipeline.health.consistency import Consistencies
+from onboard.pipeline.health.hints import Hints
+from onboard.pipeline.health.refusals import Refusals
 
 RATE_WINDOW_NS: Final = 2_000_000_000
 MOST_SENDERS: Final = 32

@@ -4,9 +4,9 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.needs import Moment
-from onboard.health.remedies import remedy_of
 from onboard.messages import DOUBT, Advice, Severity
+from onboard.pipeline.health.needs import Moment
+from onboard.pipeline.health.remedies import remedy_of
 
 RECENT_NS: Final = 10_000_000_000
 LATE_S: Final = 0.15  # by which the daemon's timer may be late

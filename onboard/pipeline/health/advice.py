@@ -6,9 +6,9 @@ One mechanism for `onboard status`, the daemon's lines, the view and the pilot's
 from collections import deque
 from typing import Final
 
-from onboard.health.causes import CAUSES
-from onboard.health.needs import Moment, Needs
 from onboard.messages import Advice, Health, Severity
+from onboard.pipeline.health.causes import CAUSES
+from onboard.pipeline.health.needs import Moment, Needs
 
 LOOKS_BACK_NS: Final = 5_000_000_000  # counts are compared with those of then
 ORDER: Final = (Severity.ERROR, Severity.WARNING, Severity.NOTICE)

@@ -5,8 +5,8 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from onboard.health.needs import Moment
 from onboard.messages import Advice, CameraHealth, Lifecycle, Severity
+from onboard.pipeline.health.needs import Moment
 
 PATIENCE_S: Final = 5.0  # after the start, before an image is missing
 SILENT_S: Final = 2.0
