@@ -3,8 +3,8 @@
 from typing import Final
 
 from onboard.autopilot.requests import UNSUPPORTED, Requests, stamp
+from onboard.autopilot.sent import Encoder
 from onboard.messages import Command, CommandAck, FileRequest, Message, ParamRequest
-from onboard.wire.mavlink_encode import MavlinkEncoder
 
 TO_ALL: Final = 0  # as a target component
 
@@ -15,7 +15,7 @@ class Component:
     def __init__(self, system: int, component: int, channel: str, requests: Requests) -> None:
         self._system, self._component, self._channel = system, component, channel
         self._requests = requests
-        self._encoder = MavlinkEncoder(system, component)
+        self._encoder = Encoder(system, component)
 
     def encode(self, message: Message) -> bytes:
         """A message of ours as a frame."""

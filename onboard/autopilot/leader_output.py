@@ -10,11 +10,11 @@ from onboard import __version__
 from onboard.autopilot.component import Component
 from onboard.autopilot.leader_messages import MAKE, OWN_SYSTEM, View
 from onboard.autopilot.requests import Requests, stamp
+from onboard.autopilot.sent import Encoder
 from onboard.autopilot.stream import Stream
 from onboard.config import LeaderOutConfig
 from onboard.geometry.camera import Camera
 from onboard.messages import CameraInformation, Clock, Command, Heartbeat, LeaderState, Message
-from onboard.wire.mavlink_encode import MavlinkEncoder
 
 ONBOARD_CONTROLLER, CAMERA, INVALID = (
     18,
@@ -32,8 +32,8 @@ class LeaderOutput:
         self.link = config.link
         self.streams = {name: Stream(rate) for name, rate in config.rates_hz.items()}
         self._is_leader = not OWN_SYSTEM.isdisjoint(self.streams)
-        self._us = MavlinkEncoder(system, component)
-        self._virtual = MavlinkEncoder(config.system, config.component)
+        self._us = Encoder(system, component)
+        self._virtual = Encoder(config.system, config.component)
         self._heartbeats, self._camera_heartbeats = Stream(1.0), Stream(1.0, fixed=True)
         self._requests_of_camera = Requests()
         self._camera: Component | None = None
@@ -88,7 +88,7 @@ class LeaderOutput:
             if message is not None:
                 yield self._sender(name).encode(message)
 
-    def _sender(self, name: str) -> MavlinkEncoder | Component:
+    def _sender(self, name: str) -> Encoder | Component:
         if name in OWN_SYSTEM:
             return self._virtual
         return self._camera if name in TELLS_IDLE and self._camera is not None else self._us

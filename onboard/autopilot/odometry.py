@@ -3,10 +3,10 @@
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.autopilot.sent import Encoder
 from onboard.autopilot.stream import Stream
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import NavState, Odometry
-from onboard.wire.mavlink_encode import MavlinkEncoder
 
 
 def odometry_of(state: NavState) -> Odometry | None:
@@ -41,7 +41,7 @@ class OdometryStream:
     """Frames for states, at most `rate_hz` per second of flight. (system, component) is the sender."""
 
     def __init__(self, system: int, component: int, *, rate_hz: float) -> None:
-        self._encoder = MavlinkEncoder(system, component)
+        self._encoder = Encoder(system, component)
         self.stream = Stream(rate_hz)
         self.can_send = False
 

@@ -4,6 +4,7 @@ a link. We only report a threat: to act on it is the autopilot's part."""
 import math
 from typing import Any, Final
 
+from onboard.autopilot.sent import Encoder
 from onboard.autopilot.stream import Stream
 from onboard.config import TrafficOutConfig
 from onboard.messages import (
@@ -16,7 +17,6 @@ from onboard.messages import (
     Message,
     ThreatLevel,
 )
-from onboard.wire.mavlink_encode import MavlinkEncoder
 
 BY_ADSB, BY_POSITION = 0, 1  # MAV_COLLISION_SRC
 LEVEL: Final = {ThreatLevel.NONE: 0, ThreatLevel.LOW: 1, ThreatLevel.HIGH: 2}  # MAV_COLLISION_THREAT_LEVEL
@@ -33,13 +33,13 @@ class TrafficOutput:
         self.link = config.link
         self._config = config
         self._component = component
-        self._encoder: MavlinkEncoder | None = None
+        self._encoder: Encoder | None = None
         self.streams = {kind: Stream(config.rate_hz) for kind in KINDS}
         self._due: dict[str, dict[str, int]] = {}  # by track and kind
 
     def connect(self, system: int) -> None:
         """Our autopilot's system is known: we speak as a component of it."""
-        self._encoder = MavlinkEncoder(system, self._component)
+        self._encoder = Encoder(system, self._component)
 
     def frames(self, estimate: Estimate) -> list[bytes]:
         """Frames due for an estimate of traffic; none for any other, or one that is not valid."""

@@ -7,6 +7,8 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from onboard.autopilot.output import AutopilotOutput
+from onboard.autopilot.sent import SENT, Encoder
+from onboard.messages import Attitude
 from onboard.wire.mavlink_encode import ENCODE, message_number
 from tests.support.emitted import (
     ANSWERS,
@@ -19,6 +21,7 @@ from tests.support.emitted import (
     STREAMS,
     answered,
     command,
+    command_long,
     everything,
     sent,
 )
@@ -92,3 +95,21 @@ def test_nobody_else_is_asked_for_the_cameras_messages() -> None:
     out = everything()
     assert ask(out, "CAMERA_INFORMATION", REQUEST, component=191) == [3]
     assert ask(out, "FOLLOW_TARGET", REQUEST, component=CAMERA) == [3]
+
+
+def test_all_that_is_sent_is_in_the_table_of_what_can_be() -> None:
+    numbers = {number for _, number in kinds([*sent(everything()), *answered(everything())])}
+    listed = {message_number(name): name for row in SENT.values() for name in row.names}
+    assert numbers <= listed.keys()
+    assert set(listed.values()) == STREAMS | ON_REQUEST | ANSWERS
+
+
+def test_what_is_in_no_table_is_not_sent() -> None:
+    """Neither messages nor commands: 400 arms, 176 sets a mode, 22 takes off."""
+    encoder = Encoder(1, 191)
+    with pytest.raises(ValueError, match=r"Attitude is not sent: onboard/autopilot/sent\.py does not list it"):
+        encoder.encode(Attitude(t_ns=0, t_recv_ns=0, q_nb=(1.0, 0.0, 0.0, 0.0), omega_b=(0.0, 0.0, 0.0)))
+    for number in (400, 176, 22):
+        with pytest.raises(ValueError, match="Command is not sent"):
+            encoder.encode(command_long(number, 1.0))
+    assert encoder.encode(command_long(SET, 30.0, 20_000.0))

@@ -10,7 +10,7 @@ from tests.support import documents
 from tests.support.programs import ROOT
 from tests.unit.house.test_import_rules import FLOORS
 
-CODE = re.compile(r"`((?:onboard|simlink|tests|benchmarks|configs|docs)/[^`\s]*)`")
+CODE = re.compile(r"`((?:onboard|simlink|studies|tests|benchmarks|configs|docs)/[^`\s]*)`")
 MADE = {"onboard/estimators/NAME.py"}  # by the reader
 PLACEHOLDER = re.compile(r"[<{]")  # keys of Zenoh, as onboard/<vehicle>/alive
 

@@ -43,6 +43,7 @@ ABOVE = {"studies", "benchmarks"}  # both see onboard and simlink; nobody sees t
 SHARED = {"geometry", "messages", "wire"}  # what simlink may see of onboard
 PURE = {"pipeline", "filters", "models", "estimators", "geometry", "ownship", "clocks", "wire"}
 RIM = {"asyncio", "socket", "time", "threading", "zenoh", "rerun", "selectors", "multiprocessing", "serial"}
+ENCODER = "onboard.wire.mavlink_encode"
 PRIVATE_TO = {"onboard.filters.kernels": "onboard.filters"}
 MOST_PARTS = 24
 MOST_ARROWS = 95
@@ -191,6 +192,12 @@ def drawing(root: Path) -> tuple[set[str], set[tuple[str, str]]]:
 
 def test_every_import_keeps_the_floors() -> None:
     assert violations(ROOT) == []
+
+
+def test_all_that_leaves_over_mavlink_is_encoded_in_one_place() -> None:
+    """Which refuses what it does not list: no command that moves a vehicle."""
+    takers = {m for m, text in sources(ROOT).items() if Import(ENCODER, "MavlinkEncoder") in imports(text)}
+    assert {m for m in takers if m.startswith("onboard.")} == {"onboard.autopilot.sent"}
 
 
 def test_no_files_import_each_other_in_a_circle() -> None:

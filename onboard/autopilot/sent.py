@@ -1,0 +1,105 @@
+"""Everything that the daemon can send over MAVLink. What is not in this table has no way out: it is written here
+before it flies, and with it in the documentation, whose tables are this one."""
+
+from typing import Final, NamedTuple
+
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from onboard.messages import (
+    AdsbVehicle,
+    CameraInformation,
+    CameraTracking,
+    CameraTrackingGeo,
+    Collision,
+    Command,
+    CommandAck,
+    ComponentMetadata,
+    ComputerStatus,
+    FileReply,
+    FollowTarget,
+    GlobalPosition,
+    Heartbeat,
+    LandingTarget,
+    Message,
+    MessageInterval,
+    Odometry,
+    ParamAck,
+    ParamValue,
+    Ping,
+    StatusText,
+    TargetRelative,
+    TimeSync,
+    Version,
+)
+from onboard.wire.mavlink_encode import MavlinkEncoder
+
+BY_ITSELF: Final = "by itself"  # on each link with `autopilot = true`, after the autopilot's first heartbeat
+IN_ANSWER: Final = "in answer"  # on the link that asked
+WHERE_NAMED: Final = "where named"  # on a link that the configuration names for it, and only there
+
+
+class Sent(NamedTuple):
+    """A message that we send: its MAVLink names, on which occasion, and what of it a person should know."""
+
+    names: tuple[str, ...]
+    occasion: str
+    when: str
+
+
+SENT: Final[dict[type[Message], Sent]] = {
+    Heartbeat: Sent(
+        ("HEARTBEAT",),
+        BY_ITSELF,
+        "once a second, as an onboard controller of the autopilot's system; on a link of `[[leader_out]]` also "
+        "as the virtual leader and as a camera",
+    ),
+    TimeSync: Sent(("TIMESYNC",), BY_ITSELF, "five requests a second; an answer to each request"),
+    Command: Sent(
+        ("COMMAND_LONG",),
+        BY_ITSELF,
+        "requests for messages alone, never with `request_rates = false`: MAV_CMD_SET_MESSAGE_INTERVAL for each "
+        "stream of `[autopilot.rates_hz]` that is too slow, every 5 s, and once a boot for EKF_STATUS_REPORT or "
+        "ESTIMATOR_STATUS; MAV_CMD_REQUEST_MESSAGE for GPS_GLOBAL_ORIGIN until it comes, every 5 s",
+    ),
+    ComputerStatus: Sent(
+        ("ONBOARD_COMPUTER_STATUS",), BY_ITSELF, "once a second, where this computer shows its load"
+    ),
+    StatusText: Sent(("STATUSTEXT",), BY_ITSELF, "seldom: what a pilot must know"),
+    CommandAck: Sent(
+        ("COMMAND_ACK",),
+        IN_ANSWER,
+        "to commands for our components: requests for a message of ours or its interval are done or denied, all "
+        "others are unsupported",
+    ),
+    MessageInterval: Sent(("MESSAGE_INTERVAL",), IN_ANSWER, "to MAV_CMD_GET_MESSAGE_INTERVAL"),
+    Ping: Sent(("PING",), IN_ANSWER, "to a PING for all"),
+    ParamValue: Sent(("PARAM_VALUE", "PARAM_EXT_VALUE"), IN_ANSWER, "tunable keys of the configuration"),
+    ParamAck: Sent(("PARAM_EXT_ACK",), IN_ANSWER, "whether a key was stored, for the next start"),
+    FileReply: Sent(("FILE_TRANSFER_PROTOCOL",), IN_ANSWER, "what the parameters mean; no file can be written"),
+    Version: Sent(("AUTOPILOT_VERSION",), IN_ANSWER, "to a request for it"),
+    ComponentMetadata: Sent(("COMPONENT_METADATA",), IN_ANSWER, "to a request for it: where those files are"),
+    CameraInformation: Sent(("CAMERA_INFORMATION",), IN_ANSWER, "to a request of the camera of `[[leader_out]]`"),
+    FollowTarget: Sent(("FOLLOW_TARGET",), WHERE_NAMED, "`[[leader_out]]`: a virtual leader to follow"),
+    GlobalPosition: Sent(("GLOBAL_POSITION_INT",), WHERE_NAMED, "`[[leader_out]]`: the same"),
+    TargetRelative: Sent(("TARGET_RELATIVE",), WHERE_NAMED, "`[[leader_out]]`: the leader from us"),
+    LandingTarget: Sent(("LANDING_TARGET",), WHERE_NAMED, "`[[leader_out]]`: its direction and range"),
+    CameraTracking: Sent(("CAMERA_TRACKING_IMAGE_STATUS",), WHERE_NAMED, "`[[leader_out]]`: where in the image"),
+    CameraTrackingGeo: Sent(("CAMERA_TRACKING_GEO_STATUS",), WHERE_NAMED, "`[[leader_out]]`: where on the map"),
+    AdsbVehicle: Sent(("ADSB_VEHICLE",), WHERE_NAMED, "`[traffic_out]`, `[[leader_out]]`: aircraft on the map"),
+    Collision: Sent(("COLLISION",), WHERE_NAMED, "`[traffic_out]`: a threat, reported with no action asked for"),
+    Odometry: Sent(("ODOMETRY",), WHERE_NAMED, "`[odometry]`: our own state"),
+}
+COMMANDS: Final = {  # of COMMAND_LONG; none of them moves a vehicle
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL: "MAV_CMD_SET_MESSAGE_INTERVAL",
+    dialect.MAV_CMD_REQUEST_MESSAGE: "MAV_CMD_REQUEST_MESSAGE",
+}
+
+
+class Encoder(MavlinkEncoder):
+    """Frames of one sender, of the messages and commands in the tables above."""
+
+    def encode(self, message: Message) -> bytes:
+        """The frame(s) of a message. Raises ValueError for one that is in no table: nothing is sent of it."""
+        if type(message) not in SENT or (isinstance(message, Command) and message.command not in COMMANDS):
+            raise ValueError(f"{type(message).__name__} is not sent: onboard/autopilot/sent.py does not list it")
+        return super().encode(message)

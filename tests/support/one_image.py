@@ -1,0 +1,61 @@
+"""One image of the leader through the pipeline as it ships, and every call of ours on its way."""
+
+import sys
+from functools import cache
+from types import FrameType
+from typing import Any, NamedTuple
+
+from onboard.config import parse_config
+from onboard.messages import Estimate, Verdict
+from onboard.pipeline import Pipeline
+from tests.support.programs import ROOT
+from tests.support.streams import Stream
+
+LONGEST_OTHER = 100  # bytes of a datagram that is no image, which is three LANDING_TARGETs
+INLINED = {"<listcomp>", "<setcomp>", "<dictcomp>"}  # by later versions of Python
+PACKAGE = f"{ROOT / 'onboard'}/"
+
+
+class Way(NamedTuple):
+    """From `Pipeline.feed` with the image's bytes to its estimate: the calls upon each other at the deepest place
+    as (file, function), and all files that have a part in it."""
+
+    estimate: Estimate
+    deepest: tuple[tuple[str, str], ...]
+    files: frozenset[str]
+
+
+@cache
+def way_of_one_image() -> Way:
+    """With the default settings of `[estimator.leader]`, in the steady state."""
+    pipeline = Pipeline(parse_config({"estimator": {"leader": {}}}))
+    datagrams = Stream(t0=5.0, t1=9.0, seed=1).datagrams()
+    newest = max(k for k, d in enumerate(datagrams) if len(d.data) > LONGEST_OTHER)
+    for datagram in datagrams[:newest]:
+        pipeline.feed(datagram)
+    stack: list[tuple[str, str]] = []
+    deepest: list[tuple[str, str]] = []
+    files: set[str] = set()
+
+    def on_event(frame: FrameType, event: str, _: Any) -> None:
+        file = frame.f_code.co_filename
+        if not file.startswith(PACKAGE) or frame.f_code.co_name in INLINED:
+            return
+        if event == "call":
+            stack.append((file.removeprefix(f"{ROOT}/"), frame.f_code.co_qualname))
+            files.add(stack[-1][0])
+            if len(stack) > len(deepest):
+                deepest[:] = stack
+        elif event == "return":
+            stack.pop()
+
+    before = sys.getprofile()
+    sys.setprofile(on_event)
+    try:
+        outputs = pipeline.feed(datagrams[newest])
+    finally:
+        sys.setprofile(before)
+    (estimate,) = [o for o in outputs if isinstance(o, Estimate)]
+    assert estimate.measurement is not None
+    assert estimate.measurement.verdict is Verdict.FUSED
+    return Way(estimate, tuple(deepest), frozenset(files))

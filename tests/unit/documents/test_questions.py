@@ -1,0 +1,70 @@
+"""What the pages say of safety, validity, the default filter and its numbers is what the code does."""
+
+import re
+
+from onboard.autopilot.sent import BY_ITSELF, COMMANDS, SENT
+from onboard.commands.compiling import imported_by
+from onboard.estimators.leader.config import Config as Leader
+from onboard.pipeline.silence import TIMEOUT_NS
+from tests.support import documents
+from tests.support.growth import sets_valid
+from tests.support.one_image import way_of_one_image
+
+CODE = re.compile(r"`(onboard/[^`]*\.py)`")
+NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+NUMBERS += ("thirteen", "fourteen", "fifteen", "sixteen", "seventeen", "eighteen", "nineteen", "twenty")
+
+
+def test_what_is_sent_is_the_table_of_the_code() -> None:
+    (table,) = documents.tables(documents.section("questions", "What is sent to the autopilot?"))
+    wanted = [[", ".join(sent.names), sent.occasion, sent.when] for sent in SENT.values()]
+    assert table == wanted, "\n".join(f"| {' | '.join(row)} |" for row in wanted)
+
+
+def test_the_readme_names_all_that_is_sent_unasked() -> None:
+    (safety,) = re.findall(r"\*\*Safety\.\*\*.*?\n\n", documents.text(documents.ALL[0]), re.DOTALL)
+    for sent in SENT.values():
+        if sent.occasion == BY_ITSELF:
+            assert set(sent.names) <= set(re.findall(r"[A-Z_]+", safety))
+
+
+def test_commands_are_named_with_what_is_sent() -> None:
+    (row,) = [sent.when for sent in SENT.values() if "COMMAND_LONG" in sent.names]
+    assert set(re.findall(r"MAV_CMD_\w+", row)) == set(COMMANDS.values())
+
+
+def test_every_file_that_decides_valid_is_named_and_no_other() -> None:
+    text = documents.section("questions", "What decides `valid`?")
+    firsts = [cells[1] for cells in documents.tables(text)[0]]
+    others = [cells[0] for cells in documents.tables(text)[1]]
+    named = {file for cell in (*firsts, *others) for file in CODE.findall(cell)}
+    assert sets_valid().keys() <= named
+    assert [file for file in named - sets_valid().keys() if "/leader/tracks/" not in file] == []
+
+
+def test_the_times_after_which_nothing_is_valid_are_the_defaults() -> None:
+    text = documents.section("questions", "What decides `valid`?")
+    assert f"`validity_timeout_s` ({Leader().validity_timeout_s:g} s)" in text
+    assert f"no own motion for {TIMEOUT_NS / 1e9:g} s" in text
+
+
+def test_the_default_filter_is_called_so() -> None:
+    rows = documents.tables(documents.section("estimators/leader", "Filters"))[0]
+    assert [cells[0] for cells in rows if "(default)" in cells[0]] == [f"`{Leader().filter}` (default)"]
+
+
+def test_an_image_goes_through_the_files_of_the_default_filter() -> None:
+    """Its constants may stand in a file that one of these imports."""
+    way = way_of_one_image()
+    imported = {name for file in way.files for name in imported_by(file[:-3].replace("/", "."), at_once=True)}
+    named = set(CODE.findall(documents.section("questions", "Where does the default filter predict and update?")))
+    assert named <= way.files | {f"{name.replace('.', '/')}.py" for name in imported}
+    assert way.deepest[-1][0] in named
+
+
+def test_the_components_are_counted() -> None:
+    count = len(way_of_one_image().estimate.components)
+    (written,) = re.findall(r"^(\w+) components are published", documents.text("estimators/leader"), re.MULTILINE)
+    assert written.lower() == NUMBERS[count]
+    names = documents.names(documents.section("estimators/leader", "What is estimated"))
+    assert set(way_of_one_image().estimate.components) <= set(names)
