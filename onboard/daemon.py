@@ -17,14 +17,14 @@ from msgspec.structs import replace
 
 from onboard.autopilot.notices import WARNING
 from onboard.autopilot.output import AutopilotOutput, Outgoing
-from onboard.autopilot.parameters import Parameters
+from onboard.autopilot.parameters import stored_parameters
 from onboard.autopilot.stream import Stream
-from onboard.config import Config, Storing, check_storable, read_stored, signing_key
+from onboard.config import Config, WarmFile, signing_key, storing_of
 from onboard.links import AbsentError, Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Message, Output
+from onboard.messages import Datagram, Estimate, Message, Output, WarmState
 from onboard.pipeline import Pipeline, Rim
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
@@ -51,8 +51,10 @@ class Daemon:
         self._config = config
         keys = {link.name: key for link in config.link if (key := signing_key(link)) is not None}
         self._pipeline = Pipeline(config, keys)
-        self._storing = _storing(config)
-        self._output = AutopilotOutput(config, _parameters(config, self._storing), keys, self._pipeline.refuse)
+        self._storing = storing_of(config)
+        parameters = stored_parameters(config, self._storing)
+        self._output = AutopilotOutput(config, parameters, keys, self._pipeline.refuse)
+        self._warm = WarmFile(config, report, self._pipeline.refuse)
         self._console = Console(report, pilot=self._output.notices.advise)
         self._links: list[Link] = [
             parse_link(link.url, link.name, surplus=Pipeline.surplus) for link in config.link
@@ -81,8 +83,9 @@ class Daemon:
         finally:
             if self._zenoh is not None:
                 await asyncio.to_thread(self._zenoh.close)
-            if self._storing is not None:
-                await asyncio.to_thread(self._storing.close)
+            for storing in (self._storing, self._warm):
+                if storing is not None:
+                    await asyncio.to_thread(storing.close)
             self._report("stopped")
 
     async def _opened(self, stop: asyncio.Event) -> bool:
@@ -117,6 +120,8 @@ class Daemon:
                 self._report(f"{error}; trying again")
         for described in config.link:
             self._report(f"link {described.name}: {described.url}")
+        if (left := self._warm.read(self._wall_ns())) is not None:
+            self._deliver(left)
 
     async def _open_zenoh(self) -> tuple[SinkRunner[Any], ZenohLink]:
         """Publish, and receive sensors, over Zenoh. Raises SinkError."""
@@ -183,6 +188,8 @@ class Daemon:
                 self._report(line)
             why = f" ({pipeline.why_followed})" if before is not None else ""
             self._report(f"autopilot: {pipeline.health(datagram.t_recv_ns).autopilot}{why}")
+        for left in (m for m in messages if isinstance(m, WarmState)):
+            self._output.resume(left)
         if pipeline.clocks.reboots > reboots:
             self._warn("the autopilot has rebooted")
             self._output.reboot()
@@ -241,6 +248,8 @@ class Daemon:
             health = self._pipeline.health(now_ns, Rim(sinks, links, load))
             self._publish(health)
             self._console.show_health(health)
+            offset_ns = None if boot_ns is None else host_ns - boot_ns
+            self._warm.keep(self._output.warm_state(host_ns, offset_ns, self._pipeline.clocks.round_trip_ns))
             if self._storing is not None and (error := self._storing.take_error()):
                 self._warn(error)
 
@@ -276,21 +285,6 @@ class Daemon:
                 if link.channel == channel:
                     for frame in frames:
                         link.send(self._output.signed(channel, frame, self._wall_ns()))
-
-
-def _storing(config: Config) -> Storing | None:
-    """Where parameters are kept. Raises ConfigError."""
-    if config.parameters.path is None:
-        return None
-    check_storable(Path(config.parameters.path))
-    return Storing(Path(config.parameters.path))
-
-
-def _parameters(config: Config, storing: Storing | None) -> Parameters:
-    """The parameters, and what was set before. Raises ConfigError."""
-    if storing is None or config.parameters.path is None:
-        return Parameters(config)
-    return Parameters(config, storing.put, read_stored(Path(config.parameters.path)))
 
 
 def _first(group: BaseExceptionGroup[Any]) -> BaseException:

@@ -7,11 +7,13 @@ import os
 import pytest
 
 from tests.support import kernels, order
+from tests.support.programs import STATES
 
 SOURCES = pytest.StashKey[dict[str, str]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    os.environ["XDG_STATE_HOME"] = str(STATES)  # not a developer's own
     several = bool(config.getoption("numprocesses", None))
     if several:  # where all cores are busy, the threads of OpenBLAS wait for each other in loops
         os.environ.setdefault("OMP_NUM_THREADS", "1")

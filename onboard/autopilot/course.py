@@ -25,6 +25,10 @@ class Course:
         """Suppose a course until one is learnt."""
         self.value = course
 
+    def resume(self, course: float) -> None:
+        """Go on with a course that was learnt."""
+        self.value, self.is_learnt = course, True
+
     def learn(self, v: Array, sigma: float, dt: float) -> None:
         """Take the velocity (n, m/s) after a further `dt` s."""
         speed = math.hypot(v[0], v[1])

@@ -85,7 +85,8 @@ class Guidance:
         self._t_ns = 0
         self._track: Track | None = None
         self._course = Course()
-        self._direction, self._turn_rate = 0.0, 0.0  # of the slot, from it to the leader
+        self._direction = math.nan  # from the slot to the leader; NaN before there is one
+        self._turn_rate = 0.0  # of the slot about the leader
         self._stretch = 1.0
         self._framing = Framing(self._config.slot_m)
         self._band = 0.0  # m
@@ -94,6 +95,10 @@ class Guidance:
         self._valid_ns: int | None = None
         self._last: LeaderState | None = None
         self._stop: Array | None = None  # where the follower comes to rest once the leader is lost
+
+    def resume(self, course: float) -> None:
+        """Go on with a course that an earlier run has learnt."""
+        self._course.resume(course)
 
     @property
     def course(self) -> float | None:
@@ -139,13 +144,12 @@ class Guidance:
         r_L, v_L, P = np.array(state.r_OL_n), np.array(state.v_L_n), np.array(state.covariance)
         track = self._track = smoothed(self._track, r_L, v_L, np.array(state.a_L_n), dt)
         yaw = self._look(track, r_F)
-        is_new = self._course.value is None
-        if is_new and self._config.start_course == "bearing":
+        if self._course.value is None and self._config.start_course == "bearing":
             self._course.start(yaw)
         self._course.learn(track.v_observed, math.sqrt(max(P[3, 3], P[4, 4])), dt)
         if self._course.value is None:
             return None
-        if is_new or abs(wrapped(yaw - self._direction)) > FAR_OFF:
+        if not abs(wrapped(yaw - self._direction)) <= FAR_OFF:
             self._direction, self._turn_rate = yaw, 0.0
             if not self._course.is_learnt:
                 self._course.start(yaw)

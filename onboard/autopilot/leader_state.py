@@ -136,6 +136,11 @@ class LeaderStates:
         lat, lon, alt = geodetic_from_ned(np.array(state.r_OL_n), self.origin)
         return replace(state, lat_deg=lat, lon_deg=lon, alt_msl=alt)
 
+    @property
+    def joined(self) -> Joined | None:
+        """The newest estimate with our own pose of about its time."""
+        return self._joined
+
     def own_at(self, t_ns: int) -> tuple[Array, Array]:
         """Our own position and velocity in n at a time; NaN where not known."""
         return _carried(self._own, t_ns)

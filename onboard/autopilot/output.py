@@ -2,7 +2,7 @@
 traffic."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
@@ -22,6 +22,7 @@ from onboard.autopilot.session import Session
 from onboard.autopilot.traffic import TrafficOutput
 from onboard.config import Config, source_delays_ns
 from onboard.messages import (
+    WARM_VERSION,
     Command,
     ComputerStatus,
     Estimate,
@@ -31,11 +32,13 @@ from onboard.messages import (
     Message,
     NavState,
     Output,
+    WarmState,
 )
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.signing import Signer
 
 PX4 = 12  # MAV_AUTOPILOT
+RECENT_NS: Final = 1_000_000_000  # of an estimate that is worth keeping
 
 
 class Outgoing(NamedTuple):
@@ -151,6 +154,34 @@ class AutopilotOutput:
         self._guidance.restart()
         for session in self._sessions.values():
             session.reboot()
+
+    def resume(self, state: WarmState) -> None:
+        """Go on with what an earlier run knew. Call it after `connect`."""
+        if state.course is not None:
+            self._guidance.resume(state.course)
+
+    def warm_state(self, wall_ns: int, offset_ns: int | None, round_trip_ns: int | None) -> WarmState | None:
+        """What a run that starts soon is to know, at a time on the wall clock, which is `offset_ns` ahead of the
+        boot clock; None while the leader is not known."""
+        joined, autopilot = self._leader_states.joined, self._autopilot
+        if joined is None or joined.own is None or autopilot is None or offset_ns is None:
+            return None
+        e = joined.estimate
+        if not e.valid or wall_ns - offset_ns - e.t_ns > RECENT_NS:
+            return None
+        return WarmState(
+            t_ns=e.t_ns,
+            t_recv_ns=wall_ns,
+            version=WARM_VERSION,
+            configuration="",
+            wall_ns=e.t_ns + offset_ns,
+            heartbeat=autopilot,
+            estimate=replace(e, measurement=None, modes=()),
+            own=joined.own,
+            course=self._guidance.course,
+            offset_ns=offset_ns,
+            round_trip_ns=round_trip_ns,
+        )
 
     def publish(self, output: Output) -> Iterator[Outgoing]:
         """Frames for an estimate: our own state as ODOMETRY, one of many targets as traffic."""

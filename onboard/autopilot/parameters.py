@@ -6,12 +6,13 @@ whose settings change in flight would lose its track.
 
 import math
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
 from onboard.autopilot.requests import stamp
-from onboard.config import Config, ConfigError, parse_config
+from onboard.config import Config, ConfigError, Storing, parse_config, read_stored
 from onboard.messages import Message, ParamAck, ParamAction, ParamRequest, ParamValue
 from onboard.wire.parameters import decimal
 
@@ -130,3 +131,10 @@ def _with_key(kept: dict[str, Any], table: dict[str, Any], key: str) -> dict[str
     if not rest or not isinstance(table[head], dict):
         return {**kept, head: table[head]}
     return {**kept, head: _with_key(kept.get(head, {}), table[head], rest)}
+
+
+def stored_parameters(config: Config, storing: Storing | None) -> Parameters:
+    """The parameters, and what was set before. Raises ConfigError."""
+    if storing is None or config.parameters.path is None:
+        return Parameters(config)
+    return Parameters(config, storing.put, read_stored(Path(config.parameters.path)))

@@ -136,8 +136,7 @@ class Clocks:
         return msgspec.structs.replace(message, t_ns=t_ns - delay_ns, clock=Clock.BOOT)
 
     def _offset_at(self, t_ns: int) -> int:
-        offset = self._offset.at(t_ns)
-        return 0 if offset is None else offset
+        return self._offset.at(t_ns) or 0
 
     def _refuse(self, reason: str) -> Message | None:
         self.why = reason
@@ -178,6 +177,11 @@ class Clocks:
             fastest.clear()
         lower(fastest, own, message.t_recv_ns, self._offset.slope)
         return msgspec.structs.replace(message, t_ns=message.t_ns + fastest[0][1] - offset)
+
+    def resume(self, round_trip_ns: int, t_recv_ns: int, offset_ns: int) -> None:
+        """Go on with the offset of an earlier run, as a round trip showed it at a time of the host clock."""
+        self._offset.add_reply(Reply(round_trip_ns, t_recv_ns, offset_ns))
+        self.source = "timesync"
 
     def compare(self, t_recv_ns: int, wall_step_ns: int | None) -> None:
         """Learn how far the wall clock has been set, if arrivals are stamped by a clock that is never set."""
@@ -286,9 +290,7 @@ class Clocks:
         return moved if wraps and (runs_on or abs(moved - expected) < CONTINUES_NS) else stamp
 
     def _restart(self, stamp: int, offset: int, t_recv: int) -> None:
-        self._newest_stamp = stamp
-        self._last_arrival = t_recv
-        self._base = offset
+        self._newest_stamp, self._last_arrival, self._base = stamp, t_recv, offset
         self._odd.fit(stamp)
         self._offset.clear()
         self._offset.fastest.append((t_recv, offset))

@@ -23,9 +23,11 @@ from onboard.config.sections import (
     ParametersConfig,
     RecorderConfig,
     TrafficOutConfig,
+    WarmStartConfig,
     source_delays_ns,
 )
-from onboard.config.storing import Storing, check_storable, read_stored, signing_key, store
+from onboard.config.storing import Storing, check_storable, read_stored, signing_key, store, storing_of
+from onboard.config.warm_start import WarmFile, datagram_of
 
 __all__ = [
     "FASTEST_OUT_HZ",
@@ -44,7 +46,10 @@ __all__ = [
     "RecorderConfig",
     "Storing",
     "TrafficOutConfig",
+    "WarmFile",
+    "WarmStartConfig",
     "check_storable",
+    "datagram_of",
     "estimator_modules",
     "load_config",
     "named_estimators",
@@ -54,4 +59,5 @@ __all__ = [
     "signing_key",
     "source_delays_ns",
     "store",
+    "storing_of",
 ]

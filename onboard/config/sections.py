@@ -121,6 +121,13 @@ class ParametersConfig(Record, frozen=True, kw_only=True):
     path: str | None = None  # TOML file of the values that were set, which go over this file's; None: read only
 
 
+class WarmStartConfig(Record, frozen=True, kw_only=True):
+    """`[warm_start]`: what a run leaves to the next in a file, so that a restart in flight is no cold start."""
+
+    enabled: bool = True
+    path: str | None = None  # of the file; None: one for each configuration, in the folder for states
+
+
 class TrafficOutConfig(Record, frozen=True, kw_only=True):
     """`[traffic_out]`: tracks of traffic as MAVLink messages on one of the links; without `link` on none."""
 
@@ -186,6 +193,7 @@ class Config(Record, frozen=True, kw_only=True):
     guidance: GuidanceConfig = GuidanceConfig()
     parameters: ParametersConfig = ParametersConfig()
     odometry: OdometryConfig = OdometryConfig()
+    warm_start: WarmStartConfig = WarmStartConfig()
 
     def camera_model(self) -> Camera:
         """The first camera as a geometric model, which knows the others by their names."""

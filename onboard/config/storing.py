@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from onboard.config.reading import ConfigError, read_toml
-from onboard.config.sections import LinkConfig
+from onboard.config.sections import Config, LinkConfig
 from onboard.sinks.secrets import is_private
 from onboard.wire.signing import read_key
 
@@ -68,22 +68,25 @@ def store(path: Path, table: dict[str, Any]) -> None:
 
 
 class Storing:
-    """Stores tables in a thread of its own: a file is on an SD card only after tens of milliseconds, in which
-    estimates must not wait. Of tables that come meanwhile the newest is stored."""
+    """Stores tables, or what `store_table` takes for one, in a thread of its own: a file is on an SD card only
+    after tens of milliseconds, in which estimates must not wait. Of those that come meanwhile the newest is
+    stored. `what` they are, for a person."""
 
-    def __init__(self, path: Path, store_table: Callable[[Path, dict[str, Any]], None] = store) -> None:
-        self._path, self._store = path, store_table
+    def __init__(
+        self, path: Path, store_table: Callable[[Path, Any], None] = store, *, what: str = "parameters"
+    ) -> None:
+        self._path, self._store, self._what = path, store_table, what
         self._lock = threading.Lock()
-        self._waiting: dict[str, Any] | None = None
+        self._waiting: Any = None
         self._thread: threading.Thread | None = None
         self._error = ""
 
-    def put(self, table: dict[str, Any]) -> None:
+    def put(self, table: Any) -> None:
         """Let a table be stored. Never waits for the disk."""
         with self._lock:
             self._waiting = table
             if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="parameters", daemon=True)
+                self._thread = threading.Thread(target=self._run, name="storing", daemon=True)
                 self._thread.start()
 
     def take_error(self) -> str:
@@ -111,9 +114,17 @@ class Storing:
                 self._store(self._path, table)
                 error = ""
             except OSError as failed:
-                error = f"parameters cannot be stored in {self._path}: {failed.strerror or failed}"
+                error = f"{self._what} cannot be stored in {self._path}: {failed.strerror or failed}"
             with self._lock:
                 self._error = error
+
+
+def storing_of(config: Config) -> Storing | None:
+    """Where parameters are kept. Raises ConfigError."""
+    if config.parameters.path is None:
+        return None
+    check_storable(Path(config.parameters.path))
+    return Storing(Path(config.parameters.path))
 
 
 def _flat(table: dict[str, Any], prefix: str) -> Iterator[tuple[str, Any]]:

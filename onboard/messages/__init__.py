@@ -121,9 +121,11 @@ from onboard.messages.vehicle import (
     Wind,
     tagged,
 )
+from onboard.messages.warm_state import WARM_VERSION, WarmState
 
 __all__ = [
     "DOUBT",
+    "WARM_VERSION",
     "ActuatorOutputs",
     "AdsbVehicle",
     "Advice",
@@ -228,6 +230,7 @@ __all__ = [
     "VehicleTruth",
     "Verdict",
     "Version",
+    "WarmState",
     "Wind",
     "tagged",
 ]

@@ -34,6 +34,7 @@ class Encoding(StrEnum):
     ROS = "ros"  # one vision_msgs/Detection2DArray in CDR (Zenoh)
     RADAR = "radar"  # one JSON `RadarDetections` (Zenoh)
     RANGES = "ranges"  # one JSON `Pseudoranges` (Zenoh)
+    WARM_STATE = "warm_state"  # one JSON `WarmState`: the file of an earlier run
 
 
 class Datagram(Record, frozen=True, kw_only=True):

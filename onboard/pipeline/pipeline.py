@@ -26,6 +26,7 @@ from onboard.messages import (
     Output,
     TargetImage,
     TimeSync,
+    WarmState,
 )
 from onboard.ownship.mounts import Mounts
 from onboard.pipeline.admission import FROM_ARRIVAL, SENSED, Admission
@@ -35,6 +36,7 @@ from onboard.pipeline.own_motion import OwnMotionSource
 from onboard.pipeline.report import NO_RIM, Parts, Rim, health
 from onboard.pipeline.silence import NO_POSITION, TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
+from onboard.pipeline.warm_start import WarmStart
 from onboard.wire import tlog
 from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
 from onboard.wire.surplus import surplus
@@ -55,8 +57,7 @@ class Pipeline:
         }
         self._own_motion = OwnMotionSource(config.ownship, self.estimators, self.count_error)
         self.ownship = self._own_motion.begin()
-        self._config = config
-        camera = config.camera_model()
+        self._config, camera = config, config.camera_model()
         self._waiting = Waiting(config.ownship, lambda name: camera.named(name).gimbal)
         self._listeners: dict[type[Message], list[str]] = {}  # names of estimators
         for name, estimator in self.estimators.items():
@@ -74,7 +75,7 @@ class Pipeline:
         self._monitor = Monitor(counts, takes_ranges=config.takes_ranges())
         self._advisor = Advisor(needs(config))
         self.refuse = self._monitor.refusals.add  # by source and reason, what nobody could use
-        self._mounts = Mounts(camera, self.refuse)
+        self._mounts, self._warm = Mounts(camera, self.refuse), WarmStart(self.refuse)
         self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys)
 
     def feed(self, datagram: Datagram) -> list[Output]:
@@ -120,6 +121,10 @@ class Pipeline:
         self._monitor.errors.count(place, error)
 
     def _advance(self, message: Message) -> list[Output]:
+        if isinstance(message, WarmState):
+            self._warm.receive(message)
+            self._latch(message.heartbeat)  # the next one comes within a second
+            return []
         self._monitor.hear(message)
         if isinstance(message, Heartbeat):
             self._latch(message)
@@ -162,13 +167,13 @@ class Pipeline:
             return []
         if isinstance(message, TargetImage):
             self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
-        if clocks.reboots > reboots or clocks.jumps > jumps:
-            self._start_over(
-                "the autopilot " + ("has rebooted" if clocks.reboots > reboots else "has set its clock")
-            )
+        if what := "rebooted" if clocks.reboots > reboots else "set its clock" if clocks.jumps > jumps else "":
+            self._start_over(f"the autopilot has {what}")
         if clocks.corrections > corrections:
             self._monitor.rejected["clock_corrections"] += 1
             self._reset("the clocks' offset was wrong: the link had been held up, or they run at different rates")
+        if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
+            self._observe(known)
         return self._estimate(aligned, aligned.t_ns + delay_ns)
 
     def delay_ns(self, message: Message) -> int:
@@ -184,8 +189,6 @@ class Pipeline:
         self._waiting.clear()
         for estimator in self.estimators.values():
             estimator.reset(reason)
-
-    # ------------------------------------------------------------------------------- estimates
 
     def _estimate(self, message: Message, stamp_ns: int) -> list[Output]:
         """Own motion predicts every estimate to now; any other message goes to the estimators that listen."""
@@ -264,8 +267,6 @@ class Pipeline:
             self._last_words.note(estimate)
             outputs.append(estimate)
         return outputs
-
-    # ------------------------------------------------------------------------------- health
 
     @property
     def autopilot(self) -> Heartbeat | None:

@@ -16,11 +16,13 @@ from onboard.wire.ranges import decode_ranges
 from onboard.wire.ros import decode_ros
 from onboard.wire.signing import Verifier
 from onboard.wire.tracking import TrackerDecoder
+from onboard.wire.warm_state import decode_warm_state
 
 DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int, Refuse], Message]]] = {
     Encoding.POINTS: lambda data, t_recv_ns, _: decode_points(data, t_recv_ns),
     Encoding.RADAR: decode_radar,
     Encoding.RANGES: decode_ranges,
+    Encoding.WARM_STATE: lambda data, t_recv_ns, _: decode_warm_state(data, t_recv_ns),
 }
 NO_CAMERAS: Final[Cameras] = {}
 NO_KEYS: Final[Mapping[str, bytes]] = {}

@@ -17,6 +17,7 @@ from onboard.messages import (
     RadarDetections,
     Record,
     SatelliteRange,
+    WarmState,
 )
 
 LATEST_NS: Final = 2**63
@@ -29,7 +30,7 @@ ROWS: Final[dict[type[Record], tuple[str, type[Record]]]] = {  # the field that 
     Pseudoranges: ("satellites", SatelliteRange),
 }
 
-D = TypeVar("D", CameraDetections, CameraPoints, RadarDetections, Pseudoranges)
+D = TypeVar("D", CameraDetections, CameraPoints, RadarDetections, Pseudoranges, WarmState)
 Refuse = Callable[[str], None]
 
 

@@ -14,9 +14,10 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.autopilot.output import AutopilotOutput
-from onboard.config import Config, load_config
+from onboard.config import Config, datagram_of, load_config
 from onboard.geometry.rotations import euler_from_quaternion
-from onboard.messages import Datagram
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import Datagram, WarmState
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import Scenario
 from simlink.sensors.camera import mount_quaternion, project
@@ -60,6 +61,8 @@ class Companion:
         self.config = config
         self.pipeline = Pipeline(config)
         self.output = AutopilotOutput(config)
+        self.left: WarmState | None = None  # as the daemon keeps it, once a second
+        self._next_ns = 0
 
     def receive(self, datagram: Datagram) -> list[bytes]:
         """Frames that answer a datagram."""
@@ -70,6 +73,8 @@ class Companion:
             frames += [frame for out in output.publish(published) if out.channel == LINK for frame in out.frames]
         if pipeline.autopilot is not None and pipeline.autopilot is not before:
             output.connect(pipeline.autopilot)
+        for left in (m for m in messages if isinstance(m, WarmState)):
+            output.resume(left)
         if messages and output.is_autopilot(datagram.channel):
             frames += output.respond(datagram.channel, messages, datagram.t_recv_ns).frames
         return frames
@@ -81,7 +86,12 @@ class Companion:
         for published in self.pipeline.tick(now_ns):
             list(self.output.publish(published))
         sent = self.output.tick(now_ns, healthy=True, rates=NO_RATES, boot_ns=boot_ns)
-        return [frame for out in sent if out.channel == LINK for frame in out.frames]
+        frames = [frame for out in sent if out.channel == LINK for frame in out.frames]
+        if now_ns >= self._next_ns:
+            self._next_ns = now_ns + NS_PER_S
+            kept = self.output.warm_state(now_ns, offset_ns, self.pipeline.clocks.round_trip_ns)
+            self.left = kept or self.left
+        return frames
 
 
 def config_of(scenario: Scenario, settings: Sequence[str] = ()) -> Config:
@@ -105,7 +115,7 @@ def fly(
     killed: tuple[float, float] = (math.inf, math.inf),
 ) -> Flight:
     """The flight over `duration` s. From the first to the second time of `killed` (s) there is no daemon; then it
-    has been started again."""
+    has been started again, with what it has left."""
     run, companion = GuidedRun(scenario, seed), Companion(config_of(scenario, settings))
     row = Row(scenario, seed)
     epoch_ns: int | None = None
@@ -116,8 +126,10 @@ def fly(
         t = step / STEPS_PER_S
         if killed[0] <= t < killed[1]:
             datagrams = []
-        if t == killed[1]:
-            companion = Companion(companion.config)
+        if t == killed[1] and epoch_ns is not None:
+            left, companion = companion.left, Companion(companion.config)
+            if left is not None:
+                companion.receive(datagram_of(left, epoch_ns + tick.t_ns))
         while on_way and on_way[0][0] <= step:
             datagrams += run.receive(on_way.popleft()[1], tick)
         for datagram in datagrams:

@@ -1,6 +1,7 @@
 """`onboard run` and `simlink run` as processes over real links: messages in both directions, and the recording."""
 
 import signal
+import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -14,7 +15,7 @@ from onboard.clocks import LONGEST_ROUND_TRIP_NS
 from onboard.commands import cli
 from onboard.commands.log_replay import replay
 from onboard.config import load_config
-from onboard.messages import TimeSync
+from onboard.messages import Estimate, TimeSync
 from onboard.pipeline.silence import REASON
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.recording import read_estimates, read_recording
@@ -190,6 +191,38 @@ def test_daemon_survives_a_reboot_of_the_autopilot_seeds_3_and_4(setup: Setup) -
     new = observer.estimates[before:]
     assert any(not e.valid for e in new[:50])
     assert new[-1].reset_count > observer.estimates[before - 1].reset_count
+
+
+def began(estimate: Estimate) -> bool:
+    return estimate.t_ns > 0
+
+
+def is_valid(estimate: Estimate) -> bool:
+    return estimate.valid
+
+
+def test_a_killed_daemon_comes_back_with_what_it_knew_seed_5(setup: Setup) -> None:
+    url, recording = f"udpin:127.0.0.1:{setup.autopilot}", setup.folder / "again.mcap"
+    links = ("--mavlink", f"udpout:127.0.0.1:{setup.autopilot}", "--tcp", "none", "--zenoh", "none")
+    links += ("--camera", "mavlink", "--camera-mavlink", f"udpout:127.0.0.1:{setup.camera}")
+    path = f"warm_start.path='{setup.folder / 'state.json'}'"
+    with setup.simulator(*links, seed=5):
+        with setup.daemon(url, path) as daemon:
+            observer = setup.observer()
+            until(observer.is_tracking, "the leader")
+            until((setup.folder / "state.json").exists, "a state")
+            daemon.end(signal.SIGKILL)
+        time.sleep(1.0)
+        with setup.daemon(url, path, f"recorder.path='{recording}'") as daemon:
+            observer = setup.observer()
+            until(lambda: observer.newest().verdicts.get("leader.warm_start_used") == 1, "a warm start")
+            until(lambda: observer.receive() or len(observer.estimates) > 200, "estimates")
+            assert daemon.end(signal.SIGTERM) == 0
+    assert "warm start: the leader as it was" in daemon.output()
+    estimates = read_estimates(recording)
+    begun_ns, valid_ns = (next(e.t_ns for e in estimates if test(e)) for test in (began, is_valid))
+    assert valid_ns - begun_ns < 1_000_000_000
+    assert_replays_bit_for_bit(setup, recording)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *settings: str) -> str:

@@ -41,6 +41,18 @@ def test_it_keeps_formation_through_a_turn_and_a_short_drop_out_seed_1(flight: F
     assert flight.distance.min() >= 0.5 * SLOT
 
 
+def test_a_daemon_that_is_killed_for_two_seconds_follows_on_seed_3() -> None:
+    scenario = load_scenario("guided-circle")
+    scenario = replace(scenario, camera=replace(scenario.camera, blackouts=()))
+    flight = fly(scenario, 3, 70.0, killed=(50.0, 52.0))
+    back = flight.t[(flight.valid > 0) & (flight.t >= 52.0)][0] - 52.0
+    assert back < 1.0
+    assert flight.valid[flight.t > 52.0 + back].all()
+    assert flight.following[flight.t > 15.0].all()
+    assert flight.slot_error[flight.t > 52.0].max() < 11.0  # 14.8 without what was left
+    assert flight.slot_error[flight.t > 68.0].max() < 3.0
+
+
 def test_when_the_leader_is_lost_it_stops_closing_and_lets_it_go_seed_1(
     flight: Flight, scenario: Scenario
 ) -> None:

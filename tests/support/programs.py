@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -15,6 +16,7 @@ import psutil
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
+STATES = Path(tempfile.gettempdir()) / f"onboard-tests-{os.getpid()}"  # of daemons that are started again
 PATIENCE = 300.0  # s; what takes longer hangs: nothing here is about speed
 
 
@@ -40,6 +42,7 @@ def environment() -> dict[str, str]:
         "COLUMNS": "160",
         "NO_COLOR": "1",
         "PYTHONFAULTHANDLER": "1",
+        "XDG_STATE_HOME": str(STATES),
     }
 
 

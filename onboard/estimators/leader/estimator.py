@@ -22,6 +22,7 @@ from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.choice import make_filter
 from onboard.estimators.leader.filters.filter import LeaderFilter
+from onboard.estimators.leader.prior import prior_of, size_of
 from onboard.estimators.leader.tracks.exposures import Exposures
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
 from onboard.estimators.leader.tracks.image import Image, prepare
@@ -34,7 +35,7 @@ from onboard.messages import Estimate, Lifecycle, Message, TargetDetection, Targ
 from onboard.ownship import Ownship
 
 NAME: Final = "leader"
-LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind)
+LISTENS: Final = (TargetPoints, TargetDetection, messages.Wind, messages.WarmState)
 CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not where its broadcast had led
 NO_ID: Final = ""
 FOLLOWED: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)  # in which a track is valid
@@ -80,6 +81,7 @@ class Estimator:
     def verdicts(self) -> Counter[str]:
         """Verdicts on all images, and on what is measured of the leader beside them."""
         wrong = Counter({CONTRADICTED: self._beside.contradictions} if self._beside.contradictions else {})
+        wrong.update(track.prior_verdict for track in self._tracks.values() if track.prior_verdict)
         return sum((source.verdicts for source in self._sources), self._verdicts + wrong)
 
     @property
@@ -91,6 +93,11 @@ class Estimator:
         """Fuse one image of one target at the time it was taken; or take what is measured beside them."""
         if isinstance(message, messages.Wind):
             self._feel(wind_of(message), ownship)
+            return []
+        if isinstance(message, messages.WarmState):
+            self._tracks[NAME].prior = prior_of(message)
+            if self._sources:  # images alone teach no size
+                self._tracks[NAME].learn(size_of(message), ownship)
             return []
         if not isinstance(message, TargetImage):
             self._learn(message, ownship)

@@ -21,7 +21,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement, Open
-from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses import evidence, particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.moments import NOSE
 from onboard.estimators.leader.filters.noses.summary import MOTION, RESOLVED, Summary, as_leader, summarise
@@ -105,6 +105,11 @@ class AnySideFilter:
         cloud = particles.start(settings, measurement, pose, noses)
         summary = summarise(settings, cloud)
         return AnySide(wing_line, cloud, summary, standing(pose.v_F_n), 0, False, wind=wind)
+
+    def informed(self, state: AnySide, prior: Belief) -> AnySide | None:
+        """The cloud alone is informed; it does not confirm the wing-line filter yet."""
+        cloud = evidence.informed(self._settings, state.cloud, prior)
+        return None if cloud is None else state._replace(cloud=cloud, summary=summarise(self._noses(state), cloud))
 
     def advance(self, state: AnySide, step: Step) -> AnySide:
         """The wing-line filter's prediction; the cloud is predicted when it takes an image, or after a while."""

@@ -14,7 +14,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement, Open, measure_wing
-from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses import evidence, particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.summary import RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.filters.postponed import Pending, standing
@@ -64,6 +64,11 @@ class BeliefFilter:
         settings = particles.supposed(self._settings, None, wind)
         cloud = particles.start(settings, measurement, pose, None if before is None else before.cloud)
         return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
+
+    def informed(self, state: State, prior: Belief) -> State | None:
+        """See `evidence.informed`."""
+        cloud = evidence.informed(self._settings, state.cloud, prior)
+        return None if cloud is None else self._summarised(state._replace(cloud=cloud))
 
     def advance(self, state: State, step: Step) -> State:
         """The hypotheses are predicted when an image comes, or after a while."""

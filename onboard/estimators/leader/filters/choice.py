@@ -107,6 +107,11 @@ class _WingLine:
         y, R, geometry = _batch(measurement, pose)
         return wing_line.start(self._filter, y, R, geometry, known)
 
+    def informed(self, state: Modes, prior: Belief) -> Modes | None:
+        """It makes no use of it."""
+        del prior
+        return state
+
     def advance(self, state: Modes, step: Step) -> Modes:
         return wing_line.advance(self._filter, state, step.dt, step.v0[None], step.a[None])
 

@@ -96,6 +96,10 @@ class LeaderFilter(Protocol):
     def start(self, measurement: Measurement, pose: CameraPose, before: Any) -> Any:
         """The state after a first image; `before` is the state of an earlier track, or None."""
 
+    def informed(self, state: Any, prior: Belief) -> Any:
+        """The first state with what was believed before: position relative to us and velocity, (6,) and (6, 6), in
+        n. None if they contradict each other."""
+
     def advance(self, state: Any, step: Step) -> Any:
         """The state after a step of our own motion."""
 

@@ -10,12 +10,13 @@ import math
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Final
+from typing import Any, Final
 
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.filter import LeaderFilter, Open
+from onboard.estimators.leader.prior import Prior
 from onboard.estimators.leader.sight import ASTRAY, LastSight
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.tracks.exchange import Exchange
@@ -71,6 +72,8 @@ class Track:
         self._guard = Guard(config.size_prior_m)
         self._sight, self._noise = LastSight(), noise  # of the tracks before
         self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
+        self.prior: Prior | None = None  # of an earlier run, until a track starts
+        self.prior_verdict = ""  # what became of it
         self._report = partial(report, filter_)
         self.sequence = 0
         reason = "as many targets are followed as may be" if full else "no image yet"
@@ -223,7 +226,10 @@ class Track:
         first = images[0]
         earlier = before.belief_at(first.message.t_ns, ownship)[1].leader if before else None
         measurement = first.measurement.with_attitude_noise(first.pose.noise_c)
-        begun = TrackState(self._filter.start(measurement, first.pose, earlier), self.noise)
+        started = self._filter.start(measurement, first.pose, earlier)
+        if self.prior is not None:
+            started = self._informed(started, self.prior.relative(first.message.t_ns, ownship))
+        begun = TrackState(started, self.noise)
         t_ns, horizon_ns = first.message.t_ns, round(self._config.rewind_horizon_s * NS_PER_S)
         forward, take = partial(advance, self._filter), partial(fuse, self._filter, self._poses)
         self._history = History(t_ns, begun, horizon_ns=horizon_ns, advance=forward, fuse=take)
@@ -236,6 +242,13 @@ class Track:
         self._settle(self._history, ownship, inserted=True)
         held.clear()
 
+    def _informed(self, started: Any, prior: Belief | None) -> Any:
+        """The first state of the filter with what an earlier run believed, unless the image contradicts it."""
+        after = None if prior is None else self._filter.informed(started, prior)
+        late = "warm_start_too_late" if prior is None else "warm_start_contradicted"
+        self.prior, self.prior_verdict = None, late if after is None else "warm_start_used"
+        return started if after is None else after
+
     def _settle(self, history: History[TrackState, Ownship], ownship: Ownship, *, inserted: bool = False) -> None:
         """Come up to the newest own motion. The history fuses and gates its images anew where that changes them:
         the gate may let pass an image that it stopped at first."""
@@ -246,6 +259,7 @@ class Track:
         self.status.forgotten(reason, had_track=self._history is not None)
         self._guard.clear()
         self._sight.clear()
+        self.prior = None
         self._noise = self.noise.restarted()
         self._history = None
 

@@ -16,10 +16,11 @@ from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.posed import LASTING_TURN, Posed
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Seen, only
-from onboard.filters.belief import FilterError
+from onboard.filters.belief import Belief, FilterError
 from onboard.models import apparent_pose, apparent_shape
 from onboard.models.apparent_wing import LEAST_VISIBLE, R
 
+MOTION: Final = slice(0, 6)  # position and velocity
 OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right noses do
 PER_ROW: Final = 2.1  # more of the gate for each row of what an image shows of a shape
 LASTING: Final = 4.0  # noise that lasts counts as often
@@ -64,6 +65,23 @@ def expected(cloud: Cloud, nis: Array, share: float) -> float:
     if not math.isfinite(least):
         raise FilterError("the cloud of noses has lost its numbers")
     return least
+
+
+def informed(settings: NoseModel, cloud: Cloud, prior: Belief) -> Cloud | None:
+    """The cloud with what was believed of position and velocity before, (6,) and (6, 6), in n; None where less
+    than OF_SHAPE of its weight agrees: only the right noses do. Raises FilterError."""
+    C = cloud.covariances[:, :, MOTION]
+    S, y = C[:, MOTION] + prior.covariance, prior.mean - cloud.means[:, MOTION]
+    gain = np.linalg.solve(S, C.transpose(0, 2, 1)).transpose(0, 2, 1)
+    nis = np.einsum("ki,ki->k", y, np.linalg.solve(S, y[:, :, None])[:, :, 0])
+    if expected(cloud, nis, OF_SHAPE) > settings.gate:
+        return None
+    means = cloud.means + np.einsum("kij,kj->ki", gain, y)
+    P = cloud.covariances - gain @ C.transpose(0, 2, 1)
+    log_weights = cloud.log_weights - 0.5 * (nis + np.linalg.slogdet(S)[1])
+    log_weights -= log_weights.max()
+    log_weights -= math.log(np.exp(log_weights).sum())
+    return cloud._replace(means=means, covariances=0.5 * (P + P.transpose(0, 2, 1)), log_weights=log_weights)
 
 
 def shaped(

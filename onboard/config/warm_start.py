@@ -1,0 +1,148 @@
+"""The file that one run of the daemon leaves to the next, so that a restart in flight does not begin at nothing.
+
+A state is read once, at the start, and only if it is at most MOST_AGE_S old and of the same configuration.
+Everything else is ignored with a reason: the daemon then starts as it does without a file.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from onboard.config.reading import ConfigError
+from onboard.config.sections import Config
+from onboard.config.storing import Storing
+from onboard.messages import Datagram, Encoding, WarmState
+from onboard.wire.document import BadDocumentError
+from onboard.wire.warm_state import decode_warm_state, encode_warm_state
+
+MOST_AGE_S: Final = 10.0  # a leader that manoeuvres for longer may be anywhere
+CHANNEL: Final = "warm_state"
+LARGEST: Final = 65_536  # bytes
+FILE_MODE: Final = 0o600  # where somebody flew is nobody else's business
+FOLDER_MODE: Final = 0o700
+# Sections that decide what an estimate means, and whose it is.
+DECISIVE: Final = ("link", "autopilot", "camera", "cameras", "target", "delay", "ownship", "estimator", "guidance")
+
+
+def digest(config: Config) -> str:
+    """What two configurations share whose runs may continue each other."""
+    decisive = {name: getattr(config, name) for name in DECISIVE}
+    return hashlib.sha256(msgspec.json.encode(decisive, order="deterministic")).hexdigest()[:16]
+
+
+class WarmFile:
+    """The file of a configuration. `report` receives lines for a person; `refuse` the source, the reason and the
+    time of a state that is ignored. Raises ConfigError where a configured path cannot be written."""
+
+    def __init__(
+        self,
+        config: Config,
+        report: Callable[[str], None],
+        refuse: Callable[[str, str, int], None],
+        environment: Mapping[str, str] = os.environ,
+    ) -> None:
+        self.digest = digest(config)
+        self._report, self._refuse = report, refuse
+        self._storing: Storing | None = None
+        wanted = config.warm_start.path
+        self._path = folder_of(environment) / f"leader-{self.digest}.json" if wanted is None else Path(wanted)
+        if not config.warm_start.enabled or "leader" not in config.estimator:
+            return
+        if (reason := _not_writable(self._path, make=wanted is None)) and wanted is not None:
+            raise ConfigError(f"warm_start.path: {reason}")
+        if reason:
+            report(f"no warm start after a crash: {reason}; name a file in [warm_start] path")
+            return
+        self._storing = Storing(self._path, store_state, what="the state for a warm start")
+
+    def read(self, wall_ns: int) -> Datagram | None:
+        """What an earlier run left, if it may be used at a time on the wall clock."""
+        if self._storing is None:
+            return None
+        try:
+            with self._path.open("rb") as file:
+                data = file.read(LARGEST + 1)
+            age = self._checked(data, wall_ns)
+        except FileNotFoundError:
+            return None
+        except (OSError, BadDocumentError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            self._report(f"{self._path} is ignored: {reason}")
+            self._refuse(CHANNEL, str(reason), wall_ns)
+            return None
+        self._report(f"warm start: the leader as it was {age:.1f} s ago is read from {self._path}")
+        return _datagram(data, wall_ns)
+
+    def keep(self, state: WarmState | None) -> None:
+        """Store a state. Never waits for the disk."""
+        if self._storing is None or state is None:
+            return
+        self._storing.put(msgspec.structs.replace(state, configuration=self.digest))
+        if error := self._storing.take_error():
+            self._report(error)
+
+    def close(self) -> None:
+        """Wait until the last state is stored."""
+        if self._storing is not None:
+            self._storing.close()
+
+    def _checked(self, data: bytes, wall_ns: int) -> float:
+        """The age of a state, s. Raises BadDocumentError for one that cannot be used."""
+        state = decode_warm_state(data, wall_ns)
+        if state.configuration != self.digest:
+            raise BadDocumentError("it is of another configuration")
+        age = (wall_ns - state.wall_ns) * 1e-9
+        if age < 0.0:
+            raise BadDocumentError(f"it is of the future, by {-age:.1f} s: the wall clock was set")
+        if age > MOST_AGE_S:
+            raise BadDocumentError(f"it is {age:.0f} s old; expected at most {MOST_AGE_S:.0f} s")
+        return age
+
+
+def datagram_of(state: WarmState, t_recv_ns: int) -> Datagram:
+    """A state as it is fed to the next run's pipeline."""
+    return _datagram(encode_warm_state(state), t_recv_ns)
+
+
+def _datagram(data: bytes, t_recv_ns: int) -> Datagram:
+    return Datagram(channel=CHANNEL, encoding=Encoding.WARM_STATE, t_recv_ns=t_recv_ns, data=data)
+
+
+def folder_of(environment: Mapping[str, str]) -> Path:
+    """Where programs keep their state: systemd's StateDirectory, else that of XDG."""
+    if given := environment.get("STATE_DIRECTORY"):
+        return Path(given.partition(":")[0])
+    state = environment.get("XDG_STATE_HOME", "")
+    home = environment.get("HOME", "/nonexistent")
+    return (Path(state) if Path(state).is_absolute() else Path(home) / ".local" / "state") / "onboard"
+
+
+def store_state(path: Path, state: WarmState) -> None:
+    """Write a state by a whole file: a killed process leaves the old one or the new one. It need not survive the
+    loss of power, after which it would be too old. Raises OSError."""
+    new = path.with_name(f"{path.name}.new")
+    try:
+        with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE), "wb") as file:
+            file.write(encode_warm_state(state))
+        new.replace(path)
+    except OSError:
+        with suppress(OSError):
+            new.unlink(missing_ok=True)
+        raise
+
+
+def _not_writable(path: Path, *, make: bool) -> str:
+    """Why a file cannot be written; "" if it can. `make` its folder."""
+    try:
+        if make:
+            path.parent.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
+    except OSError as error:
+        return f"{path.parent} cannot be made ({error.strerror})"
+    if not path.parent.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
+        return f"{path.parent} is not a folder that can be written"
+    return ""

@@ -1,0 +1,63 @@
+"""What an earlier run of the daemon believed of the leader: where a track starts that is no cold start."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader.size import Size
+from onboard.filters.belief import Belief
+from onboard.geometry.units import S_PER_NS
+from onboard.messages import WarmState
+from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V, leader_acceleration
+from onboard.ownship import Ownship
+
+MOTION: Final = slice(0, 6)
+LONGEST_S: Final = 10.0  # later, the leader may be anywhere
+ACCELERATION: Final = np.array([1.0, 1.0, 0.5])  # m/s^2, 1 sigma, beyond the estimated one, unseen
+HOVERS: Final = 1.0  # m/s: a slower leader has no course to turn from
+DRIFT: Final = 0.5  # m/s: of the autopilot's position, beside its velocity
+
+
+class Prior(NamedTuple):
+    """The leader's position from the autopilot's origin, velocity and acceleration, (3,) in n, at a time, and the
+    covariance (6, 6) of the first two without the errors of our own."""
+
+    t_ns: int
+    r_OL_n: Array
+    v_L_n: Array
+    a_L_n: Array
+    P: Array
+
+    def relative(self, t_ns: int, ownship: Ownship) -> Belief | None:
+        """The leader at a later time: position relative to us and velocity, (6,) and (6, 6), in n. None where our
+        own position is not known, or too long after it."""
+        pose, dt = ownship.pose_at(t_ns), (t_ns - self.t_ns) * S_PER_NS
+        if pose is None or not 0.0 <= dt <= LONGEST_S or not np.isfinite(pose.r_OF_n).all():
+            return None
+        r = self.r_OL_n + dt * self.v_L_n + 0.5 * dt**2 * self.a_L_n - pose.r_OF_n
+        F, moved = np.eye(6), np.diag(ACCELERATION**2)
+        F[R, V] = dt * np.eye(3)
+        P = F @ self.P @ F.T
+        P[R, R] += 0.25 * dt**4 * moved + (DRIFT * dt) ** 2 * np.eye(3)
+        P[R, V] += 0.5 * dt**3 * moved
+        P[V, R] += 0.5 * dt**3 * moved
+        P[V, V] += dt**2 * moved
+        return Belief(np.concatenate([r, self.v_L_n + dt * self.a_L_n]), P)
+
+
+def prior_of(state: WarmState) -> Prior:
+    """What a state says of the leader's motion."""
+    mean, P = np.array(state.estimate.mean), np.array(state.estimate.covariance)[MOTION, MOTION]
+    dt, v_F = (state.t_ns - state.own.t_ns) * S_PER_NS, np.array(state.own.v_F_n)
+    r_F = np.array(state.own.r_OF_n, float) + dt * v_F
+    r_L, v_L = r_F + mean[R], v_F + mean[V]
+    a_L = leader_acceleration(v_L[None], mean[A_LAT : A_LAT + 1], mean[A_LONG : A_LONG + 1], HOVERS)[0]
+    return Prior(state.t_ns, r_L, v_L, a_L, 0.5 * (P + P.T))
+
+
+def size_of(state: WarmState) -> Size:
+    """The size that a state says."""
+    mean, P = state.estimate.mean or (), state.estimate.covariance or ()
+    return Size(mean[SIZE], math.sqrt(max(P[SIZE][SIZE], 0.0)))

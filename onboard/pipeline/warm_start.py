@@ -1,0 +1,37 @@
+"""What an earlier run of the daemon left, until the autopilot's first stamp shows whether it still holds."""
+
+from collections.abc import Callable
+from typing import Final
+
+from onboard.clocks import Clocks
+from onboard.messages import WarmState
+
+SOURCE: Final = "warm_state"
+APART_NS: Final = 500_000_000  # between two offsets of one boot clock, the new one known by one arrival
+REBOOTED: Final = "the autopilot has rebooted since, or its clock runs at another rate than this computer's"
+
+
+class WarmStart:
+    """At most one state, used or refused at the first stamp. `refuse` takes source, reason and arrival."""
+
+    def __init__(self, refuse: Callable[[str, str, int], None]) -> None:
+        self._refuse = refuse
+        self._state: WarmState | None = None
+
+    def receive(self, state: WarmState) -> None:
+        """Keep a state that was read at the start."""
+        self._state = state
+
+    def confirmed(self, clocks: Clocks, t_recv_ns: int) -> WarmState | None:
+        """The state, once, if the boot clock runs on as it did; the clocks then go on with what was learnt."""
+        state, self._state = self._state, None
+        offset_ns = clocks.offset_ns
+        if state is None or offset_ns is None:
+            self._state = state
+            return None
+        if abs(offset_ns - state.offset_ns) > APART_NS:
+            self._refuse(SOURCE, REBOOTED, t_recv_ns)
+            return None
+        if state.round_trip_ns is not None:
+            clocks.resume(state.round_trip_ns, state.wall_ns, state.offset_ns)
+        return state
