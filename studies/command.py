@@ -2,11 +2,13 @@
 
 import argparse
 import pkgutil
+import re
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, get_args
+from tempfile import TemporaryDirectory
+from typing import Any, Final, get_args
 
 from rich.console import Console
 from rich.markdown import Markdown
@@ -23,6 +25,8 @@ from onboard.errors import UserError
 from studies.report.findings import Verdict
 from studies.together import run_all, run_study
 
+FIGURE_FILE: Final = re.compile(r"figure-(\d\d)(?:(-|-and-)(\d\d))?-")
+
 
 def main(arguments: argparse.Namespace) -> int:
     """Measure one study, or all. Raises UserError."""
@@ -30,7 +34,7 @@ def main(arguments: argparse.Namespace) -> int:
     if a.all and (a.cluster or a.rows):
         raise UserError("study: --cluster and --rows go with one name, not with --all")
     if a.all and a.name is None:
-        for option, value in (("--first-seed", a.first_seed), ("--jobs", a.jobs)):
+        for option, value in (("--first-seed", a.first_seed), ("--jobs", a.jobs), ("--figure", a.figure)):
             if value is not None:
                 raise UserError(
                     f"study: {option} goes with one name, not with --all, whose studies have their own"
@@ -41,28 +45,60 @@ def main(arguments: argparse.Namespace) -> int:
     chosen = {"seeds": a.seeds, "first_seed": a.first_seed}
     given: dict[str, Any] = {k: v for k, v in chosen.items() if v is not None}
     given["jobs"] = computers(a.jobs, a.cluster, a.rows)
+    if a.figure is not None:
+        if a.json is not None:
+            raise UserError("study: --json goes with a whole study, not with --figure")
+        return one_figure(a.name, a.figure, given, out=a.out)
     return one_study(a.name, given, out=a.out, json_file=a.json)
 
 
 def one_study(name: str, given: Mapping[str, Any], *, out: Path, json_file: Path | None) -> int:
     """`onboard study NAME`: measure a paper's claims; figures, report and numbers go to a folder of `out`.
     `given`: seeds and first_seed, without which it takes what the study asks for, and jobs, where it computes."""
-    known = study_names()
-    if name not in known:
-        raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")
-    _require_figures()
-    make_folder(out / name)
+    _prepare(name, out)
     check_targets(json_file)
     _compile([name])
-    try:
-        result = _measure(name, given, out)
-    except ClusterError as error:
-        raise UserError(str(error)) from error
+    result = _measure(name, given, out)
     Console().print(Markdown((out / name / "report.md").read_text(encoding="utf-8")))
     print(f"written: {out / name}/report.md, result.json and figures")
     if json_file is not None:
         write_json(json_file, result)
     return 0
+
+
+def one_figure(name: str, number: int, given: Mapping[str, Any], *, out: Path) -> int:
+    """`onboard study NAME --figure K`: the paper's figure K alone, of the first seed, or over `given` seeds where
+    it is one over runs."""
+    _prepare(name, out)
+    _compile([name])
+    with TemporaryDirectory(dir=out) as folder:
+        drawn = _drawn(name, given, Path(folder))
+        numbered = {k: file for file in drawn for k in paper_figures(file.name)}
+        if number not in numbered:
+            there_are = ", ".join(map(str, sorted(numbered))) or "none"
+            raise UserError(f"study: {name} draws no figure {number} of its paper; there are: {there_are}")
+        target = out / name / numbered[number].name
+        numbered[number].replace(target)
+    print(f"written: {target}")
+    return 0
+
+
+def paper_figures(file_name: str) -> range | tuple[int, ...]:
+    """The numbers of the paper's figures that a file redraws: figure-02-05-NAME the second to the fifth,
+    figure-01-and-11-NAME these two."""
+    found = FIGURE_FILE.match(file_name)
+    if found is None:
+        return ()
+    first, link, last = int(found[1]), found[2], int(found[3] or found[1])
+    return (first, last) if link == "-and-" else range(first, last + 1)
+
+
+def _drawn(name: str, given: Mapping[str, Any], folder: Path) -> list[Path]:
+    """A study's figures, drawn in a folder; where it can, the paper's alone."""
+    draw_paper = getattr(import_module(_module(name)), "draw_paper", None)
+    if draw_paper is not None and "seeds" not in given:
+        return [folder / file for file in draw_paper(given.get("first_seed", 1), folder)]
+    return [folder / name / file for file in _measure(name, {"seeds": 1, **given}, folder)["figures"]]
 
 
 def all_studies(*, seeds: int | None, out: Path, json_file: Path | None) -> int:
@@ -96,6 +132,15 @@ def study_names() -> list[str]:
     return sorted(name.replace("_", "-") for name in folders if find_spec(f"{studies.__name__}.{name}.study"))
 
 
+def _prepare(name: str, out: Path) -> None:
+    """Before anything is compiled or flown. Raises UserError: no such study, nowhere to write, no matplotlib."""
+    known = study_names()
+    if name not in known:
+        raise UserError(f"no study named {name!r}; there are: {', '.join(known)}")
+    _require_figures()
+    make_folder(out / name)
+
+
 def _compile(names: list[str]) -> None:
     """Ahead and by all cores together: each of a study's processes would compile the same."""
     modules = needed_by(map(_module, names))
@@ -108,7 +153,10 @@ def _compile(names: list[str]) -> None:
 def _measure(name: str, given: Mapping[str, Any], out: Path) -> dict[str, Any]:
     with progress_bar(Console(stderr=True)) as bar:
         task = bar.add_task(_title(name), total=None)
-        return run_study(name, given, out, lambda done, total: bar.update(task, completed=done, total=total))
+        try:
+            return run_study(name, given, out, lambda done, total: bar.update(task, completed=done, total=total))
+        except ClusterError as error:
+            raise UserError(str(error)) from error
 
 
 def _measure_all(names: list[str], seeds: int | None, out: Path) -> dict[str, dict[str, Any]]:

@@ -227,6 +227,8 @@ def _add_study(study: argparse.ArgumentParser) -> None:
     study.add_argument("--all", action="store_true", help="every paper, two at a time")
     study.add_argument("--seeds", type=_seeds, metavar="N", help="how many (default: what the study needs)")
     study.add_argument("--first-seed", type=_count, metavar="N", help="of one study (default: its own)")
+    alone = "only the paper's figure K, of one seed unless --seeds is given"
+    study.add_argument("--figure", type=_count, metavar="K", help=alone)
     study.add_argument(
         "--jobs", type=_seeds, metavar="N", help="processes of one study (default: one for each core)"
     )

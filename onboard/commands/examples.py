@@ -103,6 +103,7 @@ examples:
 STUDY: Final = """\
 examples:
   onboard study relative-motion --seeds 10                writes report, numbers and figures to out/studies
+  onboard study relative-motion --figure 8                only that figure of the paper, of one seed
   onboard study --all --json study.json
 """
 SCHEMA: Final = """\

@@ -34,7 +34,7 @@ def draw(m: AllResults, seeds: range, out: Path) -> tuple[str, ...]:
     with mpl.rc_context(STYLE):
         return save(
             {
-                "figure-01-11-trajectories.png": _trajectories(m, seeds),
+                "figure-01-and-11-trajectories.png": _trajectories(m, seeds),
                 "figure-02-05-validation-rmse.png": _validation(m),
                 "figure-06-09-condition-numbers.png": _conditions(m),
                 "figure-10-time.png": _times(m),

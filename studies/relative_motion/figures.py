@@ -48,13 +48,18 @@ def draw(
 ) -> tuple[str, ...]:
     """Write the figures into the folder `out`: methods compared over all variants, the rest of one flight with its
     camera. Returns the file names, the comparison first."""
+    with mpl.rc_context(STYLE):
+        over_all = {"comparison.png": compared(result.rows, result.bounds), "over-time.png": over_time(examples)}
+        return save(over_all, out) + draw_flight(flight, camera, tracks, out)
+
+
+def draw_flight(flight: Flight, camera: Camera, tracks: Mapping[str, Track], out: Path) -> tuple[str, ...]:
+    """Write the figures of one flight with its camera, among them the paper's; returns the file names."""
     position, velocity, acceleration, target = _quantities(flight, tracks)
     t = flight.nav_t
     with mpl.rc_context(STYLE):
         return save(
             {
-                "comparison.png": compared(result.rows, result.bounds),
-                "over-time.png": over_time(examples),
                 "overview.png": _overview(flight, tracks),
                 "figure-06-image-points.png": image_points(flight, camera),
                 "figure-07-measurements.png": measured_angles(flight, camera),

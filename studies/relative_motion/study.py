@@ -14,9 +14,11 @@ import msgspec
 
 from onboard.arrays import Array
 from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
+from simlink.scenarios.camera import Camera
 from studies.relative_motion import shipped
 from studies.relative_motion.bound import FlightBound, bounds, over_flights
 from studies.relative_motion.claims import claims_of
+from studies.relative_motion.flight import Flight
 from studies.relative_motion.flights import Flights, fly_many
 from studies.relative_motion.formation import Setting, Track, track
 from studies.relative_motion.noise import honest_noise
@@ -131,10 +133,22 @@ def flown(variant: Variant, seeds: tuple[int, ...], duration: float | None = Non
     return flights, setting_of(variant, scenario)
 
 
+def draw_paper(first_seed: int, out: Path) -> tuple[str, ...]:
+    """The paper's figures alone, of the flight of this seed, into the folder `out`: their file names."""
+    from studies.relative_motion import figures  # noqa: PLC0415 - matplotlib is an extra
+
+    return figures.draw_flight(*_example(first_seed), out)
+
+
 def _draw(result: Result, examples: dict[str, dict[str, Array]], out: Path) -> tuple[str, ...]:
     """Figures of the first seed, into the folder `out`."""
     from studies.relative_motion import figures  # noqa: PLC0415 - matplotlib is an extra
 
-    flights, setting = flown(VARIANTS[0], (result.first_seed,))
+    return figures.draw(*_example(result.first_seed), result, examples, out)
+
+
+def _example(seed: int) -> tuple[Flight, Camera, dict[str, Track]]:
+    """The reference flight of a seed, its camera, and the tracks that are drawn, by method."""
+    flights, setting = flown(VARIANTS[0], (seed,))
     tracks = {method.name: _tracks(VARIANTS[0], flights, setting, method)[0] for method in SHOWN}
-    return figures.draw(flights.one(0), setting.camera, tracks, result, examples, out)
+    return flights.one(0), setting.camera, tracks

@@ -52,3 +52,26 @@ def test_the_studies_are_found_from_any_folder(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "no study named 'none'; there are: closed-loop, " in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "numbers"),
+    [
+        ("figure-03-05-steps.png", [3, 4, 5]),
+        ("figure-01-and-11-trajectories.png", [1, 11]),
+        ("figure-08-relative-position.png", [8]),
+        ("overview.png", []),
+    ],
+)
+def test_a_file_s_name_gives_the_paper_s_figures(file: str, numbers: list[int]) -> None:
+    assert list(command.paper_figures(file)) == numbers
+
+
+def test_a_figure_is_drawn_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    name = "cwpa-kalman-tracker-3d"
+    call = ["study", name, "--jobs", "1", "--out", str(tmp_path), "--figure"]
+    assert cli.main([*call, "4"]) == 0
+    assert [path.name for path in tmp_path.rglob("*")] == [name, "figure-03-05-steps.png"]
+    assert "figure-03-05-steps.png" in capsys.readouterr().out
+    assert cli.main([*call, "9"]) == 2
+    assert "no figure 9 of its paper; there are: 1, 2, 3, 4, 5" in capsys.readouterr().err

@@ -54,6 +54,14 @@ def test_a_run_writes_report_figures_and_json_seeds_3_and_4(result: Ran) -> None
 
 
 @pytest.mark.slow
+def test_the_paper_s_figures_alone_are_those_of_the_whole_study_seed_3(result: Ran, tmp_path: Path) -> None:
+    _, out, _ = result
+    alone = study.draw_paper(3, tmp_path)
+    assert "figure-08-relative-position.png" in alone
+    assert all((tmp_path / name).read_bytes() == (out / name).read_bytes() for name in alone)
+
+
+@pytest.mark.slow
 def test_the_settings_behave_as_the_reference_says_seeds_3_and_4(result: Ran) -> None:
     """Bands wide enough for two flights; those of the full study are compared by `compare`."""
     rows = {(row.variant, row.method): row for row in result[0].rows}
