@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import Belief, FilterError, Method
+from onboard.filters.angles import beside
+from onboard.filters.belief import Belief, FilterError, Indices, Method
 from onboard.filters.multiple_model import ModesState
 from onboard.filters.runs import Run
 from onboard.filters.smoothers import line_of
@@ -38,11 +39,12 @@ def smooth_modes(found: Run, modes: Sequence[Method], transition: Array) -> Smoo
         raise FilterError(f"smooth_modes: {found.method.name} has no modes; `smooth` smooths it")
     beliefs = [_of_modes(modes, state) for state in found.states]
     after, probabilities = beliefs[-1], found.states[-1].probabilities
-    smoothed = [(*_merged(*after, probabilities), probabilities)]
+    angles = found.angular_states
+    smoothed = [(*_merged(*after, probabilities, angles), probabilities)]
     for k in range(len(beliefs) - 2, -1, -1):
         if found.ts[k + 1] > found.ts[k]:
             after, probabilities = _back(found, k, beliefs[k], after, probabilities, modes, transition)
-        smoothed.append((*_merged(*after, probabilities), probabilities))
+        smoothed.append((*_merged(*after, probabilities, angles), probabilities))
     return SmoothedModes(*(np.stack(part[::-1]) for part in zip(*smoothed, strict=True)))
 
 
@@ -57,17 +59,18 @@ def _back(
 ) -> tuple[Belief, Array]:
     """The modes' smoothed beliefs and probabilities (..., r) of time k, from those of the next."""
     r, n = now.mean.shape[-2:]
-    model, before = found.at(k + 1), found.states[k].probabilities
+    model, before, angles = found.at(k + 1), found.states[k].probabilities, found.angular_states
     flat = Belief(now.mean.reshape(-1, n), now.covariance.reshape(-1, n, n))
     pairs, weights = [], []
     for j in range(r):
         process, Q = (one[j] if isinstance(one, tuple) else one for one in (model.process, model.Q))
-        line = line_of(modes[j].name, flat, process, Q)
+        line = line_of(modes[j].name, flat, model._replace(process=process, Q=Q))
         F, noise, inputs = (part.reshape(*now.mean.shape[:-1], *part.shape[1:]) for part in line)
-        predicted = Belief(_times(F, now.mean) + inputs, F @ now.covariance @ _t(F) + noise)
+        later = Belief(after.mean[..., j, :], after.covariance[..., j, :, :])
+        moved = beside(_times(F, now.mean) + inputs, later.mean[..., None, :], angles)
+        predicted = Belief(moved, F @ now.covariance @ _t(F) + noise)
         prior = before * np.asarray(transition)[:, j]
         share = _normalised(prior)
-        later = Belief(after.mean[..., j, :], after.covariance[..., j, :, :])
         updated, log_likelihood = _updated(predicted, _merged(*predicted, share), later)
         gain = _t(np.linalg.solve(predicted.covariance, F @ now.covariance))
         mean = now.mean + _times(gain, updated.mean - predicted.mean)
@@ -77,7 +80,7 @@ def _back(
         weights.append(_normalised(share * scaled) * probabilities[..., j, None])
     joint = np.stack(weights, axis=-1)  # of mode i now and j next
     means, covariances = np.stack([m for m, _ in pairs], -2), np.stack([C for _, C in pairs], -3)
-    return _merged(means, covariances, _normalised(joint)), _normalised(joint.sum(axis=-1))
+    return _merged(means, covariances, _normalised(joint), angles), _normalised(joint.sum(axis=-1))
 
 
 def _updated(predicted: Belief, mixture: Belief, smoothed: Belief) -> tuple[Belief, Array]:
@@ -112,8 +115,10 @@ def _of_modes(modes: Sequence[Method], state: ModesState) -> Belief:
     return Belief(np.stack([b.mean for b in each], axis=-2), np.stack([b.covariance for b in each], axis=-3))
 
 
-def _merged(means: Array, covariances: Array, weights: Array) -> Belief:
-    """The mixture of means (..., r, n) and covariances (..., r, n, n), with weights (..., r)."""
+def _merged(means: Array, covariances: Array, weights: Array, angles: Indices = ()) -> Belief:
+    """The mixture of means (..., r, n) and covariances (..., r, n, n), with weights (..., r). Angles are beside
+    those of the first mean."""
+    means = beside(means, means[..., :1, :], angles)
     mean = np.sum(weights[..., None] * means, axis=-2)
     off = means - mean[..., None, :]
     each = covariances + off[..., :, None] * off[..., None, :]

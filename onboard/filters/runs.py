@@ -56,6 +56,11 @@ class Run(NamedTuple):
         """The model of step k."""
         return model_at(self.model, self.ts, k)
 
+    @property
+    def angular_states(self) -> tuple[int, ...]:
+        """The states that are angles."""
+        return self.at(len(self.ts) - 1).angular_states
+
 
 def run(method: str | Method, model: AnyModel, start: Belief, ys: Any, ts: Any = None) -> Run:
     """Run a filter, by itself or by its name, over measurements ys (T, m), or (T, B, m) with a batch of beliefs,
@@ -74,7 +79,7 @@ def run(method: str | Method, model: AnyModel, start: Belief, ys: Any, ts: Any =
         try:
             step = model_at(model, times, k)
             if k and times[k] > times[k - 1]:
-                state = chosen.predict(state, step.process, step.Q)
+                state = chosen.predict(state, step.process, step.Q, step.angular_states)
             prediction = chosen.belief(state)
             found = _updated(chosen, state, y, step)
             state = found.belief
@@ -108,7 +113,7 @@ def _updated(method: Method, state: Any, y: Array, model: Model) -> Any:
     """
     missing = np.isnan(y)
     if not missing.any():
-        return method.update(state, y, model.measure, model.R, model.angular)
+        return method.update(state, y, model.measure, model.R, model.angular, model.angular_states)
     if missing.all():
         nothing = np.full(y.shape, np.nan, y.dtype)
         return Update(state, nothing, nothing[..., None] * nothing[..., None, :], nothing, np.zeros(y.shape[:-1]))
@@ -119,7 +124,8 @@ def _updated(method: Method, state: Any, y: Array, model: Model) -> Any:
     blank: Any = tuple(_blank(one, missing) for one in measure) if several else _blank(measure, missing)
     gone = missing[..., :, None] | missing[..., None, :]
     R = np.where(gone, np.eye(y.shape[-1], dtype=model.R.dtype), model.R)
-    found = method.update(state, np.where(missing, y.dtype.type(0), y), blank, R, model.angular)
+    filled = np.where(missing, y.dtype.type(0), y)
+    found = method.update(state, filled, blank, R, model.angular, model.angular_states)
     nan, own = y.dtype.type(np.nan), getattr(found, "log_evidence", None)
     return Update(
         _kept(state, found.belief, missing.all(axis=-1)) if missing.ndim > 1 else found.belief,

@@ -14,12 +14,12 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import cubature, extended, kalman
-from onboard.filters.belief import Belief, FilterError, Rows, Weights
+from onboard.filters.belief import Belief, FilterError, Weights
 from onboard.filters.multiple_model import ModesState
 from onboard.filters.posterior_linearisation import regression
 from onboard.filters.runs import Run
 from onboard.filters.smoothing import rauch_tung_striebel
-from onboard.filters.state_space import LinearModel
+from onboard.filters.state_space import LinearModel, Model
 
 
 class Lines(NamedTuple):
@@ -47,10 +47,10 @@ def smooth(found: Run, lag: int | None = None, weights: Weights | None = None) -
         return found.beliefs
     lines = lines_of(found, weights)
     if lag is None or lag >= steps - 1:
-        return rauch_tung_striebel(found.beliefs, *lines)
+        return rauch_tung_striebel(found.beliefs, *lines, found.angular_states)
     if lag < 0:
         raise FilterError(f"lag: must be 0 or more measurements, not {lag}")
-    return found.beliefs if lag == 0 else _fixed_lag(found.beliefs, lines, lag)
+    return found.beliefs if lag == 0 else _fixed_lag(found, lines, lag)
 
 
 def lines_of(found: Run, weights: Weights | None = None) -> Lines:
@@ -70,7 +70,7 @@ def lines_of(found: Run, weights: Weights | None = None) -> Lines:
         return Lines(F.astype(P.dtype), Q.astype(P.dtype), u.astype(P.dtype))
     n = mean.shape[-1]
     flat = Belief(mean.reshape(-1, n), P.reshape(-1, n, n))
-    made = line_of(found.method.name, flat, found.model.process, found.model.Q, weights)
+    made = line_of(found.method.name, flat, found.model, weights)
     lines = Lines(*(part.reshape(*mean.shape[:-1], *part.shape[1:]) for part in made))
     again = np.flatnonzero(np.diff(found.ts) == 0)  # nothing is predicted where a time repeats
     lines.F[again], lines.Q[again], lines.inputs[again] = np.eye(n), 0, 0
@@ -82,22 +82,25 @@ def _line(found: Run, belief: Belief, k: int, weights: Weights | None = None) ->
         P = belief.covariance
         return Lines(np.zeros_like(P) + np.eye(P.shape[-1], dtype=P.dtype), 0 * P, 0 * belief.mean)
     step = found.at(k)
-    return line_of(found.method.name, belief, step.process, step.Q, weights)
+    return line_of(found.method.name, belief, step, weights)
 
 
-def line_of(name: str, belief: Belief, process: Rows, Q: Array, weights: Weights | None = None) -> Lines:
-    """The line of a process about beliefs (..., n), as the filter `name` has it."""
+def line_of(name: str, belief: Belief, model: Model, weights: Weights | None = None) -> Lines:
+    """The line of a model's process about beliefs (..., n), as the filter `name` has it."""
+    process, angles = model.process, model.angular_states
     if name == "kalman":
-        (F, value), rest = kalman.affine(process, belief.mean), 0 * belief.covariance
+        (F, value), rest = kalman.affine(process, belief.mean, None, angles), 0 * belief.covariance
     elif name == "extended":
-        (value, F), rest = extended.tangent(belief, process), 0 * belief.covariance
+        (value, F), rest = extended.tangent(belief, process, None, None, angles), 0 * belief.covariance
     else:
-        F, value, rest = regression(belief, process, weights or cubature.weights(belief.mean.shape[-1]))
-    return Lines(F, Q + rest, value - (F @ belief.mean[..., None])[..., 0])
+        rule = weights or cubature.weights(belief.mean.shape[-1])
+        F, value, rest = regression(belief, process, rule, None, angles, angles)
+    return Lines(F, model.Q + rest, value - (F @ belief.mean[..., None])[..., 0])
 
 
-def _fixed_lag(filtered: Belief, lines: Lines, lag: int) -> Belief:
+def _fixed_lag(found: Run, lines: Lines, lag: int) -> Belief:
     """Each window of lag + 1 times smoothed from its end, all at once as one batch; the last one gives the end."""
+    filtered = found.beliefs
     shape, n = filtered.mean.shape, filtered.mean.shape[-1]
     windows = shape[0] - lag
     at = np.arange(lag + 1)[:, None] + np.arange(windows)
@@ -108,7 +111,7 @@ def _fixed_lag(filtered: Belief, lines: Lines, lag: int) -> Belief:
 
     mean, P = batch(filtered.mean, at), batch(filtered.covariance, at)
     F, Q, inputs = (batch(part, at[:-1]) for part in lines)
-    smoothed = rauch_tung_striebel(Belief(mean, P), F, Q, inputs)
+    smoothed = rauch_tung_striebel(Belief(mean, P), F, Q, inputs, found.angular_states)
     parts = []
     for array, own in ((smoothed.mean, (n,)), (smoothed.covariance, (n, n))):
         apart = array.reshape(lag + 1, windows, *shape[1:-1], *own)

@@ -8,20 +8,22 @@ from onboard.arrays import Array
 
 class Model(NamedTuple):
     """x' = process(x) + noise of covariance Q (n, n); y = measure(x) + noise of covariance R (m, m). `process`
-    maps rows (k, n) -> (k, n), `measure` rows (k, n) -> (k, m); `angular` are the components of y that are
-    angles and wrap. For an `imm` with a model for each mode, process and Q, and measure if it differs, are
-    tuples."""
+    maps rows (k, n) -> (k, n), `measure` rows (k, n) -> (k, m); `angular` are the components of y, and
+    `angular_states` those of the state, that are angles and wrap. For an `imm` with a model for each mode, process
+    and Q, and measure if it differs, are tuples."""
 
     process: Any
     Q: Any
     measure: Any
     R: Array
     angular: tuple[int, ...] = ()
+    angular_states: tuple[int, ...] = ()
 
 
 class LinearModel(NamedTuple):
     """x' = F x + input + noise Q; y = H x + noise R. F, Q (n, n), or (T-1, n, n) with those from each
-    measurement to the next; H (m, n) and R (m, m), or (T, m, n) and (T, m, m); inputs (T-1, n)."""
+    measurement to the next; H (m, n) and R (m, m), or (T, m, n) and (T, m, m); inputs (T-1, n). Its states never
+    wrap: an angle among them counts turns."""
 
     F: Array
     Q: Array

@@ -6,9 +6,21 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.filters import augmented, methods, multiple_model, smoothing, square_root, unscented
+from onboard.filters import (
+    Model,
+    augmented,
+    methods,
+    multiple_model,
+    run,
+    smooth,
+    smooth_modes,
+    smoothing,
+    square_root,
+    unscented,
+)
 from onboard.filters.belief import Belief, FilterError, Method
 from onboard.filters.errors import SpreadError
+from onboard.filters.runs import Run
 from onboard.filters.unscented_transform import julier_weights
 from tests.conformance.problems import cases
 from tests.support.filter_problems import identity
@@ -171,3 +183,48 @@ def test_an_angle_that_there_is_not_is_refused(method: Method) -> None:
         method.predict(state, turning, Q, (5,))
     with pytest.raises(FilterError, match="angular"):
         method.update(state, np.zeros(1), lambda rows: rows[:, :1].copy(), np.eye(1), (5,))
+
+
+def counting(rows: Array) -> Array:
+    return np.stack([rows[:, 0] + 0.1 * rows[:, 1], rows[:, 1]], 1)
+
+
+def records(method: Method, seed: int) -> tuple[Run, Run]:
+    """The same 60 measurements of a heading of 0.35 rad a step, wrapped and counted; some are missing."""
+    rng, noise = np.random.default_rng(seed), np.diag([1e-4, 1e-4])
+    ys = 3.0 + 0.35 * np.arange(60.0)[:, None] + 0.1 * rng.normal(size=(60, 1))
+    ys[[10, 11, 30]] = np.nan
+    start = Belief(np.array([3.0, 3.5]), np.diag([0.04, 0.01]))
+    seamed = Model(turning, noise, lambda rows: wrap(rows[:, :1]), np.array([[0.01]]), (0,), HEADING)
+    free = Model(counting, noise, lambda rows: rows[:, :1].copy(), np.array([[0.01]]))
+    return run(method, seamed, start, wrap(ys)), run(method, free, start, ys)
+
+
+def same_headings(got: Any, want: Any) -> None:
+    assert np.max(off(got.mean[..., 0], want.mean[..., 0])) < 1e-8
+    np.testing.assert_allclose(got.mean[..., 1], want.mean[..., 1], atol=1e-8)
+    np.testing.assert_allclose(got.covariance, want.covariance, rtol=1e-5, atol=1e-12)
+
+
+@every
+def test_a_record_of_a_heading_is_that_which_counts_turns_and_so_is_it_smoothed_seed_3(method: Method) -> None:
+    wrapped, counted = records(method, 3)
+    same_headings(wrapped.beliefs, counted.beliefs)
+    np.testing.assert_allclose(wrapped.log_likelihood, counted.log_likelihood, atol=1e-7)
+    if "kalman" in method.exempt or method.name == "imm":
+        return
+    same_headings(smooth(wrapped), smooth(counted))
+    same_headings(smooth(wrapped, lag=3), smooth(counted, lag=3))
+    at_each_step = wrapped._replace(model=lambda _: wrapped.model)
+    same_headings(smooth(at_each_step), smooth(counted))
+
+
+@pytest.mark.parametrize("method", cases({name: one for name, one in methods().items() if not one.exempt}))
+def test_modes_of_a_heading_are_smoothed_across_the_seam_seed_4(method: Method) -> None:
+    if method.name == "imm":
+        return
+    transition, pair = np.array([[0.9, 0.1], [0.2, 0.8]]), (method, method)
+    imm = multiple_model.interacting("two", pair, transition, factors=(1.0, 25.0))
+    wrapped, counted = (smooth_modes(found, pair, transition) for found in records(imm, 4))
+    same_headings(wrapped, counted)
+    np.testing.assert_allclose(wrapped.probabilities, counted.probabilities, atol=1e-6)
