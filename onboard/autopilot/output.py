@@ -258,7 +258,7 @@ class AutopilotOutput:
         """Say why nothing happens."""
         if self._autopilot is None:
             return
-        for severity, text in self._reasons.tick(self.leader, view, now_ns):
+        for severity, text in self._reasons.tick(self.leader, view, now_ns, is_led=self._virtual is not None):
             self.notices.add(severity, text)
             self._said.append(text)
 

@@ -34,8 +34,11 @@ class Reasons:
         self._said = ""
         self._edge = ""
 
-    def tick(self, state: LeaderState | None, view: View | None, now_ns: int) -> list[Text]:
-        """What is to be sent at a time on this computer's clock. `state`: the leader; None before an estimate."""
+    def tick(
+        self, state: LeaderState | None, view: View | None, now_ns: int, *, is_led: bool = False
+    ) -> list[Text]:
+        """What is to be sent at a time on this computer's clock. `state`: the leader; None before an estimate.
+        `is_led`: the autopilot is sent a target with a heading."""
         texts: list[Text] = []
         if self._start_ns is None:
             self._start_ns = now_ns
@@ -43,7 +46,7 @@ class Reasons:
         if state is None or not state.valid:
             return texts + self._without_leader(state, now_ns)
         self._no_leader_ns, self._said = None, ""
-        return texts + self._without_course(state, now_ns) + self._out_of_view(state, view)
+        return texts + self._without_course(state, now_ns, is_led) + self._out_of_view(state, view)
 
     def _without_leader(self, state: LeaderState | None, now_ns: int) -> list[Text]:
         """Why there is none, once it has lasted, and again when the reason changes or a while has passed."""
@@ -58,9 +61,9 @@ class Reasons:
         self._no_leader_ns, self._said = now_ns, kind
         return [(WARNING, f"no leader: {reason}")]
 
-    def _without_course(self, state: LeaderState, now_ns: int) -> list[Text]:
+    def _without_course(self, state: LeaderState, now_ns: int, is_led: bool) -> list[Text]:
         """FOLLOW drops a target without a heading in silence."""
-        if not self._follows or state.course is not None:
+        if not self._follows or is_led or state.course is not None:
             self._no_course_ns = None
             return []
         if self._no_course_ns is None:

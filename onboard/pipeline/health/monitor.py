@@ -11,6 +11,7 @@ from onboard.pipeline.health.cameras import Cameras
 from onboard.pipeline.health.consistency import Consistencies
 from onboard.pipeline.health.hints import Hints
 from onboard.pipeline.health.refusals import Refusals
+from onboard.pipeline.silence import NO_POSITION
 
 RATE_WINDOW_NS: Final = 2_000_000_000
 MOST_SENDERS: Final = 32
@@ -93,7 +94,8 @@ class Monitor:
                 self.reasons[key],
             )  # the last estimate of one of many, of which a flight may have any number
         if estimate.measurement is not None:
-            self.refusals.add_verdict(estimate, estimate.measurement)
+            if estimate.reason != NO_POSITION:  # no camera is to blame while the autopilot aligns
+                self.refusals.add_verdict(estimate, estimate.measurement)
             self.consistencies.add(estimate, estimate.measurement)
         if estimate.measurement is not None and estimate.name not in self._own_verdicts:
             self.verdicts[f"{estimate.name}.{estimate.measurement.verdict}"] += 1

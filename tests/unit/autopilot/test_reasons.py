@@ -43,6 +43,9 @@ def test_a_leader_without_a_course_is_said_where_follow_waits_for_it() -> None:
     assert texts(reasons, leader_state(), 5.0, 40.0) == []
     quiet = Reasons(follows=False)
     assert texts(quiet, hovering, 5.0) == [(0.0, BEGIN[0][1])]
+    led = Reasons(follows=True)  # by a course that is supposed
+    assert led.tick(hovering, view(), 999 * S, is_led=True) == BEGIN
+    assert led.tick(hovering, view(), 1009 * S, is_led=True) == []
 
 
 def test_no_leader_is_said_with_its_reason_and_again_when_that_changes() -> None:

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.daemon import Daemon
-from onboard.messages import Clock, Datagram, Encoding, Health, Verdict
+from onboard.messages import Clock, Datagram, Encoding, Health, LocalPosition, Verdict
 from onboard.pipeline.health.refusals import ALIKE, LONGEST, MOST, OTHERS, Refusals
 from onboard.sinks.console import MOST_LINES
 from onboard.view import words
@@ -201,3 +201,11 @@ def test_other_messages_than_a_camera_s_are_not_refusals() -> None:
     refusals = Refusals()
     refusals.add_message(replace(heartbeat(S), clock=Clock.NONE), "other_system")
     assert refusals.latest == ()
+
+
+def test_while_the_autopilot_aligns_no_camera_is_to_blame() -> None:
+    items = Stream(t1=8.0).items()
+    aligning = [item for item in items if not isinstance(item.message, LocalPosition)]
+    assert feed(encode(aligning)).pipeline.health(0).refusals == ()
+    stopped = [item for item in items if not isinstance(item.message, LocalPosition) or item.message.t_ns < 6 * S]
+    assert feed(encode(stopped)).pipeline.health(0).refusals[0].reason.startswith("no_pose")
