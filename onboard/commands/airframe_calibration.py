@@ -27,7 +27,7 @@ SHORTEST_S: Final = 20.0  # in the air
 ACCELEROMETER: Final = 0.05 / 9.81  # share of the weight: its bias along z looks like thrust
 
 
-class Flight(NamedTuple):
+class RecordedFlight(NamedTuple):
     """One flight on one clock. IMU: times (n,) s, specific force and rates (n, 3) in b; velocity (n, 3) in b, m/s.
     Commands: times (k,), shares of the range (k, rotors), and the voltage at them (k,), 1 where it is unused."""
 
@@ -82,7 +82,7 @@ class AirframeFit(NamedTuple):
         return self.ixx.value + self.iyy.value
 
 
-def fit_airframe(flight: Flight, known: Known) -> AirframeFit:
+def fit_airframe(flight: RecordedFlight, known: Known) -> AirframeFit:
     """The constants that fit a flight best. Raises UserError for a flight with too few windows in the air."""
     squared = _followed(flight, known.motor_time) ** 2
     squared *= (np.interp(flight.t, flight.command_t, flight.voltage)[:, None] / known.full_voltage) ** 2
@@ -131,7 +131,7 @@ def fit_airframe(flight: Flight, known: Known) -> AirframeFit:
     )
 
 
-def _followed(flight: Flight, lag: float) -> Array:
+def _followed(flight: RecordedFlight, lag: float) -> Array:
     """The commands as the motors follow them, at the IMU's times."""
     index = np.clip(np.searchsorted(flight.command_t, flight.t, side="right") - 1, 0, None)
     held = flight.commands[index]
@@ -144,7 +144,7 @@ def _followed(flight: Flight, lag: float) -> Array:
     return followed
 
 
-def _windows(flight: Flight, lift: Array, window: float) -> tuple[Array, Array]:
+def _windows(flight: RecordedFlight, lift: Array, window: float) -> tuple[Array, Array]:
     """First and last sample of each window in the air in which neither IMU nor commands have a gap."""
     t = flight.t
     first = np.searchsorted(t, np.arange(t[0], t[-1] - window, window))

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.commands.airframe_calibration import AirframeFit, Flight, Found, Known, fit_airframe
+from onboard.commands.airframe_calibration import AirframeFit, Found, Known, RecordedFlight, fit_airframe
 from onboard.commands.log_replay import read_flight
 from onboard.config import Config
 from onboard.errors import UserError
@@ -51,7 +51,7 @@ def collect_flight(
     rotors: int,
     full_voltage: float | None,
     until: float | None = None,
-) -> Flight:
+) -> RecordedFlight:
     """IMU, commands, voltage and velocity of a log on the boot clock, up to `until` s from its start. Without
     `full_voltage` voltages are not used. Raises UserError."""
     ordered, poses = _aligned(log, config, until)
@@ -70,7 +70,7 @@ def collect_flight(
     voltage = np.ones(len(outputs))
     if full_voltage is not None:
         voltage = np.interp(command_t, _seconds(batteries), [m.voltage_v for m in batteries])
-    return Flight(
+    return RecordedFlight(
         t,
         np.array([m.f_b for m in imu]),
         np.array([m.omega_b for m in imu]),

@@ -10,7 +10,7 @@ import msgspec
 from rich.console import Console
 
 from onboard.commands.compiling import needed_by_flight
-from onboard.commands.demo_flight import Report, flight_name, run_demo
+from onboard.commands.demo_flight import DemoReport, flight_name, run_demo
 from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import Config, estimator_modules
@@ -60,7 +60,7 @@ def main(arguments: argparse.Namespace) -> int:
     return 1 if has_failed(report) else 0
 
 
-def has_failed(report: Report) -> bool:
+def has_failed(report: DemoReport) -> bool:
     """Whether the estimate of the leader diverged, or was confidently wrong for most of the time, or our own state
     was not valid for most of the time; a vehicle that flew alone had no leader."""
     own = report.own_state
@@ -83,12 +83,12 @@ def open_view(config: Config, rrd: Path, console: Console, *, headless: bool) ->
     return View(camera=config.camera_model(), rotors=config.rotors(), rrd=rrd, spawn=shown)
 
 
-def is_alone(report: Report) -> bool:
+def is_alone(report: DemoReport) -> bool:
     """Whether our own vehicle flew without a leader to be seen."""
     return report.own_state is not None and report.drops.images_sent == 0
 
 
-def print_report(report: Report, rrd: Path) -> None:
+def print_report(report: DemoReport, rrd: Path) -> None:
     """The scorecard, what was lost on the way, and where the recording is."""
     out = Console()
     flown = f"{report.scenario}, seed {report.seed}, {report.duration_s:g} s"
@@ -111,7 +111,7 @@ def print_report(report: Report, rrd: Path) -> None:
     out.print(f"recorded: {rrd} (open it with: onboard view {rrd})", highlight=False, soft_wrap=True)
 
 
-def demo_numbers(report: Report) -> dict[str, Any]:
+def demo_numbers(report: DemoReport) -> dict[str, Any]:
     """The scorecard under its documented keys, the score's own at the top level."""
     numbers: dict[str, Any] = msgspec.to_builtins(report)
     return {**numbers.pop("score"), **numbers}

@@ -44,7 +44,7 @@ class Drops(Record, frozen=True, kw_only=True):
     sink_drops: int
 
 
-class Report(Record, frozen=True, kw_only=True):
+class DemoReport(Record, frozen=True, kw_only=True):
     """A demo's result. `score` is spread into the same level when written as JSON."""
 
     scenario: str
@@ -58,7 +58,7 @@ class Report(Record, frozen=True, kw_only=True):
     beside: dict[str, LeaderScore] = msgspec.field(default_factory=dict)
 
 
-class Flight(NamedTuple):
+class DemoFlight(NamedTuple):
     """What the judge saw."""
 
     estimates: list[Estimate]
@@ -83,7 +83,7 @@ def run_demo(
     prepare: Callable[[Mapping[str, Record]], object],
     view: "Callable[[Config], View | None]",
     on_progress: Callable[[float, Estimate | None], None],
-) -> Report:
+) -> DemoReport:
     """Fly `scenario` for `duration` seconds; files go to the folder `directory`. `prepare` receives the
     sections of the estimators before any is loaded; `on_progress` the seconds flown and the newest estimate.
     `detector` is a program that finds the leader in pictures: it runs beside, as `python FILE --connect ENDPOINT`.
@@ -172,10 +172,10 @@ def _watch(
     beside: "tuple[Process, ...]",
     on_progress: Callable[[float, Estimate | None], None],
     heed: Callable[[], None],
-) -> Flight:
+) -> DemoFlight:
     """Take and show all records until the simulator says it has finished and the last ones have come, or `heed`
     raises."""
-    flight = Flight([], [], None, None, [], [], [], {})
+    flight = DemoFlight([], [], None, None, [], [], [], {})
     daemon, simlink = processes
     newest: Estimate | None = None
     finished_at: float | None = None
@@ -213,12 +213,12 @@ def _watch(
     return flight
 
 
-def _health_wait(flight: Flight) -> float:
+def _health_wait(flight: DemoFlight) -> float:
     """Seconds to wait for the health that counts the last images: it comes once a second."""
     return 0.0 if flight.health is None else 1.2
 
 
-def _note_latency(flight: Flight, received: Received) -> None:
+def _note_latency(flight: DemoFlight, received: Received) -> None:
     estimate: Estimate = received.record
     health, report = flight.health, estimate.measurement
     if report is None or received.t_publish_ns is None:
@@ -229,7 +229,7 @@ def _note_latency(flight: Flight, received: Received) -> None:
         flight.to_publish_ms.append((received.t_publish_ns - exposed_ns) * 1e-6)
 
 
-def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report:
+def _report(flight: DemoFlight, scenario: str, seed: int, duration: float) -> DemoReport:
     truth = reference_from_records(flight.truths)
     p50, p99 = percentiles(flight.to_publish_ms)
     own50, own99 = percentiles(flight.own_ms)
@@ -239,7 +239,7 @@ def _report(flight: Flight, scenario: str, seed: int, duration: float) -> Report
     numbers = [e.sequence for e in flight.estimates]
     missed = numbers[-1] - numbers[0] + 1 - len(numbers) if numbers else 0
     sinks = flight.health.sinks.values() if flight.health else ()
-    return Report(
+    return DemoReport(
         scenario=scenario,
         seed=seed,
         duration_s=duration,

@@ -15,7 +15,7 @@ from onboard import __version__
 from onboard.commands.computers import computers
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.flight_folder import CONFIG, LOGS, TRUTHS
-from onboard.commands.many import FILTERPY, Flight, Scored, numbers_of, score_flights
+from onboard.commands.many import FILTERPY, ScorableFlight, Scored, numbers_of, score_flights
 from onboard.errors import UserError
 from onboard.messages import Record
 from onboard.scoring.leader import LeaderScore
@@ -77,7 +77,7 @@ def main(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def find_flights(dataset: Path, sets: tuple[str, ...], words: tuple[str, ...]) -> list[Flight]:
+def find_flights(dataset: Path, sets: tuple[str, ...], words: tuple[str, ...]) -> list[ScorableFlight]:
     """The flights of a data set, by their folders' names: each folder in it, however deep, that holds a log and a
     truth. Its family is the folder that it is in; its configuration is the nearest CONFIG above it. Raises
     UserError."""
@@ -92,7 +92,7 @@ def find_flights(dataset: Path, sets: tuple[str, ...], words: tuple[str, ...]) -
         config = next((p / CONFIG for p in above if (p / CONFIG).is_file()), None)
         family = folder.parent.name if folder.parent != dataset else folder.name
         name = str(folder.relative_to(dataset))
-        found.append(Flight(folder, name, family, config, sets, truths[0], words))
+        found.append(ScorableFlight(folder, name, family, config, sets, truths[0], words))
     if not found:
         raise UserError(f"{dataset}: there is no flight in it; expected FAMILY/FLIGHT/ with a log and truth.csv")
     return found

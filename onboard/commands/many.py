@@ -22,7 +22,7 @@ from onboard.scoring.reference import reference_from_csv
 FILTERPY = "filterpy"
 
 
-class Flight(NamedTuple):
+class ScorableFlight(NamedTuple):
     """A flight to score: its log or folder, its name and family, its configuration, `--set` and truth, and what
     flies beside it: words of `--compare`, or FILTERPY."""
 
@@ -44,7 +44,7 @@ class Scored(NamedTuple):
     scores: dict[str, LeaderScore]
 
 
-def score_flights(flights: Sequence[Flight], where: Computers) -> list[Scored]:
+def score_flights(flights: Sequence[ScorableFlight], where: Computers) -> list[Scored]:
     """All flights, in their order. Raises UserError."""
     for flight in flights:  # before anything flies
         variants([word for word in flight.beside if word != FILTERPY], flight.config, flight.sets)
@@ -57,7 +57,7 @@ def score_flights(flights: Sequence[Flight], where: Computers) -> list[Scored]:
             raise UserError(str(error)) from error
 
 
-def score_flight(flight: Flight) -> Scored:
+def score_flight(flight: ScorableFlight) -> Scored:
     """One flight, replayed once for all its filters. Raises UserError."""
     config = load_config(flight.config, flight.sets)
     truth = flight.truth or flight_of(flight.log).truth

@@ -16,7 +16,7 @@ from onboard.commands.evaluate import print_rows, rows_of
 from onboard.commands.exports import check_exports, open_export, write_truth
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.log_replay import ALONE, Replayed, check_log, flight_of, replay
-from onboard.commands.many import Flight, numbers_of, score_flights
+from onboard.commands.many import ScorableFlight, numbers_of, score_flights
 from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
 from onboard.errors import UserError
@@ -62,7 +62,7 @@ def _replay_many(a: argparse.Namespace) -> int:
         check_log(log)
     paths = [a.config or flight_of(log).config for log in a.log]
     flights = [
-        Flight(log, str(log), config=path, sets=tuple(a.set), beside=tuple(a.compare))
+        ScorableFlight(log, str(log), config=path, sets=tuple(a.set), beside=tuple(a.compare))
         for log, path in zip(a.log, paths, strict=True)
     ]
     scored = score_flights(flights, where)

@@ -41,7 +41,7 @@ def main(arguments: argparse.Namespace) -> int:
 def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, truth: Path | None) -> Grade:
     """Replay a log, write the page to `out` and `pdf`, and print the verdict. Raises UserError."""
     from onboard.commands.report_figures import figures  # noqa: PLC0415 - Matplotlib is an extra
-    from onboard.commands.report_page import Report, html, summary, write_pdf  # noqa: PLC0415
+    from onboard.commands.report_page import FlightReport, html, summary, write_pdf  # noqa: PLC0415
 
     reference = reference_from_csv(truth) if truth is not None else None
     series, scorer = FlightSeries(judged(config.estimator)), LeaderScorer(reference)
@@ -61,7 +61,7 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
             keep=False,
         )
     checks = judge(series, scorer.score(replayed.end), replayed)
-    report = Report(
+    report = FlightReport(
         title=f"Flight report: {log.name}",
         facts=_facts(log, config, replayed, truth),
         checks=checks,

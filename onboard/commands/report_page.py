@@ -31,7 +31,7 @@ summary{cursor:pointer;color:#57606a}
 Table = Sequence[Sequence[str]]  # the first row is its head
 
 
-class Report(NamedTuple):
+class FlightReport(NamedTuple):
     """What a report says: its title, facts (name, value), checks, figures and tables by their titles, and the
     configuration as text."""
 
@@ -43,7 +43,7 @@ class Report(NamedTuple):
     configuration: str
 
 
-def html(report: Report) -> str:
+def html(report: FlightReport) -> str:
     """The page."""
     parts = [
         f"<!doctype html><html lang=en><meta charset=utf-8><title>{escape(report.title)}</title>",
@@ -63,7 +63,7 @@ def html(report: Report) -> str:
     return "\n".join(parts)
 
 
-def write_pdf(report: Report, path: Path) -> None:
+def write_pdf(report: FlightReport, path: Path) -> None:
     """The verdict and the checks on the first page, then the figures."""
     with PdfPages(path, metadata={"Title": report.title, "CreationDate": None}) as pdf:
         pdf.savefig(_first_page(report))
@@ -114,7 +114,7 @@ def _row(cells: Sequence[str]) -> str:
     return "<tr>" + "".join(f"<td>{escape(cell)}" for cell in cells)
 
 
-def _first_page(report: Report) -> Figure:
+def _first_page(report: FlightReport) -> Figure:
     figure, grade = Figure(figsize=(8.27, 11.69)), worst(report.checks)
     figure.text(0.07, 0.95, report.title, fontsize=14)
     figure.text(0.07, 0.915, f" {grade} ", fontsize=18, color="white", backgroundcolor=COLOURS[grade])

@@ -15,7 +15,7 @@ FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 STARTING: Final = (Verdict.INITIALISING,)
 
 
-class Rows:
+class NumberRows:
     """Rows of numbers, appended one by one."""
 
     def __init__(self, width: int) -> None:
@@ -55,8 +55,8 @@ class FlightSeries:
 
     def __init__(self, estimator: str) -> None:
         self.estimator = estimator
-        self.own, self.leader, self.images = Rows(4), Rows(6), Rows(4)
-        self.states, self.own_state = Rows(2), Rows(3)
+        self.own, self.leader, self.images = NumberRows(4), NumberRows(6), NumberRows(4)
+        self.states, self.own_state = NumberRows(2), NumberRows(3)
         self._state: Lifecycle | None = None
         self.verdicts = tuple(Verdict)
         self.rejected: dict[Verdict, Rejected] = {}

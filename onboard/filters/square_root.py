@@ -29,7 +29,7 @@ from onboard.filters.errors import FilterError, NotPositiveDefiniteError
 from onboard.filters.kernels import factors
 from onboard.filters.kernels import square_root as kernels
 from onboard.filters.kernels.calls import call, masks
-from onboard.filters.stepping import Rule, Step
+from onboard.filters.stepping import Rule, StepResult
 from onboard.filters.unscented_transform import julier_weights
 
 
@@ -112,12 +112,12 @@ def rule(
     return stepping.rule(weights, n, m, angular, considered, dtype, KERNELS, angular_states)
 
 
-def sigma_points(state: SquareRoot | Step, weights: Weights, angular_states: Indices = ()) -> Array:
+def sigma_points(state: SquareRoot | StepResult, weights: Weights, angular_states: Indices = ()) -> Array:
     """Sigma points (..., 2n+1, n), the mean first (eqs 19, 23).
 
     Raises FilterError.
     """
-    if isinstance(state, Step):
+    if isinstance(state, StepResult):
         state = start(state.mean, state.covariance)
     check_weights(weights, state.mean.shape[-1])
     (points,) = call(kernels.spread, weights.spread, mean=state.mean, factor=state.factor)

@@ -20,7 +20,7 @@ from onboard.filters.errors import FilterError, array_error, raise_status, requi
 
 class Kernels(NamedTuple):
     """A filter's arithmetic. `draw(belief, weights)` gives the points (2n+1, n) of a belief; the two compiled
-    functions fill a step's `Step.storage`, in which they need `scratch_size(n, m)` numbers more. `factored`:
+    functions fill a step's `StepResult.storage`, in which they need `scratch_size(n, m)` numbers more. `factored`:
     the filter carries the covariance's lower factor in place of the covariance."""
 
     draw: Callable[[Any, Weights], Array]
@@ -44,7 +44,7 @@ class Rule(NamedTuple):
     angular_states: tuple[int, ...]
 
 
-class Step(NamedTuple):
+class StepResult(NamedTuple):
     """The result of `step`: a belief, and the sigma points (2n+1, n) of the next step by `rule`. Read-only.
 
     The rows of `storage` (3n+1 or more, n) hold the points, the first of which is the mean, then the covariance or
@@ -96,7 +96,7 @@ def rule(
     return Rule(weights, np.array(weights, dtype), masks, (rows, n), np.dtype(dtype), kernels, angular_states)
 
 
-def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array, rule: Rule) -> Step:
+def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array, rule: Rule) -> StepResult:
     """The filter's `predict`, then its `update`, in one call: the same belief and NIS in half the time.
 
     `belief` is the belief to start from, or the last step's result; other arguments are those of the two calls,
@@ -105,7 +105,7 @@ def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array
     Raises FilterError, NotPositiveDefiniteError (for the posterior, too).
     """
     _, redraw, correct_and_redraw, _, _ = rule.kernels
-    if type(belief) is Step and belief.rule is rule:
+    if type(belief) is StepResult and belief.rule is rule:
         points = belief.points
     else:
         points = rule.kernels.draw(belief, rule.weights)
@@ -137,4 +137,4 @@ def step(belief: Any, process: Rows, Q: Array, y: Array, measure: Rows, R: Array
         raise array_error(points=points, measure=images, y=y, R=R) from error
     if status:
         raise_status(status, points=points, measure=images, y=y, R=R)
-    return Step(points, storage, nis, rule)
+    return StepResult(points, storage, nis, rule)

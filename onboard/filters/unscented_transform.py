@@ -14,7 +14,7 @@ from onboard.filters.angles import check_spread
 from onboard.filters.belief import Belief, Weights, check_weights
 from onboard.filters.errors import FilterError, NotPositiveDefiniteError, array_error, raise_status, require_plain
 from onboard.filters.kernels import unscented_transform as kernels
-from onboard.filters.stepping import Step
+from onboard.filters.stepping import StepResult
 
 
 def julier_weights(n: int, n_plus_lambda: float = 3.0) -> Weights:
@@ -52,7 +52,7 @@ def factor(covariance: Array) -> Array:
     return upper.T  # type: ignore[no-any-return]  # Numba's functions are not typed
 
 
-def sigma_points(belief: Belief | Step, weights: Weights, angular_states: tuple[int, ...] = ()) -> Array:
+def sigma_points(belief: Belief | StepResult, weights: Weights, angular_states: tuple[int, ...] = ()) -> Array:
     """Sigma points (..., 2n+1, n), the mean first (eqs 29-30); `angular_states` as in `angles`.
 
     Raises FilterError, NotPositiveDefiniteError.

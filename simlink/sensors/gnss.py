@@ -35,7 +35,7 @@ class Receiver(NamedTuple):
     epoch: float = 0.0  # s, of the constellation at t = 0
 
 
-class Conditions(NamedTuple):
+class GnssConditions(NamedTuple):
     """Intervals [from, to) s of faults: a degraded clock, and no signal (the tracking loops have lost lock)."""
 
     degraded: Sequence[tuple[float, float]] = ()
@@ -70,7 +70,7 @@ def receive(
     r_e: Array,
     v_e: Array,
     rng: np.random.Generator,
-    conditions: Conditions = Conditions(),  # noqa: B008 - immutable
+    conditions: GnssConditions = GnssConditions(),  # noqa: B008 - immutable
 ) -> Reception:
     """The reception of a flight at evenly spaced times t (N,), s, with positions and velocities (N, 3) in e.
 
@@ -144,7 +144,7 @@ def fix(
 
 def _clock(
     receiver: Receiver,
-    conditions: Conditions,
+    conditions: GnssConditions,
     degraded: Flags,
     dt: float,
     rng: np.random.Generator,

@@ -60,7 +60,7 @@ class Measurements(NamedTuple):
     detected: Flags  # (N,)
 
 
-class Conditions(NamedTuple):
+class RadarConditions(NamedTuple):
     """Weather and faults: rain everywhere, and intervals [from, to) s in which the target jams or the signal is
     lost."""
 
@@ -74,7 +74,7 @@ def measure(
     t: Array,
     r_RT: Array,
     rng: np.random.Generator,
-    conditions: Conditions = Conditions(),  # noqa: B008 - immutable
+    conditions: RadarConditions = RadarConditions(),  # noqa: B008 - immutable
 ) -> Measurements:
     """Measurements of a target at r_RT (N, 3), east, north, up of the radar, m, at times t (N,), s.
 

@@ -103,7 +103,7 @@ def radar_windows(t: Array) -> dict[str, Mask]:
 def looks(seeds: range, rain_mm_h: float = 0.0) -> list[phased_array.Measurements]:
     """The phased array's measurements in each run."""
     t, truth = intruder()
-    conditions = phased_array.Conditions(rain_mm_h=rain_mm_h, jammed=JAMMED, lost=SIGNAL_LOST)
+    conditions = phased_array.RadarConditions(rain_mm_h=rain_mm_h, jammed=JAMMED, lost=SIGNAL_LOST)
     return [
         phased_array.measure(phased_array.Radar(), t, truth[:, POSITION], rng_of(seed, 51), conditions)
         for seed in seeds
@@ -155,7 +155,7 @@ def receptions(seeds: range, corrected: bool = True) -> list[gnss.Reception]:
     """The fixes of the intruder's receiver in each run."""
     t, truth = intruder()
     e = in_ecef(truth)
-    conditions = gnss.Conditions(degraded=DEGRADED, lost=NO_SATELLITES)
+    conditions = gnss.GnssConditions(degraded=DEGRADED, lost=NO_SATELLITES)
     receiver = gnss.Receiver(corrected=corrected, clock_walk=CLOCK_NOISE, drift_walk=DRIFT_NOISE)
     return [
         gnss.receive(receiver, t, e[:, POSITION], e[:, VELOCITY], rng_of(seed, 53), conditions) for seed in seeds

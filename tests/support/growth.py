@@ -1,19 +1,98 @@
 """What of the code grows unseen, counted off the sources."""
 
 import ast
-from collections import Counter
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
 
+from onboard.commands.compiling import needed_by
 from tests.support.programs import ROOT
 
 OF_SCORES = ("scoring", "view", "commands")  # there `valid` is a count, or shown
+OURS = ("onboard", "simlink", "studies", "benchmarks")
+KERNELS = "njit"
+COUNT_OF_STATES = {"N", "BASE", "STATE_SIZE"}  # what a module calls the length of its state vector
+PLAIN = {0, 1, 2, 0.5}  # numbers that choose nothing
+
+
+class Function(NamedTuple):
+    """A function, and how many arguments it takes."""
+
+    name: str
+    arguments: int
+    is_kernel: bool
 
 
 def sets_valid() -> Counter[str]:
     """The files of `onboard` that set `valid` of a record, and at how many places."""
     found: Counter[str] = Counter()
-    for path in sorted((ROOT / "onboard").rglob("*.py")):
+    for path in _files("onboard"):
         name = path.relative_to(ROOT).as_posix()
         if name.split("/")[1] not in OF_SCORES:
-            calls = [n for n in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(n, ast.Call)]
+            calls = [n for n in ast.walk(_tree(path)) if isinstance(n, ast.Call)]
             found[name] += sum(keyword.arg == "valid" for call in calls for keyword in call.keywords)
     return +found
+
+
+def functions() -> Iterator[Function]:
+    """Every function of ours that ships or studies."""
+    for path in _files(*OURS):
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+                count = len(names) - (names[:1] in (["self"], ["cls"]))
+                is_kernel = any(KERNELS in ast.unparse(d) for d in node.decorator_list)
+                yield Function(f"{path.relative_to(ROOT)}:{node.name}", count, is_kernel)
+
+
+def names_of_two(package: Path) -> dict[str, list[str]]:
+    """Classes of one name in several files of a package, and those files."""
+    found: defaultdict[str, list[str]] = defaultdict(list)
+    for path in sorted(package.rglob("*.py")):
+        for node in ast.walk(_tree(path)):
+            if isinstance(node, ast.ClassDef):
+                found[node.name].append(path.relative_to(package).as_posix())
+    return {name: files for name, files in found.items() if len(files) > 1}
+
+
+def state_vectors(estimator: str) -> set[str]:
+    """The modules, of an estimator and of the models that it imports, that have a state vector."""
+    modules = [_module(path) for path in _files(f"onboard/estimators/{estimator}")]
+    near = {m for m in needed_by(modules) if m in modules or m.startswith("onboard.models.")}
+    return {m for m in near if COUNT_OF_STATES & _assigned(ROOT / f"{m.replace('.', '/')}.py")}
+
+
+def numbers(estimator: str) -> int:
+    """How many numbers its modules choose: in constants, and as defaults of records."""
+    found = 0
+    for path in _files(f"onboard/estimators/{estimator}"):
+        tree = _tree(path)
+        bodies = [tree.body, *(node.body for node in tree.body if isinstance(node, ast.ClassDef))]
+        for node in (node for body in bodies for node in body):
+            if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+                constants = [n.value for n in ast.walk(node.value) if isinstance(n, ast.Constant)]
+                found += sum(type(c) in (int, float) and c not in PLAIN for c in constants)
+    return found
+
+
+def _files(*folders: str) -> list[Path]:
+    return [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def _module(path: Path) -> str:
+    return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+
+
+def _assigned(path: Path) -> set[str]:
+    """The names that a module assigns itself."""
+    if not path.exists():  # a package
+        return set()
+    body = _tree(path).body
+    plain = [t for node in body if isinstance(node, ast.Assign) for t in node.targets]
+    typed = [node.target for node in body if isinstance(node, ast.AnnAssign)]
+    return {t.id for t in (*plain, *typed) if isinstance(t, ast.Name)}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from onboard.commands.airframe_calibration import Flight, Known, fit_airframe
+from onboard.commands.airframe_calibration import Known, RecordedFlight, fit_airframe
 from onboard.commands.calibrate_airframe import described_airframe
 from onboard.commands.cli import main as onboard
 from onboard.config import parse_config
@@ -28,7 +28,7 @@ KNOWN = Known(MASS, ROTORS, 0.0, 1.0)
 DT = 0.01
 
 
-def flight(seed: int, seconds: float = 60.0, weak_from: float = np.inf) -> Flight:
+def flight(seed: int, seconds: float = 60.0, weak_from: float = np.inf) -> RecordedFlight:
     """Rotor commands that rise and fall slowly, and the motion that they give, with a sensor's noise. From
     `weak_from` s on, the third motor gives three quarters of its thrust."""
     random = np.random.default_rng(seed)
@@ -51,7 +51,7 @@ def flight(seed: int, seconds: float = 60.0, weak_from: float = np.inf) -> Fligh
     v = np.column_stack([2 * np.sin(0.5 * t), 2 * np.cos(0.7 * t), np.zeros(len(t))])
     f = np.column_stack([-DRAG * v[:, 0] + 0.02, -DRAG * v[:, 1], -THRUST * squared.sum(axis=1) / MASS])
     f += 0.1 * random.standard_normal(f.shape)
-    return Flight(t, f, omega + 0.01 * random.standard_normal(f.shape), v, t, commands, np.ones(len(t)))
+    return RecordedFlight(t, f, omega + 0.01 * random.standard_normal(f.shape), v, t, commands, np.ones(len(t)))
 
 
 def test_constants_are_found_within_their_sigmas_seeds_1_to_10() -> None:
@@ -81,7 +81,7 @@ def pasted(lines: str) -> dict[str, Any]:
     return dict(section["estimator"]["own_state"])
 
 
-def named(airframe: Airframe, flown: Flight) -> Iterator[tuple[float, Fault]]:
+def named(airframe: Airframe, flown: RecordedFlight) -> Iterator[tuple[float, Fault]]:
     """Each fault that is present, by time."""
     monitor = FaultMonitor(airframe)
     for t, f, omega, v, command in zip(flown.t, flown.f_b, flown.omega_b, flown.v_b, flown.commands, strict=True):
@@ -153,7 +153,7 @@ def test_a_flight_that_does_not_turn_offers_nothing_seed_1() -> None:
 
 def test_a_log_of_few_samples_a_second_is_compared_over_longer_windows_seed_1() -> None:
     dense = flight(1)
-    few = Flight(*(values[::20] for values in dense))
+    few = RecordedFlight(*(values[::20] for values in dense))
     found = fit_airframe(few, KNOWN)
     assert found.window == pytest.approx(1.0)
     assert found.thrust.value == pytest.approx(THRUST, rel=0.01)

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.commands import demo
-from onboard.commands.demo_flight import Drops, Report, flown_beside
+from onboard.commands.demo_flight import DemoReport, Drops, flown_beside
 from onboard.config import parse_config
 from onboard.scoring.leader import score_leader
 from onboard.scoring.own_state import OwnStateScore
@@ -40,7 +40,7 @@ def exit_code(
     own: OwnStateScore | None,
     wrong: float | None = None,
 ) -> int:
-    report = Report(
+    report = DemoReport(
         scenario="formation",
         seed=1,
         duration_s=5.0,
@@ -50,7 +50,7 @@ def exit_code(
         own_state=own,
     )
 
-    def flown(**_: Any) -> Report:
+    def flown(**_: Any) -> DemoReport:
         return report
 
     monkeypatch.setattr(demo, "run_demo", flown)

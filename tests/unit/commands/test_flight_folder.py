@@ -10,8 +10,7 @@ import pytest
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
 from onboard.commands.log_replay import Replayed, replay
-from onboard.commands.many import Flight as Scorable
-from onboard.commands.many import score_flight
+from onboard.commands.many import ScorableFlight, score_flight
 from onboard.errors import UserError
 from tests.support.dataflash import BOOT_UNIX_S, dataflash
 from tests.support.streams import F_PX, Flight, make_config
@@ -107,7 +106,7 @@ def test_our_own_state_is_not_scored_as_a_leader(tmp_path: Path, log: Path) -> N
     head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
     (flight / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
     sets = (*CAMERA, "estimator.leader.size_prior_m=2.0", "estimator.own_state={}")
-    scored = score_flight(Scorable(flight, "flight", sets=sets, beside=("cubature",)))
+    scored = score_flight(ScorableFlight(flight, "flight", sets=sets, beside=("cubature",)))
     assert set(scored.scores) == {"leader", "cubature"}
     assert scored.scores["cubature"].scored > 50  # of the leader
 

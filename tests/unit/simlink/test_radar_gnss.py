@@ -81,7 +81,7 @@ def test_the_earth_falls_away_from_the_horizon() -> None:
 def test_errors_agree_with_the_reported_sigmas_and_faults_keep_the_noise_seed_1() -> None:
     t = np.arange(4000) * 0.1
     r = np.tile([[3e3, 9e3, 1e3]], (4000, 1))
-    faults = phased_array.Conditions(jammed=[(100, 200)], lost=[(300, 310)])
+    faults = phased_array.RadarConditions(jammed=[(100, 200)], lost=[(300, 310)])
     plain = phased_array.measure(RADAR, t, r, np.random.default_rng(1))
     faulty = phased_array.measure(RADAR, t, r, np.random.default_rng(1), faults)
     error = (faulty.y - phased_array.spherical(r)) / faulty.sigma
@@ -197,7 +197,7 @@ def test_pseudoranges_are_distance_clock_and_noise_seed_3() -> None:
 
 @pytest.mark.parametrize("dt", [0.1, 5.0])
 def test_the_clock_error_grows_as_configured_seeds_0_to_399(dt: float) -> None:
-    receiver, none = gnss.Receiver(clock_sigma=0.0, drift_sigma=0.0, clock_walk=0.0), gnss.Conditions()
+    receiver, none = gnss.Receiver(clock_sigma=0.0, drift_sigma=0.0, clock_walk=0.0), gnss.GnssConditions()
     still = np.zeros(round(10 / dt), bool)
     walking = receiver._replace(clock_walk=0.05)
     for made, walk in ((receiver, 0.0), (walking, 0.05)):
@@ -210,7 +210,7 @@ def test_the_clock_error_grows_as_configured_seeds_0_to_399(dt: float) -> None:
 
 def test_faults_of_clock_and_signal_seed_4() -> None:
     t, r_e, v_e = flight(60)
-    faults = gnss.Conditions(degraded=[(20, 30)], lost=[(40, 50)])
+    faults = gnss.GnssConditions(degraded=[(20, 30)], lost=[(40, 50)])
     plain = gnss.receive(gnss.Receiver(), t, r_e, v_e, np.random.default_rng(4))
     faulty = gnss.receive(gnss.Receiver(), t, r_e, v_e, np.random.default_rng(4), faults)
     assert np.array_equal(plain.clock[:200], faulty.clock[:200])

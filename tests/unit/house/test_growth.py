@@ -1,0 +1,77 @@
+"""What grows unseen has a limit. A limit is what there is today: whoever needs more takes something away first, or
+says in the commit why not; whoever needs less lowers it."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.support import growth
+from tests.support.one_image import way_of_one_image
+
+MOST_CALLS = 20  # upon each other, from `Pipeline.feed` with an image to the deepest function of ours
+MOST_FILES = 59  # of ours that an image passes
+MOST_PLACES = 11  # that set `valid`
+MOST_ARGUMENTS, MOST_OF_KERNELS = 10, 23
+LONGER = {
+    "onboard/client.py:send": 11,  # the public interface of detectors, all by keyword
+    "onboard/models/apparent_wing.py:predict": 12,  # a kernel's, whose blocks it takes
+    "onboard/view/view.py:__init__": 12,  # all by keyword
+}
+MOST_NUMBERS = {"leader": 288, "oh_johnson": 14, "own_state": 101, "traffic": 79}
+MOST_STATE_VECTORS = {"leader": 5, "oh_johnson": 1, "own_state": 2, "traffic": 3}
+# A folder of `estimators` is a package of its own: each has an Estimator and its Config.
+PACKAGES = (
+    *(
+        "autopilot",
+        "clocks",
+        "commands",
+        "config",
+        "filters",
+        "geometry",
+        "links",
+        "messages",
+        "models",
+        "ownship",
+    ),
+    *("pipeline", "scoring", "sinks", "view", "wire", "estimators/oh_johnson", "estimators/own_state"),
+    *("estimators/traffic", "../simlink/encounters", "../simlink/scenarios", "../simlink/sensors"),
+    *("../simlink/server", "../simlink/traffic", "../simlink/world", "../studies/report", "../studies/tracking"),
+)
+
+
+def test_an_image_does_not_fall_deeper() -> None:
+    way = way_of_one_image()
+    assert len(way.deepest) <= MOST_CALLS, "\n".join(f"{file}: {name}" for file, name in way.deepest)
+    assert len(way.files) <= MOST_FILES, sorted(way.files)
+
+
+def test_valid_is_set_at_few_places() -> None:
+    assert growth.sets_valid().total() <= MOST_PLACES, growth.sets_valid()
+
+
+def test_functions_take_few_arguments() -> None:
+    long = {f.name: f.arguments for f in growth.functions() if not f.is_kernel and f.arguments > MOST_ARGUMENTS}
+    assert long == LONGER
+    assert max(f.arguments for f in growth.functions() if f.is_kernel) <= MOST_OF_KERNELS
+
+
+@pytest.mark.parametrize("estimator", MOST_NUMBERS)
+def test_an_estimator_believes_by_few_numbers(estimator: str) -> None:
+    assert growth.numbers(estimator) <= MOST_NUMBERS[estimator]
+
+
+@pytest.mark.parametrize("estimator", MOST_STATE_VECTORS)
+def test_an_estimator_has_few_state_vectors(estimator: str) -> None:
+    found = growth.state_vectors(estimator)
+    assert len(found) <= MOST_STATE_VECTORS[estimator], sorted(found)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_name_of_a_class_means_one_thing_in_a_package(package: str) -> None:
+    assert growth.names_of_two(growth.ROOT / "onboard" / package) == {}
+
+
+def test_a_name_of_two_classes_is_found(tmp_path: Path) -> None:
+    for name in ("a.py", "b.py"):
+        (tmp_path / name).write_text("class Flight: ...\n", encoding="utf-8")
+    assert growth.names_of_two(tmp_path) == {"Flight": ["a.py", "b.py"]}
