@@ -42,6 +42,8 @@ lint: $(READY_DEV)  ## what CI runs before the tests
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/codespell
+	$(BIN)/deptry onboard simlink studies
 
 mutants: $(READY_DEV) $(COMPILED)  ## whether a test sees each of the wrong lines in tests/mutants
 	$(BIN)/python -m tests.mutants $(ARGS)

@@ -20,9 +20,9 @@ UNITS: Final = {"_M_S": "m/s", "_M": "m", "_DEG": "deg", "_S": "s", "_PX": "px"}
 DESCRIPTIONS: Final = {
     "LDR_SIZE_M": "Leader: size, between the two outer points",
     "LDR_SIZE_SIG_M": "Leader: standard deviation of the size",
-    "LDR_OWN_TILT_DEG": "Own roll and pitch: standard deviation of their lasting error",
-    "LDR_OWN_YAW_DEG": "Own yaw: standard deviation of its lasting error",
-    "LDR_OWN_VEL_M_S": "Own velocity: standard deviation of its lasting error",
+    "LDR_OWN_TILT_DEG": "Own roll and pitch: standard deviation of their bias",
+    "LDR_OWN_YAW_DEG": "Own yaw: standard deviation of its bias",
+    "LDR_OWN_VEL_M_S": "Own velocity: standard deviation of its bias",
     "LDR_DELAY_SIG_S": "Camera: standard deviation of the delay",
     "LDR_COAST_S": "Leader: without images for this long, it coasts",
     "LDR_VALID_S": "Leader: without images for this long, the estimate is not valid",

@@ -18,7 +18,7 @@ EXTENT: Final[Range] = (0.25, 1.0)  # wingspans
 CORNER_PX: Final[Range] = (0.2, 0.8)  # noise; refined corners are good to some tenths of a pixel
 # A marker is printed and measured to a percent, a focal length calibrated to one.
 SCALE: Final[Range] = (0.01, 0.03)  # of the range, standard deviation of what lasts
-ASKEW_DEG: Final[Range] = (1.0, 3.0)  # of the mount of the marker, about each axis, lasting
+ASKEW_DEG: Final[Range] = (1.0, 3.0)  # of the mount of the marker, about each axis: a bias
 STATED: Final[Range] = (0.6, 1.4)  # standard deviations as the detector states them, over the true ones
 # Turned out of the image plane, corners move by the cosine: an angle is some three times as noisy as the ratio.
 TURN: Final = 3.0

@@ -31,15 +31,15 @@ LENGTH: Final[Range] = (0.85, 1.15)  # of the distance between two rotors side b
 ROTORS_TOP: Final[Range] = (0.04, 0.15)  # widths, above the center
 ROTORS_BOTTOM: Final[Range] = (0.08, 0.30)  # the same below it, to the feet
 RIM: Final = 16  # points of a rotor's rim
-# Detectors place the sides of a box to some percent of it, and are lastingly generous or mean: 0.05 of its size
-# still counts as nearly right among the usual scores (an overlap of 0.9).
-BOX_LASTING: Final = 0.05  # of the box's size
+# Detectors place the sides of a box to some percent of it, with a bias: 0.05 of its size still counts as nearly
+# right among the usual scores (an overlap of 0.9).
+BOX_BIAS: Final = 0.05  # of the box's size
 BOX_NOISE: Final[Range] = (0.02, 0.05)  # of its larger side, each side
 
 
 class Shape(NamedTuple):
     """Of one leader, in b for a wingspan of 1: its nose and tail, and how far it reaches up and down; how much too
-    large boxes around it lastingly are, and their noise."""
+    large boxes around it are by their bias, and their noise."""
 
     named: Mapping[str, Vec3]
     bounds: tuple[Vec3, ...]
@@ -53,7 +53,7 @@ def draw_shape(rng: np.random.Generator) -> Shape:
     top, bottom = -float(rng.uniform(*TOP)), float(rng.uniform(*BOTTOM))
     wing: tuple[Vec3, ...] = (0.0, -0.5, 0.0), (0.0, 0.5, 0.0)
     bounds = *wing, *named.values(), (0.0, 0.0, top), (0.0, 0.0, bottom)
-    return Shape(named, bounds, float(rng.normal(0.0, BOX_LASTING)), float(rng.uniform(*BOX_NOISE)))
+    return Shape(named, bounds, float(rng.normal(0.0, BOX_BIAS)), float(rng.uniform(*BOX_NOISE)))
 
 
 def draw_rotors(rng: np.random.Generator) -> tuple[Vec3, ...]:

@@ -15,7 +15,7 @@ from studies.report.runs import by_name
 UNITS: Final = {"velocity_m_s": "m/s", "rates_rad_s": "rad/s"}
 SETTING: Final = """\
 {seeds} simulated flights of 20 s of a quadrotor on a figure eight, for each error ({few} for those whose figures
-are compared with nothing: other masses and inertias, lasting gusts, no velocity); all twelve states measured at
+are compared with nothing: other masses and inertias, steady gusts, no velocity); all twelve states measured at
 100 Hz, unless the column says otherwise. The filters keep the nominal parameters and, but for "Q x 300", the
 truth's own process noise.
 

@@ -158,7 +158,8 @@ def _highres_imu(m: Any, h: dict[str, Any]) -> Message:
 
 
 def _scaled_pressure(m: Any, h: dict[str, Any]) -> Message:
-    """The troposphere of the ISO standard atmosphere (ISO 2533); NaN for a pressure that is not positive."""
+    """The troposphere of the ISO standard atmosphere (ISO 2533); NaN for a pressure that is not positive. The same
+    formula as the decoder's, which test_mavlink_decode holds to the standard's printed table."""
     ratio = m.press_abs / SEA_LEVEL_HPA
     altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
     return Barometer(**h, pressure_altitude=altitude)

@@ -58,7 +58,7 @@ class Anchor(NamedTuple):
 
 
 class Registration:
-    """The `rotation` and the model of its error: `residual`, which lasts, and a jitter that is another in each
+    """The `rotation` and the model of its error: `residual`, the bias, and a jitter that is another in each
     scan.
 
     The noise of a report affects the rotation for a second or two: while the report is the newest, and after that
@@ -138,14 +138,14 @@ class Registration:
             self.residual, self._jitter = self._prior, np.zeros((3, 3))
             self._in_tracks = self._belief.covariance[ROTATION, ROTATION]
             return None
-        lasting, self._jitter = self._lasting_and_jitter()
-        self.residual = self._residual_of(lasting)
-        if np.linalg.eigvals(np.linalg.solve(lasting, self._in_tracks)).real.max() < IMPROVEMENT:
+        bias, self._jitter = self._bias_and_jitter()
+        self.residual = self._residual_of(bias)
+        if np.linalg.eigvals(np.linalg.solve(bias, self._in_tracks)).real.max() < IMPROVEMENT:
             return None
-        self._in_tracks = lasting
+        self._in_tracks = bias
         # only the share that was there before: the rest of the change is motion since the last scan
         share = self._before @ np.linalg.inv(predicted)
-        return Belief(share @ (self.rotation - before), lasting)
+        return Belief(share @ (self.rotation - before), bias)
 
     def advance(self, t_ns: int) -> None:
         """Predict to a time, never back."""
@@ -255,19 +255,19 @@ class Registration:
             fits = np.delete(fits, int(np.argmax(beside)))
         return fits
 
-    def _residual_of(self, lasting: Array) -> AttitudeErrorModel:
+    def _residual_of(self, bias: Array) -> AttitudeErrorModel:
         """The model of a residual with that covariance (3, 3): it changes as slowly as the anchors' steady errors,
         but as fast as our own attitude's error in directions that the anchors do not determine; between them,
         by the ratio of standard deviations."""
         scale = np.diag(self._prior.axes)
-        share, axes = np.linalg.eigh(lasting / np.outer(scale, scale))
+        share, axes = np.linalg.eigh(bias / np.outer(scale, scale))
         share = np.clip(share, 0.0, 1.0)
         left = np.sqrt(share)
         rate = (1.0 - left) / self._bias_time + left / self._prior.times
         return AttitudeErrorModel(scale[:, None] * axes, share, 1.0 / rate)
 
-    def _lasting_and_jitter(self) -> tuple[Array, Array]:
-        """The covariances (3, 3) of the part of the rotation's error that lasts, and of the rest, as if that were
+    def _bias_and_jitter(self) -> tuple[Array, Array]:
+        """The covariances (3, 3) of the bias of the rotation, and of the rest, as if that were
         independent in each scan."""
         P, noise = self._belief.covariance, self._noise[ROTATION, ROTATION]
         sizes = np.concatenate([self._sigma[OWN], self._anchor_sigma])

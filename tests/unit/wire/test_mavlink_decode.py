@@ -138,9 +138,25 @@ def test_system_time_servos_and_commands() -> None:
     assert m.params == (1, 2, 3, 4, 5, 6, 7)
 
 
-@pytest.mark.parametrize(("press_abs", "altitude"), [(1013.25, 0.0), (898.746, 1000.0), (1037.51, -200.0)])
+ISA = {  # the standard's printed table (ISO 2533): geopotential altitude, m: pressure, hPa
+    -1000: 1139.29,
+    -200: 1037.51,
+    0: 1013.25,
+    500: 954.608,
+    1000: 898.746,
+    2000: 794.952,
+    3000: 701.085,
+    4000: 616.402,
+    5000: 540.199,
+    6000: 471.810,
+    8000: 355.998,
+    10000: 264.363,
+    11000: 226.321,
+}
+
+
+@pytest.mark.parametrize(("altitude", "press_abs"), ISA.items())
 def test_a_pressure_is_an_altitude_of_the_standard_atmosphere(press_abs: float, altitude: float) -> None:
-    """Pressures from the standard's table (ISO 2533)."""
     m = one(frame(29, 115, struct.pack("<Iffh", 5250, press_abs, 0.0, 2500)))
     assert isinstance(m, Barometer)
     assert (m.t_ns, m.clock) == (5_250_000_000, Clock.BOOT)
