@@ -31,7 +31,8 @@ RUNS: Final = {"both": f"{LEADER},{OWN_STATE}", "leader": LEADER, "own_state": O
 
 def fly(log: Path, udp: int) -> None:
     """Send a flight when it is due; print when each image was sent, by its stamp."""
-    pipeline, sent = Pipeline(load_config(None, ("estimator={}",))), []
+    pipeline = Pipeline(load_config(None, ("estimator={}",)))
+    sent: list[tuple[int, int]] = []
     flight = [
         (datagram, [m.t_ns for m in pipeline.decode(datagram) if isinstance(m, TargetPoints)])
         for datagram, _ in read_tlog(log.read_bytes())

@@ -95,7 +95,12 @@ def measure(vehicles: int, seconds: float, keys: Sequence[str] = tuple(PUBLISHED
     names = [f"uav-{k}" for k in range(1, vehicles + 1)]
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        command = [ROOT / "configs" / "make-test-certificates.sh", folder / "certs", *names, "ground"]
+        command: list[str | Path] = [
+            ROOT / "configs" / "make-test-certificates.sh",
+            folder / "certs",
+            *names,
+            "ground",
+        ]
         subprocess.run(command, check=True, capture_output=True)  # noqa: S603 - our own
         port, process = stack.enter_context(router(folder))
         watcher = Watcher(stack.enter_context(closing(member(folder, port, "ground"))), keys)
@@ -201,13 +206,21 @@ def router(folder: Path) -> Iterator[tuple[int, psutil.Process]]:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = int(probe.getsockname()[1])
     listen = f"router.listen=['tls/127.0.0.1:{port}']"
-    command = [sys.executable, "-m", "onboard", "router", ROOT / "configs" / "router.toml", "--set", listen]
+    command: list[str | Path] = [
+        sys.executable,
+        "-m",
+        "onboard",
+        "router",
+        ROOT / "configs" / "router.toml",
+        "--set",
+        listen,
+    ]
     process = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE)  # noqa: S603 - our own
     try:
         deadline = time.monotonic() + PATIENCE_S
         while not _listens(port):
             if process.poll() is not None or time.monotonic() > deadline:
-                raise RuntimeError(f"no router: {process.stderr.read() if process.stderr else ''}")
+                raise RuntimeError(f"no router: {process.stderr.read().decode() if process.stderr else ''}")
             time.sleep(0.1)
         yield port, psutil.Process(process.pid)
     finally:

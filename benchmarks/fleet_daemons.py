@@ -154,7 +154,7 @@ def _daemon(folder: Path, router: int, name: str, port: int) -> Iterator[psutil.
         f"zenoh.connect=['tls/127.0.0.1:{router}']",
         *(f"zenoh.{key}='{certs / file}'" for key, file in files.items()),
     )
-    command = [sys.executable, "-m", "onboard", "run", fleet.ROOT / "configs" / "fleet.toml"]
+    command: list[str | Path] = [sys.executable, "-m", "onboard", "run", fleet.ROOT / "configs" / "fleet.toml"]
     command += [a for s in settings for a in ("--set", s)]
     with log.open("wb") as file:
         process = subprocess.Popen(command, cwd=folder, stderr=file)  # noqa: S603 - our own

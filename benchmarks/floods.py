@@ -22,7 +22,8 @@ from typing import Any, Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from benchmarks.live_flight import BEGIN_MS, MS, client, imu
+from benchmarks.live_flight import BEGIN_MS, client, imu
+from benchmarks.targets import MS
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.signing import Signer
 

@@ -54,12 +54,12 @@ def imu(t_ns: int) -> Imu:
 
 
 def _origin(t_ms: int) -> GlobalOrigin:
-    stamp = {"t_ns": t_ms * MS, "t_recv_ns": EPOCH + t_ms * MS}
+    stamp: dict[str, Any] = {"t_ns": t_ms * MS, "t_recv_ns": EPOCH + t_ms * MS}
     return GlobalOrigin(**stamp, lat_deg=47.0, lon_deg=8.0, alt_msl=400.0)
 
 
 def _heartbeat(t_ms: int) -> Heartbeat:
-    stamp = {"t_ns": t_ms * MS, "t_recv_ns": EPOCH + t_ms * MS}
+    stamp: dict[str, Any] = {"t_ns": t_ms * MS, "t_recv_ns": EPOCH + t_ms * MS}
     return Heartbeat(**stamp, vehicle_type=2, autopilot=12, armed=True, status=4)
 
 

@@ -21,7 +21,7 @@ DENSITY = 1.0  # of the acceleration's random walk, (m/s^2)^2/s
 Q_AXIS = DENSITY * np.array(
     [[DT**5 / 20, DT**4 / 8, DT**3 / 6], [DT**4 / 8, DT**3 / 3, DT**2 / 2], [DT**3 / 6, DT**2 / 2, DT]]
 )
-Q = np.kron(np.eye(3), Q_AXIS)
+Q: Array = np.asarray(np.kron(np.eye(3), Q_AXIS), float)
 R = np.diag([10.0, 2e-4, 2e-4]) ** 2
 START = Belief(
     np.array([-6000.0, 110.0, -0.2, 4500.0, -60.0, 0.3, 1000.0, 8.0, -0.05]),

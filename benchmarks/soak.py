@@ -62,7 +62,7 @@ def arrival_ns(t_ms: int) -> int:
 
 def _due(t_ms: int, image_ms: int) -> Iterator[Message]:
     t = t_ms * 1e-3
-    head = {"t_ns": t_ms * MS, "t_recv_ns": arrival_ns(t_ms)}
+    head: dict[str, Any] = {"t_ns": t_ms * MS, "t_recv_ns": arrival_ns(t_ms)}
     yaw, rate = SWAY * math.sin(t), SWAY * math.cos(t)
     yield Imu(**head, f_b=(0.0, 0.0, -9.81), omega_b=(0.0, 0.0, rate))
     if t_ms % 1000 == 0:

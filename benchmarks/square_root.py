@@ -6,11 +6,13 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks import radar
+from onboard.arrays import Array
 from onboard.filters import Belief, square_root, unscented
+from onboard.models.radar import ANGULAR, measure
 
 WEIGHTS: Final = unscented.julier_weights(radar.N, float(radar.N))  # the centre's zero, as a square root needs
-RULE: Final = square_root.rule(WEIGHTS, radar.N, 3, radar.ANGULAR)
-UNSCENTED_RULE: Final = unscented.rule(WEIGHTS, radar.N, 3, radar.ANGULAR)
+RULE: Final = square_root.rule(WEIGHTS, radar.N, 3, ANGULAR)
+UNSCENTED_RULE: Final = unscented.rule(WEIGHTS, radar.N, 3, ANGULAR)
 
 
 def run(count: int | None = None) -> Callable[[int], object]:
@@ -23,7 +25,7 @@ def run(count: int | None = None) -> Callable[[int], object]:
         for k in range(steps):
             state = square_root.predict(state, radar.process, radar.Q, WEIGHTS)
             y = measured[k % radar.STEPS]
-            state = square_root.update(state, y, radar.measure, radar.R, WEIGHTS, radar.ANGULAR).belief
+            state = square_root.update(state, y, measure, radar.R, WEIGHTS, ANGULAR).belief
         return square_root.belief(state)
 
     return steps_of
@@ -34,7 +36,7 @@ def ours(steps: int) -> Belief:
     belief: Any = square_root.start(*radar.START)
     for k in range(steps):
         y = radar.MEASURED[k % radar.STEPS]
-        belief = square_root.step(belief, radar.process, radar.Q, y, radar.measure, radar.R, RULE)
+        belief = square_root.step(belief, radar.process, radar.Q, y, measure, radar.R, RULE)
     return Belief(belief.mean, belief.covariance)
 
 
@@ -43,7 +45,7 @@ def unscented_ours(steps: int) -> Belief:
     belief: Any = radar.START
     for k in range(steps):
         y = radar.MEASURED[k % radar.STEPS]
-        belief = unscented.step(belief, radar.process, radar.Q, y, radar.measure, radar.R, UNSCENTED_RULE)
+        belief = unscented.step(belief, radar.process, radar.Q, y, measure, radar.R, UNSCENTED_RULE)
     return Belief(belief.mean, belief.covariance)
 
 
@@ -56,13 +58,13 @@ def unscented_run(count: int | None = None) -> Callable[[int], object]:
         for k in range(steps):
             belief = unscented.predict(belief, radar.process, radar.Q, WEIGHTS)
             y = measured[k % radar.STEPS]
-            belief = unscented.update(belief, y, radar.measure, radar.R, WEIGHTS, radar.ANGULAR).belief
+            belief = unscented.update(belief, y, measure, radar.R, WEIGHTS, ANGULAR).belief
         return belief
 
     return steps_of
 
 
-def _inputs(count: int | None) -> tuple[Belief, radar.Array]:
+def _inputs(count: int | None) -> tuple[Belief, Array]:
     if count is None:
         return radar.START, radar.MEASURED
     mean, P = radar.START

@@ -3,7 +3,7 @@ and 50 samples of our own motion, every image 40 ms late. Seconds of computing f
 
 import math
 import time
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -51,7 +51,7 @@ def flight(count: int, seconds: int, seed: int = 1) -> list[Datagram]:
     for k in range(seconds * 1000 // NAV_MS):
         t_ns = 5_000 * MS + k * NAV_MS * MS
         yaw = SWAY * math.sin(t_ns * 1e-9)
-        stamp = {"t_ns": t_ns, "t_recv_ns": EPOCH + t_ns}
+        stamp: dict[str, Any] = {"t_ns": t_ns, "t_recv_ns": EPOCH + t_ns}
         messages: list[Message] = [
             Attitude(
                 **stamp,

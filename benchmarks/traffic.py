@@ -3,7 +3,7 @@ aircraft every second; in seconds of computing for a second of flight."""
 
 import math
 import time
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -48,7 +48,7 @@ class Sky:
         """Messages of the k-th fiftieth of a second; our own position first."""
         t = (k + 1) / NAV_HZ
         t_ns = round(t * NS_PER_S)
-        stamp = {"t_ns": t_ns, "t_recv_ns": t_ns}
+        stamp: dict[str, Any] = {"t_ns": t_ns, "t_recv_ns": t_ns}
         zero = (0.0, 0.0, 0.0)
         messages: list[Message] = [
             Attitude(**stamp, q_nb=(1.0, 0.0, 0.0, 0.0), omega_b=zero),
@@ -56,7 +56,7 @@ class Sky:
         ]
         if k % (NAV_HZ // SCAN_HZ) == 0:
             lat, lon, height = HOME
-            place = {"lat_deg": lat, "lon_deg": lon, "alt_msl": height, "height": 0.0}
+            place: dict[str, Any] = {"lat_deg": lat, "lon_deg": lon, "alt_msl": height, "height": 0.0}
             messages.append(GlobalPosition(**stamp, **place, v_F_n=zero, heading_rad=None))
             messages.append(self._scan(t, t_ns))
         messages += [self._report(i, t, t_ns) for i in range(k % NAV_HZ, len(self._r), NAV_HZ)]

@@ -262,7 +262,7 @@ def house(floors: Sequence[set[str]], arrows: Iterable[tuple[str, str]]) -> Draw
     drawing = Drawing(980, 64 * len(floors) + 20, "The house: parts of the code on their floors, imports go down")
     at: dict[str, tuple[float, float]] = {}
     for k, floor in enumerate(reversed(floors)):
-        names, y = sorted(floor), 14 + 64 * k
+        names, y = sorted(floor), 14.0 + 64 * k
         step = min(960 / len(names), 420 if k % 2 else 300)  # so that lines pass beside boxes
         for i, name in enumerate(names):
             at[name] = 490 + step * (i - (len(names) - 1) / 2), y

@@ -4,11 +4,12 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, Final
 
+import matplotlib as mpl
 import numpy as np
 from drawings import BLUE, GREEN, INK, ORANGE, PICTURES, PINK
 
 from onboard.arrays import Array
-from onboard.commands.report_style import STYLE, mpl
+from onboard.commands.report_style import STYLE
 from onboard.messages import Estimate, NavState, TrafficTruth, Truth
 
 SIGMAS: Final = 3.0
@@ -42,7 +43,7 @@ def leader(records: tuple[Any, ...], name: str) -> tuple[Array, Array, Array, li
     times = np.array([t.t_ns for t in truths])
     true = np.array([t.r_FL_n for t in truths])
     rows = [
-        (e.t_ns, *(np.array(e.mean[:3]) - _at(times, true, e.t_ns)), *_bounds(e.covariance, range(3)))
+        (e.t_ns, *(np.array(e.mean)[:3] - _at(times, true, e.t_ns)), *_bounds(e.covariance, range(3)))
         for e in found
     ]
     return _parts(rows, ["north [m]", "east [m]", "down [m]"])
@@ -54,7 +55,7 @@ def own_state(records: tuple[Any, ...]) -> tuple[Array, Array, Array, list[str]]
     times, true = np.array([t.t_ns for t in truths]), np.array([t.v_F_n for t in truths])
     found = [r for r in records if isinstance(r, NavState) and r.valid and r.mean is not None]
     rows = [
-        (s.t_ns, *(np.array(s.mean[3:6]) - _at(times, true, s.t_ns)), *_bounds(s.covariance, range(3, 6)))
+        (s.t_ns, *(np.array(s.mean)[3:6] - _at(times, true, s.t_ns)), *_bounds(s.covariance, range(3, 6)))
         for s in found
     ]
     return _parts(rows, ["north [m/s]", "east [m/s]", "down [m/s]"])
@@ -73,7 +74,7 @@ def traffic(records: tuple[Any, ...]) -> tuple[Array, Array, Array, list[str]]:
     times, *axes = np.array(truths[target]).T
     true = np.array(axes).T
     rows = [
-        (e.t_ns, *(np.array(e.mean[:3]) - _at(times, true, e.t_ns)), *_bounds(e.covariance, range(3)))
+        (e.t_ns, *(np.array(e.mean)[:3] - _at(times, true, e.t_ns)), *_bounds(e.covariance, range(3)))
         for e in found
         if e.target == target and e.mean is not None
     ]

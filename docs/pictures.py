@@ -8,7 +8,7 @@ of errors inside their bounds, and the view's first page for each kind of flight
 
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -90,7 +90,11 @@ def draw_view(name: str, picture: Picture) -> None:
     config = configured(picture.scenario)
     with tempfile.TemporaryDirectory() as folder:
         rrd = Path(folder) / "flight.rrd"
-        made = {"camera": config.camera_model(), "rotors": config.rotors(), "open_page": picture.page}
+        made: dict[str, Any] = {
+            "camera": config.camera_model(),
+            "rotors": config.rotors(),
+            "open_page": picture.page,
+        }
         with View(rrd=rrd, **made) as view:
             for record in flown(picture.scenario, picture.duration):
                 view.show(record)
@@ -118,7 +122,7 @@ def draw_fleet() -> None:
         take(rrd.with_name("fleet-uav-1.rrd"), "view-fleet", 36.0)
 
 
-def by_time(flights: dict[str, Iterable[Any]]) -> list[tuple[str, Any]]:
+def by_time(flights: Mapping[str, Iterable[Any]]) -> list[tuple[str, Any]]:
     """The records of all vehicles in the order of their flights' times."""
     found = []
     for vehicle, records in flights.items():

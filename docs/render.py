@@ -57,7 +57,7 @@ SCORE = {
     "nis_dof": ("nis_dof", "d"),
     "inside_percent": ("inside_95_percent", ".0f"),
 }
-OWN_SCORE = {
+OWN_SCORE: dict[str, tuple[Callable[[Json], float], str]] = {
     "valid_percent": (lambda s: s["valid_percent"], ".0f"),
     "own_velocity_m_s": (lambda s: s["own_state"]["velocity_rmse_m_s"], ".2f"),
     "own_attitude_deg": (lambda s: s["own_state"]["attitude_rmse_deg"], ".2f"),

@@ -53,7 +53,8 @@ def wingtips(dark: Picture, blob: npt.NDArray[np.bool_], left: int, top: int) ->
     profile = np.zeros_like(places)
     for _ in range(2):  # fuselage and fin pull the axis: the wing's own is that of its outer parts
         grid = middle + places[:, None, None] * axis + offsets[:, None] * np.array([-axis[1], axis[0]])
-        across = cv2.remap(dark, *np.moveaxis(grid.astype(np.float32), 2, 0), cv2.INTER_LINEAR)
+        u_map, v_map = np.moveaxis(grid.astype(np.float32), 2, 0)
+        across = cv2.remap(dark, u_map, v_map, cv2.INTER_LINEAR)
         profile = across.sum(axis=1)
         outer = (np.abs(places) > 0.4 * places[-1]) & (profile > 0.5 * np.median(profile))
         if np.count_nonzero(outer) < FEWEST:

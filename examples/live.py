@@ -48,7 +48,7 @@ def run_detector(find: Find, description: str | None) -> int:
                 data, arrived = newest.get()
                 picture = msgspec.json.decode(data, type=Picture)
                 grey = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
-                found = None if grey is None else find(grey)
+                found = None if grey is None else find(np.asarray(grey, np.uint8))
                 if found is not None:
                     camera.send(found, t_ns=picture.t_ns, clock=picture.clock, target="leader")
                 took_ms.append(1e3 * (time.monotonic() - arrived))

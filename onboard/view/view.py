@@ -26,7 +26,9 @@ PLOT_EVERY = 3  # batches
 BATCH_FILE_NS = 2_000_000_000  # for a file alone: a tenth of the overhead
 STATUS_HZ = 5.0
 STATUS_AGAIN_NS = 1_000_000_000
-TRAFFIC = "traffic"
+LEADER, TRAFFIC = "leader", "traffic"
+APPLICATION = "onboard"
+MEMORY_LIMIT = "256MiB"  # of what the server keeps for viewers that connect later
 LINGERS_NS = 10_000_000_000  # the page of traffic after a threat has passed
 RESTART_NS = 5_000_000_000  # a time that far back is another boot, not a late record
 
@@ -41,7 +43,6 @@ class View:
     address.
     `rotors` are those of our vehicle, where they are known. `open_page`: the page of plots that is open, "": that
     of what flies.
-    `memory_limit` bounds what the server keeps for viewers that connect later.
     Raises `ValueError` without any of `rrd`, `grpc_port`, `spawn` and `server`, `OSError` if the port is taken,
     UserError where `rrd` cannot be written.
     """
@@ -56,15 +57,12 @@ class View:
         web: bool = False,
         server: str | None = None,
         name: str | None = None,
-        memory_limit: str = "256MiB",
-        application_id: str = "onboard",
-        estimator: str = "leader",
         rotors: scene.Rotors = (),
         open_page: str = "",
     ) -> None:
         if rrd is None and grpc_port is None and server is None and not (spawn or web):
             raise ValueError("a view needs somewhere to draw to: rrd, grpc_port, spawn, web or server")
-        self._camera, self._estimator, self._rotors = camera, estimator, rotors
+        self._camera, self._rotors = camera, rotors
         self._open_page = open_page
         self._shown = LEADER_ALONE._replace(leader=False)
         self._threat_ns = -LINGERS_NS
@@ -86,11 +84,11 @@ class View:
             sinks.append(rr.GrpcSink(server))
         elif grpc_port is not None or spawn or web:
             # 127.0.0.1 and nothing else: what Rerun serves, anybody who reaches the port may read
-            ours = rr.GrpcServerSink("127.0.0.1", free_port(grpc_port or 0), server_memory_limit=memory_limit)
+            ours = rr.GrpcServerSink("127.0.0.1", free_port(grpc_port or 0), server_memory_limit=MEMORY_LIMIT)
             self.url = str(ours.uri)
             sinks.append(ours)
         self._batch_ns = BATCH_FILE_NS if self.url is None else BATCH_NS
-        self._stream = rr.RecordingStream(application_id)
+        self._stream = rr.RecordingStream(APPLICATION)
         self._rrd = rrd
         with self._written():
             self._stream.set_sinks(*sinks, default_blueprint=blueprint(camera))
@@ -118,7 +116,7 @@ class View:
             case NavState():
                 self._show_own(record)
             case Estimate():
-                if record.name == self._estimator and record.is_primary:
+                if record.name == LEADER and record.is_primary:
                     self._show_estimate(record)
                 elif record.name == TRAFFIC:
                     self._note_traffic(record)

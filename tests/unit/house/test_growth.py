@@ -15,7 +15,6 @@ MOST_ARGUMENTS, MOST_OF_KERNELS = 10, 23
 LONGER = {
     "onboard/client.py:send": 11,  # the public interface of detectors, all by keyword
     "onboard/models/apparent_wing.py:predict": 12,  # a kernel's, whose blocks it takes
-    "onboard/view/view.py:__init__": 12,  # all by keyword
 }
 MOST_NUMBERS = {"leader": 288, "oh_johnson": 14, "own_state": 101, "traffic": 79}
 MOST_STATE_VECTORS = {"leader": 5, "oh_johnson": 1, "own_state": 2, "traffic": 3}
