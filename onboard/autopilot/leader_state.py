@@ -33,7 +33,7 @@ PAIRED_NS: Final = 100_000_000  # two messages of our own position this near in 
 Geodetic = tuple[float, float, float]
 
 
-class Joined(NamedTuple):
+class EstimateAndPose(NamedTuple):
     """An estimate with our own pose of about its time."""
 
     estimate: Estimate
@@ -50,7 +50,7 @@ class LeaderStates:
         self.delay_ns = 0  # by which our own GLOBAL_POSITION_INT is older than its stamp
         self._own_variance = np.repeat([errors.position_sigma_m**2, errors.velocity_sigma_m_s**2], 3)
         self._own: OwnPose | None = None
-        self._joined: Joined | None = None
+        self._joined: EstimateAndPose | None = None
 
     def restart(self) -> None:
         """The autopilot has rebooted: its clock and its origin are new."""
@@ -62,7 +62,7 @@ class LeaderStates:
         if isinstance(output, OwnPose):
             self._own, self.q_nb = output, output.q_nb
         elif output.name == NAME and output.is_primary:
-            self._joined = Joined(output, self._own)
+            self._joined = EstimateAndPose(output, self._own)
 
     def receive(self, messages: Sequence[Message], system: int, component: int) -> None:
         """Learn the origin: from GPS_GLOBAL_ORIGIN, else from our own GLOBAL_POSITION_INT."""
@@ -137,7 +137,7 @@ class LeaderStates:
         return replace(state, lat_deg=lat, lon_deg=lon, alt_msl=alt)
 
     @property
-    def joined(self) -> Joined | None:
+    def joined(self) -> EstimateAndPose | None:
         """The newest estimate with our own pose of about its time."""
         return self._joined
 

@@ -29,7 +29,7 @@ class Answer(NamedTuple):
     messages: tuple[Message, ...] = ()
 
 
-class Offered(NamedTuple):
+class OfferedStream(NamedTuple):
     """A stream on a link, and whether a message could be sent now."""
 
     stream: Stream
@@ -48,7 +48,7 @@ class Requests:
         self.lines: list[str] = []
         self._trusted = frozenset(trusted)
         self._refuse = refuse
-        self._streams: dict[tuple[str, int], list[Offered]] = {}
+        self._streams: dict[tuple[str, int], list[OfferedStream]] = {}
         self._single: dict[int, Make] = {}
 
     def clear_streams(self) -> None:
@@ -57,7 +57,7 @@ class Requests:
 
     def offer_stream(self, channel: str, name: str, stream: Stream, can_send: Callable[[], bool]) -> None:
         """A message that is sent on a link by itself."""
-        self._streams.setdefault((channel, message_number(name)), []).append(Offered(stream, can_send))
+        self._streams.setdefault((channel, message_number(name)), []).append(OfferedStream(stream, can_send))
 
     def offer(self, name: str, make: Make) -> None:
         """A message that is sent on request only, on any link."""
@@ -88,7 +88,7 @@ class Requests:
             self.lines.append(f"{name} {_words(streams[0].stream)} by {sender_of(command)}")
         return Answer(ACCEPTED if all(done) else DENIED)
 
-    def _request(self, number: int, streams: list[Offered], now_ns: int) -> Answer:
+    def _request(self, number: int, streams: list[OfferedStream], now_ns: int) -> Answer:
         if number in self._single:
             return Answer(ACCEPTED, (self._single[number](now_ns),))
         if not streams:

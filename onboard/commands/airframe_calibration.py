@@ -40,7 +40,7 @@ class RecordedFlight(NamedTuple):
     voltage: Array
 
 
-class Known(NamedTuple):
+class AirframeMeasures(NamedTuple):
     """What is given: mass (kg), rotors (n, 3): places forward and right (m) and sense, the motors' lag (s),
     and the voltage (V) at which the thrust is wanted, 1 where it is unused."""
 
@@ -82,7 +82,7 @@ class AirframeFit(NamedTuple):
         return self.ixx.value + self.iyy.value
 
 
-def fit_airframe(flight: RecordedFlight, known: Known) -> AirframeFit:
+def fit_airframe(flight: RecordedFlight, known: AirframeMeasures) -> AirframeFit:
     """The constants that fit a flight best. Raises UserError for a flight with too few windows in the air."""
     squared = _followed(flight, known.motor_time) ** 2
     squared *= (np.interp(flight.t, flight.command_t, flight.voltage)[:, None] / known.full_voltage) ** 2

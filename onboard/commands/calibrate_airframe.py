@@ -10,7 +10,13 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.arrays import Array
-from onboard.commands.airframe_calibration import AirframeFit, Found, Known, RecordedFlight, fit_airframe
+from onboard.commands.airframe_calibration import (
+    AirframeFit,
+    AirframeMeasures,
+    Found,
+    RecordedFlight,
+    fit_airframe,
+)
 from onboard.commands.log_replay import read_flight
 from onboard.config import Config
 from onboard.errors import UserError
@@ -40,7 +46,7 @@ def calibrate_airframe(arguments: argparse.Namespace, config: Config) -> list[st
     if not low < high:
         raise UserError("--pwm: the first must be below the second")
     flight = collect_flight(arguments.log, config, (low, high), len(rotors), arguments.voltage, arguments.until)
-    known = Known(arguments.mass, rotors, MOTOR_TIME_S, arguments.voltage or 1.0)
+    known = AirframeMeasures(arguments.mass, rotors, MOTOR_TIME_S, arguments.voltage or 1.0)
     return described_airframe(fit_airframe(flight, known), known, (low, high))
 
 
@@ -113,7 +119,7 @@ def _velocity_b(poses: list[OwnPose], t: Array) -> Array:
     return np.column_stack([np.interp(t, [p.t_ns * 1e-9 for p in poses], v_b[:, i]) for i in range(3)])
 
 
-def described_airframe(found: AirframeFit, known: Known, pwm_us: tuple[float, float]) -> list[str]:
+def described_airframe(found: AirframeFit, known: AirframeMeasures, pwm_us: tuple[float, float]) -> list[str]:
     """Lines for a person: values with sigmas, what the flight does not show, then the configuration to paste."""
     torque = Found(found.torque_over_izz.value * found.izz, found.torque_over_izz.sigma * found.izz)
     rows = (

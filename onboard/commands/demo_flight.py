@@ -23,7 +23,7 @@ from onboard.scoring.leader import LeaderScore, score_leader
 from onboard.scoring.own_state import OwnStateScore, score_own_state
 from onboard.scoring.reference import reference_from_records
 from onboard.scoring.statistics import Latency, percentiles
-from onboard.view.client import Client, Received
+from onboard.view.client import Client, PublishedRecord
 
 if TYPE_CHECKING:
     from onboard.view.view import View
@@ -218,7 +218,7 @@ def _health_wait(flight: DemoFlight) -> float:
     return 0.0 if flight.health is None else 1.2
 
 
-def _note_latency(flight: DemoFlight, received: Received) -> None:
+def _note_latency(flight: DemoFlight, received: PublishedRecord) -> None:
     estimate: Estimate = received.record
     health, report = flight.health, estimate.measurement
     if report is None or received.t_publish_ns is None:

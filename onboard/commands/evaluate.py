@@ -15,7 +15,7 @@ from onboard import __version__
 from onboard.commands.computers import computers
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.flight_folder import CONFIG, LOGS, TRUTHS
-from onboard.commands.many import FILTERPY, ScorableFlight, Scored, numbers_of, score_flights
+from onboard.commands.many import FILTERPY, FlightScores, ScorableFlight, numbers_of, score_flights
 from onboard.errors import UserError
 from onboard.messages import Record
 from onboard.scoring.leader import LeaderScore
@@ -98,7 +98,7 @@ def find_flights(dataset: Path, sets: tuple[str, ...], words: tuple[str, ...]) -
     return found
 
 
-def rows_of(scored: Sequence[Scored]) -> Rows:
+def rows_of(scored: Sequence[FlightScores]) -> Rows:
     """Rows by family and filter, in the order of the flights."""
     groups: dict[str, dict[str, list[LeaderScore]]] = {}
     for one in scored:

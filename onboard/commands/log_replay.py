@@ -28,7 +28,7 @@ class ReplayError(UserError, ValueError):
     """The log cannot be replayed; the message says why in one line."""
 
 
-class Replayed(NamedTuple):
+class ReplayResult(NamedTuple):
     """What a replay made: every estimate of the leader and of our own state, the health at the end, records read,
     stretches that were no record and rows that could not be used, the seconds that it lasted, and the boot time of
     its end, s. `estimates` are the judged estimator's (`onboard.scoring.beside`); others are in `beside`."""
@@ -51,7 +51,7 @@ def replay(
     progress: Callable[[int, int], None] = lambda _done, _total: None,
     keep: bool = True,
     others: Mapping[str, Config] = ALONE,
-) -> Replayed:
+) -> ReplayResult:
     """Feed a log, or a flight's folder, through a pipeline. `take` sees each output in order; `progress` gets
     bytes done and in all. Without `keep`, the result holds no estimates: an hour of them would be gigabytes.
 
@@ -93,7 +93,7 @@ def replay(
     health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
     main = results.estimates.pop(judged(results.estimates), [])
     seconds = (last - first) * 1e-9
-    return Replayed(main, health, count, damaged + lost, seconds, results.own_states, end, results.estimates)
+    return ReplayResult(main, health, count, damaged + lost, seconds, results.own_states, end, results.estimates)
 
 
 class Results:

@@ -35,7 +35,7 @@ class ScorableFlight(NamedTuple):
     beside: tuple[str, ...] = ()
 
 
-class Scored(NamedTuple):
+class FlightScores(NamedTuple):
     """The scores of one flight by the names of the filters; the flight's own configuration's is the first."""
 
     name: str
@@ -44,7 +44,7 @@ class Scored(NamedTuple):
     scores: dict[str, LeaderScore]
 
 
-def score_flights(flights: Sequence[ScorableFlight], where: Computers) -> list[Scored]:
+def score_flights(flights: Sequence[ScorableFlight], where: Computers) -> list[FlightScores]:
     """All flights, in their order. Raises UserError."""
     for flight in flights:  # before anything flies
         variants([word for word in flight.beside if word != FILTERPY], flight.config, flight.sets)
@@ -57,7 +57,7 @@ def score_flights(flights: Sequence[ScorableFlight], where: Computers) -> list[S
             raise UserError(str(error)) from error
 
 
-def score_flight(flight: ScorableFlight) -> Scored:
+def score_flight(flight: ScorableFlight) -> FlightScores:
     """One flight, replayed once for all its filters. Raises UserError."""
     config = load_config(flight.config, flight.sets)
     truth = flight.truth or flight_of(flight.log).truth
@@ -80,9 +80,9 @@ def score_flight(flight: ScorableFlight) -> Scored:
     )
     score, beside = scorers.scores(replayed.end)
     scores = {judged(config.estimator): score} | dict(sorted(beside.items()))
-    return Scored(flight.name, flight.family, replayed.duration, scores)
+    return FlightScores(flight.name, flight.family, replayed.duration, scores)
 
 
-def numbers_of(scored: Scored) -> dict[str, Any]:
+def numbers_of(scored: FlightScores) -> dict[str, Any]:
     """A flight's scores as plain values."""
     return {**scored._asdict(), "scores": msgspec.to_builtins(scored.scores)}

@@ -15,7 +15,7 @@ from onboard.commands.computers import computers
 from onboard.commands.evaluate import print_rows, rows_of
 from onboard.commands.exports import check_exports, open_export, write_truth
 from onboard.commands.files import check_targets, write_json
-from onboard.commands.log_replay import ALONE, Replayed, check_log, flight_of, replay
+from onboard.commands.log_replay import ALONE, ReplayResult, check_log, flight_of, replay
 from onboard.commands.many import ScorableFlight, numbers_of, score_flights
 from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
@@ -130,7 +130,7 @@ def replay_log(
     return 0
 
 
-def replay_numbers(replayed: Replayed, result: LeaderScore, beside: dict[str, LeaderScore]) -> dict[str, Any]:
+def replay_numbers(replayed: ReplayResult, result: LeaderScore, beside: dict[str, LeaderScore]) -> dict[str, Any]:
     """The summary of a replay as plain values; `beside` are the scores of other estimators of the leader."""
     numbers: dict[str, Any] = msgspec.to_builtins(result)
     log = {"duration_s": replayed.duration, "records": replayed.records, "damaged": replayed.damaged}
@@ -151,7 +151,7 @@ def _is_drawn(output: Output) -> bool:
     return not isinstance(output, NavState) or output.name == OWN_STATE
 
 
-def _print_replay(console: Console, log: Path, replayed: Replayed, result: LeaderScore) -> None:
+def _print_replay(console: Console, log: Path, replayed: ReplayResult, result: LeaderScore) -> None:
     damage = f", {replayed.damaged} damaged stretches skipped" if replayed.damaged else ""
     console.print(
         f"{log}: {replayed.duration:.1f} s, {replayed.records} records{damage}",

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from onboard import __version__
 from onboard.commands.files import check_targets
-from onboard.commands.log_replay import Replayed, check_log, flight_of, replay
+from onboard.commands.log_replay import ReplayResult, check_log, flight_of, replay
 from onboard.commands.progress import progress_bar
 from onboard.commands.report_series import FlightSeries
 from onboard.commands.report_verdict import Grade, judge, worst
@@ -83,7 +83,7 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
     return worst(checks)
 
 
-def _facts(log: Path, config: Config, replayed: Replayed, truth: Path | None) -> list[tuple[str, str]]:
+def _facts(log: Path, config: Config, replayed: ReplayResult, truth: Path | None) -> list[tuple[str, str]]:
     health = replayed.health
     end_s = health.t_recv_ns * 1e-9
     begin = datetime.datetime.fromtimestamp(end_s - replayed.duration, datetime.UTC)
@@ -101,7 +101,7 @@ def _facts(log: Path, config: Config, replayed: Replayed, truth: Path | None) ->
     ]
 
 
-def _tables(series: FlightSeries, replayed: Replayed) -> dict[str, list[tuple[str, ...]]]:
+def _tables(series: FlightSeries, replayed: ReplayResult) -> dict[str, list[tuple[str, ...]]]:
     health, seconds = replayed.health, max(replayed.duration, 1e-9)
     rejected = sorted(series.rejected.items(), key=lambda one: -one[1].number)
     return {
@@ -128,5 +128,5 @@ def _tables(series: FlightSeries, replayed: Replayed) -> dict[str, list[tuple[st
     }
 
 
-def _boot_s(t_recv_ns: int, replayed: Replayed) -> str:
+def _boot_s(t_recv_ns: int, replayed: ReplayResult) -> str:
     return f"{replayed.end + (t_recv_ns - replayed.health.t_recv_ns) * 1e-9:.2f}"

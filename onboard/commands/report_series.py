@@ -37,7 +37,7 @@ class NumberRows:
         return np.array(self._values).reshape(-1, self._width)
 
 
-class Rejected(NamedTuple):
+class RejectedImages(NamedTuple):
     """Images with one verdict: how many, and when the first and the last were taken, s since boot."""
 
     number: int
@@ -59,7 +59,7 @@ class FlightSeries:
         self.states, self.own_state = NumberRows(2), NumberRows(3)
         self._state: Lifecycle | None = None
         self.verdicts = tuple(Verdict)
-        self.rejected: dict[Verdict, Rejected] = {}
+        self.rejected: dict[Verdict, RejectedImages] = {}
         self.counts: Counter[Verdict] = Counter()
         self.faults: dict[tuple[str, str, int], Fault] = {}
         self.last_valid_s = self.first_valid_s = self.longest_gap_s = np.nan
@@ -112,4 +112,4 @@ class FlightSeries:
         self.images.append(t, self.verdicts.index(verdict), nis, len(image.components))
         if not fused and verdict not in STARTING:
             first = self.rejected[verdict].first_s if verdict in self.rejected else t
-            self.rejected[verdict] = Rejected(self.counts[verdict], first, t)
+            self.rejected[verdict] = RejectedImages(self.counts[verdict], first, t)

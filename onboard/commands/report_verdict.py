@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from onboard.commands.log_replay import Replayed
+from onboard.commands.log_replay import ReplayResult
 from onboard.commands.report_series import FUSED, STARTING, FlightSeries
 from onboard.scoring.leader import LeaderScore
 
@@ -37,7 +37,7 @@ def worst(checks: list[Check]) -> Grade:
     return max((check.grade for check in checks), key=GRADES.index, default=Grade.PASS)
 
 
-def judge(series: FlightSeries, score: LeaderScore, replayed: Replayed) -> list[Check]:
+def judge(series: FlightSeries, score: LeaderScore, replayed: ReplayResult) -> list[Check]:
     """All checks of a flight."""
     return [
         *_leader(series, score),
@@ -167,7 +167,7 @@ def _own_state(series: FlightSeries) -> Iterator[Check]:
     yield Check("faults named", ", ".join(names) or "none", "none", grade, "look at the vehicle first")
 
 
-def _log(replayed: Replayed) -> Iterator[Check]:
+def _log(replayed: ReplayResult) -> Iterator[Check]:
     health = replayed.health
     yield _most(
         "log: damaged",

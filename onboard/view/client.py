@@ -24,7 +24,7 @@ KINDS: Final[dict[str, type[Record]]] = {
 }
 
 
-class Received(NamedTuple):
+class PublishedRecord(NamedTuple):
     """A record, the time of its publication (ns, this computer's clock; None if the publisher sent none), and the
     vehicle in its key."""
 
@@ -48,7 +48,7 @@ class Client:
         of = vehicle or "*"
         self.alive = threading.Event()
         self.undecodable = 0
-        self._records: queue.SimpleQueue[Received] = queue.SimpleQueue()
+        self._records: queue.SimpleQueue[PublishedRecord] = queue.SimpleQueue()
         self._decoders = {name: msgspec.json.Decoder(kind) for name, kind in KINDS.items()}
         self._session = open_session(config)
         keys = (
@@ -58,7 +58,7 @@ class Client:
         self._subscribers = [self._session.declare_subscriber(key, self._receive) for key in keys]
         self._subscribers.append(self._session.watch_liveliness(f"onboard/{of}/alive", self._update_alive))
 
-    def take(self, timeout: float) -> Received | None:
+    def take(self, timeout: float) -> PublishedRecord | None:
         """The next record, None if none comes within `timeout` seconds."""
         try:
             return self._records.get(timeout=timeout)
@@ -80,7 +80,7 @@ class Client:
         except (msgspec.DecodeError, ValueError):
             self.undecodable += 1
             return
-        self._records.put(Received(record, t_publish_ns, parts[1]))
+        self._records.put(PublishedRecord(record, t_publish_ns, parts[1]))
 
     def _update_alive(self, sample: Any) -> None:
         import zenoh  # noqa: PLC0415 - loaded already: there is a session

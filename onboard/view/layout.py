@@ -14,7 +14,7 @@ TRAIL_S = 10.0
 BACKGROUND = [18, 20, 23]
 
 
-class Shown(NamedTuple):
+class Contents(NamedTuple):
     """What a flight has had so far, by which its first page is chosen: a leader that was seen, our own state,
     traffic, a threat among it just now, a truth to compare with, and other vehicles of a fleet."""
 
@@ -26,7 +26,7 @@ class Shown(NamedTuple):
     fleet: bool = False
 
 
-LEADER_ALONE = Shown()
+LEADER_ALONE = Contents()
 
 Point = tuple[float, float, float]
 Sides = tuple[float, float]
@@ -138,7 +138,7 @@ def range_plots(others: str) -> list["rrb.TimeSeriesView"]:
     ]
 
 
-def overview(shown: Shown, others: str) -> "rrb.Vertical":
+def overview(shown: Contents, others: str) -> "rrb.Vertical":
     """Where the leader is, and how far to trust that."""
     return rrb.Vertical(
         *range_plots(others)[: 2 if shown.truth else 1],
@@ -148,7 +148,7 @@ def overview(shown: Shown, others: str) -> "rrb.Vertical":
     )
 
 
-def both(shown: Shown, others: str) -> "rrb.Vertical":
+def both(shown: Contents, others: str) -> "rrb.Vertical":
     """The first page where our own state is estimated, too: both, and how far to trust either."""
     mine = own_errors() if shown.truth else [own_plot("north"), own_plot("roll")]
     ours = range_plots(others) if shown.truth else [range_plots(others)[0], plot("Wingspan [m], ±3σ", "size")]
@@ -169,7 +169,7 @@ def own_plot(name: str) -> "rrb.TimeSeriesView":
     return plot(f"Own {what} [{unit}], ±3σ; autopilot amber, truth white", f"own/{name}")
 
 
-def own(shown: Shown) -> "rrb.Vertical":
+def own(shown: Contents) -> "rrb.Vertical":
     """The first page of a flight without a leader: our own state, and what its model cannot explain."""
     first = own_errors() if shown.truth else [own_plot("north"), own_plot("east")]
     return rrb.Vertical(
@@ -181,14 +181,14 @@ def own(shown: Shown) -> "rrb.Vertical":
     )
 
 
-def first_page(shown: Shown, others: str) -> list["rrb.Vertical"]:
+def first_page(shown: Contents, others: str) -> list["rrb.Vertical"]:
     """The page that is open first; none where it is that of traffic."""
     if shown.own:
         return [both(shown, others)] if shown.leader else [own(shown)]
     return []
 
 
-def plots(shown: Shown, others: str, page: str = "") -> "rrb.Tabs":
+def plots(shown: Contents, others: str, page: str = "") -> "rrb.Tabs":
     """The first page of what flies, pages of plots for the leader, our own state and the links, and of traffic.
     `page` is open; "": the one of what flies."""
     first = first_page(shown, others)
@@ -238,7 +238,7 @@ def traffic_page() -> "rrb.Vertical":
     return rrb.Vertical(traffic_view(), table, name="Traffic", row_shares=[1.3, 1.0])
 
 
-def below(camera: Camera, shown: Shown) -> "rrb.Horizontal":
+def below(camera: Camera, shown: Contents) -> "rrb.Horizontal":
     """Below the scene: the image and the leader close up, our rotors, and what is wrong now; of a fleet first the
     table of all."""
     now = rrb.TextDocumentView(name="Now", origin="/status")
@@ -251,7 +251,7 @@ def below(camera: Camera, shown: Shown) -> "rrb.Horizontal":
     return rrb.Horizontal(*rotors, rrb.Tabs(*fleet, now, active_tab=0) if fleet else now)
 
 
-def window(camera: Camera, shown: Shown, others: str, page: str = "") -> "rrb.Horizontal":
+def window(camera: Camera, shown: Contents, others: str, page: str = "") -> "rrb.Horizontal":
     """The scene on the left, plots on the right; a headline for what flies."""
     has_leader = shown.leader or not (shown.own or shown.traffic)
     banners = [*([banner()] if has_leader else []), *([banner(scene.OWN_BANNER)] if shown.own else [])]
@@ -274,7 +274,7 @@ def window(camera: Camera, shown: Shown, others: str, page: str = "") -> "rrb.Ho
 
 
 def blueprint(
-    camera: Camera, shown: Shown = LEADER_ALONE, *, beside: Sequence[tuple[str, str]] = (), page: str = ""
+    camera: Camera, shown: Contents = LEADER_ALONE, *, beside: Sequence[tuple[str, str]] = (), page: str = ""
 ) -> "rrb.Blueprint":
     """The whole window for what a flight has had so far. `beside`: names of other estimators of the leader, and of
     their colours; `page` is open among the plots, "": that of what flies."""

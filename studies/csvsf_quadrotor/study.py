@@ -57,7 +57,7 @@ class Task(NamedTuple):
     drawn: bool = False
 
 
-class Flown(NamedTuple):
+class FlightResult(NamedTuple):
     """By variant, the scores of each method over a task's flights; of a drawn task also the first flight with its
     tracks."""
 
@@ -111,7 +111,7 @@ def run(
     return result
 
 
-def fly(task: Task) -> Flown:
+def fly(task: Task) -> FlightResult:
     """Fly each variant of a task with each method."""
     scores: dict[str, list[list[Score]]] = {}
     first: dict[str, tuple[Case, dict[str, Track]]] = {}
@@ -126,7 +126,7 @@ def fly(task: Task) -> Flown:
             first[name] = one(case, 0), alone
         if len(task.variants) > 1 and not variant.late:
             clean = list(tracks)
-    return Flown(scores, first)
+    return FlightResult(scores, first)
 
 
 def _tasks(seeds: range) -> list[Task]:
@@ -155,7 +155,7 @@ def _together(names: Sequence[str]) -> list[tuple[str, ...]]:
     return [("none", *late), *((name,) for name in names if name != "none" and name not in late)]
 
 
-def _rows(tasks: list[Task], found: list[Flown]) -> list[Row]:
+def _rows(tasks: list[Task], found: list[FlightResult]) -> list[Row]:
     scores: dict[tuple[str, str], list[Score]] = {}
     for task, flown in zip(tasks, found, strict=True):
         for name in task.variants:
@@ -164,7 +164,7 @@ def _rows(tasks: list[Task], found: list[Flown]) -> list[Row]:
     return [make_row(variant, method, some) for (variant, method), some in scores.items()]
 
 
-def _sweep(methods: Sequence[Method], found: list[Flown]) -> tuple[Setting, ...]:
+def _sweep(methods: Sequence[Method], found: list[FlightResult]) -> tuple[Setting, ...]:
     scores = {name: each for flown in found for name, each in flown.scores.items()}
     settings = []
     for k, method in enumerate(methods):

@@ -49,7 +49,7 @@ EXAMPLE: Final = 10  # navigation samples from one point of a figure to the next
 BOUNDED: Final = ("a", "b", "c", "d", "i", "k30", "k45", "k60", "hover")
 
 
-class Flown(NamedTuple):
+class FlightResult(NamedTuple):
     """Some flights of a variant: scores by method, in the order of seeds, and their bounds."""
 
     scores: dict[str, list[Score]]
@@ -101,7 +101,7 @@ def run(
     return result
 
 
-def fly_some(name: str, seeds: tuple[int, ...], duration: float | None = None) -> Flown:
+def fly_some(name: str, seeds: tuple[int, ...], duration: float | None = None) -> FlightResult:
     """Flights of a variant over `duration` s (None: the scenario's), scored with each of its methods."""
     variant = BY_NAME[name]
     flights, setting = flown(variant, seeds, duration)
@@ -113,7 +113,7 @@ def fly_some(name: str, seeds: tuple[int, ...], duration: float | None = None) -
     limits = []
     if name in BOUNDED:
         limits = bounds(flights, setting.camera, honest_noise(setting.leader_class), SETTLED)
-    return Flown(scores, limits, examples)
+    return FlightResult(scores, limits, examples)
 
 
 def _tracks(variant: Variant, flights: Flights, setting: Setting, method: AnyMethod) -> dict[int, Track]:

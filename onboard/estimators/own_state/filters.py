@@ -15,7 +15,7 @@ from onboard.filters.families import method
 BELIEF_FIELDS: Final = {"mean", "covariance", "factor", "model_error"}
 
 
-class Filtered(NamedTuple):
+class FilterState(NamedTuple):
     """A filter's state; and by sensor the filter's memory of it, and the covariance of the model's error that the
     filter found by it but does not follow."""
 
@@ -31,18 +31,18 @@ class SensorFilter:
     def __init__(self, name: str) -> None:
         self._method: Method = method(name)
 
-    def start(self, mean: Array, covariance: Array) -> Filtered:
+    def start(self, mean: Array, covariance: Array) -> FilterState:
         """A state before any measurement."""
-        return Filtered(self._method.start(mean, covariance), {}, {})
+        return FilterState(self._method.start(mean, covariance), {}, {})
 
-    def predict(self, filtered: Filtered, process: Rows, Q: Array) -> Filtered:
+    def predict(self, filtered: FilterState, process: Rows, Q: Array) -> FilterState:
         """Time update. Raises FilterError, NotPositiveDefiniteError."""
         state, memories, model_errors = filtered
-        return Filtered(self._method.predict(state, process, Q), memories, model_errors)
+        return FilterState(self._method.predict(state, process, Q), memories, model_errors)
 
     def update(
-        self, filtered: Filtered, sensor: str, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]
-    ) -> tuple[Filtered, Update]:
+        self, filtered: FilterState, sensor: str, y: Array, measure: Rows, R: Array, angular: tuple[int, ...]
+    ) -> tuple[FilterState, Update]:
         """Measurement update. Raises FilterError, NotPositiveDefiniteError."""
         memory = filtered.memories.get(sensor)
         if memory is None:
@@ -52,11 +52,11 @@ class SensorFilter:
         update = self._method.update(state, y, measure, R, angular)
         memories, after = {**filtered.memories, sensor: _memory(update.belief)}, update.belief
         if not hasattr(after, "model_error"):
-            return Filtered(after, memories, {}), update
+            return FilterState(after, memories, {}), update
         errors = {**filtered.model_errors, sensor: after.model_error}
-        return Filtered(after._replace(model_error=sum(errors.values())), memories, errors), update
+        return FilterState(after._replace(model_error=sum(errors.values())), memories, errors), update
 
-    def belief(self, filtered: Filtered) -> Belief:
+    def belief(self, filtered: FilterState) -> Belief:
         """The filter's mean and covariance."""
         return self._method.belief(filtered.state)
 

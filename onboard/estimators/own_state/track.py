@@ -12,7 +12,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.history import History
 from onboard.estimators.own_state.config import Config
-from onboard.estimators.own_state.filters import Filtered, SensorFilter
+from onboard.estimators.own_state.filters import FilterState, SensorFilter
 from onboard.estimators.own_state.innovations import Counts, Outside
 from onboard.estimators.own_state.inputs import Inputs
 from onboard.estimators.own_state.measurements import BAROMETER, GPS, Measurement, measurement_model, relative_to
@@ -38,7 +38,7 @@ class Cell(NamedTuple):
     measurements in a row the gate has rejected."""
 
     R_na: Array
-    filtered: Filtered
+    filtered: FilterState
     rejected: Mapping[str, int]
 
 
@@ -185,7 +185,7 @@ class Track:
             return cell._replace(rejected=rejected), Outcome(False, update)
         return Cell(cell.R_na, filtered, rejected), Outcome(True, update)
 
-    def _without_datum(self, filtered: Filtered) -> Filtered:
+    def _without_datum(self, filtered: FilterState) -> FilterState:
         variance = np.full(own_motion.N, LEAST_VARIANCE)
         variance[own_motion.OFFSET] = DATUM_SIGMA**2
         return self._filter.predict(filtered, lambda rows: rows, np.diag(variance))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from onboard.commands.airframe_calibration import Known, RecordedFlight, fit_airframe
+from onboard.commands.airframe_calibration import AirframeMeasures, RecordedFlight, fit_airframe
 from onboard.commands.calibrate_airframe import described_airframe
 from onboard.commands.cli import main as onboard
 from onboard.config import parse_config
@@ -24,7 +24,7 @@ from tests.support.own_vehicle import pipeline
 
 MASS, THRUST, DRAG, INERTIA, TORQUE = 0.6, 3.4, 0.13, (5.5e-3, 4.1e-3, 9.6e-3), 0.03
 ROTORS = np.array([[0.2, 0.0, 1.0], [0.0, 0.2, -1.0], [-0.2, 0.0, 1.0], [0.0, -0.2, -1.0]])
-KNOWN = Known(MASS, ROTORS, 0.0, 1.0)
+KNOWN = AirframeMeasures(MASS, ROTORS, 0.0, 1.0)
 DT = 0.01
 
 

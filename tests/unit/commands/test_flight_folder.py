@@ -9,7 +9,7 @@ import pytest
 
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
-from onboard.commands.log_replay import Replayed, replay
+from onboard.commands.log_replay import ReplayResult, replay
 from onboard.commands.many import ScorableFlight, score_flight
 from onboard.errors import UserError
 from tests.support.dataflash import BOOT_UNIX_S, dataflash
@@ -51,7 +51,7 @@ def folder(tmp_path: Path, log: Path, documents: list[str]) -> Path:
     return tmp_path / "flight"
 
 
-def ranges(replayed: Replayed) -> list[float]:
+def ranges(replayed: ReplayResult) -> list[float]:
     last = [e.mean[:3] for e in replayed.estimates[-100:] if e.valid and e.mean is not None]
     assert len(last) > 90
     return [float(np.linalg.norm(r)) for r in last]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from onboard.commands.cli import main
-from onboard.commands.log_replay import Replayed, replay
+from onboard.commands.log_replay import ReplayResult, replay
 from onboard.commands.report_page import summary
 from onboard.commands.report_series import FlightSeries
 from onboard.commands.report_verdict import Check, Grade, judge, worst
@@ -38,7 +38,7 @@ def record(path: Path, stream: Stream) -> None:
     recorder.close()
 
 
-def collected(log: Path, config: Config) -> tuple[FlightSeries, list[Check], Replayed]:
+def collected(log: Path, config: Config) -> tuple[FlightSeries, list[Check], ReplayResult]:
     series, scorer = FlightSeries("leader"), LeaderScorer(None)
 
     def take(output: Output) -> None:

@@ -18,13 +18,13 @@ def parts(part: Any) -> Iterator[Any]:
 
 
 SEVERAL = [
-    layout.Shown(),
-    layout.Shown(own=True),
-    layout.Shown(leader=False, own=True),
-    layout.Shown(leader=False, traffic=True),
-    layout.Shown(own=True, traffic=True, threat=True, fleet=True),
+    layout.Contents(),
+    layout.Contents(own=True),
+    layout.Contents(leader=False, own=True),
+    layout.Contents(leader=False, traffic=True),
+    layout.Contents(own=True, traffic=True, threat=True, fleet=True),
 ]
-NOTHING = layout.Shown(leader=False)
+NOTHING = layout.Contents(leader=False)
 
 
 def window(shown: Any) -> Any:
@@ -58,7 +58,7 @@ def test_each_share_is_of_one_part(shown: Any) -> None:
 
 
 def test_the_map_of_traffic_has_a_little_more_room_than_its_table() -> None:
-    page = named(layout.Shown())["Traffic"]
+    page = named(layout.Contents())["Traffic"]
     assert [view.origin for view in page.contents] == ["/traffic/map", "/traffic/table"]
     above, below = page.row_shares
     assert 1.2 < above / below < 1.5
@@ -74,15 +74,15 @@ def test_the_first_page_is_of_what_flies(shown: Any, page: str) -> None:
 
 
 def test_what_does_not_fly_has_no_room() -> None:
-    alone = named(layout.Shown(leader=False, own=True))
+    alone = named(layout.Contents(leader=False, own=True))
     assert "Our rotors" in alone
     assert "Now" in alone
     assert not [name for name in alone if name.startswith(("Camera", "Leader, close"))]
-    assert "Track, images, own state, faults" in named(layout.Shown(own=True))
-    assert "Fleet" in named(layout.Shown(fleet=True))
+    assert "Track, images, own state, faults" in named(layout.Contents(own=True))
+    assert "Fleet" in named(layout.Contents(fleet=True))
     assert [name for name in named(NOTHING) if name.startswith("Camera")]  # nothing is known yet
 
 
 def test_errors_are_shown_where_there_is_a_truth() -> None:
-    assert "Leader: error in range [m] ±3σ" in named(layout.Shown(truth=True))
-    assert "Leader: error in range [m] ±3σ" not in named(layout.Shown())
+    assert "Leader: error in range [m] ±3σ" in named(layout.Contents(truth=True))
+    assert "Leader: error in range [m] ±3σ" not in named(layout.Contents())

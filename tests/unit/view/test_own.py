@@ -110,7 +110,7 @@ def test_the_window_is_arranged_for_both_once_our_own_state_comes(
 ) -> None:
     made: list[tuple[bool, bool]] = []
 
-    def counted(camera: Camera, shown: layout.Shown = layout.LEADER_ALONE, **others: Any) -> Any:
+    def counted(camera: Camera, shown: layout.Contents = layout.LEADER_ALONE, **others: Any) -> Any:
         made.append((shown.leader, shown.own))
         return layout.blueprint(camera, shown, **others)
 
