@@ -19,7 +19,7 @@ from onboard.autopilot.notices import WARNING
 from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import stored_parameters
 from onboard.autopilot.stream import Stream
-from onboard.config import Config, WarmFile, signing_key, storing_of
+from onboard.config import Config, WarmFile, ros_encoder, signing_key, storing_of
 from onboard.links import AbsentError, Link, LinkError, health_of, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
@@ -30,6 +30,7 @@ from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
 from onboard.sinks.console import Console
+from onboard.sinks.zenoh_ros import RosRunner, RosSink
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohSession, open_session
 
 TICK_S: Final = 0.02
@@ -55,6 +56,7 @@ class Daemon:
         parameters = stored_parameters(config, self._storing)
         self._output = AutopilotOutput(config, parameters, keys, self._pipeline.refuse)
         self._warm = WarmFile(config, report, self._pipeline.refuse)
+        self._encoder = ros_encoder(config)
         self._console = Console(report, pilot=self._output.notices.advise)
         self._links: list[Link] = [
             parse_link(link.url, link.name, surplus=Pipeline.surplus) for link in config.link
@@ -73,10 +75,9 @@ class Daemon:
 
         Raises LinkError or SinkError, in one line, for what cannot be opened or has ended for good.
         """
-        loop = asyncio.get_running_loop()
         stop = asyncio.Event()
         for number in end_signals:
-            loop.add_signal_handler(number, stop.set)
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
         try:
             if await self._opened(stop):
                 await self._fly(stop)
@@ -123,24 +124,29 @@ class Daemon:
         if (left := self._warm.read(self._wall_ns())) is not None:
             self._deliver(left)
 
-    async def _open_zenoh(self) -> tuple[SinkRunner[Any], ZenohLink]:
+    async def _open_zenoh(self) -> tuple[list[SinkRunner[Any]], ZenohLink]:
         """Publish, and receive sensors, over Zenoh. Raises SinkError."""
         config = self._config
         self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
         prefix = config.zenoh.prefix
-        sink = self._sinks["zenoh"] = publishing.runner(publishing.ZenohSink(self._zenoh, prefix))
+        sinks: list[SinkRunner[Any]] = [publishing.runner(publishing.ZenohSink(self._zenoh, prefix))]
+        if self._encoder is not None:
+            sink = RosSink(self._zenoh, config.ros2, self._encoder.encode)
+            sinks.append(RosRunner(sink, self._wall_ns, self._wall_offset_ns))
+        self._sinks |= {sink.name: sink for sink in sinks}
         link = ZenohLink(self._zenoh, prefix, camera=config.camera.name, ros=config.ros_keys())
         self._links.append(link)
         self._report(f"zenoh: {self._zenoh.words()}, {prefix}/**")
-        return sink, link
+        return sinks, link
 
     async def _await_router(self, group: asyncio.TaskGroup, tasks: list[asyncio.Task[None]]) -> None:
         """Open Zenoh once a client's router answers that did not at the start; the flight goes on without it."""
         while self._zenoh is None:
             await asyncio.sleep(ROUTER_RETRY_S)
             with suppress(RouterAbsentError):
-                sink, link = await self._open_zenoh()
-                tasks += [group.create_task(sink.run()), group.create_task(link.run(self._deliver, self._now_ns))]
+                sinks, link = await self._open_zenoh()
+                tasks += [group.create_task(sink.run()) for sink in sinks]
+                tasks.append(group.create_task(link.run(self._deliver, self._now_ns)))
 
     async def _fly(self, stop: asyncio.Event) -> None:
         try:
@@ -227,9 +233,8 @@ class Daemon:
         is_heard = heard_ns is not None and now_ns - heard_ns < SILENT_NS
         for output in self._pipeline.tick(now_ns):
             self._take(output)
-        offset_ns = self._pipeline.clocks.offset_ns
-        boot_ns = None if offset_ns is None else now_ns - offset_ns
-        host_ns = self._wall_ns()
+        host_ns, offset_ns = self._wall_ns(), self._wall_offset_ns()
+        boot_ns = None if offset_ns is None else host_ns - offset_ns
         is_due = self._leader_stream.is_due(now_ns)
         times = {"boot_ns": boot_ns, "host_ns": host_ns}
         self._send(self._output.tick(now_ns, healthy=is_heard, rates=self._rates, wants_leader=is_due, **times))
@@ -240,15 +245,13 @@ class Daemon:
         if now_ns >= self._next_health_ns or now_ns < self._next_health_ns - HEALTH_PERIOD_NS:
             self._next_health_ns = now_ns + HEALTH_PERIOD_NS
             self._measure_rates()
-            computer = self._computer.read(now_ns)
-            self._output.show_computer(computer)
+            self._output.show_computer(computer := self._computer.read(now_ns))
             sinks = {name: sink.health() for name, sink in self._sinks.items()}
             links = {link.channel: health_of(link) for link in self._links}
             load, self._lag_ns = load_of(computer, self._lag_ns * 1e-9), 0
             health = self._pipeline.health(now_ns, Rim(sinks, links, load))
             self._publish(health)
             self._console.show_health(health)
-            offset_ns = None if boot_ns is None else host_ns - boot_ns
             self._warm.keep(self._output.warm_state(host_ns, offset_ns, self._pipeline.clocks.round_trip_ns))
             if self._storing is not None and (error := self._storing.take_error()):
                 self._warn(error)
@@ -271,6 +274,10 @@ class Daemon:
 
     def _wall_ns(self) -> int:
         return self._now_ns() + self._clock.step_ns()
+
+    def _wall_offset_ns(self) -> int | None:  # the wall clock less the boot clock
+        offset_ns = self._pipeline.clocks.offset_ns
+        return None if offset_ns is None else offset_ns + self._clock.step_ns()
 
     def _measure_rates(self) -> None:
         """Frames per second by MAVLink name, over the last health period."""

@@ -133,9 +133,11 @@ def _add_demo(demo: argparse.ArgumentParser) -> None:
 
 def _add_replay(replay: argparse.ArgumentParser) -> None:
     replay.add_argument("log", type=Path, nargs="+", help=f"{LOGS}; of several, scores are printed")
-    kinds = "one row per estimate as .csv or .parquet, poses as .tum, or .mcap for Foxglove (repeatable)"
+    kinds = (
+        "one row per estimate as .csv or .parquet, poses as .tum, .mcap for Foxglove, or .ros2: a bag (repeatable)"
+    )
     replay.add_argument("--out", type=Path, action="append", default=[], metavar="FILE", help=kinds)
-    own = "the same of [estimator.own_state], but .mcap, which has all"
+    own = "the same of [estimator.own_state], but .mcap and .ros2, which have all"
     replay.add_argument("--own", type=Path, action="append", default=[], metavar="FILE", help=own)
     replay.add_argument("--config", type=Path, metavar="C", help="TOML file")
     replay.add_argument("--truth", type=Path, metavar="FILE.csv[.gz]", help="score against it")

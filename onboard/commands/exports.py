@@ -1,5 +1,5 @@
 """What `onboard replay --out` and `--own` write, by the suffix of the file: CSV, Parquet, TUM's trajectories,
-and MCAP for Foxglove."""
+MCAP for Foxglove, and a bag of ROS 2."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, closing
@@ -9,19 +9,26 @@ from typing import Any, Final, Protocol
 
 from onboard.commands.csv_rows import LEADER, OWN, TEXT, CsvWriter, Rows
 from onboard.errors import UserError
-from onboard.messages import Estimate, NavState, Output
+from onboard.messages import Estimate, Health, NavState, Output
+from onboard.messages.ros import Ros2Config
 from onboard.scoring.reference import Reference
 
 BATCH: Final = 10_000  # rows of Parquet that are written at once
-EXTRAS: Final = {".parquet": ("pyarrow", "parquet"), ".mcap": ("mcap_protobuf", "foxglove")}  # module and extra
+EXTRAS: Final = {  # module and extra
+    ".parquet": ("pyarrow", "parquet"),
+    ".mcap": ("mcap_protobuf", "foxglove"),
+    ".ros2": ("rosbags", "ros2"),
+}
 IDENTITY: Final = (1.0, 0.0, 0.0, 0.0)
 OWN_STATE: Final = "own_state"
+BAG: Final = ".ros2"
+ROS2: Final = Ros2Config()
 
 
 class Writer(Protocol):
-    """Takes each output in order."""
+    """Takes each output in order; a bag of ROS 2 the health, too."""
 
-    def write(self, output: Output) -> None:
+    def write(self, output: Any) -> None:
         """Append what there is of an output."""
 
     def close(self) -> None:
@@ -33,11 +40,13 @@ def check_exports(*paths: Path | None) -> None:
     for path in paths:
         if path is None:
             continue
-        if suffix_of(path) not in MAKE:
-            raise UserError(f"cannot write {path}: the suffix says the format, one of {', '.join(MAKE)}")
+        if suffix_of(path) not in (*MAKE, BAG):
+            raise UserError(f"cannot write {path}: the suffix says the format, one of {', '.join((*MAKE, BAG))}")
         module, extra = EXTRAS.get(path.suffix, ("", ""))
         if module and find_spec(module) is None:
             raise UserError(f"cannot write {path}: it needs {module}: pip install 'wingline[{extra}]'")
+        if path.suffix == BAG and path.exists():
+            raise UserError(f"cannot write {path}: it exists, and a bag is a folder of its own: give a new name")
 
 
 def suffix_of(path: Path) -> str:
@@ -45,14 +54,25 @@ def suffix_of(path: Path) -> str:
     return path.suffix or ".csv"
 
 
-def open_export(path: Path, stack: ExitStack, *, of_own: bool) -> Callable[[Output], None]:
-    """A new file, closed by `stack`; its `write`. `of_own`: of our own state, and not of the leader. Raises
-    UserError."""
+def open_export(
+    path: Path, stack: ExitStack, *, of_own: bool, ros2: Ros2Config = ROS2
+) -> Callable[[Output | Health], None]:
+    """A new file, closed by `stack`; its `write`, which takes the health where `takes_health`. `of_own`: of our
+    own state, and not of the leader; a bag of ROS 2 has both. Raises UserError."""
     try:
+        if path.suffix == BAG:
+            from onboard.commands.ros_bag import RosBagWriter  # noqa: PLC0415 - an extra
+
+            return stack.enter_context(closing(RosBagWriter(path, ros2))).write
         writer = stack.enter_context(MAKE[suffix_of(path)](path, of_own))
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror or error}") from error
     return writer.write
+
+
+def takes_health(path: Path) -> bool:
+    """Whether an export holds the health."""
+    return path.suffix == BAG
 
 
 class TumWriter:

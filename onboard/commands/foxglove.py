@@ -19,15 +19,14 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from onboard.arrays import Array
+from onboard.geometry.enu import ENU_NED, flu_to_enu
 from onboard.geometry.geodesy import geodetic_from_ned
-from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
+from onboard.geometry.rotations import quaternion_from_matrix
 from onboard.messages import Estimate, NavState, Output, OwnPose
 from onboard.messages.base import Quaternion
 from onboard.messages.schemas import key_of, schema
 
 WORLD, OWN, LEADER = "world", "own", "leader"
-ENU_NED: Final = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-FLU_FRD: Final = np.diag([1.0, -1.0, -1.0])
 EVERY_NS: Final = 40_000_000  # between drawings of one thing
 SIGMAS: Final = 2.0  # of the ellipsoid that is drawn
 ARROW: Final = 0.5  # m, of our own vehicle
@@ -79,7 +78,7 @@ class FoxgloveWriter:
             return
         transform = FrameTransform(parent_frame_id=WORLD, child_frame_id=OWN)
         _place(transform.translation, ENU_NED @ self._own_r)
-        _turn(transform.rotation, _flu_to_enu(own.q_nb))
+        _turn(transform.rotation, flu_to_enu(own.q_nb))
         self._add("/tf", transform, own.t_ns)
         self._add("/own/pose", _pose(self._own_r, own.q_nb), own.t_ns)
         scene = SceneUpdate()
@@ -168,7 +167,7 @@ def _descriptors(kind: type[Message]) -> bytes:
 def _pose(r_n: Array, q_nb: Quaternion) -> Any:
     pose = PoseInFrame(frame_id=WORLD)
     _place(pose.pose.position, ENU_NED @ r_n)
-    _turn(pose.pose.orientation, _flu_to_enu(q_nb))
+    _turn(pose.pose.orientation, flu_to_enu(q_nb))
     return pose
 
 
@@ -185,10 +184,6 @@ def _fix(r_n: Array, P: Array, origin: tuple[float, float, float], t_ns: int) ->
     fix.position_covariance_type = LocationFix.KNOWN
     fix.timestamp.FromNanoseconds(t_ns)
     return fix
-
-
-def _flu_to_enu(q_nb: Quaternion) -> Array:
-    return np.asarray(ENU_NED @ matrix_from_quaternion(np.array(q_nb)) @ FLU_FRD)
 
 
 def _place(vector: Any, r: Array) -> None:

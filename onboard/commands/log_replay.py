@@ -20,6 +20,7 @@ from onboard.wire.recording import is_recording, read_flown, read_recording
 from onboard.wire.tlog import NotALogError, read_tlog
 
 PROGRESS_EVERY: Final = 2000
+HEALTH_NS: Final = 1_000_000_000  # between health records
 FLOWN: Final = "flown"
 ALONE: Final[Mapping[str, Config]] = {}
 
@@ -48,12 +49,14 @@ def replay(
     config: Config,
     *,
     take: Callable[[Output], None] = lambda _: None,
+    take_health: Callable[[Health], None] | None = None,
     progress: Callable[[int, int], None] = lambda _done, _total: None,
     keep: bool = True,
     others: Mapping[str, Config] = ALONE,
 ) -> ReplayResult:
-    """Feed a log, or a flight's folder, through a pipeline. `take` sees each output in order; `progress` gets
-    bytes done and in all. Without `keep`, the result holds no estimates: an hour of them would be gigabytes.
+    """Feed a log, or a flight's folder, through a pipeline. `take` sees each output in order, `take_health` the
+    health after each second; `progress` gets bytes done and in all. Without `keep`, the result holds no estimates:
+    an hour of them would be gigabytes.
 
     `others`: further configurations that get the same bytes, by the names that their estimates then have. That of
     FLOWN gives way to the estimates of the recording itself.
@@ -64,7 +67,7 @@ def replay(
     beside = {name: Pipeline(other) for name, other in others.items() if name != FLOWN}
     results = Results(take, keep)
     total = _size(log)
-    count = damaged = first = last = lost = 0
+    count = damaged = first = last = lost = due = 0
 
     def lose(reason: str) -> None:
         nonlocal lost
@@ -84,6 +87,9 @@ def replay(
                 results.add(_fed(other, item), name)
             first = first or item.t_recv_ns
             last = max(last, item.t_recv_ns)
+            if take_health is not None and last >= due:
+                due = last + HEALTH_NS
+                take_health(pipeline.health(last))
             count += 1
             if count % PROGRESS_EVERY == 0:
                 progress(done, total)

@@ -13,7 +13,7 @@ from rich.console import Console
 from onboard.commands.compare import print_comparison, variants
 from onboard.commands.computers import computers
 from onboard.commands.evaluate import print_rows, rows_of
-from onboard.commands.exports import check_exports, open_export, write_truth
+from onboard.commands.exports import check_exports, open_export, takes_health, write_truth
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.log_replay import ALONE, ReplayResult, check_log, flight_of, replay
 from onboard.commands.many import ScorableFlight, numbers_of, score_flights
@@ -88,24 +88,27 @@ def replay_log(
     have their estimates of the leader, too."""
     reference = reference_from_csv(truth) if truth is not None else None
     check_log(log)
-    check_targets(*out, json_file, rrd, *own, inputs=(log, truth))
     check_exports(*out, *own)
+    check_targets(*out, json_file, rrd, *own, inputs=(log, truth))
     scorers, own_summaries = LeaderScorers(reference), defaultdict[str, OwnStateSummary](OwnStateSummary)
     with ExitStack() as stack:
         takers: list[Callable[[Any], None]] = [lambda output: _score(output, scorers, own_summaries)]
+        of_health: list[Callable[[Any], None]] = []
         if rrd is not None:
             from onboard.view.view import View  # noqa: PLC0415 - Rerun is an extra
 
             view = stack.enter_context(View(camera=config.camera_model(), rotors=config.rotors(), rrd=rrd))
             takers.append(lambda output: view.show(output) if _is_drawn(output) else None)
         for path, of_own in (*((path, False) for path in out), *((path, True) for path in own)):
-            takers.append(open_export(path, stack, of_own=of_own))
+            takers.append(open_export(path, stack, of_own=of_own, ros2=config.ros2))
+            of_health += takers[-1:] if takes_health(path) else []
         bar = stack.enter_context(progress_bar(Console(stderr=True)))
         task = bar.add_task(f"replaying {log.name}", total=None)
         replayed = replay(
             log,
             config,
             take=lambda record: _each(takers, record),
+            take_health=(lambda health: _each(of_health, health)) if of_health else None,
             progress=lambda done, total: bar.update(task, completed=done, total=total),
             keep=False,
             others=others,

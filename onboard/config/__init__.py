@@ -9,6 +9,7 @@ from onboard.config.reading import (
     parse_config,
     read_table,
 )
+from onboard.config.ros import ros_encoder
 from onboard.config.sections import (
     FASTEST_OUT_HZ,
     AutopilotConfig,
@@ -56,6 +57,7 @@ __all__ = [
     "parse_config",
     "read_stored",
     "read_table",
+    "ros_encoder",
     "signing_key",
     "source_delays_ns",
     "store",

@@ -23,6 +23,7 @@ from onboard.messages import (
     TargetPoints,
     Vec3,
 )
+from onboard.messages.ros import Ros2Config
 from onboard.sinks.zenoh_router import RouterConfig
 from onboard.sinks.zenoh_session import ZenohConfig
 from onboard.wire.cameras import CameraInput
@@ -194,6 +195,7 @@ class Config(Record, frozen=True, kw_only=True):
     parameters: ParametersConfig = ParametersConfig()
     odometry: OdometryConfig = OdometryConfig()
     warm_start: WarmStartConfig = WarmStartConfig()
+    ros2: Ros2Config = Ros2Config()
 
     def camera_model(self) -> Camera:
         """The first camera as a geometric model, which knows the others by their names."""

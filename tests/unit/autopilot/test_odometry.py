@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from onboard.autopilot.odometry import OdometryStream, odometry_of
+from onboard.autopilot.odometry import OdometryStream
 from onboard.config import ConfigError, parse_config
 from onboard.geometry.rotations import (
     matrix_from_quaternion,
@@ -15,6 +15,7 @@ from onboard.geometry.rotations import (
     quaternion_from_vector,
     quaternion_product,
 )
+from onboard.wire.odometry import odometry_of
 from tests.support.vehicle_records import EAST, nav_state
 
 

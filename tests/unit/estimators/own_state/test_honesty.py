@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.autopilot.odometry import odometry_of
+from onboard.wire.odometry import odometry_of
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.noise import SensorNoise
 from onboard.estimators.own_state.track import process_noise

@@ -1,0 +1,52 @@
+"""What goes to ROS 2: its configuration, topics, and messages as bytes."""
+
+import re
+from typing import Annotated, Final, Literal, NamedTuple
+
+import msgspec
+
+from onboard.messages.base import Positive, Record
+
+NAME: Final = re.compile(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)  # of a topic, without the first slash
+FRAME: Final = re.compile(r"[\w/-]*", re.ASCII)
+
+
+class Ros2Config(Record, frozen=True, kw_only=True):
+    """`[ros2]`: what is published for ROS 2, over rmw_zenoh (`enabled`) or in a bag of `onboard replay`.
+
+    Raises ValueError for a name that ROS does not take.
+    """
+
+    enabled: bool = False
+    domain: Annotated[int, msgspec.Meta(ge=0, le=232)] = 0  # ROS_DOMAIN_ID
+    distribution: Literal["humble", "jazzy"] = "jazzy"  # jazzy: and later; Humble has no hashes of types
+    namespace: str = "onboard"  # before each topic but /tf and /diagnostics
+    frame_prefix: str = ""  # before each frame but `map`, such as "uav1/"
+    rate_hz: Positive = 30.0  # live, of each topic at most
+
+    def __post_init__(self) -> None:
+        if not NAME.fullmatch(self.namespace):
+            raise ValueError(
+                f"namespace {self.namespace!r} is no name of ROS: letters, digits, _ and / between, without the"
+                ' first slash, such as "onboard" or "uav1/onboard"'
+            )
+        if not FRAME.fullmatch(self.frame_prefix):
+            raise ValueError(
+                f'frame_prefix {self.frame_prefix!r}: letters, digits, _, - and / only, such as "uav1/"'
+            )
+
+
+class RosTopic(NamedTuple):
+    """A topic with its first slash, its type as `package/msg/Name`, and the type's hash (`RIHS01_...`)."""
+
+    name: str
+    kind: str
+    type_hash: str
+
+
+class RosMessage(NamedTuple):
+    """A message in CDR, and the time in its header, ns."""
+
+    topic: RosTopic
+    t_ns: int
+    data: bytes
