@@ -132,7 +132,7 @@ class Daemon:
         sinks: list[SinkRunner[Any]] = [publishing.runner(publishing.ZenohSink(self._zenoh, prefix))]
         if self._encoder is not None:
             sink = RosSink(self._zenoh, config.ros2, self._encoder.encode)
-            sinks.append(RosRunner(sink, self._wall_ns, self._wall_offset_ns))
+            sinks.append(RosRunner(sink, self._wall_ns, lambda: self._pipeline.clocks.offset_ns, self._clock))
         self._sinks |= {sink.name: sink for sink in sinks}
         link = ZenohLink(self._zenoh, prefix, camera=config.camera.name, ros=config.ros_keys())
         self._links.append(link)
@@ -233,8 +233,9 @@ class Daemon:
         is_heard = heard_ns is not None and now_ns - heard_ns < SILENT_NS
         for output in self._pipeline.tick(now_ns):
             self._take(output)
-        host_ns, offset_ns = self._wall_ns(), self._wall_offset_ns()
-        boot_ns = None if offset_ns is None else host_ns - offset_ns
+        offset_ns = self._pipeline.clocks.offset_ns
+        boot_ns = None if offset_ns is None else now_ns - offset_ns
+        host_ns = self._wall_ns()
         is_due = self._leader_stream.is_due(now_ns)
         times = {"boot_ns": boot_ns, "host_ns": host_ns}
         self._send(self._output.tick(now_ns, healthy=is_heard, rates=self._rates, wants_leader=is_due, **times))
@@ -252,6 +253,7 @@ class Daemon:
             health = self._pipeline.health(now_ns, Rim(sinks, links, load))
             self._publish(health)
             self._console.show_health(health)
+            offset_ns = None if boot_ns is None else host_ns - boot_ns
             self._warm.keep(self._output.warm_state(host_ns, offset_ns, self._pipeline.clocks.round_trip_ns))
             if self._storing is not None and (error := self._storing.take_error()):
                 self._warn(error)
@@ -274,10 +276,6 @@ class Daemon:
 
     def _wall_ns(self) -> int:
         return self._now_ns() + self._clock.step_ns()
-
-    def _wall_offset_ns(self) -> int | None:  # the wall clock less the boot clock
-        offset_ns = self._pipeline.clocks.offset_ns
-        return None if offset_ns is None else offset_ns + self._clock.step_ns()
 
     def _measure_rates(self) -> None:
         """Frames per second by MAVLink name, over the last health period."""

@@ -196,12 +196,16 @@ def read_log(
             return dataflash.read_dataflash(log, lose)
         if is_recording(log):
             return read_flown(log) if flown else read_recording(log)
-        data = log.read_bytes()
     except OSError as error:
         raise ReplayError(f"cannot read {log}: {error.strerror or error}") from error
-    if not data:
+    if not head:
         raise ReplayError(f"{log} is empty")
-    return read_tlog(data)
+    return _read_tlog(log)
+
+
+def _read_tlog(log: Path) -> Iterator[tuple[Datagram | None, int]]:
+    with log.open("rb") as file:
+        yield from read_tlog(file)
 
 
 def _size(log: Path) -> int:

@@ -11,7 +11,7 @@ import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import count
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 from onboard.messages import Health
 from onboard.messages.ros import Ros2Config, RosMessage, RosTopic
@@ -100,17 +100,26 @@ def dds_name(kind: str) -> str:
     return f"{package}::{middle}::dds_::{name}_"
 
 
-class RosRunner(SinkRunner[Stamped]):
-    """The sink behind its queue. Records are stamped as they are put in: `wall_ns` is the wall clock, ns, and
-    `offset_ns` the wall clock less the boot clock, None while that is unknown."""
+class Steps(Protocol):
+    """A clock that is never set, and knows how far the wall clock has been."""
 
-    def __init__(self, sink: RosSink, wall_ns: Callable[[], int], offset_ns: Callable[[], int | None]) -> None:
+    def step_ns(self) -> int:
+        """The wall clock less this one."""
+
+
+class RosRunner(SinkRunner[Stamped]):
+    """The sink behind its queue. Records are stamped as they are put in: `wall_ns` is the wall clock, ns,
+    `offset_ns` is `clock` less the boot clock, None while that is unknown."""
+
+    def __init__(
+        self, sink: RosSink, wall_ns: Callable[[], int], offset_ns: Callable[[], int | None], clock: Steps
+    ) -> None:
         super().__init__("ros2", sink, CAPACITY)
-        self._wall_ns, self._offset_ns = wall_ns, offset_ns
+        self._wall_ns, self._offset_ns, self._clock = wall_ns, offset_ns, clock
 
     def put(self, record: Any) -> None:
         """Queue a record. Health is of now: it is published before an autopilot is heard, too."""
         if isinstance(record, Health):
             super().put((record, self._wall_ns()))
         elif (offset_ns := self._offset_ns()) is not None and record.t_ns > 0:
-            super().put((record, record.t_ns + offset_ns))
+            super().put((record, record.t_ns + offset_ns + self._clock.step_ns()))

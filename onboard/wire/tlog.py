@@ -1,9 +1,10 @@
 """Recordings of MAVLink as ground stations write them (.tlog): 8 bytes of big-endian Unix microseconds, then
 one frame, over and over."""
 
+import io
 import struct
 from collections.abc import Iterator
-from typing import Final
+from typing import BinaryIO, Final
 
 from onboard.messages import Datagram, Encoding
 from onboard.wire.mavlink_decode import flaw
@@ -13,6 +14,8 @@ MAGIC_V1: Final = 0xFE
 SIGNED: Final = 0x01
 CHANNEL: Final = "tlog"
 EARLIEST_US: Final = 0
+BLOCK: Final = 1 << 20  # bytes that are read at a time
+MARGIN: Final = 1024  # bytes: more than a record, and what shows that it is whole
 LATEST_US: Final = 4_102_444_800_000_000  # the year 2100
 
 
@@ -31,30 +34,35 @@ def frame_length(data: memoryview, at: int) -> int | None:
     return None
 
 
-def read_tlog(data: bytes, channel: str = CHANNEL) -> Iterator[tuple[Datagram | None, int]]:
-    """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch without one.
+def read_tlog(source: bytes | BinaryIO, channel: str = CHANNEL) -> Iterator[tuple[Datagram | None, int]]:
+    """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch without one. A file is
+    read by blocks.
 
     Raises NotALogError at once when the first bytes are not a record.
     """
-    view = memoryview(data)
+    file = io.BytesIO(source) if isinstance(source, bytes) else source
+    view, at, begin, lost = memoryview(file.read(BLOCK)), 0, 0, False  # `begin`: where the view is in the file
     if not _record_at(view, 0):
         raise NotALogError("this is no .tlog: it does not begin with a time stamp and a MAVLink frame")
-    at, lost = 0, False
-    while at + 8 < len(view):
+    while True:
+        if len(view) - at < MARGIN and (more := file.read(BLOCK)):
+            view, at, begin = memoryview(bytes(view[at:]) + more), 0, begin + at
+        if at + 8 >= len(view):
+            break
         length = frame_length(view, at + 8) if _record_at(view, at) else None
         if length is None or not _is_whole(view, at + 8, at + 8 + length):
             at += 1
             lost = True
             continue
         if lost:
-            yield None, at
+            yield None, begin + at
             lost = False
         (t_us,) = struct.unpack_from(">Q", view, at)
         frame = bytes(view[at + 8 : at + 8 + length])
         at += 8 + length
-        yield Datagram(channel=channel, encoding=Encoding.MAVLINK, t_recv_ns=t_us * 1000, data=frame), at
+        yield Datagram(channel=channel, encoding=Encoding.MAVLINK, t_recv_ns=t_us * 1000, data=frame), begin + at
     if lost or at < len(view):
-        yield None, len(view)
+        yield None, begin + len(view)
 
 
 def _is_whole(view: memoryview, start: int, end: int) -> bool:

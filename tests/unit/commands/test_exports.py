@@ -1,4 +1,4 @@
-"""What a replay exports, read back by others: pyarrow, evo, and mcap with Foxglove's schemas."""
+"""What a replay exports, read back by others: pyarrow, evo, mcap with Foxglove's schemas, and rosbags."""
 
 import csv
 import math
@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from onboard.commands.cli import main
 from onboard.commands.exports import check_exports
@@ -33,7 +34,9 @@ def exported(tmp_path_factory: pytest.TempPathFactory) -> Path:
     head = "time_boot_s,r_north_m,r_east_m,r_down_m,v_north_m_s,v_east_m_s,v_down_m_s,size_m"
     (folder / "truth.csv").write_text("\n".join([head, *rows]) + "\n", encoding="utf-8")
     outs = [
-        word for kind in ("csv", "parquet", "tum", "mcap") for word in ("--out", str(folder / f"leader.{kind}"))
+        word
+        for kind in ("csv", "parquet", "tum", "mcap", "ros2")
+        for word in ("--out", str(folder / f"leader.{kind}"))
     ]
     call = ["replay", str(folder / "flight.mcap"), *SIZE, *outs, "--truth", str(folder / "truth.csv")]
     assert main(call) == 0
@@ -96,7 +99,6 @@ def test_own_poses_have_their_attitude(tmp_path: Path) -> None:
 
 def test_foxglove_reads_its_own_schemas(exported: Path) -> None:
     pytest.importorskip("mcap_protobuf", reason="needs the extra `foxglove`")
-    from mcap.reader import make_reader  # noqa: PLC0415
     from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415
 
     with (exported / "leader.mcap").open("rb") as file:
@@ -133,6 +135,70 @@ def test_foxglove_reads_its_own_schemas(exported: Path) -> None:
     assert any("tracking" in m.message for _, topic, m in decoded if topic == "/log")
 
 
+def test_ros_reads_a_bag(exported: Path) -> None:
+    highlevel = pytest.importorskip("rosbags.highlevel", reason="needs the extra `ros2`")
+    with highlevel.AnyReader([exported / "leader.ros2"]) as bag:
+        read = [(c.topic, c.msgtype, t, bag.deserialize(data, c.msgtype)) for c, t, data in bag.messages()]
+    kinds = {topic: kind for topic, kind, *_ in read}
+    assert kinds == {
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/onboard/detections": "vision_msgs/msg/Detection3DArray",
+        "/onboard/leader/pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
+        "/onboard/leader/odometry": "nav_msgs/msg/Odometry",
+        "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    }
+    times = [t for _, _, t, _ in read]
+    assert times == sorted(times)
+    _, _, t, pose = [one for one in read if one[0] == "/onboard/leader/pose"][-1]
+    (north, east, down), _ = CIRCLE.relative(t * 1e-9)
+    p = pose.pose.pose.position
+    assert (p.x, p.y, p.z) == pytest.approx((east, north, -down), abs=4.0)
+    transforms = {
+        one.child_frame_id: one.transform for topic, *_, m in read if topic == "/tf" for one in m.transforms
+    }
+    at = [m for topic, *_, m in read if topic == "/tf" and len(m.transforms) == 2][-1].transforms[0].header.stamp
+    north, east, down = CIRCLE.at(at.sec + at.nanosec * 1e-9).r
+    p = transforms["base_enu"].translation
+    assert (p.x, p.y, p.z) == pytest.approx((east, north, -down), abs=0.3)
+    seconds = [m for topic, *_, m in read if topic == "/diagnostics"]
+    assert len(seconds) == 9
+    assert {s.name for s in seconds[-1].status} == {"onboard", "onboard: leader"}
+
+
+def test_a_bag_s_bytes_are_an_mcap_that_others_read(exported: Path) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra `ros2`")
+    with (exported / "leader.ros2" / "leader.ros2.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        counts = reader.get_summary().statistics.channel_message_counts  # type: ignore[union-attr]
+        seen = sum(1 for _ in reader.iter_messages())
+    assert seen == sum(counts.values()) > 1000
+
+
+def test_a_bag_of_our_own_state_has_its_odometry(tmp_path: Path) -> None:
+    highlevel = pytest.importorskip("rosbags.highlevel", reason="needs the extra `ros2`")
+    dataflash(CIRCLE, 8.0, tmp_path / "flight.bin")
+    sets = ("--set", "estimator.own_state={}", "--set", "ros2.namespace=uav1")
+    outs = [word for kind in ("ros2", "csv") for word in ("--own", str(tmp_path / f"own.{kind}"))]
+    assert main(["replay", str(tmp_path / "flight.bin"), *sets, *outs]) == 0
+    with (tmp_path / "own.csv").open(encoding="utf-8") as file:
+        row = [row for row in csv.DictReader(file) if float(row["valid"])][-1]
+    with highlevel.AnyReader([tmp_path / "own.ros2"]) as bag:
+        chosen = [c for c in bag.connections if c.topic == "/uav1/odometry"]
+        (*_, (t, odometry)) = [(t, bag.deserialize(data, c.msgtype)) for c, t, data in bag.messages(chosen)]
+    assert t * 1e-9 == pytest.approx(float(row["time_boot_s"]), abs=1e-6)
+    names = ("r_east_m", "r_north_m", "r_down_m")
+    p, variances = odometry.pose.pose.position, np.diag(odometry.pose.covariance.reshape(6, 6))
+    assert (p.x, p.y, -p.z) == pytest.approx([float(row[name]) for name in names], abs=1e-5)
+    assert np.sqrt(variances[:3]) == pytest.approx([float(row[f"sigma_{name}"]) for name in names], abs=1e-5)
+
+
+def test_a_bag_is_never_overwritten(exported: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("rosbags", reason="needs the extra `ros2`")
+    out = exported / "leader.ros2"
+    assert main(["replay", str(exported / "flight.mcap"), *SIZE, "--out", str(out)]) == 2
+    assert f"cannot write {out}: it exists, and a bag is a folder of its own" in capsys.readouterr().err
+
+
 def test_a_suffix_that_says_no_format_is_refused() -> None:
-    with pytest.raises(UserError, match=r"one of \.csv, \.parquet, \.tum, \.mcap"):
+    with pytest.raises(UserError, match=r"one of \.csv, \.parquet, \.tum, \.mcap, \.ros2"):
         check_exports(Path("estimates.txt"))

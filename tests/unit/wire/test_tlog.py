@@ -1,5 +1,6 @@
 """Recordings as ground stations write them: whole, damaged, cut off, or another kind of file."""
 
+import io
 import struct
 from typing import Any
 
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from onboard.messages import Encoding
+from onboard.wire import tlog
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.tlog import NotALogError, frame_length, read_tlog, tlog_record
 from tests.support.streams import STRAIGHT, Stream
@@ -100,3 +102,13 @@ def test_a_stamp_is_of_the_years_until_2100() -> None:
         assert [d.t_recv_ns for d in records(tlog_record(t_ns, frame))] == [t_ns]
     with pytest.raises(NotALogError):
         records(tlog_record(new_year, frame))
+
+
+@pytest.mark.parametrize("block", [1024, 1037, 4000])
+def test_a_file_read_by_blocks_gives_the_same_seed_4(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    noise = np.random.default_rng(4).integers(0, 256, 2000, dtype=np.uint8).tobytes()
+    log = LOG[:3000] + noise + LOG[3000:9000] + b"\xfd"
+    whole = list(read_tlog(log))
+    assert sum(datagram is None for datagram, _ in whole) >= 2
+    monkeypatch.setattr(tlog, "BLOCK", block)
+    assert list(read_tlog(io.BytesIO(log))) == whole

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.wire.odometry import odometry_of
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.noise import SensorNoise
 from onboard.estimators.own_state.track import process_noise
@@ -16,6 +15,7 @@ from onboard.geometry.rotations import quaternion_from_vector
 from onboard.messages import GlobalPosition, LocalPosition, Message, NavState, Quaternion
 from onboard.models.own_motion import DISTURBANCE, OFFSET
 from onboard.models.quadrotor import ATTITUDE, POSITION, VELOCITY
+from onboard.wire.odometry import odometry_of
 from tests.support import own_vehicle as own
 from tests.support.honesty import assert_honest, nees
 
