@@ -47,10 +47,13 @@ class Course:
 
     def rate(self, v: Array, a: Array) -> float:
         """The rate at which it turns, rad/s; 0 while it is held."""
+        return 0.0 if self._backs_up or self._sure_for < SURE_FOR else self.rate_of(v, a)
+
+    @staticmethod
+    def rate_of(v: Array, a: Array) -> float:
+        """The rate at which a velocity turns, rad/s; 0 where it is slow."""
         square = float(v[0] * v[0] + v[1] * v[1])
-        if self._backs_up or self._sure_for < SURE_FOR or square < SLOW:
-            return 0.0
-        return float(v[0] * a[1] - v[1] * a[0]) / square
+        return 0.0 if square < SLOW else float(v[0] * a[1] - v[1] * a[0]) / square
 
 
 def wrapped(angle: float) -> float:

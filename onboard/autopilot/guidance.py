@@ -42,7 +42,9 @@ STRETCH_SPEED: Final = 2.0  # m/s
 HARD_BRAKING, EXTRA_BRAKING = 5.0, 1.5  # m/s^2, of a follower whose leader is lost; beyond its own limit of 2.5
 GRACE: Final = 1.0  # s, before it brakes
 SLOW_ENOUGH, LAST = 2.0, 0.3  # m/s, s
+CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
 BRAKING: Final = 2.2  # m/s^2: less than ArduPilot's 2.5, so that it stops where it is meant to
+REMEMBERS_S: Final = 5.0  # s: for longer, nobody knows where a leader has turned
 OVERHEAD: Final = 2.0  # m; nearer in the plane, the leader has no bearing
 
 
@@ -94,11 +96,14 @@ class Guidance:
         self._yaw: float | None = None
         self._valid_ns: int | None = None
         self._last: LeaderState | None = None
+        self._known: LeaderState | None = None  # of an earlier run, until it is used
         self._stop: Array | None = None  # where the follower comes to rest once the leader is lost
 
-    def resume(self, course: float) -> None:
-        """Go on with a course that an earlier run has learnt."""
-        self._course.resume(course)
+    def resume(self, known: LeaderState, course: float | None) -> None:
+        """Go on with what an earlier run knew, which stands for a leader that was lost just now."""
+        self._known = known
+        if course is not None:
+            self._course.resume(course)
 
     @property
     def course(self) -> float | None:
@@ -113,13 +118,17 @@ class Guidance:
         stays on where the leader should be, for `hold_s`."""
         dt = min(max((state.t_ns - self._t_ns) / NS_PER_S, 0.0), LONGEST_STEP)
         self._t_ns = state.t_ns
+        if self._known is not None and not state.valid and np.isfinite(r_F).all():
+            self._begin_again(self._known, state.t_ns, r_F)
         if state.valid:
             self._valid_ns, self._stop = state.t_ns, None
-            self._last = state
+            self._last, self._known = state, None
             if q_nb is not None and self._camera is not None:
                 self._framing.update(self._camera, q_nb, dt)
             sent = self._follow(state, r_F, dt)
-        elif self._valid_ns is None or state.t_ns - self._valid_ns > self._config.hold_s * NS_PER_S:
+        elif self._valid_ns is None:
+            return None
+        elif state.t_ns - self._valid_ns > self._config.hold_s * NS_PER_S:
             self.restart()
             return None
         else:
@@ -157,7 +166,7 @@ class Guidance:
         toward = r_L - r_F
         sigma = _sigma(np.array(state.r_FL_covariance), toward)
         self._widen(sigma / max(float(np.linalg.norm(toward)), 1.0), dt)
-        return self._kept_away(self._slot_of(track, r_F, yaw, dt), r_L, v_L, sigma)
+        return self._kept_away(self._slot_of(track, r_F, yaw, dt), track, r_L, v_L, sigma)
 
     def _slot_of(self, track: Track, r_F: Array, yaw: float, dt: float) -> Sent:
         """The slot's motion, and as much of its place as may be flown to at once."""
@@ -176,14 +185,33 @@ class Guidance:
             r = r_F + error * (self._config.closing_speed_m_s / length)
         return Sent(r, v, a, yaw)
 
+    def _begin_again(self, known: LeaderState, t_ns: int, r_F: Array) -> None:
+        """Suppose that a leader of a time before has flown on as it did, and is lost now."""
+        self._known = None
+        age = (t_ns - known.t_ns) / NS_PER_S
+        if not 0.0 <= age <= REMEMBERS_S:
+            return
+        v, a = np.array(known.v_L_n), np.array(known.a_L_n)
+        self._turn_rate = self._course.rate_of(v, a)
+        self._track = Track(np.array(known.r_OL_n), v, v, a)
+        steps = math.ceil(age / LONGEST_STEP)
+        for _ in range(steps):
+            self._track = self._flown_on(self._track, age / steps)
+        self._valid_ns, self._last = t_ns, known
+        self._direction = self._look(self._track, r_F)
+
+    def _flown_on(self, track: Track, dt: float) -> Track:
+        """The leader `dt` s later, if it flies on as it did, turns included."""
+        v = track.v + dt * self._turn_rate * _across(track.v)
+        return track._replace(r=track.r + dt * v, v=v, a=self._turn_rate * _across(v))
+
     def _hold(self, t: float, r_F: Array, v_F: Array, dt: float) -> Sent | None:
         """What to send `t` s after the end of `valid`. The leader is supposed to fly on as it did, turns included;
         it is followed for a moment, since most drop-outs are short."""
         track = self._track
         if track is None or not np.isfinite(r_F).all():
             return None
-        v = track.v + dt * self._turn_rate * _across(track.v)
-        track = self._track = track._replace(r=track.r + dt * v, v=v, a=self._turn_rate * _across(v))
+        track = self._track = self._flown_on(track, dt)
         yaw = self._look(track, r_F)
         if t < GRACE:
             self._direction = wrapped(self._direction + self._turn_rate * dt)
@@ -233,21 +261,24 @@ class Guidance:
         self._held = held if is_inside else r + away * (self._band / length if length > 0.0 else 0.0)
         return self._held, v * (0.0 if is_inside else 1.0)
 
-    def _kept_away(self, sent: Sent, r_L: Array, v_L: Array, sigma: float) -> Sent:
+    def _kept_away(self, sent: Sent, track: Track, r_L: Array, v_L: Array, sigma: float) -> Sent:
         """Never nearer than the least distance from the near end of the covariance, and never closing faster than
-        can be stopped before it."""
+        can be stopped before it. The smoothed leader lags behind one that brakes: a slot at its distance does not
+        close on the velocity as observed, either."""
         away = r_L - sent.r
         distance = float(np.linalg.norm(away))
         if distance < 1e-3:
             return sent._replace(r=r_L - self._least * turned(FORWARD, sent.yaw), v=v_L)
         toward = away / distance
         room = max(self._least + NEAR_SIGMAS * sigma, INSIDE * self._distance)
-        spare = distance - room
-        most = min(self._config.closing_speed_m_s, math.sqrt(2.0 * BRAKING * max(spare, 0.0)))
-        closing = float((sent.v - v_L) @ toward)
+        spare, beyond = distance - room, distance - self._distance
+        fastest = self._config.closing_speed_m_s
+        most = min(fastest, math.sqrt(2.0 * BRAKING * max(spare, 0.0)))
+        most_observed = min(fastest, CLOSES + math.sqrt(2.0 * BRAKING * max(beyond, 0.0)))
+        excess = float((sent.v - v_L) @ toward) - most
+        excess = max(excess, float((sent.v - track.v_observed) @ toward) - most_observed, 0.0)
         r = sent.r + min(spare, 0.0) * toward
-        v = sent.v - max(closing - most, 0.0) * toward
-        return sent._replace(r=r, v=v)
+        return sent._replace(r=r, v=sent.v - excess * toward)
 
 
 def smoothed(track: Track | None, r: Array, v: Array, a_L: Array, dt: float) -> Track:

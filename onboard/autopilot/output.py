@@ -157,8 +157,11 @@ class AutopilotOutput:
 
     def resume(self, state: WarmState) -> None:
         """Go on with what an earlier run knew. Call it after `connect`."""
-        if state.course is not None:
-            self._guidance.resume(state.course)
+        before = LeaderStates(self._config.ownship.errors)
+        for known in (state.own, state.estimate):
+            before.note(known)
+        if (leader := before.at(state.t_ns, state.wall_ns)) is not None and leader.valid:
+            self._guidance.resume(leader, state.course)
 
     def warm_state(self, wall_ns: int, offset_ns: int | None, round_trip_ns: int | None) -> WarmState | None:
         """What a run that starts soon is to know, at a time on the wall clock, which is `offset_ns` ahead of the

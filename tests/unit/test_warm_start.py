@@ -74,9 +74,10 @@ def test_the_guided_course_and_the_clocks_go_on() -> None:
     companion = Companion(config())
     state = replace(left(), course=1.5, round_trip_ns=4_000_000)
     companion.receive(datagram_of(state, EPOCH + round(AGAIN * S)))
-    assert companion.output._guidance.course == 1.5
     first, *_ = Stream(t0=AGAIN + 0.02, t1=AGAIN + 0.1).datagrams()
     companion.receive(first)
+    companion.tick(first.t_recv_ns)
+    assert companion.output._guidance.course == 1.5
     assert companion.pipeline.clocks.source == "timesync"
     assert companion.pipeline.clocks.offset_ns == state.offset_ns
 

@@ -184,3 +184,45 @@ def test_once_the_leader_is_lost_we_stop_with_the_nose_on_it_and_are_silent_afte
     assert last.course == pytest.approx(math.atan2(-14.9, 30.0 + 29.8), abs=0.01)  # where it should be by now
     assert [s is None for s in sent] == [k > 150 for k in range(1, 160)]
     assert guidance.course is None
+
+
+@pytest.mark.parametrize(("age_s", "leads"), [(3.0, True), (6.0, False)])
+def test_what_an_earlier_run_knew_turns_the_nose_to_where_the_leader_should_be(age_s: float, leads: bool) -> None:
+    """It flew north at 10 m/s and turned to the right at 0.2 rad/s; nobody has seen it since."""
+    guidance, t_ns = Guidance(GuidanceConfig()), T + round(age_s * S)
+    guidance.resume(state(T, STILL, (10.0, 0.0, 0.0), (0.0, 2.0, 0.0)), 0.0)
+    r_F = np.array([0.0, 0.0, 3.0])
+    unknown = guidance.virtual_leader(state(t_ns, STILL, STILL, valid=False), np.full(3, np.nan), STILL)
+    assert unknown is None  # our own position comes later
+    lost = [state(t_ns + k * TICK, STILL, STILL, valid=False) for k in range(160)]
+    sent = [guidance.virtual_leader(one, r_F, np.array([10.0, 0.0, 0.0])) for one in lost]
+    assert [s is not None for s in sent] == [leads and k <= 150 for k in range(160)]
+    if sent[0] is not None:
+        angle = 0.2 * age_s
+        north, east = 50.0 * math.sin(angle), 50.0 * (1.0 - math.cos(angle))
+        assert sent[0].course == pytest.approx(math.atan2(east, north), abs=0.02)
+
+
+def test_a_leader_that_is_seen_takes_the_place_of_what_was_known() -> None:
+    chase = Chase()
+    chase.guidance.resume(state(T - S, (500.0, 0.0, 0.0), STILL), 0.0)
+    sent = chase.step(STILL, STILL)
+    assert sent is not None
+    assert_allclose(sent.r_OL_n, STILL, atol=1e-9)
+    lost = chase.guidance.virtual_leader(state(chase.t_ns + TICK, STILL, STILL, valid=False), chase.r_F, STILL)
+    assert lost is not None
+    assert_allclose(lost.r_OL_n, STILL, atol=0.1)
+
+
+def test_a_slot_does_not_close_on_a_leader_that_brakes() -> None:
+    """The smoothed leader is faster than the true one for a second; the slot is not, by more than noise."""
+    chase, r, v = Chase(), STILL, 10.0
+    for k in range(500):
+        chase.step(*straight(k))
+    r, closing = straight(499)[0], []
+    for _ in range(60):
+        v -= 3.0 * 0.02
+        r = r + np.array([v * 0.02, 0.0, 0.0])
+        sent = chase.step(r, (v, 0.0, 0.0))
+        closing.append(slot_of(sent)[1][0] - v)
+    assert max(closing) < 1.6
