@@ -44,7 +44,7 @@ GRACE: Final = 1.0  # s, before it brakes
 SLOW_ENOUGH, LAST = 2.0, 0.3  # m/s, s
 CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
 BRAKING: Final = 2.2  # m/s^2: less than ArduPilot's 2.5, so that it stops where it is meant to
-REMEMBERS_S: Final = 5.0  # s: for longer, nobody knows where a leader has turned
+REMEMBERS_S, SILENCE_S = 10.0, 3.0  # s: of a run before; after which FOLLOW brakes by itself
 OVERHEAD: Final = 2.0  # m; nearer in the plane, the leader has no bearing
 
 
@@ -186,7 +186,8 @@ class Guidance:
         return Sent(r, v, a, yaw)
 
     def _begin_again(self, known: LeaderState, t_ns: int, r_F: Array) -> None:
-        """Suppose that a leader of a time before has flown on as it did, and is lost now."""
+        """Suppose that a leader of a time before has flown on as it did, and is lost now. After a long silence the
+        vehicle brakes already: then only its nose is led."""
         self._known = None
         age = (t_ns - known.t_ns) / NS_PER_S
         if not 0.0 <= age <= REMEMBERS_S:
@@ -197,7 +198,8 @@ class Guidance:
         steps = math.ceil(age / LONGEST_STEP)
         for _ in range(steps):
             self._track = self._flown_on(self._track, age / steps)
-        self._valid_ns, self._last = t_ns, known
+        self._last = known
+        self._valid_ns = t_ns - (round(GRACE * NS_PER_S) if age > SILENCE_S else 0)
         self._direction = self._look(self._track, r_F)
 
     def _flown_on(self, track: Track, dt: float) -> Track:
