@@ -13,17 +13,15 @@ from onboard.commands.loading import loading
 with loading():  # as `onboard run` does
     import numpy as np
     import onboard.pipeline
-    from onboard.estimators.leader.filters import wing_line as leader_filter
-    from onboard.models import wing_line
-    from onboard.models.leader_flight import ImageGeometry
-points = np.array([[[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]])
-still = np.zeros((1, 3))
-y, R, axes = wing_line.from_points(points, np.full((1, 3), 1e-3))
-geometry = ImageGeometry(np.eye(3)[None], still, still, still, axes)
-leader = leader_filter.Filter(2.0, 0.04)
-state = leader_filter.start(leader, y, R, geometry)
-state = leader_filter.advance(leader, state, 0.02, still, still)
-leader_filter.fuse(leader, state, y, R, geometry)
+    from onboard.estimators.leader.camera_pose import CameraPose
+    from onboard.estimators.leader.config import Config
+    from onboard.estimators.leader.filters.make import make_filter
+    from onboard.ownship import Step
+points, still = np.array([[0.0, 0.0], [-0.05, 0.0], [0.05, 0.0]]), np.zeros(3)
+filter_, pose = make_filter(Config()), CameraPose(np.eye(3), still, still, still)
+seen = filter_.measure(points, np.full(3, 1e-3))
+state = filter_.advance(filter_.start(seen, pose, None), Step(0.02, still, still, still))
+filter_.fuse(state, seen, pose)
 """
 PIPELINE = """
 from time import perf_counter

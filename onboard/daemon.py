@@ -34,7 +34,6 @@ from onboard.sinks.zenoh_ros import RosRunner, RosSink
 from onboard.sinks.zenoh_session import RouterAbsentError, ZenohSession, open_session
 
 TICK_S: Final = 0.02
-FINISH_S: Final = 0.001  # after an estimate with an image: sinks publish within
 ROUTER_RETRY_S: Final = 1.0
 LEADER_HZ: Final = 20.0
 HEALTH_PERIOD_NS: Final = 1_000_000_000
@@ -65,7 +64,6 @@ class Daemon:
         self._zenoh: ZenohSession | None = None
         self._frames: Mapping[str, int] = {}
         self._rates: dict[str, float] = {}
-        self._seen = asyncio.Event()  # an estimate with an image has been published
         self._next_health_ns = 0
         self._lag_ns = 0  # the longest time by which the timer was late since the last health
         self._leader_stream = Stream(LEADER_HZ)
@@ -155,7 +153,7 @@ class Daemon:
                 tasks += [group.create_task(link.run(self._deliver, self._now_ns)) for link in self._links]
                 if self._config.zenoh.enabled and self._zenoh is None:
                     tasks.append(group.create_task(self._await_router(group, tasks)))
-                tasks += [group.create_task(self._keep_time()), group.create_task(self._finish())]
+                tasks.append(group.create_task(self._keep_time()))
                 await stop.wait()
                 for task in reversed(tasks):  # sinks last: they still write what is queued
                     task.cancel()
@@ -187,8 +185,6 @@ class Daemon:
         before, reboots = pipeline.autopilot, pipeline.clocks.reboots
         for output in pipeline.advance(messages):
             self._take(output)
-            if isinstance(output, Estimate) and output.measurement is not None:
-                self._seen.set()
         if pipeline.autopilot is not None and pipeline.autopilot is not before:
             for line in self._output.connect(pipeline.autopilot):
                 self._report(line)
@@ -202,17 +198,6 @@ class Daemon:
         if not messages or not self._output.is_autopilot(datagram.channel):
             return
         self._send([self._output.respond(datagram.channel, messages, self._now_ns())])
-
-    async def _finish(self) -> None:
-        """Let the pipeline do what an image has left to do, once sinks have had the interpreter for a moment."""
-        while True:
-            await self._seen.wait()
-            self._seen.clear()
-            await asyncio.sleep(FINISH_S)
-            try:
-                self._pipeline.finish()
-            except Exception as error:  # of any kind: it is tried again when the next image needs it
-                self._pipeline.count_error("daemon", error)
 
     async def _keep_time(self) -> None:
         """Send and publish what is due by the clock: the session with the autopilot, and our health."""

@@ -33,12 +33,12 @@ LATE_MS: Final = (0, 0, 0, 0, 20, 60, 150, 300, 2000, -10, -30, -5000)  # an ima
 TARGETS: Final = ("leader", "leader", "leader", "target/1", "")
 CAMERA: Final = make_camera(f_px=554.256, width_px=640, height_px=480)
 SETTINGS: Final = {
-    "wing-line": (),
-    "wing-line fixed-wing": ("leader_class=fixed_wing", "center_on_wing=true", "initialise_images=1"),
-    "wing-line delay": ("delay_sigma_s=0.1", "initialise_images=2"),
-    "wing-line exact attitude": ("own_tilt_sigma_deg=0", "own_yaw_sigma_deg=0", "initialise_images=1"),
-    "wing-line middle": ("center_on_wing=true", "initialise_images=1"),
-    "wing-line delay, size unknown": ("delay_sigma_s=0.3", "size_prior_sigma_m=2.0", "initialise_images=1"),
+    "plain": (),
+    "fixed-wing": ("leader_class=fixed_wing", "center_on_wing=true", "initialise_images=1"),
+    "delay": ("delay_sigma_s=0.1", "initialise_images=2"),
+    "exact attitude": ("own_tilt_sigma_deg=0", "own_yaw_sigma_deg=0", "initialise_images=1"),
+    "middle": ("center_on_wing=true", "initialise_images=1"),
+    "delay, size unknown": ("delay_sigma_s=0.3", "size_prior_sigma_m=2.0", "initialise_images=1"),
 }
 PAPER: Final = "oh_johnson"  # the paper's filter, an estimator of its own, with its defaults
 NAMES: Final = (*SETTINGS, PAPER)

@@ -30,7 +30,7 @@ examples:
   onboard demo
   onboard demo --headless --duration 60 --seed 1 --json score.json
   onboard demo --scenario formation              two fixed wings: the flight of Oh & Johnson
-  onboard demo --scenario formation-out-of-view --set estimator.leader.filter=wing-line
+  onboard demo --scenario formation-out-of-view --set estimator.leader.particles=2000
 
 DIR gets the view (.rrd), the configuration used (.toml) and the output of both programs (.log).
 Exit code 1: an estimate diverged, or was hardly ever valid.
@@ -39,7 +39,7 @@ REPLAY: Final = """\
 examples:
   onboard replay flight.tlog --out estimates.csv --set camera.mount_rpy_deg=[0,15,0]
   onboard replay flight.mcap --config companion.toml --rrd flight.rrd
-  onboard replay flights/monday --compare paper wing-line      a folder with 00000042.BIN and detections.jsonl
+  onboard replay flights/monday --compare paper cubature       a folder with 00000042.BIN and detections.jsonl
   simlink log formation --out f.tlog --truth f.csv && simlink config formation > f.toml &&
       onboard replay f.tlog --config f.toml --truth f.csv
 """
@@ -54,7 +54,7 @@ Exit code 1: FAIL.
 EVALUATE: Final = """\
 examples:
   onboard evaluate flights                       each flight's own configuration, the paper's filter, filterpy's
-  onboard evaluate flights --compare wing-line belief --json ours.json
+  onboard evaluate flights --compare cubature srukf --json ours.json
   onboard evaluate flights --with theirs.json --cluster tcp://10.0.0.1:8786 --rows flights.parquet
 
 A flight is a folder with a log, truth.csv (or .csv.gz) and, if the log has no images, detections.jsonl; its

@@ -67,14 +67,6 @@ class NamesModules(Protocol):
 
 
 @runtime_checkable
-class Postpones(Protocol):
-    """An estimator that postpones work until its estimates are published, so that they are not late."""
-
-    def finish(self) -> None:
-        """Do that work now. It changes no estimate: without this call, the work is done when it is needed."""
-
-
-@runtime_checkable
 class CountsVerdicts(Protocol):
     """An estimator of many targets, which reports only some of its measurements one by one."""
 

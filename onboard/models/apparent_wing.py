@@ -14,7 +14,7 @@ The follower's own errors are no states. An error of our velocity moves the lead
 attitude turns the whole scene; both are added to what is reported.
 """
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -39,6 +39,9 @@ FOLLOWS4: Final = 81.0  # (m/s)^4: a leader faster than its fourth root turns it
 STEADY: Final = 0  # the regimes
 ACCELERATING: Final = 1
 HOVERING: Final = 2
+TIED: Final = 1.0  # to its course is a nose,
+FREE: Final = 0.0  # or not,
+UNDECIDED: Final = -1.0  # or so slow is the leader
 UPRIGHT2: Final = 0.3  # of the variance of a hovering leader: its height is held better than its place
 
 NUMBER: Final = types.float64
@@ -69,6 +72,15 @@ class Hover(NamedTuple):
     acceleration: float
 
 
+class Course(NamedTuple):
+    """Which noses are `tied` (K,) to their courses, TIED, FREE or UNDECIDED, and the velocity of the `air` (2,)
+    through which these lead, m/s to north and east; and what is seen along a nose, `edge_on` as in `visible`."""
+
+    tied: Array
+    air: tuple[float, float]
+    edge_on: float = LEAST_VISIBLE
+
+
 def predict(
     means: Array,
     P: Array,
@@ -81,34 +93,55 @@ def predict(
     hover: Hover,
     decay: Array,
     drag: float,
-    edge_on: float = LEAST_VISIBLE,
+    course: Course,
 ) -> None:
     """Means (K, N) and covariances (K, N, N), in place, after `dt` seconds in which the follower moves by `moved`
     (3,) m, in n; the noses (K,) turn with the course. The `regimes` (K,) are STEADY, ACCELERATING or HOVERING; the
     `intensities` (K, 3) are the logarithms of factors of a steady leader's manoeuvres, of the bank's error and of
     the wobble; `decay` (3,) is what the step leaves of the acceleration along the track, the bank's error and the
-    stretch; `drag` is in 1/s; `edge_on` as in `visible`."""
-    _predict(means, P, noses, dt, moved, regimes, intensities, *noise, np.array(hover), decay, drag, edge_on)
+    stretch; `drag` is in 1/s."""
+    _predict(
+        *(means, P, noses, dt, moved, regimes, intensities, *noise, np.array(hover), decay, drag, course.edge_on),
+        *(course.tied, np.array(course.air)),
+    )
 
 
 def prediction(
-    means: Array, P: Array, noses: Array, w: Array, size: float, y: Array, camera: tuple[Array, Array, Array]
+    means: Array,
+    P: Array,
+    noses: Array,
+    w: Array,
+    size: float,
+    y: Array,
+    camera: tuple[Array, Array, Array],
+    course: Course,
 ) -> tuple[Array, Array]:
     """What particles of weights w (K,) expect together of a measurement y (m,): mean (m,) and covariance (m, m),
     without the measurement's own noise. The `camera` is R_cn (3, 3), r_FC_n (3,) m, and the measured axes (3, 3)
     in c. Each particle's wingtips are in the order of those measured."""
     R_cn, r_FC, seen = camera
-    mean, covariance = _prediction(means, P, noses, w, size, y, r_FC, np.ascontiguousarray(seen @ R_cn))
+    axes = np.ascontiguousarray(seen @ R_cn)
+    mean, covariance = _prediction(means, P, noses, w, size, y, r_FC, axes, course.tied, np.array(course.air))
     return mean, covariance
 
 
 def update(
-    means: Array, P: Array, noses: Array, size: float, y: Array, R_y: Array, R_cn: Array, r_FC: Array, seen: Array
+    means: Array,
+    P: Array,
+    noses: Array,
+    size: float,
+    y: Array,
+    R_y: Array,
+    camera: tuple[Array, Array, Array],
+    course: Course,
 ) -> tuple[Array, Array]:
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of an image: y (m,) of
-    `models.wing_line` with noise R_y (m, m), by a camera at r_FC_n (3,) m with attitude R_cn (3, 3), about the
-    measured axes `seen` (3, 3) in c. Means (K, N) and covariances (K, N, N) are corrected in place."""
-    nis, log_l = _update(means, P, noses, size, y, R_y, r_FC, seen @ R_cn)
+    `models.wing_line` with noise R_y (m, m), by a `camera` as in `prediction`. Means (K, N), covariances (K, N, N)
+    and tied noses are corrected in place."""
+    R_cn, r_FC, seen = camera
+    image = map(np.ascontiguousarray, (y, R_y, r_FC, seen @ R_cn))
+    arguments: tuple[Any, ...] = *image, course.tied, np.array(course.air)
+    nis, log_l = _update(means, P, noses, size, *arguments)
     return nis, log_l
 
 
@@ -153,7 +186,7 @@ def _stop(x, S, hover):  # type: ignore[no-untyped-def]
 @njit(
     (
         *(OUT, COVARIANCES, NOSES, NUMBER, VECTOR, VECTOR, ROWS, VECTOR, ROWS, VECTOR),
-        *(NUMBER, NUMBER, VECTOR, VECTOR, NUMBER, NUMBER),
+        *(NUMBER, NUMBER, VECTOR, VECTOR, NUMBER, NUMBER, VECTOR, VECTOR),
     ),
     cache=True,
     error_model="numpy",
@@ -175,6 +208,8 @@ def _predict(  # type: ignore[no-untyped-def]
     decay,
     drag,
     edge_on,
+    tied,
+    air,
 ):
     half = 0.5 * dt * dt
     for k in range(means.shape[0]):
@@ -220,10 +255,12 @@ def _predict(  # type: ignore[no-untyped-def]
         x[12] *= decay[2]
         if mode == HOVERING:
             _stop(x, S, hover)
+        if tied[k] == TIED:
+            noses[k] = np.arctan2(x[4] - air[1], x[3] - air[0])
 
 
 @njit(cache=True, error_model="numpy")
-def _linearised(x, nose, size, axes, r_FC, m, h, J):  # type: ignore[no-untyped-def]
+def _linearised(x, nose, size, axes, r_FC, m, h, J, is_tied, air):  # type: ignore[no-untyped-def]
     """The predicted measurement into h (m,), its derivatives by the state into J (m, N); `axes` (3, 3) in n."""
     c, s = np.cos(nose), np.sin(nose)
     across, weight = (x[7] + x[11]) * c - (x[6] + x[10]) * s, G - x[8]
@@ -232,6 +269,11 @@ def _linearised(x, nose, size, axes, r_FC, m, h, J):  # type: ignore[no-untyped-
     level, steep = half * np.cos(bank), half * np.sin(bank)
     wing = (-s * level, c * level, steep)
     by_bank = (s * steep, -c * steep, level)
+    by_nose = (-c * level, -s * level, 0.0)
+    square = across * across + weight * weight
+    u_air, v_air = x[3] - air[0], x[4] - air[1]
+    speed2 = u_air * u_air + v_air * v_air + SLOW2
+    banked = -((x[7] + x[11]) * s + (x[6] + x[10]) * c) * weight / square
     h[:] = 0.0
     J[:] = 0.0
     for point in range(3):  # the centre, the left and the right wingtip
@@ -247,20 +289,27 @@ def _linearised(x, nose, size, axes, r_FC, m, h, J):  # type: ignore[no-untyped-
         for k in range(2):  # to the right, and down
             e = axes[1 + k]
             seen = twice * (e[0] * p0 + e[1] * p1 + e[2] * p2)
-            turned = 0.0
+            turned, aside = 0.0, 0.0
             row, share = (k, 1.0) if point == 0 else (2 + k, side)
             h[row] += share * seen
             for i in range(3):
                 gradient = twice * (e[i] - 0.5 * seen * u[i])
                 J[row, i] += share * gradient
                 turned += gradient * side * by_bank[i]
+                aside += gradient * side * by_nose[i]
                 if m > 4 and point > 0:
                     J[4 + k, i] += 0.5 * gradient
             J[row, 9] += share * turned
             if m > 4 and point > 0:
                 h[4 + k] += 0.5 * seen
                 J[4 + k, 9] += 0.5 * turned
-    square = across * across + weight * weight
+            if is_tied:
+                aside += turned * banked
+                J[row, 3] -= share * aside * v_air / speed2
+                J[row, 4] += share * aside * u_air / speed2
+                if m > 4 and point > 0:
+                    J[4 + k, 3] -= 0.5 * aside * v_air / speed2
+                    J[4 + k, 4] += 0.5 * aside * u_air / speed2
     for j in range(m):
         J[j, 6] = J[j, 10] = -s * weight / square * J[j, 9]
         J[j, 7] = J[j, 11] = c * weight / square * J[j, 9]
@@ -270,13 +319,13 @@ def _linearised(x, nose, size, axes, r_FC, m, h, J):  # type: ignore[no-untyped-
         J[4, 12], J[5, 12] = 2.0 * (h[4] - h[0]), 2.0 * (h[5] - h[1])  # it grows with the wing's square
 
 
-@njit((ROWS, CUBE, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
-def _prediction(means, P, noses, w, size, y, r_FC, axes):  # type: ignore[no-untyped-def]
+@njit((ROWS, CUBE, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy")
+def _prediction(means, P, noses, w, size, y, r_FC, axes, tied, air):  # type: ignore[no-untyped-def]
     m = y.shape[0]
     mean, S = np.zeros(m), np.zeros((m, m))
     h, J, c = np.empty(m), np.empty((m, N)), np.empty(N)
     for k in range(means.shape[0]):
-        _linearised(means[k], noses[k], size, axes, r_FC, m, h, J)
+        _linearised(means[k], noses[k], size, axes, r_FC, m, h, J, tied[k] == TIED, air)
         if h[2] * y[2] + h[3] * y[3] < 0:  # detectors name tips by their side
             h[2:4] *= -1.0
             J[2:4] *= -1.0
@@ -292,14 +341,16 @@ def _prediction(means, P, noses, w, size, y, r_FC, axes):  # type: ignore[no-unt
     return mean, S
 
 
-@njit((OUT, COVARIANCES, VECTOR, NUMBER, VECTOR, ROWS, VECTOR, ROWS), cache=True, error_model="numpy")
-def _update(means, P, noses, size, y, R_y, r_FC, axes):  # type: ignore[no-untyped-def]
+@njit(
+    (OUT, COVARIANCES, NOSES, NUMBER, VECTOR, ROWS, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy"
+)
+def _update(means, P, noses, size, y, R_y, r_FC, axes, tied, air):  # type: ignore[no-untyped-def]
     m, count = y.shape[0], means.shape[0]
     nis, log_l = np.empty(count), np.empty(count)
     h, e, J, L = np.empty(m), np.empty(m), np.empty((m, N)), factor(R_y)
     c, dx = np.empty(N), np.empty(N)
     for k in range(count):
-        _linearised(means[k], noses[k], size, axes, r_FC, m, h, J)
+        _linearised(means[k], noses[k], size, axes, r_FC, m, h, J, tied[k] == TIED, air)
         # detectors name tips by their side
         sign = -1.0 if h[2] * y[2] + h[3] * y[3] < 0 else 1.0
         for i in range(m):
@@ -307,6 +358,8 @@ def _update(means, P, noses, size, y, R_y, r_FC, axes):  # type: ignore[no-untyp
         whiten(L, e, J)
         nis[k], det = correct(means[k], P[k], e, J, c, dx)
         log_l[k] = -0.5 * (nis[k] + np.log(det))
+        if tied[k] == TIED:
+            noses[k] = np.arctan2(means[k, 4] - air[1], means[k, 3] - air[0])
     return nis, log_l
 
 

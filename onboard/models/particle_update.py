@@ -1,6 +1,7 @@
 """The update of one particle's Gaussian by an image: what `apparent_wing` and `apparent_shape` share.
 
-The state is that of `apparent_wing` (N = 13), of which no image shows the velocity.
+The state is that of `apparent_wing` (N = 13). No image shows the downward velocity, and the level one only where
+the nose is tied to the course.
 """
 
 from typing import Final
@@ -43,25 +44,28 @@ def whiten(L, e, J):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def dot(a, b):  # type: ignore[no-untyped-def]
-    """The product of two state vectors (N,), one of which has no velocity: no image shows one."""
+    """The product of two state vectors (N,), one of which has no downward velocity: no image shows one."""
     middle = a[6] * b[6] + a[7] * b[7] + a[8] * b[8]
     rest = (a[9] * b[9] + a[10] * b[10]) + (a[11] * b[11] + a[12] * b[12])
-    return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + middle + rest
+    return (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) + middle + rest + (a[3] * b[3] + a[4] * b[4])
 
 
 @njit(cache=True, error_model="numpy")
 def project(w, P, c):  # type: ignore[no-untyped-def]
-    """The product of a row of derivatives w (N,) without velocity and a covariance (N, N), into c (N,)."""
+    """The product of a row of derivatives w (N,), none by the downward velocity, and a covariance (N, N), into
+    c (N,)."""
     for n in range(P.shape[1]):
         near = w[0] * P[0, n] + w[1] * P[1, n] + w[2] * P[2, n]
         middle = w[6] * P[6, n] + w[7] * P[7, n] + w[8] * P[8, n]
-        c[n] = near + middle + (w[9] * P[9, n] + w[10] * P[10, n]) + (w[11] * P[11, n] + w[12] * P[12, n])
+        far = (w[9] * P[9, n] + w[10] * P[10, n]) + (w[11] * P[11, n] + w[12] * P[12, n])
+        c[n] = near + middle + far + (w[3] * P[3, n] + w[4] * P[4, n])
 
 
 @njit(cache=True, error_model="numpy")
 def correct(x, P, e, J, c, dx):  # type: ignore[no-untyped-def]
     """Mean and covariance of one particle by one whitened component after another, in place. The NIS, and the
-    determinant of the innovation's covariance over that of the noise. J (m, N) has no velocity.
+    determinant of the innovation's covariance over that of the noise. J (m, N) has no derivatives by the
+    downward velocity.
 
     The compiler vectorises the loops over a row because it does not know their length: it would write loops of N
     out, number by number, which takes twice as long."""

@@ -19,7 +19,6 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.filters.compiled import CUBE, ROWS
-from onboard.models.leader_flight import project_about
 
 M: Final = 4
 M_MIDDLE: Final = 6  # with the wing's middle
@@ -28,11 +27,23 @@ UNITS: Final = ("rad",) * M_MIDDLE
 
 
 def from_points(points: Array, sigmas: Array, m: int = M) -> tuple[Array, Array, Array]:
-    """Measurements y (B, m), their noise R (B, m, m), and their axes (B, 3, 3) (see `ImageGeometry`) from image
+    """Measurements y (B, m), their noise R (B, m, m), and their axes (B, 3, 3) from image
     points (B, 3, 2), center, left and right wingtip, whose coordinates have standard deviations `sigmas` (B, 3).
     Points and sigmas are in focal lengths."""
     y, R, axes = _from_points(points, sigmas, m)
     return y, R, axes
+
+
+@njit(cache=True, error_model="numpy")
+def project_about(axes, x, y, z):  # type: ignore[no-untyped-def]
+    """Stereographic coordinates (right, down) of the direction of (x, y, z) in c about the first of `axes`."""
+    length = np.sqrt(x * x + y * y + z * z)
+    ahead = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
+    twice = 2.0 / max(length + ahead, 1e-9 * length)
+    return (
+        twice * (axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z),
+        twice * (axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z),
+    )
 
 
 @njit((CUBE, ROWS, types.int64), cache=True, error_model="numpy")
@@ -73,15 +84,3 @@ def _from_points(points, sigmas, m):  # type: ignore[no-untyped-def]
                         R[b, 2 + i, 4 + j] += 0.5 * sign * covariance
                         R[b, 4 + i, 2 + j] += 0.5 * sign * covariance
     return y, R, axes
-
-
-@njit(cache=True, error_model="numpy")
-def order_tips_into(y, R, expected, ordered, ordered_R):  # type: ignore[no-untyped-def]
-    """The measurement (m,) and its noise (m, m), with the wingtips exchanged where that is nearer to the
-    prediction `expected` (m,): a detector may confuse left and right, but no aircraft turns round between two
-    images."""
-    ordered[:], ordered_R[:] = y, R
-    if y[2] * expected[2] + y[3] * expected[3] < 0:
-        ordered[2:4] *= -1.0
-        ordered_R[2:4] *= -1.0
-        ordered_R[:, 2:4] *= -1.0

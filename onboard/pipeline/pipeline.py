@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from onboard.clocks import Clocks
 from onboard.config import Config, source_delays_ns
-from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, Postpones, load
+from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
 from onboard.messages import (
     Attitude,
     Clock,
@@ -110,11 +110,6 @@ class Pipeline:
             return t_recv_ns - heard_ns > TIMEOUT_NS
 
         return self._noted(self._last_words.withdraw(is_silent))
-
-    def finish(self) -> None:
-        """Let estimators do what they postponed until their estimates are published; a replay need not call it."""
-        for estimator in (e for e in self.estimators.values() if isinstance(e, Postpones)):
-            estimator.finish()
 
     def count_error(self, place: str, error: Exception) -> None:
         """Count an exception over one message in the health, also one of what follows the pipeline."""

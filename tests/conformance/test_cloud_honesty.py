@@ -1,9 +1,9 @@
 """The cloud of noses is as sure as it may be: leaders drawn from its own model, by code of its own (`bootstrap`).
 
 What is drawn is what the model supposes: the nose, how the leader flies, the size, and the errors of our attitude
-and velocity. The cloud flies with `temper` 1, because these images' errors are independent of each other, and
-without doubt about the nose, because no draw exchanges it. Then the mean NEES is the number of components, however
-far from Gaussian the belief is: each covariance is the second moment about its mean.
+and velocity. The cloud counts each image whole (`evidence_rate`), because these images' errors are independent of
+each other, and is without doubt about the nose, because no draw exchanges it. Then the mean NEES is the number of
+components, however far from Gaussian the belief is: each covariance is the second moment about what is published.
 """
 
 import math
@@ -17,6 +17,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.filters.noses.summary import MOTION, summarise
 from onboard.models.wing_line import from_points
@@ -66,7 +67,7 @@ def flown(seed: int, images: int) -> End:
     seen = np.array([0.0, 0.0, math.cos(0.2 * angle), math.sin(0.2 * angle)]) * 2.0 / rng.uniform(25.0, 45.0)
     size = s.size * math.exp(s.size_sigma / s.size * rng.normal())
     leader = bootstrap.start(s._replace(size=size), seen, SIGMA, 1, rng)
-    cloud, east = particles.start(s, measurement(seen), STILL), 0.0
+    cloud, east = start(s, measurement(seen), STILL), 0.0
     for k in range(1, images + 1):
         new = 3.0 * math.sin(0.15 * k)
         moved, east = np.array([0.0, new - east, 0.0]), new

@@ -11,6 +11,7 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.first import start
 from onboard.models.wing_line import from_points
 from tests.support import bootstrap
 
@@ -41,7 +42,7 @@ def test_the_cloud_is_as_sure_of_the_range_as_the_reference_seed_3(
     rng, noise = np.random.default_rng(3), np.random.default_rng(4)
     seen, measured = image(math.radians(aspect_deg), 0.0, noise)
     reference = bootstrap.start(bootstrap.CALM, seen, SIGMA, draws, rng)
-    cloud, east = particles.start(bootstrap.CALM, measured, STILL), 0.0
+    cloud, east = start(bootstrap.CALM, measured, STILL), 0.0
     for k in range(1, images + 1):
         new = 3.0 * math.sin(2.0 * math.pi * k / 40.0)
         moved, east = np.array([0.0, new - east, 0.0]), new

@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.leader import estimator
-from onboard.estimators.leader.filters import wing_line
+from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.filters.belief import FilterError
 from onboard.messages import Estimate
 from onboard.ownship import Ownship
@@ -66,7 +66,7 @@ def test_a_filter_that_fails_ends_its_track_and_not_the_program(monkeypatch: pyt
         raise FilterError("process: gave states that are not finite")
 
     flight = Flight()
-    config = replace(fuzz.CONFIGS["wing-line middle"], filter="wing-line", publish_rate_hz=1000.0)
+    config = replace(fuzz.CONFIGS["middle"], publish_rate_hz=1000.0)
     one, ownship = estimator.Estimator(config, fuzz.CAMERA), Ownship(max_extrapolation=0.1)
     for i in range(3):
         t_ns = 5 * S + i * 20 * MS
@@ -75,7 +75,7 @@ def test_a_filter_that_fails_ends_its_track_and_not_the_program(monkeypatch: pyt
         (estimate,) = one.observe(flight.image(t_ns), ownship) if i == 1 else one.tick(ownship)
         if i == 1:
             assert estimate.mean is not None
-            monkeypatch.setattr(wing_line, "advance", fail)
+            monkeypatch.setattr(BeliefFilter, "advance", fail)
     assert estimate.mean is None
     assert not estimate.valid
     assert estimate.reason == "the filter failed: process: gave states that are not finite"

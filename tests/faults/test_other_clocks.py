@@ -16,7 +16,7 @@ from tests.support.streams import EPOCH, MS, Item, Run, S, Stream, encode, feed,
 T0, T1 = 40.0, 54.0
 HALF = 46 * S
 ITEMS = every_second(Stream(t0=T0, t1=T1, seed=21).items())
-RIGHT = 1.5  # m
+RIGHT = 2.2  # m
 
 
 def flown(items: Sequence[Item]) -> Run:

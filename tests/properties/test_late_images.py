@@ -242,17 +242,10 @@ def absurd_own(rng: np.random.Generator, message: Message) -> Message:
     return message
 
 
-@pytest.mark.parametrize(
-    ("seed", "noise", "initialise"),
-    [
-        (11, "wing-line", 3),
-        *(pytest.param(12, name, 1, marks=pytest.mark.slow) for name in ("any-side", "belief")),
-    ],
-    ids=str,
-)
-def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(seed: int, noise: str, initialise: int) -> None:
+@pytest.mark.parametrize(("seed", "initialise"), [(11, 3), pytest.param(12, 1, marks=pytest.mark.slow)], ids=str)
+def test_fuzzed_sequences_never_raise_nor_emit_a_broken_belief(seed: int, initialise: int) -> None:
     rng = np.random.default_rng(seed)
-    config = make_config(f"estimator.leader.filter={noise}", f"estimator.leader.initialise_images={initialise}")
+    config = make_config(f"estimator.leader.initialise_images={initialise}")
     valid = 0
     for _ in range(125):
         start = rng.uniform(5, 50)

@@ -33,8 +33,12 @@ CALM: Final = NoseModel(
     drag_sigma=0.0,
     wind=0.0,
     lean_random_walk=0.0,
-    follows=0.0,
-    temper=1.0,
+    hovering=0.0,
+    flies_for=1e9,
+    intensity=(0.0, 0.0, 0.0),
+    tied=0.0,
+    fewest=900,
+    evidence_rate=1e9,
     doubted_after=1e9,
 )
 

@@ -46,7 +46,7 @@ projection_matrix:
 
 
 def config(**tables: Any) -> Config:
-    leader = {"estimator": {"leader": {"size_prior_m": SIZE, "filter": "wing-line"}}}
+    leader = {"estimator": {"leader": {"size_prior_m": SIZE}}}
     return parse_config(leader | tables)
 
 

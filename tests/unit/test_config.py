@@ -40,7 +40,6 @@ def test_values_of_a_file_are_taken(tmp_path: Path) -> None:
         mount_rpy_deg = [0, 15, 0]
         [estimator.leader]
         size_prior_m = 2.67
-        filter = "wing-line"
         process_noise = { velocity_random_walk = 0.5 }
         """,
     )
@@ -119,7 +118,7 @@ def test_a_value_of_the_wrong_type_is_named_by_its_path(tmp_path: Path, text: st
         ("estimator.leader.reset_timeout_s", ("1.0", "inf")),
         ("estimator.leader.relock_after_s", ("-1", "nan")),
         ("estimator.leader.process_noise.velocity_random_walk", ("0", "-1", "nan", "inf")),
-        ("estimator.leader.process_noise.gate_probability", ("1.0", "1.5", "0", "nan")),
+        ("estimator.leader.process_noise.tied", ("1.0", "1.5", "0", "nan")),
     ],
 )
 def test_numbers_that_make_no_sense_are_refused(tmp_path: Path, key: str, values: tuple[str, ...]) -> None:

@@ -30,20 +30,18 @@ from tests.support.moving_mount import BARREL, FLAT, GIMBAL, LENS, Mount, flown,
 from tests.support.streams import EPOCH, MS, SIZE, S, feed
 
 
-def config(*, gimbal: bool = False, distorted: bool = True, filter_: str = "any-side") -> Config:
+def config(*, gimbal: bool = False, distorted: bool = True) -> Config:
     camera = LENS | ({"distortion": list(BARREL)} if distorted else {}) | ({"gimbal": GIMBAL} if gimbal else {})
-    return parse_config({"camera": camera, "estimator": {"leader": {"size_prior_m": SIZE, "filter": filter_}}})
+    return parse_config({"camera": camera, "estimator": {"leader": {"size_prior_m": SIZE}}})
 
 
-def ratios(mounts: list[tuple[Mount, bool]], seed: int, filter_: str, seconds: float) -> list[float]:
+def ratios(mounts: list[tuple[Mount, bool]], seed: int, seconds: float) -> list[float]:
     """Range errors with moving mounts and a distorted lens over that of a fixed camera without distortion."""
-    plain = config(distorted=False, filter_=filter_)
+    plain = config(distorted=False)
     fixed = range_error(flown(plain, None, seed=seed, seconds=seconds, distortion=FLAT), 8.0)
     found = []
     for mount, in_image in mounts:
-        run = flown(
-            config(gimbal=not in_image, filter_=filter_), mount, seed=seed, seconds=seconds, in_image=in_image
-        )
+        run = flown(config(gimbal=not in_image), mount, seed=seed, seconds=seconds, in_image=in_image)
         assert run.verdicts().get(Verdict.FUSED, 0) + run.verdicts().get(Verdict.FUSED_LATE, 0) > 150
         found.append(range_error(run, 8.0) / fixed)
     return found
@@ -52,7 +50,7 @@ def ratios(mounts: list[tuple[Mount, bool]], seed: int, filter_: str, seconds: f
 def test_a_sweeping_gimbal_and_a_distorted_lens_cost_no_range_seed_1() -> None:
     """The gimbal's own clock is behind by three seconds, and it speaks ten times a second."""
     mounts = [(Mount(behind_ms=3000, error_deg=0.3), False), (Mount(frame="body"), True)]
-    assert max(ratios(mounts, 1, "wing-line", 8.0)) < 1.2
+    assert max(ratios(mounts, 1, 8.0)) < 1.2
 
 
 @pytest.mark.slow
@@ -64,7 +62,7 @@ def test_moving_mounts_of_all_kinds_are_as_good_as_a_fixed_one_seeds_2_to_5() ->
         (Mount(frame="heading"), True),
         (Mount(frame="body"), True),
     ]
-    found = np.array([ratios(mounts, seed, "any-side", 15.0) for seed in range(2, 6)])
+    found = np.array([ratios(mounts, seed, 15.0) for seed in range(2, 6)])
     assert found.mean(axis=0).max() < 1.2
 
 
@@ -226,7 +224,7 @@ def test_the_mount_that_is_known_worst_counts_for_every_camera() -> None:
 
 
 def test_without_a_word_of_the_gimbal_images_are_refused_by_name() -> None:
-    settings = parse_config({"camera": LENS | {"gimbal": 7}, "estimator": {"leader": {"filter": "wing-line"}}})
+    settings = parse_config({"camera": LENS | {"gimbal": 7}, "estimator": {"leader": {}}})
     run = flown(settings, Mount(), seed=1, seconds=1.0)
     assert set(run.verdicts()) == {Verdict.NO_POSE}
     (refusal,) = run.pipeline.health(EPOCH).refusals

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from onboard.estimators.leader.settings import PARTICLES, settings_for
+from onboard.estimators.leader.settings import PARTICLES, NoseModel, overridden
 from onboard.messages import NotNegative, Positive, Record, TargetClass, Vec3
 from onboard.messages.target import Aircraft, check_bounds, check_points
 
@@ -74,12 +74,10 @@ class RangeConfig(Record, frozen=True, kw_only=True):
 class Config(Record, frozen=True, kw_only=True):
     """`[estimator.leader]`. The keys carry their units; a `_sigma_` is one standard deviation.
 
-    Raises ValueError for timeouts out of order, and for a `process_noise` that the chosen filter cannot use.
+    Raises ValueError for timeouts out of order, and for an unknown `process_noise`.
     """
 
-    filter: Literal["any-side", "belief", "wing-line", "subtended", "paper"] = (
-        "any-side"  # the last two: refused, with advice
-    )
+    filter: Literal["belief"] = "belief"  # the one there is
     size_prior_m: Positive = 2.0  # the leader's wingspan
     size_prior_sigma_m: Positive | None = None  # None: 2 % of the wingspan
     leader_class: Literal["fixed_wing", "multirotor"] = "multirotor"  # how freely it changes its speed
@@ -92,8 +90,8 @@ class Config(Record, frozen=True, kw_only=True):
     target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes: written as [target.CLASS]
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
     pose_scale_sigma: NotNegative = 0.02  # of the range: lasting error of poses: a marker's size, the focal length
-    particles: Annotated[int, msgspec.Meta(ge=100, le=100_000)] = PARTICLES  # any-side: of its cloud of noses
-    process_noise: dict[str, float] = msgspec.field(default_factory=dict)  # overrides the filter's `settings`
+    particles: Annotated[int, msgspec.Meta(ge=100, le=100_000)] = PARTICLES  # hypotheses at most
+    process_noise: dict[str, float] = msgspec.field(default_factory=dict)  # overrides single numbers of `settings`
     initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = 3  # that must agree to start
     own_tilt_sigma_deg: NotNegative = 0.3  # steady error of our own roll and pitch, mount included
     own_yaw_sigma_deg: NotNegative = 1.0  # the same of our yaw; 0 for both: our attitude is exact
@@ -101,7 +99,6 @@ class Config(Record, frozen=True, kw_only=True):
     own_velocity_sigma_m_s: NotNegative = 0.1  # error of our own velocity; a hovering leader seems to drift by it
     own_position_sigma_m: NotNegative = 1.0  # error of our own position: matters with a broadcast only
     own_position_time_s: Positive = 60.0  # correlation time of it
-    estimate_bias: bool = True  # wing-line: estimate the attitude's errors (else they are ignored)
     broadcast: BroadcastConfig = BroadcastConfig()
     range: RangeConfig = RangeConfig()
     delay_sigma_s: NotNegative = 0.0  # delay of the camera's stamps; 0: they are exact, the delay no state
@@ -119,13 +116,7 @@ class Config(Record, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if not self.coast_after_s <= self.validity_timeout_s <= self.reset_timeout_s:
             raise ValueError("coast_after_s <= validity_timeout_s <= reset_timeout_s must hold")
-        if self.filter in {"paper", "subtended"}:
-            raise ValueError(
-                f'filter: "{self.filter}" is an estimator of its own now: write [estimator.oh_johnson]'
-            )
-        if self.filter == "belief" and self.process_noise:
-            raise ValueError('process_noise: is of the wing-line filter; "belief" takes none of it')
-        settings_for(self.leader_class, self.process_noise)
+        overridden(NoseModel(1.0, 1.0, (0.0, 0.0, 0.0), 1.0, 1.0), self.process_noise)
         check_points(self.points_m, self.size_prior_m)
         check_bounds(self.points_m, self.aircraft, wings=self.wings)
 

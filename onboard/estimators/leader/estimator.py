@@ -1,6 +1,6 @@
 """The motion of other aircraft relative to us, from three points of each in our camera.
 
-Every target has a track of its own (`track`), with a filter (`choice`). An image that carries an id goes to the
+Every target has a track of its own (`track`), with a filter (`make`). An image that carries an id goes to the
 track of that id; an image without one goes to the track whose prediction it fits best.
 
 Ids are unlimited, so a flood of them must not cost the leader anything. A target without a track is published only
@@ -12,16 +12,14 @@ import math
 from collections import Counter
 from typing import Final
 
-from msgspec.structs import replace
-
 from onboard import messages
 from onboard.estimators.leader.beside.broadcast import Broadcast
 from onboard.estimators.leader.beside.measurements import Beside
 from onboard.estimators.leader.beside.ranging import Ranging
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.choice import make_filter
 from onboard.estimators.leader.filters.filter import LeaderFilter
+from onboard.estimators.leader.filters.make import make_filter, make_plain_filter
 from onboard.estimators.leader.prior import prior_of, size_of
 from onboard.estimators.leader.tracks.exposures import Exposures
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
@@ -67,8 +65,7 @@ class Estimator:
             *([Broadcast(config, self._beside)] if config.broadcast.is_used else []),
             *([Ranging(config, self._beside)] if config.range.is_used else []),
         )
-        plain = replace(config, filter="wing-line")
-        self._frames = GimbalFrames(NAME, make_filter(plain), plain, camera)
+        self._frames = GimbalFrames(NAME, make_plain_filter(config), config, camera)
         self._tracks = {NAME: self._track(NAME)}
         self._numbered = 0
         self._is_named = False  # images say which target is the leader
@@ -142,11 +139,6 @@ class Estimator:
                     track.reset("no image within a second")
                     estimates.append(track.tick(ownship))
         return estimates
-
-    def finish(self) -> None:
-        """Compute what was postponed until the estimates are published."""
-        for track in self._tracks.values():
-            track.finish()
 
     def reset(self, reason: str) -> None:
         """Forget all tracks and all times."""
@@ -285,7 +277,7 @@ class Estimator:
         distances = {track.target: track.distance(image, ownship) for track in self._candidates(image)}
         nearest = min(distances, key=lambda target: distances[target])
         self._exposures.add(message)
-        if distances[nearest] <= 1.0 or not image.has_extent:
+        if not distances[nearest].beyond or not image.has_extent:
             return self._tracks[nearest]
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]

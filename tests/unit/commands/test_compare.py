@@ -49,24 +49,24 @@ def test_the_table_has_a_column_for_each(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     rows, numbers = tmp_path / "rows.csv", tmp_path / "score.json"
-    words = ["flown", "paper", "wing-line", "large:estimator.leader.size_prior_m=3"]
+    words = ["flown", "paper", "few:estimator.leader.particles=300", "large:estimator.leader.size_prior_m=3"]
     call = ["replay", str(recording), *SIZE, "--out", str(rows), "--json", str(numbers), "--compare", *words]
     assert main(call) == 0
     printed = capsys.readouterr().out
-    (head,) = [line for line in printed.splitlines() if "wing-line" in line]
+    (head,) = [line for line in printed.splitlines() if "large" in line and "flown" in line]
     columns = set(head.replace("┃", " ").split())
-    assert columns == {"leader", "flown", "large", "paper", "wing-line"}
+    assert columns == {"leader", "flown", "large", "paper", "few"}
     (estimates,) = [line for line in printed.splitlines() if line.startswith("estimates")]
     assert estimates.count("valid") == 5
-    assert set(json.loads(numbers.read_text("utf-8"))["beside"]) == {"flown", "paper", "wing-line", "large"}
+    assert set(json.loads(numbers.read_text("utf-8"))["beside"]) == {"flown", "paper", "few", "large"}
     with rows.open(encoding="utf-8") as file:
         assert {row["estimator"] for row in csv.DictReader(file)} == columns
 
 
 def test_a_filter_is_of_the_estimator_that_has_it() -> None:
     sets = ("estimator.leader={}", "estimator.own_state={}")
-    found = variants(["wing-line", "cubature", "paper"], None, sets)
-    assert found["wing-line"].estimator["leader"].filter == "wing-line"
+    found = variants(["belief", "cubature", "paper"], None, sets)
+    assert found["belief"].estimator["leader"].filter == "belief"
     assert found["cubature"].estimator["own_state"].filter == "cubature"
     assert set(found["paper"].estimator) == {"oh_johnson", "own_state"}
     assert "srukf" in filters(config_type("traffic")())
@@ -80,7 +80,7 @@ def test_keys_are_named_or_name_themselves() -> None:
 
 @pytest.mark.parametrize(
     ("word", "reason"),
-    [("nonsense", "there are: flown .*wing-line of leader"), ("leader:camera.f_px=1", "leader is there")],
+    [("nonsense", "there are: flown .*belief of leader"), ("leader:camera.f_px=1", "leader is there")],
 )
 def test_a_word_that_is_none_is_explained(word: str, reason: str) -> None:
     with pytest.raises(UserError, match=reason):

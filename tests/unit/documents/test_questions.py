@@ -48,16 +48,11 @@ def test_the_times_after_which_nothing_is_valid_are_the_defaults() -> None:
     assert f"no own motion for {TIMEOUT_NS / 1e9:g} s" in text
 
 
-def test_the_default_filter_is_called_so() -> None:
-    rows = documents.tables(documents.section("estimators/leader", "Filters"))[0]
-    assert [cells[0] for cells in rows if "(default)" in cells[0]] == [f"`{Leader().filter}` (default)"]
-
-
-def test_an_image_goes_through_the_files_of_the_default_filter() -> None:
+def test_an_image_goes_through_the_files_of_the_filter() -> None:
     """Its constants may stand in a file that one of these imports."""
     way = way_of_one_image()
     imported = {name for file in way.files for name in imported_by(file[:-3].replace("/", "."), at_once=True)}
-    named = set(CODE.findall(documents.section("questions", "Where does the default filter predict and update?")))
+    named = set(CODE.findall(documents.section("questions", "Where does the leader's filter predict and update?")))
     assert named <= way.files | {f"{name.replace('.', '/')}.py" for name in imported}
     assert way.deepest[-1][0] in named
 

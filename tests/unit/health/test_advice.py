@@ -221,7 +221,7 @@ def test_08_images_that_contradict_the_estimate() -> None:
 def test_09_a_size_that_is_three_times_too_large() -> None:
     """The leader is three times as large as configured, and so seems three times as near as it is."""
     doctor = flown(moved(lambda p: p[:1] + 3.0 * (p - p[:1])))
-    assert "times as noisy as configured" in named(doctor, "noise", "`size_prior_m`").what
+    assert "not valid" in named(doctor, "misfit", "`size_prior_m`").what
 
 
 @pytest.mark.parametrize(("lead_s", "wrong"), [(0.3, "later than the message arrived"), (-1.0, "too old")])

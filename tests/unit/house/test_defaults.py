@@ -10,7 +10,7 @@ import pytest
 from onboard.config import CameraConfig, OwnErrors
 from onboard.config.cameras import mount_errors
 from onboard.estimators.leader.config import Config as Leader
-from onboard.estimators.leader.settings import FIXED_WING, MULTIROTOR
+from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.own_state.config import AIRFRAMES
 from onboard.estimators.own_state.config import Config as OwnState
 from onboard.estimators.traffic.config import Config as Traffic
@@ -22,6 +22,7 @@ from simlink.world.drawn import drawn
 SEEDS = range(1, 61)
 ROOT12 = math.sqrt(12.0)
 LEADER, OWN, TRAFFIC = Leader(), OwnState(), Traffic()
+NOSES = NoseModel(2.0, 0.04, (0.01, 0.01, 0.01), 60.0, 0.1)
 
 
 class Pair(NamedTuple):
@@ -50,16 +51,10 @@ FORMATION = (
     Pair("own_velocity_sigma_m_s", LEADER.own_velocity_sigma_m_s, lambda s: s.nav.velocity.sigma),
     Pair("tilt_sigma_deg", OwnErrors().tilt_sigma_deg, lambda s: s.nav.attitude_deg.sigma),
     Pair("sigma_px", CameraConfig().sigma_px, lambda s: s.camera.sigma_px),
-    Pair("heading", math.degrees(FIXED_WING.heading), lambda s: s.leader.heading_wobble_deg.sigma),
-    Pair("heading_time", FIXED_WING.heading_time, lambda s: s.leader.heading_wobble_deg.time),
-    Pair(
-        "heading of a multirotor",
-        math.degrees(MULTIROTOR.heading),
-        lambda s: s.leader.heading_wobble_deg.sigma,
-        False,
-    ),
-    Pair("bank", math.degrees(FIXED_WING.bank), lambda s: s.leader.bank_wobble_deg.sigma, False),
-    Pair("bank_time", FIXED_WING.bank_time, lambda s: s.leader.bank_wobble_deg.time),
+    Pair("nose_wobble", math.degrees(NOSES.nose_wobble), lambda s: s.leader.heading_wobble_deg.sigma),
+    Pair("stretch_time", NOSES.stretch_time, lambda s: s.leader.heading_wobble_deg.time),
+    Pair("bank", math.degrees(NOSES.bank), lambda s: s.leader.bank_wobble_deg.sigma, False),
+    Pair("bank_time", NOSES.bank_time, lambda s: s.leader.bank_wobble_deg.time),
 )
 QUADROTOR = (
     Pair("attitude_sigma_deg", OWN.attitude_sigma_deg[0], lambda s: math.degrees(s.nav.attitude_white[0])),
@@ -110,9 +105,9 @@ ENCOUNTERS: dict[str, tuple[float, Callable[[Conditions], float]]] = {
     "own_attitude_time_s": (LEADER.own_attitude_time_s, lambda c: c.yaw_error_deg.time),
     "own_velocity_sigma_m_s": (LEADER.own_velocity_sigma_m_s, lambda c: c.velocity_error.sigma),
     "sigma_px": (CameraConfig().sigma_px, lambda c: c.camera.sigma_px),
-    "heading": (math.degrees(FIXED_WING.heading), lambda c: c.nose_wobble_deg.sigma),
-    "heading_time": (FIXED_WING.heading_time, lambda c: c.nose_wobble_deg.time),
-    "bank_time": (FIXED_WING.bank_time, lambda c: c.bank_wobble_deg.time),
+    "nose_wobble": (math.degrees(NOSES.nose_wobble), lambda c: c.nose_wobble_deg.sigma),
+    "stretch_time": (NOSES.stretch_time, lambda c: c.nose_wobble_deg.time),
+    "bank_time": (NOSES.bank_time, lambda c: c.bank_wobble_deg.time),
 }
 
 

@@ -34,6 +34,7 @@ def seen(x: Array, nose: float, R_cn: Array, *, exchanged: bool = False) -> tupl
 
 QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0)
 ALIKE = np.zeros((1, 3))  # intensities
+FREE, TIED = (model.Course(np.full(1, kind), (0.0, 0.0)) for kind in (model.FREE, model.TIED))
 AT_REST = model.Hover(0.5, 0.1, 0.03, 0.02)
 
 
@@ -46,12 +47,14 @@ def drawn(seed: int) -> tuple[Array, Array, float, Array]:
     return x, L @ L.T, rng.uniform(-0.8, 0.8), matrix_from_euler(0.05, -0.1, 0.2).T
 
 
-def corrected(x: Array, P: Array, nose: float, y: Array, axes: Array, R_cn: Array) -> tuple[Array, Array, float]:
+def corrected(
+    x: Array, P: Array, nose: float, y: Array, axes: Array, R_cn: Array, course: model.Course = FREE
+) -> tuple[Array, Array, float]:
     """Mean, covariance and NIS of one particle after an image."""
     means, covariances = x[None].copy(), P[None].copy()
-    nis, _ = model.update(
-        means, covariances, np.array([nose]), SIZE, y, NOISE[: len(y), : len(y)], R_cn, np.zeros(3), axes
-    )
+    camera = R_cn, np.zeros(3), axes
+    noses, noise = np.array([nose]), NOISE[: len(y), : len(y)]
+    nis, _ = model.update(means, covariances, noses, SIZE, y, noise, camera, course)
     return means[0], covariances[0], float(nis[0])
 
 
@@ -79,7 +82,7 @@ def test_an_update_is_that_of_a_plain_kalman_filter_seed_0_to_4(seed: int) -> No
     assert nis == pytest.approx(e @ np.linalg.solve(S, e), rel=2e-4)
     assert mean == pytest.approx(x + gain @ e, abs=2e-4)
     assert covariance == pytest.approx(P - gain @ S @ gain.T, abs=2e-4)
-    arguments = np.array([nose]), SIZE, y, NOISE, R_cn, np.zeros(3), axes
+    arguments = np.array([nose]), SIZE, y, NOISE, (R_cn, np.zeros(3), axes), FREE
     _, log_l = model.update(x[None].copy(), P[None].copy(), *arguments)
     determinants = np.linalg.slogdet(S)[1] - np.linalg.slogdet(NOISE)[1]
     assert log_l[0] == pytest.approx(-0.5 * (nis + determinants), abs=0.01)
@@ -102,7 +105,7 @@ def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None
     x, P, nose, _ = drawn(seed)
     moved, dt = np.array([0.3, -0.2, 0.1]), 1e-3
     after, covariance, noses = x[None].copy(), P[None].copy(), np.array([nose])
-    model.predict(after, covariance, noses, dt, moved, np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.2)
+    model.predict(after, covariance, noses, dt, moved, np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.2, FREE)
     assert after[0, model.R] == pytest.approx(
         x[model.R] + dt * x[model.V] + 0.5 * dt**2 * x[model.A] - moved, abs=1e-9
     )
@@ -124,7 +127,17 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
     both = np.tile(x, (2, 1)), np.tile(P, (2, 1, 1)), np.full(2, nose)
     for k, added in enumerate((QUIET, noise)):
         mean, covariance, noses = (array[k : k + 1] for array in both)
-        step = 1e-9, np.zeros(3), np.full(1, float(accelerates)), intensities, added, AT_REST, np.ones(3), 0.2
+        step = (
+            1e-9,
+            np.zeros(3),
+            np.full(1, float(accelerates)),
+            intensities,
+            added,
+            AT_REST,
+            np.ones(3),
+            0.2,
+            FREE,
+        )
         model.predict(mean, covariance, noses, *step)
     along = (math.cos(nose) * x[1] - math.sin(nose) * x[0]) / np.linalg.norm(x[model.R])
     seen_of_it = 1.0 - along**2 + model.LEAST_VISIBLE**2
@@ -146,7 +159,7 @@ def test_a_fast_leader_turns_its_nose_with_its_course_and_a_slow_one_does_not() 
         noses = np.zeros(1)
         for _ in range(10):
             P = np.eye(model.N)[None].copy()
-            model.predict(x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.0)
+            model.predict(x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.0, FREE)
         assert noses[0] == pytest.approx(turned, abs=0.01)
 
 
@@ -158,7 +171,18 @@ def test_a_leader_that_hovers_comes_to_rest_over_ground_and_stays_uncertain_by_a
     hover = model.Hover(decay, 0.1, 0.04 * (1.0 - decay**2), 1e-9)
     for _ in range(300):
         model.predict(
-            x, P, noses, 0.1, np.zeros(3), np.full(1, float(model.HOVERING)), ALIKE, QUIET, hover, np.ones(3), 0.0
+            x,
+            P,
+            noses,
+            0.1,
+            np.zeros(3),
+            np.full(1, float(model.HOVERING)),
+            ALIKE,
+            QUIET,
+            hover,
+            np.ones(3),
+            0.0,
+            FREE,
         )
     assert x[0, model.V] == pytest.approx(np.zeros(3), abs=1e-6)
     assert np.diag(P[0])[model.V] == pytest.approx(0.04 * np.array([1.0, 1.0, model.UPRIGHT2]), rel=0.02)
@@ -171,7 +195,9 @@ def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed
     y, axes = seen(x, nose, R_cn, exchanged=True)
     other, w = x + 0.1 * np.random.default_rng(seed).normal(size=model.N), np.array([0.3, 0.7])
     means, noses, camera = np.array([x, other]), np.array([nose, nose + 0.3]), (R_cn, np.zeros(3), axes)
-    mean, S = model.prediction(means, np.array([P, 2.0 * P]), noses, w, SIZE, y, camera)
+    mean, S = model.prediction(
+        means, np.array([P, 2.0 * P]), noses, w, SIZE, y, camera, model.Course(np.zeros(2), (0.0, 0.0))
+    )
     exchanged = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
     each = [exchanged * shown(m, n, R_cn, axes) for m, n in zip(means, noses, strict=True)]
     assert mean == pytest.approx(w @ each, abs=1e-9)
@@ -187,3 +213,35 @@ def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed
 def test_a_wing_seen_along_itself_still_shows_a_tip() -> None:
     found = model.visible(np.array([0.0, 0.5 * math.pi]), np.tile([1.0, 0.0, 0.0], (2, 1)))
     assert found == pytest.approx([1.0, model.LEAST_VISIBLE], abs=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_nose_that_is_tied_to_its_course_tells_of_the_course_seed_0_to_4(seed: int) -> None:
+    """The update is that of a Kalman filter whose image depends on the velocity by way of the nose."""
+    x, P, _, R_cn = drawn(seed)
+    x[3:5] += [9.0, 4.0]
+    nose = math.atan2(x[4], x[3])
+    predicted, axes = seen(x, nose, R_cn)
+    y = predicted + np.random.default_rng(seed).normal(size=6) / F_PX
+    J = np.empty((6, model.N))
+    for i, step in enumerate(1e-5 * np.eye(model.N)):
+        J[:, i] = np.subtract(
+            *(shown(x + k, math.atan2((x + k)[4], (x + k)[3]), R_cn, axes) for k in (step, -step))
+        )
+    J /= 2e-5
+    S = J @ P @ J.T + NOISE
+    gain = P @ J.T @ np.linalg.inv(S)
+    mean, covariance, nis = corrected(x, P, nose, y, axes, R_cn, TIED)
+    e = y - predicted
+    assert nis == pytest.approx(e @ np.linalg.solve(S, e), rel=0.02)
+    assert mean == pytest.approx(x + gain @ e, abs=2e-3)
+    assert covariance == pytest.approx(P - gain @ S @ gain.T, abs=2e-3)
+    assert np.abs((gain @ e)[3:5]).max() > 1e-3
+
+
+def test_a_tied_nose_is_on_the_course_through_the_air_after_a_step() -> None:
+    x, P, noses = np.zeros((1, model.N)), np.eye(model.N)[None].copy(), np.zeros(1)
+    x[0, :3], x[0, 3:5], x[0, 7] = [30.0, 0.0, 0.0], [12.0, 2.0], 1.0
+    course = TIED._replace(air=(2.0, -3.0))
+    model.predict(x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.0, course)
+    assert noses[0] == math.atan2(x[0, 4] + 3.0, x[0, 3] - 2.0)

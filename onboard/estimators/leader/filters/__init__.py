@@ -1,1 +1,1 @@
-"""The filters of one target: `filter` is what a track needs of one, `choice` makes the one that is configured."""
+"""The filters of one target: `filter` is what a track needs of one, `make` makes it of a configuration."""

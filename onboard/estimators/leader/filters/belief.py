@@ -1,4 +1,4 @@
-"""One belief about one leader: weighted hypotheses with a Gaussian each (`noses`). It is to become what we fly.
+"""One belief about one leader: weighted hypotheses with a Gaussian each (`noses`).
 
 Each hypothesis supposes where the leader's nose points, whether it flies steadily, accelerates or hovers, and how
 boldly; all share the errors of our own state, which are considered and not estimated. Every image corrects every
@@ -16,8 +16,8 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement, Open, measure_wing
 from onboard.estimators.leader.filters.noses import evidence, particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.summary import RESOLVED, Summary, as_leader, summarise
-from onboard.estimators.leader.filters.postponed import Pending, standing
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
 from onboard.estimators.leader.size import Size
@@ -29,6 +29,24 @@ from onboard.models.relative_motion import R, V
 from onboard.ownship import Step
 
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
+
+
+class Pending(NamedTuple):
+    """Our own motion since some time: seconds, displacement (3,) in m and newest velocity (3,), in n."""
+
+    dt: float
+    moved: Array
+    v_F_n: Array
+
+    def after(self, step: Step) -> "Pending":
+        """After another step."""
+        moved = self.moved + step.dt * step.v0 + (0.5 * step.dt**2) * step.a
+        return Pending(self.dt + step.dt, moved, step.v1)
+
+
+def standing(v_F_n: Array) -> Pending:
+    """No motion yet, at v_F_n (3,) m/s."""
+    return Pending(0.0, np.zeros(3), v_F_n)
 
 
 class State(NamedTuple):
@@ -62,7 +80,7 @@ class BeliefFilter:
         """Of what was believed before, the noses are kept."""
         wind = None if before is None else before.wind
         settings = particles.supposed(self._settings, None, wind)
-        cloud = particles.start(settings, measurement, pose, None if before is None else before.cloud)
+        cloud = start(settings, measurement, pose, None if before is None else before.cloud)
         return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
 
     def informed(self, state: State, prior: Belief) -> State | None:
@@ -92,9 +110,6 @@ class BeliefFilter:
         passes = beyond <= settings.gate
         after = now._replace(cloud=cloud, summary=summarise(settings, cloud)) if passes else state
         return Update(after, innovation, S, expected, nis, cloud.misfits if passes else (), passes)
-
-    def finish(self, state: State) -> None:
-        """Nothing is postponed."""
 
     def predicted_points(self, state: State, measurement: Measurement, update: Update, pose: CameraPose) -> Array:
         """The points of which `update.predicted` are the coordinates, about the middle of the wing."""

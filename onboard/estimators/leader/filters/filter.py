@@ -49,11 +49,6 @@ class Measurement(NamedTuple):
         return self._replace(R=self.R + by @ noise_c @ by.T)
 
     @property
-    def is_plain(self) -> bool:
-        """Whether it is of center and wing, and nothing else."""
-        return self.has_wing and self.shows is None and self.pose is None
-
-    @property
     def has_extent(self) -> bool:
         """Whether it says something of the range."""
         return math.isfinite(self.span_sigma)
@@ -105,9 +100,6 @@ class LeaderFilter(Protocol):
 
     def fuse(self, state: Any, measurement: Measurement, pose: CameraPose) -> Update:
         """The update by an image; its belief is a state."""
-
-    def finish(self, state: Any) -> None:
-        """Compute now what a state has postponed until it is published, if anything. It changes no result."""
 
     def resized(self, state: Any, size: Size) -> Any:
         """The state once the size is known better from elsewhere."""

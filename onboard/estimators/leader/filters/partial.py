@@ -38,7 +38,6 @@ ON_WING: Final = 0.02  # the same with `center_on_wing`, which allows 1 %; the n
 OFF_BOX: Final = 0.1  # of the box's side: the center from the box's middle
 TIPS: Final = 0.3  # of the wing: noise of tips that are to say only which one is left ...
 SIDES: Final = 3.0  # ... and of their own at least
-NO_WING: Final = 0.3  # of what was seen, taken for the wing
 FAKE: Final = 1e-3  # focal lengths: half the wing of an image that shows none; its noise is UNKNOWN
 
 
@@ -160,17 +159,6 @@ def is_cut(middle: ImageFeature, half: ImagePoint, view: Edges | None) -> bool:
         return False
     (u, v), (a, b), (left, upper, right, lower) = middle.point, half, view
     return u - a <= left or u + a >= right or v - b <= upper or v + b >= lower
-
-
-def with_wing(measurement: Measurement) -> Measurement:
-    """The measurement to start from: in place of a wing that was not seen, a level one as long as what was seen,
-    with the doubt that it is none."""
-    if measurement.has_wing:
-        return measurement
-    y, R = measurement.y.copy(), measurement.R.copy()
-    y[2], y[3] = measurement.span, 0.0
-    R[2, 2] = R[3, 3] = (NO_WING * measurement.span) ** 2
-    return measurement._replace(y=y, R=R)
 
 
 def refused(measurement: Measurement, state: Any) -> Update:

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable
 from typing import Any, Final, NamedTuple
 
+import numpy as np
+
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import LeaderFilter
 from onboard.estimators.leader.filters.noses.places import Place
@@ -15,6 +17,17 @@ from onboard.messages import Estimate, ImagePoint, Lifecycle, MeasurementReport,
 from onboard.models import relative_motion
 
 
+class Distance(NamedTuple):
+    """How far an image is from a prediction, in order: whether it is beyond the gate, and then the NIS, or else
+    NIS and spread together: of two predictions that an image fits, the sharper one is nearer."""
+
+    beyond: bool
+    misfit: float
+
+
+FAR: Final = Distance(True, math.inf)
+
+
 class Outcome(NamedTuple):
     """The filter's update of state `prior` by an image, and whether the gate let it pass."""
 
@@ -22,6 +35,13 @@ class Outcome(NamedTuple):
     update: Update
     prior: Any
     pose: CameraPose
+
+    def distance(self, gate: float | None) -> Distance:
+        """Of the image from what the state predicted."""
+        nis, S = float(self.update.nis), self.update.innovation_covariance
+        if gate is not None and not nis <= gate:
+            return Distance(True, nis)
+        return Distance(False, nis + float(np.linalg.slogdet(S)[1]))
 
 
 class NoOutcome(NamedTuple):

@@ -26,7 +26,7 @@ from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
 from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.rate_limit import RateLimit
 from onboard.estimators.leader.tracks.repeats import Repeats
-from onboard.estimators.leader.tracks.report import Outcome, modes_of, published, report
+from onboard.estimators.leader.tracks.report import FAR, Distance, Outcome, modes_of, published, report
 from onboard.estimators.leader.tracks.status import Status
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError
@@ -99,11 +99,6 @@ class Track:
             self._forget("no image for longer than the reset timeout")
         return self._estimate(ownship, None)
 
-    def finish(self) -> None:
-        """Compute what the filter has postponed."""
-        if self._history is not None:
-            self._filter.finish(self._history.newest_belief.leader)
-
     def set_class(self, filter_: LeaderFilter, config: Config) -> None:
         """Images of a class of targets come. A track stays what it started as."""
         if self._history is None and not self.held:
@@ -151,17 +146,17 @@ class Track:
         newest_ns = self.repeats.newest_ns
         return self._history is None and (newest_ns is None or t_ns - newest_ns > NS_PER_S)
 
-    def distance(self, image: Image, ownship: Ownship) -> float:
-        """How far an image is from what this track predicts: its NIS over the gate, or infinity. Pure."""
+    def distance(self, image: Image, ownship: Ownship) -> Distance:
+        """How far an image is from what this track predicts. Pure."""
         if self._history is None:
             near = image.has_extent and bool(self.held) and agree(self.held[-1], image)
-            return 1.0 if near else math.inf
+            return Distance(False, math.inf) if near else FAR
         try:
             _, state = self._history.belief_at(image.message.t_ns, ownship)
             outcome = fuse(self._filter, self._poses, state, image, ownship)[1]
         except FilterError:
-            return math.inf
-        return float(outcome.update.nis) / (self._filter.gate or math.inf)
+            return FAR
+        return outcome.distance(self._filter.gate) if isinstance(outcome, Outcome) else FAR
 
     # ------------------------------------------------------------------------------- measurements
 

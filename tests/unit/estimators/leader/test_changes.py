@@ -8,6 +8,8 @@ import pytest
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models import apparent_wing as model
 
@@ -21,8 +23,8 @@ IMAGE = Measurement(np.array([0.0, 0.0, 0.07, 0.0]), 3e-6 * np.eye(4), 0.07, 1.8
 
 def test_a_doubted_nose_shows_the_same_image() -> None:
     """A particle that takes another nose is nearer or farther by as much as its wing is seen less or more."""
-    settings = NOSES._replace(doubted_after=1e-9)
-    cloud = particles.start(settings, IMAGE, STILL)
+    settings = NOSES._replace(doubted_after=1e-9, tied=0.0)
+    cloud = start(settings, IMAGE, STILL)
     after = particles.predict(settings, cloud, 1e-6, np.zeros(3))
     assert np.abs(after.noses - cloud.noses).max() > 0.5
     direction = after.means[:, :3] / np.linalg.norm(after.means[:, :3], axis=1)[:, None]
@@ -33,7 +35,7 @@ def test_a_doubted_nose_shows_the_same_image() -> None:
 def test_a_doubted_nose_of_a_fixed_wing_stays_about_its_course() -> None:
     settings = NOSES._replace(crab=math.radians(14.0), doubted_after=1e-9)
     flies = STILL._replace(v_F_n=np.array([15.0, 0.0, 0.0]))
-    cloud = particles.start(settings, IMAGE, flies)
+    cloud = start(settings, IMAGE, flies)
     course = np.arctan2(cloud.means[:, 4], cloud.means[:, 3])
     after = particles.predict(settings, cloud, 1e-6, 1e-6 * flies.v_F_n)
     assert np.abs(after.noses - course).max() < 2.6 * settings.crab
@@ -41,8 +43,8 @@ def test_a_doubted_nose_of_a_fixed_wing_stays_about_its_course() -> None:
 
 
 def test_only_a_slow_leader_begins_to_hover_and_one_that_is_doubted_meanwhile_stays_at_rest() -> None:
-    settings = NOSES._replace(hovering=0.0, flies_for=1e-9, accelerating=0.0, doubted_after=1e-9)
-    cloud = particles.start(settings, IMAGE, STILL)
+    settings = NOSES._replace(hovering=0.0, flies_for=1e-9, accelerating=0.0, doubted_after=1e-9, tied=0.0)
+    cloud = start(settings, IMAGE, STILL)
     cloud.covariances[:, 3:6, 3:6] = 1e-4 * np.eye(3)
     fast = np.arange(len(cloud.noses)) % 2 == 0
     cloud.means[fast, 3], cloud.means[~fast, 3] = 12.0, 0.01
@@ -56,7 +58,7 @@ def test_only_a_slow_leader_begins_to_hover_and_one_that_is_doubted_meanwhile_st
 
 def test_a_fixed_wing_never_hovers() -> None:
     settings = NOSES._replace(crab=0.2, hovering=1.0, flies_for=1e-9)
-    cloud = particles.start(settings, IMAGE, STILL)
+    cloud = start(settings, IMAGE, STILL)
     cloud.means[:, 3:6] = 0.0
     after = particles.predict(settings, cloud, 0.1, np.zeros(3))
     assert model.HOVERING not in {*cloud.regimes, *after.regimes}
@@ -64,10 +66,46 @@ def test_a_fixed_wing_never_hovers() -> None:
 
 def test_intensities_keep_their_spread_over_time() -> None:
     settings = NOSES._replace(intensity=(0.8, 0.5, 0.2), intensity_time=2.0)
-    cloud = particles.start(settings, IMAGE, STILL)
+    cloud = start(settings, IMAGE, STILL)
     first = cloud.intensities
     for _ in range(100):
         cloud = particles.predict(settings, cloud, 0.1, np.zeros(3))
     for each in (first, cloud.intensities):
         assert each.std(axis=0) == pytest.approx(settings.intensity, rel=0.1)
     assert np.abs(np.corrcoef(first[:, 0], cloud.intensities[:, 0])[0, 1]) < 0.2
+
+
+def flying(speed: float, **settings: float) -> Cloud:
+    """Leaders that fly across the line of sight, after a step that is long enough to decide on their noses."""
+    supposed = NOSES._replace(hovering=0.0, flies_for=1e9, accelerating=0.0, undecided_for=1e-9, **settings)
+    cloud = start(supposed, IMAGE, STILL)
+    cloud.covariances[:, 3:6, 3:6] = 1e-4 * np.eye(3)
+    cloud.means[:, 3:6] = [0.0, speed, 0.0]
+    return particles.predict(supposed, cloud, 1e-3, np.zeros(3))
+
+
+def test_the_nose_of_a_fast_leader_is_tied_to_its_course_or_not_and_that_of_a_slow_one_is_undecided() -> None:
+    fast, slow = flying(15.0, tied=0.6), flying(1.0, tied=0.6)
+    tied = fast.tied == model.TIED
+    assert tied.mean() == pytest.approx(0.6, abs=0.05)
+    assert (fast.tied[~tied] == model.FREE).mean() > 0.98
+    assert (slow.tied == model.UNDECIDED).mean() > 0.98
+    course = np.arctan2(fast.means[:, 4], fast.means[:, 3])
+    assert fast.noses[tied] == pytest.approx(course[tied])
+    assert np.abs(np.sin(fast.noses - course)[~tied]).mean() > 0.5
+
+
+def test_a_nose_that_becomes_tied_shows_the_same_image() -> None:
+    """The range goes with the nose, and the course with the range: they agree at the end."""
+    after = flying(15.0, tied=0.999)
+    direction = after.means[:, :3] / np.linalg.norm(after.means[:, :3], axis=1)[:, None]
+    lengths = model.visible(after.noses, direction) / np.linalg.norm(after.means[:, :3], axis=1)
+    tied = after.tied == model.TIED
+    assert lengths[tied] == pytest.approx(np.full(tied.sum(), 0.035), rel=0.03)
+
+
+def test_a_tied_nose_is_let_go_by_a_leader_that_slows_down() -> None:
+    cloud = flying(15.0, tied=0.999)
+    cloud.means[:, 3:6] = [0.0, 2.0, 0.0]
+    after = particles.predict(NOSES._replace(flies_for=1e9), cloud, 1e-3, np.zeros(3))
+    assert (after.tied == model.UNDECIDED).mean() > 0.98

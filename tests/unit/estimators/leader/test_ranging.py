@@ -18,9 +18,9 @@ SENSOR = 7
 Range = Callable[[float], float | None]
 
 
-def configured(*overrides: str, filter_: str = "any-side") -> Config:
+def configured(*overrides: str) -> Config:
     """With a size that is 25 % too large, at a standard deviation of 30 %."""
-    prior = ("size_prior_m=2.5", "size_prior_sigma_m=0.75", f"filter={filter_}", f"range.sensor={SENSOR}")
+    prior = ("size_prior_m=2.5", "size_prior_sigma_m=0.75", f"range.sensor={SENSOR}")
     return make_config(*(f"estimator.leader.{key}" for key in prior), *overrides)
 
 
@@ -43,7 +43,7 @@ def fly(
     reports: list[Item], t1: float, config: Config | None = None, images: Callable[[float], bool] = lambda _t: True
 ) -> Run:
     items = merged(Stream(t1=t1, images=images).items(), reports)
-    return feed(encode(items), config or configured(filter_="wing-line"))
+    return feed(encode(items), config or configured())
 
 
 def counts(run: Run) -> dict[str, int]:
@@ -107,9 +107,9 @@ def test_a_detection_brings_its_range() -> None:
         Item(i.t_recv_ns, replace(i.message, range=true_range(i.message.t_ns / S)))
         if isinstance(i.message, TargetImage)
         else i
-        for i in Stream(t1=9.0).items()
+        for i in Stream(t1=14.0).items()
     ]
-    taught, plain = make_run(items, config), make_run(items, configured(filter_="wing-line"))
+    taught, plain = make_run(items, config), make_run(items, configured())
     assert size_of(plain)[0] == pytest.approx(0.25)
     assert abs(size_of(taught)[0]) < 0.13
     assert size_of(taught)[1] < 0.25
@@ -123,8 +123,8 @@ def make_run(items: list[Item], config: Config) -> Run:
 
 
 def test_without_a_section_nobody_listens_to_a_rangefinder() -> None:
-    run = fly(readings(6.0, 7.0), 7.0, make_config("estimator.leader.filter=wing-line"))
-    plain = fly([], 7.0, make_config("estimator.leader.filter=wing-line"))
+    run = fly(readings(6.0, 7.0), 7.0, make_config())
+    plain = fly([], 7.0, make_config())
     assert run.estimates == plain.estimates
     assert run.rejected == plain.rejected
 

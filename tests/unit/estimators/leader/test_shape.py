@@ -9,10 +9,11 @@ from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.choice import make_filter
+from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.summary import summarise
-from onboard.estimators.leader.filters.partial import UNKNOWN, measure, seen, with_wing
+from onboard.estimators.leader.filters.partial import UNKNOWN, measure, seen
 from onboard.estimators.leader.shape import LASTING_GUESS, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
 from onboard.models.apparent_shape import HIGHEST, LOWEST
@@ -54,7 +55,6 @@ def test_a_box_measures_its_sides_and_no_wing() -> None:
     assert rows.sigma == pytest.approx(np.full(4, 0.05 * 0.08), rel=0.03)
     assert m.span == pytest.approx(math.hypot(0.04, 0.01) * math.sqrt(2.0), rel=0.02)
     assert np.sqrt(np.diag(m.R)[2:4]).tolist() == [UNKNOWN] * 2
-    assert with_wing(m).y[2:4].tolist() == [m.span, 0.0]
 
 
 def test_a_class_without_wings_is_bounded_by_its_points_alone() -> None:
@@ -127,10 +127,6 @@ def test_how_high_a_multirotor_is_is_not_known() -> None:
 def test_a_box_that_the_edge_cuts_off_is_a_direction(where: tuple[float, float]) -> None:
     m = measured(detection(feature("box", *where), half=(0.04, 0.01)))
     assert (m.shows, m.has_extent) == (None, False)
-
-
-def test_a_filter_that_knows_no_shape_takes_a_box_for_a_direction() -> None:
-    assert not measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), filter="wing-line").has_extent
 
 
 def test_a_box_beside_points_that_show_the_range_is_not_used() -> None:
@@ -256,7 +252,7 @@ def test_images_do_not_reduce_what_named_points_lastingly_mislead_by() -> None:
     named = measured(
         replace(IMAGE, others=(feature("nose", *IMAGE.center), feature("tail", *IMAGE.center))), **PLANE
     )
-    cloud = particles.start(settings, named, pose)
+    cloud = start(settings, named, pose)
     for seen_ in (named, named, measured(IMAGE, **PLANE)):
         cloud, _ = particles.update(settings, particles.predict(settings, cloud, 0.1, np.zeros(3)), seen_, pose)
     assert cloud.misplaced == named.shows.misplaced > 0.03
@@ -270,7 +266,7 @@ def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_se
     settings = make_filter(leader())._settings  # type: ignore[attr-defined]
     m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **WINGED)
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
-    cloud = particles.start(settings, m, pose)
+    cloud = start(settings, m, pose)
     assert cloud.lasting == LASTING_GUESS
     with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, cloud._replace(lasting=0.0)))
     assert with_it**2 - without**2 == pytest.approx(LASTING_GUESS**2, rel=1e-6)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from onboard.messages import Estimate, Lifecycle, Verdict
+from onboard.messages import Estimate, Lifecycle
 from onboard.pipeline import Pipeline
 from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
@@ -48,12 +48,6 @@ def test_boxes_around_a_quadrotor_show_the_range_from_any_side_seed_3() -> None:
     assert 0.1 < sigma < 0.14  # what lasts of boxes, and of a square of rotors in place of a circle
 
 
-def test_boxes_alone_start_no_track_of_a_filter_that_knows_no_shape_seed_3() -> None:
-    _, estimates = flown("hover", 3, 2.0, "box", "estimator.leader.filter=wing-line")
-    verdicts = {e.measurement.verdict for e in estimates if e.measurement is not None}
-    assert verdicts == {Verdict.DIRECTION_ONLY}
-
-
 def test_nose_and_tail_resolve_the_heading_of_a_leader_that_hovers_seed_3() -> None:
     encounter, with_points = flown("hover", 3, 4.0, "points", *FIVE_POINTS)
     _, without = flown("hover", 3, 4.0, "wing")
@@ -72,7 +66,7 @@ def test_nose_and_tail_resolve_the_heading_of_a_leader_that_hovers_seed_3() -> N
     assert abs(off) < 4.0
     assert sigma < 2.7
     assert "not resolved" not in with_points[-1].reason
-    assert heading(without)[1] > 54.0
+    assert heading(without)[1] > 25.0
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ def tracking() -> tuple[Estimator, Ownship, list[TargetPoints]]:
     messages = [item.message for item in Stream(t1=7.0).items()]
     last_ns = 6800 * MS
     shown = [m for m in messages if not (isinstance(m, TargetPoints) and m.t_ns >= last_ns)]
-    pipeline = advance([heartbeat(5 * S), *shown], make_config("estimator.leader.filter=wing-line")).pipeline
+    pipeline = advance([heartbeat(5 * S), *shown], make_config()).pipeline
     estimator = pipeline.estimators["leader"]
     assert isinstance(estimator, Estimator)
     left = [m for m in messages if isinstance(m, TargetPoints) and m.t_ns >= last_ns]

@@ -3,7 +3,7 @@ begins to accelerate or stops, a few particles take another nose, and all noses 
 
 import math
 from collections.abc import Iterable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 from numba import njit, types
@@ -16,32 +16,24 @@ from onboard.models.apparent_wing import (
     ACCELERATING,
     BANK_ERROR,
     COVARIANCES,
+    FOLLOWS4,
+    FREE,
     HOVERING,
     NOSES,
     NUMBER,
     SLOW2,
     STEADY,
+    TIED,
+    UNDECIDED,
     N,
     visible2,
 )
 
+CIRCLES: Final = 5  # of a computation: a nose, the range that it implies, the course at that range
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its course
 APART: Final = 1 << 40  # added to the number of a draw, for a stream of its own
+LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's nose is not tied to its course
 DRAWS: Final = 8  # streams of random numbers that a step uses
-
-
-class Chances(NamedTuple):
-    """The probabilities, in one step, that a nose stops or begins to turn, that a leader stops or begins to
-    accelerate, that one that is slow begins to hover, that one that hovers leaves, and that a particle takes
-    another nose."""
-
-    stops: float
-    turns: float
-    steadies: float
-    accelerates: float
-    hovers: float
-    leaves: float
-    doubted: float
 
 
 def change(
@@ -60,17 +52,22 @@ def change(
     `edge_on` as in `apparent_wing.visible`; `metric`: whether the ranges do not depend on the noses."""
     flies_for = s.flies_for if s.crab == 0.0 else math.inf  # a fixed wing cannot hover
     means_of = (s.turns_for, s.still_for, s.accelerates_for, s.steady_for, flies_for, s.hovers_for, doubted_after)
-    chances = Chances(*(-math.expm1(-dt / mean) for mean in means_of))
+    chances = [-math.expm1(-dt / mean) for mean in (*means_of, s.tied_for, s.undecided_for)]
+    # of the noses that are looked at anew, so many are tied that the share of all stays what it is
+    anew = s.tied * doubted_after / (s.tied * doubted_after + (1.0 - s.tied) * s.tied_for)
     wander = s.nose_random_walk * math.sqrt(dt)
+    # in one step: a nose stops or begins to turn, a leader stops or begins to accelerate, to hover, leaves, a
+    # particle takes another nose, or one that is tied does, a fast leader's nose is tied or not; and it is tied
     arguments: tuple[Any, ...] = (
         *arrays,
         draws,
-        *chances,
+        np.array([*chances, s.tied, anew]),
         np.array(s.intensity),
         math.exp(-dt / s.intensity_time),
         s.nose_rate,
         wander,
         s.crab,
+        np.array(s.air),
         dt,
         moved,
         edge_on,
@@ -116,9 +113,49 @@ def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):  # type: ignor
     return ACCELERATING if drawn < begins else STEADY
 
 
+@njit(cache=True, error_model="numpy")
+def _rate(rate, drawn, stops, turns, new):  # type: ignore[no-untyped-def]
+    """At which a nose is turned after a step, by a number that is `drawn` from (0, 1)."""
+    if rate != 0.0:
+        return 0.0 if drawn < stops else rate
+    return new if drawn < turns else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _tied_nose(nose, x, dt, moved, edge_on, air):  # type: ignore[no-untyped-def]
+    """The nose on the course that the leader would have with that nose: its range and velocity depend on it."""
+    other = np.arctan2(x[4] - air[1], x[3] - air[0])
+    for _ in range(CIRCLES):
+        ratio = _fraction(other, x, edge_on) / _fraction(nose, x, edge_on)
+        u = ratio * x[3] + (1.0 - ratio) * moved[0] / dt
+        v = ratio * x[4] + (1.0 - ratio) * moved[1] / dt
+        other = np.arctan2(v - air[1], u - air[0])
+    return other
+
+
+@njit(cache=True, error_model="numpy")
+def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew):  # type: ignore[no-untyped-def]
+    """Whether a nose is tied to its course after a step, whether it is from now on, and whether it is doubted, by
+    numbers that are `drawn` from (0, 1). Of a slow leader that is undecided."""
+    speed2 = x[3] * x[3] + x[4] * x[4]
+    if ties > 0.0 and (regime == HOVERING or speed2 < LETS_GO2):
+        tied = UNDECIDED
+    if tied == TIED and drawn >= unties:
+        return TIED, False, False
+    fast = speed2 * speed2 / (speed2 * speed2 + FOLLOWS4)
+    if tied == UNDECIDED and drawn > 1.0 - decides * fast:
+        return (TIED, True, False) if which < ties else (FREE, False, False)
+    if tied == TIED or drawn < doubted:
+        if which < anew * fast and tied != UNDECIDED:
+            return TIED, True, False
+        return min(tied, FREE), False, True
+    return tied, False, False
+
+
 @njit(
     (
-        *(NOSES, NOSES, NOSES, OUT, COVARIANCES, OUT, DRAW, *[NUMBER] * 7, VECTOR, *[NUMBER] * 5, VECTOR),
+        *(NOSES, NOSES, NOSES, OUT, COVARIANCES, OUT, NOSES, DRAW, VECTOR, VECTOR, *[NUMBER] * 4),
+        *(VECTOR, NUMBER, VECTOR),
         *(NUMBER, types.boolean),
     ),
     cache=True,
@@ -131,49 +168,52 @@ def _change(  # type: ignore[no-untyped-def]
     means,
     P,
     intensities,
+    tied,
     draws,
-    stops,
-    turns,
-    steadies,
-    begins,
-    hovers,
-    leaves,
-    doubted,
+    chances,
     spread,
     keeps,
     nose_rate,
     wander,
     crab,
+    air,
     dt,
     moved,
     edge_on,
     metric,
 ):
+    stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
     count = noses.shape[0]
     of_turning, turn = uniforms(draws, count), normals(np.uint64(draws + 1), count)
     of_speed, walk = uniforms(np.uint64(draws + 3), count), normals(np.uint64(draws + 4), count)
     of_doubt, where = uniforms(np.uint64(draws + 6), count), uniforms(np.uint64(draws + 7), count)
+    of_tying = uniforms(np.uint64(draws + APART + 6), count)
     bold = np.zeros((3, count))
     for i in range(3):
         if spread[i] > 0.0:
             bold[i] = normals(np.uint64(draws + APART + 2 * i), count)
     for k in range(count):
         x = means[k]
-        if rates[k] != 0.0:
-            rates[k] = 0.0 if of_turning[k] < stops else rates[k]
-        elif of_turning[k] < turns:
-            rates[k] = nose_rate * turn[k]
+        rates[k] = _rate(rates[k], of_turning[k], stops, turns, nose_rate * turn[k])
         for i in range(3):
             new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold[i, k]
             intensities[k, i] = keeps * intensities[k, i] + new
         regimes[k] = _next(regimes[k], x, P[k], of_speed[k], steadies, begins, hovers, leaves)
-        if of_doubt[k] < doubted:
+        tied[k], becomes_tied, doubts = _decided(
+            tied[k], x, regimes[k], of_doubt[k], of_tying[k], decides, doubted, unties, ties, anew
+        )
+        if becomes_tied or doubts:
             other = noses[k] + np.pi * where[k]
-            if crab > 0.0:  # a fixed wing's nose stays about its course
+            if becomes_tied:
+                other, rates[k] = _tied_nose(noses[k], x, dt, moved, edge_on, air), 0.0
+            elif crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where[k] - 1.0)
             if not metric:
                 _doubt(noses[k], other, x, P[k], dt, moved, edge_on, regimes[k] == HOVERING)
             noses[k] = other
+        if tied[k] == TIED:
+            noses[k] = np.arctan2(x[4] - air[1], x[3] - air[0])
+            continue
         broad = _fraction(noses[k], x, edge_on)
         # the less is seen of the wing, the more does it show of a small turn
         wanders = wander * min(1.0, broad / np.sqrt(max(1.0 - broad * broad, 1e-9)))

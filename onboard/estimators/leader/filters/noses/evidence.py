@@ -18,7 +18,7 @@ from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Seen, only
 from onboard.filters.belief import Belief, FilterError
 from onboard.models import apparent_pose, apparent_shape
-from onboard.models.apparent_wing import LEAST_VISIBLE, R
+from onboard.models.apparent_wing import FREE, LEAST_VISIBLE, R
 
 MOTION: Final = slice(0, 6)  # position and velocity
 OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right noses do
@@ -95,7 +95,7 @@ def shaped(
         doubt = LASTING * math.hypot(shows.lasting, _by_size(settings, cloud)) * float(np.ptp(rows.y))
         rows = rows._replace(sigma=np.hypot(rows.sigma, doubt))
     nis, log_l = apparent_shape.update(means, P, noses, settings.size, rows, shows.posture, camera)
-    return cloud._replace(noses=noses, means=means, covariances=P), nis, log_l
+    return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
 
 
 def posed(settings: NoseModel, cloud: Cloud, shows: Posed, camera: CameraPose) -> tuple[Cloud, Array, Array]:
@@ -111,7 +111,12 @@ def posed(settings: NoseModel, cloud: Cloud, shows: Posed, camera: CameraPose) -
     if nose is not None:
         log_l = log_l + apparent_pose.measure_nose(noses, means, P, *nose)
         cloud = cloud._replace(sided=True, misplaced=max(cloud.misplaced, LASTING_TURN))
-    return cloud._replace(noses=noses, means=means, covariances=P), nis, log_l
+    return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
+
+
+def _still(cloud: Cloud, noses: Array) -> Array:
+    """Which noses (K,) are still tied to their courses: not those that were measured elsewhere."""
+    return np.where(noses == cloud.noses, cloud.tied, np.minimum(cloud.tied, FREE))
 
 
 def of_points(settings: NoseModel, cloud: Cloud) -> Cloud:

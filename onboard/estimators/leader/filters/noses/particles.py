@@ -14,18 +14,17 @@ Random numbers are a fixed function of the count of steps, so the same images gi
 """
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.filter import Measurement
-from onboard.estimators.leader.filters.noses.changes import APART, DRAWS, MOST_CRAB, change
-from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Cloud
-from onboard.estimators.leader.filters.noses.draws import normal, uniform
+from onboard.estimators.leader.filters.noses.changes import DRAWS, change
+from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Cloud, named
+from onboard.estimators.leader.filters.noses.draws import uniform
 from onboard.estimators.leader.filters.noses.evidence import (
-    ANY_NOSE,
     OF_SHAPE,
     expected,
     fitted,
@@ -36,18 +35,13 @@ from onboard.estimators.leader.filters.noses.evidence import (
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.wind import Wind
-from onboard.models import apparent_shape
 from onboard.models import apparent_wing as model
 from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
-LEAST_RANGE: Final = (
-    0.05  # of the largest range at which a first image may be: points in a row may hide each other
-)
-FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
+TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
 MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one image
-MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 NOSE_BIN: Final = math.radians(6.0)  # rad
 RANGE_BIN: Final = 0.05  # of the range's logarithm
 LEAST_WEIGHT: Final = 0.002  # of a bin that counts
@@ -56,103 +50,6 @@ CHANGE: Final = 1.5  # the number of particles changes by this factor at least
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
 SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
 DIAGONAL: Final = np.arange(N)
-
-
-def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Cloud | None = None) -> Cloud:
-    """The cloud after one image. Of what was known `before` of the same leader only the noses are kept, of all but
-    each FORGETS-th particle; where it is and how it moves may have changed while it was not seen."""
-    direction = seen.axes[0] @ pose.R_cn
-    noses, prior = _first_noses(settings, math.atan2(direction[1], direction[0]), pose.v_F_n)
-    if before is not None:
-        kept = np.arange(len(noses)) % FORGETS > 0
-        known = _resampled(before, settings.particles).noses
-        noses, prior = np.where(kept, known, noses), np.full(len(noses), 1.0 / len(noses))
-    k = len(noses)
-    edge_on, lasting = model.LEAST_VISIBLE, 0.0
-    shows = None if seen.has_wing else seen.shows
-    if seen.is_metric and seen.pose is not None:
-        edge_on, lasting = ANY_NOSE, seen.pose.lasting
-    elif shows is not None:
-        edge_on, lasting = shows.edge_on, shows.lasting
-    # about the range, as a share of the largest possible
-    broad = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
-    range_ = settings.size * broad / seen.span
-    if seen.is_metric:
-        range_ = np.full(k, settings.size / seen.span)
-    elif shows is not None:
-        range_ = settings.size * apparent_shape.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
-        range_ = np.maximum(range_, LEAST_RANGE * range_.max())
-    means, P = np.zeros((k, N)), np.zeros((k, N, N))
-    means[:, R], means[:, V] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
-    line = np.outer(direction, direction)
-    along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
-    across = seen.R[0, 0] * range_**2
-    P[:, R, R] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
-    hovers = uniform(APART, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
-    intensities = np.column_stack([s * normal(APART + 1 + 2 * i, k) for i, s in enumerate(settings.intensity)])
-    factors = np.exp(intensities)
-    speed = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
-    diagonal = np.zeros((k, N))
-    diagonal[:, V], diagonal[:, A] = speed, (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
-    diagonal[hovers, V] = settings.hover_speed**2 + settings.own_velocity**2
-    diagonal[hovers, A] = settings.hover_acceleration**2
-    means[hovers, V] = 0.0
-    diagonal[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
-    shortens = np.maximum(1.0 - broad**2, 0.0) / broad**2
-    diagonal[:, STRETCH] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens
-    P[:, DIAGONAL, DIAGONAL] += diagonal
-    _lean(settings, means, P, pose.v_F_n)
-    means[hovers, LEAN] = 0.0
-    turns = uniform(0, k) < settings.turning
-    rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
-    regimes = np.where(
-        hovers, model.HOVERING, np.where(uniform(3, k) < settings.accelerating, model.ACCELERATING, model.STEADY)
-    )
-    return Cloud(
-        noses,
-        rates,
-        regimes.astype(float),
-        means,
-        P,
-        intensities,
-        np.log(prior),
-        4,
-        edge_on,
-        lasting,
-        metric=seen.is_metric,
-    )
-
-
-def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:
-    """What is known of a lean against the air: drag times an airspeed, with an unknown wind."""
-    level = v_F_n[:2]
-    means[:, LEAN] = settings.drag * level
-    speeds = P[:, 3:5, 3:5]
-    known = settings.drag_sigma**2 * (np.outer(level, level) + speeds) + (
-        settings.drag * settings.wind
-    ) ** 2 * np.eye(2)
-    P[:, LEAN, LEAN] = settings.drag**2 * speeds + known + 1e-8 * np.eye(2)
-    P[:, LEAN, 3:5] = P[:, 3:5, LEAN] = settings.drag * speeds
-
-
-def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any, Any]:
-    """Noses (K,) and their prior probabilities: all noses alike, and those along our own course more likely if we
-    fly; for a fixed wing only noses about our course."""
-    k = settings.particles
-    moving = math.hypot(v_F_n[0], v_F_n[1]) > MOVING
-    course = math.atan2(v_F_n[1], v_F_n[0])
-    if moving and settings.crab > 0:
-        apart = MOST_CRAB * (2.0 * (np.arange(k) + 0.5) / k - 1.0)
-        return course + apart * settings.crab, np.full(k, 1.0 / k)  # `with_course` says which are likely
-    few = k // 4 if moving else 0
-    noses = bearing + math.pi * (np.arange(k - few) + 0.5) / (k - few)
-    prior = np.full(k - few, 1.0 / (k - few))
-    if few:
-        apart = 2.5 * (2.0 * (np.arange(few) + 0.5) / few - 1.0)
-        likely = np.exp(-0.5 * apart**2)
-        noses = np.append(noses, course + apart * settings.heading)
-        prior = np.append(prior * (1.0 - settings.on_course), likely * settings.on_course / likely.sum())
-    return noses, prior
 
 
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
@@ -164,14 +61,14 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     change(
         s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on, metric=cloud.metric
     )
-    noses, rates, regimes, means, P, intensities = changed
+    noses, _, regimes, means, P, intensities, tied = changed
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
     noise, decay = _noise(s, dt), np.exp(-dt / times)
     model.predict(
-        means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, s.drag, cloud.edge_on
+        *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, s.drag),
+        model.Course(tied, s.air, cloud.edge_on),
     )
-    arrays = noses, rates, regimes, means, P, intensities
-    return Cloud(*arrays, cloud.log_weights, cloud.draws + DRAWS, *cloud[8:])
+    return cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
 
 
 def _hover(s: NoseModel, dt: float) -> model.Hover:
@@ -210,7 +107,8 @@ def supposed(settings: NoseModel, size: Size | None, wind: Wind | None) -> NoseM
 def predicted(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Array, Array]:
     """What the whole cloud expects of an image: mean (m,) and covariance (m, m), without the image's own noise."""
     w, camera = np.exp(cloud.log_weights), (pose.R_cn, pose.r_FC_n, seen.axes)
-    return model.prediction(cloud.means, cloud.covariances, cloud.noses, w, settings.size, seen.y, camera)
+    arrays = cloud.means, cloud.covariances, cloud.noses
+    return model.prediction(*arrays, w, settings.size, seen.y, camera, model.Course(cloud.tied, settings.air))
 
 
 def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Cloud, float]:
@@ -224,13 +122,15 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
         cloud = of_points(settings, cloud)
     after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
     if shows is None or not shows.is_box:
-        means, P = cloud.means.copy(), cloud.covariances.copy()
-        arguments = seen.y, seen.R, pose.R_cn, pose.r_FC_n, seen.axes
-        nis, log_l = model.update(means, P, cloud.noses, settings.size, *map(np.ascontiguousarray, arguments))
+        noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
+        camera = pose.R_cn, pose.r_FC_n, seen.axes
+        nis, log_l = model.update(
+            means, P, noses, settings.size, seen.y, seen.R, camera, model.Course(cloud.tied, settings.air)
+        )
         least = expected(cloud, nis, EXPECTING)
         if least > settings.gate:
             return given, least
-        after = cloud._replace(means=means, covariances=P)
+        after = cloud._replace(noses=noses, means=means, covariances=P)
     if shows is not None:
         fit = fitted(settings, after, shows, seen.axes, pose)
         if fit.cloud is not None:
@@ -246,15 +146,16 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
             after, log_l = found, log_l + more
         elif seen.is_metric:
             return given, beyond
-    log_weights = cloud.log_weights + settings.temper * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
+    believed = min(settings.evidence_rate * max(cloud.unseen, TOGETHER_S), 1.0)
+    log_weights = cloud.log_weights + believed * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
     log_weights -= log_weights.max()
     log_weights -= math.log(np.exp(log_weights).sum())
-    after = after._replace(log_weights=log_weights)
+    after = after._replace(log_weights=log_weights, unseen=0.0)
     w, count = np.exp(log_weights), enough(settings, after)
     is_apt = len(w) / CHANGE < count < len(w) * CHANGE
     if 1.0 / np.sum(w * w) > settings.resample * len(w) and is_apt:
         return after, least
-    return _resampled(after, count), least
+    return resampled(after, count), least
 
 
 def enough(settings: NoseModel, cloud: Cloud) -> int:
@@ -268,13 +169,13 @@ def enough(settings: NoseModel, cloud: Cloud) -> int:
     return min(max(PER_BIN * int(occupied), settings.fewest), settings.particles)
 
 
-def _resampled(cloud: Cloud, k: int) -> Cloud:
+def resampled(cloud: Cloud, k: int) -> Cloud:
     """k particles, drawn by their weights, which become alike: systematic resampling."""
     at = (np.arange(k) + uniform(cloud.draws, 1)[0]) / k
     chosen = np.minimum(np.searchsorted(np.cumsum(np.exp(cloud.log_weights)), at), len(cloud.noses) - 1)
-    noses, rates, regimes, means, P, intensities = (array[chosen] for array in cloud[:ARRAYS])
+    arrays = (array[chosen] for array in cloud[:ARRAYS])
     log_weights = np.full(k, -math.log(k))
-    return Cloud(noses, rates, regimes, means, P, intensities, log_weights, cloud.draws + 1, *cloud[8:])
+    return cloud._replace(**named(arrays), log_weights=log_weights, draws=cloud.draws + 1)
 
 
 def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:

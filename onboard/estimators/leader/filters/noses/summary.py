@@ -86,6 +86,7 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(model.N, model.N)
     covariance[:9, :9] += within[:9, :9]
     covariance[BANK, BANK] += within[model.BANK_ERROR, model.BANK_ERROR]
+    log_range += _resolved(mean, covariance) * (_median(cloud.means[:, R_FL], w) - log_range)
     mean, covariance = _about(mean, covariance, math.exp(log_range))
     mean[LOG_SIZE] = math.log(settings.size)
     # the size scales the range
@@ -111,12 +112,32 @@ def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
     return whole._replace(places=places(w, cloud.means[:, MOTION], cloud.covariances[:, MOTION, MOTION], ours))
 
 
+def _resolved(mean: Array, covariance: Array) -> float:
+    """How far the range is resolved, from 0 to 1: then its median is published. From behind, the many noses that
+    are not quite on the course all mean a nearer leader, and drag a mean to that side. An open range has far
+    modes, and of these a mean is about as likely to be twice too far as twice too near."""
+    r = mean[R_FL]
+    sigma = math.sqrt(max(float(r @ covariance[R_FL, R_FL] @ r), 0.0)) / float(r @ r)
+    return min(max(2.0 - sigma / RESOLVED, 0.0), 1.0)
+
+
+def _median(r: Array, w: Array) -> float:
+    """The median of the logarithms of the ranges of places r (K, 3) with weights w (K,)."""
+    log_range = 0.5 * np.log(np.einsum("ki,ki->k", r, r))
+    order = np.argsort(log_range)
+    below = np.cumsum(w[order]) - 0.5 * w[order]
+    return float(np.interp(0.5, below, log_range[order]))
+
+
 def with_course(settings: NoseModel, cloud: Cloud) -> Array:
-    """Weights (K,) of the particles, with what is likely of a nose and its course: most leaders that fly fast
-    point their nose along their course.
+    """Weights (K,) of the particles, with what is likely of the nose of a fixed wing and its course. Of others,
+    the particles themselves suppose that (`cloud.Cloud.tied`).
 
     That is prior knowledge about an angle that lasts. It is applied to what is reported and not to the cloud
     itself, where each image would count it again."""
+    w = np.exp(cloud.log_weights)
+    if settings.crab == 0.0:
+        return np.asarray(w)
     x, P = cloud.means, cloud.covariances
     u, v = x[:, 3] - settings.air[0], x[:, 4] - settings.air[1]
     speed2 = u * u + v * v + 1e-6
@@ -125,9 +146,9 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
     a, b = v / speed2, -u / speed2
     S = a * a * P[:, 3, 3] + 2.0 * a * b * P[:, 3, 4] + b * b * P[:, 4, 4] + settings.nose_about_course**2
     S += settings.air_sigma**2 / speed2
-    share = settings.follows * speed2**2 / (speed2**2 + model.FOLLOWS4)
+    share = speed2**2 / (speed2**2 + model.FOLLOWS4)
     likely = np.exp(-0.5 * aside**2 / S) / np.sqrt(2.0 * math.pi * S)
-    w = np.exp(cloud.log_weights) * ((1.0 - share) / math.pi + share * likely)
+    w *= (1.0 - share) / math.pi + share * likely
     return np.asarray(w / w.sum())
 
 

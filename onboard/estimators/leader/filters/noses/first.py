@@ -1,0 +1,121 @@
+"""The cloud after a first image: noses over half a circle, those along our own course likelier if we fly."""
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.filters.noses.changes import APART, MOST_CRAB
+from onboard.estimators.leader.filters.noses.cloud import Cloud
+from onboard.estimators.leader.filters.noses.draws import normal, uniform
+from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE
+from onboard.estimators.leader.filters.noses.particles import DIAGONAL, HORIZONTAL, resampled
+from onboard.estimators.leader.settings import NoseModel
+from onboard.models import apparent_shape
+from onboard.models import apparent_wing as model
+from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
+
+LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
+FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
+MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
+
+
+def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Cloud | None = None) -> Cloud:
+    """The cloud after one image. Of what was known `before` of the same leader only the noses are kept, of all but
+    each FORGETS-th particle; where it is and how it moves may have changed while it was not seen."""
+    direction = seen.axes[0] @ pose.R_cn
+    noses, prior = _first_noses(settings, math.atan2(direction[1], direction[0]), pose.v_F_n)
+    if before is not None:
+        kept = np.arange(len(noses)) % FORGETS > 0
+        known = resampled(before, settings.particles).noses
+        noses, prior = np.where(kept, known, noses), np.full(len(noses), 1.0 / len(noses))
+    k = len(noses)
+    edge_on, lasting = model.LEAST_VISIBLE, 0.0
+    shows = None if seen.has_wing else seen.shows
+    if seen.is_metric and seen.pose is not None:
+        edge_on, lasting = ANY_NOSE, seen.pose.lasting
+    elif shows is not None:
+        edge_on, lasting = shows.edge_on, shows.lasting
+    # about the range, as a share of the largest possible
+    broad = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
+    range_ = settings.size * broad / seen.span
+    if seen.is_metric:
+        range_ = np.full(k, settings.size / seen.span)
+    elif shows is not None:
+        range_ = settings.size * apparent_shape.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
+        range_ = np.maximum(range_, LEAST_RANGE * range_.max())
+    means, P = np.zeros((k, N)), np.zeros((k, N, N))
+    means[:, R], means[:, V] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
+    line = np.outer(direction, direction)
+    along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
+    across = seen.R[0, 0] * range_**2
+    P[:, R, R] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
+    hovers = uniform(APART, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
+    intensities = np.column_stack([s * normal(APART + 1 + 2 * i, k) for i, s in enumerate(settings.intensity)])
+    factors = np.exp(intensities)
+    speed = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
+    diagonal = np.zeros((k, N))
+    diagonal[:, V], diagonal[:, A] = speed, (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
+    diagonal[hovers, V] = settings.hover_speed**2 + settings.own_velocity**2
+    diagonal[hovers, A] = settings.hover_acceleration**2
+    means[hovers, V] = 0.0
+    diagonal[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
+    shortens = np.maximum(1.0 - broad**2, 0.0) / broad**2
+    diagonal[:, STRETCH] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens
+    P[:, DIAGONAL, DIAGONAL] += diagonal
+    _lean(settings, means, P, pose.v_F_n)
+    means[hovers, LEAN] = 0.0
+    turns = uniform(0, k) < settings.turning
+    rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
+    regimes = np.where(
+        hovers, model.HOVERING, np.where(uniform(3, k) < settings.accelerating, model.ACCELERATING, model.STEADY)
+    )
+    return Cloud(
+        noses,
+        rates,
+        regimes.astype(float),
+        means,
+        P,
+        intensities,
+        np.full(k, model.UNDECIDED if settings.tied > 0.0 else model.FREE),
+        np.log(prior),
+        4,
+        edge_on,
+        lasting,
+        metric=seen.is_metric,
+    )
+
+
+def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:
+    """What is known of a lean against the air: drag times an airspeed, with an unknown wind."""
+    level = v_F_n[:2]
+    means[:, LEAN] = settings.drag * level
+    speeds = P[:, 3:5, 3:5]
+    known = settings.drag_sigma**2 * (np.outer(level, level) + speeds) + (
+        settings.drag * settings.wind
+    ) ** 2 * np.eye(2)
+    P[:, LEAN, LEAN] = settings.drag**2 * speeds + known + 1e-8 * np.eye(2)
+    P[:, LEAN, 3:5] = P[:, 3:5, LEAN] = settings.drag * speeds
+
+
+def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any, Any]:
+    """Noses (K,) and their prior probabilities: all noses alike, and those along our own course more likely if we
+    fly; for a fixed wing only noses about our course."""
+    k = settings.particles
+    moving = math.hypot(v_F_n[0], v_F_n[1]) > MOVING
+    course = math.atan2(v_F_n[1], v_F_n[0])
+    if moving and settings.crab > 0:
+        apart = MOST_CRAB * (2.0 * (np.arange(k) + 0.5) / k - 1.0)
+        return course + apart * settings.crab, np.full(k, 1.0 / k)  # `with_course` says which are likely
+    few = k // 4 if moving else 0
+    noses = bearing + math.pi * (np.arange(k - few) + 0.5) / (k - few)
+    prior = np.full(k - few, 1.0 / (k - few))
+    if few:
+        apart = 2.5 * (2.0 * (np.arange(few) + 0.5) / few - 1.0)
+        likely = np.exp(-0.5 * apart**2)
+        noses = np.append(noses, course + apart * settings.heading)
+        prior = np.append(prior * (1.0 - settings.on_course), likely * settings.on_course / likely.sum())
+    return noses, prior
