@@ -8,13 +8,15 @@ import pytest
 
 from onboard.config import parse_config
 from onboard.geometry.rotations import matrix_from_euler
-from onboard.messages import DOUBT
+from onboard.geometry.units import NS_PER_S
+from onboard.messages import DOUBT, Advice
 from onboard.ownship.mounts import FEWEST_WINDOWS, Sight, equations, rotation
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
 from tests.support.streams import S
 
+UP_DEG = 8.0  # as the camera of the scenario `guided` looks
 LEADER = {"size_prior_m": 2.667, "leader_class": "multirotor"}
 
 
@@ -75,11 +77,29 @@ def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int)
 @pytest.mark.slow
 @pytest.mark.parametrize(("pitch", "words"), [(15.0, "lower"), (-30.0, "higher"), (0.0, "")])
 def test_a_flight_with_a_circle_shows_its_mount_seed_3(pitch: float, words: str) -> None:
-    found = hints(load_scenario("guided"), [0.0, pitch, 0.0], 120.0, 3)
+    found = hints(load_scenario("guided"), [0.0, UP_DEG + pitch, 0.0], 120.0, 3)
     measured = [re.search(rf"looked (\d+) degrees {words} ", reason) for reason in found]
     assert [m is not None and float(m[1]) == pytest.approx(abs(pitch), rel=0.2) for m in measured] == [
         True
     ] * bool(words)
+
+
+@pytest.mark.slow
+def test_the_status_advises_a_mount_that_is_20_degrees_off_seed_5() -> None:
+    """A health every second, as the daemon has it and `onboard status` shows it."""
+    table = {"camera": {"mount_rpy_deg": [0.0, UP_DEG - 20.0, 0.0]}, "estimator": {"leader": LEADER}}
+    pipeline, due, found = Pipeline(parse_config(table)), 0, list[Advice]()
+    for item in datagrams(load_scenario("guided"), 5, 100.0):
+        if hasattr(item, "data"):
+            pipeline.feed(item)
+            if item.t_recv_ns >= due:
+                due = item.t_recv_ns + NS_PER_S
+                found += [advice for advice in pipeline.health(item.t_recv_ns).advice if advice.cause == "mount"]
+    assert found, "no advice in 100 s"
+    measured = re.search(r"looked (\d+) degrees higher", found[-1].what)
+    assert measured is not None
+    assert float(measured[1]) == pytest.approx(20.0, rel=0.2)
+    assert "mount_rpy_deg" in found[-1].what + found[-1].remedy
 
 
 @pytest.mark.slow
