@@ -1,5 +1,6 @@
 """How an encounter departs from what an estimator supposes of leaders and of our own errors: one assumption that
 is false, of a leader or of ourselves. The ranges of `conditions` lie around what is supposed; these lie outside.
+Or we sway, to see the leader from elsewhere: that falsifies nothing.
 """
 
 from typing import Final, NamedTuple
@@ -8,9 +9,10 @@ import msgspec
 import numpy as np
 
 from simlink.encounters.conditions import NOMINAL_SIZE, Conditions
-from simlink.encounters.curves import level
+from simlink.encounters.curves import Motion, level, moving
 from simlink.encounters.families import TURN, Scene
 from simlink.scenarios.profiles import GaussMarkov
+from simlink.world.constants import DT
 
 
 class Departure(NamedTuple):
@@ -25,6 +27,7 @@ class Departure(NamedTuple):
     image_noise: float = 1.0
     own_errors: float = 1.0
     mount_off_deg: float = 0.0  # the camera from where it is configured, about one of its axes
+    sway: float = 0.0  # m, to either side, of ourselves across the first line of sight, on top of what we fly
 
 
 NONE: Final = Departure()
@@ -40,6 +43,8 @@ def depart(
         scene = scene._replace(nose=scene.nose + turned)
     if d.wind is not None:
         scene = scene._replace(wind=d.wind * level(np.array(windward)))
+    if d.sway:
+        scene = scene._replace(follower=_swaying(scene, d.sway, rng))
     size = conditions.size if d.size_off is None else NOMINAL_SIZE * (1.0 + larger * d.size_off)
     camera = msgspec.structs.replace(conditions.camera, sigma_px=d.image_noise * conditions.camera.sigma_px)
 
@@ -54,3 +59,11 @@ def depart(
         yaw_error_deg=larger_error(conditions.yaw_error_deg),
         velocity_error=larger_error(conditions.velocity_error),
     )
+
+
+def _swaying(scene: Scene, amplitude: float, rng: np.random.Generator) -> Motion:
+    """Our motion with a sway across the first line of sight, of 7 to 12 s."""
+    sight = scene.leader.r[0] - scene.follower.r[0]
+    across = level(np.arctan2(sight[1], sight[0]) + np.array(0.25 * TURN))
+    phase = TURN * (DT * np.arange(len(scene.follower.r)) / rng.uniform(7.0, 12.0) + rng.uniform())
+    return moving(scene.follower.r + amplitude * np.sin(phase)[:, None] * across)

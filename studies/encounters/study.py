@@ -4,14 +4,15 @@ drop-outs and the errors of our own state are drawn around the defaults, never a
 (`simlink/encounters/conditions.py`).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
-from studies.encounters import assumptions, reference
+from studies.encounters import assumptions, peers, reference
 from studies.encounters.assumptions import BROKEN
 from studies.encounters.flights import CASES, DEFAULTS, Case, Flight, fly
+from studies.encounters.peers import BESIDE
 from studies.encounters.reference import Pair
 from studies.encounters.results import checks_of, claims_of, requirements, table_of
 from studies.encounters.scores import over_all, score
@@ -24,7 +25,7 @@ NAME: Final = "encounters"
 TITLE: Final = "Encounters: the leader from any side"
 LEAST: Final = 40  # seeds to decide the claims
 FIRST_SEED: Final = 501  # settings are chosen on seeds 1 to 100
-FEWER: Final = 4  # of so many seeds one is flown with each assumption false, too
+FEWER: Final = 4  # of so many seeds one is flown with each assumption false, and beside another filter, too
 COMPARED: Final = 8  # of so many encounters one is flown by the reference, too: that takes ten times as long
 
 
@@ -42,22 +43,26 @@ def run(
     """The study over `seeds` flights of each case; forty are needed to judge. `settings` are further overrides, as
     of `--set`: to choose settings, on other seeds than those of the report. The first `compared` seeds (None: an
     eighth of all) are flown by the reference, too, and the first `broken` (None: a quarter of all) with one
-    assumption false (`assumptions`)."""
+    assumption false (`assumptions`), and beside another filter (`peers`)."""
     every = require_seeds(seeds, first_seed)
     draw = drawing(__package__, out)
     few = every[: seeds // COMPARED if compared is None else compared]
+    some = every[: seeds // FEWER if broken is None else broken]
     beside = [case for case in cases if case in reference.COMPARED and few]
     parts = [Part(fly, (case, seed, (*settings, *reference.SETTINGS))) for case in beside for seed in few]
     parts += [Part(fly, (case, seed, settings)) for case in cases for seed in every]
-    departed = every[: seeds // FEWER if broken is None else broken]
-    parts += [Part(fly, (case, seed, settings)) for case in BROKEN for seed in departed]
-    flown: list[Flight] = compute(parts, jobs, progress)
-    referred, flown = flown[: len(beside) * len(few)], flown[len(beside) * len(few) :]
-    flights = _by_case(cases, flown, seeds)
-    references = _by_case(beside, referred, len(few))
-    astray = _by_case(BROKEN if departed else (), flown[len(cases) * seeds :], len(departed))
+    parts += [Part(fly, (case, seed, settings)) for case in BROKEN for seed in some]
+    parts += [Part(peers.fly, (case, seed, settings)) for case in BESIDE.values() for seed in some]
+    references, flights, astray, paired = _split(
+        compute(parts, jobs, progress),
+        (beside, len(few)),
+        (cases, seeds),
+        (BROKEN if some else (), len(some)),
+        (BESIDE if some else (), len(some)),
+    )
     shown = {case: each[0] for case, each in flights.items() if case in DEFAULTS}
-    return publish(decided(findings(flights, first_seed, settings, references, astray), LEAST), out, draw, shown)
+    found = findings(flights, first_seed, settings, references, astray, paired)
+    return publish(decided(found, LEAST), out, draw, shown)
 
 
 def findings(
@@ -66,12 +71,13 @@ def findings(
     settings: Sequence[str] = (),
     references: Mapping[Case, Sequence[Flight]] | None = None,
     astray: Mapping[Case, Sequence[Flight]] | None = None,
+    paired: Mapping[str, Sequence[peers.Pair]] | None = None,
 ) -> Findings:
     """The results of flights with successive seeds, the first of which the `references` have flown, too; `astray`
-    are flights with one assumption false."""
+    are flights with one assumption false, and `paired` those beside the bearing-angle filter."""
     scores, total = {case: score(each) for case, each in flights.items()}, over_all(flights)
     departed = {case: score(each) for case, each in (astray or {}).items()}
-    required = requirements(scores, total) | assumptions.requirements(departed)
+    required = requirements(scores, total) | assumptions.requirements(departed) | peers.requirements(paired or {})
     pairs = {c: [*map(Pair, flights[c], each)] for c, each in (references or {}).items()}
     beside = reference.checks_of(pairs)
     setting = (__doc__ or "").replace("\n", " ").strip()
@@ -85,6 +91,7 @@ def findings(
             table_of(scores, total),
             *([reference.table_of(pairs)] if pairs else []),
             *([assumptions.table_of(departed)] if departed else []),
+            *([peers.table_of(paired)] if paired else []),
         ),
         checks=(*checks_of(required), *beside),
         claims=(*claims_of(required), *reference.claims_of(beside)),
@@ -93,6 +100,11 @@ def findings(
     )
 
 
-def _by_case(cases: Sequence[Case], flown: Sequence[Flight], each: int) -> dict[Case, Sequence[Flight]]:
-    """The flights of each case, of which there are so many for `each`, one case after the other."""
-    return {case: flown[k * each : (k + 1) * each] for k, case in enumerate(cases)}
+def _split(flown: Sequence[Any], *groups: tuple[Iterable[Any], int]) -> list[dict[Any, Sequence[Any]]]:
+    """The flights of each group by its keys, each of which has so many; they are flown in this order."""
+    found, at = [], 0
+    for keys, each in groups:
+        ordered = list(keys)
+        found.append({key: flown[at + k * each : at + (k + 1) * each] for k, key in enumerate(ordered)})
+        at += len(ordered) * each
+    return found
