@@ -7,7 +7,7 @@ from simlink.encounters.departures import Departure
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.families import FAMILIES
 from studies.encounters import flights as flown
-from studies.encounters import study
+from studies.encounters import peers, study
 from studies.encounters.assumptions import ASSUMPTIONS, BROKEN, WRONG, name_of
 from studies.encounters.flights import Case, Flight, fly, known, mount_off
 
@@ -66,7 +66,9 @@ def test_the_first_seeds_fly_astray_too(monkeypatch: pytest.MonkeyPatch) -> None
         return made(int(seed == 501 and case == BROKEN[2]))
 
     monkeypatch.setattr(study, "fly", flight)
+    monkeypatch.setattr(peers, "fly", lambda *_: peers.Pair(made(1), made(2)))
     found = study.run(8, 501, 1, None, cases=(Case("hover"),), compared=0)
-    rows = found.tables[-1].rows
+    assert [len(table.rows) for table in found.tables[1:]] == [len(BROKEN), len(peers.BESIDE)]
+    rows = found.tables[1].rows
     assert (len(rows), {row[2] for row in rows}) == (len(BROKEN), {2.0})
     assert [row[3] for row in rows[:4]] == [0.0, 0.0, 0.25, 0.0]
