@@ -27,9 +27,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Attitude, LocalPosition, Message, TargetDetection
-from studies.encounters.flights import Flight, judged
 from simlink.encounters.encounter import Encounter
 from simlink.encounters.reports import BOOT_NS
+from studies.encounters.flights import Flight, judged
 
 ACCELERATION: Final = 0.2  # m/s^2 / sqrt(Hz), white, of the target
 VELOCITY: Final = 5.0  # m/s, of the target at first, one standard deviation

@@ -7,15 +7,15 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from simlink.encounters.conditions import NOMINAL_SIZE
+from simlink.encounters.departures import Departure
+from simlink.encounters.encounter import make_encounter
 from studies.encounters import flights
 from studies.encounters.bearing_angle import flown
 from studies.encounters.flights import Case, Flight
 from studies.encounters.results import Requirement
 from studies.encounters.scores import score
 from studies.report.findings import Table
-from simlink.encounters.conditions import NOMINAL_SIZE
-from simlink.encounters.departures import Departure
-from simlink.encounters.encounter import make_encounter
 
 UNKNOWN: Final = 0.5  # of the size, one standard deviation of what is supposed ...
 OFF: Final = 0.4  # ... and how far it is off, to either side

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from onboard.arrays import Array
-from onboard.studies.encounters import flights as flights_module
-from onboard.studies.encounters import study
-from onboard.studies.encounters.bearing_angle import Box, boxes, predicted, started, updated
-from onboard.studies.encounters.flights import Case, Flight
-from onboard.studies.encounters.peers import APPARENT, BESIDE, Pair, fly
 from simlink.encounters.conditions import NOMINAL_SIZE
 from simlink.encounters.departures import Departure
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.truth import at
+from studies.encounters import flights as flights_module
+from studies.encounters import study
+from studies.encounters.bearing_angle import Box, boxes, predicted, started, updated
+from studies.encounters.flights import Case, Flight
+from studies.encounters.peers import APPARENT, BESIDE, Pair, fly
 
 STEPS = 200
 SIGMA = 1e-3  # rad
