@@ -1,7 +1,7 @@
 """A real ArduCopter follows another one in FOLLOW mode, on nothing but what `onboard run` sends, as the guide in
 docs/ardupilot.md says: configs/sitl.toml, configs/ardupilot-follow.parm, and `simlink camera` between them.
 
-It takes four minutes, and a computer that keeps up with two simulators. Set ARDUCOPTER to the binary that
+It takes five minutes, and a computer that keeps up with two simulators. Set ARDUCOPTER to the binary that
 `./waf copter` of ArduPilot's SITL builds (build/sitl/bin/arducopter)."""
 
 import time
@@ -59,9 +59,18 @@ def test_a_real_autopilot_follows(tmp_path: Path) -> None:
         assert least(world.since(begin)) >= TWO_THIRDS
 
         world.fly(25.0, course, lambda _: SPEED)
-        world.fly(35.0, course, lambda _: SPEED, rate=0.2)
+        course = world.fly(35.0, course, lambda _: SPEED, rate=0.2)
         circle = world.since(time.monotonic() - 15.0)
         assert error(circle) < 3.0  # 5 before the slot's own velocity was sent
         assert lost_percent(circle) <= 2.0
         assert daemon.popen.poll() is None
         assert "Traceback" not in daemon.output()
+
+        daemon.kill()
+        course = world.fly(2.0, course, lambda _: SPEED, rate=0.2)
+        daemon = world.daemon()
+        course = world.fly(15.0, course, lambda _: SPEED, rate=0.2)
+        world.fly(35.0, course, lambda _: SPEED)
+        assert "warm start: the leader as it was" in daemon.output()
+        assert lost_percent(world.since(time.monotonic() - 15.0)) <= 2.0
+        assert error(world.since(time.monotonic() - 5.0)) < 5.0

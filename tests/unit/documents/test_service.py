@@ -26,9 +26,10 @@ def service() -> configparser.SectionProxy:
     return parser["Service"]
 
 
-@pytest.mark.parametrize("key", ["ExecStartPre", "ExecStart"])
-def test_it_starts_commands_that_we_have(key: str) -> None:
-    program, command, config = shlex.split(service()[key])
+def test_it_starts_a_command_that_we_have_and_after_a_crash_at_once() -> None:
+    assert "ExecStartPre" not in service()
+    assert service()["RestartSec"] == "100ms"
+    program, command, config = shlex.split(service()["ExecStart"])
     assert Path(program).name == "onboard"
     assert Path(config).is_absolute()
     helped = [sys.executable, "-m", "onboard", command, "--help"]
