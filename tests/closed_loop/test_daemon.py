@@ -1,7 +1,6 @@
 """`onboard run` and `simlink run` as processes over real links: messages in both directions, and the recording."""
 
 import signal
-import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import closing
@@ -202,27 +201,36 @@ def is_valid(estimate: Estimate) -> bool:
 
 
 def test_a_killed_daemon_comes_back_with_what_it_knew_seed_5(setup: Setup) -> None:
-    url, recording = f"udpin:127.0.0.1:{setup.autopilot}", setup.folder / "again.mcap"
+    """A state is used for 10 s. Where so many programs run that a start takes longer, it is tried again."""
+    url = f"udpin:127.0.0.1:{setup.autopilot}"
     links = ("--mavlink", f"udpout:127.0.0.1:{setup.autopilot}", "--tcp", "none", "--zenoh", "none")
     links += ("--camera", "mavlink", "--camera-mavlink", f"udpout:127.0.0.1:{setup.camera}")
-    path = f"warm_start.path='{setup.folder / 'state.json'}'"
+    state = setup.folder / "state.json"
     with setup.simulator(*links, seed=5):
-        with setup.daemon(url, path) as daemon:
-            observer = setup.observer()
-            until(observer.is_tracking, "the leader")
-            until((setup.folder / "state.json").exists, "a state")
-            daemon.end(signal.SIGKILL)
-        time.sleep(1.0)
-        with setup.daemon(url, path, f"recorder.path='{recording}'") as daemon:
-            observer = setup.observer()
-            until(lambda: observer.newest().verdicts.get("leader.warm_start_used") == 1, "a warm start")
-            until(lambda: observer.receive() or len(observer.estimates) > 200, "estimates")
-            assert daemon.end(signal.SIGTERM) == 0
-    assert "warm start: the leader as it was" in daemon.output()
+        recording = next(filter(None, (killed_and_started(setup, url, state, k) for k in range(5))))
     estimates = read_estimates(recording)
     begun_ns, valid_ns = (next(e.t_ns for e in estimates if test(e)) for test in (began, is_valid))
     assert valid_ns - begun_ns < 1_000_000_000
     assert_replays_bit_for_bit(setup, recording)
+
+
+def killed_and_started(setup: Setup, url: str, state: Path, k: int) -> Path | None:
+    """The recording of a daemon that has begun with what a killed one left; None where that was too old."""
+    recording, path = setup.folder / f"again-{k}.mcap", f"warm_start.path='{state}'"
+    state.unlink(missing_ok=True)
+    with setup.daemon(url, path) as daemon:
+        until(setup.observer().is_tracking, "the leader")
+        until(state.exists, "a state")
+        daemon.end(signal.SIGKILL)
+    with setup.daemon(url, path, f"recorder.path='{recording}'") as daemon:
+        daemon.wait_for(str(state))
+        if "is ignored: it is" in daemon.output():
+            return None
+        observer = setup.observer()
+        until(lambda: observer.newest().verdicts.get("leader.warm_start_used") == 1, "a warm start")
+        until(lambda: observer.receive() or len(observer.estimates) > 200, "estimates")
+        assert daemon.end(signal.SIGTERM) == 0
+    return recording
 
 
 def refused(capsys: pytest.CaptureFixture[str], *settings: str) -> str:

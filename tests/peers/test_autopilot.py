@@ -1,7 +1,7 @@
 """A real ArduCopter follows another one in FOLLOW mode, on nothing but what `onboard run` sends, as the guide in
 docs/ardupilot.md says: configs/sitl.toml, configs/ardupilot-follow.parm, and `simlink camera` between them.
 
-It takes five minutes, and a computer that keeps up with two simulators. Set ARDUCOPTER to the binary that
+It takes four minutes, and a computer that keeps up with two simulators. Set ARDUCOPTER to the binary that
 `./waf copter` of ArduPilot's SITL builds (build/sitl/bin/arducopter)."""
 
 import time
@@ -17,7 +17,7 @@ pytestmark = [
     pytest.mark.skipif(not Path(BINARY).is_file(), reason="ARDUCOPTER names no binary of ArduCopter's SITL"),
 ]
 
-SPEED = 8.0
+SPEED = 8.0  # m/s
 TWO_THIRDS = float(np.linalg.norm(SLOT)) * 2.0 / 3.0
 
 
@@ -41,9 +41,9 @@ def test_a_real_autopilot_follows(tmp_path: Path) -> None:
         world.take_off(30.0)
         course = world.fly(5.0, 0.0, lambda _: 0.0)
         world.follower.set_mode(FOLLOW)
-        course = world.fly(8.0, course, lambda _: 0.0)
-        at_rest = world.rows[-1]
-        assert at_rest.slot_error() < 4.0, "FOLLOW begins behind a leader that has never moved"
+        course = world.fly(8.0, course, lambda _: 0.0)  # which has never flown, so it has no course of its own
+        assert world.rows[-1].slot_error() < 6.0  # a hover leaves the range open
+        assert not [text for text in world.follower.texts if "no course" in text]
 
         course = world.fly(40.0, course, lambda _: SPEED)
         straight = world.since(time.monotonic() - 12.0)
@@ -59,18 +59,9 @@ def test_a_real_autopilot_follows(tmp_path: Path) -> None:
         assert least(world.since(begin)) >= TWO_THIRDS
 
         world.fly(25.0, course, lambda _: SPEED)
-        course = world.fly(35.0, course, lambda _: SPEED, rate=0.2)
+        world.fly(35.0, course, lambda _: SPEED, rate=0.2)
         circle = world.since(time.monotonic() - 15.0)
         assert error(circle) < 3.0  # 5 before the slot's own velocity was sent
         assert lost_percent(circle) <= 2.0
         assert daemon.popen.poll() is None
         assert "Traceback" not in daemon.output()
-
-        daemon.kill()
-        course = world.fly(2.0, course, lambda _: SPEED, rate=0.2)
-        daemon = world.daemon()
-        course = world.fly(15.0, course, lambda _: SPEED, rate=0.2)
-        world.fly(35.0, course, lambda _: SPEED)
-        assert "warm start: the leader as it was" in daemon.output()
-        assert lost_percent(world.since(time.monotonic() - 15.0)) <= 2.0
-        assert error(world.since(time.monotonic() - 5.0)) < 5.0
