@@ -219,8 +219,8 @@ def test_08_images_that_contradict_the_estimate() -> None:
 
 
 def test_09_a_size_that_is_four_times_too_small() -> None:
-    """The leader is four times as large as configured, and so seems four times as near as it is. Three times as large
-    fits another flight of a nearer leader, and nothing shows it (docs/status.md)."""
+    """The leader is four times as large as configured, and so seems four times as near as it is. Three times as
+    large fits another flight of a nearer leader, and nothing shows it (docs/status.md)."""
     doctor = flown(moved(lambda p: p[:1] + 4.0 * (p - p[:1])))
     assert "not valid" in named(doctor, "misfit", "`size_prior_m`").what
 
