@@ -193,3 +193,29 @@ def test_points_that_are_lastingly_misplaced_make_the_range_wrong_as_the_wing_is
     plain, wide = (summarise(SETTINGS, known._replace(misplaced=m)).covariance for m in (0.0, 0.056))
     added = float(r @ (wide - plain)[:3, :3] @ r) / float(r @ r) ** 2
     assert added == pytest.approx((0.056 * share) ** 2, abs=1e-6)
+
+
+def test_evidence_counts_by_seconds_and_not_by_images() -> None:
+    """Four times as long after the image before, four times as much."""
+    settings = SETTINGS._replace(fewest=SETTINGS.particles, resample=1e-9)
+    cloud = particles.predict(settings, start(settings, image(25.0, 0.3), STILL), 0.1, np.array([0.0, 0.3, 0.0]))
+
+    def weight_of(unseen: float) -> float:
+        after = particles.update(settings, cloud._replace(unseen=unseen), image(25.0, 0.3, east=0.3), STILL)[0]
+        assert after.unseen == 0.0
+        return float(np.ptp(after.log_weights - cloud.log_weights))
+
+    assert weight_of(0.4) == pytest.approx(4.0 * weight_of(0.1))
+    assert weight_of(5.0) == pytest.approx(weight_of(0.5))  # no image counts more than once
+
+
+@pytest.mark.parametrize(("near", "published"), [(20.0, 25.0), (10.0, 25.0**0.7 * 10.0**0.3)])
+def test_a_resolved_range_is_the_median_and_an_open_one_the_geometric_mean(near: float, published: float) -> None:
+    cloud = start(SETTINGS, image(25.0, 0.0), STILL)
+    k = len(cloud.noses)
+    ranges = np.where(np.arange(k) < 0.3 * k, near, 25.0)
+    covariances = np.repeat(1e-4 * np.eye(model.N)[None], k, axis=0)
+    means = np.zeros_like(cloud.means)
+    means[:, 0] = ranges
+    known = cloud._replace(means=means, covariances=covariances, log_weights=np.full(k, -math.log(k)))
+    assert np.linalg.norm(summarise(SETTINGS, known).mean[:3]) == pytest.approx(published, rel=0.01)
