@@ -34,7 +34,8 @@ class Runs(NamedTuple):
 class Scores(NamedTuple):
     """Over all steps and runs: RMS of the lengths of the error vectors (m, m/s, m/s^2) and of the measurements'
     errors (m), the Cramér-Rao bound of the position (m), mean NEES, and the share of NEES within its 95 %
-    bound."""
+    bound; of the position and of NEES the standard error, by the scatter over runs. A negative NEES is that of a
+    covariance that is none: the filter has failed."""
 
     position: float
     velocity: float
@@ -43,6 +44,13 @@ class Scores(NamedTuple):
     bound: float
     nees: float
     inside: float
+    position_error: float
+    nees_error: float
+
+    @property
+    def failed(self) -> bool:
+        """Whether the covariance is none."""
+        return self.nees < 0
 
 
 def printed_noise(dt: float, q: float) -> Array:
@@ -107,7 +115,14 @@ def score(seeds: range, drawn: bool, noise: Array | None) -> Scores:
         bound=float(np.sqrt(position.mean())),
         nees=float(nees.mean()),
         inside=float(np.mean(nees < chi_square_threshold(0.95, 9))),
+        position_error=_error(np.sum(error[..., :3] ** 2, axis=-1)) / (2 * _rms(error[..., :3])),
+        nees_error=_error(nees),
     )
+
+
+def _error(values: Array) -> float:
+    """The standard error of the mean of values (T, B), by the scatter over runs."""
+    return float(np.std(values.mean(axis=0), ddof=1) / np.sqrt(values.shape[1]))
 
 
 def _rms(vectors: Array) -> float:

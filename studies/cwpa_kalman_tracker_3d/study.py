@@ -31,7 +31,7 @@ from studies.cwpa_kalman_tracker_3d.runs import (
     score,
 )
 from studies.report.files import require_seeds
-from studies.report.findings import Check, Findings, Table, check, near
+from studies.report.findings import Cell, Check, Findings, Table, check, near
 from studies.report.sampling import decided
 from studies.tracking.publish import drawing, publish
 
@@ -39,8 +39,8 @@ NAME: Final = "cwpa-kalman-tracker-3d"
 TITLE: Final = "Lazarov et al.: a linear Kalman tracker in three dimensions"
 LEAST: Final = 20  # seeds to decide the claims
 HEADER: Final = (
-    *("filter", "position m", "velocity m/s", "acceleration m/s²"),
-    *("raw m", "bound m", "NEES", "in 95 %"),
+    *("filter", "position m", "±", "velocity m/s", "acceleration m/s²"),
+    *("raw m", "bound m", "NEES", "±", "in 95 %"),
 )
 GOLDEN: Final = (4.427842, 3.639966, 2.406474, 0.442784, 0.257108, 0.074647)
 
@@ -87,10 +87,18 @@ def _table(*scores: Scores) -> Table:
     return Table(
         title="Results",
         note="Root mean squares of vector lengths over all steps. NEES of nine states: 9 (95 % of 50 runs: "
-        f"{low:.1f} to {high:.1f}); a negative one has no meaning: the covariance is none.",
+        f"{low:.1f} to {high:.1f}); failed: it is negative, so the covariance is none. ±: standard errors, by the "
+        "scatter over runs.",
         header=HEADER,
-        rows=tuple((name, *s) for name, s in zip(names, scores, strict=True)),
+        rows=tuple((name, *_cells(s)) for name, s in zip(names, scores, strict=True)),
     )
+
+
+def _cells(s: Scores) -> tuple[Cell, ...]:
+    figures = (s.position, s.position_error, s.velocity, s.acceleration)
+    shown: tuple[Cell, ...] = ("failed",) * len(figures) if s.failed else figures
+    consistency: tuple[Cell, ...] = ("failed",) * 3 if s.failed else (s.nees, s.nees_error, s.inside)
+    return (*shown, s.raw, s.bound, *consistency)
 
 
 def final() -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ import numpy as np
 
 from studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, SYMMETRIC, AllResults, Results
 from studies.report.findings import Claim, verdict
+from studies.report.sampling import all_of, negated
 
 BETTER = 0.95  # "more accurate": by a twentieth at least
 TWO_ORDERS = 100.0
@@ -32,8 +33,8 @@ def claims_of(m: AllResults) -> tuple[Claim, ...]:
 
 
 def _accuracy(m: AllResults) -> Claim:
-    found = {name: m.validation.outcomes[name].windows["settled"].position for name in SYMMETRIC}
-    ratio = found[JOSEPH] / min(found["ekf"], found["ukf"])
+    found = {name: m.validation.outcomes[name].windows["settled"] for name in SYMMETRIC}
+    ratio = found[JOSEPH].position / min(found["ekf"].position, found["ukf"].position)
     worst = min(
         results.outcomes[JOSEPH].windows[w].position / results.outcomes["ukf"].windows[w].position
         for results in (m.radar, m.gnss)
@@ -42,9 +43,10 @@ def _accuracy(m: AllResults) -> Claim:
     return Claim(
         claim="The square-root filter in Joseph's form is much more accurate than the EKF and the UKF.",
         where="section 4.3, figures 2-5; section 6",
-        verdict=verdict(ratio < BETTER),
-        evidence=f"Validation: EKF {found['ekf']:.2f}, UKF {found['ukf']:.2f}, square-root UKF "
-        f"{found['srukf']:.2f}, Joseph {found[JOSEPH]:.2f} m: {100 * (1 - ratio):.1f} % better. Radar and GNSS: "
+        verdict=verdict(all_of(found[JOSEPH].better(found[name], "position", BETTER) for name in ("ekf", "ukf"))),
+        evidence="Validation: "
+        + ", ".join(f"{name} {w.text('position')}" for name, w in found.items())
+        + f" m: {100 * (1 - ratio):.1f} % better in the same runs. Radar and GNSS: "
         f"{100 * (1 - worst):.1f} % at the most, in any window.",
     )
 
@@ -124,7 +126,9 @@ def _jacobian(m: AllResults) -> Claim:
     far, sharp = m.acquisition.outcomes, m.sharp_double.outcomes
     first = {name: far[name].windows["first"] for name in ("srukf", JOSEPH, "iplf")}
     nees = {name: (sharp[name].windows["all"].nees, far[name].windows["all"].nees) for name in ("srukf", JOSEPH)}
-    holds = all(a <= b for a, b in zip(nees[JOSEPH], nees["srukf"], strict=True))
+    holds = all_of(
+        case[JOSEPH].windows["all"].better(case["srukf"].windows["all"], "nees") for case in (sharp, far)
+    )
     return Claim(
         claim="The Jacobian at the posterior mean makes the filter more accurate, and its covariance too.",
         where="section 3, eqs 17, 18",
@@ -159,16 +163,15 @@ def _faults_of_radar(m: AllResults) -> Claim:
 
 
 def _acceleration(m: AllResults) -> Claim:
-    found = {
-        name: [m.radar.outcomes[name].windows[w].acceleration for w in ("nominal", "jammed", "after")]
-        for name in ("ekf", "ukf", JOSEPH)
-    }
-    ratio = min(a / b for name in ("ekf", "ukf") for a, b in zip(found[JOSEPH], found[name], strict=True))
-    numbers = "; ".join(f"{name} " + ", ".join(f"{x:.2f}" for x in row) for name, row in found.items())
+    found = {name: m.radar.outcomes[name].windows for name in ("ekf", "ukf", JOSEPH)}
+    numbers = "; ".join(
+        f"{name} " + ", ".join(windows[w].text("acceleration") for w in ("nominal", "jammed", "after"))
+        for name, windows in found.items()
+    )
     return Claim(
         claim="The filtered acceleration is closer to the truth than that of EKF and UKF.",
         where="sections 5.1.3 and 5.2.3, figures 13, 16",
-        verdict=verdict(ratio < BETTER and found[JOSEPH][0] < BETTER * found["ukf"][0]),
+        verdict=verdict(found[JOSEPH]["nominal"].better(found["ukf"]["nominal"], "acceleration", BETTER)),
         evidence=f"Radar, m/s², nominal, jammed and after the faults: {numbers}. UKF and Joseph's form agree; "
         "the EKF recovers from the loss of signal a little slower.",
     )
@@ -176,12 +179,12 @@ def _acceleration(m: AllResults) -> Claim:
 
 def _halved(m: AllResults) -> Claim:
     ours, raw = m.radar.outcomes[JOSEPH].windows, m.radar.raw
-    ratios = {w: ours[w].position / raw[w] for w in ("nominal", "jammed", "after")}
+    judged = ("nominal", "jammed", "after")
     return Claim(
         claim="The RMSE is halved with respect to the radar's noise, in faults too.",
         where="section 5.1.3, figure 14",
-        verdict=verdict(max(ratios.values()) <= 0.5),
-        evidence="; ".join(f"{w} {ours[w].position:.1f} m of {raw[w]:.1f} m" for w in ratios)
+        verdict=verdict(all_of(ours[w].within("position", 0.5 * raw[w]) for w in judged)),
+        evidence="; ".join(f"{w} {ours[w].text('position', 1)} m of {raw[w]:.1f} m" for w in judged)
         + ". So it is with every one of these filters.",
     )
 
@@ -207,12 +210,12 @@ def _faults_of_gnss(m: AllResults) -> Claim:
 def _gnss_against_fixes(m: AllResults) -> Claim:
     ours, raw = m.gnss.outcomes[JOSEPH].windows, m.gnss.raw
     kept = ("nominal", "degraded", "between", "after")
-    better = all(ours[w].position < raw[w] for w in kept)
+    better = all_of(ours[w].within("position", raw[w]) for w in kept)
     return Claim(
         claim="The filtered solution is better than the GNSS measurements, but for z with the degraded clock.",
         where="section 5.2.3, figure 17",
         verdict=verdict(better),
-        evidence="; ".join(f"{w} {ours[w].position:.1f} m of {raw[w]:.1f} m" for w in kept)
+        evidence="; ".join(f"{w} {ours[w].text('position', 1)} m of {raw[w]:.1f} m" for w in kept)
         + " (fixes by least squares), z included.",
     )
 
@@ -237,10 +240,13 @@ def _consistency(m: AllResults) -> Claim:
         "GNSS": (m.gnss.outcomes[JOSEPH].windows["nominal"], 11),
     }
     numbers = ", ".join(
-        f"{name} {w.nees:.1f} of {n} ({100 * w.inside:.0f} % in 95 %)" for name, (w, n) in found.items()
+        f"{name} {w.text('nees', 1)} of {n} ({100 * w.inside:.0f} % in 95 %)" for name, (w, n) in found.items()
     )
-    cautious = all(w.nees < n and w.inside > 0.9 for w, n in found.values())
-    exact = all(abs(w.nees / n - 1.0) < EXACT for w, n in found.values())
+    cautious = all_of(all_of((w.within("nees", n), w.inside > 0.9)) for w, n in found.values())
+    exact = all_of(
+        all_of((w.within("nees", (1 + EXACT) * n), negated(w.within("nees", (1 - EXACT) * n))))
+        for w, n in found.values()
+    )
     return Claim(
         claim="(Implied.) The covariance says how large the errors are.",
         where="sections 4 and 5",

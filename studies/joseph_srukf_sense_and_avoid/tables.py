@@ -5,11 +5,13 @@ import numpy as np
 from onboard.filters.gating import mean_bounds
 from studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, AllResults, Results
 from studies.report.findings import Cell, Table
-from studies.tracking.outcomes import Outcome
+from studies.tracking.outcomes import Outcome, WindowErrors
 
 ERRORS = ("position m", "velocity m/s", "acceleration m/s²")
 RMS = (
-    "Root mean squares of the lengths of error vectors over the runs that did not fail. NEES of {n} states: {n} "
+    "Root mean squares of the lengths of error vectors, ± their standard error by the scatter over runs. Where "
+    "runs failed, errors are of the others, which are the easier ones: they do not compare. "
+    "NEES of {n} states: {n} "
     "when consistent (95 % of means, were each of {runs} runs one sample: {low:.1f} to {high:.1f}), NIS: {m}; in "
     "95 %: how often NEES kept its 95 % bound."
 )
@@ -41,10 +43,12 @@ def _validation(m: AllResults) -> Table:
         f"the position: {extra['bound_model']:.1f} m for a target with the filter's process noise, "
         f"{extra['bound_still']:.1f} m for one without, as this; the filter must be between. κ: condition "
         "number, median over time and runs, of P, of its root S for square-root filters.",
-        header=("filter", *ERRORS, "NEES", "NIS", "in 95 %", "κ", "failed"),
+        header=("filter", ERRORS[0], "±", *ERRORS[1:], "NEES", "±", "NIS", "in 95 %", "κ", "failed"),
         rows=tuple(
             (
-                *(o.label, w.position, w.velocity, w.acceleration, w.nees, w.nis, w.inside),
+                o.label,
+                *(o.shown(w.position), w.standard_error("position"), o.shown(w.velocity), o.shown(w.acceleration)),
+                *(o.shown(w.nees), w.standard_error("nees"), o.shown(w.nis), o.shown(w.inside)),
                 *(float(np.nanmedian(o.condition)), o.failures),
             )
             for o in m.validation.outcomes.values()
@@ -65,8 +69,8 @@ def _sharp(m: AllResults) -> Table:
                 o.label,
                 f"{single[name].failed} of {o.runs}",
                 f"{o.failed} of {o.runs}",
-                o.windows["all"].nees,
-                o.windows["all"].inside,
+                o.shown(o.windows["all"].nees),
+                o.shown(o.windows["all"].inside),
             )
             for name, o in double.items()
         ),
@@ -77,27 +81,37 @@ def _by_window(title: str, results: Results, n: int, components: int, note: str)
     rows: list[tuple[Cell, ...]] = [
         (
             o.label,
-            *(o.windows[name].position for name in results.raw),
-            *(w.acceleration, w.nees, w.nis, w.inside),
+            *(x for name in results.raw for x in _position(o, name)),
+            *(o.shown(x) for x in (w.acceleration, w.nees, w.nis, w.inside)),
             o.failures,
             o.diverged,
         )
         for o in results.outcomes.values()
         for w in (o.windows["nominal"],)
     ]
-    raw: tuple[Cell, ...] = ("measured", *results.raw.values(), None, None, None, None, "", None)
+    measured: list[Cell] = [x for value in results.raw.values() for x in (value, None)]
+    raw: tuple[Cell, ...] = ("measured", *measured, None, None, None, None, "", None)
     return Table(
         title=title,
         note=_rms(results.outcomes["ukf"], n, components) + " " + note,
         header=(
             "filter",
-            *(f"position m, {name}" for name in results.raw),
+            *(x for name in results.raw for x in (f"position m, {name}", "±")),
             *(f"{name}, nominal" for name in ("acceleration m/s²", "NEES", "NIS", "in 95 %")),
             "failed",
             "diverged",
         ),
         rows=(*rows, raw),
     )
+
+
+def _position(o: Outcome, window: str) -> tuple[Cell, Cell]:
+    errors = o.windows[window]
+    return o.shown(errors.position), errors.standard_error("position")
+
+
+def _first_and_all(o: Outcome) -> tuple[WindowErrors, WindowErrors]:
+    return o.windows["first"], o.windows["all"]
 
 
 def _radar_note(m: AllResults) -> str:
@@ -132,7 +146,7 @@ def _acquisition(m: AllResults) -> Table:
         rows=tuple(
             (
                 o.label,
-                *(x for w in (o.windows["first"], o.windows["all"]) for x in (w.position, w.nees, w.inside)),
+                *(o.shown(x) for w in _first_and_all(o) for x in (w.position, w.nees, w.inside)),
             )
             for o in m.acquisition.outcomes.values()
         ),

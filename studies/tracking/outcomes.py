@@ -9,19 +9,24 @@ import numpy.typing as npt
 
 from onboard.arrays import Array
 from onboard.filters.gating import chi_square_threshold
+from studies.report.findings import Outcome as Decision
+from studies.report.sampling import below
 from studies.tracking.batch import Scene, Trace, Tracker, run_batch
 
 Mask = npt.NDArray[np.bool_]
 POSITION: Final = (0, 3, 6)
 VELOCITY: Final = (1, 4, 7)
 ACCELERATION: Final = (2, 5, 8)
+QUANTITIES: Final = ("position", "velocity", "acceleration", "nees")
+NO_RUNS: Final = np.empty((len(QUANTITIES), 0))
 LAST: Final = 50  # steps over which divergence is judged
 
 
 class WindowErrors(NamedTuple):
     """Over the steps of a window and the runs that did not fail, before or after: root mean squares of the lengths
     of error vectors (m, m/s, m/s^2), means of NEES and NIS, and the share of NEES within its 95 % bound. NaN if
-    all failed."""
+    all failed. `by_run` (4, runs): of QUANTITIES the mean squares, of NEES the mean, of each run; NaN of one that
+    failed."""
 
     position: float
     velocity: float
@@ -29,6 +34,38 @@ class WindowErrors(NamedTuple):
     nees: float
     nis: float
     inside: float
+    by_run: Array = NO_RUNS
+
+    def standard_error(self, quantity: str) -> float:
+        """Of a quantity of QUANTITIES, by the scatter over the runs that did not fail; NaN with fewer than two."""
+        runs = self.runs_of(quantity)
+        runs = runs[np.isfinite(runs)]
+        if runs.size < 2:
+            return float("nan")
+        error = float(np.std(runs, ddof=1) / np.sqrt(runs.size))
+        value: float = getattr(self, quantity)
+        return error if quantity == "nees" else error / (2 * value) if value > 0 else 0.0
+
+    def text(self, quantity: str, digits: int = 2) -> str:
+        """A quantity and its standard error."""
+        error = self.standard_error(quantity)
+        return f"{getattr(self, quantity):.{digits}f}" + (f" ± {error:.{digits}f}" if np.isfinite(error) else "")
+
+    def within(self, quantity: str, limit: float) -> Decision:
+        """Whether a quantity is below a limit, as far as the runs decide; one that failed is below nothing."""
+        return below(self.runs_of(quantity), limit if quantity == "nees" else limit**2)
+
+    def better(self, other: "WindowErrors", quantity: str, factor: float = 1.0) -> Decision:
+        """Whether a quantity is below `factor` times the other's, by the differences in the runs that the other
+        does not fail. A filter that fails in one of them is not better."""
+        ours, others = self.runs_of(quantity), other.runs_of(quantity)
+        known = np.isfinite(others)
+        return below((ours - (factor if quantity == "nees" else factor**2) * others)[known])
+
+    def runs_of(self, quantity: str) -> Array:
+        """Each run's mean of squares, or of NEES (runs,)."""
+        row: Array = self.by_run[QUANTITIES.index(quantity)]
+        return row
 
 
 class Outcome(NamedTuple):
@@ -54,6 +91,12 @@ class Outcome(NamedTuple):
         """Diverged runs over runs."""
         return self.diverged / self.runs
 
+    def shown(self, value: float) -> float | str:
+        """A cell of a table: a number only where no run failed, since the runs that remain are the easier ones."""
+        if not self.failed:
+            return value
+        return "failed" if self.failed == self.runs else f"{value:.4g} of {self.runs - self.failed} runs"
+
     @property
     def failures(self) -> str:
         """How many runs failed, and when."""
@@ -76,10 +119,14 @@ def judge(
     trace: Trace, truth: Array, tracker: Tracker, t: Array, windows: Mapping[str, Mask], limit: float
 ) -> Outcome:
     """Compare a trace with the truth (T, n) or (T, B, n). `t` (T,) in s; `windows` are masks (T,). A run has
-    diverged if its mean position error over the last steps is above `limit`, m."""
+    diverged if its mean position error over the last steps is above `limit`, m; one whose NEES becomes negative,
+    so that its covariance is none, has failed."""
     steps, runs, n = trace.mean.shape
     error = trace.mean - (truth if truth.ndim == 3 else truth[:, None])
-    failed = trace.failed < steps
+    indefinite = trace.nees < 0
+    failed_at = np.where(indefinite.any(axis=0), np.argmax(indefinite, axis=0), trace.failed)
+    failed_at = np.minimum(failed_at, trace.failed)
+    failed = failed_at < steps
     kept = error[:, ~failed]  # a run is easy as long as it does not fail: to count it up to there would flatter
     distance = _length(error, POSITION)
     far = distance[-LAST:].mean(axis=0) > limit  # false of NaN, a run that failed
@@ -88,7 +135,7 @@ def judge(
         label=tracker.label,
         runs=runs,
         failed=int(failed.sum()),
-        failed_at=float(np.median(t[trace.failed[failed]])) if failed.any() else float("nan"),
+        failed_at=float(np.median(t[failed_at[failed]])) if failed.any() else float("nan"),
         diverged=int((failed | far).sum()),
         windows={
             name: WindowErrors(
@@ -98,6 +145,7 @@ def judge(
                 nees=_over(np.mean, trace.nees[at][:, ~failed]),
                 nis=_over(np.mean, trace.nis[at][:, ~failed]),
                 inside=_over(np.mean, trace.nees[at][:, ~failed], lambda x: x < bound),
+                by_run=np.where(failed, np.nan, _by_run(error[at], trace.nees[at])),
             )
             for name, at in windows.items()
         },
@@ -110,6 +158,14 @@ def judge(
 def between(t: Array, begin: float, end: float) -> Mask:
     """The mask of [begin, end), s."""
     return np.asarray((t >= begin) & (t < end))
+
+
+def _by_run(error: Array, nees: Array) -> Array:
+    """WindowErrors.by_run of a window's errors (t, B, n) and NEES (t, B)."""
+    squares = [_length(error, columns) ** 2 for columns in (POSITION, VELOCITY, ACCELERATION)]
+    if not len(error):
+        return np.full((len(QUANTITIES), nees.shape[1]), np.nan)
+    return np.array([np.mean(values, axis=0) for values in (*squares, nees)])
 
 
 def _length(error: Array, columns: tuple[int, ...]) -> Array:

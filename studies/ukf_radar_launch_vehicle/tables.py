@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 from onboard.filters.gating import mean_bounds
 from studies.report.findings import Cell, Table
-from studies.tracking.outcomes import Outcome
+from studies.tracking.outcomes import Outcome, WindowErrors
 from studies.ukf_radar_launch_vehicle.runs import NAMES, STAGED, Results
 
-ERRORS = (*(f"position m, {n}" for n in NAMES), *(f"velocity m/s, {n}" for n in NAMES))
+ERRORS = (*(x for n in NAMES for x in (f"position m, {n}", "±")), *(f"velocity m/s, {n}" for n in NAMES))
 
 
 def main_table(single: Results, triple: Results, staged: Results) -> Table:
@@ -16,13 +16,14 @@ def main_table(single: Results, triple: Results, staged: Results) -> Table:
     low, high = mean_bounds(9, single.outcomes["ukf"].runs)
     return Table(
         title="Results",
-        note="Root mean squares of the lengths of error vectors, by window of flight, over the runs that did "
-        f"not fail. NEES of nine states in the last window: 9 when consistent (95 %: {low:.1f} to {high:.1f}, "
+        note="Root mean squares of the lengths of error vectors, by window of flight, ± their standard error by "
+        "the scatter over runs. Where runs failed, errors are of the others, which are the easier ones: they do "
+        f"not compare. NEES of nine states in the last window: 9 when consistent (95 %: {low:.1f} to {high:.1f}, "
         "were each run one sample). Within 1σ: components of position and velocity by the filter's own "
         "account; 0.683 when it is right.",
         header=("radar noise", "filter", *ERRORS, "NEES", "within 1σ", "failed"),
         rows=tuple(
-            (noise, o.label, *_errors(o), o.windows[NAMES[-1]].nees, results.within[name], o.failures)
+            (noise, o.label, *_errors(o), o.shown(o.windows[NAMES[-1]].nees), results.within[name], o.failures)
             for noise, results in groups
             for name, o in results.outcomes.items()
         ),
@@ -46,4 +47,9 @@ def sweep_table(sweep: Mapping[float, Results], bounds: Mapping[float, Mapping[s
 
 
 def _errors(o: Outcome) -> list[Cell]:
-    return [*(o.windows[n].position for n in NAMES), *(o.windows[n].velocity for n in NAMES)]
+    position = [x for w in _windows(o) for x in (o.shown(w.position), w.standard_error("position"))]
+    return [*position, *(o.shown(w.velocity) for w in _windows(o))]
+
+
+def _windows(o: Outcome) -> list[WindowErrors]:
+    return [o.windows[n] for n in NAMES]

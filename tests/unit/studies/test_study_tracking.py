@@ -11,11 +11,12 @@ from onboard.filters.belief import FilterError, NotPositiveDefiniteError
 from onboard.filters.discretisation import wiener_acceleration
 from onboard.models import constant_acceleration, radar
 from studies.tracking.batch import Measurement, Scene, Trace, run_batch
-from studies.tracking.outcomes import POSITION, judge
+from studies.tracking.outcomes import POSITION, WindowErrors, judge
 from studies.tracking.trackers import EKF, ITERATED, SRUKF, SRUKF_CLASSICAL, SRUKF_JOSEPH, UKF
 from studies.tracking.trajectories import load
 
 DT, STEPS = 0.5, 40
+T60 = np.arange(60.0)
 SIGMA = np.array([30.0, 0.02, 0.02])
 START = np.tile([300.0, 30.0, 3.0], 3)
 
@@ -98,14 +99,40 @@ def test_a_filter_of_which_all_runs_fail_has_no_error_to_look_best_by() -> None:
     mean = np.zeros((steps, 3, 9))
     mean[40:] = np.nan
     trace = Trace(mean, mean + 1, mean[..., 0] - 1605.0, mean[..., 0], mean[..., 0] + 1, np.full(3, 40))
-    found = judge(trace, np.zeros((steps, 9)), UKF, np.arange(60.0), windows, 50.0)
+    found = judge(trace, np.zeros((steps, 9)), UKF, T60, windows, 50.0)
     for window in found.windows.values():
-        assert np.isnan(window).all()
-    assert found.failures == "3 of 3, median 40 s"
-    one = judge(
-        trace._replace(failed=np.array([40, 60, 40])), np.zeros((60, 9)), UKF, np.arange(60.0), windows, 50.0
-    )
+        assert np.isnan(window[:6]).all()
+        assert np.isnan(window.by_run).all()
+        assert window.better(window, "position") is None
+        assert not window.within("position", 1e9)
+        assert found.shown(window.position) == "failed"
+    assert found.failures == "3 of 3, median 0 s"
+    sound = trace._replace(failed=np.array([40, 60, 40]), nees=mean[..., 0] + 9.0)
+    one = judge(sound, np.zeros((60, 9)), UKF, T60, windows, 50.0)
     assert one.windows["early"].position == 0.0
+    assert one.shown(one.windows["early"].position) == "0 of 1 runs"
+
+
+def test_what_runs_decide_has_its_standard_error_seed_5() -> None:
+    """Two filters of 40 runs, of which one is 10 % worse in each run, and their runs scatter by half."""
+    rng = np.random.default_rng(5)
+    squares = np.exp(rng.normal(0, 0.5, 40))
+    rms = float(np.sqrt(squares.mean()))
+    ours, worse = (
+        WindowErrors(f * rms, 1.0, 1.0, 9.0, 3.0, 0.95, np.array([f**2 * squares] * 3 + [9 + 0 * squares]))
+        for f in (1.0, 1.1)
+    )
+    assert ours.standard_error("position") == pytest.approx(np.std(squares, ddof=1) / 40**0.5 / (2 * rms))
+    assert ours.text("position").startswith(f"{rms:.2f} ± 0.0")
+    assert ours.better(worse, "position") is True  # by the same runs, though both are one within their errors
+    assert worse.better(ours, "position") is False
+    apart = worse._replace(by_run=rng.permutation(worse.by_run, axis=1))
+    assert ours.better(apart, "position") is None
+    assert ours.within("position", 2 * rms) is True
+    assert ours.within("position", rms * 1.001) is None
+    failed = ours._replace(by_run=np.where(np.arange(40) == 3, np.nan, ours.by_run))
+    assert failed.better(worse, "position") is False
+    assert ours.better(failed, "position", 1.1) is True
 
 
 def test_a_fault_of_the_call_is_not_a_failure_of_runs() -> None:

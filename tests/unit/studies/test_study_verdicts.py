@@ -37,14 +37,15 @@ class Drawn:
         """Runs that fail."""
         return int(self.rng.choice([0, 0, 6, RUNS]))
 
+    def errors(self, n: int) -> WindowErrors:
+        position, velocity, acceleration, nees = (self.about(x) for x in (4.0, 4.0, 1.0, n))
+        means = [position**2, velocity**2, acceleration**2, nees]
+        by_run = np.outer(means, np.exp(0.02 * self.rng.standard_normal(RUNS)))
+        inside = float(self.rng.uniform(0.8, 1.0))
+        return WindowErrors(position, velocity, acceleration, nees, self.about(3.0), inside, by_run)
+
     def outcome(self, n: int = 9, names: Sequence[str] = WINDOWS) -> Outcome:
-        windows = {
-            name: WindowErrors(
-                *(self.about(4.0), self.about(4.0), self.about(1.0), self.about(n), self.about(3.0)),
-                float(self.rng.uniform(0.8, 1.0)),
-            )
-            for name in names
-        }
+        windows = {name: self.errors(n) for name in names}
         none, condition = np.empty((0, 9)), np.full(50, self.about(200.0))
         return Outcome("drawn", RUNS, self.some(), 1.0, self.some(), windows, none, none, condition)
 
@@ -99,7 +100,7 @@ def drawn_scores(drawn: Drawn, value: Callable[[str], float]) -> list[Any]:
 
 def of_cwpa(drawn: Drawn) -> Claims:
     def scores(nees: float) -> Scores:
-        return Scores(*(drawn.about(x) for x in (1.0, 1.0, 1.0, 1.5, 1.0)), nees, 0.95)
+        return Scores(*(drawn.about(x) for x in (1.0, 1.0, 1.0, 1.5, 1.0)), nees, 0.95, 0.01, 0.1)
 
     signs = drawn.rng.choice([1.0, 1.0, -1.0], 3).tolist()
     drawn_, rest, printed = (scores(sign * drawn.about(9.0)) for sign in signs)
