@@ -22,8 +22,9 @@ def claims_of(drawn: Scores, rest: Scores, printed: Scores) -> tuple[Claim, ...]
             where="section 5, figures 2-5",
             verdict=verdict(converges),
             evidence=f"Position {rest.position:.2f} ± {rest.position_error:.2f} m where the "
-            f"measurements are off by {rest.raw:.2f} m ({100 * gain:.0f} % less), velocity {rest.velocity:.2f} m/s. "
-            f"That is the Cramér–Rao bound ({rest.bound:.2f} m), as it must be on the filter's own model.",
+            f"measurements are off by {rest.raw:.2f} m ({100 * gain:.0f} % less), velocity "
+            f"{rest.velocity:.2f} m/s. That is the Cramér–Rao bound ({rest.bound:.2f} m), as it must be "
+            "on the filter's own model.",
         ),
         Claim(
             claim="The covariance matrix of eq 14 is that of the model of eq 9.",

@@ -163,7 +163,7 @@ def test_every_verdict_changes_with_the_numbers_seed_1(
     claims_of: Callable[[Drawn], Claims], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rng, seen = np.random.default_rng(1), dict[str, set[str]]()
-    for k in range(400):
+    for k in range(1500):
         # the terms of two series are numbers, too
         terms: Sequence[float] = rng.permutation([1 / 6, 1 / 4, 1 / 5]).tolist()
         monkeypatch.setattr(cwpa, "third_terms", lambda terms=terms: terms)
