@@ -1,0 +1,238 @@
+"""The particle filter (Gordon, Salmond & Smith 1993): a cloud of states, weighed by what is measured.
+
+    state = start(mean, covariance, particles=2000, seed=1)
+    state = predict(state, process, Q)
+    found = update(state, y, measure, R, angular)     # found.belief: a Cloud again; found.log_evidence
+    run(particle.METHOD, model, Belief(mean, covariance), ys)
+
+It has no line and no Gaussian, so it follows several hypotheses at once. Where a measurement is much sharper than
+the prediction only a few particles would count, and the next cloud would be copies of them. So a measurement is
+taken in parts, each of which leaves half of the particles counting (progressive correction: Oudjane & Musso 2000),
+and each resampling (systematic: Kitagawa 1996) spreads the copies by a kernel that keeps the cloud's mean and
+covariance (Musso, Oudjane & Le Gland 2001; shrunk as by Liu & West 2001).
+
+Where it is wrong: the kernel is as wide as a third of the whole cloud. Modes that are sharp and far apart are
+smeared; take `bandwidth` 0.1, or 0 for the plain bootstrap filter, which needs noise in every state. Beyond some
+six states it needs more particles than there is time for. R must be positive definite.
+
+Random numbers are a function of the seed and of how often they were drawn: the same run gives the same bits.
+"""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters.angles import beside
+from onboard.filters.belief import Belief, Indices, Method, Rows, Update, images_of, mask
+from onboard.filters.belief import start as checked
+from onboard.filters.errors import FilterError, NotPositiveDefiniteError, require_plain
+
+PARTICLES: Final = 1000
+COUNTING: Final = 0.5  # of the particles, after a part of a measurement
+LEAST: Final = 0.02  # of what is left of a measurement, in one part
+RESAMPLED: Final = 0.7  # below this share of counting particles
+TOLERANCE: Final = 1e-9  # of a negative eigenvalue, relative to the largest
+
+
+class Cloud(NamedTuple):
+    """Particles (..., N, n), the logarithms of their weights (..., N), which sum to one; the seed, how often
+    random numbers were drawn, and the kernel's width in units of the best one for a Gaussian."""
+
+    particles: Array
+    log_weights: Array
+    seed: int
+    draws: int
+    bandwidth: float
+
+
+def start(
+    mean: Array, covariance: Array, particles: int = PARTICLES, seed: int = 0, bandwidth: float = 1.0
+) -> Cloud:
+    """A cloud of mean (..., n) and covariance (..., n, n), exactly.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    checked(mean, covariance)
+    n = mean.shape[-1]
+    if particles <= n or not 0 <= bandwidth <= 2:
+        raise FilterError(f"particles {particles}, bandwidth {bandwidth}: must be above {n}, and from 0 to 2")
+    z = _rng(seed, 0).standard_normal((*mean.shape[:-1], particles, n))
+    z -= z.mean(axis=-2, keepdims=True)
+    z = _t(np.linalg.solve(np.linalg.cholesky(_t(z) @ z / particles), _t(z)))
+    cloud = (mean[..., None, :] + z @ _t(_root("covariance", covariance))).astype(mean.dtype)
+    return Cloud(cloud, np.full(cloud.shape[:-1], -np.log(particles), mean.dtype), seed, 1, bandwidth)
+
+
+def predict(state: Cloud, process: Rows, Q: Array, angular_states: Indices = ()) -> Cloud:
+    """Time update; `process` maps rows (k, n) -> (k, n), Q (..., n, n); `angular_states` as in `angles`.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    n = state.particles.shape[-1]
+    _require("Q", Q, (n, n), state.particles.dtype)
+    mask(angular_states, n)
+    moved = images_of(process, state.particles, None)
+    if not np.isfinite(moved).all():
+        raise FilterError("process: gave states that are not finite")
+    noise = _rng(state.seed, state.draws).standard_normal(moved.shape) @ _t(_root("Q", Q))
+    noise -= _mean(noise, state.log_weights)[..., None, :]
+    particles = (beside(moved, moved[..., :1, :], angular_states) + noise).astype(moved.dtype)
+    return state._replace(particles=particles, draws=state.draws + 1)
+
+
+def update(
+    state: Cloud, y: Array, measure: Rows, R: Array, angular: Indices = (), angular_states: Indices = ()
+) -> Update:
+    """Measurement update; arguments as in `unscented.update`, R (m, m) positive definite. Innovation, its
+    covariance and NIS are of the cloud's mean and covariance; `log_evidence` is the cloud's own.
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    lead, (count, n), dtype = state.particles.shape[:-2], state.particles.shape[-2:], state.particles.dtype
+    _require("y", y, (), dtype)
+    m = y.shape[-1] if y.ndim else 0
+    _require("R", R, (m, m), dtype)
+    if y.shape[:-1] != lead or y.ndim < 1:
+        raise FilterError(f"y: must be {(*lead, 'm')} for particles {state.particles.shape}, not {y.shape}")
+    mask(angular, m)
+    x = beside(state.particles, state.particles[..., :1, :], angular_states).reshape(-1, count, n).astype(float)
+    log_w, rows = state.log_weights.reshape(-1, count).astype(float), y.reshape(-1, m).astype(float)
+    noise = np.broadcast_to(R, (*lead, m, m)).reshape(-1, m, m).astype(float)
+    root = _factor(noise)
+    left, evidence, first = np.ones(len(x)), np.zeros(len(x)), None
+    rng, bandwidth = _rng(state.seed, state.draws, stream=1), state.bandwidth
+    while (open_ := np.flatnonzero(left > 0)).size:
+        off = _off(measure, x[open_], rows[open_], angular)
+        first = _moments(off, log_w) if first is None else first
+        fit = _log_density(off, root[open_])
+        share = _share(log_w[open_], fit, left[open_])
+        joint = log_w[open_] + share[:, None] * fit
+        gained = np.logaddexp.reduce(joint, axis=-1)
+        log_w[open_], evidence[open_] = joint - gained[:, None], evidence[open_] + gained
+        left[open_] = np.where(share < left[open_], left[open_] - share, 0.0)
+        for b in open_:
+            if left[b] > 0 or effective(log_w[b]) < RESAMPLED * count:
+                x[b], log_w[b] = _resampled(x[b], log_w[b], rng, bandwidth), -np.log(count)
+    innovation, spread = first if first is not None else (np.empty((0, m)), np.empty((0, m, m)))
+    S = spread + noise
+    nis = np.sum(innovation * np.linalg.solve(S, innovation[..., None])[..., 0], axis=-1)
+    after = Cloud(x.reshape(*lead, count, n).astype(dtype), log_w.reshape(*lead, count).astype(dtype), *state[2:])
+    shown = innovation.reshape(y.shape).astype(dtype)
+    covariance = S.reshape(*lead, m, m).astype(dtype)
+    nis, evidence = nis.reshape(lead).astype(dtype), evidence.reshape(lead)
+    after = after._replace(draws=state.draws + 1)
+    return Update(after, shown, covariance, y - shown, nis if lead else float(nis), log_evidence=evidence)
+
+
+def belief(state: Cloud) -> Belief:
+    """Mean (..., n) and covariance (..., n, n) of a cloud."""
+    mean, covariance = _moments(state.particles.astype(float), state.log_weights.astype(float))
+    return Belief(mean.astype(state.particles.dtype), covariance.astype(state.particles.dtype))
+
+
+def effective(log_weights: Array) -> Array:
+    """How many particles count (...,), by weights (..., N) of any sum: its square over the sum of squares."""
+    weights = np.exp(log_weights - log_weights.max(axis=-1, keepdims=True))
+    return np.asarray(np.sum(weights, axis=-1) ** 2 / np.sum(weights * weights, axis=-1))
+
+
+def _off(measure: Rows, x: Array, y: Array, angular: Indices) -> Array:
+    """What y (B, m) is off the measurements of particles (B, N, n)."""
+    images = images_of(measure, x, y)
+    if not np.isfinite(images).all() or not np.isfinite(y).all():
+        raise FilterError("measure or y: not finite")
+    off = y[:, None, :] - images
+    return beside(off, np.zeros_like(off), angular)
+
+
+def _log_density(off: Array, root: Array) -> Array:
+    """Of differences (B, N, m), by the factor (B, m, m) of their covariance."""
+    white = np.linalg.solve(root, _t(off))
+    constant = np.sum(np.log(np.diagonal(root, axis1=-2, axis2=-1)), axis=-1) + 0.5 * np.log(2 * np.pi) * len(
+        root[0]
+    )
+    return np.asarray(-0.5 * np.sum(white * white, axis=-2) - constant[:, None])
+
+
+def _share(log_w: Array, fit: Array, left: Array) -> Array:
+    """How much (B,) of what is left of a measurement leaves enough particles counting."""
+    low, high = np.zeros_like(left), left.copy()
+    for k in range(16):
+        at = high if k == 0 else 0.5 * (low + high)
+        enough = effective(log_w + at[:, None] * fit) >= COUNTING * log_w.shape[-1]
+        low, high = np.where(enough, at, low), np.where(enough, high, at)
+        if (low == left).all():
+            break
+    share = np.maximum(low, LEAST * left)
+    return np.where(share > 0.99 * left, left, share)
+
+
+def _resampled(x: Array, log_w: Array, rng: np.random.Generator, bandwidth: float) -> Array:
+    """Particles (N, n) of equal weight, with the mean and covariance of those of these weights."""
+    count, n = x.shape
+    upto = np.cumsum(np.exp(log_w))
+    copies = x[np.searchsorted(upto / upto[-1], (rng.random() + np.arange(count)) / count)]
+    h = min(bandwidth * (4 / (n + 2)) ** (1 / (n + 4)) * count ** (-1 / (n + 4)), 1.0)
+    if not h:
+        return copies
+    mean, covariance = _moments(x, log_w)
+    noise = rng.standard_normal(x.shape) @ _t(_root("covariance", covariance))
+    return np.asarray(mean + np.sqrt(1 - h * h) * (copies - mean) + h * noise)
+
+
+def _rng(seed: int, draws: int, stream: int = 0) -> np.random.Generator:
+    return np.random.Generator(np.random.Philox(key=[seed, draws], counter=[0, 0, 0, stream]))
+
+
+def _mean(rows: Array, log_w: Array) -> Array:
+    return np.asarray(np.sum(np.exp(log_w.astype(float))[..., None] * rows, axis=-2))
+
+
+def _moments(rows: Array, log_w: Array) -> tuple[Array, Array]:
+    """Mean (..., m) and covariance (..., m, m) of weighted rows (..., N, m)."""
+    mean = _mean(rows, log_w)
+    off = rows - mean[..., None, :]
+    covariance = _t(off) @ (np.exp(log_w)[..., None] * off)
+    return mean, np.asarray(0.5 * (covariance + _t(covariance)))
+
+
+def _require(name: str, array: Array, shape: tuple[int, ...], dtype: Any) -> None:
+    require_plain(**{name: array})
+    if array.dtype != dtype or array.shape[-2:][: len(shape)] != shape:
+        raise FilterError(f"{name}: must be {shape or '(..., m)'} of {dtype}, not {array.shape} of {array.dtype}")
+
+
+def _root(name: str, covariance: Array) -> Array:
+    """A root A (..., n, n) of a covariance that may be singular, A A^T."""
+    P = covariance.astype(float)
+    variances = np.diagonal(P, axis1=-2, axis2=-1)
+    if not np.isfinite(P).all() or np.any(variances < 0):
+        raise NotPositiveDefiniteError(f"{name}: not finite, or not positive semi-definite")
+    scale = np.sqrt(np.where(variances > 0, variances, 1.0))
+    values, vectors = np.linalg.eigh(P / (scale[..., :, None] * scale[..., None, :]))
+    if np.any(values[..., 0] < -TOLERANCE * np.abs(values).max(axis=-1)):
+        raise NotPositiveDefiniteError(f"{name}: not positive semi-definite")
+    return np.asarray(scale[..., :, None] * vectors * np.sqrt(np.maximum(values, 0))[..., None, :])
+
+
+def _factor(R: Array) -> Array:
+    try:
+        return np.asarray(np.linalg.cholesky(R))
+    except np.linalg.LinAlgError as error:
+        raise NotPositiveDefiniteError("R: must be positive definite for a particle filter") from error
+
+
+def _t(A: Array) -> Array:
+    return np.swapaxes(A, -1, -2)
+
+
+# Not among METHODS: what it estimates is right on average over its particles, and not to the last digit.
+METHOD: Final = Method(
+    "particle",
+    start,
+    predict,
+    update,
+    belief,
+    exempt={"kalman": "it draws its particles: what it estimates is right on average over them"},
+)

@@ -1,0 +1,119 @@
+"""The particle filter: properties of the conformance suite, densities by quadrature, and what it alone can."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from onboard.arrays import Array
+from onboard.filters import Belief, FilterError, Model, NotPositiveDefiniteError, kalman, particle, run
+from onboard.filters.gating import mean_bounds, normalised_squared
+from tests.conformance import test_methods as conformance
+from tests.conformance import test_methods_angles as angles
+from tests.support.nile import FLOW
+
+ONE = np.eye(1)
+
+
+@pytest.mark.parametrize(
+    "property_",
+    [
+        conformance.test_pure_and_deterministic_on_read_only_arrays_seed_1,
+        conformance.test_takes_fewer_measurements_than_states_seed_3,
+        conformance.test_an_outage_is_predicted_through_seed_9,
+        angles.test_an_angle_that_there_is_not_is_refused,
+    ],
+    ids=lambda f: f.__name__,
+)
+def test_it_has_this_property_of_all_filters(property_: Any) -> None:
+    property_(particle.METHOD)
+
+
+def test_nees_and_nis_keep_their_bounds_where_measurements_are_sharp_seed_4() -> None:
+    """The plain bootstrap filter with 2,000 particles has a mean NEES of 1,385 here."""
+    rng, runs, dt = np.random.default_rng(4), 100, 0.1
+    F, H = np.eye(4) + dt * np.eye(4, k=2), np.eye(2, 4)
+    Q, R, P = np.diag([1e-4, 1e-4, 0.01, 0.01]), np.diag([0.04, 0.09]), np.diag([1.0, 1.0, 4.0, 4.0])
+    state = particle.start(np.zeros((runs, 4)), np.tile(P, (runs, 1, 1)))
+    best = Belief(np.zeros((runs, 4)), np.tile(P, (runs, 1, 1)))
+    x = rng.multivariate_normal(np.zeros(4), P, runs)
+    for _ in range(30):
+        x = x @ F.T + rng.multivariate_normal(np.zeros(4), Q, runs)
+        y = x @ H.T + rng.multivariate_normal(np.zeros(2), R, runs)
+        found = particle.update(particle.predict(state, lambda r: r @ F.T, Q), y, lambda r: r @ H.T, R)
+        state, best = found.belief, kalman.update(kalman.predict(best, F, Q), y, H, R).belief
+    mean, covariance = particle.belief(state)
+    nees = normalised_squared(mean - x, covariance)
+    for figure, degrees in ((nees, 4), (found.nis, 2)):
+        low, high = mean_bounds(degrees, runs, 0.95)
+        assert low < np.mean(figure) < high
+    rms, least = (np.sqrt(np.mean((b - x) ** 2, axis=0)) for b in (mean, best.mean))
+    assert np.all(rms < 1.1 * least), rms / least
+
+
+def test_the_nile_s_log_likelihood_is_near_that_of_durbin_and_koopman() -> None:
+    model = Model(lambda rows: rows, 1469.1 * ONE, lambda rows: rows.copy(), 15099.0 * ONE)
+    found = run(particle.METHOD, model, Belief(np.zeros(1), 1e7 * ONE), FLOW)
+    assert found.log_likelihood.sum() == pytest.approx(-641.5856, abs=1.0)
+    assert found.beliefs.mean[-1, 0] == pytest.approx(798.37, abs=0.2 * 63.5)
+
+
+def test_two_hypotheses_and_their_evidence_are_those_of_quadrature() -> None:
+    """y = x^2 of x ~ N(0.3, 1): a line through the mean knows nothing of it."""
+    y, R = np.array([1.5]), np.array([[0.1]])
+    grid: Array = np.linspace(-8, 8, 200_001)
+    joint = np.exp(-0.5 * (grid - 0.3) ** 2 - 0.5 * (1.5 - grid**2) ** 2 / 0.1) / (2 * np.pi * 0.1**0.5)
+    evidence = float(joint.sum() * (grid[1] - grid[0]))
+    right = float(joint[grid > 0].sum() / joint.sum())
+    state = particle.start(np.array([0.3]), ONE, 4000, bandwidth=0.1)
+    found = particle.update(state, y, lambda rows: rows**2, R)
+    x, weights = found.belief.particles[:, 0], np.exp(found.belief.log_weights)
+    assert found.log_evidence == pytest.approx(np.log(evidence), abs=0.05)
+    assert weights[x > 0].sum() == pytest.approx(right, abs=0.03)
+    assert weights[np.abs(np.abs(x) - 1.22) > 0.5].sum() < 0.01
+
+
+def test_a_batch_is_as_its_members_and_a_seed_draws_again() -> None:
+    mean, P, y, R = np.zeros((3, 2)), np.tile(np.eye(2), (3, 1, 1)), np.ones((3, 1)), 0.01 * ONE
+    states = [particle.start(mean, P, 200, seed) for seed in (1, 1, 2)]
+    ahead = [particle.predict(state, lambda rows: 1.1 * rows, np.eye(2)) for state in states]
+    found = [particle.belief(particle.update(s, y, lambda rows: rows[:, :1].copy(), R).belief) for s in ahead]
+    np.testing.assert_array_equal(found[0].mean, found[1].mean)
+    assert np.abs(found[0].mean - found[2].mean).min() > 0
+    np.testing.assert_allclose(found[0].mean[:, 0], 0.995, atol=0.05)
+    alone = particle.predict(particle.start(mean[0], P[0], 200, 1), lambda rows: 1.1 * rows, np.eye(2))
+    np.testing.assert_allclose(alone.particles, ahead[0].particles[0], atol=1e-12)
+
+
+def test_a_heading_is_predicted_across_the_seam_and_measured_there() -> None:
+    """The model keeps it in [-pi, pi]; without `angular_states` 1.0 +- 2.9 for 3.13 +- 0.10."""
+    state = particle.start(*angles.START)
+    state = particle.predict(state, angles.turning, angles.Q, angles.HEADING)
+    after = particle.belief(state)
+    assert angles.off(after.mean[0], 3.1316) < 0.02
+    assert np.sqrt(after.covariance[0, 0]) == pytest.approx(0.1005, rel=0.05)
+    R = np.array([[0.01]])
+    found = particle.update(state, np.array([-3.1]), lambda r: angles.wrap(r[:, :1]), R, (0,), angles.HEADING)
+    assert found.innovation[0] == pytest.approx(2 * np.pi - 3.1 - 3.1316, abs=0.02)
+    assert angles.off(particle.belief(found.belief).mean[0], 3.1316 + 0.5 * 0.0516) < 0.02
+
+
+def test_single_precision_stays_and_misuse_is_refused() -> None:
+    f4 = np.float32
+    state = particle.start(np.zeros(1, f4), np.eye(1, dtype=f4), 100)
+    found = particle.update(state, np.ones(1, f4), lambda rows: rows.copy(), np.eye(1, dtype=f4))
+    assert {a.dtype for a in (*particle.belief(found.belief), *found[1:4])} == {np.dtype(f4)}
+    state = particle.start(np.zeros(1), ONE, 100)
+    wrong: list[tuple[Any, type[FilterError], str]] = [
+        (lambda: particle.start(np.zeros(1), ONE, 1), FilterError, "particles 1"),
+        (lambda: particle.start(np.zeros(1), -ONE), NotPositiveDefiniteError, "covariance"),
+        (lambda: particle.predict(state, lambda r: r, -ONE), NotPositiveDefiniteError, "Q: not"),
+        (lambda: particle.predict(state, lambda r: r, np.eye(2)), FilterError, r"Q: must be \(1, 1\)"),
+        (lambda: particle.predict(state, lambda r: r * np.nan, ONE), FilterError, "process: gave states"),
+        (lambda: particle.update(state, np.ones(1), lambda r: r, 0 * ONE), NotPositiveDefiniteError, "R: must be"),
+        (lambda: particle.update(state, np.ones((2, 1)), lambda r: r, ONE), FilterError, "y: must be"),
+        (lambda: particle.update(state, np.ones(1) * np.nan, lambda r: r, ONE), FilterError, "not finite"),
+    ]
+    for call, error, message in wrong:
+        with pytest.raises(error, match=message):
+            call()
