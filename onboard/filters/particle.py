@@ -120,9 +120,9 @@ def update(
     after = Cloud(x.reshape(*lead, count, n).astype(dtype), log_w.reshape(*lead, count).astype(dtype), *state[2:])
     shown = innovation.reshape(y.shape).astype(dtype)
     covariance = S.reshape(*lead, m, m).astype(dtype)
-    nis, evidence = nis.reshape(lead).astype(dtype), evidence.reshape(lead)
+    each: Any = nis.reshape(lead).astype(dtype) if lead else float(nis[0])
     after = after._replace(draws=state.draws + 1)
-    return Update(after, shown, covariance, y - shown, nis if lead else float(nis), log_evidence=evidence)
+    return Update(after, shown, covariance, y - shown, each, log_evidence=evidence.reshape(lead))
 
 
 def belief(state: Cloud) -> Belief:
@@ -172,7 +172,7 @@ def _resampled(x: Array, log_w: Array, rng: np.random.Generator, bandwidth: floa
     """Particles (N, n) of equal weight, with the mean and covariance of those of these weights."""
     count, n = x.shape
     upto = np.cumsum(np.exp(log_w))
-    copies = x[np.searchsorted(upto / upto[-1], (rng.random() + np.arange(count)) / count)]
+    copies: Array = x[np.searchsorted(upto / upto[-1], (rng.random() + np.arange(count)) / count)]
     h = min(bandwidth * (4 / (n + 2)) ** (1 / (n + 4)) * count ** (-1 / (n + 4)), 1.0)
     if not h:
         return copies

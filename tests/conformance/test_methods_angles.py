@@ -215,8 +215,9 @@ def test_a_record_of_a_heading_is_that_which_counts_turns_and_so_is_it_smoothed_
         return
     same_headings(smooth(wrapped), smooth(counted))
     same_headings(smooth(wrapped, lag=3), smooth(counted, lag=3))
-    at_each_step = wrapped._replace(model=lambda _: wrapped.model)
-    same_headings(smooth(at_each_step), smooth(counted))
+    model = wrapped.model
+    assert isinstance(model, Model)
+    same_headings(smooth(wrapped._replace(model=lambda _: model)), smooth(counted))
 
 
 @pytest.mark.parametrize("method", cases({name: one for name, one in methods().items() if not one.exempt}))
