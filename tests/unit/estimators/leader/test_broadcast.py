@@ -89,7 +89,7 @@ def test_a_broadcast_teaches_the_size_and_carries_the_track_for_20_s_seed_1() ->
     again = between(run, 51.0, 52.0)
     assert all(e.valid for e in again)
     assert inside(again) > 0.92
-    assert abs(size_of(again[-1])[0]) < abs(error) + 0.001  # kept, though the track had been forgotten
+    assert abs(size_of(again[-1])[0]) < abs(error) + 0.003  # kept, though the track had been forgotten
     assert counts(run) == {"fused": 46}
     assert_sane([e for e in run.estimates if not e.reason.startswith(CARRIED)])
 
