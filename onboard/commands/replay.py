@@ -88,8 +88,8 @@ def replay_log(
     have their estimates of the leader, too."""
     reference = reference_from_csv(truth) if truth is not None else None
     check_log(log)
-    check_targets(*out, json_file, rrd, *own, inputs=(log, truth))
     check_exports(*out, *own)
+    check_targets(*out, json_file, rrd, *own, inputs=(log, truth))
     scorers, own_summaries = LeaderScorers(reference), defaultdict[str, OwnStateSummary](OwnStateSummary)
     with ExitStack() as stack:
         takers: list[Callable[[Any], None]] = [lambda output: _score(output, scorers, own_summaries)]

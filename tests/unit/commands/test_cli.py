@@ -137,7 +137,7 @@ MISTAKES: list[tuple[tuple[str, ...], tuple[str, ...]]] = [
     ((*REPLAY, "--json", "nowhere/score.json"), ("nowhere/score.json", "no folder")),
     ((*REPLAY, "--rrd", "nowhere/view.rrd"), ("nowhere/view.rrd", "no folder")),
     ((*REPLAY, "--out", "folder"), ("folder",)),
-    ((*REPLAY, "--out", "flight.tlog"), ("flight.tlog", "what is read")),
+    ((*REPLAY, "--out", "flight.tlog"), ("flight.tlog", "the suffix")),
     ((*REPLAY, "--truth", "good.csv", "--json", "folder/../good.csv"), ("good.csv", "what is read")),
 ]
 
