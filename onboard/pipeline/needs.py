@@ -26,8 +26,15 @@ def needs(config: Config) -> Needs:
         images=any(name in config.estimator for name in USES_IMAGES),
         classes=tuple(config.target),
         undistorted=tuple(name for name, camera in cameras.items() if not any(camera.lens.distortion)),
+        wind=_has_fixed_wing(config),
         sends_places=tuple(out.link for out in config.leader_out if any(n in PLACES for n in out.rates_hz)),
     )
+
+
+def _has_fixed_wing(config: Config) -> bool:
+    """Whether an estimator, or a class of targets, is of a fixed wing."""
+    classes = (*config.estimator.values(), *config.target.values())
+    return any(getattr(each, "leader_class", "") == "fixed_wing" for each in classes)
 
 
 def _rates(config: Config) -> Mapping[str, float]:

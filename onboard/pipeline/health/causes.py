@@ -17,6 +17,7 @@ CAUSES: Final[tuple[Callable[[Moment], Iterator[Advice]], ...]] = (
     causes_own.missing_streams,
     causes_own.no_origin,
     causes_own.clock,
+    causes_own.no_wind,
     causes_camera.silent_camera,
     causes_camera.stamps,
     causes_camera.names,

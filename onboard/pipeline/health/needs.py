@@ -25,7 +25,7 @@ class Needs(NamedTuple):
     only MAVLink system that may be followed, 0 for any. `rates`: Hz that each stream (by its record) must have;
     `asked`: Hz that are asked for, by MAVLink name. `images`: an estimator needs images. `classes`: of targets,
     that have a section. `undistorted`: names of cameras without distortion coefficients. `sends_places`: links
-    on which the leader's place on Earth is sent."""
+    on which the leader's place on Earth is sent. `wind`: a leader is a fixed wing, whose nose it shows."""
 
     prefix: str = ""
     system: int = 0
@@ -37,6 +37,7 @@ class Needs(NamedTuple):
     classes: tuple[str, ...] = ()
     undistorted: tuple[str, ...] = ()
     sends_places: tuple[str, ...] = ()
+    wind: bool = False
 
 
 class Moment(NamedTuple):

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from onboard.arrays import Array
 from onboard.autopilot.notices import LENGTH, Notices
@@ -223,6 +224,24 @@ def test_09_a_size_that_is_four_times_too_small() -> None:
     large fits another flight of a nearer leader, and nothing shows it (docs/status.md)."""
     doctor = flown(moved(lambda p: p[:1] + 4.0 * (p - p[:1])))
     assert "not valid" in named(doctor, "misfit", "`size_prior_m`").what
+
+
+def test_a_wind_of_exactly_zero_is_no_estimate() -> None:
+    """An ArduCopter sends WIND with 0.0 while 3 m/s blow: it matters for a fixed wing alone."""
+    sender = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    calm = [
+        Datagram(
+            channel="autopilot",
+            encoding=Encoding.MAVLINK,
+            t_recv_ns=EPOCH + (6 + k) * S,
+            data=sender.wind_encode(0.0, 0.0, 0.0).pack(sender),
+        )
+        for k in range(SECONDS - 2)
+    ]
+    leader = {"leader": {"size_prior_m": SIZE, "leader_class": "fixed_wing"}}
+    advice = named(flown(config=configured(estimator=leader), extra=calm), "wind", "EK3_DRAG_BCOEF_X")
+    assert "exactly 0" in advice.what
+    assert "wind" not in flown(extra=calm).found
 
 
 @pytest.mark.parametrize(("lead_s", "wrong"), [(0.3, "later than the message arrived"), (-1.0, "too old")])
