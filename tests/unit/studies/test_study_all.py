@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from onboard.commands import study as command
 from onboard.commands.cli import main
+from studies import command
 
 SHORT = {"cwpa-kalman-tracker-3d"}
 WITHOUT_FIGURES = {"own-state", "traffic"}
