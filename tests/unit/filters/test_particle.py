@@ -51,6 +51,17 @@ def test_nees_and_nis_keep_their_bounds_where_measurements_are_sharp_seed_4() ->
     assert np.all(rms < 1.1 * least), rms / least
 
 
+def test_a_measurement_much_sharper_than_the_cloud_is_taken_in_parts_seeds_0_to_19() -> None:
+    """500 particles, 30 times as broad: taken at once, one counts, and the evidence is off by up to 14."""
+    y, R, S = np.ones(2), 1e-3 * np.eye(2), 1.001
+    exact = -np.log(2 * np.pi * S) - 0.5 * float(y @ y) / S
+    for seed in range(20):
+        found = particle.update(particle.start(np.zeros(2), np.eye(2), 500, seed), y, lambda r: r.copy(), R)
+        after = particle.belief(found.belief)
+        assert found.log_evidence == pytest.approx(exact, abs=2.0)
+        assert float(normalised_squared(after.mean - y / S, after.covariance)) < 1.0
+
+
 def test_the_nile_s_log_likelihood_is_near_that_of_durbin_and_koopman() -> None:
     model = Model(lambda rows: rows, 1469.1 * ONE, lambda rows: rows.copy(), 15099.0 * ONE)
     found = run(particle.METHOD, model, Belief(np.zeros(1), 1e7 * ONE), FLOW)
