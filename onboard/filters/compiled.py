@@ -33,7 +33,6 @@ def out(dtype: Any, ndim: int = 2) -> Any:
 VECTOR: Final = array(types.float64, 1)
 ROWS: Final = array(types.float64, 2)  # a matrix, or states one a row
 CUBE: Final = array(types.float64, 3)
-FOUR: Final = array(types.float64, 4)
 OUT: Final = out(types.float64)
 FLAGS: Final = array(types.boolean, 1)
 INDICES: Final = array(types.int64, 1)

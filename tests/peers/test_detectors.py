@@ -4,7 +4,7 @@ import asyncio
 import re
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -17,10 +17,9 @@ from onboard.config import load_config, parse_config
 from onboard.links import Link, parse_link
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Box, CameraDetections, Clock, Datagram, Detection, Encoding, TargetDetection
-from onboard.sinks.zenoh_session import ZenohConfig, open_session
 from onboard.wire.datagrams import DatagramDecoder
 from tests.support import documents
-from tests.support.programs import PATIENCE, free_endpoint, free_ports
+from tests.support.programs import PATIENCE, free_ports
 from tests.unit.wire.test_ros import KEY as ROS_KEY
 from tests.unit.wire.test_ros import golden
 
@@ -28,18 +27,6 @@ from tests.unit.wire.test_ros import golden
 def example(k: int) -> str:
     """The k-th Python example of the page on flying."""
     return documents.blocks(documents.text("fly-it"), "python")[k]
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return free_endpoint()
-
-
-@pytest.fixture
-def session(endpoint: str) -> Iterator[Any]:
-    opened = open_session(ZenohConfig(vehicle="1", listen=(endpoint,)))
-    yield opened
-    opened.close()
 
 
 def received(link: Link, send: Callable[[], None]) -> Datagram:

@@ -15,10 +15,9 @@ from zenoh.ext import Int64, z_deserialize
 from onboard.messages.ros import Ros2Config
 from onboard.sinks.sink import SinkError
 from onboard.sinks.zenoh_ros import RosRunner, RosSink
-from onboard.sinks.zenoh_session import ZenohConfig, open_session
 from onboard.wire.ros_messages import RosEncoder
 from tests.support.daemon import Setup
-from tests.support.programs import free_endpoint, until
+from tests.support.programs import until
 from tests.support.vehicle_records import nav_state
 from tests.unit.wire.test_ros_diagnostics import health
 
@@ -26,18 +25,6 @@ pytest.importorskip("rosbags", reason="needs the extra `ros2`")
 ODOMETRY = "nav_msgs::msg::dds_::Odometry_"
 HASH = "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0"
 NOW = 1_795_212_000_000_000_000
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return free_endpoint()
-
-
-@pytest.fixture
-def session(endpoint: str) -> Iterator[Any]:
-    opened = open_session(ZenohConfig(vehicle="1", listen=(endpoint,)))
-    yield opened
-    opened.close()
 
 
 def connected(endpoint: str) -> Any:

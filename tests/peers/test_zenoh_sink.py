@@ -18,16 +18,11 @@ from onboard.sinks import SinkRunner
 from onboard.sinks.zenoh import ZenohSink
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 from onboard.wire.document import LARGEST
-from tests.support.programs import free_endpoint, until
+from tests.support.programs import until
 from tests.support.records import POSE, make_estimate
 
 TIMEOUT_S = 300.0  # what takes longer hangs
 PREFIX = "onboard/uav-1"
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return free_endpoint()
 
 
 @pytest.fixture

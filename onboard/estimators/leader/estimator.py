@@ -18,7 +18,7 @@ from onboard.estimators.leader.beside.measurements import Beside
 from onboard.estimators.leader.beside.ranging import Ranging
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.filter import LeaderFilter
+from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.make import make_filter, make_plain_filter
 from onboard.estimators.leader.prior import prior_of, size_of
 from onboard.estimators.leader.tracks.exposures import Exposures
@@ -217,7 +217,7 @@ class Estimator:
         self._next_begin_ns = now_ns + BEGIN_NS
         return True
 
-    def _class_of(self, message: TargetImage) -> tuple[LeaderFilter, Config]:
+    def _class_of(self, message: TargetImage) -> tuple[BeliefFilter, Config]:
         """The filter and the settings for what the detector takes the target for."""
         return self._classes.get(message.class_name, (self._filter, self._config))
 

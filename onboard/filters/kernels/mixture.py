@@ -30,26 +30,6 @@ def mix_into(means, P, weights, mean_out, P_out):  # type: ignore[no-untyped-def
             P_out[a, b] = P_out[b, a] = base + total
 
 
-@njit(**FILLING)
-def pass_into(prior, transition, ahead, mixing):  # type: ignore[no-untyped-def]
-    """The modes' probabilities (r,) `ahead` after a transition by `transition` (r, r), and in column j of `mixing`
-    (r, r) the share of each mode in mode j then. A mode that none passes to keeps its own belief."""
-    r, total = prior.shape[0], 0.0
-    for j in range(r):
-        ahead[j] = 0.0
-        for i in range(r):
-            mixing[i, j] = prior[i] * transition[i, j]
-            ahead[j] += mixing[i, j]
-        for i in range(r):
-            if ahead[j] > 0:
-                mixing[i, j] /= ahead[j]
-            else:
-                mixing[i, j] = 1.0 if i == j else 0.0
-        total += ahead[j]
-    for j in range(r):
-        ahead[j] /= total
-
-
 @njit(**MAKING)
 def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):  # type: ignore[no-untyped-def]
     """As `weigh`, of one filter; (status, NIS)."""

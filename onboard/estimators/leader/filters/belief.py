@@ -61,15 +61,16 @@ class State(NamedTuple):
 
 
 class BeliefFilter:
-    """See `filter.LeaderFilter`. `delay_sigma` (s): of the camera's stamps; `m`: the size of a measurement."""
+    """A filter of one target, of this `shape`; FilterErrors pass through. An image whose NIS is above the `gate`
+    is not fused. `delay_sigma` (s): of the camera's stamps; `m`: the size of a measurement."""
 
     components: tuple[str, ...] = leader_flight.COMPONENTS
     units: tuple[str, ...] = leader_flight.UNITS
 
     def __init__(self, settings: NoseModel, shape: Shape, delay_sigma: float, m: int) -> None:
-        self.shape: Shape | None = shape
+        self.shape = shape
         self.measured_components, self.measured_units = wing_line.COMPONENTS[:m], wing_line.UNITS[:m]
-        self.gate: float | None = settings.gate
+        self.gate = settings.gate
         self._settings, self._delay_sigma, self._m = settings, delay_sigma, m
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:
@@ -107,7 +108,7 @@ class BeliefFilter:
         if not math.isfinite(nis):
             raise FilterError("the hypotheses have lost their numbers")
         cloud, beyond = particles.update(settings, now.cloud, measurement, pose)
-        passes = beyond <= settings.gate
+        passes = max(nis, beyond) <= settings.gate
         after = now._replace(cloud=cloud, summary=summarise(settings, cloud)) if passes else state
         return Update(after, innovation, S, expected, nis, cloud.misfits if passes else (), passes)
 
@@ -133,8 +134,7 @@ class BeliefFilter:
 
     def belief(self, state: State) -> Belief:
         """Mean and covariance of all hypotheses."""
-        n = len(self.components)
-        belief = as_leader(state.summary, *state.since, Belief(np.zeros(n), np.zeros((n, n))))
+        belief = as_leader(state.summary, *state.since)
         late = self._delay_sigma * belief.mean[V]
         belief.covariance[R, R] += np.outer(late, late)
         return belief

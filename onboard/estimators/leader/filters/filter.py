@@ -1,20 +1,15 @@
 """What a track needs of a filter of one target: a protocol, and the measurement that all filters share."""
 
 import math
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.posed import Posed
-from onboard.estimators.leader.shape import Seen, Shape
-from onboard.estimators.leader.size import Size
-from onboard.estimators.leader.wind import Wind
-from onboard.filters.belief import Belief, Update
+from onboard.estimators.leader.shape import Seen
 from onboard.models import wing_line
-from onboard.ownship import Step
 
 WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
 
@@ -72,49 +67,3 @@ class Open(NamedTuple):
     reason: str = ""
     places: tuple[Place, ...] = ()
     is_metric: bool = False
-
-
-class LeaderFilter(Protocol):
-    """A filter of one target. Its states are opaque to the track; FilterErrors pass through."""
-
-    components: tuple[str, ...]
-    units: tuple[str, ...]
-    measured_components: tuple[str, ...]
-    measured_units: tuple[str, ...]
-    gate: float | None  # NIS above which an image is not fused; None: all are
-    shape: Shape | None  # of what it follows; None: the filter uses nothing but center and wing
-
-    def measure(self, points: Array, sigmas: Array) -> Measurement:
-        """The measurement of image points (3, 2), center, left and right, with standard deviations (3,), all in
-        focal lengths."""
-
-    def start(self, measurement: Measurement, pose: CameraPose, before: Any) -> Any:
-        """The state after a first image; `before` is the state of an earlier track, or None."""
-
-    def informed(self, state: Any, prior: Belief) -> Any:
-        """The first state with what was believed before: position relative to us and velocity, (6,) and (6, 6), in
-        n. None if they contradict each other."""
-
-    def advance(self, state: Any, step: Step) -> Any:
-        """The state after a step of our own motion."""
-
-    def fuse(self, state: Any, measurement: Measurement, pose: CameraPose) -> Update:
-        """The update by an image; its belief is a state."""
-
-    def resized(self, state: Any, size: Size) -> Any:
-        """The state once the size is known better from elsewhere."""
-
-    def in_wind(self, state: Any, wind: Wind) -> Any:
-        """The state in another wind, or in one that is not known any more."""
-
-    def belief(self, state: Any) -> Belief:
-        """Mean (n,) and covariance (n, n), the first nine components those of `relative_motion`."""
-
-    def predicted_points(self, state: Any, measurement: Measurement, update: Update, pose: CameraPose) -> Array:
-        """Image points (3, 2) that `state` predicts, in focal lengths; NaN for a point behind the camera."""
-
-    def open_question(self, state: Any) -> Open:
-        """What the images leave open."""
-
-    def is_too_wide(self, state: Any, share: float) -> bool:
-        """Whether the position is less certain than this share of the range: an image cannot correct it."""

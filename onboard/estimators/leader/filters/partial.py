@@ -17,7 +17,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.posed import posed
 from onboard.estimators.leader.shape import of_box, of_points
 from onboard.filters.belief import Update
@@ -115,14 +116,14 @@ def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tup
     return ImageFeature(name="left", point=left, sigma=a), ImageFeature(name="right", point=right, sigma=b)
 
 
-def measure(filter_: LeaderFilter, saw: Seen, view: Edges | None = None) -> Measurement:
+def measure(filter_: BeliefFilter, saw: Seen, view: Edges | None = None) -> Measurement:
     """The filter's measurement of it: what was not seen has noise without bound. A box that reaches the edge of
     the `view` is cut off: it shows a direction at most."""
     measured = filter_.measure(np.array(saw.points), np.array(saw.sigmas))
-    if filter_.shape is not None and saw.named:
+    if saw.named:
         shows = of_points(filter_.shape, saw.named, measured.axes, has_center=saw.has_center)
         measured = measured._replace(shows=shows)
-    if filter_.shape is not None and saw.pose is not None:
+    if saw.pose is not None:
         measured = measured._replace(pose=posed(saw.pose, filter_.shape.pose_lasting, measured.axes[0]))
     if saw.has_center and saw.has_wing:
         return measured
@@ -139,9 +140,9 @@ def measure(filter_: LeaderFilter, saw: Seen, view: Edges | None = None) -> Meas
     shape, box = filter_.shape, saw.box
     if shows and shows.has_extent:
         box = None
-    elif measured.pose is not None and measured.pose.range_ is not None and shape is not None:
+    elif measured.pose is not None and measured.pose.range_ is not None:
         return _metric(measured, measured.pose.range_, shape.size)
-    if shape is not None and box is not None and not is_cut(*box, view):
+    if box is not None and not is_cut(*box, view):
         shows = of_box(shape, *box, measured.axes)
     extent = (shows.spread, shows.spread_sigma) if shows and shows.has_extent else (measured.span, math.inf)
     return measured._replace(span=extent[0], span_sigma=extent[1], shows=shows, has_wing=False)

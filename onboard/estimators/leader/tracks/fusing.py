@@ -4,7 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from onboard.estimators.leader.camera_pose import CameraPoses
-from onboard.estimators.leader.filters.filter import LeaderFilter
+from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.partial import refused
 from onboard.estimators.leader.sight import sight
 from onboard.estimators.leader.size import Size
@@ -24,7 +24,7 @@ class TrackState(NamedTuple):
     noise: NoiseScale
 
 
-def advance(filter_: LeaderFilter, state: TrackState, t0_ns: int, t1_ns: int, ownship: Ownship) -> TrackState:
+def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ownship: Ownship) -> TrackState:
     """The state predicted from one time to another. Raises FilterError."""
     leader = state.leader
     for step in ownship.steps(t0_ns, t1_ns):
@@ -33,7 +33,7 @@ def advance(filter_: LeaderFilter, state: TrackState, t0_ns: int, t1_ns: int, ow
 
 
 def fuse(
-    filter_: LeaderFilter, poses: CameraPoses, state: TrackState, taken: Image | Size | Wind, ownship: Ownship
+    filter_: BeliefFilter, poses: CameraPoses, state: TrackState, taken: Image | Size | Wind, ownship: Ownship
 ) -> tuple[TrackState, Any]:
     """The state after it, and its outcome. An image is fused if it passes the gate, and if the leader is then in
     front of the camera that saw it. Raises FilterError."""
@@ -53,7 +53,7 @@ def fuse(
     noise = state.noise
     if math.isfinite(update.nis):
         noise = noise.after(update.innovation, update.innovation_covariance)
-    fused = update.passes and (filter_.gate is None or update.nis <= filter_.gate)
+    fused = update.passes
     if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[R]):
         fused = False
     return TrackState(update.belief if fused else leader, noise), Outcome(fused, update, leader, pose)

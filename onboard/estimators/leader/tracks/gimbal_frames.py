@@ -13,7 +13,7 @@ from typing import Final, NamedTuple, get_args
 
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.filter import LeaderFilter
+from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.track import Track
 from onboard.geometry.camera import Camera
@@ -48,7 +48,7 @@ class GimbalFrames:
     """A track of the leader for each frame, by `filter_`, and the evidence against the flagged frame. `cameras`
     that are on no gimbal, or whose `gimbal_frame` is configured, cost nothing."""
 
-    def __init__(self, name: str, filter_: LeaderFilter, config: Config, cameras: Camera) -> None:
+    def __init__(self, name: str, filter_: BeliefFilter, config: Config, cameras: Camera) -> None:
         self._cameras, self._gains = cameras, dict.fromkeys(WORDS, 0.0)
         self._flagged: MountFrame = "heading"
         self._found: MountFrame | None = None

@@ -11,7 +11,8 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters import partial
-from onboard.estimators.leader.filters.filter import LeaderFilter, Measurement
+from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.partial import Edges, Seen
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
@@ -51,7 +52,7 @@ def prepare(
     message: TargetImage,
     ownship: Ownship,
     poses: CameraPoses,
-    filter_: LeaderFilter,
+    filter_: BeliefFilter,
     config: Config,
     half_wing: float,
     noise_scale: float = 1.0,
@@ -90,7 +91,7 @@ def _why_no_pose(lead_ns: int, config: Config) -> Verdict:
     return Verdict.TOO_OLD if -lead_ns > config.rewind_horizon_s * NS_PER_S else Verdict.NO_POSE
 
 
-def measured(image: Image, filter_: LeaderFilter, noise_scale: float) -> Measurement:
+def measured(image: Image, filter_: BeliefFilter, noise_scale: float) -> Measurement:
     """What an image measures by a detector that is so many times as noisy as configured."""
     if noise_scale == image.noise_scale:
         return image.measurement

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.filter import LeaderFilter
+from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.tracks.image import Image
 from onboard.estimators.leader.tracks.status import Status
@@ -36,10 +36,10 @@ class Outcome(NamedTuple):
     prior: Any
     pose: CameraPose
 
-    def distance(self, gate: float | None) -> Distance:
+    def distance(self, gate: float) -> Distance:
         """Of the image from what the state predicted."""
         nis, S = float(self.update.nis), self.update.innovation_covariance
-        if gate is not None and not nis <= gate:
+        if not nis <= gate:
             return Distance(True, nis)
         return Distance(False, nis + float(np.linalg.slogdet(S)[1]))
 
@@ -54,7 +54,7 @@ NO_OUTCOME: Final = NoOutcome()
 
 
 def report(
-    filter_: LeaderFilter,
+    filter_: BeliefFilter,
     message: TargetImage,
     verdict: Verdict,
     image: Image | None = None,
@@ -78,7 +78,7 @@ def report(
     )
 
 
-def published(filter_: LeaderFilter, status: Status, belief: Belief | None, **fields: Any) -> Estimate:
+def published(filter_: BeliefFilter, status: Status, belief: Belief | None, **fields: Any) -> Estimate:
     """The estimate of a belief (None: there is none) in these fields, with what follows from them."""
     t_ns, state = fields["t_ns"], fields["state"]
     age = status.age(t_ns)
@@ -100,7 +100,7 @@ def modes_of(places: Iterable[Place]) -> tuple[Mode, ...]:
     return tuple(Mode(weight=p.weight, **of_belief(Belief(p.mean, p.covariance))) for p in places)
 
 
-def _predicted_points(filter_: LeaderFilter, image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] | None:
+def _predicted_points(filter_: BeliefFilter, image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] | None:
     """The predicted image points, None if one is behind the camera."""
     args = outcome.prior, image.measurement, outcome.update, outcome.pose
     points = filter_.predicted_points(*args).tolist()

@@ -15,7 +15,8 @@ from typing import Any, Final
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.filter import LeaderFilter, Open
+from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.filters.filter import Open
 from onboard.estimators.leader.prior import Prior
 from onboard.estimators.leader.sight import ASTRAY, LastSight
 from onboard.estimators.leader.size import Size
@@ -51,7 +52,7 @@ class Track:
         self,
         name: str,
         target: str,
-        filter_: LeaderFilter,
+        filter_: BeliefFilter,
         poses: CameraPoses,
         config: Config,
         *,
@@ -99,7 +100,7 @@ class Track:
             self._forget("no image for longer than the reset timeout")
         return self._estimate(ownship, None)
 
-    def set_class(self, filter_: LeaderFilter, config: Config) -> None:
+    def set_class(self, filter_: BeliefFilter, config: Config) -> None:
         """Images of a class of targets come. A track stays what it started as."""
         if self._history is None and not self.held:
             self._filter, self._config, self._report = filter_, config, partial(report, filter_)

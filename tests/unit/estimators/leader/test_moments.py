@@ -35,12 +35,10 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
 
 
 def test_a_belief_after_a_while_is_that_of_the_summary_after_it_seed2() -> None:
-    known, template = Summary(*spread(2, N)), spread(3, 16)
+    known = Summary(*spread(2, N))
     moved, v_F = np.array([1.0, -2.0, 0.5]), np.array([8.0, 1.0, 0.1])
-    at_once = as_leader(known, 0.3, moved, v_F, template)
-    in_two = as_leader(known.after(0.3, moved), 0.0, np.zeros(3), v_F, template)
+    at_once = as_leader(known, 0.3, moved, v_F)
+    in_two = as_leader(known.after(0.3, moved), 0.0, np.zeros(3), v_F)
     np.testing.assert_allclose(at_once.mean, in_two.mean, rtol=1e-12)
     np.testing.assert_allclose(at_once.covariance, in_two.covariance, rtol=1e-10, atol=1e-12)
-    np.testing.assert_array_equal(
-        at_once.covariance[12:, 12:], 0.5 * (template.covariance + template.covariance.T)[12:, 12:]
-    )
+    np.testing.assert_array_equal(at_once.covariance, at_once.covariance.T)

@@ -7,12 +7,15 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.summary import Summary, summarise, with_course
 from onboard.estimators.leader.settings import NoseModel
+from onboard.estimators.leader.shape import shape_of
 from onboard.filters.belief import FilterError
 from onboard.models import apparent_wing as model
 from onboard.models.wing_line import from_points
@@ -141,6 +144,17 @@ def test_an_image_that_nothing_expected_changes_nothing() -> None:
     after, nis = particles.update(SETTINGS, cloud, image(25.0, 0.3, east=15.0), STILL)
     assert nis > SETTINGS.gate
     assert after is cloud
+
+
+def test_what_is_beyond_the_gate_together_is_not_fused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The NIS that is published is that of all hypotheses, though enough of them may have expected an image."""
+    filter_ = BeliefFilter(SETTINGS, shape_of(Config(size_prior_m=2.0)), 0.0, 4)
+    state = filter_.start(image(25.0, 0.3), STILL, None)
+    monkeypatch.setattr(particles, "update", lambda _settings, cloud, *_: (cloud, 0.0))
+    assert filter_.fuse(state, image(25.0, 0.3), STILL).passes
+    far = filter_.fuse(state, image(25.0, 0.3, east=15.0), STILL)
+    assert far.nis > SETTINGS.gate
+    assert not far.passes
 
 
 def test_a_cloud_without_numbers_is_an_error() -> None:

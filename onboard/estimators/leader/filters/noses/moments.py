@@ -83,17 +83,15 @@ def _derivatives(known, dt, J):  # type: ignore[no-untyped-def]
     J[HEADING, NOSE] = J[BANK_ERROR, BANK] = 1.0
 
 
-@njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
-def as_leader(known, C, dt, moved, v_F, mean, S):  # type: ignore[no-untyped-def]
-    """See `summary.as_leader`: mean (n,) and covariance (n, n), of a summary with mean `known` and covariance
-    C, and of the template with mean `mean` and covariance S."""
-    n = mean.shape[0]
-    x, P = mean.copy(), np.zeros((n, n))
+@njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), cache=True, error_model="numpy")
+def as_leader(known, C, dt, moved, v_F):  # type: ignore[no-untyped-def]
+    """See `summary.as_leader`: mean (BASE,) and covariance (BASE, BASE), of a summary with mean `known` and
+    covariance C."""
+    x, P = np.zeros(BASE), np.zeros((BASE, BASE))
     J, JC = np.empty((BASE, N)), np.zeros((BASE, N))
     _derivatives(known, dt, J)
     width = JC.shape[1]
     for i in range(BASE):
-        x[i] = 0.0
         for k in range(N):
             x[i] += J[i, k] * known[k]
             if J[i, k] != 0.0:
@@ -108,7 +106,4 @@ def as_leader(known, C, dt, moved, v_F, mean, S):  # type: ignore[no-untyped-def
             for k in range(N):
                 P[i, j] += JC[i, k] * J[j, k]
             P[j, i] = P[i, j]
-    for i in range(BASE, n):
-        for j in range(BASE, n):
-            P[i, j] = 0.5 * (S[i, j] + S[j, i])
     return x, P

@@ -1,7 +1,6 @@
 """Mean and covariance of a whole cloud of noses, and what they come to a moment later."""
 
 import math
-from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -24,7 +23,6 @@ from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.belief import Belief
 from onboard.models import apparent_wing as model
 
-FLIES: Final = 3.0  # m/s: faster than one that hovers
 RESOLVED: Final = 0.15  # of the range: a cloud that is less certain leaves it open, and confirms nothing
 MOTION: Final = slice(0, 6)  # position and velocity
 
@@ -59,14 +57,6 @@ class Summary(NamedTuple):
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = self.covariance[R_FL, R_FL].tolist()
         along = x * x * xx + y * y * yy + z * z * zz + 2.0 * (x * y * xy + x * z * xz + y * z * yz)
         return math.sqrt(max(along, 0.0)) / float(x * x + y * y + z * z)
-
-    def is_on_course(self, within: float, air: Sequence[float]) -> bool:
-        """Whether the leader flies, with its nose within an angle (rad) of its course through air that moves to
-        north and east, m/s."""
-        v, nose = self.mean[V_L][:2] - air[:2], self.mean[NOSE]
-        aside = nose - math.atan2(v[1], v[0])
-        aside -= math.pi * round(aside / math.pi)
-        return math.hypot(v[0], v[1]) > FLIES and abs(aside) < within
 
     def direction_sigma(self) -> float:
         """The standard deviation of the direction where it is least certain, rad."""
@@ -191,8 +181,7 @@ def _middle(noses: Array, w: Array) -> tuple[float, float]:
     return math.atan2(float(w @ np.sin(noses)), float(w @ np.cos(noses))), 2.0 * math.pi
 
 
-def as_leader(known: Summary, dt: float, moved: Array, v_F_n: Array, template: Belief) -> Belief:
+def as_leader(known: Summary, dt: float, moved: Array, v_F_n: Array) -> Belief:
     """The belief `dt` seconds after a summary, in which we move by `moved` (3,) m, in n, with the components of
-    `template` (`models.leader_flight`). A summary lacks the camera's delay and the attitude's error: those are the
-    template's, uncorrelated with the others."""
-    return Belief(*moments.as_leader(known.mean, known.covariance, dt, moved, v_F_n, *template))
+    `models.leader_flight`."""
+    return Belief(*moments.as_leader(known.mean, known.covariance, dt, moved, v_F_n))
