@@ -118,11 +118,13 @@ class Pipeline:
     def _advance(self, message: Message) -> list[Output]:
         if isinstance(message, WarmState):
             self._warm.receive(message)
-            self._latch(message.heartbeat)  # the next one comes within a second
-            return []
+            return self._latch(message.heartbeat)  # the next one comes within a second
         self._monitor.hear(message)
-        if isinstance(message, Heartbeat):
-            self._latch(message)
+        said = self._latch(message) if isinstance(message, Heartbeat) else []
+        return [*said, *self._heed(message)]
+
+    def _heed(self, message: Message) -> list[Output]:
+        """A message, if it is of what is followed."""
         admitted = self._admission.admit(message)
         if isinstance(admitted, str):
             self._monitor.reject(message, admitted)
@@ -139,15 +141,16 @@ class Pipeline:
             return self._observe(admitted)
         return self._align(admitted)
 
-    def _latch(self, heartbeat: Heartbeat) -> None:
+    def _latch(self, heartbeat: Heartbeat) -> list[Output]:
         """An autopilot's first heartbeat decides which delays sources have; another's begins a new time base."""
         before = self.autopilot
         if not self._admission.latch(heartbeat):
-            return
+            return []
         self._delays_ns = source_delays_ns(self._config.delay, heartbeat.autopilot)
-        if before is not None:
-            self.clocks.restart()
-            self._start_over(f"another autopilot is followed: {self.why_followed}")
+        if before is None:
+            return []
+        self.clocks.restart()
+        return self._start_over(f"another autopilot is followed: {self.why_followed}")
 
     def _align(self, message: Message) -> list[Output]:
         if message.clock is Clock.NONE and not self._admission.holds_from_arrival(message):
@@ -155,7 +158,7 @@ class Pipeline:
                 self._monitor.reject(message, "unstamped_points")
             return []  # not stamped: commands, heartbeats, text; nothing to estimate from
         clocks, delay_ns = self.clocks, self.delay_ns(message)
-        reboots, jumps, corrections = clocks.reboots, clocks.jumps, clocks.corrections
+        reboots, jumps, corrections, said = clocks.reboots, clocks.jumps, clocks.corrections, list[Output]()
         aligned = clocks.align(message, delay_ns)
         if aligned is None:  # counted by the clocks
             self._monitor.refusals.add_message(message, clocks.why if self.autopilot else "before_heartbeat")
@@ -163,13 +166,13 @@ class Pipeline:
         if isinstance(message, TargetImage):
             self._monitor.cameras.see(message, aligned.t_ns, clocks.offset_ns, self.ownship.now_ns)
         if what := "rebooted" if clocks.reboots > reboots else "set its clock" if clocks.jumps > jumps else "":
-            self._start_over(f"the autopilot has {what}")
+            said = self._start_over(f"the autopilot has {what}")
         if clocks.corrections > corrections:
             self._monitor.rejected["clock_corrections"] += 1
             self._reset("the clocks' offset was wrong: the link had been held up, or they run at different rates")
         if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
             self._observe(known)
-        return self._estimate(aligned, aligned.t_ns + delay_ns)
+        return [*said, *self._estimate(aligned, aligned.t_ns + delay_ns)]
 
     def delay_ns(self, message: Message) -> int:
         """How much older than its stamp a message is, as configured."""
@@ -178,12 +181,14 @@ class Pipeline:
             delay_ns = self._camera_delays_ns.get(message.camera, delay_ns)
         return delay_ns
 
-    def _start_over(self, reason: str) -> None:
-        """The autopilot's clock and origin are new, so no state still holds."""
+    def _start_over(self, reason: str) -> list[Output]:
+        """The autopilot's clock and origin are new, so no state still holds. Gives estimates that say why, before
+        another reason follows."""
         self.ownship = self._own_motion.begin()
         self._waiting.clear()
         for estimator in self.estimators.values():
             estimator.reset(reason)
+        return [output for name in self.estimators for output in self._noted(self._asked(name, None))]
 
     def _estimate(self, message: Message, stamp_ns: int) -> list[Output]:
         """Own motion predicts every estimate to now; any other message goes to the estimators that listen."""
