@@ -44,12 +44,12 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, Path]:
     out = tmp_path_factory.mktemp("avoid")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "LEAST", 1)
-        return study.run(seeds=2, first_seed=200, jobs=1, out=out), out
+        return study.run(seeds=8, first_seed=200, jobs=1, out=out), out
 
 
 @pytest.mark.slow
-def test_the_reference_s_numbers_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
-    """20 runs of the validation, 2 of radar and GNSS: wider than the full study's tolerance where it scatters."""
+def test_the_reference_s_numbers_seeds_200_to_207(found: tuple[Findings, Path]) -> None:
+    """20 runs of the validation, 8 of radar and GNSS: wider than the full study's tolerance where it scatters."""
     ours = {c.name: c for c in found[0].checks}
     wide = {"validation: position RMSE, UKF", "validation: position RMSE, Joseph"}
     scattered = {
@@ -67,7 +67,8 @@ def test_the_reference_s_numbers_seeds_200_and_201(found: tuple[Findings, Path])
 
 
 @pytest.mark.slow
-def test_claims_are_judged_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
+def test_claims_are_judged_seeds_200_to_207(found: tuple[Findings, Path]) -> None:
+    """Of eight runs: two or four leave the acceleration and the halving "not decided", by their scatter."""
     verdicts = [c.verdict for c in found[0].claims]
     assert len(verdicts) == 14
     assert verdicts[0] == "does not hold"  # much more accurate
@@ -79,7 +80,7 @@ def test_claims_are_judged_seeds_200_and_201(found: tuple[Findings, Path]) -> No
 
 
 @pytest.mark.slow
-def test_written_files_can_be_read_seeds_200_and_201(found: tuple[Findings, Path]) -> None:
+def test_written_files_can_be_read_seeds_200_to_207(found: tuple[Findings, Path]) -> None:
     written = json.loads((found[1] / "result.json").read_bytes())
     assert len(written["misprints"]) == 19
     assert len(written["figures"]) == 10

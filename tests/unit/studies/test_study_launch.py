@@ -18,13 +18,11 @@ from studies.ukf_radar_launch_vehicle.runs import Results
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Findings, Path]:
     out = tmp_path_factory.mktemp("launch")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "LEAST", 1)
-        return study.run(seeds=6, first_seed=100, jobs=1, out=out), out
+    return study.run(seeds=30, first_seed=100, jobs=1, out=out), out  # a fifth fly the sweep: six can decide it
 
 
 @pytest.mark.slow
-def test_the_reference_s_numbers_seeds_100_to_105(found: tuple[Findings, Path]) -> None:
+def test_the_reference_s_numbers_seeds_100_to_129(found: tuple[Findings, Path]) -> None:
     ours = {c.name: c.ours for c in found[0].checks}
     assert ours["position RMS, 10-112 s, q 1"] == pytest.approx(4.9, rel=0.12)
     assert ours["position RMS, 112-262 s, q 1"] == pytest.approx(19.4, rel=0.12)
@@ -35,7 +33,7 @@ def test_the_reference_s_numbers_seeds_100_to_105(found: tuple[Findings, Path]) 
 
 
 @pytest.mark.slow
-def test_no_process_noise_brings_the_claimed_accuracy_seeds_100_to_105(found: tuple[Findings, Path]) -> None:
+def test_no_process_noise_brings_the_claimed_accuracy_seeds_100_to_129(found: tuple[Findings, Path]) -> None:
     sweep = found[0].tables[1]
     assert len(sweep.rows) == 6
     assert all(isinstance(row[5], float) and row[5] > 40 for row in sweep.rows)
