@@ -13,3 +13,8 @@ docs/architecture.md draws the house.
 """
 
 __version__ = "0.1.0"
+
+
+class UserError(Exception):
+    """Something the user can mend: a flag, a file, a port. Its message is one line that says where and how; a
+    command shows it without a traceback."""

@@ -15,13 +15,13 @@ from rich.markdown import Markdown
 from rich.table import Column, Table
 
 import studies
+from onboard import UserError
 from onboard.commands.compiling import needed_by, needed_by_flight
 from onboard.commands.computers import computers
 from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.parallel.cluster import ClusterError
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
 from onboard.config import estimator_modules
-from onboard.errors import UserError
 from studies.report.findings import Verdict
 from studies.together import run_all, run_study
 

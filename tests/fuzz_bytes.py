@@ -98,8 +98,8 @@ def logs(data: bytes) -> None:
 
 def configuration(data: bytes) -> None:
     """A configuration file."""
+    from onboard import UserError  # noqa: PLC0415
     from onboard.config import load_config  # noqa: PLC0415
-    from onboard.errors import UserError  # noqa: PLC0415
 
     with tempfile.NamedTemporaryFile(suffix=".toml", dir=MEMORY) as file:
         file.write(data)

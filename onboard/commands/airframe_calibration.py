@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from onboard import UserError
 from onboard.arrays import Array
-from onboard.errors import UserError
 
 WINDOW_S: Final = 0.6  # of one comparison
 SAMPLES: Final = 5  # in a window, at least

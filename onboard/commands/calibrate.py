@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from msgspec.structs import replace
 
+from onboard import UserError
 from onboard.arrays import Array
 from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.commands.calibration import CALM, Calibration, Images, OwnMotion, calibrate
 from onboard.commands.files import check_targets
 from onboard.commands.log_replay import check_log, read_flight
 from onboard.config import Config, load_config
-from onboard.errors import UserError
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
 from onboard.messages import Datagram, Message, OwnPose, TargetPoints
 from onboard.pipeline import Pipeline

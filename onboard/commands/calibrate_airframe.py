@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
+from onboard import UserError
 from onboard.arrays import Array
 from onboard.commands.airframe_calibration import (
     AirframeFit,
@@ -19,7 +20,6 @@ from onboard.commands.airframe_calibration import (
 )
 from onboard.commands.log_replay import read_flight
 from onboard.config import Config
-from onboard.errors import UserError
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import ActuatorOutputs, Battery, Datagram, Imu, Message, OwnPose
 from onboard.pipeline import Pipeline

@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.interpolate import BSpline
 
+from onboard import UserError
 from onboard.arrays import Array
-from onboard.errors import UserError
 from onboard.geometry.camera import Camera
 from onboard.geometry.rotations import matrix_from_euler
 

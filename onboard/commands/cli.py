@@ -16,10 +16,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Final, NoReturn
 
-from onboard import __version__
+from onboard import UserError, __version__
 from onboard.commands import examples
 from onboard.commands.terminal import end_signals, report
-from onboard.errors import UserError
 
 USER_ERROR: Final = 2
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"

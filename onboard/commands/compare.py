@@ -10,9 +10,9 @@ from msgspec.structs import replace
 from rich.console import Console
 from rich.table import Table
 
+from onboard import UserError
 from onboard.commands.log_replay import FLOWN
 from onboard.config import Config, load_config
-from onboard.errors import UserError
 from onboard.messages import Record
 from onboard.scoring.beside import JUDGED
 from onboard.scoring.leader import LeaderScore

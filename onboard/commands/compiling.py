@@ -22,8 +22,8 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from onboard import UserError
 from onboard.commands.parallel.processes import CONTEXT, processes
-from onboard.errors import UserError
 from onboard.filters import numba_internals
 
 ROOT: Final = Path(__file__).parents[2]

@@ -11,12 +11,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from onboard import __version__
+from onboard import UserError, __version__
 from onboard.commands.computers import computers
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.flight_folder import CONFIG, LOGS, TRUTHS
 from onboard.commands.many import FILTERPY, FlightScores, ScorableFlight, numbers_of, score_flights
-from onboard.errors import UserError
 from onboard.messages import Record
 from onboard.scoring.leader import LeaderScore
 

@@ -7,8 +7,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, Protocol
 
+from onboard import UserError
 from onboard.commands.csv_rows import LEADER, OWN, TEXT, CsvWriter, Rows
-from onboard.errors import UserError
 from onboard.messages import Estimate, Health, NavState, Output
 from onboard.messages.ros import Ros2Config
 from onboard.scoring.reference import Reference

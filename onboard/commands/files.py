@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from onboard.errors import UserError
+from onboard import UserError
 
 
 def make_folder(folder: Path) -> None:

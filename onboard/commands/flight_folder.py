@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from onboard.errors import UserError
+from onboard import UserError
 from onboard.messages import Clock, Datagram, Encoding
 from onboard.wire.tlog import NotALogError
 

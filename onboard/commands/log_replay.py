@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
+from onboard import UserError
 from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
 from onboard.config import Config
-from onboard.errors import UserError
 from onboard.messages import Datagram, Estimate, Health, Message, NavState, Output
 from onboard.pipeline import Pipeline
 from onboard.scoring.beside import judged

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import msgspec
 from rich.console import Console
 
+from onboard import UserError
 from onboard.commands.compare import variants
 from onboard.commands.log_replay import flight_of, replay
 from onboard.commands.parallel.cluster import ClusterError
 from onboard.commands.parallel.workers import Computers, Part, compute
 from onboard.commands.progress import progress_bar
 from onboard.config import load_config
-from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
 from onboard.scoring.leader import LeaderScore

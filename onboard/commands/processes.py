@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Final, NamedTuple
 
+from onboard import UserError
 from onboard.commands.terminal import end_signals
-from onboard.errors import UserError
 from onboard.view.client import Client
 
 START_TIMEOUT_S: Final = 20.0

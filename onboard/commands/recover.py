@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from mcap.writer import Writer
 
-from onboard.errors import UserError
+from onboard import UserError
 from onboard.wire.recording import is_recording, read_messages
 
 MAGIC: Final = b"\x89MCAP0\r\n"  # at the begin and the end of a file

@@ -10,6 +10,7 @@ from typing import Any, Final
 import msgspec
 from rich.console import Console
 
+from onboard import UserError
 from onboard.commands.compare import print_comparison, variants
 from onboard.commands.computers import computers
 from onboard.commands.evaluate import print_rows, rows_of
@@ -19,7 +20,6 @@ from onboard.commands.log_replay import ALONE, ReplayResult, check_log, flight_o
 from onboard.commands.many import ScorableFlight, numbers_of, score_flights
 from onboard.commands.progress import progress_bar
 from onboard.config import Config, load_config
-from onboard.errors import UserError
 from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
 from onboard.scoring.leader import LeaderScore

@@ -8,14 +8,13 @@ from pathlib import Path
 import msgspec
 from rich.console import Console
 
-from onboard import __version__
+from onboard import UserError, __version__
 from onboard.commands.files import check_targets
 from onboard.commands.log_replay import ReplayResult, check_log, flight_of, replay
 from onboard.commands.progress import progress_bar
 from onboard.commands.report_series import FlightSeries
 from onboard.commands.report_verdict import Grade, judge, worst
 from onboard.config import Config, load_config
-from onboard.errors import UserError
 from onboard.messages import Output
 from onboard.scoring.beside import judged
 from onboard.scoring.leader import LeaderScorer

@@ -3,8 +3,8 @@
 import argparse
 from importlib import import_module
 
+from onboard import UserError
 from onboard.commands.parallel.cluster import ROOT, STUDIES, find_studies
-from onboard.errors import UserError
 
 
 def main(arguments: argparse.Namespace) -> int:

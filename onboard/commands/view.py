@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 from typing import Final
 
+from onboard import UserError
 from onboard.config import Config, load_config
-from onboard.errors import UserError
 from onboard.view.client import Client
 from onboard.view.fleet import Views
 from onboard.view.viewer import has_display, screenshot, start_web_viewer, viewer_path

@@ -15,10 +15,10 @@ from urllib.parse import unquote
 
 import msgspec
 
+from onboard import UserError
 from onboard.config.cameras import CameraConfig
 from onboard.config.ranges import not_tunable, out_of_range
 from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
-from onboard.errors import UserError
 from onboard.estimators import config_type, flown_modules, known
 from onboard.messages import Record, TargetClass
 from onboard.wire.document import NAME

@@ -8,7 +8,7 @@ import termios
 from collections.abc import Awaitable, Callable
 from typing import Any, Final, Protocol
 
-from onboard.errors import UserError
+from onboard import UserError
 from onboard.messages import Datagram, LinkHealth
 
 Deliver = Callable[[Datagram], bool | None]  # whether its sender may be answered

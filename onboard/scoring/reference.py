@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from onboard import UserError
 from onboard.arrays import Array
-from onboard.errors import UserError
 from onboard.messages import Truth
 
 COLUMNS: Final = {

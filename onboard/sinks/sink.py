@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Final, Generic, Protocol, TypeVar
 
-from onboard.errors import UserError
+from onboard import UserError
 from onboard.messages import SinkHealth
 
 T = TypeVar("T")

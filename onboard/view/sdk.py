@@ -1,6 +1,6 @@
 """Rerun, or an error that says how to install it. The package imports `rr` and `rrb` from here."""
 
-from onboard.errors import UserError
+from onboard import UserError
 
 __all__ = ["MissingRerunError", "rr", "rrb"]
 

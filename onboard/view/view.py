@@ -10,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from onboard.errors import UserError
+from onboard import UserError
 from onboard.geometry.camera import Camera
 from onboard.messages import Estimate, Health, Lifecycle, NavState, OwnPose, Picture, ThreatLevel, Truth
 from onboard.view import beside, image, own, palette, plots, scene, space, traffic, words

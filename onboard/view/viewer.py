@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from onboard.errors import UserError
+from onboard import UserError
 from onboard.view.columns import TIMELINE
 
 EQUAL_PICTURES: Final = 5  # in a row, RETRY_S apart: painting is complete

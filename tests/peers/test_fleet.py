@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from onboard.errors import UserError
+from onboard import UserError
 from onboard.messages import Health
 from onboard.sinks import SinkError
 from onboard.sinks.zenoh_router import RouterConfig, router_settings, users

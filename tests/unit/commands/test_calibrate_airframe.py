@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from onboard import UserError
 from onboard.commands.airframe_calibration import AirframeMeasures, RecordedFlight, fit_airframe
 from onboard.commands.calibrate_airframe import described_airframe
 from onboard.commands.cli import main as onboard
 from onboard.config import parse_config
-from onboard.errors import UserError
 from onboard.estimators.own_state.config import Airframe
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.messages import ActuatorOutputs, Fault, FaultKind, Imu, NavState, Truth

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from onboard import UserError
 from onboard.commands.cli import main
 from onboard.commands.exports import check_exports
-from onboard.errors import UserError
 from onboard.sinks.recorder import Recorder
 from tests.support.dataflash import dataflash
 from tests.support.streams import CIRCLE, Stream

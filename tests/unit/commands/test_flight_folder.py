@@ -7,11 +7,11 @@ from typing import Final
 import numpy as np
 import pytest
 
+from onboard import UserError
 from onboard.commands.calibrate import collect
 from onboard.commands.cli import main
 from onboard.commands.log_replay import ReplayResult, replay
 from onboard.commands.many import ScorableFlight, score_flight
-from onboard.errors import UserError
 from tests.support.dataflash import BOOT_UNIX_S, dataflash
 from tests.support.streams import F_PX, Flight, make_config
 

@@ -11,9 +11,9 @@ import pytest
 from numba import float64, njit
 from numba.core import event
 
+from onboard import UserError
 from onboard.commands.cli import USER_ERROR, main
 from onboard.commands.run import PROGRESS_S, Compiling
-from onboard.errors import UserError
 from onboard.filters.numba_internals import on_compile
 from tests.support.programs import PATIENCE, environment
 

@@ -91,7 +91,7 @@ def test_every_equation_of_the_paper_is_in_one_row(heading: str) -> None:
 
 
 def test_a_row_without_a_file_or_without_a_name_is_found() -> None:
-    for cell in ("`name`", "`onboard/arrays.py`", "`onboard/arrays.py` `onboard/errors.py` `name`", "prose"):
+    for cell in ("`name`", "`onboard/arrays.py`", "`onboard/arrays.py` `onboard/clocks.py` `name`", "prose"):
         with pytest.raises(AssertionError):
             places(cell)
     assert places("`a/b.py` `x`, `y` `c/d.py` `z`") == [("a/b.py", "x"), ("a/b.py", "y"), ("c/d.py", "z")]

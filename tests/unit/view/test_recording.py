@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard.errors import UserError
+from onboard import UserError
 from onboard.messages import Estimate, Truth
 from tests.support.view_flight import NEEDS_RERUN, START_S, flight, health_of, record_flight, rows_of, truth_of
 
