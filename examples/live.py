@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from onboard.client import Camera
-from onboard.messages import Picture
+from onboard.messages import Clock, Picture
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 EVERY = 100  # pictures between two reports
@@ -42,7 +42,7 @@ def run_detector(find: Find, description: str | None) -> int:
     session = open_session(ZenohConfig(vehicle=given.vehicle, mode="client", listen=(), connect=(given.connect,)))
     took_ms: list[float] = []
     try:
-        with Camera(endpoint=given.connect, vehicle=given.vehicle) as camera:
+        with Camera(endpoint=given.connect, vehicle=given.vehicle, clock=Clock.BOOT) as camera:  # simlink's
             subscriber = session.declare_subscriber(f"simlink/{given.vehicle}/picture", on_picture)
             while True:
                 data, arrived = newest.get()
@@ -50,7 +50,7 @@ def run_detector(find: Find, description: str | None) -> int:
                 grey = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
                 found = None if grey is None else find(np.asarray(grey, np.uint8))
                 if found is not None:
-                    camera.send(found, t_ns=picture.t_ns, clock=picture.clock, target="leader")
+                    camera.send(found, t_ns=picture.t_ns, target="leader")
                 took_ms.append(1e3 * (time.monotonic() - arrived))
                 if len(took_ms) == EVERY:
                     print(

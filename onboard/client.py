@@ -33,14 +33,17 @@ Point = tuple[float, float] | tuple[float, float, float]
 
 
 class Camera:
-    """A connection to the daemon at `endpoint` for the camera of that name; empty: the first that it has.
+    """A connection to the daemon at `endpoint` for the camera of that name; empty: the first that it has. `clock`:
+    by which its times of exposure are, Unix time by default.
 
     Raises SinkError when no daemon answers.
     """
 
-    def __init__(self, name: str = "", *, endpoint: str = ENDPOINT, vehicle: str = "1") -> None:
+    def __init__(
+        self, name: str = "", *, endpoint: str = ENDPOINT, vehicle: str = "1", clock: Clock = Clock.HOST
+    ) -> None:
         config = ZenohConfig(vehicle=vehicle, mode="client", listen=(), connect=(endpoint,))
-        self._name = name
+        self._name, self._clock = name, clock
         self._session = open_session(config)
         self._key = f"{config.prefix}/camera/{name or 'any'}/detections"
 
@@ -57,12 +60,11 @@ class Camera:
         range_m: float | None = None,
         intrinsics: Intrinsics | None = None,
         attitude: MountAttitude | None = None,
-        clock: Clock = Clock.HOST,
     ) -> None:
         """Send one aircraft in one image: any of the points `center`, `left` and `right`, each (u, v) or (u, v,
         sigma) in pixels, or a box (u, v of its middle, width, height), or a pose (see `pose_of`), or several of
-        these. `t_ns`: the time of exposure on `clock`, in ns, by default Unix time; None: now, which is late by
-        as long as detection takes. `attitude`: where a moving mount pointed. The rest is as in
+        these. `t_ns`: the time of exposure on the camera's clock, in ns; None: now, which is late by as long as
+        detection takes. `attitude`: where a moving mount pointed. The rest is as in
         `messages.Detection`."""
         detection = Detection(
             points={name: _point(p) for name, p in (points or {}).items()},
@@ -73,7 +75,7 @@ class Camera:
             confidence=None if confidence is None else float(confidence),
             range_m=None if range_m is None else float(range_m),
         )
-        self.send_all([detection], t_ns=t_ns, intrinsics=intrinsics, attitude=attitude, clock=clock)
+        self.send_all([detection], t_ns=t_ns, intrinsics=intrinsics, attitude=attitude)
 
     def send_all(
         self,
@@ -82,12 +84,11 @@ class Camera:
         t_ns: int | None = None,
         intrinsics: Intrinsics | None = None,
         attitude: MountAttitude | None = None,
-        clock: Clock = Clock.HOST,
     ) -> None:
         """Send all aircraft of one image at once."""
         document = CameraDetections(
             t_ns=time.time_ns() if t_ns is None else int(t_ns),
-            clock=Clock.HOST if t_ns is None else clock,
+            clock=Clock.HOST if t_ns is None else self._clock,
             camera=self._name,
             intrinsics=intrinsics,
             attitude=attitude,

@@ -94,13 +94,15 @@ def test_a_camera_sends_all_aircraft_of_an_image_at_once(session: Any, endpoint:
     both = [
         Detection(box=Box(u_px=1.0, v_px=2.0, width_px=3.0, height_px=4.0), target=name) for name in ("a", "b")
     ]
-    with Camera("front", endpoint=endpoint) as camera:
+    with Camera("front", endpoint=endpoint, clock=Clock.BOOT) as camera:
         link = ZenohLink(session, "onboard/1", camera="front")
         datagram = received(link, lambda: camera.send_all(both))
     assert datagram.channel == "onboard/1/camera/front/detections"
     one, other = decoded(datagram)
     assert (one.target, other.target) == ("a", "b")
     assert one.t_ns == other.t_ns <= datagram.t_recv_ns
+    sent = msgspec.json.decode(datagram.data, type=CameraDetections)
+    assert sent.clock is Clock.HOST  # a time that it did not get is Unix time
 
 
 def test_nothing_is_sent_to_a_detector() -> None:
@@ -119,9 +121,9 @@ def test_a_topic_of_ros_is_heard_under_the_keys_of_rmw_zenoh_and_of_the_bridge(s
 def test_numbers_of_numpy_are_sent_as_numbers(session: Any, endpoint: str) -> None:
     points = {"left": np.array([310.5, 226.0]), "right": (np.float32(352.5), np.float64(223.5), np.float32(0.5))}
     box = np.array([330.0, 225.0, 44.0, 12.0], dtype=np.float32)
-    with Camera("front", endpoint=endpoint) as camera:
+    with Camera("front", endpoint=endpoint, clock=Clock.BOOT) as camera:
         link = ZenohLink(session, "onboard/1", camera="front")
-        kinds = {"t_ns": np.int64(5), "confidence": np.float32(0.5), "clock": Clock.BOOT}
+        kinds = {"t_ns": np.int64(5), "confidence": np.float32(0.5)}
         datagram = received(link, lambda: camera.send(points, box=box, **kinds))  # type: ignore[arg-type]
     sent = msgspec.json.decode(datagram.data, type=CameraDetections)
     assert (sent.t_ns, sent.clock) == (5, Clock.BOOT)

@@ -13,7 +13,6 @@ MOST_FILES = 61  # of ours that an image passes
 MOST_PLACES = 11  # that set `valid`
 MOST_ARGUMENTS, MOST_OF_KERNELS = 10, 19
 LONGER = {
-    "onboard/client.py:send": 11,  # the public interface of detectors, all by keyword
     "onboard/models/apparent_wing.py:predict": 12,  # a kernel's, whose blocks it takes
 }
 MOST_NUMBERS = {"leader": 245, "oh_johnson": 14, "own_state": 101, "traffic": 79}
