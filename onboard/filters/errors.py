@@ -94,6 +94,12 @@ def status_error(status: int, lead: tuple[int, ...] = (), **arrays: Any) -> Filt
     return kind(where + REASONS[reason])
 
 
+def check_members(bad: Any, reason: int) -> None:
+    """Raises `status_error` for the first of a batch, bad (...,), that has this reason."""
+    if bad.any():
+        raise status_error(reason + MEMBER * int(np.flatnonzero(bad)[0]), bad.shape)
+
+
 # The axes that an argument has for one filter; axes before these are the batch.
 AXES: Final = {"mean": 1, "y": 1, "predicted": 1} | dict.fromkeys(
     ("covariance", "factor", "F", "H", "Q", "R", "K", "U", "points", "process", "measure", "model"), 2

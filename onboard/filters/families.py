@@ -19,6 +19,7 @@ MODULES: Final = {  # the module of this folder in which each filter is
     "csvsf-printed": "cubature_smooth",
     "csvsf-robust": "cubature_smooth",
     "cubature": "cubature",
+    "ensemble": "ensemble",
     "extended": "extended",
     "gauss-hermite": "gauss_hermite",
     "imm": "multiple_model",

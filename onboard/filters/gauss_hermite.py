@@ -14,7 +14,7 @@ from onboard.arrays import Array
 from onboard.filters import kalman
 from onboard.filters.angles import beside, check_spread
 from onboard.filters.belief import Belief, Method, Rows, Update, images_of, mask, start
-from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, MEMBER, POINTS, FilterError, status_error
+from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, POINTS, FilterError, check_members, status_error
 from onboard.filters.kernels import factors
 from onboard.filters.kernels.calls import call, check_like, noise_factor
 
@@ -47,10 +47,10 @@ def predict(
     """
     points, weights, _, _ = _drawn(belief, order, angular_states)
     images = images_of(process, points, None)
-    _check("process", images)
+    check_images("process", images)
     check_like(belief.covariance, Q=Q)
     noise_factor("Q", Q)
-    mean, off = _centred(images, weights, angular_states)
+    mean, off = centred(images, weights, angular_states)
     spread = np.swapaxes(off, -1, -2) @ (weights[:, None] * off)
     return Belief(mean, 0.5 * (spread + np.swapaxes(spread, -1, -2)) + Q)
 
@@ -72,8 +72,8 @@ def update(
     """
     points, weights, L, z = _drawn(belief, order, angular_states)
     images = images_of(measure, points, y)
-    _check("measure", images)
-    predicted, off = _centred(images, weights, angular)
+    check_images("measure", images)
+    predicted, off = centred(images, weights, angular)
     scaled = np.swapaxes(off, -1, -2) @ (weights[:, None] * z)  # the line, over the factor
     known = np.diagonal(L, axis1=-2, axis2=-1) == 0  # of which the images do not depend on z
     L = L + known[..., None] * np.eye(L.shape[-1], dtype=L.dtype)
@@ -96,9 +96,11 @@ def _drawn(belief: Belief, order: int, angular_states: tuple[int, ...]) -> tuple
     return mean[..., None, :] + offsets, weights, L, z
 
 
-def _centred(images: Array, weights: Array, angular: tuple[int, ...]) -> tuple[Array, Array]:
+def centred(images: Array, weights: Array, angular: tuple[int, ...]) -> tuple[Array, Array]:
     """The mean (..., m) of images (..., k, m), and their deviations. Angles are averaged about the middle image,
-    which is the mean's or beside it."""
+    which is the mean's or beside it.
+
+    Raises FilterError for an angle that is more than 2 rad from it."""
     middle = images[..., images.shape[-2] // 2, :]
     off = images - middle[..., None, :]
     if angular:
@@ -110,11 +112,9 @@ def _centred(images: Array, weights: Array, angular: tuple[int, ...]) -> tuple[A
     return middle + shift, off - shift[..., None, :]
 
 
-def _check(name: str, images: Array) -> None:
-    bad = ~np.isfinite(images).all(axis=(-1, -2))
-    if bad.any():
-        reason = POINTS if name == "process" else IMAGES
-        raise status_error(reason + MEMBER * int(np.flatnonzero(bad)[0]), bad.shape)
+def check_images(name: str, images: Array) -> None:
+    """Check that all images (..., k, m) of "process" or "measure" are finite. Raises FilterError."""
+    check_members(~np.isfinite(images).all(axis=(-1, -2)), POINTS if name == "process" else IMAGES)
 
 
 METHODS: Final = (

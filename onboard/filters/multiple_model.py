@@ -86,9 +86,9 @@ def predict(
     ahead = joint.sum(axis=-2)
     possible = ahead[..., None, :] > 0
     mixing = np.where(possible, joint / np.where(possible, ahead[..., None, :], 1), np.eye(r, dtype=joint.dtype))
-    mixed = _mix(_beliefs(methods, state, _carried), mixing)
+    mixed = mixture(_beliefs(methods, state, _carried), mixing)
     states = [
-        method.predict(_with_belief(method, old, belief), process, Q, state.angular_states)
+        method.predict(with_belief(method, old, belief), process, Q, state.angular_states)
         for method, old, belief, process, Q in zip(methods, state.states, mixed, processes, noises, strict=True)
     ]
     return ModesState(tuple(states), ahead / ahead.sum(axis=-1, keepdims=True), state.angular_states)
@@ -131,7 +131,7 @@ def update(
 
 def belief(methods: Sequence[Method], state: ModesState) -> Belief:
     """Mean and covariance of the mixture of all modes."""
-    return _mix(_beliefs(methods, state, _published), state.probabilities[..., None])[0]
+    return mixture(_beliefs(methods, state, _published), state.probabilities[..., None])[0]
 
 
 def _sum_to_one(weights: Array) -> bool:
@@ -159,7 +159,7 @@ def _carried(method: Method, mode: Any) -> Belief:
     return Belief(mode.mean, mode.covariance) if _carries_belief(mode) else method.belief(mode)
 
 
-def _mix(beliefs: Belief, weights: Array) -> list[Belief]:
+def mixture(beliefs: Belief, weights: Array) -> list[Belief]:
     """For each column j of weights (..., r, j) the mean and covariance of the mixture."""
     arrays: list[Array] = [*beliefs, weights]
     if weights.ndim == 2:
@@ -174,7 +174,7 @@ def _mix(beliefs: Belief, weights: Array) -> list[Belief]:
     return [Belief(means[..., j, :], covariances[..., j, :, :]) for j in range(weights.shape[-1])]
 
 
-def _with_belief(method: Method, state: Any, belief: Belief) -> Any:
+def with_belief(method: Method, state: Any, belief: Belief) -> Any:
     """The state with another belief: its other fields are kept if the state has fields for mean and covariance."""
     if _carries_belief(state):
         return state._replace(mean=belief.mean, covariance=belief.covariance)

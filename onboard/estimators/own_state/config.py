@@ -16,6 +16,7 @@ Rotor = tuple[float, float, Literal[-1, 1]]
 FILTERS: Final = (
     *("augmented", "augmented-scaled-1", "csvsf", "csvsf-adaptive", "csvsf-printed", "csvsf-robust", "cubature"),
     *(
+        "ensemble",
         "extended",
         "gauss-hermite",
         "imm",
