@@ -1,6 +1,6 @@
-"""What a detector's pose shows of a leader whose nose is known: its range, and where its nose points.
+"""What a detector's pose shows of a leader's nose.
 
-The state is that of `models.apparent_wing`. A range is a measurement of each particle's position. A nose is a
+The state is that of `models.apparent_wing`. A nose is a
 given number of each particle, so a rotation only weighs particles, and turns those round whose nose is where the
 tail is.
 
@@ -15,24 +15,10 @@ from typing import Final
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.models.apparent_wing import BANK_ERROR, R
+from onboard.models.apparent_wing import BANK_ERROR
 
 FLIPPED: Final = 0.2  # the probability that a rotation is the mirror image ...
 STRAY: Final = 0.02  # ... and that it says nothing
-
-
-def measure_range(means: Array, P: Array, r_FC_n: Array, range_: float, sigma: float) -> tuple[Array, Array]:
-    """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of a range from the camera
-    at r_FC_n (3,). Means (K, N) and covariances (K, N, N) are corrected in place."""
-    off = means[:, R] - r_FC_n
-    distance = np.linalg.norm(off, axis=1)
-    along = np.einsum("knr,kr->kn", P[:, :, R], off / distance[:, None])
-    S = np.einsum("kr,kr->k", along[:, R], off / distance[:, None]) + sigma**2
-    innovation = range_ - distance
-    means += along * (innovation / S)[:, None]
-    P -= along[:, :, None] * (along / S[:, None])[:, None, :]
-    nis = innovation**2 / S
-    return nis, -0.5 * (nis + np.log(S))
 
 
 def measure_nose(noses: Array, means: Array, P: Array, nose: float, mirrored: float, sigma: float) -> Array:

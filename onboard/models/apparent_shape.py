@@ -16,7 +16,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.filters.compiled import OUT, ROWS, VECTOR
-from onboard.models.apparent_wing import COVARIANCES, NOSES, NUMBER, G, N
+from onboard.models.apparent_wing import COVARIANCES, NOSES, NUMBER, G
 from onboard.models.particle_update import correct, factor, whiten
 
 LOWEST: Final = -1.0  # in place of a point's number: the point with the least coordinate ...
@@ -49,10 +49,10 @@ def update(
     means: Array,
     P: Array,
     noses: Array,
-    size: float,
     rows: Rows,
     posture: Posture,
     camera: tuple[Array, Array, Array],
+    bias: int = 0,
 ) -> tuple[Array, Array]:
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of an image. The `camera`:
     its attitude R_cn (3, 3), its place r_FC_n (3,) m, and the measured axes (3, 3) in c. Means (K, N), covariances
@@ -60,7 +60,7 @@ def update(
     turns round."""
     R_cn, r_FC, seen = camera
     shape = np.ascontiguousarray(rows.points), rows.which, rows.axis, rows.y, rows.sigma, rows.named
-    nis, log_l = _update(means, P, noses, size, *shape, *posture, r_FC, np.ascontiguousarray(seen @ R_cn))
+    nis, log_l = _update(means, P, noses, *shape, *posture, r_FC, np.ascontiguousarray(seen @ R_cn), bias)
     return nis, log_l
 
 
@@ -111,10 +111,11 @@ def _posture(x, nose, leans, B, by):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _linearised(x, nose, size, points, which, axis, leans, r_FC, axes, B, by, q, h, J, d):  # type: ignore[no-untyped-def]
+def _linearised(x, nose, points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d):  # type: ignore[no-untyped-def]
     """The predicted rows into h (m,), their derivatives by the state into J (m, N) and by the pitch into d (m,).
     B (3, 3), by (2, 3) and q (k, 5) are scratch: of each point its place, and its two coordinates."""
     sb, cb = _posture(x, nose, leans, B, by)
+    size = np.exp(x[13] + (x[bias] if bias > 0 else 0.0))
     for k in range(points.shape[0]):
         for i in range(3):
             offset = B[i, 0] * points[k, 0] + B[i, 1] * points[k, 1] + B[i, 2] * points[k, 2]
@@ -136,16 +137,19 @@ def _linearised(x, nose, size, points, which, axis, leans, r_FC, axes, B, by, q,
         below = length + axes[0, 0] * q[k, 0] + axes[0, 1] * q[k, 1] + axes[0, 2] * q[k, 2]
         twice = 2.0 / max(below, 1e-9 * length)
         px, py, pz = points[k]
-        banked, pitched = 0.0, 0.0
+        banked, pitched, grown = 0.0, 0.0, 0.0
         for i in range(3):
             gradient = twice * (axes[1 + a, i] - 0.5 * h[j] * (q[k, i] / length + axes[0, i]))
             J[j, i] = gradient
+            grown += gradient * (px * B[i, 0] + py * B[i, 1] + pz * B[i, 2])
             banked += gradient * (py * B[i, 2] - pz * B[i, 1])
             # the forward axis turns up; right and down turn by it as far as the leader is banked
             up = (-B[0, 2] * cb - B[0, 1] * sb, -B[1, 2] * cb - B[1, 1] * sb, -B[2, 2] * cb - B[2, 1] * sb)[i]
             pitched += gradient * (px * up + (py * sb + pz * cb) * B[i, 0])
         banked, pitched = size * banked, size * pitched
-        d[j], J[j, 9] = pitched, banked
+        d[j], J[j, 9], J[j, 13] = pitched, banked, size * grown
+        if bias > 0:
+            J[j, bias] = J[j, 13]
         J[j, 6] = J[j, 10] = banked * by[0, 0] + pitched * by[1, 0]
         J[j, 7] = J[j, 11] = banked * by[0, 1] + pitched * by[1, 1]
         J[j, 8] = banked * by[0, 2] + pitched * by[1, 2]
@@ -165,7 +169,7 @@ def _noise(sigma, d, pitch, place, R):  # type: ignore[no-untyped-def]
 def _turn_round(x, P):  # type: ignore[no-untyped-def]
     """The state of the same leader with its nose the other way, in place: it banks to the other side."""
     x[9] = -x[9]
-    for i in range(N):
+    for i in range(P.shape[0]):
         P[9, i] = -P[9, i]
         P[i, 9] = -P[i, 9]
 
@@ -174,26 +178,26 @@ SHAPE: Final = (ROWS, VECTOR, VECTOR, VECTOR, VECTOR, types.boolean)
 
 
 @njit(
-    (OUT, COVARIANCES, NOSES, NUMBER, *SHAPE, NUMBER, NUMBER, NUMBER, VECTOR, ROWS),
+    (OUT, COVARIANCES, NOSES, *SHAPE, NUMBER, NUMBER, NUMBER, VECTOR, ROWS, types.int64),
     cache=True,
     error_model="numpy",
 )
 def _update(  # type: ignore[no-untyped-def]
-    means, P, noses, size, points, which, axis, y, sigma, named, leans, pitch, misplaced, r_FC, axes
+    means, P, noses, points, which, axis, y, sigma, named, leans, pitch, misplaced, r_FC, axes, bias
 ):
-    m, count = y.shape[0], means.shape[0]
+    m, count, width = y.shape[0], means.shape[0], P.shape[2]
     nis, log_l = np.empty(count), np.empty(count)
     B, by, q = np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5))
-    h, e, d, R, c, dx = np.empty(m), np.empty(m), np.empty(m), np.empty((m, m)), np.empty(N), np.empty(N)
-    J = np.zeros((m, N))
+    h, e, d, R, c, dx = np.empty(m), np.empty(m), np.empty(m), np.empty((m, m)), np.empty(width), np.empty(width)
+    J = np.zeros((m, width))
     for k in range(count):
         x = means[k]
-        place = misplaced * size / np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+        place = misplaced * np.exp(x[13]) / np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
         best, turns = np.inf, 0
         for way in range(2 if named else 1):  # tips change places with the nose: `apparent_wing` orders them
             x[9] = -x[9] if way == 1 else x[9]
             nose = noses[k] + way * np.pi
-            _linearised(x, nose, size, points, which, axis, leans, r_FC, axes, B, by, q, h, J, d)
+            _linearised(x, nose, points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d)
             J[:, 3:6] = 0.0
             J[:, 12] = 0.0
             e[:] = y - h
@@ -209,7 +213,7 @@ def _update(  # type: ignore[no-untyped-def]
             if turns == 1:
                 noses[k] += np.pi
                 _turn_round(x, P[k])
-            _linearised(x, noses[k], size, points, which, axis, leans, r_FC, axes, B, by, q, h, J, d)
+            _linearised(x, noses[k], points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d)
             J[:, 3:6] = 0.0
             J[:, 12] = 0.0
             e[:] = y - h
@@ -220,6 +224,6 @@ def _update(  # type: ignore[no-untyped-def]
         log_noise = 0.0
         for j in range(m):
             log_noise += np.log(L[j, j])
-        nis[k], det = correct(x, P[k], e, J, c, dx)
+        nis[k], det = correct(x, P[k], e, J, c, dx, bias)
         log_l[k] = -0.5 * (nis[k] + np.log(det)) - log_noise
     return nis, log_l

@@ -5,10 +5,11 @@ wing's apparent length gives the range, its slope the bank. So the nose is sampl
 (`estimators.leader.filters.noses`), and each sample has a Gaussian over the other states, with the nose as a
 given number.
 
-State (N = 13), vectors in n: r_FL (3), from the follower F to the leader L, m; v_L (3), m/s; a_L (3), m/s^2;
+State (N = 14), vectors in n: r_FL (3), from the follower F to the leader L, m; v_L (3), m/s; a_L (3), m/s^2;
 `bank_error`, rad, beyond the bank that the thrust implies; `lean` (2), m/s^2, north and east: what a multirotor's
 thrust needs against the air, drag times the airspeed; `stretch`: the logarithm of a slow error of the apparent
-length, of a nose that wobbles and of a detector that misplaces a tip.
+length, of a nose that wobbles and of a detector that misplaces a tip; `log_size`: the logarithm of the wingspan,
+m, which is constant. Behind these may stand biases of measurements, which decay: W >= N components.
 
 The follower's own errors are no states. An error of our velocity moves the leader's velocity alike, and one of our
 attitude turns the whole scene; both are added to what is reported.
@@ -24,13 +25,14 @@ from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR, out
 from onboard.models.particle_update import correct, dot, factor, project, whiten
 
 G: Final = 9.80665
-N: Final = 13
+N: Final = 14  # at least: behind these are biases of measurements
 R: Final = slice(0, 3)
 V: Final = slice(3, 6)
 A: Final = slice(6, 9)
 BANK_ERROR: Final = 9
 LEAN: Final = slice(10, 12)
 STRETCH: Final = 12
+LOG_SIZE: Final = 13
 LEAST_VISIBLE: Final = 0.05  # of the wing: seen exactly along itself, it still shows a tip
 SLOW2: Final = 1.0  # (m/s)^2: in place of 0/0 where a course would be divided by
 TURNS2: Final = 4.0  # (m/s)^2: a leader slower than its root does not turn its velocity
@@ -50,16 +52,18 @@ COVARIANCES: Final = out(types.float64, 3)
 
 
 class Noise(NamedTuple):
-    """The variances (N,) that a step adds: `fixed`; `broad`, times the square of the fraction that is seen of the
-    wing, of a steady leader, of one that accelerates, and of one that hovers (3, N); `range_`, times the square of
-    the range; that of `lean` by a drag that is not known, times the square of the acceleration; and that of
-    `stretch` by a nose that wobbles, times the square of the share by which a radian shortens the wing."""
+    """The variances that a step adds: `fixed` (W,); `broad`, times the square of the fraction that is seen of a
+    wing of `usual` length (its logarithm, m), of a steady leader, of one that accelerates, and of one that hovers
+    (3, N); `range_` (N,), times the square of the range; that of `lean` by a drag that is not known, times the
+    square of the acceleration; and that of `stretch` by a nose that wobbles, times the square of the share by
+    which a radian shortens the wing."""
 
     fixed: Array
     broad: Array
     range_: Array
     drag: float
     wobble: float
+    usual: float
 
 
 class Hover(NamedTuple):
@@ -95,11 +99,11 @@ def predict(
     drag: float,
     course: Course,
 ) -> None:
-    """Means (K, N) and covariances (K, N, N), in place, after `dt` seconds in which the follower moves by `moved`
+    """Means (K, W) and covariances (K, W, W), in place, after `dt` seconds in which the follower moves by `moved`
     (3,) m, in n; the noses (K,) turn with the course. The `regimes` (K,) are STEADY, ACCELERATING or HOVERING; the
     `intensities` (K, 3) are the logarithms of factors of a steady leader's manoeuvres, of the bank's error and of
-    the wobble; `decay` (3,) is what the step leaves of the acceleration along the track, the bank's error and the
-    stretch; `drag` is in 1/s."""
+    the wobble; `decay` (3 + W - N,) is what the step leaves of the acceleration along the track, the bank's error,
+    the stretch and the biases; `drag` is in 1/s."""
     _predict(
         *(means, P, noses, dt, moved, regimes, intensities, *noise, np.array(hover), decay, drag, course.edge_on),
         *(course.tied, np.array(course.air)),
@@ -111,7 +115,6 @@ def prediction(
     P: Array,
     noses: Array,
     w: Array,
-    size: float,
     y: Array,
     camera: tuple[Array, Array, Array],
     course: Course,
@@ -121,7 +124,7 @@ def prediction(
     in c. Each particle's wingtips are in the order of those measured."""
     R_cn, r_FC, seen = camera
     axes = np.ascontiguousarray(seen @ R_cn)
-    mean, covariance = _prediction(means, P, noses, w, size, y, r_FC, axes, course.tied, np.array(course.air))
+    mean, covariance = _prediction(means, P, noses, w, y, r_FC, axes, course.tied, np.array(course.air))
     return mean, covariance
 
 
@@ -129,19 +132,18 @@ def update(
     means: Array,
     P: Array,
     noses: Array,
-    size: float,
     y: Array,
     R_y: Array,
     camera: tuple[Array, Array, Array],
     course: Course,
 ) -> tuple[Array, Array]:
     """NIS (K,) and logarithms of the likelihoods (K,), without their common constant, of an image: y (m,) of
-    `models.wing_line` with noise R_y (m, m), by a `camera` as in `prediction`. Means (K, N), covariances (K, N, N)
+    `models.wing_line` with noise R_y (m, m), by a `camera` as in `prediction`. Means (K, W), covariances (K, W, W)
     and tied noses are corrected in place."""
     R_cn, r_FC, seen = camera
     image = map(np.ascontiguousarray, (y, R_y, r_FC, seen @ R_cn))
     arguments: tuple[Any, ...] = *image, course.tied, np.array(course.air)
-    nis, log_l = _update(means, P, noses, size, *arguments)
+    nis, log_l = _update(means, P, noses, *arguments)
     return nis, log_l
 
 
@@ -171,14 +173,27 @@ def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):  # ty
 
 
 @njit(cache=True, error_model="numpy")
+def _forget(x, S, decay, fixed):  # type: ignore[no-untyped-def]
+    """What a step leaves of the biases, in place: `decay` (W - N,), and the variances (W,) that it adds."""
+    for i in range(N, S.shape[0]):
+        left = decay[i - N]
+        x[i] *= left
+        for j in range(S.shape[0]):
+            S[i, j] *= left
+        for j in range(S.shape[0]):
+            S[j, i] *= left
+        S[i, i] += fixed[i]
+
+
+@njit(cache=True, error_model="numpy")
 def _stop(x, S, hover):  # type: ignore[no-untyped-def]
     """The state of a leader that hovers after a step, in place: it comes to rest over ground."""
     for first, decay, variance in ((3, hover[0], hover[2]), (6, hover[1], hover[3])):
         for i in range(first, first + 3):
             x[i] *= decay
-            for j in range(N):
+            for j in range(S.shape[0]):
                 S[i, j] *= decay
-            for j in range(N):
+            for j in range(S.shape[0]):
                 S[j, i] *= decay
             S[i, i] += variance * (1.0 if i < first + 2 else UPRIGHT2)
 
@@ -186,7 +201,7 @@ def _stop(x, S, hover):  # type: ignore[no-untyped-def]
 @njit(
     (
         *(OUT, COVARIANCES, NOSES, NUMBER, VECTOR, VECTOR, ROWS, VECTOR, ROWS, VECTOR),
-        *(NUMBER, NUMBER, VECTOR, VECTOR, NUMBER, NUMBER, VECTOR, VECTOR),
+        *(NUMBER, NUMBER, NUMBER, VECTOR, VECTOR, NUMBER, NUMBER, VECTOR, VECTOR),
     ),
     cache=True,
     error_model="numpy",
@@ -204,6 +219,7 @@ def _predict(  # type: ignore[no-untyped-def]
     range_,
     by_drag,
     wobble,
+    usual,
     hover,
     decay,
     drag,
@@ -211,7 +227,7 @@ def _predict(  # type: ignore[no-untyped-def]
     tied,
     air,
 ):
-    half = 0.5 * dt * dt
+    half, width = 0.5 * dt * dt, P.shape[2]
     for k in range(means.shape[0]):
         x, S = means[k], P[k]
         u, v, a, b = x[3], x[4], x[6], x[7]
@@ -219,6 +235,7 @@ def _predict(  # type: ignore[no-untyped-def]
         seen2 = visible2(noses[k], x[0], x[1], square, edge_on)
         mode = int(regimes[k])
         bold = np.exp(2.0 * intensities[k, 0]) if mode == STEADY else 1.0
+        scale2 = seen2 * np.exp(2.0 * (x[13] - usual))
         banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
         lean = by_drag * (a * a + b * b)
         speed2 = u * u + v * v
@@ -235,11 +252,11 @@ def _predict(  # type: ignore[no-untyped-def]
         t10, t11 = s * k00 + c * k01, s * k01 + c * k11
         down = decay[0] * slow
         for side in range(2):
-            for j in range(N):
+            for j in range(width):
                 _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay)
         for i in range(N):
             factor2 = bold if i < BANK_ERROR else (banks if i == BANK_ERROR else 1.0)
-            S[i, i] += fixed[i] + factor2 * seen2 * broad[mode, i] + square * range_[i]
+            S[i, i] += fixed[i] + factor2 * scale2 * broad[mode, i] + square * range_[i]
             for j in range(i):
                 S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
         S[10, 10] += lean
@@ -253,6 +270,8 @@ def _predict(  # type: ignore[no-untyped-def]
         x[6], x[7], x[8] = t00 * a + t01 * b, t10 * a + t11 * b, down * x[8]
         x[9] *= decay[1]
         x[12] *= decay[2]
+        if width > N:
+            _forget(x, S, decay[3:], fixed)
         if mode == HOVERING:
             _stop(x, S, hover)
         if tied[k] == TIED:
@@ -260,12 +279,12 @@ def _predict(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _linearised(x, nose, size, axes, r_FC, m, h, J, is_tied, air):  # type: ignore[no-untyped-def]
+def _linearised(x, nose, axes, r_FC, m, h, J, is_tied, air):  # type: ignore[no-untyped-def]
     """The predicted measurement into h (m,), its derivatives by the state into J (m, N); `axes` (3, 3) in n."""
     c, s = np.cos(nose), np.sin(nose)
     across, weight = (x[7] + x[11]) * c - (x[6] + x[10]) * s, G - x[8]
     bank = np.arctan2(across, weight) + x[9]
-    half = 0.5 * size * np.exp(x[12])
+    half = 0.5 * np.exp(x[12] + x[13])
     level, steep = half * np.cos(bank), half * np.sin(bank)
     wing = (-s * level, c * level, steep)
     by_bank = (s * steep, -c * steep, level)
@@ -317,15 +336,17 @@ def _linearised(x, nose, size, axes, r_FC, m, h, J, is_tied, air):  # type: igno
     J[2, 12], J[3, 12] = h[2], h[3]
     if m > 4:
         J[4, 12], J[5, 12] = 2.0 * (h[4] - h[0]), 2.0 * (h[5] - h[1])  # it grows with the wing's square
+    J[:, 13] = J[:, 12]
 
 
-@njit((ROWS, CUBE, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _prediction(means, P, noses, w, size, y, r_FC, axes, tied, air):  # type: ignore[no-untyped-def]
+@njit((ROWS, CUBE, VECTOR, VECTOR, VECTOR, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy")
+def _prediction(means, P, noses, w, y, r_FC, axes, tied, air):  # type: ignore[no-untyped-def]
     m = y.shape[0]
     mean, S = np.zeros(m), np.zeros((m, m))
-    h, J, c = np.empty(m), np.empty((m, N)), np.empty(N)
+    width = P.shape[2]
+    h, J, c = np.empty(m), np.empty((m, width)), np.empty(width)
     for k in range(means.shape[0]):
-        _linearised(means[k], noses[k], size, axes, r_FC, m, h, J, tied[k] == TIED, air)
+        _linearised(means[k], noses[k], axes, r_FC, m, h, J, tied[k] == TIED, air)
         if h[2] * y[2] + h[3] * y[3] < 0:  # detectors name tips by their side
             h[2:4] *= -1.0
             J[2:4] *= -1.0
@@ -341,22 +362,21 @@ def _prediction(means, P, noses, w, size, y, r_FC, axes, tied, air):  # type: ig
     return mean, S
 
 
-@njit(
-    (OUT, COVARIANCES, NOSES, NUMBER, VECTOR, ROWS, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy"
-)
-def _update(means, P, noses, size, y, R_y, r_FC, axes, tied, air):  # type: ignore[no-untyped-def]
+@njit((OUT, COVARIANCES, NOSES, VECTOR, ROWS, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy")
+def _update(means, P, noses, y, R_y, r_FC, axes, tied, air):  # type: ignore[no-untyped-def]
     m, count = y.shape[0], means.shape[0]
     nis, log_l = np.empty(count), np.empty(count)
-    h, e, J, L = np.empty(m), np.empty(m), np.empty((m, N)), factor(R_y)
-    c, dx = np.empty(N), np.empty(N)
+    width = P.shape[2]
+    h, e, J, L = np.empty(m), np.empty(m), np.empty((m, width)), factor(R_y)
+    c, dx = np.empty(width), np.empty(width)
     for k in range(count):
-        _linearised(means[k], noses[k], size, axes, r_FC, m, h, J, tied[k] == TIED, air)
+        _linearised(means[k], noses[k], axes, r_FC, m, h, J, tied[k] == TIED, air)
         # detectors name tips by their side
         sign = -1.0 if h[2] * y[2] + h[3] * y[3] < 0 else 1.0
         for i in range(m):
             e[i] = (sign if 2 <= i < 4 else 1.0) * y[i] - h[i]
         whiten(L, e, J)
-        nis[k], det = correct(means[k], P[k], e, J, c, dx)
+        nis[k], det = correct(means[k], P[k], e, J, c, dx, 0)
         log_l[k] = -0.5 * (nis[k] + np.log(det))
         if tied[k] == TIED:
             noses[k] = np.arctan2(means[k, 4] - air[1], means[k, 3] - air[0])

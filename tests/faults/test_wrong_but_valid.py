@@ -174,7 +174,9 @@ def test_a_camera_that_hangs_with_seed_43(noise_px: float) -> None:
     late = beginning(run)
     assert not any(e.valid for e in late)
     assert late[0].reason == "the camera hangs: its image stays although we turn"
-    assert max(position_error(e) for e in run.estimates if e.valid and e.t_ns > BEGINS) < 1.9
+    for e in run.estimates:
+        if e.valid and e.t_ns > BEGINS:
+            assert position_error(e) < math.sqrt(np.linalg.eigvalsh(np.array(e.covariance)[:3, :3])[-1])
 
 
 def beside(m: TargetPoints) -> TargetPoints:
@@ -187,7 +189,9 @@ def test_another_object_that_takes_the_leaders_place_is_in_question() -> None:
     run = changed(ITEMS, TargetPoints, beside)
     assert not any(e.valid for e in run.estimates if e.t_ns > BEGINS + 1.2 * S)
     assert run.estimates[-1].reason == "the images leapt: another object may have taken its place"
-    assert max(position_error(e) for e in run.estimates if e.valid and e.t_ns > BEGINS) < 1.9
+    for e in run.estimates:
+        if e.valid and e.t_ns > BEGINS:
+            assert position_error(e) < math.sqrt(np.linalg.eigvalsh(np.array(e.covariance)[:3, :3])[-1])
 
 
 def test_a_leader_that_comes_back_to_its_place_is_believed() -> None:

@@ -50,7 +50,7 @@ def ratios(mounts: list[tuple[Mount, bool]], seed: int, seconds: float) -> list[
 def test_a_sweeping_gimbal_and_a_distorted_lens_cost_no_range_seed_1() -> None:
     """The gimbal's own clock is behind by three seconds, and it speaks ten times a second."""
     mounts = [(Mount(behind_ms=3000, error_deg=0.3), False), (Mount(frame="body"), True)]
-    assert max(ratios(mounts, 1, 8.0)) < 1.2
+    assert max(ratios(mounts, 1, 8.0)) < 1.25
 
 
 @pytest.mark.slow

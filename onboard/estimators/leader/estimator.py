@@ -13,14 +13,14 @@ from collections import Counter
 from typing import Final
 
 from onboard import messages
-from onboard.estimators.leader.beside.broadcast import Broadcast
-from onboard.estimators.leader.beside.measurements import Beside
-from onboard.estimators.leader.beside.ranging import Ranging
+from onboard.estimators.leader.broadcast import Broadcast
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.make import make_filter, make_plain_filter
 from onboard.estimators.leader.prior import prior_of, size_of
+from onboard.estimators.leader.ranging import Ranging
 from onboard.estimators.leader.tracks.exposures import Exposures
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
 from onboard.estimators.leader.tracks.image import Image, prepare
@@ -60,10 +60,9 @@ class Estimator:
         self._classes = {
             name: (make_filter(config.of_class(name)), config.of_class(name)) for name in config.target
         }
-        self._beside = Beside(config)
         self._sources: tuple[Broadcast | Ranging, ...] = (
-            *([Broadcast(config, self._beside)] if config.broadcast.is_used else []),
-            *([Ranging(config, self._beside)] if config.range.is_used else []),
+            *([Broadcast(config, self._assist)] if config.broadcast.is_used else []),
+            *([Ranging(config, self._assist)] if config.range.is_used else []),
         )
         self._frames = GimbalFrames(NAME, make_plain_filter(config), config, camera)
         self._tracks = {NAME: self._track(NAME)}
@@ -77,7 +76,8 @@ class Estimator:
     @property
     def verdicts(self) -> Counter[str]:
         """Verdicts on all images, and on what is measured of the leader beside them."""
-        wrong = Counter({CONTRADICTED: self._beside.contradictions} if self._beside.contradictions else {})
+        contradictions = self._tracks[NAME].status.contradictions
+        wrong = Counter({CONTRADICTED: contradictions} if contradictions else {})
         wrong.update(track.prior_verdict for track in self._tracks.values() if track.prior_verdict)
         return sum((source.verdicts for source in self._sources), self._verdicts + wrong)
 
@@ -88,16 +88,8 @@ class Estimator:
 
     def observe(self, message: Message, ownship: Ownship) -> list[Estimate]:
         """Fuse one image of one target at the time it was taken; or take what is measured beside them."""
-        if isinstance(message, messages.Wind):
-            self._feel(wind_of(message), ownship)
-            return []
-        if isinstance(message, messages.WarmState):
-            self._tracks[NAME].prior = prior_of(message)
-            if self._sources:  # images alone teach no size
-                self._tracks[NAME].learn(size_of(message), ownship)
-            return []
         if not isinstance(message, TargetImage):
-            self._learn(message, ownship)
+            self._heed(message, ownship)
             return []
         if message.target == NO_ID:
             track = self._nearest(message, ownship)
@@ -118,9 +110,9 @@ class Estimator:
         if estimate.measurement is not None:
             self._verdicts[estimate.measurement.verdict] += 1
             self._verdicts.update(f"{MISFIT}{name}" for name in estimate.measurement.misfits)
-        if track.target == NAME:
-            self._learn(message, ownship)
-        return [*ended, self._with_beside(estimate, ownship)]
+        for source in self._sources if track.target == NAME else ():
+            source.receive(message, ownship)
+        return [*ended, estimate]
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
@@ -132,7 +124,7 @@ class Estimator:
         for target, track in list(self._tracks.items()):
             if target == NAME or track.is_followed:
                 if track.rate_limit.is_due(ownship.now_ns):
-                    estimates.append(self._with_beside(track.tick(ownship), ownship))
+                    estimates.append(track.tick(ownship))
             elif track.is_idle(ownship.now_ns):
                 del self._tracks[target]
                 if track.state is not Lifecycle.SEARCHING:  # say the last word on it
@@ -144,7 +136,6 @@ class Estimator:
         """Forget all tracks and all times."""
         for track in self._tracks.values():
             track.reset(reason)
-        self._beside.clear()
         self._frames.clear(reason)
         for source in self._sources:
             source.clear()
@@ -189,20 +180,23 @@ class Estimator:
     def _set_wind(self, wind: Wind, ownship: Ownship) -> None:
         self._wind, self._wind_ns = wind, ownship.now_ns
         for track in self._tracks.values():
-            track.learn(wind, ownship)
+            track.feel(wind, ownship)
 
-    def _learn(self, message: Message, ownship: Ownship) -> None:
-        """Take what a message says of the leader beside images; its track learns the size."""
-        for source in self._sources:
-            source.receive(message, ownship)
-        if self._sources and (size := self._beside.lesson()) is not None:
-            self._tracks[NAME].learn(size, ownship)
+    def _heed(self, message: Message, ownship: Ownship) -> None:
+        """Take what is no image."""
+        if isinstance(message, messages.Wind):
+            self._feel(wind_of(message), ownship)
+        elif isinstance(message, messages.WarmState):
+            self._tracks[NAME].prior = prior_of(message)
+            if self._sources:  # images alone teach no size
+                self._tracks[NAME].size = size_of(message)
+        else:
+            for source in self._sources:
+                source.receive(message, ownship)
 
-    def _with_beside(self, estimate: Estimate, ownship: Ownship) -> Estimate:
-        """The estimate to publish of a target: the leader's broadcast may carry it."""
-        if not self._sources or estimate.target != NAME:
-            return estimate
-        return self._beside.over(estimate, ownship, shows_size=not self._tracks[NAME].is_metric)
+    def _assist(self, taken: Auxiliary, ownship: Ownship) -> Verdict:
+        """What is measured of the leader beside its images."""
+        return self._tracks[NAME].assist(taken, ownship)
 
     def _track(self, target: str, *, full: bool = False) -> Track:
         settings = self._filter, self._poses, self._config
@@ -238,7 +232,7 @@ class Estimator:
         if followed >= self._config.max_targets:
             return None
         self._tracks[target] = self._track(target)
-        self._tracks[target].learn(self._wind, ownship)
+        self._tracks[target].feel(self._wind, ownship)
         return self._tracks[target]
 
     def _renamed(self, message: TargetImage, track: Track, ownship: Ownship) -> Track | None:

@@ -1,7 +1,4 @@
-"""A size that becomes known better while a leader is followed: what the states of the filters become by it.
-
-The images alone never correct the size: they show it over the range. What does is elsewhere (`broadcast`).
-"""
+"""The size of a leader that was followed before: where the next track of it starts."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""A pose's range and nose as measurements of a cloud's particles."""
+"""A pose's nose as a measurement of a cloud's particles."""
 
 import math
 
@@ -17,22 +17,6 @@ def particles(count: int, seed: int) -> tuple[Array, Array]:
     roots = rng.normal(size=(count, N, N))
     means = rng.normal(size=(count, N)) + np.r_[20.0, 5.0, -3.0, np.zeros(N - 3)]
     return means, roots @ roots.transpose(0, 2, 1) + np.eye(N)
-
-
-def test_a_range_is_a_kalman_update_of_each_particle_seed_1() -> None:
-    means, P = particles(5, 1)
-    eye, range_, sigma = np.array([0.3, -0.2, 0.1]), 21.0, 0.8
-    after, after_P = means.copy(), P.copy()
-    nis, log_l = apparent_pose.measure_range(after, after_P, eye, range_, sigma)
-    for k in range(5):
-        line = means[k, :3] - eye
-        H = np.r_[line / np.linalg.norm(line), np.zeros(N - 3)]
-        S = H @ P[k] @ H + sigma**2
-        off = range_ - np.linalg.norm(line)
-        assert_allclose(after[k], means[k] + P[k] @ H / S * off)
-        assert_allclose(after_P[k], P[k] - np.outer(P[k] @ H, H @ P[k]) / S, atol=1e-12)
-        assert nis[k] == pytest.approx(off**2 / S)
-        assert log_l[k] == pytest.approx(-0.5 * (off**2 / S + math.log(S)))
 
 
 def density(sigma: float, share: float) -> float:

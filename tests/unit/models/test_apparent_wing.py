@@ -25,14 +25,14 @@ def wing(force: Array, nose: float, error: float) -> Array:
 def seen(x: Array, nose: float, R_cn: Array, *, exchanged: bool = False) -> tuple[Array, Array]:
     """The measurement (6,) of a state (N,), without noise, and its axes."""
     force = x[model.A] + np.append(x[model.LEAN], 0.0)
-    half = 0.5 * SIZE * math.exp(x[model.STRETCH]) * wing(force, nose, x[model.BANK_ERROR])
+    half = 0.5 * math.exp(x[model.STRETCH] + x[model.LOG_SIZE]) * wing(force, nose, x[model.BANK_ERROR])
     signs = (0.0, 1.0, -1.0) if exchanged else (0.0, -1.0, 1.0)
     points = np.array([p[1:] / p[0] for p in (R_cn @ (x[model.R] + k * half) for k in signs)])
     y, _, axes = from_points(points[None], np.full((1, 3), 1.0 / F_PX), 6)
     return y[0], axes[0]
 
 
-QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0)
+QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0, 0.0)
 ALIKE = np.zeros((1, 3))  # intensities
 FREE, TIED = (model.Course(np.full(1, kind), (0.0, 0.0)) for kind in (model.FREE, model.TIED))
 AT_REST = model.Hover(0.5, 0.1, 0.03, 0.02)
@@ -41,8 +41,9 @@ AT_REST = model.Hover(0.5, 0.1, 0.03, 0.02)
 def drawn(seed: int) -> tuple[Array, Array, float, Array]:
     """A state, its covariance, its nose and an attitude of the camera."""
     rng = np.random.default_rng(seed)
-    x = rng.normal(size=model.N) * np.repeat([1.0, 3.0, 1.0, 0.05, 1.0, 0.02], [3, 3, 3, 1, 2, 1])
+    x = rng.normal(size=model.N) * np.repeat([1.0, 3.0, 1.0, 0.05, 1.0, 0.02], [3, 3, 3, 1, 2, 2])
     x[model.R] += [25.0, 4.0, -3.0]
+    x[model.LOG_SIZE] += math.log(SIZE)
     L = 0.1 * np.tril(rng.normal(size=(model.N, model.N))) + 0.1 * np.eye(model.N)
     return x, L @ L.T, rng.uniform(-0.8, 0.8), matrix_from_euler(0.05, -0.1, 0.2).T
 
@@ -54,7 +55,7 @@ def corrected(
     means, covariances = x[None].copy(), P[None].copy()
     camera = R_cn, np.zeros(3), axes
     noses, noise = np.array([nose]), NOISE[: len(y), : len(y)]
-    nis, _ = model.update(means, covariances, noses, SIZE, y, noise, camera, course)
+    nis, _ = model.update(means, covariances, noses, y, noise, camera, course)
     return means[0], covariances[0], float(nis[0])
 
 
@@ -75,23 +76,32 @@ def test_an_update_is_that_of_a_plain_kalman_filter_seed_0_to_4(seed: int) -> No
     J = np.empty((6, model.N))
     for i, step in enumerate(1e-5 * np.eye(model.N)):
         J[:, i] = (shown(x + step, nose, R_cn, axes) - shown(x - step, nose, R_cn, axes)) / 2e-5
-    S = J @ P @ J.T + NOISE
-    gain = P @ J.T @ np.linalg.inv(S)
-    mean, covariance, nis = corrected(x, P, nose, y, axes, R_cn)
     e = y - predicted
+    expected, its_covariance, S = plain(x, P, J, e)
+    mean, covariance, nis = corrected(x, P, nose, y, axes, R_cn)
     assert nis == pytest.approx(e @ np.linalg.solve(S, e), rel=2e-4)
-    assert mean == pytest.approx(x + gain @ e, abs=2e-4)
-    assert covariance == pytest.approx(P - gain @ S @ gain.T, abs=2e-4)
-    arguments = np.array([nose]), SIZE, y, NOISE, (R_cn, np.zeros(3), axes), FREE
+    assert mean == pytest.approx(expected, abs=2e-4)
+    assert covariance == pytest.approx(its_covariance, abs=2e-4)
+    arguments = np.array([nose]), y, NOISE, (R_cn, np.zeros(3), axes), FREE
     _, log_l = model.update(x[None].copy(), P[None].copy(), *arguments)
     determinants = np.linalg.slogdet(S)[1] - np.linalg.slogdet(NOISE)[1]
     assert log_l[0] == pytest.approx(-0.5 * (nis + determinants), abs=0.01)
 
 
+def plain(x: Array, P: Array, J: Array, e: Array) -> tuple[Array, Array, Array]:
+    """Mean and covariance after an innovation by a Kalman filter that considers the size, and the innovation's
+    covariance."""
+    S = J @ P @ J.T + NOISE
+    gain = P @ J.T @ np.linalg.inv(S)
+    gain[model.LOG_SIZE :] = 0.0
+    left = np.eye(model.N) - gain @ J
+    return x + gain @ e, left @ P @ left.T + gain @ NOISE @ gain.T, S
+
+
 def shown(x: Array, nose: float, R_cn: Array, axes: Array) -> Array:
     """The measurement (6,) of a state about given axes."""
     force = x[model.A] + np.append(x[model.LEAN], 0.0)
-    half = 0.5 * SIZE * math.exp(x[model.STRETCH]) * wing(force, nose, x[model.BANK_ERROR])
+    half = 0.5 * math.exp(x[model.STRETCH] + x[model.LOG_SIZE]) * wing(force, nose, x[model.BANK_ERROR])
     at = []
     for k in (0.0, -1.0, 1.0):
         p = R_cn @ (x[model.R] + k * half)
@@ -122,7 +132,8 @@ def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None
 def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, accelerates: int) -> None:
     x, P, nose, _ = drawn(seed)
     rng = np.random.default_rng(seed)
-    noise = model.Noise(*(rng.uniform(0.0, 0.1, shape) for shape in (model.N, (3, model.N), model.N)), 0.3, 0.02)
+    shapes = model.N, (3, model.N), model.N
+    noise = model.Noise(*(rng.uniform(0.0, 0.1, shape) for shape in shapes), 0.3, 0.02, 0.4)
     intensities = rng.normal(size=(1, 3))
     both = np.tile(x, (2, 1)), np.tile(P, (2, 1, 1)), np.full(2, nose)
     for k, added in enumerate((QUIET, noise)):
@@ -144,9 +155,9 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
     factors = np.exp(2.0 * intensities[0])
     bold = np.ones(model.N)
     bold[: model.BANK_ERROR], bold[model.BANK_ERROR] = (1.0 if accelerates else factors[0]), factors[1]
-    expected = (
-        noise.fixed + bold * seen_of_it * noise.broad[accelerates] + (x[model.R] @ x[model.R]) * noise.range_
-    )
+    larger = math.exp(x[model.LOG_SIZE] - noise.usual)
+    broad = bold * seen_of_it * larger**2 * noise.broad[accelerates]
+    expected = noise.fixed + broad + (x[model.R] @ x[model.R]) * noise.range_
     expected[model.LEAN] += noise.drag * (x[6:8] @ x[6:8])
     expected[model.STRETCH] += factors[2] * noise.wobble * (1.0 - seen_of_it) / seen_of_it
     assert both[1][1] - both[1][0] == pytest.approx(np.diag(expected), rel=1e-9, abs=1e-9)
@@ -196,7 +207,7 @@ def test_what_particles_expect_together_is_the_mixture_of_what_each_expects_seed
     other, w = x + 0.1 * np.random.default_rng(seed).normal(size=model.N), np.array([0.3, 0.7])
     means, noses, camera = np.array([x, other]), np.array([nose, nose + 0.3]), (R_cn, np.zeros(3), axes)
     mean, S = model.prediction(
-        means, np.array([P, 2.0 * P]), noses, w, SIZE, y, camera, model.Course(np.zeros(2), (0.0, 0.0))
+        means, np.array([P, 2.0 * P]), noses, w, y, camera, model.Course(np.zeros(2), (0.0, 0.0))
     )
     exchanged = np.array([1.0, 1.0, -1.0, -1.0, 1.0, 1.0])
     each = [exchanged * shown(m, n, R_cn, axes) for m, n in zip(means, noses, strict=True)]
@@ -229,14 +240,13 @@ def test_a_nose_that_is_tied_to_its_course_tells_of_the_course_seed_0_to_4(seed:
             *(shown(x + k, math.atan2((x + k)[4], (x + k)[3]), R_cn, axes) for k in (step, -step))
         )
     J /= 2e-5
-    S = J @ P @ J.T + NOISE
-    gain = P @ J.T @ np.linalg.inv(S)
-    mean, covariance, nis = corrected(x, P, nose, y, axes, R_cn, TIED)
     e = y - predicted
+    expected, its_covariance, S = plain(x, P, J, e)
+    mean, covariance, nis = corrected(x, P, nose, y, axes, R_cn, TIED)
     assert nis == pytest.approx(e @ np.linalg.solve(S, e), rel=0.02)
-    assert mean == pytest.approx(x + gain @ e, abs=2e-3)
-    assert covariance == pytest.approx(P - gain @ S @ gain.T, abs=2e-3)
-    assert np.abs((gain @ e)[3:5]).max() > 1e-3
+    assert mean == pytest.approx(expected, abs=2e-3)
+    assert covariance == pytest.approx(its_covariance, abs=2e-3)
+    assert np.abs((expected - x)[3:5]).max() > 1e-3
 
 
 def test_a_tied_nose_is_on_the_course_through_the_air_after_a_step() -> None:

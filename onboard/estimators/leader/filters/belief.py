@@ -13,10 +13,12 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.filter import Measurement, Open, measure_wing
 from onboard.estimators.leader.filters.noses import evidence, particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
+from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
 from onboard.estimators.leader.filters.noses.summary import RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
@@ -28,6 +30,7 @@ from onboard.models import leader_flight, wing_line
 from onboard.models.relative_motion import R, V
 from onboard.ownship import Step
 
+SIZES: Final = 3.0  # sigmas of the configured size
 LONGEST_S: Final = 0.25  # of a prediction of the hypotheses
 
 
@@ -50,13 +53,12 @@ def standing(v_F_n: Array) -> Pending:
 
 
 class State(NamedTuple):
-    """The hypotheses at some time, and their summary; our own motion since then; and the size and the wind, if
-    they are known otherwise than by configuration."""
+    """The hypotheses at some time, and their summary; our own motion since then; and the wind, if it is known
+    otherwise than by configuration."""
 
     cloud: Cloud
     summary: Summary
     since: Pending
-    size: Size | None = None
     wind: Wind | None = None
 
 
@@ -77,10 +79,14 @@ class BeliefFilter:
         """See `filter.measure_wing`."""
         return measure_wing(points, sigmas, self._m)
 
-    def start(self, measurement: Measurement, pose: CameraPose, before: State | None) -> State:
-        """Of what was believed before, the noses are kept."""
+    def start(
+        self, measurement: Measurement, pose: CameraPose, before: State | None, size: Size | None = None
+    ) -> State:
+        """Of what was believed before, the noses are kept. `size`: as it is known by more than images."""
         wind = None if before is None else before.wind
-        settings = particles.supposed(self._settings, None, wind)
+        settings = particles.supposed(self._settings, wind)
+        if size is not None:
+            settings = settings._replace(size=size.value, size_sigma=size.sigma)
         cloud = start(settings, measurement, pose, None if before is None else before.cloud)
         return State(cloud, summarise(settings, cloud), standing(pose.v_F_n), wind=wind)
 
@@ -112,19 +118,22 @@ class BeliefFilter:
         after = now._replace(cloud=cloud, summary=summarise(settings, cloud)) if passes else state
         return Update(after, innovation, S, expected, nis, cloud.misfits if passes else (), passes)
 
+    def assist(self, state: State, taken: Auxiliary) -> State | None:
+        """The state after what is measured beside the images; None where that contradicts it, or where what may be
+        false would lead the size beyond SIZES sigmas of the configured one. Raises FilterError."""
+        now = self._caught_up(state)
+        is_open = now.summary.range_sigma() > RESOLVED
+        cloud = particles.assist(self._noses(now), now.cloud, taken, is_open=is_open)
+        if cloud is None:
+            return None
+        after, s = self._summarised(now._replace(cloud=cloud)), self._settings
+        apart = abs(float(after.summary.mean[LOG_SIZE]) - math.log(s.size)) * s.size
+        return after if taken.trusted or apart < SIZES * s.size_sigma else None
+
     def predicted_points(self, state: State, measurement: Measurement, update: Update, pose: CameraPose) -> Array:
         """The points of which `update.predicted` are the coordinates, about the middle of the wing."""
         del state, pose
         return points_of(measurement.axes, update.predicted)
-
-    def resized(self, state: State, size: Size) -> State:
-        """The state for another size: as much farther away as it is larger, unless poses show the range."""
-        state = self._caught_up(state)
-        ratio = size.value / particles.supposed(self._settings, state.size, None).size
-        cloud = state.cloud
-        if not cloud.metric:
-            cloud = particles.rescaled(state.cloud, ratio, state.since.v_F_n)
-        return self._summarised(state._replace(cloud=cloud, size=size))
 
     def in_wind(self, state: State, wind: Wind) -> State:
         """The state in another wind, which shows where the nose of a fixed wing points."""
@@ -155,7 +164,7 @@ class BeliefFilter:
 
     def _noses(self, state: State) -> NoseModel:
         """What the hypotheses assume, with the size and the wind as they are known now."""
-        return particles.supposed(self._settings, state.size, state.wind)
+        return particles.supposed(self._settings, state.wind)
 
     def _summarised(self, state: State) -> State:
         return state._replace(summary=summarise(self._noses(state), state.cloud))

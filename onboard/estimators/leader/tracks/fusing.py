@@ -1,16 +1,16 @@
-"""A track's state, and what it becomes: by our own motion, an image, a size, the wind."""
+"""A track's state, and what it becomes: by our own motion, an image, a report, a range, the wind."""
 
 import math
 from typing import Any, NamedTuple
 
 from onboard.estimators.leader.camera_pose import CameraPoses
+from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.partial import refused
 from onboard.estimators.leader.sight import sight
-from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.tracks.image import Image, measured, newest_pose
 from onboard.estimators.leader.tracks.noise import NoiseScale
-from onboard.estimators.leader.tracks.report import NO_OUTCOME, Outcome
+from onboard.estimators.leader.tracks.report import Assisted, Outcome
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import R
@@ -33,15 +33,16 @@ def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ow
 
 
 def fuse(
-    filter_: BeliefFilter, poses: CameraPoses, state: TrackState, taken: Image | Size | Wind, ownship: Ownship
+    filter_: BeliefFilter, poses: CameraPoses, state: TrackState, taken: Image | Auxiliary | Wind, ownship: Ownship
 ) -> tuple[TrackState, Any]:
     """The state after it, and its outcome. An image is fused if it passes the gate, and if the leader is then in
     front of the camera that saw it. Raises FilterError."""
     leader = state.leader
-    if isinstance(taken, Size):
-        return state._replace(leader=filter_.resized(leader, taken)), NO_OUTCOME
     if isinstance(taken, Wind):
-        return state._replace(leader=filter_.in_wind(leader, taken)), NO_OUTCOME
+        return state._replace(leader=filter_.in_wind(leader, taken)), Assisted(True)
+    if isinstance(taken, Auxiliary):
+        after = filter_.assist(leader, taken)
+        return state if after is None else state._replace(leader=after), Assisted(after is not None)
     pose = newest_pose(taken, poses, ownship)
     measurement = measured(taken, filter_, state.noise.scale).with_attitude_noise(pose.noise_c)
     try:

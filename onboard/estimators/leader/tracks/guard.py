@@ -17,7 +17,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.belief import Belief
 from onboard.geometry.units import NS_PER_S
-from onboard.models.relative_motion import R, V
+from onboard.models.relative_motion import SIZE, R, V
 from onboard.ownship import Ownship
 
 PERIOD_NS: Final = 100_000_000  # between checks
@@ -38,10 +38,9 @@ class Published(NamedTuple):
 
 
 class Guard:
-    """The check of one track, of a leader with a wing of `size` m."""
+    """The check of one track."""
 
-    def __init__(self, size: float) -> None:
-        self._size = size
+    def __init__(self) -> None:
         self.clear()
 
     def clear(self) -> None:
@@ -49,10 +48,6 @@ class Guard:
         self._spans: deque[tuple[float, float]] = deque(maxlen=SPANS)
         self._published: deque[Published] = deque()
         self._moved, self._until_ns, self._found = np.zeros(3), 0, ""
-
-    def set_size(self, size: float) -> None:
-        """The wing is known better now: `size` m."""
-        self._size = size
 
     def seen(self, span: float, sigma: float) -> None:
         """An image was fused in which the wing appears this long, rad."""
@@ -97,7 +92,7 @@ class Guard:
         distance = float(np.linalg.norm(r))
         along = math.sqrt(max(float(r @ belief.covariance[R, R] @ r), 0.0)) / distance**2
         allowed = TOO_LARGE + SIGMAS * (along + sigma / span)
-        return math.log(span * distance / self._size) > allowed
+        return math.log(span * distance / belief.mean[SIZE]) > allowed
 
 
 def disagree(before: Published, now: Published) -> bool:

@@ -44,13 +44,11 @@ class Outcome(NamedTuple):
         return Distance(False, nis + float(np.linalg.slogdet(S)[1]))
 
 
-class NoOutcome(NamedTuple):
-    """What was inserted was no image, and nothing that the gate could stop."""
+class Assisted(NamedTuple):
+    """What was inserted was no image: whether it was used."""
 
+    used: bool
     fused: bool = False
-
-
-NO_OUTCOME: Final = NoOutcome()
 
 
 def report(

@@ -6,10 +6,18 @@ Only a track that is tracking or coasting is valid.
 """
 
 import math
+from typing import Final
 
 from onboard.estimators.leader.config import Config
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Lifecycle
+
+CARRIED: Final = "carried by its broadcast"
+ELSEWHERE: Final = "its broadcast had led elsewhere"
+AGAIN_NS: Final = NS_PER_S  # after so long without images the leader is seen again: is it where it was believed?
+DISTRUSTED_NS: Final = 10 * NS_PER_S  # for so long a broadcast that was wrong is not used
+CONTRADICTED: Final = 4  # reports in a row that contradict what is carried: it is not believed
+KEPT_NS: Final = 30 * NS_PER_S  # without a report: nothing that was known of the place is of use
 
 
 class Status:
@@ -23,7 +31,13 @@ class Status:
         self.reason = reason  # why there is no track
         self._config, self._images = config, images
         self._gated_since_ns: int | None = None
+        self._gated_ns = 0  # the newest image that the gate stopped
         self._to_agree = 0
+        self._reported_ns: int | None = None  # the newest report of the leader's own that was used
+        self._reports_gated = 0  # in a row
+        self._elsewhere_ns: int | None = None  # when the leader was not where its reports had led
+        self.contradictions = 0  # how often
+        self._carried_for_s = config.broadcast.timeout_s + config.broadcast.latency_s
         self._state_since: tuple[Lifecycle, int] | None = None
 
     def started(self, t_ns: int, *, again: bool) -> None:
@@ -46,6 +60,7 @@ class Status:
 
     def gated(self, t_ns: int) -> bool:
         """The gate stopped a new image. Whether nothing has passed it for too long, so that the track must end."""
+        self._gated_ns = t_ns
         if self._to_agree:
             self._to_agree = self._images
         if self._gated_since_ns is None:
@@ -60,10 +75,40 @@ class Status:
             self.last_fused_ns = fused_ns
             self._gated_since_ns = None
 
+    def reported(self, t_ns: int, *, used: bool) -> None:
+        """The leader's own report came, and was used or not. Where several in a row contradict what they have
+        carried, one or the other is wrong."""
+        if used:
+            self._reported_ns, self._reports_gated = max(self._reported_ns or 0, t_ns), 0
+            return
+        self._reports_gated += 1
+        if self._reports_gated >= CONTRADICTED and self.is_coasting(t_ns):
+            self.contradictions += self._reports_gated == CONTRADICTED
+            self._elsewhere_ns = t_ns
+
+    def led_elsewhere(self, t_ns: int) -> None:
+        """Images contradict the track. If reports had carried it, these are not believed for a while."""
+        if self._reported_ns is None or self.was_led_elsewhere(t_ns):
+            return
+        if self._reported_ns > (self.last_fused_ns or 0) + AGAIN_NS:
+            self.contradictions, self._elsewhere_ns = self.contradictions + 1, t_ns
+
+    def was_led_elsewhere(self, t_ns: int) -> bool:
+        """Whether, lately, the leader was not where its reports had led."""
+        return self._elsewhere_ns is not None and t_ns - self._elsewhere_ns < DISTRUSTED_NS
+
+    def is_carried(self, t_ns: int) -> bool:
+        """Whether the leader's own reports say where it is, nobody else could have sent them, and no image
+        contradicts them just now."""
+        is_contradicted = self._gated_since_ns is not None and t_ns - self._gated_ns < AGAIN_NS
+        if self._reported_ns is None or not self._config.broadcast.trusted or is_contradicted:
+            return False
+        return self._reports_gated < CONTRADICTED and t_ns - self._reported_ns <= self._carried_for_s * NS_PER_S
+
     def forgotten(self, reason: str, *, had_track: bool) -> None:
         """The track, if there was one, has ended."""
         self.resets += had_track
-        self.last_fused_ns = self._last_wing_ns = self._gated_since_ns = None
+        self.last_fused_ns = self._last_wing_ns = self._gated_since_ns = self._reported_ns = None
         self._to_agree = 0
         self.reason = reason
 
@@ -77,6 +122,8 @@ class Status:
 
     def is_lost(self, t_ns: int) -> bool:
         """Whether the last fused image is so old that the track is no longer valid."""
+        if self.is_carried(t_ns):
+            return False
         return self.age(t_ns) > self._config.validity_timeout_s or self._has_only_directions(t_ns)
 
     def _has_only_directions(self, t_ns: int) -> bool:
@@ -85,19 +132,26 @@ class Status:
         return wing_ns is not None and t_ns - wing_ns > self._config.direction_timeout_s * NS_PER_S
 
     def is_over(self, t_ns: int) -> bool:
-        """Whether the last fused image is so old that the track must be forgotten."""
-        return self.age(t_ns) > self._config.reset_timeout_s
+        """Whether the last fused image, and the last report, are so old that the track must be forgotten."""
+        is_reported = self._reported_ns is not None and t_ns - self._reported_ns < KEPT_NS
+        return self.age(t_ns) > self._config.reset_timeout_s and not is_reported
 
     def state(self, t_ns: int, *, in_view: bool) -> tuple[Lifecycle, str]:
         """The state of a track and its reason; `in_view`: whether the target should be in the image."""
         where = "" if in_view else ", and it should be outside the view"
+        state, reason = self._of_images(t_ns, where)
+        if state is not Lifecycle.TRACKING and not self._to_agree and self.is_carried(t_ns):
+            return Lifecycle.COASTING, f"{CARRIED}; {reason}"
+        return state, f"{reason}; {ELSEWHERE}" if self.was_led_elsewhere(t_ns) else reason
+
+    def _of_images(self, t_ns: int, where: str) -> tuple[Lifecycle, str]:
         if self._to_agree:
             return Lifecycle.LOST, f"seen again: {self._to_agree} more images must agree"
         if self._has_only_directions(t_ns):
             return Lifecycle.LOST, f"no image has shown the wing, and so the range, for too long{where}"
         if not self.is_coasting(t_ns):
             return Lifecycle.TRACKING, "images fused"
-        if not self.is_lost(t_ns):
+        if self.age(t_ns) <= self._config.validity_timeout_s:
             return Lifecycle.COASTING, f"no image fused lately: predicted{where}"
         return Lifecycle.LOST, f"no image fused within the validity timeout{where}"
 

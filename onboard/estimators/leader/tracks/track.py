@@ -15,6 +15,7 @@ from typing import Any, Final
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.filters.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.filter import Open
 from onboard.estimators.leader.prior import Prior
@@ -34,10 +35,12 @@ from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
-from onboard.models.relative_motion import R
+from onboard.models.relative_motion import SIZE, R
 from onboard.ownship import Ownship
 
 NOISE: Final = NoiseScale()  # before anything is learnt
+KNOWN: Final = 0.1  # rad, of the direction: a range says nothing of a leader whose direction is known less well
+REPORTS_LATE_S: Final = 0.5  # beyond their latency
 TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected, the track starts anew
 
 
@@ -70,9 +73,10 @@ class Track:
         self.rate_limit = RateLimit(config.publish_rate_hz)
         self.repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
-        self._guard = Guard(config.size_prior_m)
+        self._guard = Guard()
         self._sight, self._noise = LastSight(), noise  # of the tracks before
-        self._known: dict[type[Size | Wind], Size | Wind] = {}  # otherwise than by images
+        self._wind: Wind | None = None
+        self.size: Size | None = None  # by more than images
         self.prior: Prior | None = None  # of an earlier run, until a track starts
         self.prior_verdict = ""  # what became of it
         self._report = partial(report, filter_)
@@ -104,20 +108,49 @@ class Track:
         """Images of a class of targets come. A track stays what it started as."""
         if self._history is None and not self.held:
             self._filter, self._config, self._report = filter_, config, partial(report, filter_)
-            size = self._known.get(Size)
-            self._guard = Guard(size.value if isinstance(size, Size) else config.size_prior_m)
 
-    def learn(self, known: Size | Wind, ownship: Ownship) -> None:
-        """What is known otherwise than by images, from now on."""
-        self._known[type(known)] = known
-        if isinstance(known, Size):
-            self._guard.set_size(known.value)
+    def feel(self, wind: Wind, ownship: Ownship) -> None:
+        """The wind, from now on."""
+        self._wind = wind
         if self._history is None:
             return
         try:
-            self._history.insert(self._history.belief_at(0, ownship)[0], known, ownship)
+            self._history.insert(self._history.belief_at(0, ownship)[0], wind, ownship)
         except FilterError as error:
             self._forget(f"the filter failed: {error}")
+
+    def assist(self, taken: Auxiliary, ownship: Ownship) -> Verdict:
+        """Use what is measured beside the images at its own time. Images come first: what contradicts them is
+        rejected. A report that may be false is used beside them alone."""
+        history, is_report = self._history, isinstance(taken, Report)
+        if history is None:
+            return Verdict.INITIALISING
+        if not history.reaches(taken.t_ns):
+            return Verdict.STALE
+        try:
+            verdict = self._assist(history, taken, ownship)
+        except FilterError as error:
+            self._forget(f"the filter failed: {error}")
+            return Verdict.NUMERICAL
+        if is_report and verdict is not Verdict.UNASSOCIATED:
+            self.status.reported(taken.t_ns, used=verdict is Verdict.FUSED)
+        return verdict
+
+    def _assist(self, history: History[TrackState, Ownship], taken: Auxiliary, ownship: Ownship) -> Verdict:
+        if isinstance(taken, Report):
+            if self.status.was_led_elsewhere(taken.t_ns):
+                return Verdict.GATED
+            if not taken.trusted and self.status.is_coasting(taken.t_ns):
+                return Verdict.UNASSOCIATED
+        elif self._filter.is_too_wide(history.belief_at(taken.t_ns, ownship)[1].leader, KNOWN):
+            return Verdict.UNASSOCIATED  # a tangent of the sphere says nothing of a leader far from it
+        used = bool(history.insert(taken.t_ns, taken, ownship).used)
+        self._settle(history, ownship, inserted=True)
+        if not used:
+            return Verdict.GATED
+        belief = self._filter.belief(history.belief_at(ownship.now_ns, ownship)[1].leader)
+        self.size = Size(float(belief.mean[SIZE]), math.sqrt(belief.covariance[SIZE, SIZE]))
+        return Verdict.FUSED
 
     def reset(self, reason: str) -> None:
         """Forget the track and all times."""
@@ -182,6 +215,9 @@ class Track:
             return self._insert(history, image, ownship)
         if not image.has_extent:
             return self._report(message, Verdict.DIRECTION_ONLY, image)
+        if history is not None and self.distance(image, ownship).beyond:
+            self.status.led_elsewhere(message.t_ns)
+            self._guard.clear()
         self._start(image, ownship, history)
         return self._report(message, Verdict.INITIALISING, image)
 
@@ -195,6 +231,7 @@ class Track:
         if not outcome.fused:
             self._exchange.gated(image)
             if image.has_extent and self.status.gated(message.t_ns):
+                self.status.led_elsewhere(message.t_ns)
                 self._exchange.ended()
                 self._forget("every image was gated")
                 self._start(image, ownship, None)
@@ -222,21 +259,27 @@ class Track:
         first = images[0]
         earlier = before.belief_at(first.message.t_ns, ownship)[1].leader if before else None
         measurement = first.measurement.with_attitude_noise(first.pose.noise_c)
-        started = self._filter.start(measurement, first.pose, earlier)
+        started = self._filter.start(measurement, first.pose, earlier, self.size)
         if self.prior is not None:
             started = self._informed(started, self.prior.relative(first.message.t_ns, ownship))
         begun = TrackState(started, self.noise)
-        t_ns, horizon_ns = first.message.t_ns, round(self._config.rewind_horizon_s * NS_PER_S)
+        t_ns, horizon_ns = first.message.t_ns, self._horizon_ns()
         forward, take = partial(advance, self._filter), partial(fuse, self._filter, self._poses)
         self._history = History(t_ns, begun, horizon_ns=horizon_ns, advance=forward, fuse=take)
-        for known in self._known.values():
-            self._history.insert(first.message.t_ns, known, ownship)
+        if self._wind is not None:
+            self._history.insert(first.message.t_ns, self._wind, ownship)
         for other in images[1:]:
             self._history.insert(other.message.t_ns, other, ownship)
         self.status.started(first.message.t_ns, again=before is not None)
         self._sight.see(image.message.t_ns, image.measurement.axes, image.pose)
         self._settle(self._history, ownship, inserted=True)
         held.clear()
+
+    def _horizon_ns(self) -> int:
+        """How far back measurements are fused: reports arrive late."""
+        b = self._config.broadcast
+        late = b.latency_s + REPORTS_LATE_S if b.is_used else 0.0
+        return round(max(self._config.rewind_horizon_s, late) * NS_PER_S)
 
     def _informed(self, started: Any, prior: Belief | None) -> Any:
         """The first state of the filter with what an earlier run believed, unless the image contradicts it."""
@@ -289,7 +332,7 @@ class Track:
             state, reason = self.status.state(t_ns, in_view=in_view)
             if self._exchange.is_in_question(t_ns):
                 state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
-            elif self._sight.contradicts(belief.mean[R]):
+            elif not self.status.is_carried(t_ns) and self._sight.contradicts(belief.mean[R]):
                 state, reason = Lifecycle.LOST, ASTRAY
             elif misfit := self._poses.contradiction or self.noise.contradiction:
                 state, reason = Lifecycle.LOST, misfit

@@ -12,7 +12,6 @@ from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.belief import BeliefFilter, State, points_of
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.make import make_filter
-from onboard.estimators.leader.size import Size
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import R, V
 from onboard.ownship import Step
@@ -106,13 +105,6 @@ def test_the_points_of_what_is_predicted_are_where_the_leader_is() -> None:
     half = math.cos(0.7) / 25.0
     assert abs(points[2, 0] - points[1, 0]) == pytest.approx(2.0 * half, rel=0.1)
     assert np.isnan(points_of(-np.eye(3), np.zeros(4))).all()
-
-
-def test_a_larger_leader_is_as_much_farther_away() -> None:
-    filter_ = filter_of()
-    state, _ = watched(filter_, 4.0, sway=2.0)
-    larger = filter_.resized(state, Size(3.0, 0.03))
-    assert_allclose(filter_.belief(larger).mean[R], 1.5 * filter_.belief(state).mean[R], rtol=5e-3, atol=0.01)
 
 
 def test_hypotheses_without_numbers_are_an_error() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.config import load_config
-from onboard.estimators.leader.beside.measurements import CARRIED
+from onboard.estimators.leader.tracks.status import CARRIED
 from onboard.messages import Datagram, Estimate, Lifecycle, Truth
 from onboard.models.relative_motion import SIZE, R
 from onboard.pipeline import Pipeline
@@ -110,7 +110,7 @@ def test_the_size_after_a_minute_and_20_s_out_of_view_seeds_1_to_20(name: str, t
     flights = [fly(name, seed, 87.0, tmp_path) for seed in range(1, 21)]
     errors, sigmas = np.array([f.size_at(60.0) for f in flights]).T
     assert np.sqrt(np.mean(errors**2)) < 0.03
-    assert 0.3 < np.mean((errors / sigmas) ** 2) < 1.6
+    assert 0.48 < np.mean((errors / sigmas) ** 2) < 1.71  # 1 within what 20 flights show
     squares, shares = [], []
     for flight in flights:
         blind = flight.between(67.5, 85.0)

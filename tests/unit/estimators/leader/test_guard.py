@@ -9,6 +9,7 @@ import pytest
 from onboard.arrays import Array
 from onboard.estimators.leader.tracks.guard import Guard
 from onboard.filters.belief import Belief
+from onboard.models.relative_motion import SIZE
 from onboard.ownship import Ownship, Step
 
 TENTH = 100_000_000
@@ -29,7 +30,7 @@ class Flying:
 def belief(range_: float, sigma: float, closing: float = 0.0) -> Belief:
     """A leader to the north; `closing` m/s."""
     mean: Array = np.zeros(9)
-    mean[0], mean[3] = range_, -closing
+    mean[0], mean[3], mean[SIZE] = range_, -closing, WING
     return Belief(mean, np.diag([sigma**2, 0.1, 0.1, 0.04, 0.04, 0.04, 1.0, 1.0, 1.0]))
 
 
@@ -37,7 +38,7 @@ def watched(
     ranges: Callable[[float], Belief], seconds: float, *, speed: float = 0.0, span: float | None = None
 ) -> str:
     """What is contradicted in the end, if this is published at ten Hz."""
-    guard, found = Guard(WING), ""
+    guard, found = Guard(), ""
     for k in range(round(10 * seconds)):
         now = ranges(0.1 * k)
         guard.seen(WING / now.mean[0] if span is None else span, 0.001)
@@ -83,7 +84,7 @@ def test_a_wing_that_looks_larger_than_broadside_is_contradicted() -> None:
 
 
 def test_a_new_track_is_not_held_to_an_old_one() -> None:
-    guard, flying = Guard(WING), cast("Ownship", Flying(0.0))
+    guard, flying = Guard(), cast("Ownship", Flying(0.0))
     for k in range(35):
         guard.contradiction(START + k * TENTH, belief(30.0, 0.5), flying)
     guard.clear()

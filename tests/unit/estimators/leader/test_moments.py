@@ -27,6 +27,7 @@ def test_the_moments_are_those_of_the_particles_seed1() -> None:
     log_range = moments.moments(noses, means, w, 0.5, math.pi, mean, S)
     rows = np.zeros((k, N))
     rows[:, :9], rows[:, BANK] = means[:, :9], means[:, apparent_wing.BANK_ERROR]
+    rows[:, moments.LOG_SIZE] = means[:, apparent_wing.LOG_SIZE]
     rows[:, NOSE] = 0.5 + (noses - 0.5 + math.pi / 2) % math.pi - math.pi / 2
     np.testing.assert_allclose(mean, np.average(rows, axis=0, weights=w), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(S, np.cov(rows.T, aweights=w, ddof=0), rtol=1e-10, atol=1e-12)

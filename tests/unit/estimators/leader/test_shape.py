@@ -267,8 +267,9 @@ def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_se
     m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **WINGED)
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
     cloud = start(settings, m, pose)
-    assert cloud.lasting == LASTING_GUESS
-    with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, cloud._replace(lasting=0.0)))
-    assert with_it**2 - without**2 == pytest.approx(LASTING_GUESS**2, rel=1e-6)
+    assert [(bias.name, bias.sigma) for bias in cloud.biases] == [("boxes", LASTING_GUESS)]
+    exact = start(settings, m._replace(shows=m.shows._replace(lasting=0.0)), pose)
+    with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, exact))
+    assert with_it**2 - without**2 == pytest.approx(LASTING_GUESS**2, rel=0.03)
     after, _ = particles.update(settings, cloud, measured(IMAGE), pose)
-    assert (after.lasting, after.edge_on) == (0.0, particles.model.LEAST_VISIBLE)
+    assert after.edge_on == particles.model.LEAST_VISIBLE

@@ -25,7 +25,6 @@ from onboard.models.apparent_wing import (
     STEADY,
     TIED,
     UNDECIDED,
-    N,
     visible2,
 )
 
@@ -89,10 +88,10 @@ def _doubt(nose, other, x, P, dt, moved, edge_on, hovers):  # type: ignore[no-un
     there, too."""
     ratio = _fraction(other, x, edge_on) / _fraction(nose, x, edge_on)
     scaled = 3 if hovers else BANK_ERROR + 1
-    for i in range(N):
+    for i in range(x.shape[0]):
         scale = ratio if i < scaled else 1.0
         x[i] *= scale
-        for j in range(N):
+        for j in range(x.shape[0]):
             P[i, j] *= scale * (ratio if j < scaled else 1.0)
     if hovers:
         return

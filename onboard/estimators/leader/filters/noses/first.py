@@ -11,14 +11,16 @@ from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses.changes import APART, MOST_CRAB
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.draws import normal, uniform
-from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE
-from onboard.estimators.leader.filters.noses.particles import DIAGONAL, HORIZONTAL, resampled
+from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE, of_boxes, of_ranges
+from onboard.estimators.leader.filters.noses.particles import HORIZONTAL, resampled
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models import apparent_shape
 from onboard.models import apparent_wing as model
-from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
+from onboard.models.apparent_wing import BANK_ERROR, LEAN, LOG_SIZE, STRETCH, A, N, R, V
 
 LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
+SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead
+OF_SIZES: Final = 7  # the number of the draw of sizes
 FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 
@@ -33,19 +35,21 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         known = resampled(before, settings.particles).noses
         noses, prior = np.where(kept, known, noses), np.full(len(noses), 1.0 / len(noses))
     k = len(noses)
-    edge_on, lasting = model.LEAST_VISIBLE, 0.0
     shows = None if seen.has_wing else seen.shows
-    if seen.is_metric and seen.pose is not None:
-        edge_on, lasting = ANY_NOSE, seen.pose.lasting
-    elif shows is not None:
-        edge_on, lasting = shows.edge_on, shows.lasting
+    edge_on = model.LEAST_VISIBLE if shows is None else shows.edge_on
+    if seen.is_metric:
+        edge_on = ANY_NOSE
+    of_size = settings.size_sigma / settings.size
+    within = min(of_size, SIZES_APART)
+    sizes = settings.size * np.exp(math.sqrt(of_size**2 - within**2) * normal(APART + OF_SIZES, k))
     # about the range, as a share of the largest possible
-    broad = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
-    range_ = settings.size * broad / seen.span
+    visible = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
+    broad = visible * sizes / settings.size
+    range_ = sizes * visible / seen.span
     if seen.is_metric:
         range_ = np.full(k, settings.size / seen.span)
     elif shows is not None:
-        range_ = settings.size * apparent_shape.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
+        range_ = sizes * apparent_shape.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
         range_ = np.maximum(range_, LEAST_RANGE * range_.max())
     means, P = np.zeros((k, N)), np.zeros((k, N, N))
     means[:, R], means[:, V] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
@@ -63,17 +67,18 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     diagonal[hovers, A] = settings.hover_acceleration**2
     means[hovers, V] = 0.0
     diagonal[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
-    shortens = np.maximum(1.0 - broad**2, 0.0) / broad**2
+    shortens = np.maximum(1.0 - visible**2, 0.0) / visible**2
     diagonal[:, STRETCH] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens
-    P[:, DIAGONAL, DIAGONAL] += diagonal
+    P[:, range(N), range(N)] += diagonal
     _lean(settings, means, P, pose.v_F_n)
     means[hovers, LEAN] = 0.0
+    means[:, LOG_SIZE] = np.log(sizes)
     turns = uniform(0, k) < settings.turning
     rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
     regimes = np.where(
         hovers, model.HOVERING, np.where(uniform(3, k) < settings.accelerating, model.ACCELERATING, model.STEADY)
     )
-    return Cloud(
+    cloud = Cloud(
         noses,
         rates,
         regimes.astype(float),
@@ -84,9 +89,31 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         np.log(prior),
         4,
         edge_on,
-        lasting,
         metric=seen.is_metric,
     )
+    return _scaled(cloud, seen, range_[:, None] * direction, within)
+
+
+def _scaled(cloud: Cloud, seen: Measurement, r: Array, size_sigma: float) -> Cloud:
+    """The cloud with what scales the places r (K, 3) m that an image shows: the size, and the image's bias."""
+    _scale(cloud, r, LOG_SIZE, size_sigma, 0.0 if seen.is_metric else 1.0)
+    if seen.is_metric and seen.pose is not None:
+        bias, share = of_ranges(seen.pose), -1.0
+    elif not seen.has_wing and seen.shows is not None and seen.shows.is_box:
+        bias, share = of_boxes(seen.shows), 1.0
+    else:
+        return cloud
+    cloud = cloud.with_biases(bias)
+    _scale(cloud, r, cloud.column(bias.name), bias.sigma, share)
+    return cloud
+
+
+def _scale(cloud: Cloud, r: Array, column: int, sigma: float, share: float) -> None:
+    """Add the uncertainty of a scale's logarithm, in place. The places r (K, 3) m grow with this share of it."""
+    P = cloud.covariances
+    P[:, column, column] = sigma**2
+    P[:, R, column] = P[:, column, R] = share * sigma**2 * r
+    P[:, R, R] += (share * sigma) ** 2 * r[:, :, None] * r[:, None, :]
 
 
 def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:

@@ -33,6 +33,7 @@ def _components(nose, x, about, period, row):  # type: ignore[no-untyped-def]
     for i in range(VECTORS):
         row[i] = x[i]
     row[NOSE] = nose - period * np.rint((nose - about) / period)
+    row[LOG_SIZE] = x[apparent_wing.LOG_SIZE]
     row[BANK] = x[apparent_wing.BANK_ERROR]
 
 
@@ -57,7 +58,7 @@ def moments(noses, means, w, about, period, mean, S):  # type: ignore[no-untyped
         for i in range(N):
             row[i] -= mean[i]
         for i in range(N):
-            if i < VECTORS or i >= NOSE:
+            if i < VECTORS or i >= LOG_SIZE:
                 share = w[k] * row[i]
                 for j in range(width):
                     S[i, j] += share * row[j]

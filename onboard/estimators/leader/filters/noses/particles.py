@@ -20,28 +20,32 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.noses.changes import DRAWS, change
-from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Cloud, named
+from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Bias, Cloud, named
 from onboard.estimators.leader.filters.noses.draws import uniform
 from onboard.estimators.leader.filters.noses.evidence import (
+    ANY_NOSE,
+    MOST_EVIDENCE,
     OF_SHAPE,
+    corrected,
     expected,
     fitted,
-    of_points,
-    of_poses,
     posed,
+    weighted,
 )
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.wind import Wind
+from onboard.filters.gating import chi_square_threshold
 from onboard.models import apparent_wing as model
-from onboard.models.apparent_wing import BANK_ERROR, LEAN, STRETCH, A, N, R, V
+from onboard.models.apparent_wing import BANK_ERROR, LEAN, LEAST_VISIBLE, STRETCH, A, N, R, V
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
+TRUE: Final = 0.9999  # the probability that a report or a range passes that is true
+APART_S: Final = 0.2  # of the evidence of one of these, in seconds
 TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
-MOST_EVIDENCE: Final = 40.0  # of the logarithm of a likelihood ratio, by one image
 NOSE_BIN: Final = math.radians(6.0)  # rad
 RANGE_BIN: Final = 0.05  # of the range's logarithm
 LEAST_WEIGHT: Final = 0.002  # of a bin that counts
@@ -49,7 +53,6 @@ PER_BIN: Final = 6  # particles
 CHANGE: Final = 1.5  # the number of particles changes by this factor at least
 HORIZONTAL: Final = np.array([1.0, 1.0, 0.5])  # vertical accelerations are half as large
 SLIP: Final = math.radians(3.0)  # rad, of a fixed wing's nose about its path through the air
-DIAGONAL: Final = np.arange(N)
 
 
 def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud:
@@ -62,8 +65,9 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
         s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on, metric=cloud.metric
     )
     noses, _, regimes, means, P, intensities, tied = changed
-    times = np.array([s.acceleration_time, s.bank_time, s.stretch_time])
-    noise, decay = _noise(s, dt), np.exp(-dt / times)
+    lasts = np.array([bias.time for bias in cloud.biases])
+    times = np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts])
+    noise, decay = _noise(s, dt, cloud.biases), np.exp(-dt / times)
     model.predict(
         *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, s.drag),
         model.Course(tied, s.air, cloud.edge_on),
@@ -81,9 +85,11 @@ def _hover(s: NoseModel, dt: float) -> model.Hover:
     )
 
 
-def _noise(s: NoseModel, dt: float) -> model.Noise:
+def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
     """What `dt` seconds add, in proportion to the range that a nose implies (`models.apparent_wing.Noise`)."""
-    fixed, broad, range_ = np.zeros(N), np.zeros((3, N)), np.zeros(N)
+    width = N + len(biases)
+    fixed, broad, range_ = np.zeros(width), np.zeros((3, N)), np.zeros(N)
+    fixed[N:] = [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in biases]
     range_[R] = 2.0 * dt / s.misalignment_time * np.square(s.misalignment)[[2, 2, 0]]
     fixed[R], fixed[V], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10
     new = -math.expm1(-2.0 * dt / s.stretch_time)
@@ -91,13 +97,11 @@ def _noise(s: NoseModel, dt: float) -> model.Noise:
     broad[:2, V], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
     broad[:2, A] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
     broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
-    return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new)
+    return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new, math.log(s.size))
 
 
-def supposed(settings: NoseModel, size: Size | None, wind: Wind | None) -> NoseModel:
-    """What is assumed, with the size and the wind as they are known now."""
-    if size is not None:
-        settings = settings._replace(size=size.value, size_sigma=size.sigma)
+def supposed(settings: NoseModel, wind: Wind | None) -> NoseModel:
+    """What is assumed, with the wind as it is known now."""
     if wind is not None:
         north, east, _ = wind.velocity.tolist()
         settings = settings._replace(air=(north, east), air_sigma=wind.sigma, nose_about_course=SLIP)
@@ -108,7 +112,7 @@ def predicted(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: Camera
     """What the whole cloud expects of an image: mean (m,) and covariance (m, m), without the image's own noise."""
     w, camera = np.exp(cloud.log_weights), (pose.R_cn, pose.r_FC_n, seen.axes)
     arrays = cloud.means, cloud.covariances, cloud.noses
-    return model.prediction(*arrays, w, settings.size, seen.y, camera, model.Course(cloud.tied, settings.air))
+    return model.prediction(*arrays, w, seen.y, camera, model.Course(cloud.tied, settings.air))
 
 
 def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPose) -> tuple[Cloud, float]:
@@ -117,16 +121,14 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
     wing has a gate of its own. Raises FilterError."""
     shows, given = seen.shows, cloud
     if seen.is_metric and seen.pose is not None:
-        cloud = of_poses(settings, cloud, seen.pose.lasting)
-    elif cloud.lasting > 0.0 and (seen.has_wing or (shows is not None and not shows.is_box)):
-        cloud = of_points(settings, cloud)
+        cloud = cloud._replace(edge_on=ANY_NOSE, metric=True)
+    elif seen.has_wing or (shows is not None and not shows.is_box):
+        cloud = cloud._replace(edge_on=LEAST_VISIBLE, metric=False)
     after, log_l, least = cloud._replace(misfits=()), np.zeros(len(cloud.noses)), 0.0
     if shows is None or not shows.is_box:
         noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
         camera = pose.R_cn, pose.r_FC_n, seen.axes
-        nis, log_l = model.update(
-            means, P, noses, settings.size, seen.y, seen.R, camera, model.Course(cloud.tied, settings.air)
-        )
+        nis, log_l = model.update(means, P, noses, seen.y, seen.R, camera, model.Course(cloud.tied, settings.air))
         least = expected(cloud, nis, EXPECTING)
         if least > settings.gate:
             return given, least
@@ -140,22 +142,36 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
             return given, fit.beyond
         after = after._replace(misfits=fit.misfits)
     if seen.pose is not None:
-        found, pose_nis, more = posed(settings, after, seen.pose, pose)
+        found, pose_nis, more = posed(after, seen.pose, pose)
         beyond = expected(cloud, pose_nis, OF_SHAPE)
         if beyond <= settings.gate:
             after, log_l = found, log_l + more
         elif seen.is_metric:
             return given, beyond
     believed = min(settings.evidence_rate * max(cloud.unseen, TOGETHER_S), 1.0)
-    log_weights = cloud.log_weights + believed * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
-    log_weights -= log_weights.max()
-    log_weights -= math.log(np.exp(log_weights).sum())
-    after = after._replace(log_weights=log_weights, unseen=0.0)
-    w, count = np.exp(log_weights), enough(settings, after)
+    after = weighted(after, believed * np.maximum(log_l, log_l.max() - MOST_EVIDENCE))._replace(unseen=0.0)
+    return fitting(settings, after), least
+
+
+def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool) -> Cloud | None:
+    """The cloud after what is measured beside the images; None where too few particles expected it: of a cloud
+    whose range `is_open`, the right ones are few. Raises FilterError."""
+    known = cloud.with_biases(*taken.biases)
+    rows = taken.rows(known)
+    found, nis, log_l = corrected(known, *rows)
+    limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
+    if expected(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
+        return None
+    return fitting(settings, weighted(found, min(settings.evidence_rate * APART_S, 1.0) * log_l))
+
+
+def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
+    """The cloud with as many particles as there should be, drawn anew where few have the weight."""
+    w, count = np.exp(cloud.log_weights), enough(settings, cloud)
     is_apt = len(w) / CHANGE < count < len(w) * CHANGE
     if 1.0 / np.sum(w * w) > settings.resample * len(w) and is_apt:
-        return after, least
-    return resampled(after, count), least
+        return cloud
+    return resampled(cloud, count)
 
 
 def enough(settings: NoseModel, cloud: Cloud) -> int:
@@ -176,12 +192,3 @@ def resampled(cloud: Cloud, k: int) -> Cloud:
     arrays = (array[chosen] for array in cloud[:ARRAYS])
     log_weights = np.full(k, -math.log(k))
     return cloud._replace(**named(arrays), log_weights=log_weights, draws=cloud.draws + 1)
-
-
-def rescaled(cloud: Cloud, ratio: float, v_F_n: Array) -> Cloud:
-    """The cloud of a leader that is `ratio` times as large: as much farther away, and as much faster relative to
-    us, who fly with v_F_n (3,) m/s."""
-    scale = np.where(DIAGONAL < BANK_ERROR, ratio, 1.0)
-    means = cloud.means * scale
-    means[:, V] += (1.0 - ratio) * v_F_n
-    return cloud._replace(means=means, covariances=cloud.covariances * scale[:, None] * scale)

@@ -16,6 +16,7 @@ from onboard.estimators.leader.filters.noses.moments import (
     OWN_VELOCITY,
     R_FL,
     V_L,
+    VECTORS,
     N,
 )
 from onboard.estimators.leader.filters.noses.places import Place, places
@@ -32,6 +33,8 @@ MOVES[R_FL, V_L] = MOVES[V_L, A_L] = np.eye(3)
 MOVES[R_FL, OWN_VELOCITY] = -np.eye(3)
 CURVES: Final = np.zeros((N, N))
 CURVES[R_FL, A_L] = np.eye(3)
+# of a summary, and of a particle: what both of them have
+OF_PARTICLE: Final = [*range(VECTORS), LOG_SIZE, BANK], [*range(VECTORS), model.LOG_SIZE, model.BANK_ERROR]
 
 
 class Summary(NamedTuple):
@@ -67,33 +70,24 @@ class Summary(NamedTuple):
 
 
 def summarise(settings: NoseModel, cloud: Cloud) -> Summary:
-    """The cloud as one Gaussian about its geometric mean range, with the errors that are ours: of our attitude,
-    our velocity and the size."""
+    """The cloud as one Gaussian about its geometric mean range, with the errors that are ours: of our attitude
+    and our velocity."""
     w = with_course(settings, cloud)
     about, period = _middle(cloud.noses, w) if cloud.sided else (cloud.noses[int(np.argmax(w))], math.pi)
     mean, covariance = np.zeros(N), np.zeros((N, N))
     log_range = moments.moments(cloud.noses, cloud.means, w, about, period, mean, covariance)
-    within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(model.N, model.N)
-    covariance[:9, :9] += within[:9, :9]
-    covariance[BANK, BANK] += within[model.BANK_ERROR, model.BANK_ERROR]
+    within = (w @ cloud.covariances.reshape(len(w), -1)).reshape(cloud.covariances.shape[1:])
+    covariance[np.ix_(OF_PARTICLE[0], OF_PARTICLE[0])] += within[np.ix_(OF_PARTICLE[1], OF_PARTICLE[1])]
     log_range += _resolved(mean, covariance) * (_median(cloud.means[:, R_FL], w) - log_range)
     mean, covariance = _about(mean, covariance, math.exp(log_range))
-    mean[LOG_SIZE] = math.log(settings.size)
-    # the size scales the range
-    by_size = np.zeros(N)
-    by_size[R_FL], by_size[LOG_SIZE] = mean[R_FL], 1.0
-    of_size, of_range = (settings.size_sigma / settings.size) ** 2, cloud.lasting**2
-    if cloud.metric:  # the size has no part in the range
-        covariance[LOG_SIZE, LOG_SIZE], by_size[LOG_SIZE], of_size = of_size, 0.0, of_range
-    else:
-        of_size += of_range + _by_points(cloud, mean)
-    covariance += of_size * np.outer(by_size, by_size)
+    by_points = _by_points(cloud, mean)
+    covariance[R_FL, R_FL] += by_points * np.outer(mean[R_FL], mean[R_FL])
     covariance[MOTION, MOTION] += _by_pose(settings, mean[R_FL])
     covariance[NOSE, NOSE] += settings.misalignment[2] ** 2
 
     def ours(r_FL_n: Array) -> Array:
         by_pose = _by_pose(settings, r_FL_n)
-        by_pose[:3, :3] += of_size * np.outer(r_FL_n, r_FL_n)
+        by_pose[:3, :3] += by_points * np.outer(r_FL_n, r_FL_n)
         return by_pose
 
     whole = Summary(mean, 0.5 * (covariance + covariance.T))
@@ -172,6 +166,7 @@ def _about(mean: Array, covariance: Array, range_: float) -> tuple[Array, Array]
     along = covariance[:, R_FL] @ (r / distance)
     variance = float(along[R_FL] @ r) / distance
     step = (range_ - distance) / variance * along
+    step[LOG_SIZE] = 0.0  # whatever moves the range, it is not the size
     return mean + step, covariance + np.outer(step, step)
 
 

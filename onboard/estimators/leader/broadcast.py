@@ -1,18 +1,21 @@
-"""The leader's own broadcast position: it teaches the size, and carries the track while no image shows it."""
+"""The leader's own broadcast position: it teaches the size, and carries the track while no image shows it.
+
+What arrives is prepared here; `filters.auxiliary` says what it measures, `tracks.track` when it is used."""
 
 import math
 from collections import Counter
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable
+from typing import Any, Final
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.frame import Frame
-from onboard.estimators.leader.beside import reference
-from onboard.estimators.leader.beside.measurements import Beside
 from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.filters.auxiliary import DELAY, POSITION, TURN, VELOCITY, Auxiliary, Report
+from onboard.estimators.leader.filters.noses.cloud import Bias
+from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.reported import STANDSTILL, Reported, of_adsb, of_peer
-from onboard.filters.belief import Belief
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
@@ -27,26 +30,21 @@ from onboard.ownship import Ownship
 COUNTED: Final = "broadcast_"  # before the verdicts in the health
 OWN_POSITION_TIMEOUT_S: Final = 3.0
 OLDEST_NS: Final = 1_500_000_000  # an older report is stale: what we and the camera did then is forgotten soon
+PRESSURE_BIAS: Final = 30.0  # m: of a height by a pressure whose reference at sea level is not known
+UNSURE: Final = 1.4  # times the configured errors of our yaw and velocity: those are guesses, too
+DELAY_TIME: Final = 600.0  # s: a link's delay lasts longer than an error of GNSS
 WITHOUT_SPEED: Final = 300.0  # m/s: noise of a velocity that is not reported
 
 Broadcasts = AdsbVehicle | PeerPosition | FollowTarget
 
 
-class Report(NamedTuple):
-    """r_FL_n and v_L_n, true at `t_ns`, and their noise (6, 6): very large for what is not reported."""
-
-    t_ns: int
-    r: Array
-    v: Array
-    R: Array
-
-
 class Broadcast:
-    """The reports of one leader. `verdicts` counts what became of them, by name."""
+    """The reports of one leader, which are given to `take`. `verdicts` counts what became of them, by name."""
 
-    def __init__(self, config: Config, beside: Beside) -> None:
+    def __init__(self, config: Config, take: Callable[[Auxiliary, Ownship], Verdict]) -> None:
         self.verdicts: Counter[str] = Counter()
-        self._config, self._beside = config.broadcast, beside
+        self._config, self._take = config.broadcast, take
+        self._biases = lasting(config)
         theirs = (AdsbVehicle,) if self._config.icao else (PeerPosition, FollowTarget)
         self._listens: tuple[type[Message], ...] = (GlobalPosition, *theirs)
         self.clear()
@@ -69,7 +67,7 @@ class Broadcast:
         if not isinstance(message, Broadcasts) or not self._is_leaders(message):
             return
         report = self._prepared(message, ownship)
-        verdict = report if isinstance(report, Verdict) else self._fuse(report, ownship)
+        verdict = report if isinstance(report, Verdict) else self._take(report, ownship)
         self.verdicts[COUNTED + verdict] += 1
 
     def _is_leaders(self, message: Broadcasts) -> bool:
@@ -117,10 +115,18 @@ class Broadcast:
         R = np.zeros((6, 6))
         R[:3, :3] = (turn * white**2) @ turn.T + c.latency_sigma_s**2 * np.outer(v, v)
         R[3:, 3:] = (turn * np.array([level, level, climb]) ** 2) @ turn.T
-        return Report(t_ns, r, v, R)
+        return Report(t_ns, r, v, R, self._biases, c.trusted)
 
-    def _fuse(self, report: Report, ownship: Ownship) -> Verdict:
-        def correct(belief: Belief) -> tuple[Belief, float]:
-            return reference.report(belief, report.r, report.v, report.R)
 
-        return self._beside.fuse(report.t_ns, 6, correct, ownship, is_position=True)
+def lasting(config: Config) -> tuple[Bias, ...]:
+    """What lasts of a report's error: of its position and its delay, and of our own velocity and yaw."""
+    b = config.broadcast
+    height = b.altitude_bias_m if b.altitude_bias_m is not None else (PRESSURE_BIAS if b.icao else b.bias_m)
+    position = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m).tolist()
+    velocity, its_time = UNSURE * config.own_velocity_sigma_m_s, NoseModel._field_defaults["own_velocity_time"]
+    return (
+        *(Bias(name, sigma, b.bias_time_s) for name, sigma in zip(POSITION, position, strict=True)),
+        *(Bias(name, velocity, its_time) for name in VELOCITY),
+        Bias(TURN, UNSURE * math.radians(config.own_yaw_sigma_deg), config.own_attitude_time_s),
+        Bias(DELAY, b.latency_sigma_s, DELAY_TIME),
+    )

@@ -2,12 +2,12 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from typing import Final
 
-from onboard.estimators.leader.beside import reference
-from onboard.estimators.leader.beside.measurements import Beside
 from onboard.estimators.leader.config import Config
-from onboard.filters.belief import Belief
+from onboard.estimators.leader.filters.auxiliary import DISTANCE, Auxiliary, Range
+from onboard.estimators.leader.filters.noses.cloud import Bias
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import DistanceReading, Message, TargetImage, Verdict
 from onboard.ownship import Ownship
@@ -16,11 +16,12 @@ COUNTED: Final = "range_"  # before the verdicts in the health
 
 
 class Ranging:
-    """The ranges to one leader. `verdicts` counts what became of them, by name."""
+    """The ranges to one leader, which are given to `take`. `verdicts` counts what became of them, by name."""
 
-    def __init__(self, config: Config, beside: Beside) -> None:
+    def __init__(self, config: Config, take: Callable[[Auxiliary, Ownship], Verdict]) -> None:
         self.verdicts: Counter[str] = Counter()
-        self._config, self._beside = config.range, beside
+        self._config, self._take = config.range, take
+        self._bias = Bias(DISTANCE, config.range.bias_m, config.broadcast.bias_time_s)
         self.clear()
 
     @property
@@ -56,8 +57,5 @@ class Ranging:
         if ownship.pose_at(t_ns) is None:
             return Verdict.NO_POSE
         self._newest_ns = t_ns
-
-        def correct(belief: Belief) -> tuple[Belief, float]:
-            return reference.measure_range(belief, distance, max(sigma or 0.0, self._config.sigma_m))
-
-        return self._beside.fuse(t_ns, 1, correct, ownship, is_position=False)
+        sigma = max(sigma or 0.0, self._config.sigma_m)
+        return self._take(Range(t_ns, distance, sigma, (self._bias,)), ownship)

@@ -1,0 +1,84 @@
+"""What is measured of the leader beside its images, as rows of an update: its own reports, and ranges.
+
+A row is a value with its white noise, and the errors that last and that it has a share of. These are a part of
+each particle's state (`noses.cloud.Bias`): so a report corrects the size as far as its own bias allows, and a bias
+is known as well as the images show the position.
+"""
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.estimators.leader.filters.noses.cloud import Bias, Cloud
+from onboard.models.apparent_wing import A, R, V
+
+ABOUT_DOWN: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+POSITION: Final = ("report_north", "report_east", "report_down")  # names of biases: of a report's position,
+VELOCITY: Final = ("own_north", "own_east", "own_down")  # of our own velocity,
+TURN: Final = "own_yaw"  # and of our yaw, which turns all that the camera shows;
+DELAY: Final = "report_delay"  # of the time at which a report was true;
+DISTANCE: Final = "range"  # and of a range
+
+
+class Rows(NamedTuple):
+    """Derivatives H (K, m, W), innovations (K, m), white noise R_y (m, m), and the columns that are considered and
+    not estimated."""
+
+    H: Array
+    innovations: Array
+    R_y: Array
+    considered: tuple[int, ...] = ()
+
+
+class Report(NamedTuple):
+    """r_FL_n and v_L_n, true at `t_ns`, with white noise R_y (6, 6), very large for what is not reported; and the
+    `biases` of POSITION, VELOCITY, TURN and DELAY;
+    and whether it can be `trusted`, or may be false."""
+
+    t_ns: int
+    r: Array
+    v: Array
+    R_y: Array
+    biases: tuple[Bias, ...]
+    trusted: bool
+
+    def rows(self, cloud: Cloud) -> Rows:
+        """The rows of it, of a cloud that has its biases.
+
+        The delay is considered: in a turn a delay shortens positions and velocities alike, as a smaller size does,
+        and the derivatives do not show that. They hold for a straight line."""
+        x = cloud.means
+        K, W = x.shape
+        at, of_v = [cloud.column(name) for name in POSITION], [cloud.column(name) for name in VELOCITY]
+        turn, delay = cloud.column(TURN), cloud.column(DELAY)
+        turned = x[:, R] @ ABOUT_DOWN.T
+        H = np.zeros((K, 6, W))
+        H[:, :3, R], H[:, 3:, V] = np.eye(3) - x[:, turn, None, None] * ABOUT_DOWN, np.eye(3)
+        H[:, range(3), at] = H[:, range(3, 6), of_v] = 1.0
+        H[:, :3, turn], H[:, :3, delay], H[:, 3:, delay] = -turned, -x[:, V], -x[:, A]
+        late = x[:, delay, None]
+        r = self.r - (x[:, R] - x[:, turn, None] * turned + x[:, at] - late * x[:, V])
+        v = self.v - (x[:, V] + x[:, of_v] - late * x[:, A])
+        return Rows(H, np.hstack([r, v]), self.R_y, (delay,))
+
+
+class Range(NamedTuple):
+    """A distance in m, true at `t_ns`, with its white noise, a standard deviation, and what lasts of its error."""
+
+    t_ns: int
+    distance: float
+    sigma: float
+    biases: tuple[Bias, ...]
+    trusted: bool = True
+
+    def rows(self, cloud: Cloud) -> Rows:
+        """The row of it, of a cloud that has its bias."""
+        x, at = cloud.means, cloud.column(DISTANCE)
+        range_ = np.linalg.norm(x[:, R], axis=1)
+        H = np.zeros((len(x), 1, x.shape[1]))
+        H[:, 0, R], H[:, 0, at] = x[:, R] / range_[:, None], 1.0
+        return Rows(H, (self.distance - range_ - x[:, at])[:, None], np.array([[self.sigma**2]]))
+
+
+Auxiliary = Report | Range

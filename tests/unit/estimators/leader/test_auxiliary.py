@@ -1,0 +1,169 @@
+"""Reports and ranges as rows: what a cloud becomes by them, on errors as they are assumed."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from onboard.arrays import Array
+from onboard.estimators.leader.broadcast import lasting
+from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.filters.auxiliary import DELAY, DISTANCE, TURN, Auxiliary, Range, Report
+from onboard.estimators.leader.filters.noses import particles
+from onboard.estimators.leader.filters.noses.cloud import Bias, Cloud
+from onboard.estimators.leader.filters.noses.evidence import corrected
+from onboard.filters.belief import FilterError
+from onboard.models.apparent_wing import LOG_SIZE, STEADY, TIED, A, N, R, V
+from tests.unit.estimators.leader.test_belief import filter_of, watched
+from tests.unit.estimators.leader.test_posed import settings_of
+
+RANGE, SPEED = 28.0, 20.0  # m, m/s
+BIASES = lasting(Config(own_position_sigma_m=0.0))  # 2 m, 0.1 s, 0.14 m/s, 1.4 degrees
+WHITE = np.diag([4.0] * 3 + [0.09] * 3)
+NEW = Range(0, RANGE, 0.1, (Bias(DISTANCE, 0.5),))
+
+
+def cloud_of(count: int, seed: int = 1, *, sizes: float = 0.3) -> Cloud:
+    """Particles about a leader 28 m ahead of us that flies ahead; their sizes are uncertain by a share."""
+    rng = np.random.default_rng(seed)
+    means = np.zeros((count, N))
+    means[:, 0], means[:, 3], means[:, LOG_SIZE] = RANGE, SPEED, math.log(2.0)
+    means += 0.1 * rng.normal(size=means.shape)
+    P = np.tile(np.diag([0.5, 0.5, 0.5, 1.0, 1.0, 1.0, *[0.5] * (N - 6)]) ** 2, (count, 1, 1))
+    by_size = np.zeros((count, N))
+    by_size[:, R], by_size[:, LOG_SIZE] = means[:, R], 1.0
+    P[:, LOG_SIZE, LOG_SIZE] = 0.0
+    P += sizes**2 * by_size[:, :, None] * by_size[:, None, :]
+    noses, zeros = np.arctan2(means[:, 4], means[:, 3]), np.zeros(count)
+    weights = np.full(count, -math.log(count))
+    regimes, tied = np.full(count, float(STEADY)), np.full(count, TIED)
+    return Cloud(noses, zeros, regimes, means, P, np.zeros((count, 3)), tied, weights, 0)
+
+
+def report(r: Array, v: Array) -> Report:
+    return Report(0, r, v, WHITE, BIASES, trusted=True)
+
+
+TRUE_REPORT = report(np.array([RANGE, 0.0, 0.0]), np.array([SPEED, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("taken", [NEW, TRUE_REPORT])
+def test_the_rows_are_the_derivatives_of_what_is_expected_seed_1(taken: Auxiliary) -> None:
+    cloud = cloud_of(3).with_biases(*taken.biases)
+    cloud.means[:, N : N + len(taken.biases) - 1] += 0.01  # all but the delay, which is never learnt
+    rows, step = taken.rows(cloud), 1e-6
+    for i in range(cloud.means.shape[1]):
+        moved = cloud.means.copy()
+        moved[:, i] += step
+        change = rows.innovations - taken.rows(cloud._replace(means=moved)).innovations
+        assert_allclose(change / step, rows.H[:, :, i], atol=1e-5)
+
+
+def test_rows_are_a_kalman_update_of_each_particle_seed_2() -> None:
+    cloud = cloud_of(4, 2).with_biases(*NEW.biases)
+    rows = NEW.rows(cloud)
+    after, nis, log_l = corrected(cloud, *rows)
+    for k in range(4):
+        P, h, off = cloud.covariances[k], rows.H[k, 0], rows.innovations[k, 0]
+        S = h @ P @ h + NEW.sigma**2
+        assert_allclose(after.means[k], cloud.means[k] + P @ h / S * off)
+        assert_allclose(after.covariances[k], P - np.outer(P @ h, h @ P) / S, atol=1e-10)
+        assert nis[k] == pytest.approx(off**2 / S)
+        assert log_l[k] == pytest.approx(-0.5 * (off**2 / S + math.log(S)))
+
+
+def test_a_range_whose_error_lasts_stays_as_uncertain_as_that() -> None:
+    """0.5 m that last, of 28 m: a hundred ranges of 0.1 m say no more than 1.8 % of the size."""
+    cloud = cloud_of(1)
+    cloud.covariances[:, R, R] -= 0.25 * np.eye(3) * 0.99  # for a size, the place is known
+    for _ in range(100):
+        after = particles.assist(settings_of(), cloud, NEW, is_open=False)
+        assert after is not None
+        cloud = after
+    sigma = math.sqrt(cloud.covariances[0, LOG_SIZE, LOG_SIZE])
+    assert sigma == pytest.approx(0.5 / RANGE, rel=0.15)
+
+
+def test_a_delay_is_considered_and_not_learnt() -> None:
+    cloud = cloud_of(1)
+    for _ in range(20):
+        after = particles.assist(settings_of(), cloud, TRUE_REPORT, is_open=False)
+        assert after is not None
+        cloud = after
+    at = cloud.column(DELAY)
+    assert cloud.covariances[0, at, at] == pytest.approx(0.01)
+    assert cloud.means[0, at] == 0.0
+    P = cloud.covariances[0]
+    assert P[0, at] / 0.1 > 0.5  # m, ahead: the leader may be 2 m along its course by the delay
+    assert_allclose(P, P.T)
+    assert np.linalg.eigvalsh(P).min() > -1e-9
+
+
+def test_our_own_yaw_turns_what_a_report_says() -> None:
+    """It is to the right by 1.4 m, as our yaw of 0.05 rad makes it: that is learnt, and not the leader's place."""
+    cloud = cloud_of(1, sizes=0.02)
+    exact = tuple(bias._replace(sigma=0.05 if bias.name == TURN else 1e-3) for bias in BIASES)
+    r, v = cloud.means[0, R], cloud.means[0, V]
+    turned = Report(
+        0, r + np.array([-r[1], r[0], 0.0]) * 0.05, v, np.diag([1e-4] * 3 + [1.0] * 3), exact, trusted=True
+    )
+    cloud.covariances[:, R, R] = 1e-4 * np.eye(3)
+    after = particles.assist(settings_of(), cloud, turned, is_open=False)
+    assert after is not None
+    assert after.means[0, after.column(TURN)] == pytest.approx(-0.05, abs=0.002)
+    assert_allclose(after.means[0, R], r, atol=0.02)
+
+
+def test_what_most_particles_did_not_expect_is_not_used_unless_the_range_is_open() -> None:
+    """Of 50 particles three are where the range says."""
+    cloud = cloud_of(50, sizes=0.005)
+    cloud.means[3:, R] *= 2.0
+    assert particles.assist(settings_of(), cloud, NEW, is_open=False) is None
+    after = particles.assist(settings_of(), cloud, NEW, is_open=True)
+    assert after is not None
+    assert np.exp(after.log_weights) @ (np.linalg.norm(after.means[:, R], axis=1) < 30.0) > 0.9
+
+
+@pytest.mark.parametrize("trusted", [True, False])
+@pytest.mark.parametrize(("off", "is_credible"), [(0.0, True), (2.5, True), (3.5, False), (-3.5, False)])
+def test_a_report_that_may_be_false_leads_the_size_no_farther_than_3_sigmas(
+    trusted: bool, off: float, is_credible: bool
+) -> None:
+    """Whatever leads it there, and however slowly."""
+    filter_ = filter_of()  # of a size that is known to 2 %
+    state, _ = watched(filter_, 2.0, sway=1.0)
+    state.cloud.means[:, LOG_SIZE] += 0.02 * off
+    x = state.summary.mean
+    at = Report(0, x[R], x[V], np.diag([1e4] * 6), BIASES, trusted=trusted)
+    assert (filter_.assist(state, at) is not None) is (trusted or is_credible)
+
+
+def test_numbers_that_are_none_are_an_error() -> None:
+    with pytest.raises(FilterError, match="numbers"):
+        particles.assist(settings_of(), cloud_of(3), report(np.full(3, math.nan), np.zeros(3)), is_open=False)
+
+
+def carried(seed: int, seconds: int = 20) -> float:
+    """The normalised square of the error of r_FL_n after reports alone, of a leader that holds its course."""
+    rng, settings = np.random.default_rng(seed), settings_of()
+    cloud = cloud_of(1, sizes=0.02)
+    first = cloud.covariances[0, :9, :9]
+    x = np.concatenate([cloud.means[0, :6] + np.linalg.cholesky(first[:6, :6]) @ rng.normal(size=6), np.zeros(3)])
+    bias, delay, yaw = rng.normal(size=3) * [2.0, 2.0, 2.0], 0.1 * rng.normal(), 0.025 * rng.normal()
+    for _ in range(seconds):
+        for _ in range(10):
+            cloud = particles.predict(settings, cloud, 0.1, np.zeros(3))
+            x[R], x[V], x[A] = x[R] + 0.1 * x[V], x[V] + 0.1 * x[A], x[A] + 0.1 * rng.normal(size=3)
+        turned = x[R] - yaw * np.array([-x[1], x[0], 0.0])
+        noise = np.sqrt(np.diag(WHITE)) * rng.normal(size=6)
+        y = np.concatenate([turned + bias - delay * x[V], x[V]]) + noise
+        after = particles.assist(settings, cloud, report(y[:3], y[3:]), is_open=False)
+        cloud = cloud if after is None else after
+    off = cloud.means[0, R] - x[R]
+    return float(off @ np.linalg.solve(cloud.covariances[0, R, R], off))
+
+
+def test_carried_by_reports_for_20_s_it_is_as_sure_as_it_is_right_seeds_1_to_60() -> None:
+    """The mean of the normalised square of three errors is 3, within what 60 flights show (2.1 to 4)."""
+    assert 1.5 < np.mean([carried(seed) for seed in range(1, 61)]) < 4.0
