@@ -69,7 +69,7 @@ def test_a_real_px4_that_loses_a_motor_agrees_with_its_own_filter() -> None:
 
 
 @pytest.mark.parametrize("part", ["excerpt", pytest.param("take-off", marks=[shared, pytest.mark.slow])])
-def test_ardupilots_stream_agrees_with_the_truth_and_with_its_own_filter(part: str) -> None:
+def test_ardupilots_stream_agrees_with_the_truth_more_than_its_own_filter_does(part: str) -> None:
     if part == "excerpt":
         log = gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())
         truth = _truth(EXCERPT / "copter_state_truth.csv.gz")
@@ -81,11 +81,14 @@ def test_ardupilots_stream_agrees_with_the_truth_and_with_its_own_filter(part: s
     states, theirs = fly(takewhile(lambda d: d.t_recv_ns - first.t_recv_ns < 45 * S, datagrams))
     share, error = within(states, truth[:, 0], truth[:, 4:7], 15.0)
     assert share >= 0.99
-    assert error < 0.043
     t = np.array([m.t_ns for m in theirs]) / S - 0.0225  # older than their stamps
-    share, difference = within(states, t, np.array([m.v_F_n for m in theirs]), 15.0)
-    assert share >= 0.95
+    velocity = np.array([m.v_F_n for m in theirs])
+    _, difference = within(states, t, velocity, 15.0)
     assert difference < 0.046
+    # It reports no sigmas, and is the worse one: what it differs by from us is its own error.
+    judged = (t > states[0].t_ns / S + 15.0) & (t < states[-1].t_ns / S)
+    true = np.stack([np.interp(t[judged], truth[:, 0], truth[:, k]) for k in (4, 5, 6)], axis=1)
+    assert error < 0.7 * np.sqrt(((velocity[judged] - true) ** 2).sum(axis=1).mean())
     assert not [f for s in states for f in s.faults]
 
 
