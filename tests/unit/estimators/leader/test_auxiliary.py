@@ -100,6 +100,21 @@ def test_a_delay_is_considered_and_not_learnt() -> None:
     assert np.linalg.eigvalsh(P).min() > -1e-9
 
 
+def test_what_is_considered_is_that_of_a_gain_without_it_seed_4() -> None:
+    """In Joseph's form, which holds for any gain."""
+    cloud = cloud_of(3, 4).with_biases(*BIASES)
+    rows = TRUE_REPORT.rows(cloud)
+    after, _, _ = corrected(cloud, *rows)
+    at = cloud.column(DELAY)
+    for k in range(3):
+        P, H = cloud.covariances[k], rows.H[k]
+        gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + WHITE)
+        gain[at] = 0.0
+        left = np.eye(len(P)) - gain @ H
+        assert_allclose(after.means[k], cloud.means[k] + gain @ rows.innovations[k], atol=1e-9)
+        assert_allclose(after.covariances[k], left @ P @ left.T + gain @ WHITE @ gain.T, atol=1e-8)
+
+
 def test_our_own_yaw_turns_what_a_report_says() -> None:
     """It is to the right by 1.4 m, as our yaw of 0.05 rad makes it: that is learnt, and not the leader's place."""
     cloud = cloud_of(1, sizes=0.02)
