@@ -202,12 +202,18 @@ def cache_folder(source: Path) -> Path | None:
 def _processes(count: int) -> Iterator[ProcessPoolExecutor]:
     """Processes that take turns to write machine code. Raises CompileError."""
     try:
-        with processes(count, numba_internals.lock_cache_files, CONTEXT.Lock()) as pool:
+        with processes(count, _begin, CONTEXT.Lock()) as pool:
             yield pool
     except BrokenProcessPool as error:
         raise CompileError("compile: a process was killed; is there too little memory?") from error
     except OSError as error:
         raise CompileError(f"compile: the machine code cannot be kept: {error}") from error
+
+
+def _begin(lock: Any) -> None:
+    """Take turns, and leave it to the program that started this one to report."""
+    numba_internals.lock_cache_files(lock)
+    numba_internals.on_compile(lambda: None)
 
 
 def _make_ready(name: str) -> Module | None:

@@ -5,10 +5,15 @@
 
 import sys
 from importlib import import_module
+from itertools import count
 from pkgutil import iter_modules
+from typing import Final
 
 from onboard import filters
 from onboard.filters import kernels
+from onboard.filters.numba_internals import on_compile
+
+FUNCTIONS_A_DOT: Final = 10
 
 
 def main(names: list[str]) -> int:
@@ -22,9 +27,17 @@ def main(names: list[str]) -> int:
     inner = [] if names else [f"kernels.{found.name}" for found in iter_modules(kernels.__path__)]
     wanted = [*inner, *(names or known)]
     print("compiling the filters for this computer, once; all take one to three minutes of a core", flush=True)
+    functions = count(1)
+
+    def dot() -> None:
+        if not next(functions) % FUNCTIONS_A_DOT:
+            print(end=".", flush=True)
+
+    on_compile(dot)
     for k, name in enumerate(wanted, 1):
-        print(f"{k:3} of {len(wanted)}  {name}", flush=True)
+        print(end=f"{k:3} of {len(wanted)}  {name} ", flush=True)
         import_module(f"{filters.__name__}.{name}")
+        print()
     return 0
 
 

@@ -4,6 +4,9 @@ Signatures are given, so that nothing is ever compiled in flight: it happens whe
 computer (`onboard compile` does it ahead), and the machine code is kept on disk. Arguments are declared read-only
 and of any stride, which spares callers copies and Numba one compilation for each combination.
 `NUMBA_DISABLE_JIT=1` runs the same code in Python.
+
+Where nothing else reports it, the first kernel that is compiled is announced on standard error: it takes a minute
+or two.
 """
 
 from typing import Any, Final
@@ -13,6 +16,10 @@ from numba import types
 from onboard.filters import numba_internals
 
 numba_internals.load_without_scipy()
+numba_internals.announce_compiling(
+    __name__.partition(".")[0],
+    f"{__package__}: compiling for this computer, once, up to two minutes (ahead: python -m {__package__})",
+)
 
 
 def array(dtype: Any, ndim: int, *, readonly: bool = True) -> Any:
@@ -49,7 +56,9 @@ def signatures(*arguments: Any) -> list[Any]:
     return made
 
 
-MAKING: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy"}  # kernels that create arrays
+# Kernels that create arrays. They keep Python's lock: to give it back and take it again is 4 % of a single step,
+# and nothing is gained unless a call lasts milliseconds. The loop over a record gives it back.
+MAKING: Final[dict[str, Any]] = {"cache": True, "error_model": "numpy"}
 
 # Kernels that only fill the arrays they are given. One that creates arrays counts references to every array it
 # sees: a handful of locked instructions for each slice, and a block of memory to count in for each argument.

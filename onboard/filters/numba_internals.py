@@ -6,6 +6,7 @@ each internal with the version installed, and each fallback without it. Nothing 
 function is called.
 """
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import FunctionType
@@ -103,6 +104,44 @@ def on_compile(callback: Callable[[], None]) -> bool:
 
     event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]  # Numba has no types
     return True
+
+
+def announce_compiling(package: str, line: str) -> bool:
+    """Write a line on standard error before the first function of a package that Numba compiles in this process,
+    unless something else is called back then (`on_compile`), and so reports it. False, with nothing changed, if
+    this Numba does not tell.
+    """
+    try:
+        from numba.core import event  # noqa: PLC0415 - an internal, which may be gone
+    except ImportError:
+        return False
+    internal: Any = event
+    kind = "numba:compile"
+
+    class Announcement(event.Listener):
+        done = False
+
+        def on_start(self, happened: Any) -> None:
+            if self.done or not _of_package(happened, package):
+                return
+            self.done = True
+            if getattr(internal, "_registered", {}).get(kind, [self]) == [self]:
+                print(line, file=sys.stderr, flush=True)
+
+        def on_end(self, _event: Any) -> None:
+            pass
+
+    internal.register(kind, Announcement())
+    return True
+
+
+def _of_package(happened: Any, package: str) -> bool:
+    """Whether an event is about a function of this package; not if this Numba does not say what it is about."""
+    try:
+        module: str = happened.data["dispatcher"].py_func.__module__
+    except (AttributeError, KeyError, TypeError):
+        return False
+    return module.partition(".")[0] == package
 
 
 def _cache_files() -> Any:

@@ -43,5 +43,24 @@ def test_the_pendulum_is_five_lines_and_follows() -> None:
     assert names["found"].nis[20:].mean() == pytest.approx(1.0, abs=0.35)
 
 
+def test_the_five_papers_results_are_those_of_their_studies() -> None:
+    """The figures are the text's, wide enough for the scatter of a few runs."""
+    names = ran("five-papers")
+    vision, quadrotor = names["vision"], names["quadrotor"]
+    assert vision["paper"]["nees"] < 1
+    assert 4 < vision["honest"]["nees"] < 14
+    assert quadrotor["none", "ckf"] < 0.5 * quadrotor["none", "svsf"]
+    assert quadrotor["weak", "ckf"] > 2 * quadrotor["weak", "svsf"] > 2 * quadrotor["weak", "csvsf-adaptive"]
+    settled = {name: names["validation"].outcomes[name].windows["settled"] for name in ("ukf", names["JOSEPH"])}
+    assert settled["ukf"].position == pytest.approx(settled[names["JOSEPH"]].position, rel=0.01)
+    failed = {name: names["sharp"].outcomes[name].failed for name in ("srukf-textbook", names["JOSEPH"])}
+    assert failed["srukf-textbook"] > 0 == failed[names["JOSEPH"]]
+    last = names["launch"].outcomes["ukf"].windows["262-500 s"]
+    assert last.position == pytest.approx(70, rel=0.2)
+    assert names["launch"].gap < 0.01
+    assert names["right"].position == pytest.approx(names["right"].bound, rel=0.1)
+    assert names["printed"].failed
+
+
 def test_every_notebook_is_run_here() -> None:
-    assert {path.stem for path in FOLDER.glob("*.ipynb")} == {"bearings-only", "own-model"}
+    assert {path.stem for path in FOLDER.glob("*.ipynb")} == {"bearings-only", "five-papers", "own-model"}

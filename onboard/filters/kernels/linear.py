@@ -102,10 +102,11 @@ def propagate(P, F, Q):  # type: ignore[no-untyped-def]
             return out, COVARIANCE + MEMBER * b
         if not is_finite(matrix):
             return out, MATRIX + MEMBER * b
-        if not is_finite(noise):
-            return out, Q_NOT_FINITE + MEMBER * b
-        if not is_noise(noise, out[b]):
-            return out, Q_INDEFINITE + MEMBER * b
+        if b < Q.shape[0]:  # one for a whole batch is looked at once
+            if not is_finite(noise):
+                return out, Q_NOT_FINITE + MEMBER * b
+            if not is_noise(noise, out[b]):
+                return out, Q_INDEFINITE + MEMBER * b
         sandwich_into(matrix, prior, noise, out[b])
     return out, OK
 

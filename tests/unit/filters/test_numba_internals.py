@@ -1,5 +1,7 @@
 """Numba's internals that we rely on: each exists and does what its docstring states; we fly without it."""
 
+import subprocess
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +17,7 @@ from numba.np import linalg
 
 from onboard.filters import numba_internals
 from onboard.filters.compiled import FILLING, MAKING
+from tests.support.programs import ROOT, environment
 
 VECTOR = types.Array(types.float64, 1, "C")
 ONCE = FILLING | {"cache": False}
@@ -114,3 +117,41 @@ def test_a_cache_that_does_not_say_where_it_is(monkeypatch: pytest.MonkeyPatch) 
     assert numba_internals.cache_folder(Path(__file__)) is None
     monkeypatch.delattr(caching, "FunctionCache")
     assert numba_internals.cache_folder(Path(__file__)) is None
+
+
+COMPILES = """
+import sys
+from importlib import import_module
+from onboard.filters.numba_internals import announce_compiling, on_compile
+
+{first}
+assert announce_compiling("kernel", "compiling, once")
+sys.path.insert(0, {folder!r})
+import_module({name!r})
+"""
+NOBODY, SOMEBODY = "", "on_compile(lambda: None)"
+
+
+@pytest.mark.parametrize(
+    ("name", "first", "times", "shown"),
+    [
+        ("kernel", NOBODY, 2, ["compiling, once\n", ""]),  # from disk the second time
+        ("kernel", SOMEBODY, 1, [""]),  # who reports it
+        ("my_own", NOBODY, 1, [""]),  # a user's model, compiled at each start
+    ],
+    ids=["first", "reported", "another's"],
+)
+def test_the_first_kernel_that_is_compiled_says_so(
+    name: str, first: str, times: int, shown: list[str], tmp_path: Path
+) -> None:
+    """The first call of a filter waited 75 s in silence."""
+    source = tmp_path / f"{name}.py"
+    one = "@njit('float64(float64)', cache=True)\n"
+    source.write_text(f"from numba import njit\n{one}def f(x): return 2 * x\n{one}def g(x): return 3 * x\n")
+    code = COMPILES.format(first=first, name=name, folder=str(tmp_path))
+    command, with_numba = [sys.executable, "-c", code], environment() | {"NUMBA_DISABLE_JIT": "0"}
+    done = [
+        subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT, env=with_numba)
+        for _ in range(times)
+    ]
+    assert [one.stderr for one in done] == shown
