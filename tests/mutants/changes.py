@@ -3,6 +3,7 @@
 import ast
 import io
 import tokenize
+from bisect import bisect_left
 from collections.abc import Iterator
 from typing import Final, NamedTuple
 
@@ -91,8 +92,9 @@ class _Source:
         """The operator that stands between two operands, the end of one and the begin of the other."""
         before, after = OPERATORS.get(type(operator), ("", ""))
         first = before.partition(" ")[0]
-        for start, string in self._tokens:
-            if before and left <= start < right and string in {first, f"{first}="}:
+        between = bisect_left(self._tokens, (left,)), bisect_left(self._tokens, (right,))
+        for start, string in self._tokens[slice(*between)]:
+            if before and string in {first, f"{first}="}:
                 yield Change(start, before, after)
                 return
 

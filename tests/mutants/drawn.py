@@ -83,18 +83,24 @@ def _by_line(path: Path) -> dict[int, list[Change]]:
 @cache
 def _steps(file: str) -> dict[str, int]:
     """How many imports lead to a source, by file, for all files that come to it."""
-    users = defaultdict(list)
-    for path in [*_sources(), *sorted((ROOT / "tests").rglob("*.py"))]:
-        for name in _imports(path):
-            users[name].append(path.relative_to(ROOT).as_posix())
     steps, waiting = {file: 0}, [file]
     while waiting:
         current = waiting.pop(0)
-        for user in users[current]:
+        for user in _users().get(current, ()):
             if user not in steps:
                 steps[user] = steps[current] + 1
                 waiting.append(user)
     return steps
+
+
+@cache
+def _users() -> dict[str, list[str]]:
+    """The files that import a file, by that file."""
+    users = defaultdict(list)
+    for path in [*_sources(), *sorted((ROOT / "tests").rglob("*.py"))]:
+        for name in _imports(path):
+            users[name].append(path.relative_to(ROOT).as_posix())
+    return users
 
 
 @cache
