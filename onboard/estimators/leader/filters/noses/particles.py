@@ -176,13 +176,15 @@ def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
 
 def enough(settings: NoseModel, cloud: Cloud) -> int:
     """How many particles there should be: in proportion to the number of different noses and ranges that have
-    weight, as in KLD-sampling (Fox, 2003)."""
+    weight, as in KLD-sampling (Fox, 2003). Where points show the nose, the right noses are few degrees wide: what
+    follows a nose that turns must be dense there."""
     r = cloud.means[:, R]
     nose = np.floor(np.mod(cloud.noses, math.tau if cloud.sided else math.pi) / NOSE_BIN)
     range_ = np.floor(0.5 * np.log(np.einsum("ki,ki->k", r, r)) / RANGE_BIN)
     _, at = np.unique(nose + 1000.0 * range_, return_inverse=True)
     occupied = np.count_nonzero(np.bincount(at, np.exp(cloud.log_weights)) > LEAST_WEIGHT)
-    return min(max(PER_BIN * int(occupied), settings.fewest), settings.particles)
+    fewest = settings.fewest_sided if cloud.sided else settings.fewest
+    return min(max(PER_BIN * int(occupied), fewest), settings.particles)
 
 
 def resampled(cloud: Cloud, k: int) -> Cloud:
