@@ -3,13 +3,14 @@ several processes, and for them the longest files in front."""
 
 import gc
 import os
+from collections.abc import Mapping
 
 import pytest
 
 from tests.support import kernels, order
 from tests.support.programs import STATES
 
-SOURCES = pytest.StashKey[dict[str, str]]()
+SOURCES = pytest.StashKey[Mapping[str, str]]()
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -228,7 +228,12 @@ def killed_and_started(setup: Setup, url: str, state: Path, k: int) -> Path | No
             return None
         observer = setup.observer()
         until(lambda: observer.newest().verdicts.get("leader.warm_start_used") == 1, "a warm start")
-        until(lambda: observer.receive() or len(observer.estimates) > 200, "estimates")
+
+        def has_seen_many() -> bool:
+            observer.receive()
+            return len(observer.estimates) > 200
+
+        until(has_seen_many, "estimates")
         assert daemon.end(signal.SIGTERM) == 0
     return recording
 

@@ -54,7 +54,7 @@ EXACT = (np.array([0.0, 1.0]), np.eye(2), np.diag([0.1, 0.1]), np.zeros((1, 1)))
 @optimal
 @pytest.mark.parametrize("case", [KNOWN_SPEED, CLONED], ids=["a state known exactly", "a cloned state"])
 def test_a_singular_covariance_is_one(method: Method, case: Any) -> None:
-    found, want = runs(method, *case, SEEN), textbook(*case, SEEN, np.eye(1, 2))
+    found, want = runs(method, *case, seen=SEEN), textbook(*case, seen=SEEN, H=np.eye(1, 2))
     np.testing.assert_allclose(found.mean, want.mean, atol=1e-9)
     np.testing.assert_allclose(found.covariance, want.covariance, atol=1e-9)
 

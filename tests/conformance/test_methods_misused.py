@@ -217,7 +217,7 @@ def test_an_affine_model_may_be_of_any_size_seed_1(scale: float) -> None:
     rng = np.random.default_rng(1)
     F, offset = rng.normal(0, 1, (4, 4)), scale * rng.normal(0, 1, 4)
     for dtype in (np.float64, np.float32)[: 1 if scale > 1e3 else 2]:
-        mean = (scale * rng.normal(0, 1, 4)).astype(dtype)
+        mean: Array = (scale * rng.normal(0, 1, 4)).astype(dtype)
         matrix, value = kalman.affine(lambda rows: rows @ F.T.astype(rows.dtype) + offset.astype(rows.dtype), mean)
         np.testing.assert_allclose(value, F @ mean + offset, rtol=1e-4, atol=1e-4 * scale)
         np.testing.assert_allclose(matrix, F, atol=4 * np.finfo(dtype).eps * (1 + abs(offset).max()))

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -46,7 +47,7 @@ def test_the_tracker_by_bearings_is_as_good_as_the_page_says(
     with pytest.raises(FilterError, match=r"^ys\[10\].* filter 82 of the batch: angle"):  # docs/choosing.md
         run("posterior-linearisation", names["at"], names["start"], names["ys"])
     exec(BLOCKS[2], names)  # noqa: S102 - what a reader would paste
-    mpl.pyplot.close("all")
+    plt.close("all")
     assert {path.name for path in tmp_path.iterdir()} == {"track.png", "nees.png"}
 
 

@@ -236,7 +236,7 @@ def test_unscented_is_stone_soup_s_seed_17() -> None:
     within_a_centimetre(unscented_step, seen, theirs)
 
 
-class Floats(CartesianToElevationBearingRange):  # type: ignore[misc]  # untyped
+class Floats(CartesianToElevationBearingRange):
     """Angles as plain numbers. Its own kind of angle wraps products too, which spoils the cubature updater's sums
     of squares (1.9.1); this flight keeps away from the seam."""
 

@@ -7,7 +7,8 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.filters import Belief, FilterError, NotPositiveDefiniteError, square_root, unscented
-from tests.conformance.problems import spd
+from onboard.filters.stepping import Rule
+from tests.support.filter_problems import spd
 
 STEPS = 40
 
@@ -34,7 +35,7 @@ class Bent:
         return np.asarray(images)
 
 
-def steps(problem: Bent, rule: unscented.Rule, considered: tuple[int, ...] = ()) -> tuple[Any, Belief]:
+def steps(problem: Bent, rule: Rule, considered: tuple[int, ...] = ()) -> tuple[Any, Belief]:
     """The last of what `step` gives and the belief of the two calls; they are compared at every step."""
     one: Any = problem.start
     two = problem.start
@@ -188,7 +189,7 @@ def test_a_step_of_the_square_root_refuses_what_its_two_calls_refuse_seed_402() 
     ]
     for wrong, message in cases:
         with pytest.raises(FilterError, match=message):
-            square_root.step(first, *wrong, rule)
+            square_root.step(first, *wrong, rule)  # type: ignore[call-arg]  # each has five
     with pytest.raises(FilterError, match="must not be negative"):
         square_root.rule(unscented.julier_weights(4, 3.0), 4, 2)
     other = square_root.rule(unscented.julier_weights(4, 6.0), 4, 2, (0,))

@@ -25,7 +25,7 @@ class Flight:
         self.wire, self._now_ns = Wire(), 0
         base = ("link=[{name='udp', url='udpin:127.0.0.1:0'}]", "zenoh.enabled=false")
         clock = HostClock(wall=lambda: self._now_ns, monotonic=lambda: self._now_ns)
-        clock.now_ns = lambda: self._now_ns  # type: ignore[method-assign]
+        clock.now_ns = lambda: self._now_ns
         self.daemon = Daemon(make_config(*base, *overrides), report=self.lines.append, clock=clock)
         self.daemon._links = [Link(self.wire)]  # type: ignore[list-item]
         self.daemon._sinks = {"wire": self.wire}  # type: ignore[dict-item]

@@ -51,7 +51,7 @@ def test_the_fuzz_would_find_unsound_estimates() -> None:
     skewed = P.copy()
     skewed[0, 1] += 1e-3
     for bad in (
-        replace(good, mean=(np.nan, *good.mean[1:])),  # type: ignore[index]
+        replace(good, mean=(np.nan, *good.mean[1:])),
         replace(good, covariance=tuple(map(tuple, (-P).tolist()))),
         replace(good, covariance=tuple(map(tuple, skewed.tolist()))),
         replace(good, covariance=None),

@@ -64,7 +64,7 @@ def point(assembler: PointAssembler, system: int, t_us: int, label: int) -> Any:
     fields = (t_us, 0.01 * label, 0.0, 0.0, 0.0, 0.0, label, 0, 0)
     head = {"t_ns": t_us * 1000, "t_recv_ns": RECV, "clock": Clock.BOOT}
     head |= {"system": system % 256, "component": system // 256}
-    return assembler.add(fields, head)  # type: ignore[arg-type]
+    return assembler.add(fields, head)
 
 
 def test_images_that_stay_incomplete_cost_their_sender_its_oldest() -> None:
@@ -147,7 +147,7 @@ def test_of_the_sources_of_a_track_the_oldest_is_forgotten() -> None:
 
 
 def test_records_beyond_the_room_before_zenoh_cost_the_oldest_and_are_counted() -> None:
-    runner = zenoh.runner(Nothing())  # type: ignore[arg-type]
+    runner = zenoh.runner(Nothing())
     beyond = 300
     for n in range(2 * zenoh.CAPACITY + beyond):
         runner.put(make_estimate(n, "leader"))

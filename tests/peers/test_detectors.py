@@ -124,7 +124,7 @@ def test_numbers_of_numpy_are_sent_as_numbers(session: Any, endpoint: str) -> No
     with Camera("front", endpoint=endpoint, clock=Clock.BOOT) as camera:
         link = ZenohLink(session, "onboard/1", camera="front")
         kinds = {"t_ns": np.int64(5), "confidence": np.float32(0.5)}
-        datagram = received(link, lambda: camera.send(points, box=box, **kinds))  # type: ignore[arg-type]
+        datagram = received(link, lambda: camera.send(points, box=box, **kinds))
     sent = msgspec.json.decode(datagram.data, type=CameraDetections)
     assert (sent.t_ns, sent.clock) == (5, Clock.BOOT)
     (detection,) = sent.detections

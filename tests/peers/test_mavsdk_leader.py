@@ -67,7 +67,7 @@ print("FOUND " + json.dumps(found), flush=True)
 
 def test_mavsdk_decodes_everything_that_we_send_of_the_leader() -> None:
     (port,) = free_ports(socket.SOCK_DGRAM)
-    config = LeaderOutConfig(link="a", system=99, rates_hz=dict.fromkeys(NAMES, 20.0))  # type: ignore[arg-type]
+    config = LeaderOutConfig(link="a", system=99, rates_hz=dict.fromkeys(NAMES, 20.0))
     out, autopilot = LeaderOutput(config, 7, 191), MavlinkEncoder(7, 1)
     view = View(EAST, make_camera(f_px=500.0, width_px=640.0, height_px=480.0), is_px4=False)
     client = subprocess.Popen(

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Iterable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,7 +59,8 @@ def reference() -> Run:
 def last(run: Run) -> Estimate:
     """The estimate at the last navigation sample, also where none was due."""
     pipeline = run.pipeline
-    return pipeline.estimators["leader"]._tracks["leader"].tick(pipeline.ownship)  # type: ignore[attr-defined, no-any-return]
+    leader: Any = pipeline.estimators["leader"]
+    return leader._tracks["leader"].tick(pipeline.ownship)
 
 
 def assert_same_belief(run: Run, expected: Run | None = None) -> None:

@@ -68,8 +68,9 @@ def copter(request: pytest.FixtureRequest) -> Copter:
     if request.param == "excerpt":
         log = gzip.decompress((EXCERPT / "copter.tlog.gz").read_bytes())
         return Copter(*replay(log), 450, truth_of(EXCERPT / "copter_truth.csv.gz"), 0.6, 0.0127)
-    log, truth = (recording(f"formation-copter/{name}") for name in ("follower.tlog", "follower_truth.csv.gz"))
-    return Copter(*replay(log.read_bytes()), 4500, truth_of(truth), 1.9, 0.058)
+    log = recording("formation-copter/follower.tlog").read_bytes()
+    truth = truth_of(recording("formation-copter/follower_truth.csv.gz"))
+    return Copter(*replay(log), 4500, truth, 1.9, 0.058)
 
 
 def truth_of(path: Path) -> Callable[[float], np.ndarray]:

@@ -43,7 +43,7 @@ def ours(pipeline: Pipeline) -> set[int]:
 def within(states: list[NavState], t: np.ndarray, velocity: np.ndarray, settle: float) -> tuple[float, float]:
     """How often a velocity (N, 3) at times t (s) is within 3 of our sigmas, per axis; and the RMS difference."""
     at = np.array([s.t_ns for s in states]) / S
-    mean = np.array([s.mean[3:6] for s in states])  # type: ignore[index]
+    mean = np.array([s.mean[3:6] for s in states])
     sigma = np.sqrt(np.array([np.diag(np.array(s.covariance))[3:6] for s in states]))
     judged = (t > at[0] + settle) & (t < at[-1])
     assert judged.sum() > 100

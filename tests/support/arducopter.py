@@ -243,4 +243,4 @@ def field(folder: Path) -> Iterator[Field]:
         for name, system, ahead_m in (("follower", FOLLOWER, 0.0), ("leader", LEADER, 33.0)):
             copters.append(Copter(folder / name, system, ahead_m))
             stack.callback(copters[-1].end)
-        yield Field(folder, *copters, stack)
+        yield Field(folder, *copters, stack=stack)

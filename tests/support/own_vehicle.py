@@ -29,12 +29,12 @@ def header(t_ms: int, late_ms: float = 1.0) -> dict[str, Any]:
 
 def attitude(t_ms: int, q: Sequence[float] = (1, 0, 0, 0), omega: Sequence[float] = (0, 0, 0)) -> Attitude:
     """An attitude q_nb, turning at omega_b, rad/s."""
-    return Attitude(**header(t_ms), q_nb=tuple(map(float, q)), omega_b=tuple(map(float, omega)))  # type: ignore[arg-type]
+    return Attitude(**header(t_ms), q_nb=tuple(map(float, q)), omega_b=tuple(map(float, omega)))
 
 
 def imu(t_ms: int, f_b: Sequence[float] = (0, 0, -G), omega: Sequence[float] = (0, 0, 0)) -> Imu:
     """Specific force, m/s^2, and rates, rad/s, in body axes; by default at rest."""
-    return Imu(**header(t_ms), f_b=tuple(map(float, f_b)), omega_b=tuple(map(float, omega)))  # type: ignore[arg-type]
+    return Imu(**header(t_ms), f_b=tuple(map(float, f_b)), omega_b=tuple(map(float, omega)))
 
 
 def fix(t_ms: int, r: Sequence[float] = (0, 0, 0), v: Sequence[float] = (0, 0), fix_type: int = 3) -> GpsFix:

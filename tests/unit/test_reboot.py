@@ -112,7 +112,7 @@ def test_every_estimator_of_the_pipeline_is_told_of_the_reboot_seed_1() -> None:
             reasons[name].append(reason)
             reset(reason)  # type: ignore[operator]
 
-        estimator.reset = noted  # type: ignore[method-assign]
+        estimator.reset = noted
     pipeline.advance([heartbeat(5 * S), *own_motion(5.0, 6.0, 0.0), *own_motion(1.0, 1.3, 60.0)])
     assert reasons == {name: ["the autopilot has rebooted"] for name in everything}
     assert pipeline.ownship.now_ns < 2 * S

@@ -2,13 +2,14 @@
 
 import asyncio
 from contextlib import suppress
+from typing import Any
 
 import pytest
 
 from onboard.config import Config, parse_config
 from onboard.daemon import Daemon
 
-OWN = {
+OWN: dict[str, tuple[dict[str, Any], bool]] = {
     "none": ({}, False),
     "unknown": ({"estimator": {"own_state": {}}}, True),
     "known": ({"estimator": {"own_state": {"airframe": "x500"}}}, False),

@@ -60,7 +60,7 @@ def test_a_pose_older_than_the_estimate_is_carried_on() -> None:
 
 def test_with_the_origin_it_is_in_degrees_as_pymap3d_has_it() -> None:
     made = states()
-    assert made.at(T, HOST).lat_deg is None  # type: ignore[union-attr]
+    assert made.at(T, HOST).lat_deg is None
     made.receive([origin()], 7, 1)
     s = made.at(T, HOST)
     assert s is not None

@@ -13,7 +13,6 @@ from onboard.wire.mavlink_decode import MavlinkDecoder
 from tests.support.leader import AUTOPILOT, S
 
 NOW = 1_800_000_000 * S
-LEADER = {"estimator.leader.size_prior_m": 2.5, "estimator.leader.size_prior_sigma_m": 0.05}
 
 
 class Station:

@@ -30,7 +30,7 @@ class Sample:
 
 def test_a_record_under_another_vehicles_key_is_counted() -> None:
     session = Session()
-    watcher = Watcher(session, ("leader",))  # type: ignore[arg-type]
+    watcher = Watcher(session, ("leader",))
     for payload in (b"uav-1/leader xxx", b"uav-2/leader xxx", b"uav-1/health xxx"):
         session.callback(Sample("onboard/uav-1/leader", payload))  # type: ignore[operator]
     assert (watcher.cross_talk, watcher.received["uav-1", "leader"]) == (2, 3)

@@ -121,7 +121,7 @@ def test_a_drawn_airframe_is_found_and_its_fault_named_seed_903(
     scenario.write_text(DRAWN, encoding="utf-8")
     assert simlink(["log", str(scenario), "--seed", "903", "--duration", "90", "--out", str(log)]) == 0
     capsys.readouterr()
-    rotors = json.dumps(parse_scenario(DRAWN, "drawn").quadrotor.rotors)  # type: ignore[union-attr]
+    rotors = json.dumps(parse_scenario(DRAWN, "drawn").quadrotor.rotors)
     assert onboard(["calibrate", str(log), "--mass", "0.6196", "--rotors", rotors]) == 0
     offered = pasted(capsys.readouterr().out)
     assert offered["custom"]["thrust_max_n"] == pytest.approx(2.811, rel=0.05)

@@ -31,7 +31,7 @@ def test_the_collector_rests_while_modules_load_and_leaves_them_alone_afterwards
     gc.unfreeze()
     with loading():
         assert not gc.isenabled()
-        made = [[] for _ in range(1000)]  # type: ignore[var-annotated]  # of anything
+        made = [[] for _ in range(1000)]
     assert gc.isenabled()
     assert gc.get_freeze_count() > len(made)
 

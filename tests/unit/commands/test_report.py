@@ -44,7 +44,7 @@ def collected(log: Path, config: Config) -> tuple[FlightSeries, list[Check], Rep
     def take(output: Output) -> None:
         series.add(output)
         if getattr(output, "name", "") == "leader":
-            scorer.add(output)  # type: ignore[arg-type]
+            scorer.add(output)
 
     replayed = replay(log, config, take=take, keep=False)
     return series, judge(series, scorer.score(replayed.end), replayed), replayed

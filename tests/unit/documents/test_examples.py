@@ -60,7 +60,7 @@ def test_the_example_of_a_follower_uses_only_a_leader_that_it_may_fly_on() -> No
     for late_ns, record in (
         (400_000_000, leader),
         (0, lost_state()),
-        (0, leader_state(covariance=((26.0, 0, 0, 0, 0, 0), *leader.covariance[1:]))),  # type: ignore[index]
+        (0, leader_state(covariance=((26.0, 0, 0, 0, 0, 0), *leader.covariance[1:]))),
     ):
         assert module.leader_now(msgspec.json.encode(record), record.t_host_ns + late_ns) is None
 

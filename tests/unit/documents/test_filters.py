@@ -1,7 +1,6 @@
 """The pages about the filters name every filter, every module, and only what there is."""
 
 import re
-from pathlib import Path
 from pkgutil import iter_modules
 
 import pytest
@@ -9,6 +8,7 @@ import pytest
 import onboard.filters
 from onboard.filters import families
 from tests.support import documents
+from tests.support.programs import ROOT
 
 INNER = {"compiled", "inline", "numba_internals"}  # for kernels and programs, not for readers
 MODULES = {found.name for found in iter_modules(onboard.filters.__path__) if not found.name.startswith("_")}
@@ -35,5 +35,5 @@ def test_what_the_pages_call_is_there(page: str) -> None:
 
 
 def test_the_extra_has_what_figures_need() -> None:
-    text = (Path(documents.ROOT) / "pyproject.toml").read_text(encoding="utf-8")
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert re.search(r'^filters = \["matplotlib', text, re.MULTILINE)

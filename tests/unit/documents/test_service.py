@@ -21,7 +21,7 @@ SYSTEMD = shutil.which("systemd-analyze")
 def service() -> configparser.SectionProxy:
     """Its section on the service."""
     parser = configparser.ConfigParser(interpolation=None)
-    parser.optionxform = str  # type: ignore[assignment,method-assign]  # keys keep their capitals
+    parser.optionxform = str  # keys keep their capitals
     parser.read_string(UNIT)
     return parser["Service"]
 

@@ -46,7 +46,7 @@ def test_azimuths_either_side_of_the_tail_are_near() -> None:
 @pytest.mark.parametrize("seed", range(8))
 def test_the_assignment_is_that_of_the_whole_problem(seed: int) -> None:
     """Solved knot by knot it pairs as many, at the same cost, as solved at once."""
-    tracks, echoes, costs = candidates(*problem(60, 60, seed, 250.0), 16.0)
+    tracks, echoes, costs = candidates(*problem(60, 60, seed, 250.0), gate=16.0)
     t, e = assign(tracks, echoes, costs)
     assert len(set(t.tolist())) == len(t) == len(set(e.tolist()))
     matrix = np.full((60, 60), 1e9)

@@ -171,7 +171,9 @@ def test_float32_remains_seed_6() -> None:
         for part in problem(6)
     )
     assert isinstance(belief, Belief)
-    update = step_augmented(belief, additive(lambda r: r @ F.T), Q, y, additive(lambda r: r @ H.T), R)  # type: ignore[arg-type, union-attr]
+    assert not isinstance(F, Belief)
+    assert not isinstance(H, Belief)
+    update = step_augmented(belief, additive(lambda r: r @ F.T), Q, y, additive(lambda r: r @ H.T), R)
     for array in (*update.belief, update.innovation, update.innovation_covariance, update.predicted):
         assert array.dtype == np.float32
 

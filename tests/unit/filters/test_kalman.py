@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from onboard.filters import cubature, extended, kalman, posterior_linearisation, unscented
-from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Update
+from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Update, Weights
 from tests.support.filter_problems import bend, bend_slope, radar, spd
 
 N, M = 5, 2
@@ -205,7 +205,7 @@ def test_posterior_linearisation_of_a_line_is_kalman_seed_11(iterations: int) ->
 
 def test_one_posterior_linearisation_is_the_unscented_update_seed_12() -> None:
     p = problem(12)
-    rule = unscented.Weights(3.0, 1 - N / 9, 1 - N / 9, 1 / 18)
+    rule = Weights(3.0, 1 - N / 9, 1 - N / 9, 1 / 18)
     belief = Belief(p["mean"], p["P"])
     found = posterior_linearisation.update(belief, p["y"], radar, p["R"], (1,), iterations=1, weights=rule)
     also = unscented.update(belief, p["y"], radar, p["R"], rule, (1,))

@@ -5,6 +5,7 @@ import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from onboard.filters.compiled import FILLING, MAKING
 from tests.support.programs import ROOT, environment
 
 VECTOR = types.Array(types.float64, 1, "C")
-ONCE = FILLING | {"cache": False}
+ONCE: dict[str, Any] = FILLING | {"cache": False}
 
 
 def making(a):  # type: ignore[no-untyped-def]
@@ -57,7 +58,7 @@ def test_a_kernel_that_makes_an_array_is_refused() -> None:
 
 
 @pytest.mark.parametrize("options", [ONCE, MAKING | {"cache": False}], ids=["filling", "plain"])
-def test_slices_of_what_is_filled_live_as_long_as_they_are_used(options: dict[str, bool]) -> None:
+def test_slices_of_what_is_filled_live_as_long_as_they_are_used(options: dict[str, Any]) -> None:
     kernel = njit((VECTOR,), **options)(filling)
     for _ in range(1000):
         a = np.empty(7)

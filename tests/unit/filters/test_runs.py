@@ -94,7 +94,7 @@ def test_each_filter_takes_a_batch_of_which_each_member_misses_something_else_se
 
 def test_the_compiled_loop_keeps_single_precision_seed_2() -> None:
     model, start, ys = problem(2)
-    single = LinearModel(*(a.astype(np.float32) for a in model[:5]))  # type: ignore[union-attr]
+    single = LinearModel(*(a.astype(np.float32) for a in model[:5]))
     found = run("kalman", single, Belief(*(a.astype(np.float32) for a in start)), ys.astype(np.float32))
     double = run("kalman", model, start, ys)
     assert found.beliefs.covariance.dtype == np.float32

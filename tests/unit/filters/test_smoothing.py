@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from onboard.filters import cubature, kalman, smoothing, unscented
-from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError
+from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError, Weights
 
 N, T = 3, 12
 H, R = np.array([[1.0, 0.3, 0.0]]), np.array([[0.2]])
@@ -95,7 +95,7 @@ def test_the_unscented_smoother_on_lines_is_the_linear_one_seed_3(each: bool) ->
 
 def test_the_unscented_smoother_is_sarkka_s_on_curves_seed_4() -> None:
     _, Q, _, _, filtered = record(4)
-    rule = unscented.Weights(2.0, 1 - N / 4, 1 - N / 4, 1 / 8)
+    rule = Weights(2.0, 1 - N / 4, 1 - N / 4, 1 / 8)
 
     def process(rows: Any) -> Any:
         return rows + 0.3 * np.sin(rows[:, ::-1]) * rows

@@ -30,7 +30,7 @@ FISHEYE_PIXELS = [
 
 def lens(distortion: tuple[float, ...] = (), **changes: object) -> Lens:
     k: dict[str, object] = {"fx_px": 520.3, "fy_px": 518.7, "cx_px": 318.9, "cy_px": 243.1}
-    return Lens(**(k | {"width_px": 640.0, "height_px": 480.0} | changes), distortion=distortion)  # type: ignore[arg-type]
+    return Lens(**(k | {"width_px": 640.0, "height_px": 480.0} | changes), distortion=distortion)
 
 
 @pytest.mark.parametrize("name", GOLDEN)

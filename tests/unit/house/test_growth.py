@@ -7,6 +7,7 @@ import pytest
 
 from tests.support import growth
 from tests.support.one_image import way_of_one_image
+from tests.support.programs import ROOT
 
 MOST_CALLS = 20  # upon each other, from `Pipeline.feed` with an image to the deepest function of ours
 MOST_FILES = 61  # of ours that an image passes
@@ -66,7 +67,7 @@ def test_an_estimator_has_few_state_vectors(estimator: str) -> None:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_name_of_a_class_means_one_thing_in_a_package(package: str) -> None:
-    assert growth.names_of_two(growth.ROOT / "onboard" / package) == {}
+    assert growth.names_of_two(ROOT / "onboard" / package) == {}
 
 
 def test_a_name_of_two_classes_is_found(tmp_path: Path) -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from tests.mutants import drawn
-from tests.mutants.__main__ import ROOT, read
 from tests.mutants.changes import changes
 from tests.mutants.drawn import draw, interval, nearest
+from tests.mutants.table import ROOT, read
 
 TABLE = list(read().values())
 

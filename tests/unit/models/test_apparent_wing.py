@@ -133,7 +133,7 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
     x, P, nose, _ = drawn(seed)
     rng = np.random.default_rng(seed)
     shapes = model.N, (3, model.N), model.N
-    noise = model.Noise(*(rng.uniform(0.0, 0.1, shape) for shape in shapes), 0.3, 0.02, 0.4)
+    noise = model.Noise._make((*(rng.uniform(0.0, 0.1, shape) for shape in shapes), 0.3, 0.02, 0.4))
     intensities = rng.normal(size=(1, 3))
     both = np.tile(x, (2, 1)), np.tile(P, (2, 1, 1)), np.full(2, nose)
     for k, added in enumerate((QUIET, noise)):

@@ -167,7 +167,7 @@ def velocity_rmse(
     Q[inflated, inflated] *= factor
     state, errors = method.start(x0, np.tile(4 * R, (8, 1, 1))), []
     for k, inputs in enumerate(flight.inputs):
-        state = method.predict(state, lambda rows, u=inputs: quadrotor.process(rows, u, DT), Q)  # type: ignore[misc]
+        state = method.predict(state, lambda rows, u=inputs: quadrotor.process(rows, u, DT), Q)
         state = method.update(state, flight.measurements[k], lambda rows: rows, R, ()).belief
         if k >= 1000:
             errors.append(method.belief(state).mean - flight.states[k + 1])

@@ -9,7 +9,7 @@ import pytest
 from onboard.config import parse_config
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import DOUBT, Advice
+from onboard.messages import DOUBT, Advice, Datagram
 from onboard.ownship.mounts import FEWEST_WINDOWS, Sight, equations, rotation
 from onboard.pipeline import Pipeline
 from simlink.scenarios.scenario import Scenario, load_scenario
@@ -68,7 +68,7 @@ def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int)
     table = {"camera": {"mount_rpy_deg": mount_deg}, "estimator": {"leader": LEADER}}
     pipeline, t_ns = Pipeline(parse_config(table)), 0
     for item in datagrams(scenario, seed, seconds):
-        if hasattr(item, "data"):
+        if isinstance(item, Datagram):
             pipeline.feed(item)
             t_ns = item.t_recv_ns
     return [r.reason for r in pipeline.health(t_ns).refusals if r.reason.startswith(DOUBT)]
@@ -90,7 +90,7 @@ def test_the_status_advises_a_mount_that_is_20_degrees_off_seed_5() -> None:
     table = {"camera": {"mount_rpy_deg": [0.0, UP_DEG - 20.0, 0.0]}, "estimator": {"leader": LEADER}}
     pipeline, due, found = Pipeline(parse_config(table)), 0, list[Advice]()
     for item in datagrams(load_scenario("guided"), 5, 100.0):
-        if hasattr(item, "data"):
+        if isinstance(item, Datagram):
             pipeline.feed(item)
             if item.t_recv_ns >= due:
                 due = item.t_recv_ns + NS_PER_S

@@ -48,7 +48,7 @@ def test_states_that_are_not_valid_are_not_judged() -> None:
     """Those of the first half are off by 50 m/s and turned over, and say that they are not to be believed."""
     states, truths = flight(0.5)
     lost = [
-        msgspec.structs.replace(s, valid=False, mean=(*s.mean[:3], 51.0, *s.mean[4:]), q_nb=(0.0, 1.0, 0.0, 0.0))  # type: ignore[index]
+        msgspec.structs.replace(s, valid=False, mean=(*s.mean[:3], 51.0, *s.mean[4:]), q_nb=(0.0, 1.0, 0.0, 0.0))
         for s in states[:200]
     ]
     score = score_own_state([*lost, *states[200:]], truths)

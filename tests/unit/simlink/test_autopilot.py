@@ -24,11 +24,13 @@ def command(number: int, *params: float, to: tuple[int, int] = (1, 1)) -> Comman
         target_system=to[0],
         target_component=to[1],
         command=number,
-        params=seven,  # type: ignore[arg-type]
+        params=seven,
     )
 
 
-def sent(autopilot: Autopilot, seconds: float, scenario: Scenario | None = None, skip: float = 0.0) -> Counter:
+def sent(
+    autopilot: Autopilot, seconds: float, scenario: Scenario | None = None, skip: float = 0.0
+) -> Counter[str]:
     scenario = scenario or Scenario()
     count: Counter[str] = Counter()
     run = ticks(scenario, 1, boot_ns_of(scenario))

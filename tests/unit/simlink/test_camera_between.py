@@ -96,8 +96,8 @@ def test_the_truth_is_requested_and_is_nobody_elses() -> None:
         "PX4, system 7, is heard, but sends no HIL_STATE_QUATERNION: only simulated vehicles do"
     )
     decoder = MavlinkDecoder(stream=False)
-    commands = [m for frame in vehicle.requests(5 * 10**9) for m in decoder.decode(frame, 0)][1:]
-    assert [(c.target_system, c.command, *c.params[:2]) for c in commands] == [  # type: ignore[union-attr]
+    commands: list[Any] = [m for frame in vehicle.requests(5 * 10**9) for m in decoder.decode(frame, 0)][1:]
+    assert [(c.target_system, c.command, *c.params[:2]) for c in commands] == [
         (7, 511, 31.0, 20_000.0),
         (7, 511, 115.0, 20_000.0),
     ]
@@ -153,7 +153,7 @@ class Screen(asyncio.DatagramProtocol):
         self._decoder = MavlinkDecoder(stream=False)
 
     def datagram_received(self, data: bytes, _: Any) -> None:
-        self.images += self._decoder.decode(data, 0)  # type: ignore[arg-type]
+        self.images += self._decoder.decode(data, 0)
 
 
 async def fly(lines: list[str], truths: list[Truth], **changed: Any) -> list[TargetPoints]:

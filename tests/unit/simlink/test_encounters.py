@@ -172,7 +172,7 @@ def test_the_nose_is_as_far_off_the_course_as_claimed_seeds_1_to_6(family: str, 
 def test_a_fixed_wing_flies_through_its_air_nose_first_seeds_1_to_6() -> None:
     t: Array = 0.005 * np.arange(4001, dtype=np.float64)
     for seed in SEEDS:
-        scene = FAMILIES["crab"](np.random.default_rng(seed), t)
+        scene = FAMILIES["crab"](np.random.default_rng(seed), t, 1.0)
         through = scene.leader.v - scene.wind
         assert degrees_between(scene.nose, np.arctan2(through[:, 1], through[:, 0])).max() < 1e-6
         assert np.ptp(np.linalg.norm(through, axis=1)) < 1e-6
@@ -207,7 +207,7 @@ def test_both_wander_slowly_and_the_nose_turns_half_of_the_time_seeds_1_to_6() -
     t: Array = 0.005 * np.arange(9001, dtype=np.float64)
     turning = []
     for seed in SEEDS:
-        scene = FAMILIES["wander"](np.random.default_rng(seed), t)
+        scene = FAMILIES["wander"](np.random.default_rng(seed), t, 1.0)
         rate = np.abs(np.gradient(scene.nose, 0.005))
         assert rate.max() < 0.2001
         turning.append(np.mean(rate > 0.02))

@@ -183,7 +183,7 @@ def test_images_come_late_by_the_latency_and_keep_their_stamp_seed_2() -> None:
 def test_both_camera_links_carry_the_same_points_seed_3() -> None:
     def points(camera: str) -> list[TargetPoints]:
         decoder, found = MavlinkDecoder(stream=False), []
-        for item in datagrams(load_scenario("formation"), 3, 2.0, camera):  # type: ignore[arg-type]
+        for item in datagrams(load_scenario("formation"), 3, 2.0, camera):
             if isinstance(item, Datagram) and item.encoding is Encoding.POINTS:
                 found.append(decode_points(item.data, item.t_recv_ns))
             elif isinstance(item, Datagram) and item.channel == "camera":

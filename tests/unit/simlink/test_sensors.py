@@ -1,5 +1,6 @@
 import math
 from itertools import islice
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import TargetPoints, Truth
+from onboard.messages.base import Quaternion
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import GaussMarkov, Interval
 from simlink.scenarios.scenario import Scenario, load_scenario
@@ -31,12 +33,14 @@ from studies.relative_motion.flight import fly
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 
 
-def at(r_FL_n: tuple[float, float, float], q_nF=LEVEL, q_nL=LEVEL, t: float = 0.0) -> State:
+def at(
+    r_FL_n: tuple[float, float, float], q_nF: Quaternion = LEVEL, q_nL: Quaternion = LEVEL, t: float = 0.0
+) -> State:
     nothing = (0.0, 0.0, 0.0)
     return State(0, t, r_FL_n, nothing, nothing, q_nL, 0.0, 0.0, nothing, nothing, nothing, q_nF, nothing, nothing)
 
 
-def projected(state: State, size: float = 2.0, **camera) -> tuple | None:
+def projected(state: State, size: float = 2.0, **camera: Any) -> Any:
     c = Camera(**camera)
     return project(state, size, c, mount_quaternion(c))
 
@@ -156,7 +160,7 @@ def test_a_barometer_gives_heights_above_sea_level_with_a_scale_error_seeds_1_to
     for state, reading in rows[::4]:
         assert reading.pressure_altitude == pytest.approx(scenario.vehicle.origin[2] - state.r_OF_n[2])
     state = rows[0][0]._replace(r_OF_n=(0.0, 0.0, -100.0), step=0)
-    high = [barometer(scenario, seed)(state) - scenario.vehicle.origin[2] for seed in range(1, 401)]  # type: ignore[operator]
+    high = [barometer(scenario, seed)(state) - scenario.vehicle.origin[2] for seed in range(1, 401)]
     assert np.mean(high) == pytest.approx(100.0, abs=0.4)
     assert np.std(high) == pytest.approx(math.sqrt(2.0**2 + 0.5**2 + 0.15**2), rel=0.1)
 

@@ -108,7 +108,7 @@ def test_adsb_reports_the_position_a_latency_ago_within_its_errors() -> None:
             continue
         r_OT = ned_from_geodetic((m.lat_deg or 0.0, m.lon_deg or 0.0, m.altitude or 0.0), scenario.vehicle.origin)
         then = t - 0.4
-        r_OF = np.array([np.interp(then, times, [x.r_OF_n[i] for _, x in own]) for i in range(3)])  # type: ignore[attr-defined]
+        r_OF = np.array([np.interp(then, times, [x.r_OF_n[i] for _, x in own]) for i in range(3)])
         errors.append(r_OT - r_OF - relative(events, 0, then))
         assert (m.altitude or 0.0) / 7.62 == pytest.approx(round((m.altitude or 0.0) / 7.62), abs=1e-9)
         assert m.climb == pytest.approx(round((m.climb or 0.0) / 0.3251) * 0.3251)
@@ -146,7 +146,7 @@ def test_the_radar_sees_in_body_axes_with_its_glint_its_misses_and_its_false_ala
         if 8.0 <= t < 12.0:
             continue
         scans += 1
-        R_nb = matrix_from_quaternion(poses[e.t_ns].q_nF)  # type: ignore[union-attr]
+        R_nb = matrix_from_quaternion(poses[e.t_ns].q_nF)
         left = list(e.message.detections)
         for k in range(3):
             expected = polar_of(R_nb.T @ relative(events, k, t))
@@ -186,7 +186,7 @@ def scans(radar: RadarSensor, r_n: Vec3, t: float = 0.0) -> list[RadarDetection]
 
 def quiet(**changes: object) -> RadarSensor:
     plain: dict[str, object] = {"false_alarms": 0.0, "jammed_false_alarms": 0.0, "p_detect": 1.0, "glint": 0.0}
-    return RadarSensor(TrafficRadar(**plain | changes), 1)  # type: ignore[arg-type]  # its own fields
+    return RadarSensor(TrafficRadar(**plain | changes), 1)
 
 
 def test_a_jammer_weakens_distant_echoes_more_and_the_reported_accuracy_shows_it() -> None:
@@ -274,7 +274,7 @@ def test_an_invalid_scene_names_the_key(text: str, message: str) -> None:
 def test_a_receiver_without_a_signal_shares_nothing_and_nothing_is_counted() -> None:
     one = object.__new__(traffic_reports.Transmitter)
     signals = [None, "ranges", None]
-    one._receiver = SimpleNamespace(measure=lambda *_: signals.pop(0))  # type: ignore[assignment]
+    one._receiver = SimpleNamespace(measure=lambda *_: signals.pop(0))
     one._due, one._range_period, one.received = 0.0, 1.0, 0
     motion: Any = SimpleNamespace(r=None, v=None)
     assert [one.ranges(t, 0, motion) for t in (0.0, 0.5, 1.0, 2.0)] == [[], [], ["ranges"], []]

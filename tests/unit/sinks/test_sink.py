@@ -153,7 +153,12 @@ def test_a_sink_that_gathers_writes_all_at_once_and_also_at_the_end() -> None:
     sink = Collector()
     batches: list[list[int]] = []
     write = sink.write
-    sink.write = lambda records: (batches.append([*records]), write(records))[1]  # type: ignore[method-assign,func-returns-value]
+
+    def keep(records: Sequence[int]) -> None:
+        batches.append([*records])
+        write(records)
+
+    sink.write = keep
 
     async def check(runner: SinkRunner[int]) -> None:
         await until(lambda: "open" in sink.calls)

@@ -49,7 +49,7 @@ def waiting(runner: Any) -> list[Any]:
 
 
 def test_a_flood_of_further_targets_costs_the_leader_no_estimate() -> None:
-    runner = zenoh.runner(Nothing())  # type: ignore[arg-type]
+    runner = zenoh.runner(Nothing())
     leaders = [make_estimate(n, "leader") for n in range(1000)]
     for n, leader in enumerate(leaders):
         for k in range(20):
@@ -62,7 +62,7 @@ def test_a_flood_of_further_targets_costs_the_leader_no_estimate() -> None:
 
 
 def test_the_last_estimate_of_a_target_does_not_give_way() -> None:
-    runner = zenoh.runner(Nothing())  # type: ignore[arg-type]
+    runner = zenoh.runner(Nothing())
     for n in range(1000):
         runner.put(make_estimate(n, "leader", target=f"target/{n}"))
     last = make_estimate(1000, "leader", target="target/1", state=Lifecycle.SEARCHING, valid=False)

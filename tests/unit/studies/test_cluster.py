@@ -27,7 +27,7 @@ ENVIRONMENT = os.environ | {"PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__DASHBOAR
 def drawn(seed: int, seconds: float = 0.05) -> list[float]:
     """Some work that a seed decides."""
     time.sleep(seconds)
-    return np.random.default_rng(seed).normal(size=3).tolist()  # type: ignore[no-any-return]
+    return np.random.default_rng(seed).normal(size=3).tolist()
 
 
 class Running(NamedTuple):
@@ -100,7 +100,7 @@ def test_only_some_parts_are_with_the_cluster_at_a_time(tmp_path: Path) -> None:
             yield Part(drawn, (seed, 0.0))
 
     with running(tmp_path, 1) as found:
-        results = on_cluster(found.address, lambda part: part.function(*part.arguments), parts())  # type: ignore[arg-type]
+        results = on_cluster(found.address, lambda part: part.function(*part.arguments), parts())
         for _ in range(20):
             next(results)
         assert handed_out <= 20 + cluster.LEAST_WAITING

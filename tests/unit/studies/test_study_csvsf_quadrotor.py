@@ -16,10 +16,10 @@ from studies.csvsf_quadrotor.cases import NAMED, VARIANTS, Case, multirate_noise
 from studies.csvsf_quadrotor.figures import roll_rate
 from studies.csvsf_quadrotor.filters import ADAPTIVE, CKF, FORCE, RECURSIVE, SVSF, Track, methods_on, track
 from studies.csvsf_quadrotor.misprints import misprints
-from studies.csvsf_quadrotor.report import findings
-from studies.csvsf_quadrotor.scores import Score, compare, limits_of, make_row, score
+from studies.csvsf_quadrotor.report import Result, findings
+from studies.csvsf_quadrotor.scores import Row, Score, compare, limits_of, make_row, score
 
-Ran = tuple[study.Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
+Ran = tuple[Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
 BEGIN = 1000  # the step from which scores are taken
 
 
@@ -120,7 +120,7 @@ def test_a_failure_stops_one_flight_and_not_its_batch_seeds_3_and_4(
             raise FilterError("process: no such place")
         return process(rows, inputs, dt, airframe)
 
-    monkeypatch.setattr(filters.quadrotor, "process", fails)
+    monkeypatch.setattr(quadrotor, "process", fails)
     short = Case(*(a[:60] if a.ndim == 3 else a for a in case))
     measurements = short.measurements.copy()
     measurements[50, 0] = 1e9
@@ -272,7 +272,7 @@ def test_a_row_that_diverged_meets_no_limit() -> None:
     assert not any(x.met for x in found if x.method == "ckf")
 
 
-def _others() -> list[study.Row]:
+def _others() -> list[Row]:
     multirate = [v.name for v in VARIANTS if v.multirate]
     return [make_row(v, m.name, [a_score(1, 0.01)]) for v in multirate for m in (*filters.THRUST, *FORCE)]
 

@@ -9,13 +9,13 @@ import pytest
 from onboard.commands.parallel.workers import Part, compute
 from simlink.scenarios.scenario import load_scenario
 from studies.relative_motion import study
-from studies.relative_motion.report import findings, targets_table
+from studies.relative_motion.report import Result, findings, targets_table
 from studies.relative_motion.targets import judge
 from studies.relative_motion.variants import BY_NAME, VARIANTS
 
 SCENARIO = load_scenario("formation")
 
-Ran = tuple[study.Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
+Ran = tuple[Result, Path, list[tuple[int, int]]]  # with the folder and the calls of `progress`
 FLOWN = tuple(BY_NAME[name] for name in ("a", "d", "e", "k45"))
 
 

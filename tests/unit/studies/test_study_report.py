@@ -45,10 +45,7 @@ def test_a_report_shows_tables_and_claims_and_leaves_out_what_there_is_not() -> 
             seeds=1,
             first_seed=7,
             tables=(table,),
-            checks=(),
             claims=(claim,),
-            misprints=(),
-            figures=(),
         )
     )
     assert "## Errors\n\n| m | s |\n| --- | --- |\n| – | 2 |\n| \\| | 1.5 |" in text

@@ -13,7 +13,7 @@ from studies.traffic import study as traffic
 
 def scored(name: str, **changes: object) -> AircraftScore:
     plain = AircraftScore(name, ("icao/1",), 1000, 950, 0.0, 2.0, (Encounter(60.0, 100.0, 108.0),), 100.0)
-    return plain._replace(**changes)  # type: ignore[arg-type]  # its own fields
+    return plain._replace(**changes)
 
 
 def verdicts(*flown: TrafficScore) -> list[str]:

@@ -11,12 +11,14 @@ from studies.csvsf_quadrotor import claims as csvsf
 from studies.cwpa_kalman_tracker_3d import claims as cwpa
 from studies.cwpa_kalman_tracker_3d.runs import Scores
 from studies.joseph_srukf_sense_and_avoid import claims as joseph
+from studies.joseph_srukf_sense_and_avoid.runs import JOSEPH
 from studies.own_state import results as own_state
 from studies.own_state.flights import DEFAULT, EXPECTED, FlightScore
 from studies.relative_motion import claims as relative_motion
 from studies.report.findings import Claim
 from studies.tracking.outcomes import Outcome, WindowErrors
 from studies.ukf_radar_launch_vehicle import claims as launch
+from studies.ukf_radar_launch_vehicle.runs import NAMES
 
 Claims = tuple[Claim, ...]
 RUNS = 60
@@ -100,7 +102,8 @@ def drawn_scores(drawn: Drawn, value: Callable[[str], float]) -> list[Any]:
 
 def of_cwpa(drawn: Drawn) -> Claims:
     def scores(nees: float) -> Scores:
-        return Scores(*(drawn.about(x) for x in (1.0, 1.0, 1.0, 1.5, 1.0)), nees, 0.95, 0.01, 0.1)
+        errors = (drawn.about(x) for x in (1.0, 1.0, 1.0, 1.5, 1.0))
+        return Scores._make((*errors, nees, 0.95, 0.01, 0.1))
 
     signs = drawn.rng.choice([1.0, 1.0, -1.0], 3).tolist()
     drawn_, rest, printed = (scores(sign * drawn.about(9.0)) for sign in signs)
@@ -112,16 +115,14 @@ def of_launch(drawn: Drawn) -> Claims:
 
     def results() -> Any:
         within = {name: float(np.clip(drawn.about(0.7), 0.0, 1.0)) for name in names}
-        return SimpleNamespace(
-            outcomes={name: drawn.outcome(9, launch.NAMES) for name in names}, within=within, gap=0.0
-        )
+        return SimpleNamespace(outcomes={name: drawn.outcome(9, NAMES) for name in names}, within=within, gap=0.0)
 
-    return launch.claims_of(results(), results(), [results()], dict.fromkeys(launch.NAMES, 50.0))
+    return launch.claims_of(results(), results(), [results()], dict.fromkeys(NAMES, 50.0))
 
 
 def of_joseph(drawn: Drawn) -> Claims:
     trackers = (
-        *("ekf", "ukf", "srukf", "iplf", "ekf-plain", "srukf-textbook", "srukf-classical", joseph.JOSEPH),
+        *("ekf", "ukf", "srukf", "iplf", "ekf-plain", "srukf-textbook", "srukf-classical", JOSEPH),
         *("negative-classical", "negative-joseph"),
     )
 

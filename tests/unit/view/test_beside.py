@@ -52,18 +52,18 @@ def test_its_range_error_and_outline_are_its_own() -> None:
         state = leader_state(one)
         assert state is not None
         if name == NAME:
-            beside.draw(drawn, memory, one, state, palette.BESIDE["lime"])  # type: ignore[arg-type]
+            beside.draw(drawn, memory, one, state, palette.BESIDE["lime"])
         else:
-            plots.plot_leader(drawn, memory, one.t_ns, state)  # type: ignore[arg-type]
+            plots.plot_leader(drawn, memory, one.t_ns, state)
     memory.truths.extend([replace(truth, t_ns=truth.t_ns - 40_000_000), truth])
-    plots.plot_errors(drawn, memory)  # type: ignore[arg-type]
+    plots.plot_errors(drawn, memory)
     values = drawn.values
     assert_allclose(values[f"plots/range/{NAME}"], values["plots/range/estimate"][0] + FARTHER)
     assert_allclose(values[f"plots/range_error/{NAME}"], values["plots/range_error"][0] + FARTHER)
     assert_allclose(values[f"scene/beside/{NAME}"].translation, other.mean[:3] if other.mean else ())
     assert values[f"scene/beside_tag/{NAME}"][2] == NAME
-    assert memory.error == pytest.approx(np.linalg.norm(np.subtract(estimate.mean[:3], truth.r_FL_n)))  # type: ignore[index]
-    beside.draw(drawn, memory, other, None, palette.BESIDE["lime"])  # type: ignore[arg-type]
+    assert memory.error == pytest.approx(np.linalg.norm(np.subtract(estimate.mean[:3], truth.r_FL_n)))
+    beside.draw(drawn, memory, other, None, palette.BESIDE["lime"])
     assert np.isnan(values[f"plots/range/{NAME}"])
     assert values[f"scene/beside/{NAME}"] is HIDDEN
 

@@ -25,11 +25,11 @@ def test_estimate_autopilot_and_truth_share_their_plots() -> None:
     kept, memory = Kept(), Memory()
     q = tuple(quaternion_from_euler(0.1, -0.2, 0.3).tolist())
     pose = OwnPose(t_ns=5 * 10**9, r_OF_n=(0, 0, -7), v_F_n=(1, 2, 3), a_F_n=(0, 0, 0), q_nb=q)
-    own.plot_autopilot(kept, memory, pose)  # type: ignore[arg-type]
+    own.plot_autopilot(kept, memory, pose)
     assert not kept.values  # no estimate of our own yet: nothing to stand beside
-    own.plot_state(kept, memory, nav_state())  # type: ignore[arg-type]
-    own.plot_autopilot(kept, memory, pose)  # type: ignore[arg-type]
-    own.plot_truth(kept, memory, truth_of(3.0))  # type: ignore[arg-type]
+    own.plot_state(kept, memory, nav_state())
+    own.plot_autopilot(kept, memory, pose)
+    own.plot_truth(kept, memory, truth_of(3.0))
     for name in scene.OWN_NAMES:
         for who in ("estimate", "autopilot", "truth"):
             assert f"plots/own/{name}/{who}" in kept.values
@@ -44,7 +44,7 @@ def test_estimate_autopilot_and_truth_share_their_plots() -> None:
 
 def test_without_a_state_curves_have_gaps() -> None:
     kept, memory = Kept(), Memory()
-    own.plot_state(kept, memory, nav_state(mean=None, covariance=None, q_nb=None, quality=-1))  # type: ignore[arg-type]
+    own.plot_state(kept, memory, nav_state(mean=None, covariance=None, q_nb=None, quality=-1))
     assert np.isnan(kept.values["plots/own/down/estimate"]).all()
 
 
@@ -61,12 +61,12 @@ CROSS = ((0.2, 0.0, 1), (0.0, 0.2, -1), (-0.2, 0.0, 1), (0.0, -0.2, -1))
 
 def test_a_weak_motor_is_red_in_the_headline_and_at_its_rotor() -> None:
     kept, memory = Drawn(), Memory()
-    own.show_state(kept, memory, nav_state(5000), CROSS)  # type: ignore[arg-type]
+    own.show_state(kept, memory, nav_state(5000), CROSS)
     assert kept.values[f"{scene.ROTORS}/discs"] == ([palette.GREEN] * 4, [f"motor {k}" for k in (1, 2, 3, 4)])
     assert kept.values[f"{scene.WEAK}/1"] is HIDDEN
     assert kept.values["faults"] == palette.NO_FAULT
     assert kept.values[f"{scene.OWN_BANNER}/words"].label.endswith("no fault")
-    own.show_state(kept, memory, nav_state(6000, faults=(MOTOR,)), CROSS)  # type: ignore[arg-type]
+    own.show_state(kept, memory, nav_state(6000, faults=(MOTOR,)), CROSS)
     colours, labels = kept.values[f"{scene.ROTORS}/discs"]
     assert [colour == palette.RED for colour in colours] == [False, True, False, False]
     assert labels[1] == "motor 2: -24%"
@@ -92,14 +92,14 @@ def test_errors_are_those_of_a_truth_at_its_own_time(truth_first: bool, t_ms: in
     kept, memory = Drawn(), Memory()
     q = tuple(quaternion_from_euler(0.0, 0.0, math.pi / 2 + 0.1).tolist())
     before, same = truth(4_900_000_000, v_F_n=(9, 9, 9)), truth(t_ms * 1_000_000, v_F_n=(3.5, 5, 6), q_nF=q)
-    own.show_state(kept, memory, nav_state(4980), ())  # type: ignore[arg-type]
+    own.show_state(kept, memory, nav_state(4980), ())
     if truth_first:
         memory.truths.extend([before, same])
-        own.show_state(kept, memory, nav_state(5000), ())  # type: ignore[arg-type]
+        own.show_state(kept, memory, nav_state(5000), ())
     else:
-        own.show_state(kept, memory, nav_state(5000), ())  # type: ignore[arg-type]
+        own.show_state(kept, memory, nav_state(5000), ())
         for one in (before, same):
-            own.plot_truth(kept, memory, one)  # type: ignore[arg-type]
+            own.plot_truth(kept, memory, one)
     assert_allclose(kept.values["plots/own/velocity_error/error"], [0.5, 0.0, 0.0])
     assert_allclose(kept.values["plots/own/attitude_error/error"], [0.0, 0.0, math.degrees(-0.1)], atol=1e-9)
     assert_allclose(kept.values["plots/own/velocity_error/band"], [3 * math.sqrt(6), -3 * math.sqrt(6)])

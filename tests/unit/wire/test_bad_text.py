@@ -1,5 +1,6 @@
 """Bytes that are no UTF-8 in the JSON of a camera, a radar or a GNSS receiver cost that document, nothing else."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -26,7 +27,11 @@ DOCUMENTS = {
     Encoding.RADAR: b'{"t_ns": 5, "clock": "boot", "radar": "%s"}',
     Encoding.RANGES: b'{"t_ns": 5, "clock": "boot", "peer": 2, "satellites": [' + SATELLITE + b"]}",
 }
-DECODE = {Encoding.POINTS: decode_points, Encoding.RADAR: decode_radar, Encoding.RANGES: decode_ranges}
+DECODE: dict[Encoding, Callable[[bytes, int], object]] = {
+    Encoding.POINTS: decode_points,
+    Encoding.RADAR: decode_radar,
+    Encoding.RANGES: decode_ranges,
+}
 
 
 @pytest.mark.parametrize("encoding", DOCUMENTS, ids=str)

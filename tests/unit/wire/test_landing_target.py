@@ -95,7 +95,7 @@ def test_an_image_stamped_with_unix_time_is_on_the_host_clock() -> None:
 def test_foreign_points_never_cost_a_pending_image() -> None:
     """Ten incomplete images of other senders between any two of our points, and of further targets of ours."""
     decoder = MavlinkDecoder(stream=False)
-    found = []
+    found: list[Any] = []
     for i in range(100):
         for k, f in enumerate(labelled(5_000_000 + 40_000 * i)):
             foreign = [

@@ -56,6 +56,8 @@ def test_a_message_becomes_images_of_the_camera_that_has_its_topic(key: str) -> 
     settings = parse_config(
         {"camera": {"ros_topic": "other"}, "cameras": {"tele": {"ros_topic": "detector/boxes"}}}
     )
+    first: Any
+    second: Any
     first, second = feed([], settings).pipeline.decode(sent(golden(), key))
     assert isinstance(first, TargetDetection)
     assert (first.camera, second.camera) == ("tele", "tele")

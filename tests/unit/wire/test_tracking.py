@@ -13,7 +13,7 @@ from onboard.messages import Clock, Message, TargetDetection
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.tracking import TrackerDecoder
 from tests.support.mavlink_frames import RECV, frame
-from tests.support.streams import EPOCH, encode, feed, heartbeat
+from tests.support.streams import EPOCH, Item, encode, feed, heartbeat
 from tests.unit.wire.test_landing_target import labelled
 
 NAN = math.nan
@@ -223,7 +223,7 @@ def test_as_ever_three_landing_targets_are_one_aircraft_where_nothing_else_is_co
 
 def test_a_refusal_is_named_with_its_link() -> None:
     settings = parse_config({"camera": {"tracker": 100}, "estimator": {"leader": {}}})
-    (beat,) = encode([(EPOCH, heartbeat(0))])
+    (beat,) = encode([Item(EPOCH, heartbeat(0))])
     bad = type(beat)(channel="radio", encoding=beat.encoding, t_recv_ns=EPOCH, data=tracking())
     run = feed([beat, bad], settings)
     (refusal,) = run.pipeline.health(EPOCH).refusals

@@ -50,14 +50,14 @@ def contradicted(found: Run) -> int:
 
 @pytest.mark.parametrize(("frame", "yaw"), [("heading", 15.0), ("earth", 2.0)])
 def test_flags_that_are_right_are_not_contradicted(frame: str, yaw: float) -> None:
-    found = run(Mount(frame=frame, yaw=yaw))  # type: ignore[arg-type]
+    found = run(Mount(frame=frame, yaw=yaw))
     assert contradicted(found) == 0
     assert all(e.valid for e in found.estimates if e.t_ns > 8 * S)
 
 
 @pytest.mark.parametrize("flagged", ["heading", "earth"])
 def test_angles_against_the_body_under_other_flags_are_named_and_not_valid(flagged: str) -> None:
-    found = run(OfServos(frame=flagged))  # type: ignore[arg-type]
+    found = run(OfServos(frame=flagged))
     assert contradicted(found) == 1
     last = found.estimates[-1]
     assert not last.valid

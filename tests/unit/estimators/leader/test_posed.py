@@ -13,10 +13,12 @@ from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
-from onboard.estimators.leader.filters.noses.summary import LOG_SIZE, summarise
+from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
+from onboard.estimators.leader.filters.noses.summary import summarise
 from onboard.estimators.leader.posed import LASTING_TURN, posed
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
 from onboard.messages import Estimate, Lifecycle, RelativePose, TargetDetection
+from onboard.models import apparent_wing
 from studies.encounters.flights import Case, fly
 from studies.encounters.scores import score
 from tests.unit.estimators.leader.test_shape import IMAGE, SIGMA, detection, feature, leader, measured
@@ -47,7 +49,7 @@ def image(of: RelativePose) -> TargetDetection:
 
 
 def settings_of(**section: Any) -> Any:
-    return make_filter(leader(**section))._settings  # type: ignore[attr-defined]
+    return make_filter(leader(**section))._settings
 
 
 def cloud_after(*poses: RelativePose, **section: Any) -> Cloud:
@@ -172,7 +174,7 @@ def test_points_after_poses_leave_the_range_as_it_is_known_whatever_the_size() -
     for _ in range(5):
         after, nis = particles.update(settings, after, wing, LEVEL)
         assert nis < settings.gate
-    assert (after.metric, after.edge_on) == (False, particles.model.LEAST_VISIBLE)
+    assert (after.metric, after.edge_on) == (False, apparent_wing.LEAST_VISIBLE)
     assert 0.015 < summarise(settings, after).range_sigma() < 0.05
     again, _ = particles.update(settings, after, measured(image(pose(sigma=0.05, yaw=None))), LEVEL)
     assert again.metric

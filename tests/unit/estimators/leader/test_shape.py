@@ -16,6 +16,7 @@ from onboard.estimators.leader.filters.noses.summary import summarise
 from onboard.estimators.leader.filters.partial import UNKNOWN, measure, seen
 from onboard.estimators.leader.shape import LASTING_GUESS, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
+from onboard.models import apparent_wing
 from onboard.models.apparent_shape import HIGHEST, LOWEST
 from onboard.models.relative_motion import R
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance
@@ -247,7 +248,7 @@ def _named(m: TargetPoints, class_name: str) -> TargetPoints:
 
 def test_images_do_not_reduce_what_named_points_lastingly_mislead_by() -> None:
     """It stays in the range of a wing seen along itself, and an image of the wing alone does not take it away."""
-    settings = make_filter(leader(**PLANE))._settings  # type: ignore[attr-defined]
+    settings = make_filter(leader(**PLANE))._settings
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
     named = measured(
         replace(IMAGE, others=(feature("nose", *IMAGE.center), feature("tail", *IMAGE.center))), **PLANE
@@ -263,7 +264,7 @@ def test_images_do_not_reduce_what_named_points_lastingly_mislead_by() -> None:
 
 
 def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_seed_3() -> None:
-    settings = make_filter(leader())._settings  # type: ignore[attr-defined]
+    settings = make_filter(leader())._settings
     m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **WINGED)
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
     cloud = start(settings, m, pose)
@@ -272,4 +273,4 @@ def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_se
     with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, exact))
     assert with_it**2 - without**2 == pytest.approx(LASTING_GUESS**2, rel=0.03)
     after, _ = particles.update(settings, cloud, measured(IMAGE), pose)
-    assert after.edge_on == particles.model.LEAST_VISIBLE
+    assert after.edge_on == apparent_wing.LEAST_VISIBLE

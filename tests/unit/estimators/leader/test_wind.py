@@ -148,5 +148,5 @@ def test_a_copter_makes_no_use_of_the_wind_seed_1() -> None:
 
 def test_wind_reaches_the_leader_as_mavlink_seed_1() -> None:
     items = [*Stream(flight=Crabbing(), t1=9.0).items(), *((w.t_recv_ns, w) for w in winds(5.0, 9.0))]
-    run = feed(encode(sorted(items, key=lambda item: item[0])), make_config(FIXED_WING))  # type: ignore[arg-type]
+    run = feed(encode(sorted(items, key=lambda item: item[0])), make_config(FIXED_WING))
     assert nose(run.estimates[-1])[0] > 10.0

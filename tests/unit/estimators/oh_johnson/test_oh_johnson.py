@@ -102,7 +102,7 @@ def test_without_images_it_coasts_is_lost_and_forgets_seed_1() -> None:
         (Lifecycle.TRACKING, True),
     ]
     coasting = [e for e in run.estimates if e.state is Lifecycle.COASTING]
-    assert 0.25 < coasting[0].age < coasting[-1].age <= 2.0  # type: ignore[operator]
+    assert 0.25 < coasting[0].age < coasting[-1].age <= 2.0
     spread = [sum(e.covariance[i][i] for i in range(3)) for e in coasting if e.covariance is not None]
     assert spread[-1] > 2.0 * spread[0]
     assert run.estimates[-1].reset_count == 1

@@ -67,7 +67,7 @@ def test_nan_from_the_accelerometer_is_ignored() -> None:
     messages = list(hovering(1000, 5000))
     states = states_of(p, [heartbeat(), *messages, imu(5000, (math.nan, 0, 0)), attitude(5010), attitude(5020)])
     assert states[-1].valid
-    assert np.isfinite(states[-1].mean).all()  # type: ignore[arg-type]
+    assert np.isfinite(states[-1].mean).all()
 
 
 @pytest.mark.parametrize(

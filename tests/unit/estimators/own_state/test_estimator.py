@@ -47,9 +47,9 @@ def test_through_pitch_90_degrees_and_the_wrap_of_yaw_there_is_no_jump(name: str
     states = [s for s in states_of(p, messages) if s.mean is not None]
     assert len(states) > 300
     assert np.isfinite([s.mean for s in states]).all()
-    errors = [1 - abs(float(np.dot(truth[s.t_ns // MS], s.q_nb))) for s in states]  # type: ignore[arg-type]
+    errors = [1 - abs(float(np.dot(truth[s.t_ns // MS], s.q_nb))) for s in states]
     assert max(errors) < 1e-6  # 1 - cos(half the angle): 0.003 rad
-    velocity = np.array([s.mean[3:6] for s in states])  # type: ignore[index]
+    velocity = np.array([s.mean[3:6] for s in states])
     assert np.abs(velocity).max() < 0.0125
     assert np.abs(np.diff(velocity, axis=0)).max() < 0.0092
     assert states[-1].reset_count == 0
@@ -142,7 +142,7 @@ def test_a_step_of_the_barometer_moves_nothing_and_becomes_the_new_datum(name: s
             datum = 623.0  # a door opened, or the ground was left
         messages.append(replace(message, pressure_altitude=datum) if isinstance(message, Imu) else message)
     states = [s for s in states_of(p, messages) if s.valid and s.t_ns > 10000 * MS]
-    assert max(abs(s.mean[5]) for s in states) < 1.1e-5  # type: ignore[index]
-    assert abs(states[-1].mean[5]) < 6e-6  # type: ignore[index]
-    assert abs(states[-1].mean[2]) < 1e-5  # type: ignore[index]
+    assert max(abs(s.mean[5]) for s in states) < 1.1e-5
+    assert abs(states[-1].mean[5]) < 6e-6
+    assert abs(states[-1].mean[2]) < 1e-5
     assert (states[-1].reset_count, states[-1].faults) == (0, ())

@@ -30,7 +30,6 @@ FILTERS = {
     "csvsf-robust": 0.124,
     "csvsf-adaptive": 0.124,
 }
-SHORT = {"cubature", "csvsf-adaptive"}
 
 
 # what happens in a scenario after 10 or 20 s happens here after 7
@@ -67,7 +66,7 @@ def velocity_rmse(
 ) -> float:
     at = {s.t_ns: s for s in states if s.mean is not None}
     errors = [
-        np.subtract(t.v_F_n, at[t.t_ns].mean[3:6])  # type: ignore[index]
+        np.subtract(t.v_F_n, at[t.t_ns].mean[3:6])
         for t in truths
         if t.t_ns in at and t.t_ns - truths[0].t_ns > after * 1e9
     ]

@@ -19,7 +19,7 @@ def test_the_track_ends_before_it_is_predicted_over_a_gap(gap_s: int, monkeypatc
     def counted(*args: object) -> object:
         nonlocal steps
         steps += 1
-        return step(*args)  # type: ignore[arg-type]
+        return step(*args)
 
     monkeypatch.setattr(tracks.Track, "_step", counted)
     pipeline = Pipeline(parse_config({"estimator": {"own_state": {}}}))

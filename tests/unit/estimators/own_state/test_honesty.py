@@ -139,5 +139,5 @@ def test_process_noise_is_what_the_configuration_says() -> None:
 
 @pytest.mark.parametrize(("airframe", "sigma"), [("unknown", 2.0), ("x500", 0.2)])
 def test_a_vehicle_whose_torques_are_known_turns_less_by_surprise(airframe: str, sigma: float) -> None:
-    noise = SensorNoise(Config(airframe=airframe))  # type: ignore[arg-type]
+    noise = SensorNoise(Config(airframe=airframe))
     assert noise.turning(0) == pytest.approx(sigma**2)

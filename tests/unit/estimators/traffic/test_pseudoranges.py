@@ -96,8 +96,8 @@ def seen_from(r_e: np.ndarray, v_e: np.ndarray, seed: int, clock: float = 1e5) -
         found.append(
             SatelliteRange(
                 satellite=GPS.names[k],
-                r_e=tuple(sky.position[k].tolist()),  # type: ignore[arg-type]  # three of them
-                v_e=tuple(sky.velocity[k].tolist()),  # type: ignore[arg-type]  # three of them
+                r_e=tuple(sky.position[k].tolist()),
+                v_e=tuple(sky.velocity[k].tolist()),
                 pseudorange=distance + clock + 5.0 * rng.standard_normal(),
                 rate=float(line @ rate) / distance + 1e-4 * clock + 0.1 * rng.standard_normal(),
                 sigma=5.0,
@@ -129,7 +129,7 @@ def test_an_epoch_survives_encoding() -> None:
 )
 def test_an_impossible_epoch_is_refused_with_the_field_s_name(change: dict[str, object], reason: str) -> None:
     with pytest.raises(BadDocumentError, match=reason):
-        decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)  # type: ignore[arg-type]  # of its type
+        decode_ranges(encode_ranges(msgspec.structs.replace(EPOCH, **change)), 0)
 
 
 def test_a_satellite_that_cannot_be_used_costs_the_others_nothing() -> None:
@@ -181,7 +181,7 @@ def share(sky: Sky, r: np.ndarray, v: np.ndarray, seed: int, **changes: object) 
     satellites = seen_from(ecef_from_geodetic(*sky.geodetic(r)), e_from_n @ v, seed)
     t_ns = round(sky.t * 1e9)
     epoch = Pseudoranges(t_ns=t_ns, clock=Clock.BOOT, peer=7, satellites=satellites)
-    m = decode_ranges(encode_ranges(msgspec.structs.replace(epoch, **changes)), t_ns)  # type: ignore[arg-type]  # of its type
+    m = decode_ranges(encode_ranges(msgspec.structs.replace(epoch, **changes)), t_ns)
     sky.estimator.observe(m, sky.ownship)
 
 

@@ -15,11 +15,11 @@ HEARD: Any = SimpleNamespace(t_ns=5 * S, source="adsb", adsb=None)
 
 def test_reports_confirm_a_track_that_a_radar_began_with_the_second() -> None:
     track = Track("radar/1", None, 1, 4 * S, {"radar": 4 * S})
-    once = track.reported(HEARD, None)  # type: ignore[arg-type]  # its verdict is no matter here
+    once = track.reported(HEARD, None)  # its verdict is no matter here
     assert (once.report_count, once.confirmed) == (1, False)
-    twice = once.reported(HEARD, None)  # type: ignore[arg-type]
+    twice = once.reported(HEARD, None)
     assert (twice.report_count, twice.confirmed) == (2, True)
-    assert twice.reported(HEARD, None).report_count == 3  # type: ignore[arg-type]
+    assert twice.reported(HEARD, None).report_count == 3
 
 
 def test_what_no_adsb_says_is_not_made_up() -> None:
