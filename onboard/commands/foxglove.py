@@ -26,7 +26,7 @@ from onboard.messages import Estimate, NavState, Output, OwnPose
 from onboard.messages.base import Quaternion
 from onboard.messages.schemas import key_of, schema
 
-WORLD, OWN, LEADER = "world", "own", "leader"
+WORLD, OWN = "world", "own"
 EVERY_NS: Final = 40_000_000  # between drawings of one thing
 SIGMAS: Final = 2.0  # of the ellipsoid that is drawn
 ARROW: Final = 0.5  # m, of our own vehicle
@@ -49,7 +49,6 @@ class FoxgloveWriter:
         self._drawn: dict[str, int] = {}
         self._states: dict[str, str] = {}
         self._own_r = np.zeros(3)
-        self._own_q: Quaternion = UPRIGHT
         self._origin: tuple[float, float, float] | None = None
 
     def close(self) -> None:
@@ -73,7 +72,7 @@ class FoxgloveWriter:
 
     def _draw_own(self, own: OwnPose) -> None:
         north, east, down = own.r_OF_n
-        self._own_r, self._own_q = np.array([north or 0.0, east or 0.0, down]), own.q_nb
+        self._own_r = np.array([north or 0.0, east or 0.0, down])
         if not self._is_due("own", own.t_ns):
             return
         transform = FrameTransform(parent_frame_id=WORLD, child_frame_id=OWN)

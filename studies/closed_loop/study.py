@@ -14,10 +14,9 @@ from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
 from simlink.scenarios.scenario import Scenario, load_scenario
 from studies.closed_loop.flight import Flight, fly
 from studies.closed_loop.scores import MOST_STRAIGHT, MOST_TURNING, NEAREST, STOP_WITHIN, Score, score
-from studies.report.files import require_seeds
+from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Claim, Findings, Table, check, verdict
 from studies.report.sampling import decided
-from studies.tracking.publish import drawing, publish
 
 NAME: Final = "closed-loop"
 TITLE: Final = "Closed loop: formation on our estimates alone"
@@ -72,8 +71,6 @@ def findings(flights: Sequence[Flight], scenario: Scenario, first_seed: int) -> 
             Claim(claim=claim, where="ours", verdict=verdict(c.agrees), evidence=f"{c.ours:.3g} {c.unit}")
             for claim, c in zip(statements, checks, strict=True)
         ),
-        misprints=(),
-        figures=(),
     )
 
 

@@ -65,7 +65,7 @@ class Result(Record, frozen=True, kw_only=True):
     rows: tuple[Row, ...]
     comparisons: tuple[Comparison, ...]
     claims: tuple[Claim, ...]
-    figures: tuple[str, ...]  # file names, drawn from the first seed
+    figures: tuple[str, ...] = ()  # file names, drawn from the first seed
     limits: tuple[Limit, ...]
     sweep: tuple[Setting, ...]
     sweep_seeds: int
@@ -97,7 +97,6 @@ def findings(result: Result, study: str, title: str) -> Findings:
             sweep_table(result),
             comparisons_table(result.comparisons),
         ),
-        checks=(),
         claims=result.claims,
         misprints=result.misprints,
         figures=result.figures,

@@ -94,7 +94,6 @@ def run(
         rows=tuple(rows),
         comparisons=tuple(c for row in rows for c in compare(row)),
         claims=claims_of(by_name(rows)),
-        figures=(),
         limits=tuple(limits_of(rows, [method.name for method in METHODS])),
         sweep=_sweep(settings, found[len(tasks) :]),
         sweep_seeds=len(choosing),

@@ -30,10 +30,9 @@ from studies.cwpa_kalman_tracker_3d.runs import (
     printed_noise,
     score,
 )
-from studies.report.files import require_seeds
+from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Cell, Check, Findings, Table, check, near
 from studies.report.sampling import decided
-from studies.tracking.publish import drawing, publish
 
 NAME: Final = "cwpa-kalman-tracker-3d"
 TITLE: Final = "Lazarov et al.: a linear Kalman tracker in three dimensions"
@@ -72,7 +71,6 @@ def run(
         checks=_checks(drawn),
         claims=claims_of(drawn, rest, printed),
         misprints=misprints_of(drawn, printed),
-        figures=(),
     )
     return publish(decided(found, LEAST), out, draw, fly(first_seed, 1, drawn=False))
 

@@ -1,6 +1,6 @@
 """Scores of flights: shares and errors over all valid estimates, with their scatter from flight to flight."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -80,8 +80,3 @@ def ratio(hits: ArrayLike, counts: ArrayLike) -> Share:
     share = x.sum() / n.sum()
     spread = np.sqrt(len(n) / (len(n) - 1) * np.sum((x - n * share) ** 2)) if len(n) > 1 else np.nan
     return Share(100.0 * float(share), 100.0 * float(spread / n.sum()))
-
-
-def names(cases: Iterable[Case]) -> str:
-    """What the report calls these cases, in a row."""
-    return ", ".join(case.name for case in cases)

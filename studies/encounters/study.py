@@ -16,10 +16,9 @@ from studies.encounters.peers import BESIDE
 from studies.encounters.reference import Pair
 from studies.encounters.results import checks_of, claims_of, requirements, table_of
 from studies.encounters.scores import over_all, score
-from studies.report.files import require_seeds
+from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Findings
 from studies.report.sampling import decided
-from studies.tracking.publish import drawing, publish
 
 NAME: Final = "encounters"
 TITLE: Final = "Encounters: the leader from any side"
@@ -95,8 +94,6 @@ def findings(
         ),
         checks=(*checks_of(required), *beside),
         claims=(*claims_of(required), *reference.claims_of(beside)),
-        misprints=(),
-        figures=(),
     )
 
 

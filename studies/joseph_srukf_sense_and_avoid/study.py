@@ -15,11 +15,10 @@ from studies.joseph_srukf_sense_and_avoid.claims import claims_of
 from studies.joseph_srukf_sense_and_avoid.misprints import filters, models, sensors
 from studies.joseph_srukf_sense_and_avoid.runs import JOSEPH, SYMMETRIC, AllResults
 from studies.joseph_srukf_sense_and_avoid.tables import tables_of
-from studies.report.files import require_seeds
+from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Check, Findings, Misprint, check, near
 from studies.report.sampling import decided
 from studies.tracking.outcomes import Outcome
-from studies.tracking.publish import drawing, publish
 
 NAME: Final = "joseph-srukf-sense-and-avoid"
 TITLE: Final = "De Vivo et al.: Joseph's form for square-root sigma-point filters"
@@ -67,7 +66,6 @@ def run(
         checks=_checks(results),
         claims=claims_of(results),
         misprints=_misprints(results),
-        figures=(),
     )
     return publish(decided(found, LEAST), out, draw, results, every[:1])
 

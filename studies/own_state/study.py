@@ -19,7 +19,7 @@ from studies.own_state.flights import (
     fly_and_judge,
 )
 from studies.own_state.results import accuracy_table, checks_of, claims_of, naming_table
-from studies.report.files import require_seeds, write
+from studies.report.files import publish, require_seeds
 from studies.report.findings import Findings
 
 NAME: Final = "own-state"
@@ -44,9 +44,9 @@ def run(
     flights: dict[tuple[str, str], list[FlightScore]] = {key: [] for key in KEYS}
     found_of_parts = compute([Part(fly_and_judge, arguments) for arguments in work], jobs, progress)
     for (name, _, methods), found_of_methods in zip(work, found_of_parts, strict=True):
-        for method, found in zip(methods, found_of_methods, strict=True):
-            flights[name, method] += found
-    findings = Findings(
+        for method, scores in zip(methods, found_of_methods, strict=True):
+            flights[name, method] += scores
+    found = Findings(
         study=NAME,
         title=TITLE,
         setting=__doc__.split("\n\n")[0].replace("\n", " ") if __doc__ else "",
@@ -55,12 +55,8 @@ def run(
         tables=(accuracy_table(flights), naming_table(flights)),
         checks=checks_of(flights),
         claims=claims_of(flights),
-        misprints=(),
-        figures=(),
     )
-    if out is not None:
-        write(findings, out)
-    return findings
+    return publish(found, out)
 
 
 def _work(seeds: range) -> Iterator[tuple[str, Sequence[int], tuple[str, ...]]]:

@@ -66,7 +66,7 @@ class Result(Record, frozen=True, kw_only=True):
     targets: tuple[Target, ...]
     comparisons: tuple[Comparison, ...]
     claims: tuple[Claim, ...]
-    figures: tuple[str, ...]  # file names, drawn from the first seed
+    figures: tuple[str, ...] = ()  # file names, drawn from the first seed
 
 
 def findings(result: Result, study: str, title: str) -> Findings:
@@ -84,9 +84,7 @@ def findings(result: Result, study: str, title: str) -> Findings:
             targets_table(result.targets),
             comparisons_table(result.comparisons, result.seeds),
         ),
-        checks=(),
         claims=result.claims,
-        misprints=(),
         figures=result.figures,
     )
 

@@ -91,7 +91,6 @@ def run(
         targets=judge(rows, DEFAULT.name, least),
         comparisons=tuple(c for row in rows for c in compare(row)),
         claims=claims_of(by_name(rows)),
-        figures=(),
     )
     if out is None:
         return result

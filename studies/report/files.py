@@ -1,12 +1,44 @@
 """The seeds that a study flies, and the files that it writes."""
 
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
 from onboard.messages import Record
 from studies.report.findings import Findings
 from studies.report.markdown import markdown
+
+Draw = Callable[..., tuple[str, ...]]
+
+
+def require_seeds(seeds: int, first_seed: int) -> range:
+    """The seeds of a study. Raises ValueError."""
+    if seeds < 1 or first_seed < 0:
+        raise ValueError("needs at least one seed, none of them negative")
+    return range(first_seed, first_seed + seeds)
+
+
+def drawing(package: str, out: Path | None) -> Draw | None:
+    """The function `draw` of a study's module `figures`, None without a folder to draw into. Call it first: it
+    raises ImportError, before anything is computed, where matplotlib, of the extra `study`, is missing."""
+    if out is None:
+        return None
+    draw: Draw = import_module(f"{package}.figures").draw
+    return draw
+
+
+def publish(found: Findings, out: Path | None, draw: Draw | None = None, *drawn: Any) -> Findings:
+    """The findings with the names of their figures, which `draw(*drawn, out)` draws; all is written into `out`.
+    Without `out` the findings alone."""
+    if out is None:
+        return found
+    if draw is not None:
+        found = msgspec.structs.replace(found, figures=draw(*drawn, out))
+    write(found, out)
+    return found
 
 
 def write(found: Findings, out: Path, result: Record | None = None) -> None:
@@ -16,10 +48,3 @@ def write(found: Findings, out: Path, result: Record | None = None) -> None:
     (out / "result.json").write_bytes(
         msgspec.json.format(msgspec.json.encode(found if result is None else result), indent=1)
     )
-
-
-def require_seeds(seeds: int, first_seed: int) -> range:
-    """The seeds of a study. Raises ValueError."""
-    if seeds < 1 or first_seed < 0:
-        raise ValueError("needs at least one seed, none of them negative")
-    return range(first_seed, first_seed + seeds)

@@ -62,10 +62,10 @@ class Findings(Record, frozen=True, kw_only=True):
     seeds: int
     first_seed: int
     tables: tuple[Table, ...]
-    checks: tuple[Check, ...]
+    checks: tuple[Check, ...] = ()
     claims: tuple[Claim, ...]
-    misprints: tuple[Misprint, ...]
-    figures: tuple[str, ...]
+    misprints: tuple[Misprint, ...] = ()
+    figures: tuple[str, ...] = ()
 
 
 def verdict(holds: Outcome, only_if: Outcome = False) -> Verdict:

@@ -26,7 +26,7 @@ from onboard.scoring.traffic import LEAD_S, AircraftScore, Encounter, TrafficSco
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.simulation import datagrams
-from studies.report.files import require_seeds, write
+from studies.report.files import publish, require_seeds
 from studies.report.findings import Cell, Check, Claim, Findings, Table, check, verdict
 from studies.report.sampling import decided
 
@@ -82,10 +82,8 @@ def run(
 ) -> Findings:
     """The study over `seeds` flights of three minutes; with `out`, the report is written."""
     every = require_seeds(seeds, first_seed)
-    found = decided(findings(compute([Part(fly, (seed,)) for seed in every], jobs, progress), first_seed), LEAST)
-    if out is not None:
-        write(found, out)
-    return found
+    scores = compute([Part(fly, (seed,)) for seed in every], jobs, progress)
+    return publish(decided(findings(scores, first_seed), LEAST), out)
 
 
 def findings(scores: Sequence[TrafficScore], first_seed: int) -> Findings:
@@ -101,8 +99,6 @@ def findings(scores: Sequence[TrafficScore], first_seed: int) -> Findings:
         tables=(_table(rows),),
         checks=_checks(totals),
         claims=(*_claims(totals), _coverage_claim(totals.coverage, rows)),
-        misprints=(),
-        figures=(),
     )
 
 

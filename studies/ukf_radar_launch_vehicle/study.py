@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Final
 
 from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
-from studies.report.files import require_seeds
+from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Check, Findings, check, near
 from studies.report.sampling import decided
-from studies.tracking.publish import drawing, publish
 from studies.ukf_radar_launch_vehicle.claims import claims_of
 from studies.ukf_radar_launch_vehicle.runs import DENSITY, NAMES, STAGED, Results, bound, fly
 from studies.ukf_radar_launch_vehicle.tables import main_table, sweep_table
@@ -62,8 +61,6 @@ def run(
         tables=(main_table(single, triple, staged), sweep_table({**sweep, DENSITY: single}, bounds)),
         checks=_checks(single),
         claims=claims_of(single, triple, [single, staged, *sweep.values()], bounds[min(SWEPT)]),
-        misprints=(),
-        figures=(),
     )
     return publish(decided(found, LEAST), out, draw, single, triple)
 

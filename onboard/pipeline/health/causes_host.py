@@ -10,7 +10,6 @@ from onboard.pipeline.health.remedies import remedy_of
 
 RECENT_NS: Final = 10_000_000_000
 LATE_S: Final = 0.15  # by which the daemon's timer may be late
-BUSY: Final = 95.0  # %, of all cores
 LITTLE_ROOM: Final = 200_000_000  # bytes
 LITTLE_MEMORY: Final = 100_000_000
 ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
