@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+CONNECTED_S: Final = 10.0  # until there is no scheduler
 WAITING: Final = 4  # parts for each core that are handed out at once
 LEAST_WAITING: Final = 16
 PATIENCE_S: Final = 120.0  # without any worker
@@ -44,7 +45,7 @@ def on_cluster(
     try:
         connect: Any = distributed.Client
         pack: Any = distributed.protocol.pickle.dumps
-        client = connect(address, timeout=10, set_as_default=False)
+        client = connect(address, timeout=CONNECTED_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         raise ClusterError(f"there is no Dask scheduler at {address}: {error}") from error
     with client:

@@ -6,6 +6,7 @@ from benchmarks import fleet_daemons
 from benchmarks.fleet import PUBLISHED, Watcher, measure
 
 
+@pytest.mark.slow
 def test_three_vehicles_through_one_router_do_not_mix() -> None:
     found = measure(3, 2.0)
     assert found["cross_talk"] == 0

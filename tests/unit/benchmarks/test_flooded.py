@@ -47,6 +47,7 @@ def test_garbage_is_no_frame_and_strangers_points_are_documents() -> None:
     assert set(flooded.ALL) == set(floods.KINDS)
 
 
+@pytest.mark.slow
 def test_a_leader_in_all_floods_is_measured_and_what_is_left_out_is_counted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

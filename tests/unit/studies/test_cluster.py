@@ -107,7 +107,8 @@ def test_only_some_parts_are_with_the_cluster_at_a_time(tmp_path: Path) -> None:
         results.close()  # type: ignore[attr-defined]
 
 
-def test_an_address_without_a_scheduler_is_one_line() -> None:
+def test_an_address_without_a_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster, "CONNECTED_S", 1.0)
     with pytest.raises(ClusterError, match=r"there is no Dask scheduler at tcp://127\.0\.0\.1:1\b"):
         compute([Part(drawn, (1,))], Computers(cluster="tcp://127.0.0.1:1"))
 
