@@ -140,7 +140,7 @@ def test_what_lasts_of_a_box_s_error_is_a_column_of_the_state() -> None:
     """A box that is larger by a bias is one of a leader that is as much larger, as far as an image shows it."""
     x, P, nose, R_cn = drawn(2)
     rows = named(coordinates(x, nose, axes_of(x, R_cn) @ R_cn), named=False)
-    wider, more = np.append(x, 0.1), np.pad(P, ((0, 1), (0, 1)))
+    wider, more = np.append(x, 0.1), np.pad(1e-4 * P, ((0, 1), (0, 1)))
     more[-1, -1] = 0.04
     camera = R_cn, np.zeros(3), axes_of(x, R_cn)
     nis = []
@@ -148,6 +148,10 @@ def test_what_lasts_of_a_box_s_error_is_a_column_of_the_state() -> None:
         means, covariances, noses = mean[None].copy(), covariance[None].copy(), np.array([nose])
         nis.append(float(model.update(means, covariances, noses, rows, EXACT, camera, bias)[0][0]))
         assert (means[0, N], covariances[0, N, N]) == (mean[N], 0.04)  # it is considered
+    surer = more.copy()
+    surer[-1, -1] = 1e-8
+    state = wider[None].copy(), surer[None].copy(), np.array([nose])
+    assert float(model.update(*state, rows, EXACT, camera, N)[0][0]) > 5.0 * nis[0]
     assert nis[0] > 0.01
     assert max(nis[1:]) < 1e-6
 

@@ -32,9 +32,8 @@ class Rows(NamedTuple):
 
 
 class Report(NamedTuple):
-    """r_FL_n and v_L_n, true at `t_ns`, with white noise R_y (6, 6), very large for what is not reported; and the
-    `biases` of POSITION, VELOCITY, TURN and DELAY;
-    and whether it can be `trusted`, or may be false."""
+    """r_FL_n and v_L_n, true at `t_ns`, with white noise R_y (6, 6), very large for what is not reported; the
+    `biases` of POSITION, VELOCITY, TURN and DELAY; and whether it can be `trusted`, or may be false."""
 
     t_ns: int
     r: Array

@@ -21,8 +21,9 @@ KEPT_NS: Final = 30 * NS_PER_S  # without a report: nothing that was known of th
 
 
 class Status:
-    """When an image was last fused, since when all images are gated, and how many images a lost track still has to
-    fuse before it is valid again. `images` must agree before a track starts."""
+    """When an image was last fused, since when all images are gated, how many images a lost track still has to
+    fuse before it is valid again, and what became of the leader's own reports. `images` must agree before a track
+    starts."""
 
     def __init__(self, config: Config, images: int, reason: str) -> None:
         self.last_fused_ns: int | None = None
@@ -94,8 +95,8 @@ class Status:
             self.contradictions, self._elsewhere_ns = self.contradictions + 1, t_ns
 
     def was_led_elsewhere(self, t_ns: int) -> bool:
-        """Whether, lately, the leader was not where its reports had led."""
-        return self._elsewhere_ns is not None and t_ns - self._elsewhere_ns < DISTRUSTED_NS
+        """Whether, lately, the leader was not where its reports had led. A clock may have begun anew since."""
+        return self._elsewhere_ns is not None and abs(t_ns - self._elsewhere_ns) < DISTRUSTED_NS
 
     def is_carried(self, t_ns: int) -> bool:
         """Whether the leader's own reports say where it is, nobody else could have sent them, and no image

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.config import Config
-from onboard.estimators.leader.tracks.status import CARRIED, ELSEWHERE
+from onboard.estimators.leader.tracks.status import CARRIED, ELSEWHERE, Status
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
@@ -306,6 +306,16 @@ def test_a_broadcast_that_led_elsewhere_is_counted_and_named() -> None:
         assert found.get("unassociated", 0) == (0 if trusted == "true" else 13)
         assert run.estimates[-1].reason.endswith(ELSEWHERE) is (trusted == "true")
         assert inside(between(run, 30.0, 31.0)) > 0.92
+
+
+def test_a_clock_that_begins_anew_does_not_keep_a_broadcast_distrusted() -> None:
+    """Only for 10 s about the time at which it led elsewhere, also for a report that comes late."""
+    status = Status(configured().estimator["leader"], 3, "")
+    status.started(100 * S, again=False)
+    status.reported(110 * S, used=True)
+    status.led_elsewhere(111 * S)
+    assert status.contradictions == 1
+    assert [status.was_led_elsewhere(t * S) for t in (110, 111, 120, 122, 5)] == [True, True, True, False, False]
 
 
 def test_one_image_of_something_else_does_not_end_what_reports_carry() -> None:

@@ -102,9 +102,10 @@ def corrected(
     return cloud._replace(means=means, covariances=0.5 * (P + P.transpose(0, 2, 1))), nis, log_l
 
 
-def weighted(cloud: Cloud, log_l: Array) -> Cloud:
-    """The cloud with each particle's weight times its likelihood, of which these are the logarithms (K,)."""
-    log_weights = cloud.log_weights + np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
+def weighted(cloud: Cloud, log_l: Array, believed: float = 1.0) -> Cloud:
+    """The cloud with each particle's weight times its likelihood, of which these are the logarithms (K,), as far
+    as that is `believed`, from 0 to 1."""
+    log_weights = cloud.log_weights + believed * np.maximum(log_l, log_l.max() - MOST_EVIDENCE)
     log_weights -= log_weights.max()
     log_weights -= math.log(np.exp(log_weights).sum())
     return cloud._replace(log_weights=log_weights)

@@ -27,7 +27,6 @@ from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Bias, Cloud, n
 from onboard.estimators.leader.filters.noses.draws import uniform
 from onboard.estimators.leader.filters.noses.evidence import (
     ANY_NOSE,
-    MOST_EVIDENCE,
     OF_SHAPE,
     corrected,
     expected,
@@ -149,7 +148,7 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
         elif seen.is_metric:
             return given, beyond
     believed = min(settings.evidence_rate * max(cloud.unseen, TOGETHER_S), 1.0)
-    after = weighted(after, believed * np.maximum(log_l, log_l.max() - MOST_EVIDENCE))._replace(unseen=0.0)
+    after = weighted(after, log_l, believed)._replace(unseen=0.0)
     return fitting(settings, after), least
 
 
@@ -162,7 +161,7 @@ def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool
     limit = chi_square_threshold(TRUE, rows.innovations.shape[1])
     if expected(known, nis, OF_SHAPE if is_open else EXPECTING) > limit:
         return None
-    return fitting(settings, weighted(found, min(settings.evidence_rate * APART_S, 1.0) * log_l))
+    return fitting(settings, weighted(found, log_l, min(settings.evidence_rate * APART_S, 1.0)))
 
 
 def fitting(settings: NoseModel, cloud: Cloud) -> Cloud:
