@@ -27,6 +27,7 @@ from onboard.messages import (
     Message,
     SystemTime,
     TimeSync,
+    Wind,
 )
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
@@ -48,7 +49,7 @@ PWM_PER_G: Final = 400
 
 HEARTBEAT, SYS_STATUS, SYSTEM_TIME, GPS_RAW_INT, ATTITUDE_QUATERNION = 0, 1, 2, 24, 31
 LOCAL_POSITION_NED, GLOBAL_POSITION_INT, SERVO_OUTPUT_RAW, GPS_GLOBAL_ORIGIN, HIGHRES_IMU = 32, 33, 36, 49, 105
-SIM_STATE, HIL_STATE_QUATERNION = 108, 115
+SIM_STATE, HIL_STATE_QUATERNION, WIND_COV = 108, 115, 231
 TRUTH: Final = {"ardupilot": SIM_STATE, "px4": HIL_STATE_QUATERNION}  # where each sends its true state
 
 
@@ -71,6 +72,7 @@ class Autopilot:
             GPS_GLOBAL_ORIGIN: self._origin,
             HIGHRES_IMU: _imu,
             SYS_STATUS: _battery,
+            WIND_COV: _wind,
             TRUTH[vehicle.autopilot]: partial(true_state, vehicle),
         }
 
@@ -218,6 +220,8 @@ def _default_intervals(vehicle: Vehicle) -> dict[int, int]:
         GPS_GLOBAL_ORIGIN: 0,  # on request, as the truth
         TRUTH[vehicle.autopilot]: 0,
     }
+    if vehicle.wind is not None:
+        table[WIND_COV] = vehicle.wind.rate
     return {number: round(1e9 / rate) if rate > 0 else 0 for number, rate in table.items()}
 
 
@@ -242,6 +246,13 @@ def _imu(t_ns: int, reading: Reading) -> Message:
 def _battery(t_ns: int, reading: Reading) -> Message | None:
     volts = reading.voltage_v
     return None if volts is None else Battery(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.NONE, voltage_v=volts)
+
+
+def _wind(t_ns: int, reading: Reading) -> Message | None:
+    if reading.wind is None:
+        return None
+    north, east, sigma = reading.wind
+    return Wind(t_ns=t_ns, t_recv_ns=t_ns, clock=Clock.NONE, north=north, east=east, sigma=sigma)
 
 
 def _servo(t_ns: int, reading: Reading) -> Message:

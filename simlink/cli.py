@@ -10,7 +10,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
+from msgspec.structs import replace
+
 from simlink.log import TruthTables, write_log
+from simlink.scenarios.camera import SEES
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario, scenario_names
 from simlink.sensors.pictures import PictureError
@@ -101,6 +104,8 @@ def _camera(a: argparse.Namespace) -> int:
     given = vars(a).copy()
     scenario, truth, state = load_scenario(given.pop("scenario")), given.pop("truth"), given.pop("state")
     del given["command"]
+    if (sees := given.pop("sees")) is not None:
+        scenario = replace(scenario, camera=replace(scenario.camera, sees=sees))
     try:
         with TruthTables(truth, state) as tables:
             options = CameraOptions(scenario=scenario, **given)
@@ -258,7 +263,7 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
     link = "MAVLink of the vehicle {}: tcp:HOST:PORT, udpin:HOST:PORT or udpout:HOST:PORT"
     add("--follower", required=True, metavar="URL", help=link.format("with the camera"))
     add("--leader", required=True, metavar="URL", help=link.format("that it sees"))
-    add("--sees", choices=("wing", "box"), default="wing", help=f"what is found of the leader {SHOW}")
+    add("--sees", choices=SEES, help="what is found of the leader (default: the scenario's, the wing)")
     _add_outlet(parser)
     _add_truth(parser)
     parser.set_defaults(command=_camera)

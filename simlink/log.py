@@ -9,7 +9,7 @@ from typing import IO, Final
 from onboard.messages import Datagram, Encoding, TrafficTruth, Truth
 from onboard.wire.tlog import tlog_record
 from simlink.scenarios.scenario import Scenario
-from simlink.simulation import datagrams
+from simlink.simulation import check_mavlink, datagrams
 
 MAVLINK: Final = (Encoding.MAVLINK, Encoding.MAVLINK_STREAM)
 COLUMNS: Final = (
@@ -35,8 +35,10 @@ def write_log(
     """Write the files; the numbers of frames and of truth rows. `truth` is the leader's, `state` our own
     vehicle's. The same seed gives the same bytes, also in compressed files (names in .gz).
 
-    `progress` is called with the seconds of flight that are done. Raises OSError when a file cannot be written.
+    `progress` is called with the seconds of flight that are done. Raises OSError when a file cannot be written,
+    and ScenarioError, before there is one, where a .tlog cannot hold the images.
     """
+    check_mavlink(scenario)
     frames = 0
     start_ns: int | None = None
     with ExitStack() as stack:

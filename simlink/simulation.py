@@ -10,9 +10,12 @@ A run in three forms, from ideal to realistic; a study has a fourth, arrays (`st
 from collections import deque
 from collections.abc import Iterator
 from itertools import islice
-from typing import Final, Literal, NamedTuple
+from typing import Final, Generic, Literal, NamedTuple, TypeVar
+
+import msgspec
 
 from onboard.messages import (
+    CameraDetections,
     CameraPoints,
     Datagram,
     DistanceReading,
@@ -21,19 +24,18 @@ from onboard.messages import (
     Message,
     Pseudoranges,
     RadarDetections,
+    Record,
     TargetPoints,
     TrafficTruth,
     Truth,
 )
 from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.points import encode_points
-from onboard.wire.radar import encode_radar
-from onboard.wire.ranges import encode_ranges
 from onboard.wire.tlog import frame_length
 from simlink.autopilot import Autopilot, AutopilotLink
-from simlink.scenarios.scenario import Scenario
-from simlink.sensors.camera import CameraSensor, Image, camera_points, is_exposure, target_points
-from simlink.sensors.gimbal import GimbalSensor, make_gimbal
+from simlink.scenarios.scenario import Scenario, ScenarioError
+from simlink.sensors.camera import CameraSensor, Image, document, is_exposure, target_points
+from simlink.sensors.detector import Detector
+from simlink.sensors.gimbal import make_gimbal
 from simlink.sensors.navigation import Reading, readings
 from simlink.sensors.rangefinder import RangefinderSensor
 from simlink.traffic.reports import sender
@@ -44,11 +46,19 @@ from simlink.world.follow import FollowMode, following_states
 from simlink.world.noise import uniforms
 from simlink.world.truth import State, states, true_size, truth_record
 
+T = TypeVar("T")
 CameraLink = Literal["zenoh", "mavlink", "none"]
 CAMERA_COMPONENT: Final = 191
 EPOCH_NS: Final = 1_735_689_600 * 10**9  # 2025-01-01: Unix time at boot of runs without a real clock
 TRANSPORT_NS: Final = 1_000_000
 JITTER_NS: Final = 1_000_000
+# What is published as JSON: the channel on which it arrives, and its encoding.
+JSON: Final[dict[type[Record], tuple[str, Encoding]]] = {
+    CameraPoints: ("points", Encoding.POINTS),
+    CameraDetections: ("points", Encoding.DETECTIONS),
+    RadarDetections: ("radar", Encoding.RADAR),
+    Pseudoranges: ("gnss", Encoding.RANGES),
+}
 
 
 class Tick(NamedTuple):
@@ -69,8 +79,27 @@ class Event(NamedTuple):
     records that are not the autopilot's own."""
 
     t_ns: int
-    message: Message | CameraPoints | RadarDetections | Pseudoranges | Truth | TrafficTruth
+    message: Message | CameraPoints | CameraDetections | RadarDetections | Pseudoranges | Truth | TrafficTruth
     sender: tuple[int, int] | None = None
+
+
+class InTransit(Generic[T]):
+    """What has left a sensor and has not been delivered yet, in order."""
+
+    def __init__(self, latency: float) -> None:
+        self._latency_ns = round(latency * 1e9)
+        self._waiting: deque[tuple[int, T]] = deque()
+
+    def put(self, t_ns: int, item: T) -> None:
+        """It leaves now."""
+        self._waiting.append((t_ns + self._latency_ns, item))
+
+    def due(self, t_ns: int) -> tuple[T, ...]:
+        """What is delivered by now."""
+        found = []
+        while self._waiting and self._waiting[0][0] <= t_ns:
+            found.append(self._waiting.popleft()[1])
+        return tuple(found)
 
 
 def boot_ns_of(scenario: Scenario) -> int:
@@ -83,15 +112,15 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
     if not those that follow from scenario and seed alone."""
     scenario = drawn(scenario, seed)
     size = true_size(scenario, seed)
-    gimbal = make_gimbal(scenario.camera, seed)
+    gimbal, settings = make_gimbal(scenario.camera, seed), scenario.camera.gimbal
     mount = None if gimbal is None else gimbal.mount
-    camera = CameraSensor(scenario, seed, size, mount)
+    camera, detector = CameraSensor(scenario, seed, size, mount), Detector(scenario.camera, seed, size, mount)
     rangefinder = None
     if scenario.rangefinder is not None:
         rangefinder = RangefinderSensor(scenario.rangefinder, scenario.camera, seed, mount)
-    rate, latency_ns = scenario.camera.rate, round(scenario.camera.latency * 1e9)
-    stamp_late_ns = round(scenario.camera.stamp_late * 1e9)
-    in_transit: deque[Image] = deque()
+    rate, stamp_late_ns = scenario.camera.rate, round(scenario.camera.stamp_late * 1e9)
+    images: InTransit[Image] = InTransit(scenario.camera.latency)
+    attitudes: InTransit[GimbalAttitude] = InTransit(0.0 if settings is None else settings.latency)
     traffic = Traffic(scenario, seed)
     for state, reading in readings(scenario, seed, world or states(scenario, seed)):
         t_ns = boot_ns + state.step * STEP_NS
@@ -100,23 +129,13 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
             truth = truth_record(state, size, t_ns)
             points = camera.expose(state)
             if points is not None:
-                in_transit.append(Image(t_ns + stamp_late_ns, points))
-        delivered = []
-        while in_transit and in_transit[0].t_ns - stamp_late_ns + latency_ns <= t_ns:
-            delivered.append(in_transit.popleft())
-        attitude = _gimbal_attitude(gimbal, scenario, state, t_ns)
+                images.put(t_ns, Image(t_ns + stamp_late_ns, points, detector.detect(state, points)))
+        if gimbal is not None and settings is not None and is_exposure(state.step, settings.rate):
+            attitudes.put(t_ns, gimbal.attitude(state, t_ns, scenario.vehicle.system))
         distance = _distance(rangefinder, scenario, state, t_ns)
-        yield Tick(t_ns, state, reading, truth, tuple(delivered), traffic.step(state, t_ns), attitude, distance)
-
-
-def _gimbal_attitude(
-    gimbal: GimbalSensor | None, scenario: Scenario, state: State, t_ns: int
-) -> GimbalAttitude | None:
-    """The attitude that the gimbal sends at this step, if it sends one."""
-    settings = scenario.camera.gimbal
-    if gimbal is None or settings is None or not is_exposure(state.step, settings.rate):
-        return None
-    return gimbal.attitude(state, t_ns, scenario.vehicle.system)
+        reports = traffic.step(state, t_ns)
+        (attitude,) = attitudes.due(t_ns) or (None,)  # no more than one leaves at a step
+        yield Tick(t_ns, state, reading, truth, images.due(t_ns), reports, attitude, distance)
 
 
 def _distance(
@@ -130,16 +149,23 @@ def _distance(
 
 
 def simulate(
-    scenario: Scenario, seed: int, duration: float | None = None, camera: CameraLink = "zenoh"
+    scenario: Scenario,
+    seed: int,
+    duration: float | None = None,
+    camera: CameraLink = "zenoh",
+    world: Iterator[State] | None = None,
 ) -> Iterator[Event]:
     """All records that the vehicle sends in `duration` s (None: the scenario's) in order, with the truth among
-    them.
+    them. `world`: as for `ticks`.
 
-    Images are CameraPoints, or TargetPoints with `camera` "mavlink"; nothing is quantised.
+    Images are CameraPoints or CameraDetections, or TargetPoints with `camera` "mavlink"; nothing is quantised.
+    Raises ScenarioError for images that MAVLink does not carry.
     """
+    if camera == "mavlink":
+        check_mavlink(scenario)
     autopilot = Autopilot(scenario.vehicle, EPOCH_NS)
     steps = steps_of(scenario.duration if duration is None else duration)
-    for tick in islice(ticks(scenario, seed, boot_ns_of(scenario)), steps + 1):
+    for tick in islice(ticks(scenario, seed, boot_ns_of(scenario), world), steps + 1):
         if tick.truth is not None:
             yield Event(tick.t_ns, tick.truth)
         for message in autopilot.due(tick.t_ns, tick.reading):
@@ -149,7 +175,7 @@ def simulate(
                 yield Event(tick.t_ns, report, (report.system, report.component))
         for image in tick.images:
             if camera == "zenoh":
-                yield Event(tick.t_ns, camera_points(image, scenario.camera))
+                yield Event(tick.t_ns, document(image, scenario.camera))
             elif camera == "mavlink":
                 yield Event(tick.t_ns, target_points(image, scenario.camera))
         yield from _traffic_events(tick, scenario.vehicle.system)
@@ -168,7 +194,11 @@ def _traffic_events(tick: Tick, system: int) -> Iterator[Event]:
 
 
 def datagrams(
-    scenario: Scenario, seed: int, duration: float | None = None, camera: CameraLink = "zenoh"
+    scenario: Scenario,
+    seed: int,
+    duration: float | None = None,
+    camera: CameraLink = "zenoh",
+    world: Iterator[State] | None = None,
 ) -> Iterator[Datagram | Truth | TrafficTruth]:
     """`simulate` as bytes: one MAVLink frame (channel "autopilot", images "camera") or one JSON document
     (channels "points", "radar", "gnss") per Datagram, arriving 1-2 ms after it was sent, in order; the truth
@@ -179,26 +209,27 @@ def datagrams(
     traffic: dict[tuple[int, int], MavlinkEncoder] = {}
     jitter = uniforms(seed, "transport")
     t_recv_ns = 0
-    for t_ns, message, source in simulate(scenario, seed, duration, camera):
+    for t_ns, message, source in simulate(scenario, seed, duration, camera, world):
         if isinstance(message, Truth | TrafficTruth):
             yield message
             continue
         t_recv_ns = max(t_recv_ns, EPOCH_NS + t_ns + TRANSPORT_NS + int(JITTER_NS * next(jitter)))
-        if isinstance(message, CameraPoints):
-            frames, channel, encoding = [encode_points(message)], "points", Encoding.POINTS
-        elif isinstance(message, RadarDetections):
-            frames, channel, encoding = [encode_radar(message)], "radar", Encoding.RADAR
-        elif isinstance(message, Pseudoranges):
-            frames, channel, encoding = [encode_ranges(message)], "gnss", Encoding.RANGES
-        elif source is not None:
-            their_encoder = traffic.setdefault(source, MavlinkEncoder(*source))
-            frames, channel, encoding = [their_encoder.encode(message)], "autopilot", Encoding.MAVLINK
+        if not isinstance(message, Message):
+            channel, encoding = JSON[type(message)]
+            yield _datagram(channel, encoding, t_recv_ns, msgspec.json.encode(message))
         elif isinstance(message, TargetPoints):
-            frames, channel, encoding = split_frames(vision.encode(message)), "camera", Encoding.MAVLINK
+            for frame in split_frames(vision.encode(message)):
+                yield _datagram("camera", Encoding.MAVLINK, t_recv_ns, frame)
         else:
-            frames, channel, encoding = [encoder.encode(message)], "autopilot", Encoding.MAVLINK
-        for frame in frames:
-            yield Datagram(channel=channel, encoding=encoding, t_recv_ns=t_recv_ns, data=frame)
+            by = encoder if source is None else traffic.setdefault(source, MavlinkEncoder(*source))
+            yield _datagram("autopilot", Encoding.MAVLINK, t_recv_ns, by.encode(message))
+
+
+def check_mavlink(scenario: Scenario) -> None:
+    """Raise ScenarioError where MAVLink cannot carry what the detector finds."""
+    if scenario.camera.sees != "wing":
+        sees = scenario.camera.sees
+        raise ScenarioError(f"{scenario.name}: camera.sees: LANDING_TARGET carries no {sees!r}, the wing only")
 
 
 class GuidedRun:
@@ -219,10 +250,10 @@ class GuidedRun:
         tick = next(self._ticks)
         t_recv_ns = EPOCH_NS + tick.t_ns + TRANSPORT_NS
         frames = self._link.send(tick.t_ns, tick.reading)
-        points = [encode_points(camera_points(image, self._scenario.camera)) for image in tick.images]
+        images = [document(image, self._scenario.camera) for image in tick.images]
         return tick, [
             *(_datagram("autopilot", Encoding.MAVLINK, t_recv_ns, data) for data in frames),
-            *(_datagram("points", Encoding.POINTS, t_recv_ns, data) for data in points),
+            *(_datagram(*JSON[type(image)], t_recv_ns, msgspec.json.encode(image)) for image in images),
         ]
 
     def receive(self, data: bytes, tick: Tick) -> list[Datagram]:

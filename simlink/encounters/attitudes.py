@@ -9,6 +9,7 @@ from simlink.encounters.curves import Motion, blurred, waves, wobble
 from simlink.scenarios.profiles import GaussMarkov
 from simlink.sensors.arrays import Array
 from simlink.world.constants import DT, G
+from simlink.world.truth import hovering_angles
 
 YAW_GAIN: Final = 3.0  # 1/s
 YAW_RATE: Final = 1.5  # rad/s, at most
@@ -17,11 +18,8 @@ PITCH_SHARE: Final = 0.5  # of the pitch that a forward acceleration takes; the 
 
 def multirotor_attitude(motion: Motion, nose: Array, wind: Array, drag: float) -> Array:
     """Of a multirotor whose thrust carries its weight, accelerates it, and overcomes drag (1/s times airspeed)."""
-    f = motion.a + drag * (motion.v - wind) - np.array([0.0, 0.0, G])
-    ahead = np.cos(nose) * f[:, 0] + np.sin(nose) * f[:, 1]
-    right = np.cos(nose) * f[:, 1] - np.sin(nose) * f[:, 0]
-    roll = np.arcsin(right / np.linalg.norm(f, axis=1))
-    return np.column_stack([roll, np.arctan2(-ahead, -f[:, 2]), nose])
+    felt = motion.a + drag * (motion.v - wind)
+    return np.column_stack(hovering_angles((felt[:, 0], felt[:, 1], felt[:, 2]), nose, np))
 
 
 def fixed_wing_attitude(motion: Motion, nose: Array) -> Array:
@@ -46,19 +44,6 @@ def follower_attitude(
     sway = np.radians(rng.uniform(0.4, 1.2))
     return np.column_stack(
         [roll + waves(rng, t, sway, (3.1, 1.7)), pitch + waves(rng, t, sway, (2.7, 1.4)), yaw],
-    )
-
-
-def body_rates(euler: Array) -> Array:
-    """Angular rates in b (N, 3), rad/s."""
-    roll, pitch, _ = euler.T
-    d_roll, d_pitch, d_yaw = np.gradient(euler, DT, axis=0).T
-    return np.column_stack(
-        [
-            d_roll - d_yaw * np.sin(pitch),
-            d_pitch * np.cos(roll) + d_yaw * np.cos(pitch) * np.sin(roll),
-            d_yaw * np.cos(pitch) * np.cos(roll) - d_pitch * np.sin(roll),
-        ]
     )
 
 

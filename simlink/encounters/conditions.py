@@ -6,19 +6,16 @@ has its reason from a measurement where there is one.
 
 from typing import Final, NamedTuple
 
-import msgspec
 import numpy as np
 
-from simlink.scenarios.camera import Camera
+from onboard.messages import Vec3
+from simlink.scenarios.camera import Camera, Gimbal
+from simlink.scenarios.formation import Leader
 from simlink.scenarios.profiles import GaussMarkov
-from simlink.world.drawn import (
-    ATTITUDE_ERROR_S,
-    TILT_ERROR_DEG,
-    VELOCITY_ERROR,
-    VELOCITY_ERROR_S,
-    YAW_ERROR_DEG,
-    Range,
-)
+from simlink.scenarios.scenario import Scenario
+from simlink.scenarios.vehicle import Nav, Rates, Vehicle, WindEstimate
+from simlink.sensors.arrays import Array
+from simlink.world.drawn import Range
 
 NOMINAL_SIZE: Final = 2.0  # m
 SIZE_WITHIN: Final = 0.02  # of it: a manual states a wingspan without the bend and the tip that a detector finds
@@ -37,7 +34,6 @@ NOSE_WOBBLE_S: Final[Range] = (2.0, 6.0)
 IMAGE_NOISE_PX: Final[Range] = (0.6, 1.4)
 IMAGE_HZ: Final[Range] = (12.0, 30.0)  # of detectors on small computers
 LATENCY_S: Final[Range] = (0.020, 0.090)  # from exposure to arrival; 60 ms in ../shared/data
-JITTER_S: Final = 0.005  # at most, on top of the latency
 LOSE: Final[Range] = (0.005, 0.05)  # per image; the reference scenario of Oh & Johnson has .02
 REGAIN: Final[Range] = (0.15, 0.6)  # per image; it has .38
 SMALLEST_PX: Final[Range] = (4.0, 7.0)  # of the wingspan as seen broadside: what is smaller is not detected
@@ -50,68 +46,96 @@ MOUNT_RPY_DEG: Final[tuple[Range, Range, Range]] = ((-6.0, 6.0), (-5.0, 15.0), (
 NAVIGATION_HZ: Final[Range] = (30.0, 60.0)
 # LOCAL_POSITION_NED of an ArduPilot is 20 to 25 ms older than its stamp (../shared/data/README.md).
 POSITION_LAG_S: Final[Range] = (0.015, 0.030)
-TRANSPORT_S: Final[Range] = (0.001, 0.004)
 # Filters of autopilots know the wind after a turn to half a metre a second, before it to two.
 WIND_ERROR: Final[Range] = (0.5, 2.0)  # m/s, standard deviation on each axis
 # The standard deviation that they state, over its own.
 WIND_STATED: Final[Range] = (0.6, 1.5)
 
 
-class Conditions(NamedTuple):
-    """Of one encounter. Angles of wobbles and attitude errors are in degrees, all else is SI; `smallest_px` is in
-    pixels."""
+# A small gimbal finds the horizon by its accelerometers, as an autopilot does, and its yaw by gyros alone, which
+# drift by 10 to 50 degrees an hour; motor encoders and belts leave some tenths of a degree more.
+GIMBAL_TILT_DEG: Final[Range] = (0.2, 0.8)  # standard deviations
+GIMBAL_YAW_DEG: Final[Range] = (0.5, 1.6)
+SWEEP_DEG: Final[tuple[Range, Range]] = ((4.0, 14.0), (2.0, 6.0))  # yaw and pitch, to either side
+SWEEP_S: Final[tuple[Range, Range]] = ((4.0, 9.0), (2.5, 6.0))
+GIMBAL_HZ: Final[Range] = (8.0, 30.0)
+GIMBAL_LATENCY_S: Final[Range] = (0.002, 0.03)
 
-    size: float  # the leader's wingspan
+
+class Conditions(NamedTuple):
+    """Of one encounter: the leader's drag (1/s), and all that a scenario has of leader, camera and autopilot."""
+
     drag: float
-    bank_wobble_deg: GaussMarkov
-    nose_wobble_deg: GaussMarkov
-    camera: Camera
-    smallest_px: float
-    attitude_hz: float
-    position_hz: float
-    position_lag: float
-    transport: float
-    tilt_error_deg: GaussMarkov
-    yaw_error_deg: GaussMarkov
-    velocity_error: GaussMarkov
+    scenario: Scenario
 
 
 def draw_conditions(rng: np.random.Generator) -> Conditions:
-    """The conditions of one encounter."""
-
-    def one(among: Range) -> float:
-        return float(rng.uniform(*among))
+    """The conditions of one encounter, but for the errors of our own state, which each run draws."""
 
     def process(sigma: Range, time: Range) -> GaussMarkov:
-        return GaussMarkov(sigma=one(sigma), time=one(time))
+        return GaussMarkov(sigma=_one(rng, sigma), time=_one(rng, time))
 
     camera = Camera(
-        rate=one(IMAGE_HZ),
-        sigma_px=one(IMAGE_NOISE_PX),
-        p_lose=one(LOSE),
-        p_regain=one(REGAIN),
-        latency=one(LATENCY_S),
+        rate=_one(rng, IMAGE_HZ),
+        sigma_px=_one(rng, IMAGE_NOISE_PX),
+        states_sigma=False,
+        p_lose=_one(rng, LOSE),
+        p_regain=_one(rng, REGAIN),
+        latency=_one(rng, LATENCY_S),
+        smallest_px=_one(rng, SMALLEST_PX),
+        mount_offset=_three(rng, MOUNT_OFFSET),
+        mount_rpy_deg=_three(rng, MOUNT_RPY_DEG),
     )
-    drawn = Conditions(
-        size=NOMINAL_SIZE * float(1.0 + rng.uniform(-SIZE_WITHIN, SIZE_WITHIN)),
-        drag=one(DRAG),
+    leader = Leader(
+        size=NOMINAL_SIZE * (1.0 + _one(rng, (-SIZE_WITHIN, SIZE_WITHIN))),
+        size_sigma_percent=0.0,
         bank_wobble_deg=process(BANK_WOBBLE_DEG, BANK_WOBBLE_S),
-        nose_wobble_deg=process(NOSE_WOBBLE_DEG, NOSE_WOBBLE_S),
-        camera=camera,
-        smallest_px=one(SMALLEST_PX),
-        attitude_hz=one(NAVIGATION_HZ),
-        position_hz=one(NAVIGATION_HZ),
-        position_lag=one(POSITION_LAG_S),
-        transport=one(TRANSPORT_S),
-        tilt_error_deg=process(TILT_ERROR_DEG, ATTITUDE_ERROR_S),
-        yaw_error_deg=process(YAW_ERROR_DEG, ATTITUDE_ERROR_S),
-        velocity_error=process(VELOCITY_ERROR, VELOCITY_ERROR_S),
+        heading_wobble_deg=process(NOSE_WOBBLE_DEG, NOSE_WOBBLE_S),
     )
-    return drawn._replace(camera=mounted(camera, rng))
+    # what else an autopilot sends the leader's estimator does not read
+    rates = Rates(
+        attitude=_one(rng, NAVIGATION_HZ),
+        local_position=_one(rng, NAVIGATION_HZ),
+        global_position=0.0,
+        gps=0.0,
+        imu=0.0,
+        servo=0.0,
+    )
+    scenario = Scenario(
+        own_errors=True,
+        leader=leader,
+        camera=camera,
+        nav=Nav(position_delay=_one(rng, POSITION_LAG_S)),
+        vehicle=Vehicle(type="quadrotor", autopilot="ardupilot", rates=rates),
+    )
+    return Conditions(_one(rng, DRAG), scenario)
 
 
-def mounted(camera: Camera, rng: np.random.Generator) -> Camera:
-    """The camera at a place and an angle of its own."""
-    x, y, z = (float(rng.uniform(*among)) for among in MOUNT_OFFSET)
-    roll, pitch, yaw = (float(rng.uniform(*among)) for among in MOUNT_RPY_DEG)
-    return msgspec.structs.replace(camera, mount_offset=(x, y, z), mount_rpy_deg=(roll, pitch, yaw))
+def draw_gimbal(rng: np.random.Generator) -> Gimbal:
+    """The gimbal of one encounter."""
+    yaw, pitch = (_one(rng, among) for among in SWEEP_DEG)
+    slow, fast = (_one(rng, among) for among in SWEEP_S)
+    return Gimbal(
+        sweep_deg=(yaw, pitch),
+        period=(slow, fast),
+        phase_deg=(_one(rng, (0.0, 360.0)), _one(rng, (0.0, 360.0))),
+        rate=_one(rng, GIMBAL_HZ),
+        latency=_one(rng, GIMBAL_LATENCY_S),
+        error_deg=_one(rng, GIMBAL_TILT_DEG),
+        yaw_error_deg=_one(rng, GIMBAL_YAW_DEG),
+    )
+
+
+def draw_wind(rng: np.random.Generator, wind: Array) -> WindEstimate:
+    """What an autopilot knows of the wind (3,) in n, m/s."""
+    sigma, stated = _one(rng, WIND_ERROR), _one(rng, WIND_STATED)
+    return WindEstimate(north=float(wind[0]), east=float(wind[1]), sigma=sigma, stated=stated)
+
+
+def _one(rng: np.random.Generator, among: Range) -> float:
+    return float(rng.uniform(*among))
+
+
+def _three(rng: np.random.Generator, among: tuple[Range, Range, Range]) -> Vec3:
+    x, y, z = (_one(rng, one) for one in among)
+    return x, y, z

@@ -5,13 +5,12 @@ Or we sway, to see the leader from elsewhere: that falsifies nothing.
 
 from typing import Final, NamedTuple
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from simlink.encounters.conditions import NOMINAL_SIZE, Conditions
 from simlink.encounters.curves import Motion, level, moving
 from simlink.encounters.families import TURN, Scene
-from simlink.scenarios.profiles import GaussMarkov
 from simlink.world.constants import DT
 
 
@@ -38,27 +37,24 @@ def depart(
 ) -> tuple[Scene, Conditions]:
     """The scene and the conditions after a departure; its `vigour` is that of the family's own draw."""
     d = departure
-    turned, windward, larger = rng.uniform(0.0, TURN), rng.uniform(0.0, TURN), float(rng.choice([-1.0, 1.0]))
+    turned, windward, side = rng.uniform(0.0, TURN), rng.uniform(0.0, TURN), float(rng.choice([-1.0, 1.0]))
     if d.any_nose:
         scene = scene._replace(nose=scene.nose + turned)
     if d.wind is not None:
         scene = scene._replace(wind=d.wind * level(np.array(windward)))
     if d.sway:
         scene = scene._replace(follower=_swaying(scene, d.sway, rng))
-    size = conditions.size if d.size_off is None else NOMINAL_SIZE * (1.0 + larger * d.size_off)
-    camera = msgspec.structs.replace(conditions.camera, sigma_px=d.image_noise * conditions.camera.sigma_px)
-
-    def larger_error(process: GaussMarkov) -> GaussMarkov:
-        return msgspec.structs.replace(process, sigma=d.own_errors * process.sigma)
-
-    return scene, conditions._replace(
-        size=size,
-        drag=d.drag * conditions.drag,
-        camera=camera,
-        tilt_error_deg=larger_error(conditions.tilt_error_deg),
-        yaw_error_deg=larger_error(conditions.yaw_error_deg),
-        velocity_error=larger_error(conditions.velocity_error),
+    leader, camera, nav = (getattr(conditions.scenario, part) for part in ("leader", "camera", "nav"))
+    if d.size_off is not None:
+        leader = replace(leader, size=NOMINAL_SIZE * (1.0 + side * d.size_off))
+    errors = {name: getattr(nav, name) for name in ("attitude_deg", "yaw_deg", "velocity")}
+    scenario = replace(
+        conditions.scenario,
+        leader=leader,
+        camera=replace(camera, sigma_px=d.image_noise * camera.sigma_px),
+        nav=replace(nav, **{name: replace(e, sigma=d.own_errors * e.sigma) for name, e in errors.items()}),
     )
+    return scene, Conditions(d.drag * conditions.drag, scenario)
 
 
 def _swaying(scene: Scene, amplitude: float, rng: np.random.Generator) -> Motion:

@@ -1,11 +1,17 @@
-"""The truth of an encounter, as arrays over time."""
+"""The truth of an encounter, as arrays over time and as states of the world."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from onboard.messages import Vec3
 from simlink.encounters.curves import Motion
 from simlink.sensors.arrays import Array
+from simlink.world import attitude, truth
+from simlink.world.truth import State, body_rate, world_of
+
+STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
 class EncounterTruth(NamedTuple):
@@ -29,6 +35,22 @@ class EncounterTruth(NamedTuple):
         return self.leader.v - self.follower.v
 
 
-def at(t: Array, truth: Array, when: Array) -> Array:
-    """Rows of `truth` (N, k) at the times `when` (M,), linear between two: (M, k)."""
-    return np.column_stack([np.interp(when, t, x) for x in truth.T])
+def states(flown: EncounterTruth) -> Iterator[State]:
+    """The world, step by step."""
+    vehicles = (_motions(flown.leader, flown.euler_L), _motions(flown.follower, flown.euler_F))
+    for step, (t, leader, follower) in enumerate(zip(flown.t.tolist(), *vehicles, strict=True)):
+        yield world_of(step, t, leader, follower)
+
+
+def at(t: Array, values: Array, when: Array) -> Array:
+    """Rows of `values` (N, k) at the times `when` (M,), linear between two: (M, k)."""
+    return np.column_stack([np.interp(when, t, x) for x in values.T])
+
+
+def _motions(motion: Motion, euler: Array) -> Iterator[truth.Motion]:
+    before = None
+    for (*r, vx, vy, vz, ax, ay, az), angles in zip(np.hstack(motion).tolist(), euler.tolist(), strict=True):
+        q = attitude.from_euler(*angles)
+        omega = STILL if before is None else body_rate(before, q)
+        yield truth.Motion((r[0], r[1], r[2]), (vx, vy, vz), (ax, ay, az), q, omega)
+        before = q

@@ -76,6 +76,17 @@ class Rates(Record, frozen=True, kw_only=True):
     battery: Rate = 0.0
 
 
+class WindEstimate(Record, frozen=True, kw_only=True):
+    """The wind to `north` and `east` (m/s) as the autopilot estimates it, `rate` times a second: with a constant
+    error of standard deviation `sigma` (m/s), which it states as `stated` times that."""
+
+    north: float = 0.0
+    east: float = 0.0
+    sigma: NotNegative = 0.5
+    stated: NotNegative = 1.0
+    rate: Rate = 1.0
+
+
 class Vehicle(Record, frozen=True, kw_only=True):
     """Our vehicle's identity on MAVLink. `origin` of the local frame: WGS-84 latitude and longitude (deg), height
     (m).
@@ -90,3 +101,4 @@ class Vehicle(Record, frozen=True, kw_only=True):
     origin: tuple[float, float, float] = (47.397742, 8.545594, 488.0)
     boot: NotNegative = 40.0  # s on the boot clock when the flight begins
     rates: Rates = Rates()
+    wind: WindEstimate | None = None  # None: the autopilot has none

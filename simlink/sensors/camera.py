@@ -5,10 +5,21 @@ A point is (Y_c/X_c, Z_c/X_c), positive right and down, as in `onboard.geometry.
 
 import math
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 from onboard.geometry.rotations import quaternion_from_euler
-from onboard.messages import CameraPoints, Clock, ImagePoint, Intrinsics, Pixel, Quaternion, TargetPoints, Vec3
+from onboard.messages import (
+    CameraDetections,
+    CameraPoints,
+    Clock,
+    Detection,
+    ImagePoint,
+    Intrinsics,
+    Pixel,
+    Quaternion,
+    TargetPoints,
+    Vec3,
+)
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import is_within
 from simlink.scenarios.scenario import Scenario
@@ -21,13 +32,16 @@ from simlink.world.truth import State
 
 Mount = Callable[[State], Quaternion]
 Points = tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left wing, right wing of the leader
+BY_SIDE: Final = ("wing", "wing_pose")  # detectors that know no wing from the other
 
 
 class Image(NamedTuple):
-    """The points of one registered image, in units of the focal length; `t_ns` is its stamp (boot clock)."""
+    """The points of one registered image, in units of the focal length; `t_ns` is its stamp (boot clock).
+    `detection`: what a detector finds that does not find these points alone."""
 
     t_ns: int
     points: Points
+    detection: Detection | None = None
 
 
 def mount_quaternion(camera: Camera) -> Quaternion:
@@ -56,9 +70,12 @@ def is_inside(camera: Camera, x: Real, y: Real, z: Real) -> Real:
 
 
 def project(state: State, size: float, camera: Camera, q_bc: Quaternion) -> Points | None:
-    """Image points of the leader; None if one is behind the lens or outside the image."""
+    """Image points of the leader; None if one is behind the lens or outside the image, or the leader too small."""
     points = []
-    for r_FP_n in leader_points_n(difference(state.r_OL_n, state.r_OF_n), state.q_nL, size):
+    r_FL_n = difference(state.r_OL_n, state.r_OF_n)
+    if camera.f_px * size < camera.smallest_px * math.hypot(*r_FL_n):
+        return None
+    for r_FP_n in leader_points_n(r_FL_n, state.q_nL, size):
         x, y, z = in_camera(r_FP_n, state.q_nF, camera, q_bc)
         if not is_inside(camera, x, y, z):
             return None
@@ -93,6 +110,13 @@ def _noisy(points: Points, z: Iterator[float], sigma: float) -> Points:
     )
 
 
+def named_by_side(points: Points) -> Points:
+    """The points as a detector names them that knows no wing from the other: left is the tip further left."""
+    center, *tips = points
+    left, right = sorted(tips)
+    return center, left, right
+
+
 def blob(camera: Camera, u: Real, v: Real, w: Real) -> Points:
     """A wrong detection: center uniform in the image, level span uniform in `blob_span_px`. u, v, w: uniform
     draws."""
@@ -125,7 +149,9 @@ class CameraSensor:
         noisy = _noisy(truth or other, self._noise, camera.sigma_px / camera.f_px)
         if not registered or truth is None:
             return None
-        return other if wrong else noisy
+        if wrong:
+            return other
+        return named_by_side(noisy) if camera.sees in BY_SIDE else noisy
 
 
 def target_points(image: Image, camera: Camera) -> TargetPoints:
@@ -136,19 +162,24 @@ def target_points(image: Image, camera: Camera) -> TargetPoints:
     )
 
 
-def camera_points(image: Image, camera: Camera) -> CameraPoints:
+def stated_sigma_px(camera: Camera) -> float | None:
+    """The noise that a point comes with; None: it comes without."""
+    return camera.sigma_px or None if camera.states_sigma else None
+
+
+def document(image: Image, camera: Camera) -> CameraPoints | CameraDetections:
     """The record that a vision process publishes on Zenoh: pixels and intrinsics."""
     cx, cy = camera.width_px / 2, camera.height_px / 2
+    head: dict[str, Any] = {
+        "t_ns": image.t_ns,
+        "clock": Clock.BOOT,
+        "camera": camera.name,
+        "intrinsics": Intrinsics(fx_px=camera.f_px, fy_px=camera.f_px, cx_px=cx, cy_px=cy),
+    }
+    if image.detection is not None:
+        return CameraDetections(**head, detections=(image.detection,))
+    sigma_px = stated_sigma_px(camera)
     center, left, right = (
-        Pixel(u_px=cx + camera.f_px * y, v_px=cy + camera.f_px * z, sigma_px=camera.sigma_px or None)
-        for y, z in image.points
+        Pixel(u_px=cx + camera.f_px * y, v_px=cy + camera.f_px * z, sigma_px=sigma_px) for y, z in image.points
     )
-    return CameraPoints(
-        t_ns=image.t_ns,
-        clock=Clock.BOOT,
-        camera=camera.name,
-        intrinsics=Intrinsics(fx_px=camera.f_px, fy_px=camera.f_px, cx_px=cx, cy_px=cy),
-        center=center,
-        left=left,
-        right=right,
-    )
+    return CameraPoints(**head, center=center, left=left, right=right)

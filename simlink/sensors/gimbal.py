@@ -16,17 +16,18 @@ class GimbalSensor:
     def __init__(self, camera: Camera, gimbal: Gimbal, seed: int) -> None:
         self._gimbal, self._mount = gimbal, mount_quaternion(camera)
         draw = normals(seed, "camera.gimbal")
-        x, y, z = (math.radians(gimbal.error_deg) * next(draw) for _ in range(3))
+        tilt, drift = gimbal.error_deg, gimbal.yaw_error_deg
+        x, y, z = (math.radians(e) * next(draw) for e in (tilt, tilt, tilt if drift is None else drift))
         self._error = attitude.from_vector(x, y, z)
 
     def head(self, t: float) -> Quaternion:
         """q_hg at a time of flight: from the head's axes to NED turned to our heading."""
-        (yaw, pitch), (slow, fast) = self._gimbal.sweep_deg, self._gimbal.period
-        return attitude.from_euler(
-            0.0,
-            math.radians(pitch) * math.sin(2 * math.pi * t / fast),
-            math.radians(yaw) * math.sin(2 * math.pi * t / slow),
+        g = self._gimbal
+        yaw, pitch = (
+            math.radians(width) * math.sin(2 * math.pi * t / period + math.radians(phase))
+            for width, period, phase in zip(g.sweep_deg, g.period, g.phase_deg, strict=True)
         )
+        return attitude.from_euler(0.0, pitch, yaw)
 
     def mount(self, state: State) -> Quaternion:
         """q_bc of the camera on the head."""

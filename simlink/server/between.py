@@ -9,20 +9,18 @@ import asyncio
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Final, Literal
+from typing import Final
 
-from onboard.messages import CameraDetections, SimStatus, Truth, Vec3
-from simlink.encounters.boxes import BoxDetector
+from onboard.messages import SimStatus, Truth
 from simlink.scenarios.scenario import ScenarioError
 from simlink.sensors.camera import CameraSensor, Image
-from simlink.server.links import LinkError
-from simlink.server.observed import LocalFrame, Motion
+from simlink.sensors.detector import Detector
+from simlink.server.observed import LocalFrame
 from simlink.server.outlet import Outlet, OutletOptions
 from simlink.server.peer import PeerLink
-from simlink.world.attitude import to_b
-from simlink.world.constants import G
+from simlink.simulation import check_mavlink
 from simlink.world.drawn import drawn
-from simlink.world.truth import State, true_size, truth_record
+from simlink.world.truth import Motion, true_size, truth_record, world_of
 
 TURN: Final = 0.004  # s
 NS_PER_S: Final = 1_000_000_000
@@ -32,13 +30,11 @@ STATUS_NS: Final = NS_PER_S // 5
 
 
 class CameraOptions(OutletOptions, frozen=True, kw_only=True):
-    """The two vehicles' links; `duration` in s from the first exposure on (None: endless). `sees`: how much of the
-    leader is found."""
+    """The two vehicles' links; `duration` in s from the first exposure on (None: endless)."""
 
     follower: str
     leader: str
     duration: float | None = None
-    sees: Literal["wing", "box"] = "wing"
 
 
 class CameraBetween:
@@ -60,16 +56,16 @@ class CameraBetween:
         self._camera = scenario.camera
         self._size = true_size(scenario, options.seed)
         self._sensor = CameraSensor(scenario, options.seed, self._size)
-        self._boxes = BoxDetector(scenario.camera, options.seed) if options.sees == "box" else None
-        if self._boxes is not None and options.camera != "zenoh":
-            raise LinkError("boxes are sent over Zenoh only: choose --camera zenoh")
+        self._detector = Detector(scenario.camera, options.seed, self._size)
+        if options.camera in ("mavlink", "both"):
+            check_mavlink(scenario)
         frame = LocalFrame()
         self.follower = PeerLink("follower", options.follower, frame, now_ns, report)
         self.leader = PeerLink("leader", options.leader, frame, now_ns, report)
         self._outlet: Outlet | None = None
         self._begin_ns: int | None = None  # the first exposure
         self._count = 0  # of periods since
-        self._in_transit: deque[tuple[int, Image | CameraDetections]] = deque()  # with the time of exposure
+        self._in_transit: deque[tuple[int, Image]] = deque()  # with the time of exposure
         self._missing = {"follower": "", "leader": ""}
 
     @property
@@ -159,14 +155,12 @@ class CameraBetween:
             self._count += 1
 
     def _image(self, outlet: Outlet, t_ns: int, own: Motion, other: Motion) -> None:
-        state = _state(self.exposures, self.exposures / self._camera.rate, own, other)
+        state = world_of(self.exposures, self.exposures / self._camera.rate, other, own)
         truth = truth_record(state, self._size, t_ns)
         points = self._sensor.expose(state)
         stamp_ns = t_ns + round(self._camera.stamp_late * NS_PER_S)
-        if points is not None and self._boxes is not None:
-            self._in_transit.append((t_ns, self._boxes.document(state, self._size, stamp_ns)))
-        elif points is not None:
-            self._in_transit.append((t_ns, Image(stamp_ns, points)))
+        if points is not None:
+            self._in_transit.append((t_ns, Image(stamp_ns, points, self._detector.detect(state, points))))
         if not self.exposures:
             distance = math.dist(own.r_n, other.r_n)
             self._report(f"the first exposure: the leader is {distance:.1f} m away, {_view(points is not None)}")
@@ -188,35 +182,3 @@ class CameraBetween:
 
 def _view(is_seen: bool) -> str:
     return "in the image" if is_seen else "outside the image or missed"
-
-
-def _state(step: int, t: float, own: Motion, other: Motion) -> State:
-    """The world of two vehicles."""
-    a_lat, a_long = path_accelerations(other.v_n, other.a_n)
-    a_F = own.a_n
-    return State(
-        step=step,
-        t=t,
-        r_OL_n=other.r_n,
-        v_L_n=other.v_n,
-        a_L_n=other.a_n,
-        q_nL=other.q_nb,
-        a_lat=a_lat,
-        a_long=a_long,
-        r_OF_n=own.r_n,
-        v_F_n=own.v_n,
-        a_F_n=a_F,
-        q_nF=own.q_nb,
-        omega_b=own.omega_b,
-        f_b=to_b(own.q_nb, (a_F[0], a_F[1], a_F[2] - G)),
-    )
-
-
-def path_accelerations(v_n: Vec3, a_n: Vec3) -> tuple[float, float]:
-    """Oh & Johnson's a_lat (to the right) and a_long (up, normal to the velocity); 0 without horizontal speed."""
-    horizontal, speed = math.hypot(v_n[0], v_n[1]), math.hypot(*v_n)
-    if horizontal == 0.0:
-        return 0.0, 0.0
-    along = (a_n[0] * v_n[0] + a_n[1] * v_n[1]) / horizontal
-    climb = (v_n[2] * along - horizontal * a_n[2]) / speed
-    return (a_n[1] * v_n[0] - a_n[0] * v_n[1]) / horizontal, climb

@@ -6,7 +6,7 @@ in one turn of its loop, and SIM_STATE takes the attitude's stamp. PX4's HIL_STA
 
 from bisect import bisect_right
 from collections import deque
-from typing import Final, NamedTuple
+from typing import Final
 
 from onboard.geometry.geodesy import ned_from_geodetic
 from onboard.messages import Attitude, Clock, Command, Heartbeat, Message, Quaternion, Vec3, VehicleTruth
@@ -16,6 +16,7 @@ from onboard.wire.sim_truth import CONVERT
 from simlink.autopilot import ATTITUDE_QUATERNION as ATTITUDE
 from simlink.autopilot import AUTOPILOT, SET_MESSAGE_INTERVAL, TRUTH
 from simlink.world.attitude import difference
+from simlink.world.truth import Motion
 
 TRUTH_HZ: Final = 50.0
 OUR_SYSTEM, OUR_COMPONENT = 254, 191  # a ground station's number, so that we are no vehicle of the flight
@@ -40,16 +41,6 @@ class LocalFrame:
         self._origin = self._origin or place
         north, east, down = ned_from_geodetic(place, self._origin).tolist()
         return north, east, down
-
-
-class Motion(NamedTuple):
-    """The true state of a vehicle at one time: position, velocity and acceleration in n, attitude, body rates."""
-
-    r_n: Vec3
-    v_n: Vec3
-    a_n: Vec3
-    q_nb: Quaternion
-    omega_b: Vec3
 
 
 class ObservedVehicle:

@@ -3,15 +3,15 @@
 import asyncio
 from typing import Final, Literal
 
-from onboard.messages import CameraDetections, Record
+from onboard.messages import Record
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from simlink.scenarios.scenario import Scenario
-from simlink.sensors.camera import Image, camera_points, target_points
+from simlink.sensors.camera import Image, document, target_points
 from simlink.sensors.gimbal import make_gimbal
 from simlink.sensors.pictures import Painter
 from simlink.server.links import LinkError, UdpLink, parse_udp
 from simlink.server.publish import Published, ZenohPublisher, check_vehicle
-from simlink.simulation import CAMERA_COMPONENT
+from simlink.simulation import CAMERA_COMPONENT, check_mavlink
 from simlink.world.drawn import drawn
 from simlink.world.truth import State, true_size
 
@@ -39,12 +39,14 @@ class OutletOptions(Record, frozen=True, kw_only=True):
 
 class Outlet:
     """The outputs of one run; `images` counts what was sent. `system`: of the vehicle with the camera. Raises
-    LinkError for invalid options, PictureError where pictures cannot be drawn."""
+    LinkError and ScenarioError for invalid options, PictureError where pictures cannot be drawn."""
 
     def __init__(self, options: OutletOptions, system: int) -> None:
         if options.camera in ("zenoh", "both") and options.zenoh is None:
             raise LinkError("images over Zenoh need an endpoint; or choose --camera mavlink or none")
         check_vehicle(options.vehicle)
+        if options.camera in ("mavlink", "both"):
+            check_mavlink(options.scenario)
         self.images = 0
         self._options = options
         self._camera = options.scenario.camera
@@ -76,16 +78,12 @@ class Outlet:
             return True
         return self._zenoh.has_viewer()
 
-    def send_image(self, image: Image | CameraDetections) -> None:
+    def send_image(self, image: Image) -> None:
         """Send what is found in one image, unless pictures are sent instead."""
         if self._painter is not None:
             return
-        if isinstance(image, CameraDetections):
-            self.publish(image)
-            self.images += 1
-            return
         if self._options.camera in ("zenoh", "both"):
-            self.publish(camera_points(image, self._camera))
+            self.publish(document(image, self._camera))
         if self._udp is not None:
             self._udp.send(self._encoder.encode(target_points(image, self._camera)))
         self.images += self._options.camera != "none"

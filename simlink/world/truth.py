@@ -46,6 +46,48 @@ class State(NamedTuple):
     voltage_v: float | None = None  # of a quadrotor's battery
 
 
+class Motion(NamedTuple):
+    """The true state of a vehicle at one time: position, velocity and acceleration in n, attitude, body rates."""
+
+    r_n: Vec3
+    v_n: Vec3
+    a_n: Vec3
+    q_nb: Quaternion
+    omega_b: Vec3
+
+
+def world_of(step: int, t: float, leader: Motion, follower: Motion) -> State:
+    """The world of two vehicles, however they are flown, after `step` steps, at `t` s."""
+    a_lat, a_long = path_accelerations(leader.v_n, leader.a_n)
+    a_F = follower.a_n
+    return State(
+        step=step,
+        t=t,
+        r_OL_n=leader.r_n,
+        v_L_n=leader.v_n,
+        a_L_n=leader.a_n,
+        q_nL=leader.q_nb,
+        a_lat=a_lat,
+        a_long=a_long,
+        r_OF_n=follower.r_n,
+        v_F_n=follower.v_n,
+        a_F_n=a_F,
+        q_nF=follower.q_nb,
+        omega_b=follower.omega_b,
+        f_b=attitude.to_b(follower.q_nb, (a_F[0], a_F[1], a_F[2] - G)),
+    )
+
+
+def path_accelerations(v_n: Vec3, a_n: Vec3) -> tuple[float, float]:
+    """Oh & Johnson's a_lat (to the right) and a_long (up, normal to the velocity); 0 without horizontal speed."""
+    horizontal, speed = math.hypot(v_n[0], v_n[1]), math.hypot(*v_n)
+    if horizontal == 0.0:
+        return 0.0, 0.0
+    along = (a_n[0] * v_n[0] + a_n[1] * v_n[1]) / horizontal
+    climb = (v_n[2] * along - horizontal * a_n[2]) / speed
+    return (a_n[1] * v_n[0] - a_n[0] * v_n[1]) / horizontal, climb
+
+
 def true_size(scenario: Scenario, seed: int) -> float:
     """The leader's true size in this run, m: the nominal size with its random error."""
     sigma = scenario.leader.size_sigma_percent / 100

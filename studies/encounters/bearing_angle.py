@@ -27,9 +27,8 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Attitude, LocalPosition, Message, TargetDetection
-from simlink.encounters.encounter import Encounter
-from simlink.encounters.reports import BOOT_NS
-from studies.encounters.flights import Flight, judged
+from simlink.encounters.encounter import BOOT_NS, Encounter
+from studies.encounters.flights import Flight, judged, received
 
 ACCELERATION: Final = 0.2  # m/s^2 / sqrt(Hz), white, of the target
 VELOCITY: Final = 5.0  # m/s, of the target at first, one standard deviation
@@ -59,11 +58,11 @@ class Box(NamedTuple):
 
 def boxes(encounter: Encounter) -> list[Box]:
     """All boxes of an encounter, with our own pose at their times, interpolated."""
-    attitudes = _rows(encounter.messages, Attitude, "q_nb", 0.0)
-    places = _rows(encounter.messages, LocalPosition, "r_OF_n", -POSITION_LAG)
-    camera = encounter.conditions.camera
+    messages, camera = received(encounter), encounter.scenario.camera
+    attitudes = _rows(messages, Attitude, "q_nb", 0.0)
+    places = _rows(messages, LocalPosition, "r_OF_n", -POSITION_LAG)
     R_bc, found = matrix_from_euler(*np.radians(camera.mount_rpy_deg)), []
-    for m in encounter.messages:
+    for m in messages:
         if not isinstance(m, TargetDetection) or m.half_sides is None:
             continue
         t, box = (m.t_ns - BOOT_NS) * 1e-9, m.features[0]

@@ -1,7 +1,7 @@
 """The flights of the study of encounters: simlink's random encounters through the daemon's pipeline as it ships,
 with nothing configured but the leader's size and class, and where the camera is mounted."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -9,17 +9,16 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.config import load_config
 from onboard.filters.gating import normalised_squared
-from onboard.messages import Estimate, Message, Vec3
+from onboard.messages import Datagram, Estimate, Message, Vec3
 from onboard.pipeline import Pipeline
 from simlink.encounters.conditions import NOMINAL_SIZE
 from simlink.encounters.departures import NONE, Departure
+from simlink.encounters.encounter import BOOT_NS, Encounter, Mount, make_encounter
 from simlink.encounters.encounter import SECONDS as WHOLE
-from simlink.encounters.encounter import Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
-from simlink.encounters.gimbals import COMPONENT, Mount
-from simlink.encounters.reports import BOOT_NS
-from simlink.encounters.shapes import NAMED, Sees
 from simlink.encounters.truth import EncounterTruth, at
+from simlink.scenarios.camera import Sees
+from simlink.sensors.shapes import NAMED
 
 SECONDS: Final = WHOLE
 SETTLE: Final = 5.0  # s before estimates count
@@ -96,7 +95,7 @@ def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
     )
     off = mount_off(case.departure.mount_off_deg, seed)
     config = load_config(None, (*known(encounter, off), *case.settings, *settings))
-    return judged(estimated(Pipeline(config), encounter.messages), encounter.truth)
+    return judged(estimated(Pipeline(config), encounter.datagrams()), encounter.truth)
 
 
 def mount_off(degrees: float, seed: int) -> Vec3:
@@ -109,21 +108,31 @@ def mount_off(degrees: float, seed: int) -> Vec3:
 def known(encounter: Encounter, off: Vec3 = (0.0, 0.0, 0.0)) -> tuple[str, ...]:
     """Settings: what is known of this encounter's leader, and of the mount of its follower's camera, whose angles
     are `off` by so much, degrees."""
-    camera = encounter.conditions.camera
-    on_head = f"camera.gimbal={COMPONENT}", "camera.mount_rpy_deg=[0, 0, 0]"
-    fixed = (f"camera.mount_rpy_deg={[a + b for a, b in zip(camera.mount_rpy_deg, off, strict=True)]}",)
+    camera = encounter.scenario.camera
+    gimbal = () if camera.gimbal is None else (f"camera.gimbal={camera.gimbal.component}",)
     return (
         f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
         f"estimator.leader.leader_class={encounter.leader_class}",
-        *(on_head if encounter.mount == "gimbal" else fixed),
+        *gimbal,
+        f"camera.mount_rpy_deg={[a + b for a, b in zip(camera.mount_rpy_deg, off, strict=True)]}",
         f"camera.mount_offset_m={list(camera.mount_offset)}",
     )
 
 
-def estimated(pipeline: Pipeline, messages: Sequence[Message]) -> Array:
+def received(encounter: Encounter, settings: Sequence[str] = ()) -> list[Message]:
+    """What our vehicle's computer reads of an encounter, in order."""
+    pipeline = Pipeline(load_config(None, (*known(encounter), *settings)))
+    return [message for datagram in encounter.datagrams() for message in pipeline.decode(datagram)]
+
+
+def estimated(
+    pipeline: Pipeline,
+    datagrams: Iterable[Datagram],
+    change: Callable[[list[Message]], list[Message]] = lambda messages: messages,
+) -> Array:
     """The leader's estimates (n, 13), in order: time of the encounter (s), r_FL_n (3), its covariance (9), NaN
-    where not valid."""
-    outputs = (output for message in messages for output in pipeline.advance((message,)))
+    where not valid. `change`: what becomes of the messages of one datagram."""
+    outputs = (output for datagram in datagrams for output in pipeline.advance(change(pipeline.decode(datagram))))
     rows = [
         ((output.t_ns - BOOT_NS) * 1e-9, *_position(output))
         for output in outputs

@@ -12,11 +12,13 @@ from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Attitude, Clock, Estimate, Heartbeat, LocalPosition, Message, TargetPoints, Verdict
 from onboard.models.relative_motion import N
 from onboard.pipeline import Pipeline
-from simlink.encounters.reports import ACTIVE, EPOCH_NS, MULTIROTOR, VISION, boot_ns
+from simlink.autopilot import ACTIVE, AUTOPILOT, VEHICLE_TYPE
+from simlink.encounters.encounter import BOOT_NS
+from simlink.simulation import CAMERA_COMPONENT, EPOCH_NS
 from studies.relative_motion.flight import NAV_RATE, Flight
 from studies.relative_motion.formation import ON_TIME, Lateness, Setting, Track
 
-PX4: Final = 12  # MAV_AUTOPILOT; its stamps are right, as those of these flights are
+PX4: Final = AUTOPILOT["px4"]  # its stamps are right, as those of these flights are
 FUSED: Final = (Verdict.FUSED, Verdict.FUSED_LATE)
 
 
@@ -34,6 +36,11 @@ ON_WING: Final = Shipped(
     "on-wing", "the daemon, `center_on_wing = true`", ("estimator.leader.center_on_wing=true",)
 )
 DELAY: Final = Shipped("delay", "the daemon, `delay_sigma_s = 0.15`", ("estimator.leader.delay_sigma_s=0.15",))
+
+
+def boot_ns(t: float) -> int:
+    """The boot clock at a time of the flight, s."""
+    return BOOT_NS + round(t * 1e9)
 
 
 def known(setting: Setting) -> tuple[str, ...]:
@@ -109,7 +116,7 @@ def _navigation(flight: Flight) -> Iterator[Message]:
                 t_ns=ns,
                 t_recv_ns=arrival,
                 clock=Clock.NONE,
-                vehicle_type=MULTIROTOR,
+                vehicle_type=VEHICLE_TYPE["quadrotor"],
                 autopilot=PX4,
                 armed=True,
                 status=ACTIVE,
@@ -132,7 +139,7 @@ def _images(flight: Flight, camera: str, late: Lateness) -> Iterator[Message]:
             yield TargetPoints(
                 t_ns=ns,
                 t_recv_ns=EPOCH_NS + boot_ns(delivered + wait),
-                component=VISION,
+                component=CAMERA_COMPONENT,
                 camera=camera,
                 center=center,
                 left=left,

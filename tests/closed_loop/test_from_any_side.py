@@ -3,6 +3,7 @@ the pipeline with its defaults. Before the cloud of noses the default filter did
 19 to 77 % of the estimates of these flights."""
 
 from collections.abc import Callable
+from itertools import count
 from typing import Final
 
 import msgspec
@@ -11,46 +12,48 @@ import pytest
 from onboard.config import load_config
 from onboard.messages import Message, TargetPoints
 from onboard.pipeline import Pipeline
-from simlink.encounters.encounter import Encounter, make_encounter
-from simlink.encounters.reports import BOOT_NS
+from simlink.encounters.encounter import BOOT_NS, make_encounter
 from studies.encounters.flights import estimated, judged, known
 from studies.encounters.scores import Score, score
 
 SECONDS: Final = 30.0
-Change = Callable[[Encounter], list[Message]]
+Change = Callable[[list[Message]], list[Message]]
 
 
-def as_it_is(encounter: Encounter) -> list[Message]:
-    return list(encounter.messages)
+def as_it_is(messages: list[Message]) -> list[Message]:
+    return messages
 
 
-def out_of_view(encounter: Encounter) -> list[Message]:
+def out_of_view(messages: list[Message]) -> list[Message]:
     """No image from 12 to 18 s: the track is lost, and begun again while the leader flies on with another nose."""
     begins, ends = (BOOT_NS + round(s * 1e9) for s in (12.0, 18.0))
-    return [m for m in encounter.messages if not (isinstance(m, TargetPoints) and begins <= m.t_ns < ends)]
+    return [m for m in messages if not (isinstance(m, TargetPoints) and begins <= m.t_ns < ends)]
 
 
-def exchanged(encounter: Encounter) -> list[Message]:
+def exchanged() -> Change:
     """The wingtips exchange their names in every other image."""
-    messages, images = [], 0
-    for m in encounter.messages:
-        images += isinstance(m, TargetPoints)
-        if isinstance(m, TargetPoints) and images % 2 == 1:
-            messages.append(msgspec.structs.replace(m, left=m.right, right=m.left))
-        else:
-            messages.append(m)
-    return messages
+    images = count()
+
+    def change(messages: list[Message]) -> list[Message]:
+        return [
+            msgspec.structs.replace(m, left=m.right, right=m.left)
+            if isinstance(m, TargetPoints) and next(images) % 2 == 0
+            else m
+            for m in messages
+        ]
+
+    return change
 
 
 def flown(family: str, seed: int, change: Change) -> Score:
     encounter = make_encounter(family, seed, SECONDS)
     pipeline = Pipeline(load_config(None, known(encounter)))
-    return score([judged(estimated(pipeline, change(encounter)), encounter.truth)])
+    return score([judged(estimated(pipeline, encounter.datagrams(), change), encounter.truth)])
 
 
 FLIGHTS: Final = {
     "a track begun again": ("wander", 602, out_of_view),
-    "exchanged wingtips": ("crossing", 601, exchanged),
+    "exchanged wingtips": ("crossing", 601, exchanged()),
     "a nose from the front": ("head_on", 601, as_it_is),
     "a leader that stops, turns round and leaves": ("stop_turn_leave", 602, as_it_is),
 }

@@ -14,8 +14,7 @@ from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.own_state.config import AIRFRAMES
 from onboard.estimators.own_state.config import Config as OwnState
 from onboard.estimators.traffic.config import Config as Traffic
-from simlink.encounters.conditions import Conditions, draw_conditions
-from simlink.encounters.gimbals import ERROR_S, TILT_DEG, YAW_DEG
+from simlink.encounters.conditions import GIMBAL_TILT_DEG, GIMBAL_YAW_DEG, draw_conditions
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.world.drawn import drawn
 
@@ -99,21 +98,12 @@ EVERY = (
     *(("quadrotor", pair) for pair in QUADROTOR),
     *(("traffic", pair) for pair in TRAFFIC_SCENE),
 )
-ENCOUNTERS: dict[str, tuple[float, Callable[[Conditions], float]]] = {
-    "own_tilt_sigma_deg": (LEADER.own_tilt_sigma_deg, lambda c: c.tilt_error_deg.sigma),
-    "own_yaw_sigma_deg": (LEADER.own_yaw_sigma_deg, lambda c: c.yaw_error_deg.sigma),
-    "own_attitude_time_s": (LEADER.own_attitude_time_s, lambda c: c.yaw_error_deg.time),
-    "own_velocity_sigma_m_s": (LEADER.own_velocity_sigma_m_s, lambda c: c.velocity_error.sigma),
-    "sigma_px": (CameraConfig().sigma_px, lambda c: c.camera.sigma_px),
-    "nose_wobble": (math.degrees(NOSES.nose_wobble), lambda c: c.nose_wobble_deg.sigma),
-    "stretch_time": (NOSES.stretch_time, lambda c: c.nose_wobble_deg.time),
-    "bank_time": (NOSES.bank_time, lambda c: c.bank_wobble_deg.time),
-}
+ENCOUNTERS = tuple(pair for pair in FORMATION if pair.name not in ("tilt_sigma_deg", "bank"))
 
 
 def test_gimbals_of_encounters_are_drawn_around_the_defaults() -> None:
-    defaults = mount_errors([CameraConfig(gimbal=1)])
-    for default, (least, most) in zip(defaults, (TILT_DEG, YAW_DEG, ERROR_S), strict=True):
+    tilt, yaw, _ = mount_errors([CameraConfig(gimbal=1)])
+    for default, (least, most) in ((tilt, GIMBAL_TILT_DEG), (yaw, GIMBAL_YAW_DEG)):
         assert least < default < most
 
 
@@ -125,13 +115,12 @@ def test_no_run_is_flown_at_a_default_seeds_1_to_60(scenario: str, pair: Pair) -
     assert (min(values) < pair.default < max(values)) == pair.is_around
 
 
-@pytest.mark.parametrize("name", ENCOUNTERS)
-def test_encounters_are_drawn_around_the_defaults_seed_9(name: str) -> None:
-    default, simulated = ENCOUNTERS[name]
+@pytest.mark.parametrize("pair", ENCOUNTERS, ids=lambda pair: pair.name)
+def test_encounters_are_drawn_around_the_defaults_seed_9(pair: Pair) -> None:
     rng = np.random.default_rng(9)
-    values = [simulated(draw_conditions(rng)) for _ in SEEDS]
-    assert not np.isclose(values, default, rtol=1e-6).any()
-    assert min(values) < default < max(values)
+    values = [pair.simulated(drawn(draw_conditions(rng).scenario, seed)) for seed in SEEDS]
+    assert not np.isclose(values, pair.default, rtol=1e-6).any()
+    assert min(values) < pair.default < max(values)
 
 
 @pytest.mark.parametrize("scenario", ["formation", "quadrotor-motor", "traffic", "traffic-gnss"])

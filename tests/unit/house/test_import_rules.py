@@ -35,8 +35,8 @@ INSIDE = {
     ),
     "studies": ({"report"}, {"tracking"}, {"*"}, {"together"}, {"command"}, {"__main__"}),
     "simlink": (
-        *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot", "encounters"}),
-        *({"simulation"}, {"log", "server"}, {"cli"}, {"__main__"}),
+        *({"scenarios"}, {"world"}, {"sensors"}, {"traffic"}, {"autopilot"}, {"simulation"}),
+        *({"encounters", "log", "server"}, {"cli"}, {"__main__"}),
     ),
 }
 OURS = ("onboard", "simlink", "studies", "benchmarks")

@@ -18,17 +18,18 @@ from simlink.cli import main
 from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario
 from simlink.sensors.camera import mount_quaternion
 from simlink.sensors.navigation import readings
-from simlink.server.between import CameraBetween, CameraOptions, path_accelerations
+from simlink.server.between import CameraBetween, CameraOptions
 from simlink.server.links import LinkError
 from simlink.server.observed import LocalFrame, ObservedVehicle
 from simlink.server.outlet import Outlet
 from simlink.server.server import Options, Server
 from simlink.world import attitude
 from simlink.world.constants import STEP_NS
-from simlink.world.truth import states
+from simlink.world.truth import path_accelerations, states
 from tests.support.simlink_server import UNIX_NS, run, until
 
 SITL = load_scenario("sitl")
+BOXES = msgspec.structs.replace(SITL, camera=msgspec.structs.replace(SITL.camera, sees="box"))
 EPOCH_NS = 7 * 10**9  # the observer's clock when the vehicle's shows zero
 LATE_NS = 3_000_000
 
@@ -170,7 +171,8 @@ async def fly(lines: list[str], truths: list[Truth], **changed: Any) -> list[Tar
     await until(lambda: all(server.tcp is not None and server.tcp.is_open for server in servers))
     urls = [f"tcp:127.0.0.1:{server.tcp.port}" for server in servers if server.tcp is not None]
     given: dict[str, Any] = {"camera": "mavlink", "camera_mavlink": f"udpout:127.0.0.1:{port}", "zenoh": None}
-    options = CameraOptions(scenario=SITL, follower=urls[0], leader=urls[1], duration=2.0, **(given | changed))
+    given |= {"scenario": SITL, "follower": urls[0], "leader": urls[1], "duration": 2.0}
+    options = CameraOptions(**(given | changed))
     await CameraBetween(options, time.monotonic_ns, lines.append, truths.append).run(asyncio.Event())
     stop.set()
     await asyncio.gather(*flights)
@@ -203,7 +205,7 @@ def test_boxes_contain_the_wing_seed_1(monkeypatch: pytest.MonkeyPatch) -> None:
     documents: list[Any] = []
     truths: list[Truth] = []
     monkeypatch.setattr(Outlet, "publish", lambda _, record: documents.append(record))
-    run(lambda: fly([], truths, camera="zenoh", zenoh="tcp/127.0.0.1:1", sees="box"))
+    run(lambda: fly([], truths, camera="zenoh", zenoh="tcp/127.0.0.1:1", scenario=BOXES))
     boxes = [d for d in documents if isinstance(d, CameraDetections)]
     assert 35 < len(boxes) <= 50
     assert boxes[0].clock is Clock.BOOT
@@ -228,9 +230,11 @@ def test_what_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     gimbal = load_scenario("formation-gimbal")
     with pytest.raises(ScenarioError, match="fixed mount only"):
         CameraBetween(CameraOptions(scenario=gimbal, follower="", leader=""), time.monotonic_ns, print)
-    boxes = CameraOptions(scenario=SITL, follower="", leader="", sees="box", camera="mavlink")
-    with pytest.raises(LinkError, match="boxes are sent over Zenoh only"):
+    boxes = CameraOptions(scenario=BOXES, follower="", leader="", camera="mavlink")
+    with pytest.raises(ScenarioError, match="LANDING_TARGET carries no 'box', the wing only"):
         CameraBetween(boxes, time.monotonic_ns, print)
+    assert main(["camera", "--follower", "", "--leader", "", "--sees", "box", "--camera", "both"]) == 2
+    assert "LANDING_TARGET carries no 'box'" in capsys.readouterr().err
     assert main(["camera", "--follower", "serial:x", "--leader", "tcp:127.0.0.1:1"]) == 2
     assert "bad link 'serial:x'" in capsys.readouterr().err
 

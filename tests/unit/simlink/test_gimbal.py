@@ -45,6 +45,24 @@ def test_a_constant_error_is_in_its_word_alone() -> None:
     assert off.max() > 0.002
 
 
+def test_its_yaw_may_be_worse_known_than_its_tilt() -> None:
+    state = next(states(load_scenario("formation"), 1))
+    level = make_gimbal(Camera(gimbal=Gimbal(error_deg=0.0, yaw_error_deg=2.0)), 1)
+    assert level is not None
+    w, x, y, z = level.attitude(state, 0, 1).mount.q
+    assert abs(z) > 0.001
+    assert (x, y) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert w == pytest.approx(math.sqrt(1.0 - z * z))
+
+
+def test_its_sweeps_begin_where_their_phases_say() -> None:
+    gimbal = make_gimbal(Camera(gimbal=Gimbal(phase_deg=(90.0, -90.0))), 1)
+    assert gimbal is not None
+    R_hg = matrix_from_quaternion(gimbal.head(0.0))
+    yaw, pitch = np.degrees([np.arctan2(R_hg[1, 0], R_hg[0, 0]), -np.arcsin(R_hg[2, 0])])
+    assert (yaw, pitch) == pytest.approx((12.0, -5.0))
+
+
 def test_it_is_sent_by_a_component_of_its_own_at_its_rate_seed_1() -> None:
     scenario = load_scenario("formation-gimbal")
     sent = [e for e in simulate(scenario, 1, 1.0) if isinstance(e.message, GimbalAttitude)]

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from numpy.testing import assert_allclose
 
 from onboard.geometry.rotations import euler_from_quaternion
-from onboard.messages import TargetPoints, Truth
+from onboard.messages import CameraPoints, TargetPoints, Truth
 from onboard.messages.base import Quaternion
 from simlink.scenarios.camera import Camera
 from simlink.scenarios.profiles import GaussMarkov, Interval
@@ -18,7 +18,7 @@ from simlink.scenarios.vehicle import BarometerErrors, Gps, ImuErrors, Nav
 from simlink.sensors.camera import (
     CameraSensor,
     Image,
-    camera_points,
+    document,
     is_exposure,
     mount_quaternion,
     project,
@@ -121,7 +121,8 @@ def test_nothing_is_seen_in_a_blackout_and_it_comes_again() -> None:
 def test_pixels_and_target_points_of_an_image_agree() -> None:
     camera = Camera()
     image = Image(5_000_000, ((0.1, 0.05), (0.05, 0.05), (0.15, 0.05)))
-    pixels = camera_points(image, camera)
+    pixels = document(image, camera)
+    assert isinstance(pixels, CameraPoints)
     assert (pixels.center.u_px, pixels.center.v_px) == pytest.approx((320 + 55.4256, 240 + 27.7128))
     assert target_points(image, camera).left == (0.05, 0.05)
     assert pixels.t_ns == target_points(image, camera).t_ns == 5_000_000

@@ -1,5 +1,6 @@
 """The study of encounters: two families from flight to report, scores and verdicts on flights made up by hand."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
@@ -8,11 +9,10 @@ import numpy as np
 import pytest
 
 from onboard.config import load_config
-from onboard.messages import LocalPosition, TargetPoints
+from onboard.messages import LocalPosition, Message, TargetPoints
 from onboard.pipeline import Pipeline
-from simlink.encounters.encounter import make_encounter
+from simlink.encounters.encounter import BOOT_NS, make_encounter
 from simlink.encounters.families import FAMILIES
-from simlink.encounters.reports import BOOT_NS
 from simlink.encounters.truth import at
 from studies.encounters import flights as flown
 from studies.encounters import study
@@ -30,6 +30,7 @@ from studies.encounters.flights import (
     fly,
     judged,
     known,
+    received,
 )
 from studies.encounters.scores import over_all, ratio, score
 
@@ -155,12 +156,16 @@ def test_estimates_are_judged_beside_the_truth_at_their_own_times_seed_1() -> No
 
 
 def test_what_is_not_valid_has_no_position_seed_2() -> None:
-    messages = make_encounter("behind", 2, 6.0).messages
-    none = [m for m in messages if not isinstance(m, TargetPoints)]
-    lost = [m for m in messages if not isinstance(m, TargetPoints) or m.t_ns < BOOT_NS + 2_000_000_000]
-    positions = sum(isinstance(m, LocalPosition) for m in messages)
-    for heard, is_valid in ((messages, True), (none, False), (lost, False)):
-        rows = estimated(Pipeline(load_config(None, ("estimator.leader.publish_rate_hz=1000",))), heard)
+    encounter = make_encounter("behind", 2, 6.0)
+    positions = sum(isinstance(m, LocalPosition) for m in received(encounter))
+
+    def images_until(seconds: float) -> Callable[[list[Message]], list[Message]]:
+        end = BOOT_NS + round(seconds * 1e9)
+        return lambda messages: [m for m in messages if not isinstance(m, TargetPoints) or m.t_ns < end]
+
+    for seconds, is_valid in ((6.0, True), (0.0, False), (2.0, False)):
+        pipeline = Pipeline(load_config(None, ("estimator.leader.publish_rate_hz=1000",)))
+        rows = estimated(pipeline, encounter.datagrams(), images_until(seconds))
         assert len(rows) > 0.9 * positions
         assert np.isfinite(rows[-1]).all() == is_valid
 
@@ -178,7 +183,7 @@ def test_settings_reach_the_pipeline_seed_1(monkeypatch: pytest.MonkeyPatch) -> 
 def test_what_is_known_of_the_mount_is_configured_seeds_1_and_2() -> None:
     for seed in (1, 2):
         encounter = make_encounter("crab", seed, 1.0)
-        config, camera = load_config(None, known(encounter)), encounter.conditions.camera
+        config, camera = load_config(None, known(encounter)), encounter.scenario.camera
         assert config.camera.mount_rpy_deg == camera.mount_rpy_deg
         assert config.camera.mount_offset_m == camera.mount_offset
         assert config.camera.sigma_px != camera.sigma_px  # not known to a user

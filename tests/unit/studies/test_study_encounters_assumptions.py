@@ -46,7 +46,7 @@ def test_the_camera_is_configured_wrongly_about_one_axis_that_differs_by_seed() 
     assert len(set(found)) == 6
     assert all(sorted(map(abs, off)) == [0.0, 0.0, 1.0] for off in found)
     encounter = make_encounter("hover", 1, 1.0)
-    true = encounter.conditions.camera.mount_rpy_deg
+    true = encounter.scenario.camera.mount_rpy_deg
     expected = f"camera.mount_rpy_deg={[true[0], true[1] + 1.0, true[2]]}"
     assert expected in known(encounter, mount_off(1.0, 1))
 

@@ -11,8 +11,8 @@ from onboard.config import load_config
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Attitude, LocalPosition, TargetPoints
 from onboard.models.relative_motion import SIZE, R
-from simlink.encounters.encounter import make_encounter
-from simlink.encounters.reports import BOOT_NS, EPOCH_NS
+from simlink.encounters.encounter import BOOT_NS, make_encounter
+from simlink.simulation import EPOCH_NS
 from studies.encounters import flights as encounters
 from studies.relative_motion import shipped
 from studies.relative_motion.flight import Flight

@@ -7,10 +7,9 @@ import pytest
 
 from onboard.messages import Estimate, Lifecycle
 from onboard.pipeline import Pipeline
-from simlink.encounters.encounter import Encounter, make_encounter
+from simlink.encounters.encounter import BOOT_NS, Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
-from simlink.encounters.reports import BOOT_NS
-from simlink.encounters.shapes import Sees
+from simlink.scenarios.camera import Sees
 from studies.encounters.flights import FIVE_POINTS, WINGED, Case, fly, known
 from studies.encounters.scores import score
 from tests.support.streams import S, make_config
@@ -20,7 +19,7 @@ def flown(family: str, seed: int, seconds: float, sees: Sees, *settings: str) ->
     """An encounter, and the leader's estimates."""
     encounter = make_encounter(family, seed, seconds, sees)
     pipeline = Pipeline(make_config(*known(encounter), *settings))
-    outputs = (output for message in encounter.messages for output in pipeline.advance((message,)))
+    outputs = (output for datagram in encounter.datagrams() for output in pipeline.feed(datagram))
     return encounter, [o for o in outputs if isinstance(o, Estimate) and o.name == "leader"]
 
 

@@ -1,8 +1,8 @@
-"""What a detector finds of a leader beyond its wing: nose and tail, and a box around it, with their errors."""
+"""The shape of a leader beyond its wing, and the box that a detector draws around it, with their errors."""
 
 import math
-from collections.abc import Mapping
-from typing import Final, Literal, NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -13,12 +13,18 @@ from simlink.sensors.camera import in_camera
 from simlink.world import attitude
 from simlink.world.drawn import Range
 
-# the wing; also nose and tail; a box; a box and the center; a box around four rotors; a pose; the wing and a pose
-Sees = Literal["wing", "points", "box", "center_box", "rotor_box", "pose", "wing_pose"]
-SEES: Final[tuple[Sees, ...]] = ("wing", "points", "box", "center_box", "rotor_box", "pose", "wing_pose")
 
-# the leader's wingspan, r_FL_n, q_nL, q_nF, and the camera with its q_bc
-Place = tuple[float, Vec3, Quaternion, Quaternion, Camera, Quaternion]
+class Place(NamedTuple):
+    """Where a leader of wingspan `size` (m) is, as seen by a camera with this mount on a follower."""
+
+    size: float
+    r_FL_n: Vec3
+    q_nL: Quaternion
+    q_nF: Quaternion
+    camera: Camera
+    q_bc: Quaternion
+
+
 NAMED: Final[Mapping[str, Vec3]] = {"nose": (0.36, 0.0, 0.0), "tail": (-0.40, 0.0, -0.03)}  # wingspans, body FRD
 MISPLACED: Final = 0.02  # wingspans, along each axis: how far the true points are from those that are known
 TOP: Final[Range] = (0.03, 0.12)  # wingspans, of a fin or a canopy above the center
@@ -80,7 +86,7 @@ def _near(point: Vec3, rng: np.random.Generator) -> Vec3:
     return x, y, z
 
 
-def projected(points: tuple[Vec3, ...], *place: *Place) -> list[ImagePoint]:
+def projected(points: Iterable[Vec3], place: Place) -> list[ImagePoint]:
     """Image points of a leader's points, in b for a wingspan of 1."""
     size, r_FL_n, q_nL, q_nF, camera, q_bc = place
     found = []

@@ -3,13 +3,14 @@
 import math
 from typing import Final
 
+import msgspec
 import numpy as np
 
 from onboard.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix, quaternion_from_vector
-from onboard.messages import ImageFeature, RelativePose, TargetDetection, TargetPoints, Vec3
-from simlink.encounters.shapes import Place
+from onboard.messages import DetectedPose
 from simlink.sensors.arrays import Array
 from simlink.sensors.camera import in_camera
+from simlink.sensors.shapes import Place
 from simlink.world import attitude
 from simlink.world.drawn import Range
 
@@ -27,6 +28,7 @@ IN_PLANE: Final = 0.7  # of the noise of a corner over the extent
 # The mirror image of a small marker fits its corners nearly as well, and for some images in a row.
 FLIPPED: Final[Range] = (0.0, 0.25)  # of the images
 FLIP_IMAGES: Final = 10.0  # in a row, on average
+OPTICAL: Final = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # right, down, forward from c
 
 
 class PoseDetector:
@@ -40,8 +42,8 @@ class PoseDetector:
         self._stated = rng.uniform(*STATED)
         self._flips, self._is_flipped = rng.uniform(*FLIPPED), False
 
-    def see(self, whole: TargetPoints, place: Place) -> TargetDetection:
-        """What it finds of the leader in an image, in place of all its points."""
+    def see(self, place: Place) -> DetectedPose:
+        """What it finds of the leader in an image."""
         size, r_FL_n, q_nL, q_nF, camera, q_bc = place
         r = np.array(in_camera(r_FL_n, q_nF, camera, q_bc))
         q_nc = attitude.product(q_nF, q_bc)
@@ -60,17 +62,16 @@ class PoseDetector:
         seen = self._scale * r + np.linalg.cholesky(P) @ self._rng.standard_normal(3)
         R = _turned(np.linalg.cholesky(turn) @ self._rng.standard_normal(3)) @ R_cL @ _turned(self._askew)
         R = self._ambiguous(R, line)
-        sigma = self._stated * across / range_
-        w, x, y, z = quaternion_from_matrix(R).tolist()
-        pose = RelativePose(
-            r_CL_c=_vector(seen),
-            r_covariance=_rows(self._stated**2 * P),
-            q_cL=(w, x, y, z),
-            turn_covariance=_rows(self._stated**2 * turn),
+        covariance = self._stated**2 * np.block([[P, np.zeros((3, 3))], [np.zeros((3, 3)), turn]])
+        both = np.kron(np.eye(2), OPTICAL)
+        return msgspec.convert(
+            {
+                "position_m": (OPTICAL @ seen).tolist(),
+                "q": quaternion_from_matrix(OPTICAL @ R).tolist(),
+                "covariance": (both @ covariance @ both.T).tolist(),
+            },
+            DetectedPose,
         )
-        center = ImageFeature(name="center", point=(seen[1] / seen[0], seen[2] / seen[0]), sigma=sigma)
-        head = {name: getattr(whole, name) for name in ("t_ns", "t_recv_ns", "component", "camera", "target")}
-        return TargetDetection(**head, features=(center,), pose=pose)
 
     def _ambiguous(self, R: Array, line: Array) -> Array:
         """The rotation, or the one whose forward axis is its mirror image about the line of sight."""
@@ -87,12 +88,3 @@ class PoseDetector:
 
 def _turned(phi: Array) -> Array:
     return matrix_from_quaternion(quaternion_from_vector(phi))
-
-
-def _vector(x: Array) -> Vec3:
-    a, b, c = x.tolist()
-    return a, b, c
-
-
-def _rows(P: Array) -> tuple[Vec3, Vec3, Vec3]:
-    return _vector(P[0]), _vector(P[1]), _vector(P[2])
