@@ -62,14 +62,14 @@ GROWING: Final = [(out(kind, 1),) for kind in (types.int64, types.float64)]
 
 
 @njit(GROWING, **MAKING)
-def _longer(a):  # type: ignore[no-untyped-def]
+def _longer(a):
     b = np.empty(2 * a.shape[0], a.dtype)
     b[: a.shape[0]] = a
     return b
 
 
 @njit((ROWS, CUBE, ROWS, ROWS, types.float64), **MAKING)
-def _candidates(polar, spread, measured, variance, gate):  # type: ignore[no-untyped-def]
+def _candidates(polar, spread, measured, variance, gate):
     count, echoes = polar.shape[0], measured.shape[0]
     size = 4 * count + 16
     track, echo, cost = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
@@ -114,7 +114,7 @@ def _candidates(polar, spread, measured, variance, gate):  # type: ignore[no-unt
 
 
 @njit((INDICES, INDICES), **MAKING)
-def _clusters(tracks, echoes):  # type: ignore[no-untyped-def]
+def _clusters(tracks, echoes):
     """A label for each pair, the same for pairs that compete directly or indirectly: union-find over tracks and
     echoes."""
     tops = tracks.max() + 1

@@ -30,7 +30,7 @@ C0, C1, C2, C3, C4, C5, C6, C7, C8, C9, C10 = (
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract"})
-def arctan2(y, x):  # type: ignore[no-untyped-def]
+def arctan2(y, x):
     """Angle (rad) of the vector (x, y), in [-pi, pi], as `math.atan2`, signed zeros included; NaN where both are
     infinite."""
     across, along = abs(y), abs(x)

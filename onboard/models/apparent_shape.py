@@ -91,7 +91,7 @@ def measured_spread(rows: Rows, y: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _posture(x, nose, leans, B, by):  # type: ignore[no-untyped-def]
+def _posture(x, nose, leans, B, by):
     """Body axes into B (3, 3), forward, right and down as columns, and the derivatives of bank and pitch by the
     forces: `by` (2, 3), by the acceleration north and east, and down."""
     c, s = np.cos(nose), np.sin(nose)
@@ -111,7 +111,7 @@ def _posture(x, nose, leans, B, by):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _linearised(x, nose, points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d):  # type: ignore[no-untyped-def]
+def _linearised(x, nose, points, which, axis, leans, r_FC, axes, bias, B, by, q, h, J, d):
     """The predicted rows into h (m,), their derivatives by the state into J (m, N) and by the pitch into d (m,).
     B (3, 3), by (2, 3) and q (k, 5) are scratch: of each point its place, and its two coordinates."""
     sb, cb = _posture(x, nose, leans, B, by)
@@ -156,7 +156,7 @@ def _linearised(x, nose, points, which, axis, leans, r_FC, axes, bias, B, by, q,
 
 
 @njit(cache=True, error_model="numpy")
-def _noise(sigma, d, pitch, place, R):  # type: ignore[no-untyped-def]
+def _noise(sigma, d, pitch, place, R):
     """The rows' noise into R (m, m): their own, that of the points' places, and that of the pitch, which is
     common."""
     for i in range(sigma.shape[0]):
@@ -166,7 +166,7 @@ def _noise(sigma, d, pitch, place, R):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _turn_round(x, P):  # type: ignore[no-untyped-def]
+def _turn_round(x, P):
     """The state of the same leader with its nose the other way, in place: it banks to the other side."""
     x[9] = -x[9]
     for i in range(P.shape[0]):
@@ -182,9 +182,7 @@ SHAPE: Final = (ROWS, VECTOR, VECTOR, VECTOR, VECTOR, types.boolean)
     cache=True,
     error_model="numpy",
 )
-def _update(  # type: ignore[no-untyped-def]
-    means, P, noses, points, which, axis, y, sigma, named, leans, pitch, misplaced, r_FC, axes, bias
-):
+def _update(means, P, noses, points, which, axis, y, sigma, named, leans, pitch, misplaced, r_FC, axes, bias):
     m, count, width = y.shape[0], means.shape[0], P.shape[2]
     nis, log_l = np.empty(count), np.empty(count)
     B, by, q = np.empty((3, 3)), np.empty((2, 3)), np.empty((points.shape[0], 5))

@@ -148,14 +148,14 @@ def update(
 
 
 @njit(cache=True, error_model="numpy")
-def visible2(nose, x, y, square, edge_on):  # type: ignore[no-untyped-def]
+def visible2(nose, x, y, square, edge_on):
     """The square of the fraction that is seen of a level wing of a leader at (x, y); `square` is its range's."""
     along = np.cos(nose) * y - np.sin(nose) * x
     return max(1.0 - along * along / square, 0.0) + edge_on * edge_on
 
 
 @njit(cache=True, error_model="numpy")
-def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):  # type: ignore[no-untyped-def]
+def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):
     """One column (side 0) or row (side 1) of a covariance through the transition."""
     w = S[:, j] if side == 0 else S[j]
     a, b, d = w[6], w[7], w[8]
@@ -173,7 +173,7 @@ def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):  # ty
 
 
 @njit(cache=True, error_model="numpy")
-def _forget(x, S, decay, fixed):  # type: ignore[no-untyped-def]
+def _forget(x, S, decay, fixed):
     """What a step leaves of the biases, in place: `decay` (W - N,), and the variances (W,) that it adds."""
     for i in range(N, S.shape[0]):
         left = decay[i - N]
@@ -186,7 +186,7 @@ def _forget(x, S, decay, fixed):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _stop(x, S, hover):  # type: ignore[no-untyped-def]
+def _stop(x, S, hover):
     """The state of a leader that hovers after a step, in place: it comes to rest over ground."""
     for first, decay, variance in ((3, hover[0], hover[2]), (6, hover[1], hover[3])):
         for i in range(first, first + 3):
@@ -206,7 +206,7 @@ def _stop(x, S, hover):  # type: ignore[no-untyped-def]
     cache=True,
     error_model="numpy",
 )
-def _predict(  # type: ignore[no-untyped-def]
+def _predict(
     means,
     P,
     noses,
@@ -279,7 +279,7 @@ def _predict(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _linearised(x, nose, axes, r_FC, m, h, J, is_tied, air):  # type: ignore[no-untyped-def]
+def _linearised(x, nose, axes, r_FC, m, h, J, is_tied, air):
     """The predicted measurement into h (m,), its derivatives by the state into J (m, N); `axes` (3, 3) in n."""
     c, s = np.cos(nose), np.sin(nose)
     across, weight = (x[7] + x[11]) * c - (x[6] + x[10]) * s, G - x[8]
@@ -340,7 +340,7 @@ def _linearised(x, nose, axes, r_FC, m, h, J, is_tied, air):  # type: ignore[no-
 
 
 @njit((ROWS, CUBE, VECTOR, VECTOR, VECTOR, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _prediction(means, P, noses, w, y, r_FC, axes, tied, air):  # type: ignore[no-untyped-def]
+def _prediction(means, P, noses, w, y, r_FC, axes, tied, air):
     m = y.shape[0]
     mean, S = np.zeros(m), np.zeros((m, m))
     width = P.shape[2]
@@ -363,7 +363,7 @@ def _prediction(means, P, noses, w, y, r_FC, axes, tied, air):  # type: ignore[n
 
 
 @njit((OUT, COVARIANCES, NOSES, VECTOR, ROWS, VECTOR, ROWS, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _update(means, P, noses, y, R_y, r_FC, axes, tied, air):  # type: ignore[no-untyped-def]
+def _update(means, P, noses, y, R_y, r_FC, axes, tied, air):
     m, count = y.shape[0], means.shape[0]
     nis, log_l = np.empty(count), np.empty(count)
     width = P.shape[2]
@@ -391,7 +391,7 @@ def visible(noses: Array, directions: Array, edge_on: float = LEAST_VISIBLE) -> 
 
 
 @njit(types.float64[::1](VECTOR, ROWS, NUMBER), cache=True, error_model="numpy")
-def _all_visible2(noses, directions, edge_on):  # type: ignore[no-untyped-def]
+def _all_visible2(noses, directions, edge_on):
     found = np.empty(noses.shape[0])
     for k in range(noses.shape[0]):
         found[k] = visible2(noses[k], directions[k, 0], directions[k, 1], 1.0, edge_on)

@@ -18,7 +18,7 @@ def first_approach(rows: Array, v_F: Array, horizon: float) -> Array:
 
 
 @njit((ROWS, VECTOR, types.float64), cache=True, error_model="numpy")
-def _first_approach(rows, v_F, horizon):  # type: ignore[no-untyped-def]
+def _first_approach(rows, v_F, horizon):
     step = 0.5  # s
     found = np.empty((rows.shape[0], 5))
     p = np.empty(3)

@@ -31,7 +31,7 @@ def measure(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _angles(places, angles, count):  # type: ignore[no-untyped-def]
+def _angles(places, angles, count):
     """The three angles, into `angles` (3 BLOCK,), of `count` positions in c and sizes: `places` (4 BLOCK,) holds
     x, y, z and size, each in a block of its own."""
     for s in range(count):
@@ -42,7 +42,7 @@ def _angles(places, angles, count):  # type: ignore[no-untyped-def]
 
 
 @njit((ROWS, ROWS, VECTOR, OUT), cache=True, error_model="numpy")
-def _measure(points, R_cn, r_FC_n, angles):  # type: ignore[no-untyped-def]
+def _measure(points, R_cn, r_FC_n, angles):
     """In blocks, so that the compiler makes one instruction of several rows' roots and arctangents."""
     places, block = np.empty(4 * BLOCK), np.empty(3 * BLOCK)
     for first in range(0, points.shape[0], BLOCK):
@@ -66,7 +66,7 @@ def measure_batch(points: Array, R_cn: Array, r_FC_n: Array) -> Array:
 
 
 @njit((CUBE, CUBE, ROWS), cache=True, error_model="numpy")
-def _measure_batch(points, R_cn, r_FC_n):  # type: ignore[no-untyped-def]
+def _measure_batch(points, R_cn, r_FC_n):
     angles = np.empty((points.shape[0], points.shape[1], 3))
     for b in range(points.shape[0]):
         _measure(points[b], R_cn[b], r_FC_n[b], angles[b])

@@ -32,7 +32,7 @@ def process(rows: Array, dt: float) -> Array:
 
 
 @njit(signatures(2, types.float64, "out"), **FILLING)
-def _process(rows, seconds, after):  # type: ignore[no-untyped-def]
+def _process(rows, seconds, after):
     dt = rows.dtype.type(seconds)
     half = rows.dtype.type(0.5) * dt * dt
     for s in range(rows.shape[0]):

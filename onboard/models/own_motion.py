@@ -37,7 +37,7 @@ NAVIGATION: Final[tuple[int, ...]] = (*POSITION, *VELOCITY, *ATTITUDE, *RATES)
 
 
 @njit((ROWS, types.float64, VECTOR, VECTOR, ROWS, VECTOR, types.float64), cache=True, error_model="numpy")
-def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):  # type: ignore[no-untyped-def]
+def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):
     """State rows (k, 16) after `dt` seconds of specific force f_b (3,) and angular acceleration by the motors
     `omega_dot` (3,), with a's attitude R_na (3, 3) and the moments of inertia (3,). Disturbances fade at the rate
     `fading` (1/s). Midpoint rule for attitude and velocity: a step's error is below 1e-4 rad at 3 rad/s and
@@ -80,7 +80,7 @@ def process(rows, dt, f_b, omega_dot, R_na, inertia, fading):  # type: ignore[no
 
 
 @njit((ROWS,), cache=True, error_model="numpy")
-def rotations(rows):  # type: ignore[no-untyped-def]
+def rotations(rows):
     """R_ab (k, 3, 3) of rows (k, 16)."""
     R = np.empty((rows.shape[0], 3, 3))
     for s in range(rows.shape[0]):
@@ -100,7 +100,7 @@ def rotations(rows):  # type: ignore[no-untyped-def]
 
 
 @njit((CUBE,), cache=True, error_model="numpy")
-def angles(R):  # type: ignore[no-untyped-def]
+def angles(R):
     """ZYX Euler angles (k, 3) of rotations (k, 3, 3)."""
     found = np.empty((R.shape[0], 3))
     for s in range(R.shape[0]):
@@ -118,7 +118,7 @@ def change_reference(rows: Array, R_ca: Array) -> Array:
 
 
 @njit((ROWS, VECTOR), cache=True, error_model="numpy")
-def navigation_covariance(covariance, mean):  # type: ignore[no-untyped-def]
+def navigation_covariance(covariance, mean):
     """Covariance (12, 12) of [r, v, attitude error (a rotation vector in b, rad), rates] from that of the states
     (16, 16), whose mean is (16,)."""
     P = np.empty((12, 12))

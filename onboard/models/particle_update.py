@@ -15,7 +15,7 @@ CONSIDERED: Final = 13  # the first component of a state that images do not esti
 
 
 @njit(cache=True, error_model="numpy")
-def factor(R):  # type: ignore[no-untyped-def]
+def factor(R):
     """The lower Cholesky factor of the measurement's noise (m, m)."""
     m = R.shape[0]
     L = np.zeros((m, m))
@@ -29,7 +29,7 @@ def factor(R):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def whiten(L, e, J):  # type: ignore[no-untyped-def]
+def whiten(L, e, J):
     """Innovation and derivatives in units of the noise with factor L, in place."""
     width = J.shape[1]  # as in `correct`
     for i in range(e.shape[0]):
@@ -45,7 +45,7 @@ def whiten(L, e, J):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a, b):
     """The product of two state vectors (N or more,), one of which has no downward velocity: no image shows one."""
     middle = a[6] * b[6] + a[7] * b[7] + a[8] * b[8] + a[13] * b[13]
     rest = (a[9] * b[9] + a[10] * b[10]) + (a[11] * b[11] + a[12] * b[12])
@@ -53,7 +53,7 @@ def dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def project(w, P, c):  # type: ignore[no-untyped-def]
+def project(w, P, c):
     """The product of a row of derivatives w (width,), none by the downward velocity, and a covariance
     (width, width), into c (width,)."""
     for n in range(P.shape[1]):
@@ -64,7 +64,7 @@ def project(w, P, c):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def correct(x, P, e, J, c, dx, bias):  # type: ignore[no-untyped-def]
+def correct(x, P, e, J, c, dx, bias):
     """Mean and covariance of one particle by one whitened component after another, in place. The NIS, and the
     determinant of the innovation's covariance over that of the noise. J (m, W) has no derivatives by the
     downward velocity, and by biases at most one, in the column `bias` (0: by none).

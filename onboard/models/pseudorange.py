@@ -32,7 +32,7 @@ def jacobian(rows: Array, position: Array, velocity: Array) -> Array:
 
 
 @njit(SIGNATURE, cache=True, error_model="numpy")
-def _measure(rows, position, velocity):  # type: ignore[no-untyped-def]
+def _measure(rows, position, velocity):
     count = position.shape[0]
     ranges = np.empty((rows.shape[0], 2 * count))
     for s in range(rows.shape[0]):
@@ -49,7 +49,7 @@ def _measure(rows, position, velocity):  # type: ignore[no-untyped-def]
 
 
 @njit(SIGNATURE, cache=True, error_model="numpy")
-def _jacobian(rows, position, velocity):  # type: ignore[no-untyped-def]
+def _jacobian(rows, position, velocity):
     count = position.shape[0]
     slope = np.zeros((rows.shape[0], 2 * count, rows.shape[1]))
     for s in range(rows.shape[0]):

@@ -63,7 +63,7 @@ def process(rows: Array, inputs: Array, dt: float, airframe: Airframe = Airframe
 
 
 @njit((ROWS, ROWS, types.float64, PARAMETERS), cache=True, error_model="numpy")
-def _process(rows, inputs, dt, airframe):  # type: ignore[no-untyped-def]
+def _process(rows, inputs, dt, airframe):
     mass, Ixx, Iyy, Izz, Ir, arm, gravity, W = airframe
     after = np.empty(rows.shape)
     run = rows.shape[0] // inputs.shape[0]

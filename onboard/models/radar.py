@@ -40,7 +40,7 @@ def cartesian(polar: Array) -> Array:
 
 
 @njit(**FILLING)
-def _to_polar(first, second, third):  # type: ignore[no-untyped-def]
+def _to_polar(first, second, third):
     """Range, azimuth and elevation in place of x, y and z."""
     for s in range(first.shape[0]):
         x, y, z = first[s], second[s], third[s]
@@ -51,7 +51,7 @@ def _to_polar(first, second, third):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(2, "out"), **FILLING)
-def _measure(rows, polar):  # type: ignore[no-untyped-def]
+def _measure(rows, polar):
     """Each component by itself: the compiler makes one instruction of several rows' roots and arctangents."""
     for i in range(3):
         for s in range(rows.shape[0]):
@@ -60,7 +60,7 @@ def _measure(rows, polar):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(2), cache=True, error_model="numpy")
-def _jacobian(rows):  # type: ignore[no-untyped-def]
+def _jacobian(rows):
     slope = np.zeros((rows.shape[0], 3, rows.shape[1]), rows.dtype)
     for s in range(rows.shape[0]):
         x, y, z = rows[s, 0], rows[s, 3], rows[s, 6]

@@ -40,7 +40,7 @@ class FollowerMotion(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _acceleration(U, V_, W, a_lat, a_long, eps):  # type: ignore[no-untyped-def]
+def _acceleration(U, V_, W, a_lat, a_long, eps):
     """`leader_acceleration` of one velocity."""
     along2 = U * U + V_ * V_
     horizontal2 = along2 + eps * eps
@@ -61,7 +61,7 @@ def leader_acceleration(v_L: Array, a_lat: Array, a_long: Array, eps: float) -> 
 
 
 @njit(ACCELERATION_SIGNATURE, cache=True, error_model="numpy")
-def _accelerations(v_L, a_lat, a_long, eps):  # type: ignore[no-untyped-def]
+def _accelerations(v_L, a_lat, a_long, eps):
     a = np.empty((v_L.shape[0], 3))
     for s in range(v_L.shape[0]):
         a[s, 0], a[s, 1], a[s, 2] = _acceleration(v_L[s, 0], v_L[s, 1], v_L[s, 2], a_lat[s], a_long[s], eps)
@@ -77,7 +77,7 @@ def process(points: Array, dt: float, follower: FollowerMotion, eps: float) -> A
 
 
 @njit(cache=True, error_model="numpy")
-def _changes(now, change, count, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
+def _changes(now, change, count, dt, v0, v1, a0, a1, eps):
     """Changes by RK4 over dt of the relative position and velocity of `count` rows, into `change` (6 BLOCK,), from
     their relative velocity and two accelerations, `now` (5 BLOCK,); each component in a block of its own."""
     h, sixth = 0.5 * dt, dt / 6.0
@@ -108,7 +108,7 @@ def _changes(now, change, count, dt, v0, v1, a0, a1, eps):  # type: ignore[no-un
 
 
 @njit(PROCESS_SIGNATURE, cache=True, error_model="numpy")
-def _process(points, dt, v0, v1, a0, a1, eps, after):  # type: ignore[no-untyped-def]
+def _process(points, dt, v0, v1, a0, a1, eps, after):
     """In blocks of rows, each component by itself, so that the compiler makes one instruction of several rows'
     roots and divisions, which are most of the work."""
     now, change = np.empty(5 * BLOCK), np.empty(6 * BLOCK)
@@ -134,7 +134,7 @@ def process_batch(points: Array, dt: float, followers: FollowerMotion, eps: floa
 
 
 @njit((CUBE, types.float64, ROWS, ROWS, ROWS, ROWS, types.float64), cache=True, error_model="numpy")
-def _process_batch(points, dt, v0, v1, a0, a1, eps):  # type: ignore[no-untyped-def]
+def _process_batch(points, dt, v0, v1, a0, a1, eps):
     after = np.empty(points.shape)
     for b in range(points.shape[0]):
         _process(points[b], dt, v0[b], v1[b], a0[b], a1[b], eps, after[b])

@@ -81,7 +81,7 @@ def _noise_of_any_step(mean: Array, dt: float, density: Array) -> Array:
 
 
 @njit((ROWS, types.float64, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")
-def _noise(rows, dt, density, nodes, weights):  # type: ignore[no-untyped-def]
+def _noise(rows, dt, density, nodes, weights):
     """(Q (k, 9, 9), the largest turn or decay in a step). The response to a unit impulse is the series of
     a_dot = -p v - r a from v = 0, a = 1; its products are integrated by Gauss' rule, all of whose terms are
     positive, so Q is, too."""
@@ -118,7 +118,7 @@ def _noise(rows, dt, density, nodes, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _jerk(v, a, jerk):  # type: ignore[no-untyped-def]
+def _jerk(v, a, jerk):
     """Eq 42 into `jerk` (3,), of a velocity and an acceleration (3,)."""
     vv = va = aa = 0.0
     for i in range(3):
@@ -134,7 +134,7 @@ def _jerk(v, a, jerk):  # type: ignore[no-untyped-def]
 
 
 @njit((ROWS, types.float64), cache=True, error_model="numpy")
-def _process(rows, dt):  # type: ignore[no-untyped-def]
+def _process(rows, dt):
     after = rows.copy()
     v, a = np.empty((4, 3)), np.empty((4, 3))  # at the four stages
     j = np.empty((4, 3))

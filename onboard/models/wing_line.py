@@ -35,7 +35,7 @@ def from_points(points: Array, sigmas: Array, m: int = M) -> tuple[Array, Array,
 
 
 @njit(cache=True, error_model="numpy")
-def project_about(axes, x, y, z):  # type: ignore[no-untyped-def]
+def project_about(axes, x, y, z):
     """Stereographic coordinates (right, down) of the direction of (x, y, z) in c about the first of `axes`."""
     length = np.sqrt(x * x + y * y + z * z)
     ahead = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
@@ -47,7 +47,7 @@ def project_about(axes, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @njit((CUBE, ROWS, types.int64), cache=True, error_model="numpy")
-def _from_points(points, sigmas, m):  # type: ignore[no-untyped-def]
+def _from_points(points, sigmas, m):
     count = points.shape[0]
     y, R, axes = np.zeros((count, m)), np.zeros((count, m, m)), np.zeros((count, 3, 3))
     for b in range(count):

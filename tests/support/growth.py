@@ -17,11 +17,12 @@ PLAIN = {0, 1, 2, 0.5}  # numbers that choose nothing
 
 
 class Function(NamedTuple):
-    """A function, and how many arguments it takes."""
+    """A function, how many arguments it takes, and whether each of them and its result have a type."""
 
     name: str
     arguments: int
     is_kernel: bool
+    is_typed: bool
 
 
 def sets_valid() -> Counter[str]:
@@ -43,7 +44,13 @@ def functions() -> Iterator[Function]:
                 names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
                 count = len(names) - (names[:1] in (["self"], ["cls"]))
                 is_kernel = any(KERNELS in ast.unparse(d) for d in node.decorator_list)
-                yield Function(f"{path.relative_to(ROOT)}:{node.name}", count, is_kernel)
+                yield Function(f"{path.relative_to(ROOT)}:{node.name}", count, is_kernel, _is_typed(node))
+
+
+def _is_typed(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+    untyped = [a for a in given if a.annotation is None and a.arg not in ("self", "cls")]
+    return node.returns is not None and not untyped
 
 
 def names_of_two(package: Path) -> dict[str, list[str]]:

@@ -23,7 +23,7 @@ from onboard.filters.kernels.sigma_points import wrapped
 
 
 @njit(signatures(2, 3, 3, 3, "f"), **MAKING)
-def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def] # noqa: PLR0912 - loops
+def spread(mean, P, first, second, gamma):  # noqa: PLR0912 - loops
     """(points (B, 2L+1, L), status) of means (B, n), covariances (B, n, n) and those of two noises, each (B or 1,
     k, k) and perhaps singular or empty: the mean first, and opposite points L apart (eqs 8, 9)."""
     count, n = mean.shape
@@ -62,7 +62,7 @@ def spread(mean, P, first, second, gamma):  # type: ignore[no-untyped-def] # noq
 
 
 @njit(**MAKING)
-def centred_into(points, w, angular, mean, d):  # type: ignore[no-untyped-def]
+def centred_into(points, w, angular, mean, d):
     """Mean (m,) of points (k, m) and deviations from it (k, m); a
     status, IMAGES if they are not finite. Sums are relative to the first point."""
     k, m = points.shape
@@ -85,7 +85,7 @@ def centred_into(points, w, angular, mean, d):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def covariance_into(d, w_cov, w, P):  # type: ignore[no-untyped-def]
+def covariance_into(d, w_cov, w, P):
     """Weighted covariance of deviations (k, m)."""
     k, m = d.shape
     for a in range(m):
@@ -97,7 +97,7 @@ def covariance_into(d, w_cov, w, P):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, "f", "f"), **MAKING)
-def gather(points, w_cov, w):  # type: ignore[no-untyped-def]
+def gather(points, w_cov, w):
     """(mean (B, n), covariance (B, n, n), status) of points (B, k, n)."""
     count, k, n = points.shape
     mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
@@ -110,7 +110,7 @@ def gather(points, w_cov, w):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):  # type: ignore[no-untyped-def]
+def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):
     """chol(S)^-1 [cross-covariance^T, e] (m, n+1), from points (k, n) and their images' deviations d (k, m)."""
     (k, n), m = points.shape, e.shape[0]
     for a in range(m):
@@ -128,7 +128,7 @@ def whiten_into(points, mean, d, e, lower_t, w_cov, w, white):  # type: ignore[n
 
 
 @njit(signatures(2, 3, 3, 3, 2, 3, "f", "f", FLAGS), **MAKING)
-def correct(mean, P, points, images, y, R, w_cov, w, angular):  # type: ignore[no-untyped-def]
+def correct(mean, P, points, images, y, R, w_cov, w, angular):
     """(mean (B, n), covariance, innovation (B, m), S, predicted, NIS, status) after y (B, m), from points
     (B, k, n), which need not be symmetric, and their images (B, k, m), which include the noise (eq 12), of
     covariance R (B or 1, n_v, n_v)."""

@@ -7,7 +7,7 @@ from onboard.filters.compiled import CONTRACTED, FILLING
 
 
 @njit(**FILLING, **CONTRACTED)
-def factor_into(A, lower_t):  # type: ignore[no-untyped-def]
+def factor_into(A, lower_t):
     """Cholesky factor of A (n, n), transposed, into `lower_t` (n, n): row j is column j of the lower factor.
     False if A is not positive definite or not finite. Only A's upper triangle is read."""
     n = A.shape[0]
@@ -30,7 +30,7 @@ def factor_into(A, lower_t):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def transposed_semifactor_into(A, upper):  # type: ignore[no-untyped-def]
+def transposed_semifactor_into(A, upper):
     """As `factor_into`, of the symmetric part of A, which may be singular; False if it is indefinite or not
     finite. A pivot lost in rounding gives a row of zeros: process noise often has rank one."""
     n = A.shape[0]
@@ -63,7 +63,7 @@ def transposed_semifactor_into(A, upper):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
+def semifactor_into(A, lower):
     """The lower factor (n, n), as it is usually written, of a covariance that may be singular; False if it is
     indefinite or not finite."""
     if not transposed_semifactor_into(A, lower):
@@ -76,14 +76,14 @@ def semifactor_into(A, lower):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def root_into(A, lower_t):  # type: ignore[no-untyped-def]
+def root_into(A, lower_t):
     """As `factor_into`, but A may be singular: what is known exactly has a row of zeros. Most are positive
     definite, which costs no more than `factor_into` does."""
     return factor_into(A, lower_t) or transposed_semifactor_into(A, lower_t)
 
 
 @njit(**FILLING)
-def skip_known(lower_t):  # type: ignore[no-untyped-def]
+def skip_known(lower_t):
     """Replace the zero pivots of `root_into` by infinity: to divide by it gives what is known exactly no share,
     and so solves a singular system that is consistent."""
     for i in range(lower_t.shape[0]):
@@ -92,7 +92,7 @@ def skip_known(lower_t):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def clear_known(P):  # type: ignore[no-untyped-def]
+def clear_known(P):
     """Zero the covariances of what is known exactly: of the states whose variance is zero."""
     for i in range(P.shape[0]):
         if P[i, i] == 0:
@@ -101,7 +101,7 @@ def clear_known(P):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def is_noise(A, scratch):  # type: ignore[no-untyped-def]
+def is_noise(A, scratch):
     """Whether a finite A (n, n) is the covariance of a noise, not indefinite; `scratch` is (n, n). A diagonal one
     costs next to nothing."""
     n, off = A.shape[0], False

@@ -12,7 +12,7 @@ from onboard.filters.kernels.cholesky import root_into
 
 
 @njit(**FILLING)
-def tria_into(lower, extra):  # type: ignore[no-untyped-def]
+def tria_into(lower, extra):
     """lower := the lower-triangular S with S S^T = lower lower^T + extra extra^T and no negative diagonal, by
     Householder reflections from the right. lower (n, n) must be so already; extra (n, k) is used up.
 
@@ -43,7 +43,7 @@ def tria_into(lower, extra):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def downdate_into(lower, x):  # type: ignore[no-untyped-def]
+def downdate_into(lower, x):
     """lower := the factor of lower lower^T - x x^T (rank one; x (n,) is used up); False if that is not positive
     definite, but for what is known exactly and remains so."""
     n = lower.shape[0]
@@ -63,7 +63,7 @@ def downdate_into(lower, x):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def is_factor(lower, least):  # type: ignore[no-untyped-def]
+def is_factor(lower, least):
     """Whether a factor is finite, with a diagonal of at least `least`, zero or the smallest positive number."""
     good = True
     for i in range(lower.shape[0]):
@@ -74,7 +74,7 @@ def is_factor(lower, least):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3), **MAKING)
-def square(L):  # type: ignore[no-untyped-def]
+def square(L):
     """(L L^T (B, n, n), symmetric to the last bit, OK)."""
     count, n = L.shape[0], L.shape[1]
     out = np.zeros((count, n, n), L.dtype)
@@ -88,7 +88,7 @@ def square(L):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3), **MAKING)
-def factor(P):  # type: ignore[no-untyped-def]
+def factor(P):
     """(lower Cholesky factors (B, n, n), status)."""
     count, n = P.shape[0], P.shape[1]
     out, lower_t = np.empty((count, n, n), P.dtype), np.empty((n, n), P.dtype)
@@ -102,7 +102,7 @@ def factor(P):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, 3), **MAKING)
-def downdate(L, U):  # type: ignore[no-untyped-def]
+def downdate(L, U):
     """(the factor of L L^T - U U^T (B, n, n), status): one rank-one downdate for each column of U (B, n, m)."""
     count, n, m = U.shape
     out, x = np.empty((count, n, n), L.dtype), np.empty(n, L.dtype)

@@ -13,7 +13,7 @@ from onboard.filters.kernels.cholesky import factor_into
 
 
 @njit(**FILLING, **CONTRACTED)
-def add_transposed_product_into(A, C, out):  # type: ignore[no-untyped-def]
+def add_transposed_product_into(A, C, out):
     """out (n, m) += A^T C, of A (k, n) and C (k, m)."""
     for i in range(out.shape[0]):
         for c in range(A.shape[0]):
@@ -23,7 +23,7 @@ def add_transposed_product_into(A, C, out):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def solve_into(lower_t, x):  # type: ignore[no-untyped-def]
+def solve_into(lower_t, x):
     """A^-1 x in place, for A's factor (m, m) from `factor_into` and columns x (m, k)."""
     m, k = x.shape
     for a in range(m):
@@ -41,7 +41,7 @@ def solve_into(lower_t, x):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def whitened_inverse(B):  # type: ignore[no-untyped-def]
+def whitened_inverse(B):
     """B^+ (m, n), with columns of length one in between, so that units do not decide what counts as zero."""
     n, m = B.shape
     scaled, size = np.empty((m, n), B.dtype), np.empty(m, B.dtype)
@@ -62,7 +62,7 @@ def whitened_inverse(B):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def independent_inverse(A):  # type: ignore[no-untyped-def]
+def independent_inverse(A):
     """(A A^T)^-1 A (m, n) of rows A (m, n) of length one, in a tenth of the pseudo-inverse's time; (0, 0) if
     some row comes near a combination of the others, where the product would lose digits."""
     m = A.shape[0]
@@ -78,13 +78,13 @@ def independent_inverse(A):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def tolerance(B):  # type: ignore[no-untyped-def]
+def tolerance(B):
     """Relative to the largest, the singular value that counts as zero."""
     return 10 * max(B.shape) * np.finfo(B.dtype).eps
 
 
 @njit(**MAKING)
-def widen_into(L_t, B, N, extra, wider):  # type: ignore[no-untyped-def]
+def widen_into(L_t, B, N, extra, wider):
     """Make the prior wider in measured quantities, by variances `extra` (m,): L_t and B in place, S into `wider`;
     False without a factor.
 
@@ -108,7 +108,7 @@ def widen_into(L_t, B, N, extra, wider):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def right_inverse(L_t, B, weighted):  # type: ignore[no-untyped-def]
+def right_inverse(L_t, B, weighted):
     """G^T (m, n) with H G = I (for m > n a left inverse). `weighted`: P H^T (H P H^T)^-1, which moves states that
     are not measured by their correlation; else the paper's H^+, which leaves what is orthogonal to H's rows."""
     n, m = B.shape
@@ -127,7 +127,7 @@ def right_inverse(L_t, B, weighted):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def kalman_gain(L_t, B, S, ignored):  # type: ignore[no-untyped-def]
+def kalman_gain(L_t, B, S, ignored):
     """K^T (m, n) and (H K)^T (m, m) as if the `ignored` components were not measured; False without S's factor."""
     n, m = B.shape
     kept, X = S.copy(), B.T.copy()
@@ -148,7 +148,7 @@ def kalman_gain(L_t, B, S, ignored):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):  # type: ignore[no-untyped-def]
+def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):
     """The gain, transposed (m, n), and the mean's step (n,): Kalman's, but with steps s of those quantities that
     are `switched`; False if S has no factor.
 
@@ -180,7 +180,7 @@ def mixed_gain(L_t, B, S, e, s, ratio, switched, ignored, weighted):  # type: ig
 
 
 @njit(**MAKING)
-def joseph_into(L_t, B, N, K_t, P):  # type: ignore[no-untyped-def]
+def joseph_into(L_t, B, N, K_t, P):
     """Covariance after an update with any gain: (L - K B^T)(L - K B^T)^T + K N K^T, symmetric and positive."""
     n, m = B.shape
     left_t, NK_t = L_t.copy(), np.zeros((m, n), B.dtype)

@@ -31,7 +31,7 @@ from onboard.filters.kernels.sigma_points import wrapped
 
 
 @njit(**FILLING)
-def is_finite(A):  # type: ignore[no-untyped-def]
+def is_finite(A):
     """Whether a matrix is finite."""
     good = True
     for i in range(A.shape[0]):
@@ -41,7 +41,7 @@ def is_finite(A):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def common_batch(sizes):  # type: ignore[no-untyped-def]
+def common_batch(sizes):
     """The batch size that a tuple of leading axes agrees on, or -1."""
     count = 1
     for size in sizes:
@@ -53,7 +53,7 @@ def common_batch(sizes):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def symmetric_into(A, out):  # type: ignore[no-untyped-def]
+def symmetric_into(A, out):
     """The symmetric part of A (n, n), without gaps in memory."""
     half = A.dtype.type(0.5)
     for i in range(A.shape[0]):
@@ -62,7 +62,7 @@ def symmetric_into(A, out):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def add_product_into(A, C, out):  # type: ignore[no-untyped-def]
+def add_product_into(A, C, out):
     """out (m, k) += A C, of A (m, n) and C (n, k), as a sum of rows of C; what is zero in A costs nothing."""
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
@@ -73,7 +73,7 @@ def add_product_into(A, C, out):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def sandwich_into(F, P, Q, out):  # type: ignore[no-untyped-def]
+def sandwich_into(F, P, Q, out):
     """F P F^T + Q (m, m), symmetric to the last bit; F P (m, n) is returned. F (m, n), P (n, n)."""
     half = P.dtype.type(0.5)
     FP = np.zeros(F.shape, P.dtype)
@@ -88,7 +88,7 @@ def sandwich_into(F, P, Q, out):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, 3, 3), **MAKING)
-def propagate(P, F, Q):  # type: ignore[no-untyped-def]
+def propagate(P, F, Q):
     """(F P F^T + Q (B, n, n), status)."""
     count, n = common_batch((P.shape[0], F.shape[0], Q.shape[0])), P.shape[1]
     out = np.empty((max(count, 0), n, n), P.dtype)
@@ -112,7 +112,7 @@ def propagate(P, F, Q):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(2), **MAKING)
-def corners(mean):  # type: ignore[no-untyped-def]
+def corners(mean):
     """(points (B, n+3, n), OK) where an affine function is found out: the origin, one on each axis, the mean, and
     one more where no curved function is likely to have what the others foretell."""
     count, n = mean.shape
@@ -126,7 +126,7 @@ def corners(mean):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, 3, FLAGS, types.boolean), **MAKING)
-def affine(points, images, angular, is_measure):  # type: ignore[no-untyped-def]
+def affine(points, images, angular, is_measure):
     """(matrix (B, m, n), value at the mean (B, m), status) from the images (B, n+3, m) of `corners`."""
     count, size, n = points.shape
     m = images.shape[2]
@@ -154,7 +154,7 @@ def affine(points, images, angular, is_measure):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def joseph_into(P, H, K, R, out):  # type: ignore[no-untyped-def]
+def joseph_into(P, H, K, R, out):
     """(I - K H) P (I - K H)^T + K R K^T (n, n), right for every gain K (n, m)."""
     n = K.shape[0]
     KH, G, KRK = np.zeros((n, n), P.dtype), np.empty((n, n), P.dtype), np.empty((n, n), P.dtype)
@@ -167,7 +167,7 @@ def joseph_into(P, H, K, R, out):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def solve_into(lower_t, rows):  # type: ignore[no-untyped-def]
+def solve_into(lower_t, rows):
     """rows (k, m) := rows (L L^T)^-1 in place, with L's transpose (m, m)."""
     m = lower_t.shape[0]
     for i in range(rows.shape[0]):
@@ -182,7 +182,7 @@ def solve_into(lower_t, rows):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def innovate_into(y, predicted, angular, innovation):  # type: ignore[no-untyped-def]
+def innovate_into(y, predicted, angular, innovation):
     """y - predicted, wrapped where it is an angle; a status."""
     for a in range(y.shape[0]):
         z = y[a] - predicted[a]
@@ -195,9 +195,7 @@ def innovate_into(y, predicted, angular, innovation):  # type: ignore[no-untyped
 
 
 @njit(**MAKING)
-def correct_into(  # type: ignore[no-untyped-def]
-    mean, P, H, predicted, y, R, angular, considered, mean_out, P_out, innovation, S
-):
+def correct_into(mean, P, H, predicted, y, R, angular, considered, mean_out, P_out, innovation, S):
     """Measurement update of one filter by matrices; (status, NIS)."""
     n, m = mean.shape[0], y.shape[0]
     for i in range(n):
@@ -238,7 +236,7 @@ def correct_into(  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(2, 3, 3, 2, 2, 3, FLAGS, FLAGS), **MAKING)
-def correct(mean, P, H, predicted, y, R, angular, considered):  # type: ignore[no-untyped-def]
+def correct(mean, P, H, predicted, y, R, angular, considered):
     """(mean, covariance, innovation, its covariance, NIS, status), each over the batch."""
     n, m = mean.shape[1], y.shape[1]
     count = common_batch((mean.shape[0], P.shape[0], H.shape[0], predicted.shape[0], y.shape[0], R.shape[0]))

@@ -27,7 +27,7 @@ from onboard.filters.kernels.sigma_points import wrapped
 
 
 @njit(signatures(2, 3), **MAKING)
-def stencil(mean, P):  # type: ignore[no-untyped-def]
+def stencil(mean, P):
     """(points (B, 2n+1, n), status): the mean, then a step forth and a step back along each axis.
 
     A step is eps^(1/4) of a standard deviation. What the difference then misses is sqrt(eps)/6 of the cubic
@@ -58,7 +58,7 @@ def stencil(mean, P):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, 3, FLAGS, types.int64), **MAKING)
-def slopes(points, images, angular, fault):  # type: ignore[no-untyped-def]
+def slopes(points, images, angular, fault):
     """(Jacobian (B, m, n), status) from a stencil and its images (B, 2n+1, m); status `fault` if the images are
     not finite."""
     count, size, n = points.shape
@@ -78,7 +78,7 @@ def slopes(points, images, angular, fault):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def centred_into(images, w, first, angular, mean, deviations):  # type: ignore[no-untyped-def]
+def centred_into(images, w, first, angular, mean, deviations):
     """Mean (m,) of images (2n+1, m), the 2n outer ones of weight w, and the deviations (m, 2n+1) from it; a
     status, IMAGES if it is not finite. Weights sum to one, so a mean relative to the centre's image needs no other
     weight, and a mean of angles does not break at +-pi. With `first` 1 there is no centre: the mean is relative to
@@ -110,7 +110,7 @@ def centred_into(images, w, first, angular, mean, deviations):  # type: ignore[n
 
 
 @njit(**FILLING)
-def skips_centre(images, w_cov):  # type: ignore[no-untyped-def]
+def skips_centre(images, w_cov):
     """1 if the centre's image has no weight and is not finite, so that it must be left out; else 0."""
     off = images.dtype.type(0)  # stays zero as long as all is finite
     for a in range(images.shape[1]):
@@ -119,7 +119,7 @@ def skips_centre(images, w_cov):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, FLAGS), **MAKING)
-def with_centre(images, angular):  # type: ignore[no-untyped-def]
+def with_centre(images, angular):
     """(images (B, k+1, m), status): the mean of the images (B, k, m), and after it the images."""
     count, k, m = images.shape
     out = np.empty((count, k + 1, m), images.dtype)
@@ -136,7 +136,7 @@ def with_centre(images, angular):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, FLAGS), **MAKING)
-def beside_first(images, angular):  # type: ignore[no-untyped-def]
+def beside_first(images, angular):
     """(images (B, k, m), status): angles moved by whole turns to be within pi of the first image's."""
     count, k, m = images.shape
     out = np.empty((count, k, m), images.dtype)
@@ -155,7 +155,7 @@ def beside_first(images, angular):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, 3, "f", "f", FLAGS, types.int64), **MAKING)
-def regress(P, images, w_cov, w, angular, fault):  # type: ignore[no-untyped-def]
+def regress(P, images, w_cov, w, angular, fault):
     """Statistical linear regression of images (B, 2n+1, m) of sigma points of covariance P (B, n, n): (slope A
     (B, m, n), value at the mean (B, m), covariance of the residual (B, m, m), status); status `fault` if the
     images are not finite."""
@@ -191,7 +191,7 @@ def regress(P, images, w_cov, w, angular, fault):  # type: ignore[no-untyped-def
 
 
 @njit(**MAKING)
-def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):  # type: ignore[no-untyped-def]
+def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):
     """One step back of Rauch, Tung and Striebel, the covariance in Joseph's form (no difference of covariances):
     (I - G F) P (I - G F)^T + G (P_next + Q) G^T; a status."""
     n = mean.shape[0]
@@ -224,7 +224,7 @@ def smooth_into(mean, P, F, Q, predicted, mean_next, P_next, mean_out, P_out):  
 
 
 @njit(signatures(3, 4, 4, 4, 3), **MAKING)
-def smooth_back(mean, P, F, Q, predicted):  # type: ignore[no-untyped-def]
+def smooth_back(mean, P, F, Q, predicted):
     """Smooth filtered means (T, B, n) and covariances (T, B, n, n) from the end; F, Q (T-1, B, n, n), and
     predicted (T-1, B, n), belong to the steps; (mean, covariance, status)."""
     steps, count, n = mean.shape

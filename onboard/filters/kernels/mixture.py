@@ -10,7 +10,7 @@ from onboard.filters.kernels.sigma_points import TWO_PI
 
 
 @njit(**FILLING)
-def mix_into(means, P, weights, mean_out, P_out):  # type: ignore[no-untyped-def]
+def mix_into(means, P, weights, mean_out, P_out):
     """Mean and covariance of the mixture of means (r, n) and covariances (r, n, n) with weights (r,). Sums are
     relative to the first mode: a mixture of equal modes is then that mode to the last digit, however far from
     zero."""
@@ -31,7 +31,7 @@ def mix_into(means, P, weights, mean_out, P_out):  # type: ignore[no-untyped-def
 
 
 @njit(**MAKING)
-def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):  # type: ignore[no-untyped-def]
+def weigh_into(innovations, S, nis, prior, angular, log_l, posterior, mean, P):
     """As `weigh`, of one filter; (status, NIS)."""
     r, m = innovations.shape
     lower_t, e, status = np.empty((m, m), S.dtype), np.empty((r, m), S.dtype), OK

@@ -9,7 +9,7 @@ from onboard.filters.kernels.mixture import mix_into, weigh_into
 
 
 @njit(signatures(3, 4, 3), **MAKING)
-def mix(means, P, weights):  # type: ignore[no-untyped-def]
+def mix(means, P, weights):
     """(means (B, j, n), covariances (B, j, n, n)): a mixture for each column of weights (B, r, j)."""
     count, _, n = means.shape
     j = weights.shape[2]
@@ -21,7 +21,7 @@ def mix(means, P, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, 4, 2, 2, FLAGS), **MAKING)
-def weigh(innovations, S, nis, prior, angular):  # type: ignore[no-untyped-def]
+def weigh(innovations, S, nis, prior, angular):
     """(log-likelihoods (B, r), posterior (B, r), innovation (B, m), covariance (B, m, m), NIS (B,), status) of
     modes with innovations (B, r, m), S (B, r, m, m), nis and prior probabilities (B, r). Angles are averaged as
     innovations, which are small: a mean of the angles themselves would break at +-pi."""

@@ -6,13 +6,13 @@ from onboard.filters.compiled import CONTRACTED, FILLING
 
 
 @njit(**FILLING)
-def padded(rows):  # type: ignore[no-untyped-def]
+def padded(rows):
     """The number of rows, rounded up to a multiple of three."""
     return (rows + 2) // 3 * 3
 
 
 @njit(**FILLING, **CONTRACTED)
-def squares_into(a, count, out):  # type: ignore[no-untyped-def]
+def squares_into(a, count, out):
     """The lower triangle of out = a[:, :count] a[:, :count]^T; the number of rows must be a multiple of three."""
     for i in range(0, a.shape[0], 3):
         u, v, w = a[i, 0], a[i + 1, 0], a[i + 2, 0]
@@ -49,7 +49,7 @@ def squares_into(a, count, out):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING, **CONTRACTED)
-def offsets_by_into(points, d, m, out):  # type: ignore[no-untyped-def]
+def offsets_by_into(points, d, m, out):
     """out (n, m) = the sum over points 1 to n of their offsets from the centre, times those of d
     (padded(m), n)."""
     n = points.shape[1]

@@ -11,7 +11,7 @@ from onboard.filters.kernels.sigma_points import TWO_PI
 
 
 @njit(**MAKING)
-def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation, S, predicted):  # type: ignore[no-untyped-def]
+def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation, S, predicted):
     """Measurement update by the components of y (m,) that are not NaN; (status, NIS, log-likelihood). What belongs
     to a missing component is left NaN. Without any, mean and covariance stay."""
     n, m = mean.shape[0], y.shape[0]
@@ -56,7 +56,7 @@ def correct_present_into(mean, P, y, H, R, angular, mean_out, P_out, innovation,
 
 
 @njit(signatures(2, 3, 3, 3, 2, 3, 3, 3, FLAGS), nogil=True, **MAKING)  # records in threads, side by side
-def filter_record(mean, P, F, Q, inputs, H, R, y, angular):  # type: ignore[no-untyped-def]
+def filter_record(mean, P, F, Q, inputs, H, R, y, angular):
     """Filter the measurements y (T, B, m), NaN where missing, from mean (B, n) and covariance (B, n, n) at the
     time of the first. F, Q (T-1 or 1, n, n) and inputs (T-1 or 1, n) lead from each time to the next; H (T or 1,
     m, n), R (T or 1, m, m).

@@ -29,7 +29,7 @@ TWO_PI: Final = 2.0 * np.pi
 
 
 @njit(**FILLING, **CONTRACTED)
-def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
+def spread_into(mean, P, gamma, points):
     """Sigma points of one filter into `points` (2n+1, n); a status."""
     n = mean.shape[0]
     if P.shape[0] != n or P.shape[1] != n or points.shape[0] != 2 * n + 1 or points.shape[1] != n:
@@ -49,13 +49,13 @@ def spread_into(mean, P, gamma, points):  # type: ignore[no-untyped-def]
 
 
 @njit((types.int64,), **FILLING)
-def gather_scratch_shape(n):  # type: ignore[no-untyped-def]
+def gather_scratch_shape(n):
     """Shape of the scratch of `gather_into`."""
     return 2 * padded(n), 2 * n + 3
 
 
 @njit(**FILLING, **CONTRACTED)
-def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):  # type: ignore[no-untyped-def]
+def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):
     """Weighted mean and covariance, plus Q, of one filter's points (2n+1, n); a status."""
     k, n = points.shape
     if k != 2 * n + 1 or Q.shape[0] != n or Q.shape[1] != n:
@@ -93,13 +93,13 @@ def gather_into(points, w_mean, w_cov, w, Q, scratch, mean, P):  # type: ignore[
 
 
 @njit(**FILLING, **CONTRACTED)
-def wrapped(x):  # type: ignore[no-untyped-def]
+def wrapped(x):
     """An angle in [-pi, pi]."""
     return x - TWO_PI * np.rint(x * (1.0 / TWO_PI))
 
 
 @njit(**FILLING, **CONTRACTED)
-def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: ignore[no-untyped-def]
+def deviations_into(images, y, w, angular, d, innovation, predicted):
     """Deviations of one filter's images (2n+1, m) from their mean `predicted`, and the innovation; a status. In
     d (m, 2n+1): n differences of opposite images, n sums of their deviations, and the centre's deviation."""
     k, m = images.shape
@@ -135,7 +135,7 @@ def deviations_into(images, y, w, angular, d, innovation, predicted):  # type: i
 
 
 @njit(**FILLING, **CONTRACTED)
-def whiten_into(S, innovation, lower, inverse, white):  # type: ignore[no-untyped-def]
+def whiten_into(S, innovation, lower, inverse, white):
     """white (m,) = L^-1 innovation, with L L^T = S (m, m); (whether L exists, NIS). L is left in `lower` (m, m),
     the inverse of its diagonal in `inverse` (m,)."""
     m = S.shape[0]
@@ -161,13 +161,13 @@ def whiten_into(S, innovation, lower, inverse, white):  # type: ignore[no-untype
 
 
 @njit((types.int64, types.int64), **FILLING)
-def correct_scratch_shape(n, m):  # type: ignore[no-untyped-def]
+def correct_scratch_shape(n, m):
     """Shape of the scratch of `correct_into`."""
     return 2 * padded(m) + padded(n) + max(padded(n), m + 2), max(2 * n + 1, padded(m))
 
 
 @njit(**FILLING, **CONTRACTED)
-def innovation_covariance_into(sums, centre, R, w_cov, w, S):  # type: ignore[no-untyped-def]
+def innovation_covariance_into(sums, centre, R, w_cov, w, S):
     """S (m, m) from the sums of squares of the deviations of `deviations_into`, the centre's deviation, and R."""
     m = R.shape[0]
     half = R.dtype.type(0.5)
@@ -179,7 +179,7 @@ def innovation_covariance_into(sums, centre, R, w_cov, w, S):  # type: ignore[no
 
 
 @njit(**FILLING, **CONTRACTED)
-def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):  # type: ignore[no-untyped-def]
+def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):
     """The mean after the update. cross (n, m) := cross w L^-T; its product with its transpose is K S K^T."""
     n, m = centre.shape[0], lower.shape[0]
     for i in range(n):
@@ -195,7 +195,7 @@ def move_into(centre, cross, w, lower, inverse, white, considered, mean_out):  #
 
 
 @njit(**FILLING, **CONTRACTED)
-def reduce_into(P, reductions, considered, exact, P_out):  # type: ignore[no-untyped-def]
+def reduce_into(P, reductions, considered, exact, P_out):
     """P less the `reductions` (n, n), but for pairs of considered states. After an `exact` measurement a variance
     of which only rounding is left is zero."""
     n, zero = P.shape[0], P.dtype.type(0)
@@ -221,7 +221,7 @@ def reduce_into(P, reductions, considered, exact, P_out):  # type: ignore[no-unt
 
 
 @njit(**FILLING, **CONTRACTED)
-def correct_into(  # type: ignore[no-untyped-def]
+def correct_into(
     points, images, P, y, R, w_cov, w, angular, considered, scratch, mean_out, P_out, innovation, S, predicted
 ):
     """Measurement update of one filter from its points (2n+1, n) and their images (2n+1, m); (status, NIS)."""

@@ -13,7 +13,7 @@ from onboard.filters.kernels.triangularisation import correct_into, gather_into,
 
 
 @njit(signatures(2, 3, "f"), **MAKING)
-def spread(mean, L, gamma):  # type: ignore[no-untyped-def]
+def spread(mean, L, gamma):
     """(points (B, 2n+1, n), status) from a mean and the factor of its covariance (only the lower triangle)."""
     count, n = common_batch((mean.shape[0], L.shape[0])), mean.shape[1]
     points = np.empty((max(count, 0), 2 * n + 1, n), mean.dtype)
@@ -27,7 +27,7 @@ def spread(mean, L, gamma):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, 3, "f", "f"), **MAKING)
-def gather(points, Q, w_cov, w):  # type: ignore[no-untyped-def]
+def gather(points, Q, w_cov, w):
     """(mean (B, n), factor (B, n, n), status) of points (B, 2n+1, n) plus noise Q."""
     count, _, n = points.shape
     mean, L = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)
@@ -43,7 +43,7 @@ def gather(points, Q, w_cov, w):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(3, 3, 3, 2, 3, "f", "f", FLAGS, FLAGS), **MAKING)
-def correct(points, L, images, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
+def correct(points, L, images, y, R, w_cov, w, angular, considered):
     """Update by triangularisation. (mean, factor, gain K, U = K chol(S), innovation, its covariance, predicted,
     NIS, status), each over the batch; U is what the classical form subtracts from the prior's factor."""
     count, size, n = points.shape
@@ -86,7 +86,7 @@ def correct(points, L, images, y, R, w_cov, w, angular, considered):  # type: ig
 
 
 @njit(signatures(3, 3, 3, 3), **MAKING)
-def joseph(L, H, K, R):  # type: ignore[no-untyped-def]
+def joseph(L, H, K, R):
     """(tria[(I - K H) L, K S_R] (B, n, n), status): eqs 30-32 with a Jacobian H (B, m, n)."""
     count, n, m = K.shape
     out = np.empty((count, n, n), L.dtype)
@@ -112,7 +112,7 @@ def joseph(L, H, K, R):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(2, 1, 2, "out"), **MAKING)
-def redraw(moved, weights, Q, state):  # type: ignore[no-untyped-def]
+def redraw(moved, weights, Q, state):
     """Mean and factor of the moved points, and new points of them; a status. The rows of `state` (2n+1 + n, n) are
     filled with the points, of which the first is the mean, and the factor. `weights` (4,) as in `Weights`."""
     n = state.shape[1]
@@ -125,7 +125,7 @@ def redraw(moved, weights, Q, state):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures("out", 2, 1, 2, 1, FLAGS), **MAKING)
-def correct_and_redraw(state, images, y, R, weights, masks):  # type: ignore[no-untyped-def]
+def correct_and_redraw(state, images, y, R, weights, masks):
     """Update in place of a `state` that `redraw` has filled; `masks` (m + n,) are those of angular components
     and of considered states. (status, NIS)."""
     n, m = state.shape[1], y.shape[0]

@@ -25,7 +25,7 @@ from onboard.filters.kernels.linearisation import centred_into, skips_centre
 
 
 @njit(**FILLING)
-def spread_into(mean, lower, gamma, points):  # type: ignore[no-untyped-def]
+def spread_into(mean, lower, gamma, points):
     """Sigma points of one filter into `points` (2n+1, n); a status."""
     n = mean.shape[0]
     if not is_factor(lower, 0.0):
@@ -42,7 +42,7 @@ def spread_into(mean, lower, gamma, points):  # type: ignore[no-untyped-def]
 
 
 @njit(**FILLING)
-def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):  # type: ignore[no-untyped-def]
+def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):
     """Mean (n,) and factor (n, n) of one filter's points (2n+1, n) plus noise (eqs 20-22), with scratch `extra`
     (n, 2n+1) and `centre` (n,), and the mask `no_angles` (n,), all False; a status."""
     size, n = points.shape
@@ -63,7 +63,7 @@ def gather_into(points, Q, w_cov, w, no_angles, extra, centre, mean, L):  # type
 
 
 @njit(**MAKING)
-def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):  # type: ignore[no-untyped-def]
+def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):
     """Deviations of the images in two parts, each pair of opposite points rotated by 45 degrees: the odd part
     (m, n), which is the slope times the prior's factor, and the factor V (m, m) of R plus the even part, which
     no straight line explains. Their sum odd odd^T + V V^T is the innovation's covariance, and `root` its factor
@@ -92,7 +92,7 @@ def linearise_into(images, R, w_cov, w, angular, predicted, odd, V, root):  # ty
 
 
 @njit(**MAKING)
-def gain_into(L, odd, root, innovation, considered, K, U, S):  # type: ignore[no-untyped-def]
+def gain_into(L, odd, root, innovation, considered, K, U, S):
     """Gain K (n, m), U = K root (n, m) and S = root root^T (m, m), with the factor L of the prior (eqs 27, 28);
     the NIS."""
     n, m = K.shape
@@ -128,7 +128,7 @@ def gain_into(L, odd, root, innovation, considered, K, U, S):  # type: ignore[no
 
 
 @njit(**MAKING)
-def joseph_into(L, slope, K, V, out):  # type: ignore[no-untyped-def]
+def joseph_into(L, slope, K, V, out):
     """out := tria[L - K slope, K V]: eq 32, transposed as it must be. The slope (m, n) is H L; K V V^T K^T is
     the noise that the gain admits. `out` may be L."""
     n, m = K.shape
@@ -147,7 +147,7 @@ def joseph_into(L, slope, K, V, out):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def correct_into(  # type: ignore[no-untyped-def]
+def correct_into(
     points,
     L,
     images,

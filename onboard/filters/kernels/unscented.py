@@ -27,7 +27,7 @@ def scratch_size(n: int, m: int) -> int:
 
 
 @njit(signatures(2, 1, 2, "out"), **FILLING, **CONTRACTED)
-def redraw(moved, weights, Q, state):  # type: ignore[no-untyped-def]
+def redraw(moved, weights, Q, state):
     """Mean and covariance of the moved points, and new points of them; a status. The rows of `state` are filled
     with the points (2n+1, n), of which the first is the mean, and the covariance (n, n); those behind are
     scratch. `weights` (4,) as in `Weights`."""
@@ -45,7 +45,7 @@ def redraw(moved, weights, Q, state):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(2, 2, 2, 1, 2, "f", "f", FLAGS, FLAGS, "out", "out"), **MAKING, **CONTRACTED)
-def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):  # type: ignore[no-untyped-def]
+def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):
     """Mean and covariance into the rows of `out` (1 + n, n); innovation, prediction and the covariance of the
     innovation into those of `found` (2 + m, m). (status, NIS)."""
     scratch = np.empty(correct_scratch_shape(points.shape[1], y.shape[0]), points.dtype)
@@ -70,7 +70,7 @@ def correct(points, images, P, y, R, w_cov, w, angular, considered, out, found):
 
 
 @njit(signatures("out", 2, 1, 2, 1, FLAGS), **FILLING, **CONTRACTED)
-def correct_and_redraw(state, images, y, R, weights, masks):  # type: ignore[no-untyped-def]
+def correct_and_redraw(state, images, y, R, weights, masks):
     """Update in place of a `state` that `redraw` has filled; `masks` (m + n,) are those of angular components
     and of considered states. (status, NIS)."""
     n, m = state.shape[1], y.shape[0]
@@ -101,7 +101,7 @@ def correct_and_redraw(state, images, y, R, weights, masks):  # type: ignore[no-
 @njit(
     signatures("packed 3", 3, "packed 3", "packed 2", "packed 3", "f", "f", FLAGS, FLAGS), **MAKING, **CONTRACTED
 )
-def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):  # type: ignore[no-untyped-def]
+def correct_batch(points, images, P, y, R, w_cov, w, angular, considered):
     """As `correct`, each with a leading axis B; R (B or 1, m, m)."""
     count, _, n = points.shape
     m = y.shape[1]

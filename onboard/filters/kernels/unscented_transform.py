@@ -14,14 +14,14 @@ from onboard.filters.kernels.sigma_points import gather_into, gather_scratch_sha
 
 
 @njit(signatures(2), **MAKING, **CONTRACTED)
-def factor(A):  # type: ignore[no-untyped-def]
+def factor(A):
     """(transposed Cholesky factor (n, n), whether there is one)."""
     lower_t = np.empty(A.shape, A.dtype)
     return lower_t, factor_into(A, lower_t)
 
 
 @njit(signatures(1, 2, "f", "f", "f", "out"), **MAKING, **CONTRACTED)
-def spread(mean, P, gamma, w_mean, w, points):  # type: ignore[no-untyped-def]
+def spread(mean, P, gamma, w_mean, w, points):
     """Sigma points into `points` (2n+1, n); a status."""
     others = 2 * w * mean.shape[0]
     if abs(w_mean + others - 1) > NEAR * others:
@@ -30,7 +30,7 @@ def spread(mean, P, gamma, w_mean, w, points):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures(2, "f", "f", "f", 2, "out"), **MAKING, **CONTRACTED)
-def gather(points, w_mean, w_cov, w, Q, out):  # type: ignore[no-untyped-def]
+def gather(points, w_mean, w_cov, w, Q, out):
     """Mean and covariance into the rows of `out` (1 + n, n); a status."""
     scratch = np.empty(gather_scratch_shape(out.shape[1]), points.dtype)
     status = gather_into(points, w_mean, w_cov, w, Q, scratch, out[0], out[1:])
@@ -41,7 +41,7 @@ def gather(points, w_mean, w_cov, w, Q, out):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures("packed 2", "packed 3", "f"), **MAKING, **CONTRACTED)
-def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
+def spread_batch(mean, P, gamma):
     """(points (B, 2n+1, n), the first status that is not OK)."""
     count, n = mean.shape
     points = np.empty((count, 2 * n + 1, n), mean.dtype)
@@ -55,7 +55,7 @@ def spread_batch(mean, P, gamma):  # type: ignore[no-untyped-def]
 
 
 @njit(signatures("packed 3", "f", "f", "f", "packed 3"), **MAKING, **CONTRACTED)
-def gather_batch(points, w_mean, w_cov, w, Q):  # type: ignore[no-untyped-def]
+def gather_batch(points, w_mean, w_cov, w, Q):
     """(mean (B, n), covariance (B, n, n), status); Q (B or 1, n, n)."""
     count, _, n = points.shape
     mean, P = np.empty((count, n), points.dtype), np.empty((count, n, n), points.dtype)

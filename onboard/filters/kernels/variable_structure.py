@@ -51,7 +51,7 @@ SLOW_DEVIATIONS: Final = 2.0
 
 
 @njit(**MAKING)
-def linearise_into(images, y, R, angular, predicted, e, B, N, S):  # type: ignore[no-untyped-def]
+def linearise_into(images, y, R, angular, predicted, e, B, N, S):
     """Predicted measurement, innovation e, B (n, m), N and S = B^T B + N, of images (2n+1, m); a status."""
     k, m = images.shape
     n = k // 2
@@ -92,7 +92,7 @@ def linearise_into(images, y, R, angular, predicted, e, B, N, S):  # type: ignor
 
 
 @njit(**MAKING)
-def decide_into(kind, e, residual, B, S, R, limit, gamma, scale, updates_outside, layer, outside, s, ratio):  # type: ignore[no-untyped-def]
+def decide_into(kind, e, residual, B, S, R, limit, gamma, scale, updates_outside, layer, outside, s, ratio):
     """For each component its layer, whether it is outside of it and for how many updates, and the switching
     step s. `limit` (m,) is the layer's width, or (0,) for `scale` standard deviations of R.
 
@@ -125,7 +125,7 @@ def decide_into(kind, e, residual, B, S, R, limit, gamma, scale, updates_outside
 
 
 @njit(**MAKING)
-def find_bias_into(e, S, scale, fading, deviations, switching, extra):  # type: ignore[no-untyped-def]
+def find_bias_into(e, S, scale, fading, deviations, switching, extra):
     """The fading mean of sat(e/psi), psi = scale sqrt(S_aa), into `switching`; into `extra` the variance that
     explains it, zero where white innovations would explain it. True if any variance is not zero.
 
@@ -145,7 +145,7 @@ def find_bias_into(e, S, scale, fading, deviations, switching, extra):  # type: 
 
 
 @njit(**MAKING)
-def model_error_into(L_t, B, extra, extra_slow, model_error):  # type: ignore[no-untyped-def]
+def model_error_into(L_t, B, extra, extra_slow, model_error):
     """G D G^T (n, n) with G the weighted right inverse and D the variances `extra_slow` (m,) of those
     quantities whose variance in `extra` is zero."""
     G_t = right_inverse(L_t, B, True)
@@ -158,7 +158,7 @@ def model_error_into(L_t, B, extra, extra_slow, model_error):  # type: ignore[no
 
 
 @njit(**MAKING)
-def fits(n, images, y, R, memory, limit):  # type: ignore[no-untyped-def]
+def fits(n, images, y, R, memory, limit):
     """Whether the arrays of one filter's update fit each other."""
     m = y.shape[0]
     for size in memory:
@@ -173,7 +173,7 @@ def fits(n, images, y, R, memory, limit):  # type: ignore[no-untyped-def]
 
 
 @njit(**MAKING)
-def update_into(  # type: ignore[no-untyped-def]
+def update_into(
     mean, P, images, y, R, residual, limit, angular, kind, gamma, scale, patience, weighted, fading,
     updates_outside, switching, slow_switching, out,
 ):  # fmt: skip
@@ -230,7 +230,7 @@ ARRAYS: Final = (2, 3, 3, 2, 3, 2, 2, 2, 2, 2, FLAGS)
 
 
 @njit(signatures(*ARRAYS, types.int64, "f", "f", types.int64, types.boolean, "f"), **MAKING)
-def update_batch(  # type: ignore[no-untyped-def]
+def update_batch(
     mean, P, images, y, R, residual, updates_outside, switching, slow_switching, limit, angular, kind, gamma,
     scale, patience, weighted, fading,
 ):  # fmt: skip

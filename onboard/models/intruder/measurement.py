@@ -80,7 +80,7 @@ def cross_matrix(d: Array) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
-def _angles(positions, angles, count):  # type: ignore[no-untyped-def]
+def _angles(positions, angles, count):
     """Azimuths, then elevations, (2 BLOCK,), of `count` positions in the radar's frame, all x, then all y, all
     z."""
     for s in range(count):
@@ -90,7 +90,7 @@ def _angles(positions, angles, count):  # type: ignore[no-untyped-def]
 
 
 @njit((ROWS, VECTOR, VECTOR, ROWS), cache=True, error_model="numpy")
-def _echo(rows, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
+def _echo(rows, lag, r_OR_n, R_rn):
     """In blocks, so that the compiler makes one instruction of several rows' arctangents."""
     polar = np.empty((rows.shape[0], 3))
     positions, angles = np.empty(3 * BLOCK), np.empty(2 * BLOCK)
@@ -116,7 +116,7 @@ def _echo(rows, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
 
 
 @njit((WRITABLE,) * 3, cache=True, error_model="numpy")
-def _add_cross(a, b, out):  # type: ignore[no-untyped-def]
+def _add_cross(a, b, out):
     """out += a x b."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -124,7 +124,7 @@ def _add_cross(a, b, out):  # type: ignore[no-untyped-def]
 
 
 @njit((ROWS, CUBE, types.float64, VECTOR, ROWS), cache=True, error_model="numpy")
-def _expected_echo(means, covariances, lag, r_OR_n, R_rn):  # type: ignore[no-untyped-def]
+def _expected_echo(means, covariances, lag, r_OR_n, R_rn):
     count = means.shape[0]
     polar, spread = np.empty((count, 3)), np.empty((count, 3, 3))
     J = np.zeros((6, 15))  # of the position `lag` before, and of the attitude error

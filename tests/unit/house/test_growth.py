@@ -54,6 +54,14 @@ def test_functions_take_few_arguments() -> None:
     assert max(f.arguments for f in growth.functions() if f.is_kernel) <= MOST_OF_KERNELS
 
 
+def test_only_kernels_are_without_types() -> None:
+    """mypy lets their modules pass."""
+    untyped = {f.name for f in growth.functions() if not f.is_typed and f.name.startswith("onboard/")}
+    kernels = {f.name for f in growth.functions() if f.is_kernel}
+    assert untyped <= kernels
+    assert len(untyped) > 100
+
+
 @pytest.mark.parametrize("estimator", MOST_NUMBERS)
 def test_an_estimator_believes_by_few_numbers(estimator: str) -> None:
     assert growth.numbers(estimator) <= MOST_NUMBERS[estimator]

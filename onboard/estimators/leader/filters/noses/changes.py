@@ -76,13 +76,13 @@ def change(
 
 
 @njit(cache=True, error_model="numpy")
-def _fraction(nose, x, edge_on):  # type: ignore[no-untyped-def]
+def _fraction(nose, x, edge_on):
     """The fraction that is seen of a level wing of a leader with the mean x (N,)."""
     return np.sqrt(visible2(nose, x[0], x[1], x[0] * x[0] + x[1] * x[1] + x[2] * x[2], edge_on))
 
 
 @njit(cache=True, error_model="numpy")
-def _doubt(nose, other, x, P, dt, moved, edge_on, hovers):  # type: ignore[no-untyped-def]
+def _doubt(nose, other, x, P, dt, moved, edge_on, hovers):
     """Give a particle another nose, in place: the one that is supposed may be wrong after all. Seen so, the same
     images are those of a leader that is nearer or farther, and moves in proportion; one that hovers stands still
     there, too."""
@@ -100,7 +100,7 @@ def _doubt(nose, other, x, P, dt, moved, edge_on, hovers):  # type: ignore[no-un
 
 
 @njit(cache=True, error_model="numpy")
-def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):  # type: ignore[no-untyped-def]
+def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
     """The regime after a step, by a number that is `drawn` from (0, 1). Only a slow leader begins to hover."""
     if regime == HOVERING:
         return ACCELERATING if drawn < leaves else HOVERING
@@ -113,7 +113,7 @@ def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):  # type: ignor
 
 
 @njit(cache=True, error_model="numpy")
-def _rate(rate, drawn, stops, turns, new):  # type: ignore[no-untyped-def]
+def _rate(rate, drawn, stops, turns, new):
     """At which a nose is turned after a step, by a number that is `drawn` from (0, 1)."""
     if rate != 0.0:
         return 0.0 if drawn < stops else rate
@@ -121,7 +121,7 @@ def _rate(rate, drawn, stops, turns, new):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _tied_nose(nose, x, dt, moved, edge_on, air):  # type: ignore[no-untyped-def]
+def _tied_nose(nose, x, dt, moved, edge_on, air):
     """The nose on the course that the leader would have with that nose: its range and velocity depend on it."""
     other = np.arctan2(x[4] - air[1], x[3] - air[0])
     for _ in range(CIRCLES):
@@ -133,7 +133,7 @@ def _tied_nose(nose, x, dt, moved, edge_on, air):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew):  # type: ignore[no-untyped-def]
+def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew):
     """Whether a nose is tied to its course after a step, whether it is from now on, and whether it is doubted, by
     numbers that are `drawn` from (0, 1). Of a slow leader that is undecided."""
     speed2 = x[3] * x[3] + x[4] * x[4]
@@ -160,7 +160,7 @@ def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew
     cache=True,
     error_model="numpy",
 )
-def _change(  # type: ignore[no-untyped-def]
+def _change(
     noses,
     rates,
     regimes,

@@ -28,7 +28,7 @@ def normal(draw: int, count: int) -> Array:
 
 
 @njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
-def uniforms(draw, count):  # type: ignore[no-untyped-def]
+def uniforms(draw, count):
     """`uniform`, to be called from compiled code."""
     z = np.full(count, draw, np.uint64) * WEYL + np.arange(1, count + 1).astype(np.uint64)
     z *= MIX[0]
@@ -39,7 +39,7 @@ def uniforms(draw, count):  # type: ignore[no-untyped-def]
 
 
 @njit(types.float64[::1](DRAW, COUNT), cache=True, error_model="numpy")
-def normals(draw, count):  # type: ignore[no-untyped-def]
+def normals(draw, count):
     """`normal`, to be called from compiled code."""
     angles = 2.0 * math.pi * uniforms(np.uint64(draw + 1), count)
     return np.sqrt(-2.0 * np.log(uniforms(draw, count))) * np.cos(angles)

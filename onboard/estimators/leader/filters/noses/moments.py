@@ -28,7 +28,7 @@ VECTOR_OUT: Final = out(NUMBER, 1)
 
 
 @njit(cache=True, error_model="numpy")
-def _components(nose, x, about, period, row):  # type: ignore[no-untyped-def]
+def _components(nose, x, about, period, row):
     """A particle's mean as components of a summary, into `row`. Noses repeat after `period`."""
     for i in range(VECTORS):
         row[i] = x[i]
@@ -38,7 +38,7 @@ def _components(nose, x, about, period, row):  # type: ignore[no-untyped-def]
 
 
 @njit((*CLOUD, NUMBER, NUMBER, VECTOR_OUT, OUT), cache=True, error_model="numpy")
-def moments(noses, means, w, about, period, mean, S):  # type: ignore[no-untyped-def]
+def moments(noses, means, w, about, period, mean, S):
     """Mean and covariance of the means of a cloud (`cloud.Cloud`) with weights w (K,), added to `mean`
     (N,) and S (N, N); and the mean logarithm of the range. Each nose is taken as near to `about` as it may be: it
     repeats after `period`, rad."""
@@ -66,7 +66,7 @@ def moments(noses, means, w, about, period, mean, S):  # type: ignore[no-untyped
 
 
 @njit(cache=True, error_model="numpy")
-def _derivatives(known, dt, J):  # type: ignore[no-untyped-def]
+def _derivatives(known, dt, J):
     """Of the leader's components (BASE,) by a summary `dt` seconds before, into J (BASE, N), and its speed."""
     J[:] = 0.0
     for i in range(3):
@@ -85,7 +85,7 @@ def _derivatives(known, dt, J):  # type: ignore[no-untyped-def]
 
 
 @njit((VECTOR, ROWS, NUMBER, VECTOR, VECTOR), cache=True, error_model="numpy")
-def as_leader(known, C, dt, moved, v_F):  # type: ignore[no-untyped-def]
+def as_leader(known, C, dt, moved, v_F):
     """See `summary.as_leader`: mean (BASE,) and covariance (BASE, BASE), of a summary with mean `known` and
     covariance C."""
     x, P = np.zeros(BASE), np.zeros((BASE, BASE))
