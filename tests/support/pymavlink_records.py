@@ -38,10 +38,8 @@ from onboard.messages import (
 
 MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
-SEA_LEVEL_HPA: Final = 1013.25
-STANDARD_K: Final = 288.15
-LAPSE_K_PER_M: Final = 0.0065
-LAPSE_EXPONENT: Final = 0.190263
+# ISO 2533: pressure (Pa) and temperature (K) at sea level, K per m, and the gas constant of dry air, J / (kg K)
+P_0, T_0, BETA, GAS = 101_325.0, 288.15, -0.0065, 287.05287
 
 
 def _known(value: float, unknown: float, scale: float) -> float | None:
@@ -158,10 +156,10 @@ def _highres_imu(m: Any, h: dict[str, Any]) -> Message:
 
 
 def _scaled_pressure(m: Any, h: dict[str, Any]) -> Message:
-    """The troposphere of the ISO standard atmosphere (ISO 2533); NaN for a pressure that is not positive. The same
-    formula as the decoder's, which test_mavlink_decode holds to the standard's printed table."""
-    ratio = m.press_abs / SEA_LEVEL_HPA
-    altitude = (1.0 - ratio**LAPSE_EXPONENT) * STANDARD_K / LAPSE_K_PER_M if ratio > 0.0 else math.nan
+    """The troposphere of ISO 2533, with the exponent by its constants, solved for the altitude;
+    NaN for a pressure that is not positive. test_mavlink_decode holds the decoder to the standard's table."""
+    ratio = 100.0 * m.press_abs / P_0
+    altitude = T_0 / BETA * (ratio ** (-BETA * GAS / G) - 1.0) if ratio > 0.0 else math.nan
     return Barometer(**h, pressure_altitude=altitude)
 
 
