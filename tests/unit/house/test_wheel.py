@@ -1,0 +1,86 @@
+"""The wheel as somebody installs it: what is in it, and that it runs apart from this tree."""
+
+import shutil
+import subprocess
+import sys
+import tomllib
+from email.parser import Parser
+from pathlib import Path
+from zipfile import ZipFile
+
+import pytest
+
+from tests.support.programs import ROOT
+
+BUILD = "import sys; from setuptools import build_meta; print(build_meta.build_wheel(sys.argv[1]))"
+USE = """
+import onboard, simlink, onboard.pipeline
+from simlink.scenarios.scenario import load_scenario, scenario_names
+from simlink.sensors import almanac
+assert onboard.__file__.startswith(r"{place}"), onboard.__file__
+almanac.load()
+print(len(scenario_names()), load_scenario("mission").name, onboard.__version__)
+"""
+FOLDERS = ("onboard", "simlink", "studies", "tests/support", "benchmarks", "examples", "docs/notebooks")
+FILES = ("pyproject.toml", "README.md", "LICENSE")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built of a copy, in which the build may leave what it likes, without a network."""
+    tree, out = (tmp_path_factory.mktemp(name) for name in ("tree", "out"))
+    for folder in FOLDERS:
+        shutil.copytree(ROOT / folder, tree / folder, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    for name in FILES:
+        shutil.copy(ROOT / name, tree)
+    built = subprocess.run(
+        [sys.executable, "-c", BUILD, out], cwd=tree, capture_output=True, text=True, check=False, timeout=300
+    )
+    assert built.returncode == 0, built.stderr[-2000:]
+    return out / built.stdout.splitlines()[-1]
+
+
+def test_all_that_flies_is_in_the_wheel_and_nothing_else(wheel: Path) -> None:
+    with ZipFile(wheel) as file:
+        names = set(file.namelist())
+    mine = {name for name in names if ".dist-info/" not in name}
+    expected = {
+        path.relative_to(ROOT).as_posix()
+        for package in ("onboard", "simlink")
+        for path in (ROOT / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert mine == expected
+    for needed in ("onboard/py.typed", "simlink/py.typed", "simlink/scenarios/mission.toml"):
+        assert needed in mine
+    assert any(name.endswith(".alm") for name in mine)
+    assert any(name.endswith(".pyi") for name in mine)
+    assert any(name.endswith("LICENSE") for name in names - mine)
+
+
+def test_its_metadata_are_those_of_the_project(wheel: Path) -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    with ZipFile(wheel) as file:
+        (metadata,) = (file.read(n).decode() for n in file.namelist() if n.endswith(".dist-info/METADATA"))
+        (points,) = (file.read(n).decode() for n in file.namelist() if n.endswith("entry_points.txt"))
+    stated = Parser().parsestr(metadata)
+    assert (stated["Name"], stated["License-Expression"]) == ("wingline", "BSD-3-Clause")
+    assert stated["Requires-Python"] == project["requires-python"]
+    required = [r for r in stated.get_all("Requires-Dist") or [] if "extra ==" not in r]
+    assert len(required) == len(project["dependencies"])
+    for command, place in project["scripts"].items():
+        assert f"{command} = {place}" in points
+
+
+def test_it_runs_apart_from_this_tree(wheel: Path, tmp_path: Path) -> None:
+    place = tmp_path / "site"
+    with ZipFile(wheel) as file:
+        file.extractall(place)
+    code = f"import sys; sys.path.insert(0, r'{place}')" + USE.format(place=place)
+    ran = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120
+    )
+    assert ran.returncode == 0, ran.stderr[-2000:]
+    count, name, _ = ran.stdout.split()
+    assert int(count) > 30
+    assert name == "mission"
