@@ -26,9 +26,9 @@ from onboard.models.particle_update import correct, dot, factor, project, whiten
 
 G: Final = 9.80665
 N: Final = 14  # at least: behind these are biases of measurements
-R: Final = slice(0, 3)
-V: Final = slice(3, 6)
-A: Final = slice(6, 9)
+POSITION: Final = slice(0, 3)
+VELOCITY: Final = slice(3, 6)
+ACCELERATION: Final = slice(6, 9)
 BANK_ERROR: Final = 9
 LEAN: Final = slice(10, 12)
 STRETCH: Final = 12

@@ -13,8 +13,8 @@ from onboard.arrays import Array
 from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
 
 N: Final = 9
-R: Final = slice(0, 3)
-V: Final = slice(3, 6)
+POSITION: Final = slice(0, 3)
+VELOCITY: Final = slice(3, 6)
 SIZE: Final = 6
 A_LAT: Final = 7
 A_LONG: Final = 8

@@ -20,7 +20,7 @@ from onboard.estimators.oh_johnson.noise import process_noise
 from onboard.geometry.rotations import matrix_from_euler, matrix_from_quaternion
 from onboard.messages import Record
 from onboard.models import relative_motion
-from onboard.models.relative_motion import A_LAT, SIZE, FollowerMotion, R, V
+from onboard.models.relative_motion import A_LAT, POSITION, SIZE, VELOCITY, FollowerMotion
 from simlink.scenarios.camera import Camera
 from studies.relative_motion.flights import Flights
 from studies.relative_motion.formation import B0, FT, SIZE_SIGMA
@@ -108,10 +108,10 @@ def over_flights(variant: str, bounds: Sequence[FlightBound]) -> VariantBound:
 
 def _squares(P: Array, x: Array) -> Array:
     """Variances (B, 4): of position and velocity (summed), of the range over the range, of a_lat."""
-    distance = np.linalg.norm(x[:, R], axis=1)
-    ahead = x[:, R] / distance[:, None]
-    along = np.einsum("bi,bij,bj->b", ahead, P[:, R, R], ahead)
-    trace = [np.einsum("bii->b", P[:, at, at]) for at in (R, V)]
+    distance = np.linalg.norm(x[:, POSITION], axis=1)
+    ahead = x[:, POSITION] / distance[:, None]
+    along = np.einsum("bi,bij,bj->b", ahead, P[:, POSITION, POSITION], ahead)
+    trace = [np.einsum("bii->b", P[:, at, at]) for at in (POSITION, VELOCITY)]
     return np.stack([*trace, along / distance**2, P[:, A_LAT, A_LAT]], axis=1)
 
 
@@ -128,7 +128,7 @@ def _sensitivity(x: Array, R_cn: Array, wing: Array) -> Array:
     rows = _around(x)
     half = 0.5 * rows[..., SIZE, None] * wing[:, None]
     coordinates = []
-    for place in (rows[..., R], rows[..., R] - half, rows[..., R] + half):
+    for place in (rows[..., POSITION], rows[..., POSITION] - half, rows[..., POSITION] + half):
         x_c, y_c, z_c = np.moveaxis(place @ np.swapaxes(R_cn, 1, 2), -1, 0)
         coordinates += [y_c / x_c, z_c / x_c]
     return _slopes(np.stack(coordinates, axis=-1))

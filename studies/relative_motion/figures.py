@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from onboard.arrays import Array
 from onboard.commands.report_style import STYLE, TRUTH, panels
 from onboard.filters.gating import normalised_squared
-from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
+from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY
 from simlink.scenarios.camera import Camera
 from studies.relative_motion.flight import Flight
 from studies.relative_motion.formation import FT, Track
@@ -95,8 +95,8 @@ def _quantities(flight: Flight, tracks: Mapping[str, Track]) -> tuple[Components
         None,
     )
     return (
-        states("Relative position", AXES, ["ft"] * 3, R),
-        states("Relative velocity", AXES, ["ft/s"] * 3, V),
+        states("Relative position", AXES, ["ft"] * 3, POSITION),
+        states("Relative velocity", AXES, ["ft/s"] * 3, VELOCITY),
         acceleration,
         states("Target", ("size", "a_lat", "a_long"), ("ft", "ft/s²", "ft/s²"), [SIZE, A_LAT, A_LONG]),
     )
@@ -191,12 +191,12 @@ def _overview(flight: Flight, tracks: Mapping[str, Track]) -> Figure:
     _formation(plan, flight, tracks)
     for name, track in tracks.items():
         colour, error = COLOURS[name], track.mean - truth
-        distance = np.linalg.norm(track.mean[:, R], axis=1) / np.linalg.norm(truth[:, R], axis=1)
+        distance = np.linalg.norm(track.mean[:, POSITION], axis=1) / np.linalg.norm(truth[:, POSITION], axis=1)
         ranges.plot(t, 100 * (distance - 1), color=colour, label=LABELS[name])
         size.plot(t, 100 * error[:, SIZE] / flight.size, color=colour)
         known = np.isfinite(track.mean).all(axis=1)
         nees.semilogy(t[known], normalised_squared(error[known], track.covariance[known]), color=colour)
-        speed.plot(t, np.linalg.norm(error[:, V], axis=1) / FT, color=colour)
+        speed.plot(t, np.linalg.norm(error[:, VELOCITY], axis=1) / FT, color=colour)
         lateral.plot(t, track.mean[:, A_LAT] / FT, color=colour)
     nees.axhline(9, color="black", linewidth=0.7)
     lateral.plot(t, truth[:, A_LAT] / FT, **TRUTH)
@@ -232,7 +232,7 @@ def _formation(axis: Axes, flight: Flight, tracks: Mapping[str, Track]) -> None:
         axis.plot(across, along, style, color=colour, linewidth=0.9)
 
     for name, track in tracks.items():
-        plot(track.mean[:, R], COLOURS[name], "-")
+        plot(track.mean[:, POSITION], COLOURS[name], "-")
     plot(flight.nav_truth.r_FL_n, "black", "--")
     axis.set_title(
         f"The leader from the follower, ft ({FORMATION[0]:g}–{FORMATION[1]:g} s)", loc="left", fontsize=9.5

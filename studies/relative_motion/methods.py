@@ -12,7 +12,7 @@ from onboard.filters import unscented
 from onboard.filters.belief import Belief
 from onboard.filters.gating import chi_square_threshold
 from onboard.models import camera_angles, relative_motion
-from onboard.models.relative_motion import R, V
+from onboard.models.relative_motion import POSITION, VELOCITY
 from studies.relative_motion.formation import Filter, Images, ImageUpdate, Method, Setting, Step
 from studies.relative_motion.noise import PAPER, Noise, honest_noise, initial_belief
 
@@ -84,7 +84,7 @@ def with_attitude_error(belief: Belief, sigma: float) -> Belief:
     """Beliefs (B, 9) widened by a constant small error of our own attitude (rad, 1 sigma about each axis), which
     rotates both vectors."""
     slopes = np.zeros((*belief.mean.shape, 3))
-    for at in (R, V):
+    for at in (POSITION, VELOCITY):
         x, y, z = np.moveaxis(belief.mean[:, at], -1, 0) * sigma
         o = np.zeros_like(x)
         slopes[:, at] = np.moveaxis(np.array([[o, z, -y], [-z, o, x], [y, -x, o]]), -1, 0)

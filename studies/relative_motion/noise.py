@@ -10,7 +10,7 @@ from onboard.estimators.oh_johnson.noise import FT, RandomWalks, first_belief
 from onboard.filters.belief import Belief
 from onboard.filters.unscented_transform import julier_weights, recombine, sigma_points
 from onboard.models import camera_angles, relative_motion
-from onboard.models.relative_motion import SIZE, R
+from onboard.models.relative_motion import POSITION, SIZE
 
 
 class Noise(NamedTuple):
@@ -86,7 +86,7 @@ def initial_belief(
     rows = sigma_points(Belief(np.append(angles, size), covariance), weights)
     positions = camera_angles.position_from_angles(rows[:, :3], rows[:, 3], R_cn, r_FC_n)
     joint = recombine(np.column_stack([positions, rows[:, 3]]), weights, np.zeros((4, 4)))
-    mean[R] = joint.mean[:3]
-    P[R, R] = joint.covariance[:3, :3]
-    P[R, SIZE] = P[SIZE, R] = joint.covariance[:3, 3]
+    mean[POSITION] = joint.mean[:3]
+    P[POSITION, POSITION] = joint.covariance[:3, :3]
+    P[POSITION, SIZE] = P[SIZE, POSITION] = joint.covariance[:3, 3]
     return Belief(mean, P)

@@ -10,7 +10,7 @@ from onboard.filters.gating import chi_square_threshold, mean_bounds, normalised
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import Record
 from onboard.models import camera_angles, relative_motion
-from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V
+from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY
 from studies.relative_motion.flight import Flight
 from studies.relative_motion.flights import Flights
 from studies.relative_motion.formation import FT, Mask, Track
@@ -86,19 +86,19 @@ def score(seed: int, flight: Flight, track: Track, unseen: Mask | None = None) -
     known = np.asarray(np.isfinite(error).all(axis=1))
     late = track.t >= SETTLED
     settled = known & late
-    distance = np.linalg.norm(truth[:, R], axis=1)
-    range_error = np.linalg.norm(track.mean[:, R], axis=1) / distance - 1.0
+    distance = np.linalg.norm(truth[:, POSITION], axis=1)
+    range_error = np.linalg.norm(track.mean[:, POSITION], axis=1) / distance - 1.0
     size_error = 100 * error[known, SIZE] / flight.size
     inside = np.zeros(len(track.t))
-    nearness = normalised_squared(error[settled][:, R], track.covariance[settled][:, R, R])
+    nearness = normalised_squared(error[settled][:, POSITION], track.covariance[settled][:, POSITION, POSITION])
     inside[settled] = nearness <= chi_square_threshold(COVERAGE, 3)
     hidden: Mask | None = None if unseen is None or not unseen.any() else settled & unseen
     first = track.t[0] if not np.isfinite(flight.image_points).any() else _first_image(flight)
     return Score(
         seed=seed,
         diverged=_diverged(track, truth, range_error),
-        position_ft=_rms(error[settled][:, R]) / FT,
-        velocity_ft_s=_rms(error[settled][:, V]) / FT,
+        position_ft=_rms(error[settled][:, POSITION]) / FT,
+        velocity_ft_s=_rms(error[settled][:, VELOCITY]) / FT,
         range_percent=100 * _rms(range_error[settled, None]),
         size_percent=100 * _rms(error[settled, SIZE, None]) / flight.size,
         a_lat_ft_s2=_rms(error[settled, A_LAT, None]) / FT,
@@ -162,14 +162,14 @@ def unseen_samples(image_at: Indices, in_view: Mask, samples: int) -> Mask:
 
 def error_over_time(flight: Flight, track: Track) -> Array:
     """(N, 3): time, position error and reported sigma of the position (root of the summed variances), in feet."""
-    error = np.linalg.norm((track.mean - truth_of(flight))[:, R], axis=1)
-    sigma = np.sqrt(np.einsum("nii->n", track.covariance[:, R, R]))
+    error = np.linalg.norm((track.mean - truth_of(flight))[:, POSITION], axis=1)
+    sigma = np.sqrt(np.einsum("nii->n", track.covariance[:, POSITION, POSITION]))
     return np.column_stack([track.t, error / FT, sigma / FT])
 
 
 def relative_acceleration(mean: Array, flight: Flight) -> Array:
     """a_FL_n (N, 3) that states (N, 9) imply: eq 4."""
-    v_L = mean[:, V] + flight.nav_v_F_n
+    v_L = mean[:, VELOCITY] + flight.nav_v_F_n
     a_L = relative_motion.leader_acceleration(v_L, mean[:, A_LAT], mean[:, A_LONG], 0.0)
     return np.asarray(a_L - flight.nav_a_F_n)
 
@@ -180,7 +180,7 @@ def _first_image(flight: Flight) -> float:
 
 def _position_sigma(track: Track) -> tuple[float, float, float]:
     at = np.minimum(np.searchsorted(track.t, np.array(DROP_OUT) - 1e-9), len(track.t) - 1)
-    before, during, after = np.sqrt(np.einsum("nii->n", track.covariance[at][:, R, R])) / FT
+    before, during, after = np.sqrt(np.einsum("nii->n", track.covariance[at][:, POSITION, POSITION])) / FT
     return float(before), float(during), float(after)
 
 
@@ -203,7 +203,7 @@ def _diverged(track: Track, truth: Array, range_error: Array) -> str | None:
         return "no estimate"
     if float(np.mean(np.abs(range_error[last]))) > RANGE_LIMIT:
         return "range"
-    cosine = _unit(track.mean[last][:, R]) * _unit(truth[last][:, R])
+    cosine = _unit(track.mean[last][:, POSITION]) * _unit(truth[last][:, POSITION])
     bearing = np.arccos(np.clip(cosine.sum(axis=1), -1.0, 1.0))
     return "bearing" if float(np.mean(bearing)) > BEARING_LIMIT else None
 

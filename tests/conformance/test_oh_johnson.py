@@ -65,10 +65,10 @@ def test_eq_14_as_printed_contradicts_eq_13() -> None:
 @pytest.mark.parametrize("method", [PAPER_MENDED, TUNED], ids=["paper", "tuned"])
 def test_eq_14_as_printed_loses_the_leader_seed_5(monkeypatch: pytest.MonkeyPatch, method: Method) -> None:
     flights = fly_many(SCENARIO, [5], duration=10.0)
-    truth = truth_of(flights.one(0))[-1, relative_motion.R]
+    truth = truth_of(flights.one(0))[-1, relative_motion.POSITION]
 
     def error() -> float:
-        last = track(flights, Setting(SCENARIO.camera), method).mean[0, -1, relative_motion.R]
+        last = track(flights, Setting(SCENARIO.camera), method).mean[0, -1, relative_motion.POSITION]
         return float(np.linalg.norm(last - truth))
 
     mended = error()

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Clock, Datagram, Estimate, TargetPoints
-from onboard.models.relative_motion import R
+from onboard.models.relative_motion import POSITION
 from onboard.pipeline import Pipeline
 from tests.support.faulty_flight import ITEMS, T0, T1, every_second
 from tests.support.streams import EPOCH, MS, Item, Run, S, Stream, encode, make_config, position_error
@@ -71,7 +71,7 @@ def test_a_link_that_stalls_and_then_sends_all_at_once(stall_ms: int) -> None:
 
 def spread(estimate: Estimate) -> float:
     """The standard deviation of the position, m."""
-    return math.sqrt(np.trace(np.array(estimate.covariance)[R, R]))
+    return math.sqrt(np.trace(np.array(estimate.covariance)[POSITION, POSITION]))
 
 
 def test_a_link_that_was_late_from_the_start_is_corrected_when_it_no_longer_is() -> None:

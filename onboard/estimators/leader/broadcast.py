@@ -12,7 +12,14 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.frame import Frame
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.auxiliary import DELAY, POSITION, TURN, VELOCITY, Auxiliary, Report
+from onboard.estimators.leader.filters.auxiliary import (
+    DELAY,
+    OWN_VELOCITY,
+    REPORT_POSITION,
+    TURN,
+    Auxiliary,
+    Report,
+)
 from onboard.estimators.leader.filters.noses.cloud import Bias
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.reported import STANDSTILL, Reported, of_adsb, of_peer
@@ -125,8 +132,8 @@ def lasting(config: Config) -> tuple[Bias, ...]:
     position = np.hypot([b.bias_m, b.bias_m, height], config.own_position_sigma_m).tolist()
     velocity, its_time = UNSURE * config.own_velocity_sigma_m_s, NoseModel._field_defaults["own_velocity_time"]
     return (
-        *(Bias(name, sigma, b.bias_time_s) for name, sigma in zip(POSITION, position, strict=True)),
-        *(Bias(name, velocity, its_time) for name in VELOCITY),
+        *(Bias(name, sigma, b.bias_time_s) for name, sigma in zip(REPORT_POSITION, position, strict=True)),
+        *(Bias(name, velocity, its_time) for name in OWN_VELOCITY),
         Bias(TURN, UNSURE * math.radians(config.own_yaw_sigma_deg), config.own_attitude_time_s),
         Bias(DELAY, b.latency_sigma_s, DELAY_TIME),
     )

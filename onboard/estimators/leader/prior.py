@@ -10,7 +10,7 @@ from onboard.estimators.leader.size import Size
 from onboard.filters.belief import Belief
 from onboard.geometry.units import S_PER_NS
 from onboard.messages import WarmState
-from onboard.models.relative_motion import A_LAT, A_LONG, SIZE, R, V, leader_acceleration
+from onboard.models.relative_motion import A_LAT, A_LONG, POSITION, SIZE, VELOCITY, leader_acceleration
 from onboard.ownship import Ownship
 
 MOTION: Final = slice(0, 6)
@@ -38,12 +38,12 @@ class Prior(NamedTuple):
             return None
         r = self.r_OL_n + dt * self.v_L_n + 0.5 * dt**2 * self.a_L_n - pose.r_OF_n
         F, moved = np.eye(6), np.diag(ACCELERATION**2)
-        F[R, V] = dt * np.eye(3)
+        F[POSITION, VELOCITY] = dt * np.eye(3)
         P = F @ self.P @ F.T
-        P[R, R] += 0.25 * dt**4 * moved + (DRIFT * dt) ** 2 * np.eye(3)
-        P[R, V] += 0.5 * dt**3 * moved
-        P[V, R] += 0.5 * dt**3 * moved
-        P[V, V] += dt**2 * moved
+        P[POSITION, POSITION] += 0.25 * dt**4 * moved + (DRIFT * dt) ** 2 * np.eye(3)
+        P[POSITION, VELOCITY] += 0.5 * dt**3 * moved
+        P[VELOCITY, POSITION] += 0.5 * dt**3 * moved
+        P[VELOCITY, VELOCITY] += dt**2 * moved
         return Belief(np.concatenate([r, self.v_L_n + dt * self.a_L_n]), P)
 
 
@@ -52,7 +52,7 @@ def prior_of(state: WarmState) -> Prior:
     mean, P = np.array(state.estimate.mean), np.array(state.estimate.covariance)[MOTION, MOTION]
     dt, v_F = (state.t_ns - state.own.t_ns) * S_PER_NS, np.array(state.own.v_F_n)
     r_F = np.array(state.own.r_OF_n, float) + dt * v_F
-    r_L, v_L = r_F + mean[R], v_F + mean[V]
+    r_L, v_L = r_F + mean[POSITION], v_F + mean[VELOCITY]
     a_L = leader_acceleration(v_L[None], mean[A_LAT : A_LAT + 1], mean[A_LONG : A_LONG + 1], HOVERS)[0]
     return Prior(state.t_ns, r_L, v_L, a_L, 0.5 * (P + P.T))
 

@@ -11,7 +11,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.belief import Belief
 from onboard.models import camera_angles, relative_motion
-from onboard.models.relative_motion import SIZE, R
+from onboard.models.relative_motion import POSITION, SIZE
 
 FT: Final = 0.3048  # m
 FIRST_POSITION: Final = 1 * FT  # m; this and the next two: eq 51
@@ -47,7 +47,7 @@ def first_belief(angles: Array, size: float, size_sigma: float, R_cn: Array, r_F
     """Mean (9,) and covariance (9, 9) after the first image, of angles (3,) rad: eqs 43-51. `size` and its sigma
     in m; the camera's attitude R_cn (3, 3) and place r_FC_n (3,) m. The leader flies as we do."""
     mean = np.zeros(relative_motion.N)
-    mean[R] = camera_angles.position_from_angles(angles[None], np.array([size]), R_cn, r_FC_n)[0]
+    mean[POSITION] = camera_angles.position_from_angles(angles[None], np.array([size]), R_cn, r_FC_n)[0]
     mean[SIZE] = size
     sigma = [FIRST_POSITION] * 3 + [FIRST_VELOCITY] * 3 + [size_sigma] + [FIRST_ACCELERATION] * 2
     return Belief(mean, np.diag(np.square(sigma)))

@@ -11,7 +11,7 @@ from onboard.estimators.traffic.filter import TrackFilter, track_filter
 from onboard.estimators.traffic.reports import Report
 from onboard.filters.belief import Belief
 from onboard.models.intruder.measurement import cross_matrix, position, position_noise
-from onboard.models.intruder.motion import ATTITUDE_ERROR, BIAS, MotionModel, N, R, backward_transition
+from onboard.models.intruder.motion import ATTITUDE_ERROR, BIAS, POSITION, MotionModel, N, backward_transition
 
 MEMORY_S: Final = 3.0  # twice the time in which a track with a report a second forgets an old velocity
 
@@ -44,8 +44,8 @@ def belief_from_report(report: Report, lag: float, attitude_error: Array, config
     + noise correlates position and bias."""
     covariance = first_covariance(attitude_error, config)
     covariance[:6, :6] = report.R
-    covariance[R, R] += np.diag(report.bias_sigma**2)
-    covariance[R, BIAS] = covariance[BIAS, R] = -np.diag(report.bias_sigma)
+    covariance[POSITION, POSITION] += np.diag(report.bias_sigma**2)
+    covariance[POSITION, BIAS] = covariance[BIAS, POSITION] = -np.diag(report.bias_sigma)
     return _moved_on(Belief(np.concatenate([report.y, np.zeros(N - 6)]), covariance), lag)
 
 
@@ -58,10 +58,10 @@ def belief_from_echo(
     covariance = first_covariance(attitude_error, config)
     r = position(polar, *radar)[0]
     across = cross_matrix(r - radar.r)
-    covariance[R, R] = position_noise(polar, sigma, radar.R_rn)[0]
-    covariance[R, R] += across @ attitude_error @ across.T
-    covariance[R, ATTITUDE_ERROR] = across @ attitude_error
-    covariance[ATTITUDE_ERROR, R] = covariance[R, ATTITUDE_ERROR].T
+    covariance[POSITION, POSITION] = position_noise(polar, sigma, radar.R_rn)[0]
+    covariance[POSITION, POSITION] += across @ attitude_error @ across.T
+    covariance[POSITION, ATTITUDE_ERROR] = across @ attitude_error
+    covariance[ATTITUDE_ERROR, POSITION] = covariance[POSITION, ATTITUDE_ERROR].T
     return _moved_on(Belief(np.concatenate([r, np.zeros(N - 3)]), covariance), lag)
 
 

@@ -24,7 +24,7 @@ from onboard.messages import (
     Verdict,
 )
 from onboard.models.intruder.measurement import ECHO, POLAR, POLAR_UNITS
-from onboard.models.intruder.motion import COMPONENTS, FRAME, UNITS, A, R, V
+from onboard.models.intruder.motion import ACCELERATION, COMPONENTS, FRAME, POSITION, UNITS, VELOCITY
 
 NAME: Final = "traffic"
 MOST_PUBLISHED: Final = 100  # tracks at a time: a thousand estimates a second leave the leader's alone
@@ -38,11 +38,11 @@ def estimates(
     if not tracks:
         return []
     R_ln = own.R_nl.T
-    r, v, a = belief.mean[:, R], belief.mean[:, V], belief.mean[:, A]
+    r, v, a = belief.mean[:, POSITION], belief.mean[:, VELOCITY], belief.mean[:, ACCELERATION]
     mean = np.concatenate([(r - own.r) @ R_ln.T, (v - own.v) @ R_ln.T], axis=1)
     each = np.kron(np.eye(3), R_ln)
     covariance = each @ belief.covariance[:, :9, :9] @ each.T
-    covariance[:, V, V] += config.own_velocity_sigma_m_s**2 * np.eye(3)
+    covariance[:, VELOCITY, VELOCITY] += config.own_velocity_sigma_m_s**2 * np.eye(3)
     covariance[:, :3, :3] += curvature(mean[:, :3], covariance[:, :3, :3])
     approach = closest_in_turns(mean[:, :3], mean[:, 3:], a @ R_ln.T, covariance, R_ln @ own.v)
     geodetic, over_ground = frame.geodetic(r).tolist(), (v @ R_ln.T).tolist()

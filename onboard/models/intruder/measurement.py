@@ -12,7 +12,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.geometry.arctangent import arctan2
-from onboard.models.intruder.motion import BIAS, A, R, V, earlier_position
+from onboard.models.intruder.motion import ACCELERATION, BIAS, POSITION, VELOCITY, earlier_position
 
 ECHO: Final = 3  # components of an echo ...
 REPORT: Final = 6  # ... and of a report
@@ -31,8 +31,8 @@ def report(rows: Array, lag: Array, bias_sigma: Array) -> Array:
     """The position and velocity (k, 6) that the aircraft reports for `lag` (k,) seconds before; `bias_sigma` (k,
     3), m, is the unit of the state `bias`."""
     reported = np.empty((len(rows), REPORT))
-    reported[:, R] = earlier_position(rows, lag) + bias_sigma * rows[:, BIAS]
-    reported[:, V] = rows[:, V] - lag[:, None] * rows[:, A]
+    reported[:, POSITION] = earlier_position(rows, lag) + bias_sigma * rows[:, BIAS]
+    reported[:, VELOCITY] = rows[:, VELOCITY] - lag[:, None] * rows[:, ACCELERATION]
     return reported
 
 

@@ -20,9 +20,9 @@ from onboard.arrays import Array
 from onboard.filters.discretisation import van_loan
 
 N: Final = 15
-R: Final = slice(0, 3)
-V: Final = slice(3, 6)
-A: Final = slice(6, 9)
+POSITION: Final = slice(0, 3)
+VELOCITY: Final = slice(3, 6)
+ACCELERATION: Final = slice(6, 9)
 BIAS: Final = slice(9, 12)
 ATTITUDE_ERROR: Final = slice(12, 15)
 SLOWEST: Final = 5.0  # m/s: below it a turn rate is not defined well ...
@@ -75,7 +75,7 @@ def step(dt: float, model: MotionModel) -> Step:
     random_walk = np.array([[dt**3 / 3.0, dt**2 / 2.0], [dt**2 / 2.0, dt]])
     Q[:6, :6] += np.kron(random_walk, np.diag(model.gust**2))
     drift = model.drift**2 * dt
-    Q[R, R] += drift * np.eye(3)
+    Q[POSITION, POSITION] += drift * np.eye(3)
     F[BIAS, BIAS] = np.exp(-dt / model.bias_time) * np.eye(3)
     Q[BIAS, BIAS] = (1.0 - np.exp(-2.0 * dt / model.bias_time)) * np.eye(3)
     return Step(F, Q, dt, model.keeps_turn, drift)
@@ -87,7 +87,7 @@ def propagate(rows: Array, step: Step) -> Array:
     give an arc."""
     if not step.keeps_turn:
         return np.asarray(rows @ step.F.T)
-    angle = 0.5 * step.dt * turn_rate(rows[:, V], rows[:, A])
+    angle = 0.5 * step.dt * turn_rate(rows[:, VELOCITY], rows[:, ACCELERATION])
     c, s = np.cos(angle), np.sin(angle)
     later = _rotate_acceleration(rows.copy(), c, s) @ step.F.T
     return _rotate_acceleration(later, c, s)
@@ -117,13 +117,13 @@ def backward_transition(lag: float) -> Array:
 def earlier_position(rows: Array, lag: Array) -> Array:
     """Position (k, 3) `lag` (k,) seconds before, at constant acceleration."""
     back = lag[:, None]
-    return np.asarray(rows[:, R] - back * rows[:, V] + 0.5 * back * back * rows[:, A])
+    return np.asarray(rows[:, POSITION] - back * rows[:, VELOCITY] + 0.5 * back * back * rows[:, ACCELERATION])
 
 
 def displacement(means: Array, covariances: Array, lag: Array) -> tuple[Array, Array]:
     """The way (k, 3) of the last `lag` (k,) seconds, by beliefs (k, 15) and (k, 15, 15), and its covariance
     (k, 3, 3)."""
     t, half = lag[:, None], 0.5 * lag[:, None] ** 2
-    of_velocity = t[..., None] * covariances[:, V, :] - half[..., None] * covariances[:, A, :]
-    spread = t[..., None] * of_velocity[:, :, V] - half[..., None] * of_velocity[:, :, A]
-    return t * means[:, V] - half * means[:, A], spread
+    of_velocity = t[..., None] * covariances[:, VELOCITY, :] - half[..., None] * covariances[:, ACCELERATION, :]
+    spread = t[..., None] * of_velocity[:, :, VELOCITY] - half[..., None] * of_velocity[:, :, ACCELERATION]
+    return t * means[:, VELOCITY] - half * means[:, ACCELERATION], spread

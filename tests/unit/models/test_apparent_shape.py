@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.models import apparent_shape as model
 from onboard.models.apparent_shape import HIGHEST, LOWEST, Posture, Rows
-from onboard.models.apparent_wing import LEAN, LOG_SIZE, A, G, N, R
+from onboard.models.apparent_wing import ACCELERATION, LEAN, LOG_SIZE, POSITION, G, N
 
 SIZE = 2.0
 POINTS = np.array([[0.36, 0.0, 0.02], [-0.4, 0.05, -0.1], [0.0, -0.5, 0.0], [0.0, 0.5, 0.0]])
@@ -21,7 +21,7 @@ def drawn(seed: int) -> tuple[Array, Array, float, Array]:
     """A state, its covariance, its nose and an attitude of the camera."""
     rng = np.random.default_rng(seed)
     x = rng.normal(size=N) * np.repeat([1.0, 3.0, 1.0, 0.05, 1.0, 0.02], [3, 3, 3, 1, 2, 2])
-    x[R] += [25.0, 4.0, -3.0]
+    x[POSITION] += [25.0, 4.0, -3.0]
     x[LOG_SIZE] += math.log(SIZE)
     L = 0.1 * np.tril(rng.normal(size=(N, N))) + 0.1 * np.eye(N)
     L[12] = L[:, 12] = 0.0  # the stretch is of the wing alone
@@ -30,17 +30,17 @@ def drawn(seed: int) -> tuple[Array, Array, float, Array]:
 
 def coordinates(x: Array, nose: float, axes_n: Array) -> Array:
     """Coordinates (k, 2) of POINTS of a multirotor that leans as its thrust demands."""
-    force = x[A] + np.append(x[LEAN], 0.0)
+    force = x[ACCELERATION] + np.append(x[LEAN], 0.0)
     c, s = math.cos(nose), math.sin(nose)
     bank = math.atan2(c * force[1] - s * force[0], G - x[8]) + x[9]
     pitch = math.atan2(-c * force[0] - s * force[1], G - x[8])
-    q = x[R] + math.exp(x[LOG_SIZE]) * POINTS @ matrix_from_euler(bank, pitch, nose).T
+    q = x[POSITION] + math.exp(x[LOG_SIZE]) * POINTS @ matrix_from_euler(bank, pitch, nose).T
     return 2.0 * q @ axes_n[1:].T / (np.linalg.norm(q, axis=1) + q @ axes_n[0])[:, None]
 
 
 def axes_of(x: Array, R_cn: Array) -> Array:
     """Axes (3, 3) in c about the direction of the center."""
-    ahead, right, down = R_cn @ x[R]
+    ahead, right, down = R_cn @ x[POSITION]
     u, v = right / ahead, down / ahead
     first = np.array([1.0, u, v]) / math.sqrt(1 + u * u + v * v)
     second = np.array([-u, 1.0, 0.0]) / math.sqrt(1 + u * u)
@@ -120,19 +120,19 @@ def test_the_sides_of_a_box_are_those_points_that_reach_farthest_seed_0_to_4(see
 
 def test_a_pitch_that_is_open_leaves_up_and_down_open_and_a_misplaced_point_all() -> None:
     x, P, _, R_cn = drawn(1)
-    x[A], x[LEAN], x[9], x[LOG_SIZE] = 0.0, 0.0, 0.0, math.log(SIZE)
+    x[ACCELERATION], x[LEAN], x[9], x[LOG_SIZE] = 0.0, 0.0, 0.0, math.log(SIZE)
     nose = math.atan2(x[1], x[0]) + 0.5 * math.pi  # seen from the side
     at = coordinates(x, nose, axes_of(x, R_cn) @ R_cn)
     up = at.copy()
-    up[:2, 1] += np.radians(12.0) * SIZE * np.array([-0.36, 0.4]) / np.linalg.norm(x[R])
+    up[:2, 1] += np.radians(12.0) * SIZE * np.array([-0.36, 0.4]) / np.linalg.norm(x[POSITION])
 
     def nis(y: Array, pitch: float, misplaced: float) -> float:
         return corrected(x, 1e-6 * P, nose, named(y), R_cn, Posture(1.0, pitch, misplaced))[3]
 
     assert nis(up, 0.0, 0.0) > 8.0
     assert nis(up, np.radians(12.0), 0.0) < 2.0
-    aside = at + 0.05 * SIZE / np.linalg.norm(x[R])
-    share = 0.05 * SIZE / float(np.linalg.norm(x[R])) / SIGMA
+    aside = at + 0.05 * SIZE / np.linalg.norm(x[POSITION])
+    share = 0.05 * SIZE / float(np.linalg.norm(x[POSITION])) / SIGMA
     assert nis(aside, 0.0, 0.0) / nis(aside, 0.0, 0.05) == pytest.approx(1.0 + share**2, rel=0.03)
 
 
@@ -158,11 +158,11 @@ def test_what_lasts_of_a_box_s_error_is_a_column_of_the_state() -> None:
 
 def test_the_spread_of_a_distant_leader_is_what_its_coordinates_show() -> None:
     x, _, _, R_cn = drawn(2)
-    x[R] = [200.0, 10.0, -3.0]
-    x[A], x[LEAN], x[9], x[LOG_SIZE] = 0.0, 0.0, 0.0, math.log(SIZE)
+    x[POSITION] = [200.0, 10.0, -3.0]
+    x[ACCELERATION], x[LEAN], x[9], x[LOG_SIZE] = 0.0, 0.0, 0.0, math.log(SIZE)
     axes_n = axes_of(x, R_cn) @ R_cn
     noses = np.linspace(0.0, 3.0, 7)
     rows = named(np.zeros_like(POINTS[:, :2]))
     expected = [model.measured_spread(rows, coordinates(x, nose, axes_n).ravel()) for nose in noses]
-    found = model.spread(rows, noses, axes_n) * SIZE / np.linalg.norm(x[R])
+    found = model.spread(rows, noses, axes_n) * SIZE / np.linalg.norm(x[POSITION])
     assert found == pytest.approx(expected, rel=0.01)

@@ -24,10 +24,10 @@ def wing(force: Array, nose: float, error: float) -> Array:
 
 def seen(x: Array, nose: float, R_cn: Array, *, exchanged: bool = False) -> tuple[Array, Array]:
     """The measurement (6,) of a state (N,), without noise, and its axes."""
-    force = x[model.A] + np.append(x[model.LEAN], 0.0)
+    force = x[model.ACCELERATION] + np.append(x[model.LEAN], 0.0)
     half = 0.5 * math.exp(x[model.STRETCH] + x[model.LOG_SIZE]) * wing(force, nose, x[model.BANK_ERROR])
     signs = (0.0, 1.0, -1.0) if exchanged else (0.0, -1.0, 1.0)
-    points = np.array([p[1:] / p[0] for p in (R_cn @ (x[model.R] + k * half) for k in signs)])
+    points = np.array([p[1:] / p[0] for p in (R_cn @ (x[model.POSITION] + k * half) for k in signs)])
     y, _, axes = from_points(points[None], np.full((1, 3), 1.0 / F_PX), 6)
     return y[0], axes[0]
 
@@ -42,7 +42,7 @@ def drawn(seed: int) -> tuple[Array, Array, float, Array]:
     """A state, its covariance, its nose and an attitude of the camera."""
     rng = np.random.default_rng(seed)
     x = rng.normal(size=model.N) * np.repeat([1.0, 3.0, 1.0, 0.05, 1.0, 0.02], [3, 3, 3, 1, 2, 2])
-    x[model.R] += [25.0, 4.0, -3.0]
+    x[model.POSITION] += [25.0, 4.0, -3.0]
     x[model.LOG_SIZE] += math.log(SIZE)
     L = 0.1 * np.tril(rng.normal(size=(model.N, model.N))) + 0.1 * np.eye(model.N)
     return x, L @ L.T, rng.uniform(-0.8, 0.8), matrix_from_euler(0.05, -0.1, 0.2).T
@@ -100,11 +100,11 @@ def plain(x: Array, P: Array, J: Array, e: Array) -> tuple[Array, Array, Array]:
 
 def shown(x: Array, nose: float, R_cn: Array, axes: Array) -> Array:
     """The measurement (6,) of a state about given axes."""
-    force = x[model.A] + np.append(x[model.LEAN], 0.0)
+    force = x[model.ACCELERATION] + np.append(x[model.LEAN], 0.0)
     half = 0.5 * math.exp(x[model.STRETCH] + x[model.LOG_SIZE]) * wing(force, nose, x[model.BANK_ERROR])
     at = []
     for k in (0.0, -1.0, 1.0):
-        p = R_cn @ (x[model.R] + k * half)
+        p = R_cn @ (x[model.POSITION] + k * half)
         at.append(2.0 * axes[1:] @ p / (np.linalg.norm(p) + axes[0] @ p))
     center, left, right = at
     return np.concatenate([center, right - left, 0.5 * (right + left)])
@@ -116,13 +116,13 @@ def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None
     moved, dt = np.array([0.3, -0.2, 0.1]), 1e-3
     after, covariance, noses = x[None].copy(), P[None].copy(), np.array([nose])
     model.predict(after, covariance, noses, dt, moved, np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.2, FREE)
-    assert after[0, model.R] == pytest.approx(
-        x[model.R] + dt * x[model.V] + 0.5 * dt**2 * x[model.A] - moved, abs=1e-9
+    assert after[0, model.POSITION] == pytest.approx(
+        x[model.POSITION] + dt * x[model.VELOCITY] + 0.5 * dt**2 * x[model.ACCELERATION] - moved, abs=1e-9
     )
-    assert after[0, model.V] == pytest.approx(x[model.V] + dt * x[model.A], abs=1e-9)
+    assert after[0, model.VELOCITY] == pytest.approx(x[model.VELOCITY] + dt * x[model.ACCELERATION], abs=1e-9)
     assert after[0, model.LEAN] == pytest.approx(x[model.LEAN] + 0.2 * dt * x[6:8], abs=1e-9)
     F = np.eye(model.N)
-    F[model.R, model.V] = F[model.V, model.A] = dt * np.eye(3)
+    F[model.POSITION, model.VELOCITY] = F[model.VELOCITY, model.ACCELERATION] = dt * np.eye(3)
     F[model.LEAN, 6:8] = 0.2 * dt * np.eye(2)
     assert covariance[0] == pytest.approx(F @ P @ F.T, abs=3e-5)
 
@@ -150,14 +150,14 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
             FREE,
         )
         model.predict(mean, covariance, noses, *step)
-    along = (math.cos(nose) * x[1] - math.sin(nose) * x[0]) / np.linalg.norm(x[model.R])
+    along = (math.cos(nose) * x[1] - math.sin(nose) * x[0]) / np.linalg.norm(x[model.POSITION])
     seen_of_it = 1.0 - along**2 + model.LEAST_VISIBLE**2
     factors = np.exp(2.0 * intensities[0])
     bold = np.ones(model.N)
     bold[: model.BANK_ERROR], bold[model.BANK_ERROR] = (1.0 if accelerates else factors[0]), factors[1]
     larger = math.exp(x[model.LOG_SIZE] - noise.usual)
     broad = bold * seen_of_it * larger**2 * noise.broad[accelerates]
-    expected = noise.fixed + broad + (x[model.R] @ x[model.R]) * noise.range_
+    expected = noise.fixed + broad + (x[model.POSITION] @ x[model.POSITION]) * noise.range_
     expected[model.LEAN] += noise.drag * (x[6:8] @ x[6:8])
     expected[model.STRETCH] += factors[2] * noise.wobble * (1.0 - seen_of_it) / seen_of_it
     assert both[1][1] - both[1][0] == pytest.approx(np.diag(expected), rel=1e-9, abs=1e-9)
@@ -195,8 +195,8 @@ def test_a_leader_that_hovers_comes_to_rest_over_ground_and_stays_uncertain_by_a
             0.0,
             FREE,
         )
-    assert x[0, model.V] == pytest.approx(np.zeros(3), abs=1e-6)
-    assert np.diag(P[0])[model.V] == pytest.approx(0.04 * np.array([1.0, 1.0, model.UPRIGHT2]), rel=0.02)
+    assert x[0, model.VELOCITY] == pytest.approx(np.zeros(3), abs=1e-6)
+    assert np.diag(P[0])[model.VELOCITY] == pytest.approx(0.04 * np.array([1.0, 1.0, model.UPRIGHT2]), rel=0.02)
     assert np.linalg.eigvalsh(P[0]).min() > 0.0
 
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.filters.noses.cloud import Bias, Cloud
-from onboard.models.apparent_wing import A, R, V
+from onboard.models.apparent_wing import ACCELERATION, POSITION, VELOCITY
 
 ABOUT_DOWN: Final = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-POSITION: Final = ("report_north", "report_east", "report_down")  # names of biases: of a report's position,
-VELOCITY: Final = ("own_north", "own_east", "own_down")  # of our own velocity,
+REPORT_POSITION: Final = ("report_north", "report_east", "report_down")  # names of biases: of a report's position,
+OWN_VELOCITY: Final = ("own_north", "own_east", "own_down")  # of our own velocity,
 TURN: Final = "own_yaw"  # and of our yaw, which turns all that the camera shows;
 DELAY: Final = "report_delay"  # of the time at which a report was true;
 DISTANCE: Final = "range"  # and of a range
@@ -33,7 +33,7 @@ class Rows(NamedTuple):
 
 class Report(NamedTuple):
     """r_FL_n and v_L_n, true at `t_ns`, with white noise R_y (6, 6), very large for what is not reported; the
-    `biases` of POSITION, VELOCITY, TURN and DELAY; and whether it can be `trusted`, or may be false."""
+    `biases` of REPORT_POSITION, OWN_VELOCITY, TURN and DELAY; and whether it can be `trusted`, or may be false."""
 
     t_ns: int
     r: Array
@@ -49,16 +49,16 @@ class Report(NamedTuple):
         and the derivatives do not show that. They hold for a straight line."""
         x = cloud.means
         K, W = x.shape
-        at, of_v = [cloud.column(name) for name in POSITION], [cloud.column(name) for name in VELOCITY]
+        at, of_v = [cloud.column(name) for name in REPORT_POSITION], [cloud.column(name) for name in OWN_VELOCITY]
         turn, delay = cloud.column(TURN), cloud.column(DELAY)
-        turned = x[:, R] @ ABOUT_DOWN.T
+        turned = x[:, POSITION] @ ABOUT_DOWN.T
         H = np.zeros((K, 6, W))
-        H[:, :3, R], H[:, 3:, V] = np.eye(3) - x[:, turn, None, None] * ABOUT_DOWN, np.eye(3)
+        H[:, :3, POSITION], H[:, 3:, VELOCITY] = np.eye(3) - x[:, turn, None, None] * ABOUT_DOWN, np.eye(3)
         H[:, range(3), at] = H[:, range(3, 6), of_v] = 1.0
-        H[:, :3, turn], H[:, :3, delay], H[:, 3:, delay] = -turned, -x[:, V], -x[:, A]
+        H[:, :3, turn], H[:, :3, delay], H[:, 3:, delay] = -turned, -x[:, VELOCITY], -x[:, ACCELERATION]
         late = x[:, delay, None]
-        r = self.r - (x[:, R] - x[:, turn, None] * turned + x[:, at] - late * x[:, V])
-        v = self.v - (x[:, V] + x[:, of_v] - late * x[:, A])
+        r = self.r - (x[:, POSITION] - x[:, turn, None] * turned + x[:, at] - late * x[:, VELOCITY])
+        v = self.v - (x[:, VELOCITY] + x[:, of_v] - late * x[:, ACCELERATION])
         return Rows(H, np.hstack([r, v]), self.R_y, (delay,))
 
 
@@ -74,9 +74,9 @@ class Range(NamedTuple):
     def rows(self, cloud: Cloud) -> Rows:
         """The row of it, of a cloud that has its bias."""
         x, at = cloud.means, cloud.column(DISTANCE)
-        range_ = np.linalg.norm(x[:, R], axis=1)
+        range_ = np.linalg.norm(x[:, POSITION], axis=1)
         H = np.zeros((len(x), 1, x.shape[1]))
-        H[:, 0, R], H[:, 0, at] = x[:, R] / range_[:, None], 1.0
+        H[:, 0, POSITION], H[:, 0, at] = x[:, POSITION] / range_[:, None], 1.0
         return Rows(H, (self.distance - range_ - x[:, at])[:, None], np.array([[self.sigma**2]]))
 
 

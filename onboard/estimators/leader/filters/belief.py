@@ -27,7 +27,7 @@ from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import normalised_squared
 from onboard.models import leader_flight, wing_line
-from onboard.models.relative_motion import R, V
+from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 
 SIZES: Final = 3.0  # sigmas of the configured size
@@ -144,8 +144,8 @@ class BeliefFilter:
     def belief(self, state: State) -> Belief:
         """Mean and covariance of all hypotheses."""
         belief = as_leader(state.summary, *state.since)
-        late = self._delay_sigma * belief.mean[V]
-        belief.covariance[R, R] += np.outer(late, late)
+        late = self._delay_sigma * belief.mean[VELOCITY]
+        belief.covariance[POSITION, POSITION] += np.outer(late, late)
         return belief
 
     def open_question(self, state: State) -> Open:

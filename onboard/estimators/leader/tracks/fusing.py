@@ -13,7 +13,7 @@ from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.report import Assisted, Outcome
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError
-from onboard.models.relative_motion import R
+from onboard.models.relative_motion import POSITION
 from onboard.ownship import Ownship
 
 
@@ -55,6 +55,6 @@ def fuse(
     if math.isfinite(update.nis):
         noise = noise.after(update.innovation, update.innovation_covariance)
     fused = update.passes
-    if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[R]):
+    if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[POSITION]):
         fused = False
     return TrackState(update.belief if fused else leader, noise), Outcome(fused, update, leader, pose)

@@ -17,7 +17,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters.belief import Belief
 from onboard.geometry.units import NS_PER_S
-from onboard.models.relative_motion import SIZE, R, V
+from onboard.models.relative_motion import POSITION, SIZE, VELOCITY
 from onboard.ownship import Ownship
 
 PERIOD_NS: Final = 100_000_000  # between checks
@@ -62,7 +62,7 @@ class Guard:
         v_F_n = self._go(t_ns, ownship)
         if v_F_n is None:
             return self._found
-        motion = np.concatenate([belief.mean[R], belief.mean[V] + v_F_n])
+        motion = np.concatenate([belief.mean[POSITION], belief.mean[VELOCITY] + v_F_n])
         now = Published(t_ns, motion, belief.covariance[:6, :6], self._moved)
         while self._published and t_ns - self._published[0].t_ns > LOOKS_BACK_S * NS_PER_S:
             before = self._published.popleft()
@@ -88,9 +88,9 @@ class Guard:
         if len(self._spans) < SPANS:
             return False
         span, sigma = sorted(self._spans)[SPANS // 2]
-        r = belief.mean[R]
+        r = belief.mean[POSITION]
         distance = float(np.linalg.norm(r))
-        along = math.sqrt(max(float(r @ belief.covariance[R, R] @ r), 0.0)) / distance**2
+        along = math.sqrt(max(float(r @ belief.covariance[POSITION, POSITION] @ r), 0.0)) / distance**2
         allowed = TOO_LARGE + SIGMAS * (along + sigma / span)
         return math.log(span * distance / belief.mean[SIZE]) > allowed
 

@@ -35,7 +35,7 @@ from onboard.filters.belief import Belief, FilterError
 from onboard.filters.unscented_transform import factor
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
-from onboard.models.relative_motion import SIZE, R
+from onboard.models.relative_motion import POSITION, SIZE
 from onboard.ownship import Ownship
 
 NOISE: Final = NoiseScale()  # before anything is learnt
@@ -328,11 +328,11 @@ class Track:
             t_ns, belief, left = found
             self.is_metric = left.is_metric
             coasting = self.status.is_coasting(t_ns)
-            in_view = not coasting or self._poses.see(belief.mean[R], t_ns, ownship)
+            in_view = not coasting or self._poses.see(belief.mean[POSITION], t_ns, ownship)
             state, reason = self.status.state(t_ns, in_view=in_view)
             if self._exchange.is_in_question(t_ns):
                 state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
-            elif not self.status.is_carried(t_ns) and self._sight.contradicts(belief.mean[R]):
+            elif not self.status.is_carried(t_ns) and self._sight.contradicts(belief.mean[POSITION]):
                 state, reason = Lifecycle.LOST, ASTRAY
             elif misfit := self._poses.contradiction or self.noise.contradiction:
                 state, reason = Lifecycle.LOST, misfit
@@ -342,7 +342,7 @@ class Track:
                 reason = f"{reason}; {finding}"
             if left.reason and state is not Lifecycle.LOST:
                 reason, modes = f"{reason}; {left.reason}", modes_of(left.places)
-            r = belief.mean[R].tolist()
+            r = belief.mean[POSITION].tolist()
             range_ = math.hypot(*r)
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
             if not coasting:

@@ -14,7 +14,7 @@ from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Bias, Cloud
 from onboard.estimators.leader.filters.noses.evidence import corrected
 from onboard.filters.belief import FilterError
-from onboard.models.apparent_wing import LOG_SIZE, STEADY, TIED, A, N, R, V
+from onboard.models.apparent_wing import ACCELERATION, LOG_SIZE, POSITION, STEADY, TIED, VELOCITY, N
 from tests.unit.estimators.leader.test_belief import filter_of, watched
 from tests.unit.estimators.leader.test_posed import settings_of
 
@@ -32,7 +32,7 @@ def cloud_of(count: int, seed: int = 1, *, sizes: float = 0.3) -> Cloud:
     means += 0.1 * rng.normal(size=means.shape)
     P = np.tile(np.diag([0.5, 0.5, 0.5, 1.0, 1.0, 1.0, *[0.5] * (N - 6)]) ** 2, (count, 1, 1))
     by_size = np.zeros((count, N))
-    by_size[:, R], by_size[:, LOG_SIZE] = means[:, R], 1.0
+    by_size[:, POSITION], by_size[:, LOG_SIZE] = means[:, POSITION], 1.0
     P[:, LOG_SIZE, LOG_SIZE] = 0.0
     P += sizes**2 * by_size[:, :, None] * by_size[:, None, :]
     noses, zeros = np.arctan2(means[:, 4], means[:, 3]), np.zeros(count)
@@ -76,7 +76,7 @@ def test_rows_are_a_kalman_update_of_each_particle_seed_2() -> None:
 def test_a_range_whose_error_lasts_stays_as_uncertain_as_that() -> None:
     """0.5 m that last, of 28 m: a hundred ranges of 0.1 m say no more than 1.8 % of the size."""
     cloud = cloud_of(1)
-    cloud.covariances[:, R, R] -= 0.25 * np.eye(3) * 0.99  # for a size, the place is known
+    cloud.covariances[:, POSITION, POSITION] -= 0.25 * np.eye(3) * 0.99  # for a size, the place is known
     for _ in range(100):
         after = particles.assist(settings_of(), cloud, NEW, is_open=False)
         assert after is not None
@@ -119,25 +119,25 @@ def test_our_own_yaw_turns_what_a_report_says() -> None:
     """It is to the right by 1.4 m, as our yaw of 0.05 rad makes it: that is learnt, and not the leader's place."""
     cloud = cloud_of(1, sizes=0.02)
     exact = tuple(bias._replace(sigma=0.05 if bias.name == TURN else 1e-3) for bias in BIASES)
-    r, v = cloud.means[0, R], cloud.means[0, V]
+    r, v = cloud.means[0, POSITION], cloud.means[0, VELOCITY]
     turned = Report(
         0, r + np.array([-r[1], r[0], 0.0]) * 0.05, v, np.diag([1e-4] * 3 + [1.0] * 3), exact, trusted=True
     )
-    cloud.covariances[:, R, R] = 1e-4 * np.eye(3)
+    cloud.covariances[:, POSITION, POSITION] = 1e-4 * np.eye(3)
     after = particles.assist(settings_of(), cloud, turned, is_open=False)
     assert after is not None
     assert after.means[0, after.column(TURN)] == pytest.approx(-0.05, abs=0.002)
-    assert_allclose(after.means[0, R], r, atol=0.02)
+    assert_allclose(after.means[0, POSITION], r, atol=0.02)
 
 
 def test_what_most_particles_did_not_expect_is_not_used_unless_the_range_is_open() -> None:
     """Of 50 particles three are where the range says."""
     cloud = cloud_of(50, sizes=0.005)
-    cloud.means[3:, R] *= 2.0
+    cloud.means[3:, POSITION] *= 2.0
     assert particles.assist(settings_of(), cloud, NEW, is_open=False) is None
     after = particles.assist(settings_of(), cloud, NEW, is_open=True)
     assert after is not None
-    assert np.exp(after.log_weights) @ (np.linalg.norm(after.means[:, R], axis=1) < 30.0) > 0.9
+    assert np.exp(after.log_weights) @ (np.linalg.norm(after.means[:, POSITION], axis=1) < 30.0) > 0.9
 
 
 @pytest.mark.parametrize("trusted", [True, False])
@@ -150,7 +150,7 @@ def test_a_report_that_may_be_false_leads_the_size_no_farther_than_3_sigmas(
     state, _ = watched(filter_, 2.0, sway=1.0)
     state.cloud.means[:, LOG_SIZE] += 0.02 * off
     x = state.summary.mean
-    at = Report(0, x[R], x[V], np.diag([1e4] * 6), BIASES, trusted=trusted)
+    at = Report(0, x[POSITION], x[VELOCITY], np.diag([1e4] * 6), BIASES, trusted=trusted)
     assert (filter_.assist(state, at) is not None) is (trusted or is_credible)
 
 
@@ -169,14 +169,18 @@ def carried(seed: int, seconds: int = 20) -> float:
     for _ in range(seconds):
         for _ in range(10):
             cloud = particles.predict(settings, cloud, 0.1, np.zeros(3))
-            x[R], x[V], x[A] = x[R] + 0.1 * x[V], x[V] + 0.1 * x[A], x[A] + 0.1 * rng.normal(size=3)
-        turned = x[R] - yaw * np.array([-x[1], x[0], 0.0])
+            x[POSITION], x[VELOCITY], x[ACCELERATION] = (
+                x[POSITION] + 0.1 * x[VELOCITY],
+                x[VELOCITY] + 0.1 * x[ACCELERATION],
+                x[ACCELERATION] + 0.1 * rng.normal(size=3),
+            )
+        turned = x[POSITION] - yaw * np.array([-x[1], x[0], 0.0])
         noise = np.sqrt(np.diag(WHITE)) * rng.normal(size=6)
-        y = np.concatenate([turned + bias - delay * x[V], x[V]]) + noise
+        y = np.concatenate([turned + bias - delay * x[VELOCITY], x[VELOCITY]]) + noise
         after = particles.assist(settings, cloud, report(y[:3], y[3:]), is_open=False)
         cloud = cloud if after is None else after
-    off = cloud.means[0, R] - x[R]
-    return float(off @ np.linalg.solve(cloud.covariances[0, R, R], off))
+    off = cloud.means[0, POSITION] - x[POSITION]
+    return float(off @ np.linalg.solve(cloud.covariances[0, POSITION, POSITION], off))
 
 
 def test_carried_by_reports_for_20_s_it_is_as_sure_as_it_is_right_seeds_1_to_60() -> None:

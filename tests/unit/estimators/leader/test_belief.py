@@ -13,7 +13,7 @@ from onboard.estimators.leader.filters.belief import BeliefFilter, State, points
 from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.make import make_filter
 from onboard.filters.belief import FilterError
-from onboard.models.relative_motion import R, V
+from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 from tests.unit.estimators.leader.test_noses import image
 
@@ -49,8 +49,9 @@ def watched(filter_: BeliefFilter, seconds: float, *, sway: float) -> tuple[Stat
 def test_the_range_is_found_by_our_own_motion_and_the_nis_is_as_expected() -> None:
     state, nis = watched(filter_of(), 10.0, sway=3.0)
     belief = filter_of().belief(state)
-    range_ = float(np.linalg.norm(belief.mean[R]))
-    sigma = math.sqrt(belief.mean[R] @ belief.covariance[R, R] @ belief.mean[R]) / range_
+    r, P = belief.mean[POSITION], belief.covariance[POSITION, POSITION]
+    range_ = float(np.linalg.norm(r))
+    sigma = math.sqrt(r @ P @ r) / range_
     assert abs(range_ - math.hypot(25.0, 0.0)) < 2.0 * sigma < 5.0
     assert 3.0 < np.mean(nis[60:]) < 5.0  # of 4
 
@@ -86,8 +87,8 @@ def test_a_delay_is_considered_in_the_place_and_in_what_a_turning_camera_measure
     exact, late = filter_of(), filter_of(delay_sigma_s=0.1)
     state = exact.start(image(25.0, 0.0), STILL._replace(v_F_n=np.array([0.0, 5.0, 0.0])), None)
     state = state._replace(since=state.since._replace(v_F_n=np.array([0.0, -5.0, 0.0])))
-    v = exact.belief(state).mean[V]
-    added = late.belief(state).covariance[R, R] - exact.belief(state).covariance[R, R]
+    v = exact.belief(state).mean[VELOCITY]
+    added = late.belief(state).covariance[POSITION, POSITION] - exact.belief(state).covariance[POSITION, POSITION]
     assert v[1] == pytest.approx(8.0, abs=1.0)  # some hypotheses hover
     assert_allclose(added, 0.01 * np.outer(v, v), atol=1e-12)
     turning = STILL._replace(omega_c=np.array([0.0, 0.0, 1.0]))

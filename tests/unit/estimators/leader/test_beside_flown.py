@@ -12,7 +12,7 @@ from onboard.arrays import Array
 from onboard.config import load_config
 from onboard.estimators.leader.tracks.status import CARRIED
 from onboard.messages import Datagram, Estimate, Lifecycle, Truth
-from onboard.models.relative_motion import SIZE, R
+from onboard.models.relative_motion import POSITION, SIZE
 from onboard.pipeline import Pipeline
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
@@ -51,7 +51,7 @@ class Flight(NamedTuple):
         found = []
         for e in estimates:
             truth = np.array([np.interp(e.t_ns, self.t_ns, x) for x in self.r_FL_n.T])
-            found.append(nees(np.array(e.mean)[R] - truth, np.array(e.covariance)[R, R]))
+            found.append(nees(np.array(e.mean)[POSITION] - truth, np.array(e.covariance)[POSITION, POSITION]))
         return np.array(found)
 
 

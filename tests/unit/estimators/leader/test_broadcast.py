@@ -19,7 +19,7 @@ from onboard.messages import (
     Lifecycle,
     TargetPoints,
 )
-from onboard.models.relative_motion import SIZE, R
+from onboard.models.relative_motion import POSITION, SIZE
 from tests.support.broadcast import LEADER, follow_target, leader_positions, merged, own_positions, white
 from tests.support.streams import (
     CIRCLE,
@@ -63,8 +63,8 @@ def inside(estimates: list[Estimate]) -> float:
     """The share whose 95 % ellipsoid holds the true position."""
     hits = []
     for e in estimates:
-        off = np.array(e.mean)[R] - CIRCLE.relative(e.t_ns / S)[0]
-        hits.append(off @ np.linalg.solve(np.array(e.covariance)[R, R], off) < TIP_95)
+        off = np.array(e.mean)[POSITION] - CIRCLE.relative(e.t_ns / S)[0]
+        hits.append(off @ np.linalg.solve(np.array(e.covariance)[POSITION, POSITION], off) < TIP_95)
     return float(np.mean(hits))
 
 

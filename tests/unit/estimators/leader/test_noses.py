@@ -166,7 +166,7 @@ def test_a_cloud_without_numbers_is_an_error() -> None:
 
 def test_particles_spread_along_the_line_of_sight() -> None:
     cloud = start(SETTINGS, image(25.0, 0.0), STILL)
-    ranges: Array = np.linalg.norm(cloud.means[:, model.R], axis=1)
+    ranges: Array = np.linalg.norm(cloud.means[:, model.POSITION], axis=1)
     assert ranges.max() == pytest.approx(25.0, rel=0.05)
     assert ranges.min() < 1.7
 

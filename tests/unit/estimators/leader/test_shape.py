@@ -18,7 +18,7 @@ from onboard.estimators.leader.shape import LASTING_GUESS, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
 from onboard.models import apparent_wing
 from onboard.models.apparent_shape import HIGHEST, LOWEST
-from onboard.models.relative_motion import R
+from onboard.models.relative_motion import POSITION
 from tests.support.streams import CIRCLE, F_PX, S, Stream, advance
 
 SIGMA = 1 / F_PX
@@ -257,7 +257,7 @@ def test_images_do_not_reduce_what_named_points_lastingly_mislead_by() -> None:
     for seen_ in (named, named, measured(IMAGE, **PLANE)):
         cloud, _ = particles.update(settings, particles.predict(settings, cloud, 0.1, np.zeros(3)), seen_, pose)
     assert cloud.misplaced == named.shows.misplaced > 0.03
-    line = cloud.means[:, R] / np.linalg.norm(cloud.means[:, R], axis=1)[:, None]
+    line = cloud.means[:, POSITION] / np.linalg.norm(cloud.means[:, POSITION], axis=1)[:, None]
     edge_on = cloud._replace(noses=np.arctan2(line[:, 1], line[:, 0]) + 0.5 * np.pi)
     with_it, without = (summarise(settings, c).range_sigma() for c in (edge_on, edge_on._replace(misplaced=0.0)))
     assert with_it**2 - without**2 == pytest.approx(cloud.misplaced**2, rel=0.1)

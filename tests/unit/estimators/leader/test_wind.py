@@ -16,7 +16,7 @@ from onboard.estimators.leader.wind import GUST, USUAL_SIGMA, wind_of
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import Clock, Estimate, Message, Wind
 from onboard.models.leader_flight import HEADING
-from onboard.models.relative_motion import R, V
+from onboard.models.relative_motion import POSITION, VELOCITY
 from tests.support.mavlink_frames import frame, one
 from tests.support.streams import EPOCH, Flight, Run, S, Stream, advance, encode, feed, make_config
 
@@ -56,7 +56,7 @@ def flown(t1: float, *reports: Message, settings: tuple[str, ...] = (FIXED_WING,
 def along(estimate: Estimate) -> tuple[float, float]:
     """Error of the range and its standard deviation, both over the true range."""
     assert estimate.valid
-    r, P = np.array(estimate.mean)[R], np.array(estimate.covariance)[R, R]
+    r, P = np.array(estimate.mean)[POSITION], np.array(estimate.covariance)[POSITION, POSITION]
     distance = float(np.linalg.norm(Crabbing().relative(estimate.t_ns / S)[0]))
     return float(np.linalg.norm(r)) / distance - 1.0, math.sqrt(float(r @ P @ r / (r @ r))) / distance
 
@@ -118,7 +118,7 @@ def test_a_crab_is_told_from_another_range_by_the_wind_seed_1() -> None:
     assert nose(within)[1] < 7.0  # the wind's error over the airspeed
     assert nose(without)[1] > 10.0  # any wind
     assert within.mean is not None
-    assert np.linalg.norm(within.mean[V]) < 0.3  # relative to us, whatever the air does
+    assert np.linalg.norm(within.mean[VELOCITY]) < 0.3  # relative to us, whatever the air does
 
 
 def test_a_track_that_starts_in_wind_knows_it_seed_1() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 
 from onboard.estimators.oh_johnson.noise import ANGLES, FT, first_belief, process_noise
 from onboard.models import camera_angles
-from onboard.models.relative_motion import SIZE, N, R
+from onboard.models.relative_motion import POSITION, SIZE, N
 
 PRINTED_SIZE = 8.75  # ft
 ORIGIN = np.zeros(3)
@@ -26,7 +26,7 @@ def test_the_first_belief_is_at_the_measured_angles_and_at_rest_eqs_43_to_51() -
     at_rest = np.ones(N, bool)
     at_rest[[0, 1, 2, SIZE]] = False
     assert not mean[at_rest].any()
-    assert mean[R][0] > 0
+    assert mean[POSITION][0] > 0
     sigmas = np.sqrt(np.diag(P)) / FT
     np.testing.assert_allclose(sigmas, [1, 1, 1, 1, 1, 1, 0.175, 10, 10], rtol=1e-12)
     np.testing.assert_array_equal(P, np.diag(np.diag(P)))

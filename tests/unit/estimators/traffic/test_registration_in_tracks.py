@@ -30,7 +30,7 @@ def test_our_own_drift_correlates_a_track_s_position_with_the_bias_of_its_own_re
     report = Report(("system", 2), NS_PER_S, np.zeros(6), np.eye(6), bias, MESSAGE)
     begin(tracker, np.eye(15), ("system", 2), report)
     tracker.advance(2 * NS_PER_S)
-    first, second = tracker.batch.belief().covariance[:, motion.R, motion.BIAS]
+    first, second = tracker.batch.belief().covariance[:, motion.POSITION, motion.BIAS]
     np.testing.assert_allclose(first, 0.0, atol=1e-12)
     np.testing.assert_allclose(second, -np.diag([1 / 60, 1 / 90, 1 / 120]), rtol=1e-6, atol=1e-12)
 
@@ -63,12 +63,12 @@ def test_the_attitude_error_correlates_with_the_bias_of_anchors_only() -> None:
 
 def test_vertical_accelerations_are_a_share_of_horizontal_ones() -> None:
     config = Config(filter="ekf", manoeuvre_acceleration_m_s2=2.0, vertical_share=0.25)
-    np.testing.assert_allclose(np.diag(first_covariance(np.eye(3), config))[motion.A], [4.0, 4.0, 0.25])
+    np.testing.assert_allclose(np.diag(first_covariance(np.eye(3), config))[motion.ACCELERATION], [4.0, 4.0, 0.25])
     tracker = Tracker(config)
     tracker.advance(NS_PER_S)
     begin(tracker, np.zeros((15, 15)))
     tracker.advance(2 * NS_PER_S)
-    grown = np.diag(tracker.batch.belief().covariance[0])[motion.A]
+    grown = np.diag(tracker.batch.belief().covariance[0])[motion.ACCELERATION]
     np.testing.assert_allclose(grown[2], grown[0] * 0.25**2)
 
 
@@ -80,5 +80,5 @@ def test_the_random_walk_of_the_velocity_is_as_large_after_three_seconds_as_gust
     begin(tracker, np.zeros((15, 15)))
     for second in range(2, 5):
         tracker.advance(second * NS_PER_S)
-    grown = np.diag(tracker.batch.belief().covariance[0])[motion.V]
+    grown = np.diag(tracker.batch.belief().covariance[0])[motion.VELOCITY]
     np.testing.assert_allclose(grown, [0.2256, 0.2256, 0.0564], rtol=1e-3)

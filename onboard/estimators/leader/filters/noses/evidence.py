@@ -18,7 +18,7 @@ from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Seen, only
 from onboard.filters.belief import Belief, FilterError
 from onboard.models import apparent_pose, apparent_shape
-from onboard.models.apparent_wing import FREE, R
+from onboard.models.apparent_wing import FREE, POSITION
 
 MOTION: Final = slice(0, 6)  # position and velocity
 OF_SHAPE: Final = 0.02  # of the weight: so much must have expected a shape; only the right noses do
@@ -139,11 +139,11 @@ def posed(cloud: Cloud, shows: Posed, camera: CameraPose) -> tuple[Cloud, Array,
     if shows.range_ is not None:
         cloud = cloud.with_biases(of_ranges(shows))
         bias = cloud.column(POSES)
-        off = cloud.means[:, R] - camera.r_FC_n
+        off = cloud.means[:, POSITION] - camera.r_FC_n
         distance = np.linalg.norm(off, axis=1)
         appears = distance * np.exp(cloud.means[:, bias])
         H = np.zeros((len(off), 1, cloud.means.shape[1]))
-        H[:, 0, R], H[:, 0, bias] = off * (appears / distance**2)[:, None], appears
+        H[:, 0, POSITION], H[:, 0, bias] = off * (appears / distance**2)[:, None], appears
         cloud, nis, log_l = corrected(
             cloud, H, (shows.range_ - appears)[:, None], np.array([[shows.range_sigma**2]])
         )

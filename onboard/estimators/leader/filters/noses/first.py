@@ -16,7 +16,7 @@ from onboard.estimators.leader.filters.noses.particles import HORIZONTAL, resamp
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models import apparent_shape
 from onboard.models import apparent_wing as model
-from onboard.models.apparent_wing import BANK_ERROR, LEAN, LOG_SIZE, STRETCH, A, N, R, V
+from onboard.models.apparent_wing import ACCELERATION, BANK_ERROR, LEAN, LOG_SIZE, POSITION, STRETCH, VELOCITY, N
 
 LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
 SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead
@@ -52,20 +52,21 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         range_ = sizes * apparent_shape.spread(shows.extent, noses, seen.axes @ pose.R_cn) / seen.span
         range_ = np.maximum(range_, LEAST_RANGE * range_.max())
     means, P = np.zeros((k, N)), np.zeros((k, N, N))
-    means[:, R], means[:, V] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
+    means[:, POSITION], means[:, VELOCITY] = range_[:, None] * direction + pose.r_FC_n, pose.v_F_n
     line = np.outer(direction, direction)
     along = (max(seen.span_sigma / seen.span, 0.01) * range_) ** 2
     across = seen.R[0, 0] * range_**2
-    P[:, R, R] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
+    P[:, POSITION, POSITION] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
     hovers = uniform(APART, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
     intensities = np.column_stack([s * normal(APART + 1 + 2 * i, k) for i, s in enumerate(settings.intensity)])
     factors = np.exp(intensities)
     speed = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
     diagonal = np.zeros((k, N))
-    diagonal[:, V], diagonal[:, A] = speed, (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
-    diagonal[hovers, V] = settings.hover_speed**2 + settings.own_velocity**2
-    diagonal[hovers, A] = settings.hover_acceleration**2
-    means[hovers, V] = 0.0
+    diagonal[:, VELOCITY] = speed
+    diagonal[:, ACCELERATION] = (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
+    diagonal[hovers, VELOCITY] = settings.hover_speed**2 + settings.own_velocity**2
+    diagonal[hovers, ACCELERATION] = settings.hover_acceleration**2
+    means[hovers, VELOCITY] = 0.0
     diagonal[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
     shortens = np.maximum(1.0 - visible**2, 0.0) / visible**2
     diagonal[:, STRETCH] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens
@@ -112,8 +113,8 @@ def _scale(cloud: Cloud, r: Array, column: int, sigma: float, share: float) -> N
     """Add the uncertainty of a scale's logarithm, in place. The places r (K, 3) m grow with this share of it."""
     P = cloud.covariances
     P[:, column, column] = sigma**2
-    P[:, R, column] = P[:, column, R] = share * sigma**2 * r
-    P[:, R, R] += (share * sigma) ** 2 * r[:, :, None] * r[:, None, :]
+    P[:, POSITION, column] = P[:, column, POSITION] = share * sigma**2 * r
+    P[:, POSITION, POSITION] += (share * sigma) ** 2 * r[:, :, None] * r[:, None, :]
 
 
 def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:

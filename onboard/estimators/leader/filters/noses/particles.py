@@ -38,7 +38,16 @@ from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.gating import chi_square_threshold
 from onboard.models import apparent_wing as model
-from onboard.models.apparent_wing import BANK_ERROR, LEAN, LEAST_VISIBLE, STRETCH, A, N, R, V
+from onboard.models.apparent_wing import (
+    ACCELERATION,
+    BANK_ERROR,
+    LEAN,
+    LEAST_VISIBLE,
+    POSITION,
+    STRETCH,
+    VELOCITY,
+    N,
+)
 
 EXPECTING: Final = 0.3  # of the weight: at least so many particles must have expected an image
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
@@ -89,12 +98,12 @@ def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
     width = N + len(biases)
     fixed, broad, range_ = np.zeros(width), np.zeros((3, N)), np.zeros(N)
     fixed[N:] = [bias.sigma**2 * -math.expm1(-2.0 * dt / bias.time) for bias in biases]
-    range_[R] = 2.0 * dt / s.misalignment_time * np.square(s.misalignment)[[2, 2, 0]]
-    fixed[R], fixed[V], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10
+    range_[POSITION] = 2.0 * dt / s.misalignment_time * np.square(s.misalignment)[[2, 2, 0]]
+    fixed[POSITION], fixed[VELOCITY], fixed[LEAN] = 1e-8, 2.0 * dt / s.own_velocity_time * s.own_velocity**2, 1e-10
     new = -math.expm1(-2.0 * dt / s.stretch_time)
     fixed[STRETCH] = s.stretch**2 * new
-    broad[:2, V], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
-    broad[:2, A] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
+    broad[:2, VELOCITY], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
+    broad[:2, ACCELERATION] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
     broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
     return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new, math.log(s.size))
 
@@ -177,7 +186,7 @@ def enough(settings: NoseModel, cloud: Cloud) -> int:
     """How many particles there should be: in proportion to the number of different noses and ranges that have
     weight, as in KLD-sampling (Fox, 2003). Where points show the nose, the right noses are few degrees wide: what
     follows a nose that turns must be dense there."""
-    r = cloud.means[:, R]
+    r = cloud.means[:, POSITION]
     nose = np.floor(np.mod(cloud.noses, math.tau if cloud.sided else math.pi) / NOSE_BIN)
     range_ = np.floor(0.5 * np.log(np.einsum("ki,ki->k", r, r)) / RANGE_BIN)
     _, at = np.unique(nose + 1000.0 * range_, return_inverse=True)
