@@ -15,7 +15,7 @@ import pytest
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.places import Place

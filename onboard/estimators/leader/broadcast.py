@@ -51,7 +51,7 @@ class Broadcast:
     def __init__(self, config: Config, take: Callable[[Auxiliary, Ownship], Verdict]) -> None:
         self.verdicts: Counter[str] = Counter()
         self._config, self._take = config.broadcast, take
-        self._biases = lasting(config)
+        self._biases = biases_of(config)
         theirs = (AdsbVehicle,) if self._config.icao else (PeerPosition, FollowTarget)
         self._listens: tuple[type[Message], ...] = (GlobalPosition, *theirs)
         self.clear()
@@ -125,7 +125,7 @@ class Broadcast:
         return Report(t_ns, r, v, R, self._biases, c.trusted)
 
 
-def lasting(config: Config) -> tuple[Bias, ...]:
+def biases_of(config: Config) -> tuple[Bias, ...]:
     """What lasts of a report's error: of its position and its delay, and of our own velocity and yaw."""
     b = config.broadcast
     height = b.altitude_bias_m if b.altitude_bias_m is not None else (PRESSURE_BIAS if b.icao else b.bias_m)

@@ -89,7 +89,7 @@ class Config(Record, frozen=True, kw_only=True):
     aircraft: Aircraft | None = None  # what boxes bound, of usual proportions; None: points_m, or by leader_class
     target: dict[str, TargetClass] = msgspec.field(default_factory=dict)  # classes: written as [target.CLASS]
     center_on_wing: bool = False  # the center is the wing's middle, to 1 % of the wing: measure the middle too
-    pose_scale_sigma: NotNegative = 0.02  # of the range: lasting error of poses: a marker's size, the focal length
+    pose_scale_sigma: NotNegative = 0.02  # of the range: bias of poses: a marker's size, the focal length
     particles: Annotated[int, msgspec.Meta(ge=100, le=100_000)] = PARTICLES  # hypotheses at most
     process_noise: dict[str, float] = msgspec.field(default_factory=dict)  # overrides single numbers of `settings`
     initialise_images: Annotated[int, msgspec.Meta(ge=1, le=100)] = 3  # that must agree to start

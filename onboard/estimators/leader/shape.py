@@ -23,9 +23,9 @@ ROTORS_AT: Final = -0.04
 ROTORS_HIGH: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
 ROTORS_HEIGHT: Final = 0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
 BOX_SHARE: Final = 0.05  # of the box's larger side, of each side
-LASTING_BOX: Final = 0.08  # of its size: a detector's boxes are lastingly too wide or too narrow ...
-LASTING_ROTORS: Final = 0.1  # ... of rotors also by the 6 % (RMS) that a square of them differs from a circle ...
-LASTING_GUESS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
+BOX_BIAS: Final = 0.08  # of its size: a detector's boxes are all too wide, or all too narrow ...
+ROTORS_BIAS: Final = 0.1  # ... of rotors also by the 6 % (RMS) that a square of them differs from a circle ...
+GUESS_BIAS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
 PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that thrust implies
 SMALLEST: Final = 2.0  # a spread below this many of its sigmas says nothing of the range
 MISPLACED: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
@@ -33,48 +33,40 @@ SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show 
 
 
 class Shape(NamedTuple):
-    """Points (k, 3) whose names tell one side of the aircraft from the other, in b for a wingspan of 1; what a box
-    bounds (j, 3); by how much of its size a box lastingly misleads; how much of the wing's length the edge-on
-    aircraft shows; how it leans; its wingspan, m; by which share of the range poses lastingly mislead; and by
-    which share of the wingspan its top and bottom are unknown."""
+    """Of a class of targets; points in b for a wingspan of 1."""
 
-    names: tuple[str, ...]
-    points: Array
-    bounds: Array
-    lasting: float
-    edge_on: float
-    posture: Posture
-    size: float = 2.0
-    pose_lasting: float = 0.0
-    height: float = 0.0
+    names: tuple[str, ...]  # of points that tell one side of the aircraft from the other
+    points: Array  # (k, 3)
+    bounds: Array  # (j, 3) what a box bounds
+    box_bias: float  # of a box's size, one standard deviation
+    edge_on: float  # of the wing's length: what the edge-on aircraft shows
+    posture: Posture  # how it leans
+    size: float = 2.0  # m, the wingspan
+    pose_bias: float = 0.0  # of the range of poses, one standard deviation
+    height: float = 0.0  # of the wingspan: how well top and bottom are known
 
 
 class Outline(NamedTuple):
-    """What boxes bound (j, 3), in b for a wingspan of 1; by how much of their size they lastingly mislead; and by
-    which share of the wingspan top and bottom are unknown."""
+    """What boxes bound."""
 
-    bounds: Array
-    lasting: float
-    height: float = 0.0
+    bounds: Array  # (j, 3) in b, for a wingspan of 1
+    bias: float  # of a box's size, one standard deviation
+    height: float = 0.0  # of the wingspan: how well top and bottom are known
 
 
-class Seen(NamedTuple):
-    """What a detection shows beyond center and wing: its `rows`, and the same with the center, if that was seen
-    (`extent`), whose coordinates spread by so much, rad, one standard deviation; by how much of the size they
-    lastingly mislead; what an edge-on aircraft shows, and how it leans. `is_box`: the rows are a box's sides.
-    `misplaced`: by which share of the length between nose and tail named points are lastingly off. `names`: of the
-    points, two rows each; none of a box."""
+class ShapeFeatures(NamedTuple):
+    """What a detection shows beyond center and wing."""
 
     rows: Rows
-    extent: Rows
-    spread: float
-    spread_sigma: float
-    lasting: float
-    edge_on: float
-    posture: Posture
-    is_box: bool
-    misplaced: float = 0.0
-    names: tuple[str, ...] = ()
+    extent: Rows  # the same with the center, if that was seen
+    spread: float  # rad, standard deviation of the extent's coordinates ...
+    spread_sigma: float  # ... and the noise of that
+    bias: float  # of the size, one standard deviation
+    edge_on: float  # of the wing's length: what the edge-on aircraft shows
+    posture: Posture  # how it leans
+    is_box: bool  # the rows are a box's sides
+    misplaced: float = 0.0  # of the length between nose and tail: the bias of named points
+    names: tuple[str, ...] = ()  # of the points, two rows each; none of a box
 
     @property
     def has_extent(self) -> bool:
@@ -93,7 +85,7 @@ def shape_of(config: Config) -> Shape:
     leans = 1.0 if config.leader_class == "multirotor" else 0.0
     posture = Posture(leans, PITCH, MISPLACED)
     size, pose = config.size_prior_m, config.pose_scale_sigma
-    return Shape(names, points, outline.bounds, outline.lasting, edge_on, posture, size, pose, outline.height)
+    return Shape(names, points, outline.bounds, outline.bias, edge_on, posture, size, pose, outline.height)
 
 
 def outline_of(config: Config) -> Outline:
@@ -102,12 +94,12 @@ def outline_of(config: Config) -> Outline:
     aircraft = config.aircraft
     if aircraft is None and config.points_m:
         points = np.array([*config.points_m.values()]) / config.size_prior_m
-        return Outline(np.array([*(WINGTIPS if config.wings else ()), *points, *THICKNESS]), LASTING_BOX)
+        return Outline(np.array([*(WINGTIPS if config.wings else ()), *points, *THICKNESS]), BOX_BIAS)
     if aircraft is None:
         aircraft = "quadrotor" if config.leader_class == "multirotor" else "fixed-wing"
     if aircraft in ROTORS:
-        return Outline(_rotors(ROTORS[aircraft]), LASTING_ROTORS, ROTORS_HEIGHT)
-    return Outline(np.array([*WINGTIPS, *FUSELAGE, *THICKNESS]), LASTING_GUESS)
+        return Outline(_rotors(ROTORS[aircraft]), ROTORS_BIAS, ROTORS_HEIGHT)
+    return Outline(np.array([*WINGTIPS, *FUSELAGE, *THICKNESS]), GUESS_BIAS)
 
 
 def _rotors(count: int) -> Array:
@@ -124,7 +116,9 @@ def _rotors(count: int) -> Array:
     return np.vstack([ring, ROTORS_HIGH])
 
 
-def of_points(shape: Shape, features: Sequence[ImageFeature], axes: Array, *, has_center: bool) -> Seen | None:
+def of_points(
+    shape: Shape, features: Sequence[ImageFeature], axes: Array, *, has_center: bool
+) -> ShapeFeatures | None:
     """What named points of the class show, about the measured `axes`; None if there are none. With `has_center`
     the axes are about the center."""
     known = [f for f in features if f.name in shape.names]
@@ -141,10 +135,10 @@ def of_points(shape: Shape, features: Sequence[ImageFeature], axes: Array, *, ha
     length = float(np.ptp(np.append(points[:, 0], 0.0)))
     misplaced = math.sqrt(2.0) * MISPLACED / length if length > SHORTEST else 0.0
     names = tuple(f.name for f in known)
-    return Seen(rows, extent, spread, sigma, 0.0, shape.edge_on, shape.posture, False, misplaced, names)
+    return ShapeFeatures(rows, extent, spread, sigma, 0.0, shape.edge_on, shape.posture, False, misplaced, names)
 
 
-def only(shows: Seen, which: Sequence[int]) -> Seen:
+def only(shows: ShapeFeatures, which: Sequence[int]) -> ShapeFeatures:
     """What some of the named points show."""
     rows, at = shows.rows, np.array([2 * k + axis for k in which for axis in (0, 1)])
     index = np.repeat(np.arange(float(len(which))), 2)
@@ -159,7 +153,7 @@ def _of_points(points: Array, y: Array, sigmas: Sequence[float]) -> Rows:
     return Rows(points, which, axis, y.ravel(), np.repeat(sigmas, 2), named=True)
 
 
-def of_box(shape: Shape, middle: ImageFeature, half: ImagePoint, axes: Array) -> Seen:
+def of_box(shape: Shape, middle: ImageFeature, half: ImagePoint, axes: Array) -> ShapeFeatures:
     """What the sides of a box bound: half its width and height in focal lengths."""
     (u, v), (a, b) = middle.point, half
     left, right = (_on_plane(axes, (u + x, v))[0] for x in (-a, a))
@@ -170,7 +164,9 @@ def of_box(shape: Shape, middle: ImageFeature, half: ImagePoint, axes: Array) ->
     which, axis = np.array([LOWEST, HIGHEST] * 2), np.array([0.0, 0.0, 1.0, 1.0])
     rows = Rows(shape.bounds, which, axis, np.array([left, right, upper, lower]), sigma, named=False)
     spread = float(measured_spread(rows, rows.y))
-    return Seen(rows, rows, spread, float(sigma[0]), shape.lasting, shape.edge_on, shape.posture, is_box=True)
+    return ShapeFeatures(
+        rows, rows, spread, float(sigma[0]), shape.box_bias, shape.edge_on, shape.posture, is_box=True
+    )
 
 
 def _on_plane(axes: Array, point: ImagePoint) -> tuple[float, float]:

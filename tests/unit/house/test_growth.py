@@ -32,7 +32,8 @@ PACKAGES = (
         "models",
         "ownship",
     ),
-    *("pipeline", "scoring", "sinks", "view", "wire", "estimators/oh_johnson", "estimators/own_state"),
+    *("pipeline", "scoring", "sinks", "view", "wire", "estimators/leader", "estimators/oh_johnson"),
+    "estimators/own_state",
     *("estimators/traffic", "../simlink/encounters", "../simlink/scenarios", "../simlink/sensors"),
     *("../simlink/server", "../simlink/traffic", "../simlink/world", "../studies/report", "../studies/tracking"),
 )

@@ -14,11 +14,12 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
-from onboard.estimators.leader.filters.filter import Measurement, Open, measure_wing
+from onboard.estimators.leader.filters.measurement import Measurement, measure_wing
 from onboard.estimators.leader.filters.noses import evidence, particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
+from onboard.estimators.leader.filters.noses.places import OpenQuestion
 from onboard.estimators.leader.filters.noses.summary import RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.settings import NoseModel
 from onboard.estimators.leader.shape import Shape
@@ -148,15 +149,15 @@ class BeliefFilter:
         belief.covariance[POSITION, POSITION] += np.outer(late, late)
         return belief
 
-    def open_question(self, state: State) -> Open:
+    def open_question(self, state: State) -> OpenQuestion:
         """Whether the range is open, and then the places where the leader may be."""
         known, is_metric = state.summary, state.cloud.metric
         if known.range_sigma() <= RESOLVED:
-            return Open("", (), is_metric)
+            return OpenQuestion("", (), is_metric)
         dt, moved, v_F_n = state.since
         places = tuple(place.after(dt, moved).relative_to(v_F_n) for place in known.places)
         why = "" if is_metric else "heading not resolved: "
-        return Open(f"{why}the range is uncertain", places, is_metric)
+        return OpenQuestion(f"{why}the range is uncertain", places, is_metric)
 
     def is_too_wide(self, state: State, share: float) -> bool:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""

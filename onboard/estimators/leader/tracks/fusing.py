@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.partial import refused
+from onboard.estimators.leader.filters.features import refused
 from onboard.estimators.leader.sight import sight
 from onboard.estimators.leader.tracks.image import Image, measured, newest_pose
 from onboard.estimators.leader.tracks.noise import NoiseScale
-from onboard.estimators.leader.tracks.report import Assisted, Outcome
+from onboard.estimators.leader.tracks.report import AuxiliaryOutcome, Outcome
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import POSITION
@@ -39,10 +39,10 @@ def fuse(
     front of the camera that saw it. Raises FilterError."""
     leader = state.leader
     if isinstance(taken, Wind):
-        return state._replace(leader=filter_.in_wind(leader, taken)), Assisted(True)
+        return state._replace(leader=filter_.in_wind(leader, taken)), AuxiliaryOutcome(True)
     if isinstance(taken, Auxiliary):
         after = filter_.assist(leader, taken)
-        return state if after is None else state._replace(leader=after), Assisted(after is not None)
+        return state if after is None else state._replace(leader=after), AuxiliaryOutcome(after is not None)
     pose = newest_pose(taken, poses, ownship)
     measurement = measured(taken, filter_, state.noise.scale).with_attitude_noise(pose.noise_c)
     try:

@@ -30,14 +30,14 @@ MOST: Final = 4.0  # of log-likelihood that one image may add
 ENOUGH: Final = 150.0  # of log-likelihood: two seconds of images at least
 
 
-class Fit(NamedTuple):
+class FrameFit(NamedTuple):
     """How badly an image fits its prediction: the two parts of its negative log-likelihood, half the NIS and the
     logarithm of the innovation's spread."""
 
     misfit: float
     spread: float
 
-    def gain_over(self, flagged: "Fit") -> float:
+    def gain_over(self, flagged: "FrameFit") -> float:
         """The evidence for this frame: log-likelihood, and no more than the NIS shows. A frame through which no
         noise of our own attitude passes has the smaller spread, and is no righter for that."""
         misfit = flagged.misfit - self.misfit
@@ -105,8 +105,8 @@ def _against(camera: Camera, frame: MountFrame) -> Camera:
     return replace(camera, gimbal_frame=frame if _is_flagged(camera) else camera.gimbal_frame, others=others)
 
 
-def _fit(report: MeasurementReport | None) -> Fit:
+def _fit(report: MeasurementReport | None) -> FrameFit:
     """Of an image that was compared with its prediction; infinite for another."""
     if report is None or report.nis is None or report.innovation_sigma is None:
-        return Fit(math.inf, 0.0)
-    return Fit(0.5 * report.nis, sum(map(math.log, report.innovation_sigma)))
+        return FrameFit(math.inf, 0.0)
+    return FrameFit(0.5 * report.nis, sum(map(math.log, report.innovation_sigma)))

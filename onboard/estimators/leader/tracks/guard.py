@@ -28,7 +28,7 @@ SPANS: Final = 5  # images whose median apparent size counts
 TOO_LARGE: Final = 0.06  # of the apparent size: three standard deviations of the wing's size, as it is configured
 
 
-class Published(NamedTuple):
+class PastMotion(NamedTuple):
     """What was published: r_FL_n and v_L_n (6,), their covariance (6, 6), and how far we had moved (3,) m."""
 
     t_ns: int
@@ -46,7 +46,7 @@ class Guard:
     def clear(self) -> None:
         """Forget all: another track begins."""
         self._spans: deque[tuple[float, float]] = deque(maxlen=SPANS)
-        self._published: deque[Published] = deque()
+        self._published: deque[PastMotion] = deque()
         self._moved, self._until_ns, self._found = np.zeros(3), 0, ""
 
     def seen(self, span: float, sigma: float) -> None:
@@ -63,7 +63,7 @@ class Guard:
         if v_F_n is None:
             return self._found
         motion = np.concatenate([belief.mean[POSITION], belief.mean[VELOCITY] + v_F_n])
-        now = Published(t_ns, motion, belief.covariance[:6, :6], self._moved)
+        now = PastMotion(t_ns, motion, belief.covariance[:6, :6], self._moved)
         while self._published and t_ns - self._published[0].t_ns > LOOKS_BACK_S * NS_PER_S:
             before = self._published.popleft()
             self._found = ""
@@ -95,7 +95,7 @@ class Guard:
         return math.log(span * distance / belief.mean[SIZE]) > allowed
 
 
-def disagree(before: Published, now: Published) -> bool:
+def disagree(before: PastMotion, now: PastMotion) -> bool:
     """Whether a range is not what an earlier one becomes, at constant velocity of the leader and by our motion."""
     dt = (now.t_ns - before.t_ns) / NS_PER_S
     predicted = before.motion[:3] + dt * before.motion[3:] - (now.moved - before.moved)

@@ -10,10 +10,10 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters import partial
+from onboard.estimators.leader.filters import features
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.filter import Measurement
-from onboard.estimators.leader.filters.partial import Edges, Seen
+from onboard.estimators.leader.filters.features import Edges, Features
+from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.geometry.camera import Camera
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import ImagePoint, TargetImage, Verdict
@@ -29,7 +29,7 @@ SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
 class Image(NamedTuple):
     """A usable image, with the camera's pose when it was taken. The pose is `final` if it was interpolated; an
     extrapolated one is computed again when the image is fused. Without an extent (`has_extent`) it shows a
-    direction alone (see `partial`). The measurement supposes a detector that is `noise_scale` times as noisy as
+    direction alone (see `features`). The measurement supposes a detector that is `noise_scale` times as noisy as
     `points` states, in a camera of these `edges`."""
 
     message: TargetImage
@@ -37,7 +37,7 @@ class Image(NamedTuple):
     measurement: Measurement
     pose: CameraPose
     final: bool
-    points: Seen
+    points: Features
     edges: Edges
     noise_scale: float
 
@@ -57,11 +57,11 @@ def prepare(
     half_wing: float,
     noise_scale: float = 1.0,
 ) -> Image | Verdict:
-    """The image, or why it cannot be used (`half_wing`: see `partial.seen`), by a detector that is `noise_scale`
+    """The image, or why it cannot be used (`half_wing`: see `features_of`), by a detector that is `noise_scale`
     times as noisy as configured. Points within `edge_px` of the image's edge count as outside: the edge may cut an
     aircraft off, and then they are not its wingtips."""
     camera = poses.camera.named(message.camera)
-    saw = partial.seen(message, camera.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
+    saw = features.features_of(message, camera.sigma, center_on_wing=config.center_on_wing, half_wing=half_wing)
     stated, saw = saw, saw.noisier(noise_scale)
     # a few: Python's arithmetic is fast
     sigmas = *saw.sigmas, *(feature.sigma for feature in saw.named)
@@ -77,7 +77,7 @@ def prepare(
     view = visible_part(camera, message.view, config.edge_px)
     if not is_inside(points, view):
         return Verdict.OUT_OF_VIEW
-    measurement = partial.measure(filter_, saw, view)
+    measurement = features.measure(filter_, saw, view)
     if saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
         return Verdict.DEGENERATE
     is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
@@ -95,7 +95,7 @@ def measured(image: Image, filter_: BeliefFilter, noise_scale: float) -> Measure
     """What an image measures by a detector that is so many times as noisy as configured."""
     if noise_scale == image.noise_scale:
         return image.measurement
-    return partial.measure(filter_, image.points.noisier(noise_scale), image.edges)
+    return features.measure(filter_, image.points.noisier(noise_scale), image.edges)
 
 
 def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPose:

@@ -44,7 +44,7 @@ class Outcome(NamedTuple):
         return Distance(False, nis + float(np.linalg.slogdet(S)[1]))
 
 
-class Assisted(NamedTuple):
+class AuxiliaryOutcome(NamedTuple):
     """What was inserted was no image: whether it was used."""
 
     used: bool

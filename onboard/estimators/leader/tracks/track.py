@@ -17,7 +17,7 @@ from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.auxiliary import Auxiliary, Report
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.filter import Open
+from onboard.estimators.leader.filters.noses.places import OpenQuestion
 from onboard.estimators.leader.prior import Prior
 from onboard.estimators.leader.sight import ASTRAY, LastSight
 from onboard.estimators.leader.size import Size
@@ -304,7 +304,7 @@ class Track:
 
     # ---------------------------------------------------------------------------------- estimates
 
-    def _belief(self, ownship: Ownship) -> tuple[int, Belief, Open] | None:
+    def _belief(self, ownship: Ownship) -> tuple[int, Belief, OpenQuestion] | None:
         """The belief now, its time, and what is open. A covariance without a Cholesky factor ends the track."""
         if self._history is None:
             return None

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from onboard.arrays import Array
-from onboard.estimators.leader.broadcast import lasting
+from onboard.estimators.leader.broadcast import biases_of
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.auxiliary import DELAY, DISTANCE, TURN, Auxiliary, Range, Report
 from onboard.estimators.leader.filters.noses import particles
@@ -16,10 +16,10 @@ from onboard.estimators.leader.filters.noses.evidence import corrected
 from onboard.filters.belief import FilterError
 from onboard.models.apparent_wing import ACCELERATION, LOG_SIZE, POSITION, STEADY, TIED, VELOCITY, N
 from tests.unit.estimators.leader.test_belief import filter_of, watched
-from tests.unit.estimators.leader.test_posed import settings_of
+from tests.unit.estimators.leader.test_pose import settings_of
 
 RANGE, SPEED = 28.0, 20.0  # m, m/s
-BIASES = lasting(Config(own_position_sigma_m=0.0))  # 2 m, 0.1 s, 0.14 m/s, 1.4 degrees
+BIASES = biases_of(Config(own_position_sigma_m=0.0))  # 2 m, 0.1 s, 0.14 m/s, 1.4 degrees
 WHITE = np.diag([4.0] * 3 + [0.09] * 3)
 NEW = Range(0, RANGE, 0.1, (Bias(DISTANCE, 0.5),))
 

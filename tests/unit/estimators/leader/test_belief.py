@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.belief import BeliefFilter, State, points_of
-from onboard.estimators.leader.filters.filter import Measurement
 from onboard.estimators.leader.filters.make import make_filter
+from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step

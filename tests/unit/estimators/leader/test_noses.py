@@ -9,7 +9,7 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
@@ -206,7 +206,7 @@ def test_as_many_particles_as_fit_are_no_surer_than_very_many() -> None:
 
 
 @pytest.mark.parametrize(("aspect_deg", "share"), [(0.0, 0.0), (90.0, 1.0), (30.0, 0.25)])
-def test_points_that_are_lastingly_misplaced_make_the_range_wrong_as_the_wing_is_foreshortened(
+def test_points_that_are_always_misplaced_make_the_range_wrong_as_the_wing_is_foreshortened(
     aspect_deg: float, share: float
 ) -> None:
     """A nose that is off by d (1 - seen^2) / (seen, cross) changes the seen length by d (1 - seen^2)."""

@@ -9,12 +9,12 @@ from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
 from onboard.estimators.leader.camera_pose import CameraPose
+from onboard.estimators.leader.filters.features import UNKNOWN, features_of, measure
 from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.summary import summarise
-from onboard.estimators.leader.filters.partial import UNKNOWN, measure, seen
-from onboard.estimators.leader.shape import LASTING_GUESS, ROTORS, shape_of
+from onboard.estimators.leader.shape import GUESS_BIAS, ROTORS, shape_of
 from onboard.messages import ImageFeature, TargetDetection, TargetPoints
 from onboard.models import apparent_wing
 from onboard.models.apparent_shape import HIGHEST, LOWEST
@@ -43,7 +43,7 @@ def detection(*features: ImageFeature, half: tuple[float, float] | None = None) 
 
 
 def measured(image: Any, **section: Any) -> Any:
-    saw = seen(image, SIGMA, center_on_wing=False, half_wing=0.04)
+    saw = features_of(image, SIGMA, center_on_wing=False, half_wing=0.04)
     return measure(make_filter(leader(**section)), saw, VIEW)
 
 
@@ -246,7 +246,7 @@ def _named(m: TargetPoints, class_name: str) -> TargetPoints:
     return replace(m, class_name=class_name)
 
 
-def test_images_do_not_reduce_what_named_points_lastingly_mislead_by() -> None:
+def test_images_do_not_reduce_the_bias_of_named_points() -> None:
     """It stays in the range of a wing seen along itself, and an image of the wing alone does not take it away."""
     settings = make_filter(leader(**PLANE))._settings
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
@@ -263,14 +263,14 @@ def test_images_do_not_reduce_what_named_points_lastingly_mislead_by() -> None:
     assert with_it**2 - without**2 == pytest.approx(cloud.misplaced**2, rel=0.1)
 
 
-def test_what_boxes_lastingly_are_off_by_is_in_the_range_and_points_reduce_it_seed_3() -> None:
+def test_the_bias_of_boxes_is_in_the_range_and_points_reduce_it_seed_3() -> None:
     settings = make_filter(leader())._settings
     m = measured(detection(feature("box", 0.1, 0.05), half=(0.04, 0.01)), **WINGED)
     pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
     cloud = start(settings, m, pose)
-    assert [(bias.name, bias.sigma) for bias in cloud.biases] == [("boxes", LASTING_GUESS)]
-    exact = start(settings, m._replace(shows=m.shows._replace(lasting=0.0)), pose)
+    assert [(bias.name, bias.sigma) for bias in cloud.biases] == [("boxes", GUESS_BIAS)]
+    exact = start(settings, m._replace(shows=m.shows._replace(bias=0.0)), pose)
     with_it, without = (summarise(settings, c).range_sigma() for c in (cloud, exact))
-    assert with_it**2 - without**2 == pytest.approx(LASTING_GUESS**2, rel=0.03)
+    assert with_it**2 - without**2 == pytest.approx(GUESS_BIAS**2, rel=0.03)
     after, _ = particles.update(settings, cloud, measured(IMAGE), pose)
     assert after.edge_on == apparent_wing.LEAST_VISIBLE

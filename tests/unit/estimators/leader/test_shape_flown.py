@@ -37,7 +37,7 @@ def test_boxes_alone_start_a_track_and_hold_it_seed_3() -> None:
     encounter, estimates = flown("hover", 3, 8.0, "box", *WINGED)
     assert estimates[-1].state is Lifecycle.TRACKING
     sigma = range_sigma_of_one_that_holds_the_truth(encounter, estimates[-1])
-    assert 0.17 < sigma < 0.32  # what boxes lastingly are off by, and no more than half the range
+    assert 0.17 < sigma < 0.32  # the bias of boxes, and no more than half the range
 
 
 def test_boxes_around_a_quadrotor_show_the_range_from_any_side_seed_3() -> None:
@@ -101,7 +101,7 @@ def test_the_nose_is_distinguished_from_the_tail_of_a_leader_that_comes_head_on_
     assert math.cos(off) > 0.8
 
 
-def test_points_that_a_detector_lastingly_misplaces_make_no_range_confidently_wrong_seed_701() -> None:
+def test_points_that_a_detector_always_misplaces_make_no_range_confidently_wrong_seed_701() -> None:
     found = score([fly(Case("hover", FIVE_POINTS, "points"), 701)])
     assert found.wrong.percent == 0.0
     assert found.inside.percent > 80.0

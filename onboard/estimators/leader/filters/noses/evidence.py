@@ -13,9 +13,9 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.noses.cloud import Bias, Cloud
-from onboard.estimators.leader.posed import LASTING_TURN, Posed
+from onboard.estimators.leader.pose import TURN_BIAS, PoseFeatures
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.leader.shape import Seen, only
+from onboard.estimators.leader.shape import ShapeFeatures, only
 from onboard.filters.belief import Belief, FilterError
 from onboard.models import apparent_pose, apparent_shape
 from onboard.models.apparent_wing import FREE, POSITION
@@ -39,12 +39,12 @@ class Fit(NamedTuple):
     misfits: tuple[str, ...] = ()
 
 
-def fitted(settings: NoseModel, cloud: Cloud, shows: Seen, axes: Array, pose: CameraPose) -> Fit:
+def fitted(settings: NoseModel, cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> Fit:
     """The cloud after what an image shows of the leader's shape. If all of it fits no nose, the points that fit
     none by themselves are left out: one point that a detector finds elsewhere costs the others nothing. Raises
     FilterError."""
 
-    def fit(part: Seen) -> Fit:
+    def fit(part: ShapeFeatures) -> Fit:
         found, nis, log_l = shaped(cloud, part, axes, pose)
         beyond = expected(cloud, nis, OF_SHAPE)
         fits = beyond <= settings.gate + PER_ROW * len(part.rows.y)
@@ -111,7 +111,7 @@ def weighted(cloud: Cloud, log_l: Array, believed: float = 1.0) -> Cloud:
     return cloud._replace(log_weights=log_weights)
 
 
-def shaped(cloud: Cloud, shows: Seen, axes: Array, pose: CameraPose) -> tuple[Cloud, Array, Array]:
+def shaped(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Cloud, Array, Array]:
     """The cloud after what an image shows of the leader's shape, with each particle's NIS and log likelihood."""
     bias = 0
     if shows.is_box:
@@ -123,17 +123,17 @@ def shaped(cloud: Cloud, shows: Seen, axes: Array, pose: CameraPose) -> tuple[Cl
     return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
 
 
-def of_boxes(shows: Seen) -> Bias:
+def of_boxes(shows: ShapeFeatures) -> Bias:
     """By how much boxes are too large, in the logarithm."""
-    return Bias(BOXES, shows.lasting)
+    return Bias(BOXES, shows.bias)
 
 
-def of_ranges(shows: Posed) -> Bias:
+def of_ranges(shows: PoseFeatures) -> Bias:
     """By how much the ranges of poses are too large, in the logarithm."""
-    return Bias(POSES, shows.lasting)
+    return Bias(POSES, shows.range_bias)
 
 
-def posed(cloud: Cloud, shows: Posed, camera: CameraPose) -> tuple[Cloud, Array, Array]:
+def posed(cloud: Cloud, shows: PoseFeatures, camera: CameraPose) -> tuple[Cloud, Array, Array]:
     """The cloud after a pose, with each particle's NIS and log likelihood."""
     nis, log_l, nose = np.zeros(len(cloud.noses)), np.zeros(len(cloud.noses)), shows.nose(camera)
     if shows.range_ is not None:
@@ -150,7 +150,7 @@ def posed(cloud: Cloud, shows: Posed, camera: CameraPose) -> tuple[Cloud, Array,
     noses, means, P = cloud.noses.copy(), cloud.means.copy(), cloud.covariances.copy()
     if nose is not None:
         log_l = log_l + apparent_pose.measure_nose(noses, means, P, *nose)
-        cloud = cloud._replace(sided=True, misplaced=max(cloud.misplaced, LASTING_TURN))
+        cloud = cloud._replace(sided=True, misplaced=max(cloud.misplaced, TURN_BIAS))
     return cloud._replace(noses=noses, means=means, covariances=P, tied=_still(cloud, noses)), nis, log_l
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses.changes import APART, MOST_CRAB
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.draws import normal, uniform

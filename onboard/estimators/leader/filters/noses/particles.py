@@ -21,7 +21,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
-from onboard.estimators.leader.filters.filter import Measurement
+from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses.changes import DRAWS, change
 from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Bias, Cloud, named
 from onboard.estimators.leader.filters.noses.draws import uniform

@@ -42,6 +42,14 @@ class Place(NamedTuple):
         return self._replace(mean=mean)
 
 
+class OpenQuestion(NamedTuple):
+    """What the images leave open."""
+
+    reason: str = ""  # for a person; "" if nothing is open
+    places: tuple[Place, ...] = ()  # where the leader may be, if the range is open
+    is_metric: bool = False  # the range is that of poses, and says nothing of the size
+
+
 def places(w: Array, means: Array, covariances: Array, ours: Callable[[Array], Array]) -> tuple[Place, ...]:
     """The modes, nearest first, of particles with weights w (K,), means (K, 6) and covariances (K, 6, 6).
     `ours` gives the covariance (6, 6) of errors that all particles share, of a leader at r_FL_n (3,)."""

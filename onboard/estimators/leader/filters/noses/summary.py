@@ -137,7 +137,7 @@ def with_course(settings: NoseModel, cloud: Cloud) -> Array:
 
 
 def _by_points(cloud: Cloud, mean: Array) -> float:
-    """The variance of the range's logarithm by named points that are lastingly misplaced. They make a nose wrong,
+    """The variance of the range's logarithm by the bias of named points. They make a nose wrong,
     and with it the range: the more, the less is seen of the wing."""
     if not cloud.misplaced:
         return 0.0

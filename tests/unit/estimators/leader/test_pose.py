@@ -15,7 +15,7 @@ from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.first import start
 from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
 from onboard.estimators.leader.filters.noses.summary import summarise
-from onboard.estimators.leader.posed import LASTING_TURN, posed
+from onboard.estimators.leader.pose import TURN_BIAS, measured_pose
 from onboard.geometry.rotations import matrix_from_euler, quaternion_from_euler, quaternion_from_matrix
 from onboard.messages import Estimate, Lifecycle, RelativePose, TargetDetection
 from onboard.models import apparent_wing
@@ -100,23 +100,23 @@ def test_the_nose_s_azimuth_and_its_mirror_image_follow_the_camera_s_attitude() 
     R_nL = matrix_from_euler(0.2, -0.1, math.pi / 2 + 0.6)
     nose_c = R_nc.T @ R_nL
     q = tuple(np.asarray(quaternion_from_matrix(nose_c)).tolist())
-    shown = posed(replace(pose(), q_cL=q), 0.02, np.array([1.0, 0.0, 0.0])).nose(camera)
+    shown = measured_pose(replace(pose(), q_cL=q), 0.02, np.array([1.0, 0.0, 0.0])).nose(camera)
     assert shown is not None
     assert shown.at == pytest.approx(math.pi / 2 + 0.6)
     assert shown.mirrored == pytest.approx(math.pi / 2 - 0.6)
-    assert shown.sigma == pytest.approx(math.hypot(0.05, LASTING_TURN), rel=0.01)
+    assert shown.sigma == pytest.approx(math.hypot(0.05, TURN_BIAS), rel=0.01)
 
 
 def test_a_nose_that_points_straight_up_has_no_azimuth() -> None:
     up = tuple(quaternion_from_euler(0.0, math.radians(85), 0.0).tolist())
-    assert posed(replace(pose(), q_cL=up), 0.02, np.array([1.0, 0.0, 0.0])).nose(LEVEL) is None
+    assert measured_pose(replace(pose(), q_cL=up), 0.02, np.array([1.0, 0.0, 0.0])).nose(LEVEL) is None
 
 
 # ------------------------------------------------------------------------------------ what the cloud becomes
 
 
 @pytest.mark.parametrize("size_sigma", [0.02, 0.6])
-def test_the_range_of_a_pose_has_its_lasting_error_and_not_that_of_the_size(size_sigma: float) -> None:
+def test_the_range_of_a_pose_has_its_bias_and_not_that_of_the_size(size_sigma: float) -> None:
     section = {"size_prior_sigma_m": size_sigma, "pose_scale_sigma": 0.05}
     settings, cloud = settings_of(**section), cloud_after(*[pose(sigma=0.05)] * 20, **section)
     known = summarise(settings, cloud)

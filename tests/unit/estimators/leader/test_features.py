@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from onboard.estimators.leader.filters.features import BIAS_COUNTS, OFF_WING, UNKNOWN, features_of, measure
 from onboard.estimators.leader.filters.make import make_filter
-from onboard.estimators.leader.filters.partial import LASTING, OFF_WING, UNKNOWN, measure, seen
 from onboard.messages import ImageFeature, Lifecycle, Message, TargetDetection, TargetPoints, Verdict
 from tests.support.streams import CIRCLE, F_PX, Run, S, Stream, advance, make_config, position_error
 
@@ -25,7 +25,7 @@ def less(image: TargetPoints, *names: str, box: float | None = None, target: str
 
 
 def saw(detection: TargetPoints | TargetDetection, *, center_on_wing: bool = False) -> Any:
-    return seen(detection, SIGMA, center_on_wing=center_on_wing, half_wing=0.04)
+    return features_of(detection, SIGMA, center_on_wing=center_on_wing, half_wing=0.04)
 
 
 IMAGE = CIRCLE.image(6 * S)
@@ -37,7 +37,7 @@ def test_a_pair_of_wingtips_measures_the_wing_and_its_middle_with_the_doubt_of_t
     whole, pair = measure(filter_, saw(IMAGE)), measure(filter_, saw(less(IMAGE, "left", "right")))
     assert pair.span == pytest.approx(whole.span, rel=1e-3)
     assert pair.R[2, 2] == pytest.approx(whole.R[2, 2], rel=1e-2)
-    assert math.sqrt(pair.R[0, 0]) == pytest.approx(LASTING * OFF_WING * SPAN, rel=0.1)
+    assert math.sqrt(pair.R[0, 0]) == pytest.approx(BIAS_COUNTS * OFF_WING * SPAN, rel=0.1)
     middle = (np.array(IMAGE.left) + np.array(IMAGE.right)) / 2
     assert pair.axes[0][1:] / pair.axes[0][0] == pytest.approx(middle)
 
@@ -57,8 +57,8 @@ def test_one_point_or_a_box_measures_a_direction_and_no_wing(what: str) -> None:
     m = measure(filter_, saw(detection))
     expected = {
         "center": SIGMA,
-        "left": math.hypot(SIGMA, LASTING * 0.04),
-        "box": math.hypot(3 * SIGMA, LASTING * 0.1 * 2 * 0.05),
+        "left": math.hypot(SIGMA, BIAS_COUNTS * 0.04),
+        "box": math.hypot(3 * SIGMA, BIAS_COUNTS * 0.1 * 2 * 0.05),
     }
     assert math.sqrt(m.R[0, 0]) == pytest.approx(expected[what], rel=0.05)
     assert np.sqrt(np.diag(m.R)[2:]).tolist() == [UNKNOWN] * (len(m.y) - 2)

@@ -10,7 +10,7 @@ from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import RelativePose
 
-LASTING_TURN: Final = math.radians(2.0)  # rad, of a marker that is mounted askew, or a model that is
+TURN_BIAS: Final = math.radians(2.0)  # rad, of a marker that is mounted askew, or a model that is
 LEAST_LEVEL: Final = 0.2  # of the nose: one that points up or down more steeply has no heading
 LEAST_RANGE_SIGMA: Final = 0.002  # of the range: no detector is more exact
 
@@ -23,17 +23,15 @@ class Nose(NamedTuple):
     sigma: float
 
 
-class Posed(NamedTuple):
-    """The range, m, and its standard deviation, of which a share is `lasting`: None where the position is not
-    known. The `forward` axis (3,) of the aircraft, with the covariance (3, 3) of its rotation, in c; None where
-    that is not known."""
+class PoseFeatures(NamedTuple):
+    """What a pose shows, in c."""
 
-    range_: float | None
-    range_sigma: float
-    lasting: float
-    line: Array
-    forward: Array | None
-    turn: Array
+    range_: float | None  # m; None where the position is not known
+    range_sigma: float  # m, of its noise
+    range_bias: float  # of the range, one standard deviation
+    line: Array  # (3,) the direction of the center
+    forward: Array | None  # (3,) the aircraft's axis; None where the rotation is not known
+    turn: Array  # (3, 3) rad^2, covariance of the rotation
 
     def nose(self, camera: CameraPose) -> Nose | None:
         """Where the nose points; None if it is not known."""
@@ -45,15 +43,15 @@ class Posed(NamedTuple):
             return None
         # by how much a small rotation about n's axes turns the azimuth
         by = camera.R_cn @ np.array([-fz * fx / level2, -fz * fy / level2, 1.0])
-        sigma = math.sqrt(float(by @ self.turn @ by) + LASTING_TURN**2)
+        sigma = math.sqrt(float(by @ self.turn @ by) + TURN_BIAS**2)
         line = self.line @ camera.R_cn
         at, sight = math.atan2(fy, fx), math.atan2(line[1], line[0])
         return Nose(at, 2.0 * sight - at, sigma)
 
 
-def posed(pose: RelativePose, lasting: float, line: Array) -> Posed:
-    """What a pose shows; `lasting`: by which share of the range poses are lastingly off; `line` (3,): the
-    direction of the center in c, where the pose has none."""
+def measured_pose(pose: RelativePose, range_bias: float, line: Array) -> PoseFeatures:
+    """What a pose shows. `range_bias`: a share of the range, one standard deviation; `line` (3,): the direction of
+    the center in c, where the pose has none."""
     range_, sigma = None, math.inf
     if pose.r_CL_c is not None and pose.r_covariance is not None:
         r = np.array(pose.r_CL_c)
@@ -63,4 +61,4 @@ def posed(pose: RelativePose, lasting: float, line: Array) -> Posed:
     forward, turn = None, np.zeros((3, 3))
     if pose.q_cL is not None and pose.turn_covariance is not None:
         forward, turn = matrix_from_quaternion(pose.q_cL)[:, 0], np.array(pose.turn_covariance)
-    return Posed(range_, sigma, lasting, line, forward, turn)
+    return PoseFeatures(range_, sigma, range_bias, line, forward, turn)

@@ -3,10 +3,10 @@
 - Both wingtips without the center: the wing as ever. The center is near the wing's middle, but not on it, unless
   `center_on_wing` says so: its direction is that of the middle, with noise in proportion to the wing.
 - The center, one wingtip, another point, or a box: a direction. A wingtip is half a wing off the center, and the
-  middle of a box may be a tenth of the box off. Such an offset lasts, so images do not average it out, and it
-  counts `LASTING` times.
+  middle of a box may be a tenth of the box off. Such an offset is a bias, which images do not average out: it
+  counts `BIAS_COUNTS` times.
 - Further points of the class, and, where the wing was not seen, the sides of a box: see `shape`.
-- A pose: see `posed`. Where nothing else shows the size, its range is the range.
+- A pose: see `pose`. Where nothing else shows the size, its range is the range.
 
 A direction alone starts no track: it says nothing of the range.
 """
@@ -18,8 +18,8 @@ import numpy as np
 from msgspec.structs import replace
 
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.filter import Measurement
-from onboard.estimators.leader.posed import posed
+from onboard.estimators.leader.filters.measurement import Measurement
+from onboard.estimators.leader.pose import measured_pose
 from onboard.estimators.leader.shape import of_box, of_points
 from onboard.filters.belief import Update
 from onboard.messages import (
@@ -33,7 +33,7 @@ from onboard.messages import (
 )
 
 UNKNOWN: Final = 100.0  # rad: the noise of what is not measured. A minute of images with it says nothing
-LASTING: Final = 4.0  # noise that lasts counts as often: a filter averages some sixteen images
+BIAS_COUNTS: Final = 4.0  # times: a filter averages some sixteen images
 OFF_WING: Final = 0.1  # of the wing: the center from the wing's middle, where nothing is known of it
 ON_WING: Final = 0.02  # the same with `center_on_wing`, which allows 1 %; the nearer half of a wing looks longer
 OFF_BOX: Final = 0.1  # of the box's side: the center from the box's middle
@@ -45,21 +45,19 @@ FAKE: Final = 1e-3  # focal lengths: half the wing of an image that shows none; 
 Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
 
 
-class Seen(NamedTuple):
-    """Center, left and right point with their sigmas, in focal lengths; how far off the center may lastingly be;
-    whether the center and the wing were seen, or stand for what was not; all points that have names, and a box's
-    middle and its half sides; and the detector's own pose of it."""
+class Features(NamedTuple):
+    """What an image shows of an aircraft, in focal lengths."""
 
-    points: tuple[ImagePoint, ImagePoint, ImagePoint]
-    sigmas: Vec3
-    offset: float = 0.0
-    has_center: bool = True
+    points: tuple[ImagePoint, ImagePoint, ImagePoint]  # center, left and right
+    sigmas: Vec3  # theirs
+    offset: float = 0.0  # how far off the center may be by a bias
+    has_center: bool = True  # it was seen, and does not stand for what was not
     has_wing: bool = True
-    named: tuple[ImageFeature, ...] = ()
-    box: tuple[ImageFeature, ImagePoint] | None = None
-    pose: RelativePose | None = None
+    named: tuple[ImageFeature, ...] = ()  # all points that have names
+    box: tuple[ImageFeature, ImagePoint] | None = None  # its middle and half sides
+    pose: RelativePose | None = None  # the detector's own
 
-    def noisier(self, scale: float) -> "Seen":
+    def noisier(self, scale: float) -> "Features":
         """The same by a detector whose points are this many times as noisy."""
         if scale == 1.0:
             return self
@@ -78,14 +76,14 @@ class Seen(NamedTuple):
         return tuple(feature.point for feature in self.named)
 
 
-def seen(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, half_wing: float) -> Seen:
+def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, half_wing: float) -> Features:
     """What a message shows. `camera_sigma`: of a point without its own; `half_wing`: half the wing as it appears
     at most, where one wingtip is all that is seen. All in focal lengths."""
     if isinstance(message, TargetPoints):
         points = message.center, message.left, message.right
         sigmas = message.sigma or (camera_sigma,) * 3
         named = (*message.others, *_tips(points[1], points[2], sigmas[1:]))
-        return Seen(points, sigmas, named=named, pose=message.pose)
+        return Features(points, sigmas, named=named, pose=message.pose)
     if not isinstance(message, TargetDetection):
         raise TypeError(f"{type(message).__name__} is not an image of a target")
     features = {f.name: f for f in message.features}
@@ -99,14 +97,14 @@ def seen(message: TargetImage, camera_sigma: float, *, center_on_wing: bool, hal
         sigmas = sigma, left.sigma, right.sigma
         others = tuple(f for name, f in features.items() if name not in ("left", "right"))
         tips = _tips(left.point, right.point, (left.sigma, right.sigma))
-        return Seen(points, sigmas, offset, has_center=False, named=(*others, *tips), pose=message.pose)
+        return Features(points, sigmas, offset, has_center=False, named=(*others, *tips), pose=message.pose)
     one = features.get("center", message.features[0])
     offset = {"center": 0.0, "box": 2.0 * OFF_BOX * (message.half_width or 0.0)}.get(one.name, half_wing)
     u, v = one.point
     points = one.point, (u - FAKE, v), (u + FAKE, v)
     has_center = one.name == "center"
     box = (features["box"], message.half_sides) if "box" in features and message.half_sides else None
-    return Seen(points, (one.sigma,) * 3, offset, has_center, False, message.features, box, message.pose)
+    return Features(points, (one.sigma,) * 3, offset, has_center, False, message.features, box, message.pose)
 
 
 def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tuple[ImageFeature, ImageFeature]:
@@ -116,7 +114,7 @@ def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tup
     return ImageFeature(name="left", point=left, sigma=a), ImageFeature(name="right", point=right, sigma=b)
 
 
-def measure(filter_: BeliefFilter, saw: Seen, view: Edges | None = None) -> Measurement:
+def measure(filter_: BeliefFilter, saw: Features, view: Edges | None = None) -> Measurement:
     """The filter's measurement of it: what was not seen has noise without bound. A box that reaches the edge of
     the `view` is cut off: it shows a direction at most."""
     measured = filter_.measure(np.array(saw.points), np.array(saw.sigmas))
@@ -124,11 +122,11 @@ def measure(filter_: BeliefFilter, saw: Seen, view: Edges | None = None) -> Meas
         shows = of_points(filter_.shape, saw.named, measured.axes, has_center=saw.has_center)
         measured = measured._replace(shows=shows)
     if saw.pose is not None:
-        measured = measured._replace(pose=posed(saw.pose, filter_.shape.pose_lasting, measured.axes[0]))
+        measured = measured._replace(pose=measured_pose(saw.pose, filter_.shape.pose_bias, measured.axes[0]))
     if saw.has_center and saw.has_wing:
         return measured
     y, R = measured.y.copy(), measured.R.copy()
-    R[[0, 1], [0, 1]] += (LASTING * saw.offset) ** 2
+    R[[0, 1], [0, 1]] += (BIAS_COUNTS * saw.offset) ** 2
     first = 4 if saw.has_wing else 2  # the wing's middle was taken for the center: it is not measured twice
     for i in range(first, len(y)):
         y[i], R[i, :], R[:, i] = 0.0, 0.0, 0.0

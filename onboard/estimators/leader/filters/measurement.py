@@ -1,4 +1,4 @@
-"""What a track needs of a filter of one target: a protocol, and the measurement that all filters share."""
+"""What an image measures."""
 
 import math
 from typing import Final, NamedTuple
@@ -6,30 +6,25 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.estimators.leader.filters.noses.places import Place
-from onboard.estimators.leader.posed import Posed
-from onboard.estimators.leader.shape import Seen
+from onboard.estimators.leader.pose import PoseFeatures
+from onboard.estimators.leader.shape import ShapeFeatures
 from onboard.models import wing_line
 
 WING: Final = slice(2, 4)  # of the measurement: from wingtip to wingtip
 
 
 class Measurement(NamedTuple):
-    """What an image measures: y (m,) and its noise R (m, m); the wing's span and its standard deviation, rad;
-    `axes` (3, 3), unit vectors in c: the direction of the center, and the two that the wing is measured along;
-    and what it shows beyond center and wing. Where the wing was not seen (`has_wing`), the span is the spread of
-    that, and its sigma infinite if nothing shows the range. With a pose alone it is that of the wing broadside,
-    and the range does not depend on the size (`is_metric`)."""
+    """Of one image."""
 
-    y: Array
-    R: Array
-    span: float
-    span_sigma: float
-    axes: Array
-    shows: Seen | None = None
-    has_wing: bool = True
-    pose: Posed | None = None
-    is_metric: bool = False
+    y: Array  # (m,)
+    R: Array  # (m, m) its noise
+    span: float  # rad, of the wing; where it was not seen, of what was, or by a pose that of the wing broadside
+    span_sigma: float  # rad; infinite if nothing shows the range
+    axes: Array  # (3, 3) unit vectors in c: to the center, and the two along which the wing is measured
+    shows: ShapeFeatures | None = None  # beyond center and wing
+    has_wing: bool = True  # it was seen
+    pose: PoseFeatures | None = None
+    is_metric: bool = False  # a pose alone shows the range, which does not depend on the size
 
     def with_attitude_noise(self, noise_c: Array) -> "Measurement":
         """The measurement by a camera whose attitude has white noise, a small rotation in c of covariance noise_c
@@ -57,13 +52,3 @@ def measure_wing(points: Array, sigmas: Array, m: int) -> Measurement:
     span = math.hypot(a, b)
     along = max(a * a * aa + 2 * a * b * ab + b * b * bb, 0.0)
     return Measurement(y[0], R[0], span, math.sqrt(along) / span if span > 0 else math.sqrt(aa), axes[0])
-
-
-class Open(NamedTuple):
-    """What the images leave open, for a person, "" if nothing; the places where the leader may be, as the belief's
-    first six components, if the range is open; and whether the range is that of poses, and says nothing of the
-    size."""
-
-    reason: str = ""
-    places: tuple[Place, ...] = ()
-    is_metric: bool = False
