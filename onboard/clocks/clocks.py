@@ -33,7 +33,8 @@ from onboard.messages import (
     TimeSync,
 )
 
-SENSED: Final = (TargetImage, RadarScan, PeerRanges)  # whose stamps may be of the boot clock
+# A sensor stamps these, perhaps by the boot clock, and they can be used once our own pose at that time is known.
+SENSED: Final = (TargetImage, RadarScan, PeerRanges)
 SERVO_WRAP_NS: Final = 2**32 * 1000  # SERVO_OUTPUT_RAW stamps in 32 bits of microseconds: 71.6 minutes
 BOOT_WRAP_NS: Final = 2**32 * 1_000_000  # time_boot_ms: 49.7 days
 JUMP_NS: Final = 1_000_000_000

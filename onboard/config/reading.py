@@ -16,8 +16,8 @@ from urllib.parse import unquote
 import msgspec
 
 from onboard import UserError
+from onboard.config.bounds import not_tunable, out_of_range
 from onboard.config.cameras import CameraConfig
-from onboard.config.ranges import not_tunable, out_of_range
 from onboard.config.sections import Config, LeaderOutConfig, LinkConfig, OwnErrors
 from onboard.estimators import config_type, flown_modules, known
 from onboard.messages import Record, TargetClass

@@ -25,7 +25,7 @@ from onboard.messages import Estimate, Message, Record
 if TYPE_CHECKING:  # it loads numerics, which reading a configuration need not
     from onboard.ownship import OwnMotion, Ownship
 
-SHARED: Final = ("frame", "history", "reported", "reports")  # modules here that are not estimators
+SHARED: Final = ("frame", "history", "peer_position", "reports")  # modules here that are not estimators
 
 
 class EstimatorProtocol(Protocol):

@@ -5,6 +5,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
+from onboard.clocks import SENSED
 from onboard.config import AutopilotConfig
 from onboard.messages import (
     AdsbVehicle,
@@ -19,22 +20,17 @@ from onboard.messages import (
     Imu,
     Message,
     PeerPosition,
-    PeerRanges,
-    RadarScan,
-    TargetImage,
     Wind,
 )
 from onboard.ownship import is_usable
 from onboard.pipeline.latching import Latch
 
 NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
-# A sensor stamps these, and they can be used once our own pose at that time is known.
-SENSED: Final = (TargetImage, RadarScan, PeerRanges)
 # Not of our own motion: any component of our vehicle may send them.
 ANY_COMPONENT: Final = (*SENSED, AdsbVehicle, DistanceReading, GimbalAttitude)
 # Often without a stamp: they hold from their arrival.
 FROM_ARRIVAL: Final = (GlobalOrigin, Battery, Wind)
-# Carry no time of a clock we know: taken as true at arrival.
+# Carry no time of a clock we know: taken as true at arrival. So is a DistanceReading, if someone listens for it.
 UNSTAMPED: Final = (AdsbVehicle, PeerPosition, FollowTarget)
 
 

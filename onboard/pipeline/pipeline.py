@@ -1,5 +1,12 @@
 """The heart: bytes in, estimates out. Synchronous and deterministic; no clock, no socket, no thread.
 
+    decode     bytes -> messages in SI units                        onboard.wire.datagrams
+    _heed      of our vehicle, and wanted                           admission
+    _align     onto the clock of our own motion                     onboard.clocks
+    _route     own motion to ownship, which predicts every estimate; the rest to who listens
+    _observe   a message to the estimators that listen for it       onboard.estimators
+    _noted     what is published, and what health learns of it
+
 `feed = advance . decode`. Live, the daemon calls the two apart, because the session with the autopilot needs
 the decoded messages too; a replay calls `feed`. Both run the same code on the same bytes.
 """
@@ -9,7 +16,7 @@ from contextlib import suppress
 
 from msgspec.structs import replace
 
-from onboard.clocks import Clocks
+from onboard.clocks import SENSED, Clocks
 from onboard.config import Config, source_delays_ns
 from onboard.estimators import CountsVerdicts, EstimatorProtocol, Listens, load
 from onboard.messages import (
@@ -29,7 +36,7 @@ from onboard.messages import (
     WarmState,
 )
 from onboard.ownship.mounts import Mounts
-from onboard.pipeline.admission import FROM_ARRIVAL, SENSED, Admission
+from onboard.pipeline.admission import FROM_ARRIVAL, Admission
 from onboard.pipeline.health import Advisor, Monitor
 from onboard.pipeline.needs import needs
 from onboard.pipeline.own_motion import OwnMotionSource
@@ -172,7 +179,7 @@ class Pipeline:
             self._reset("the clocks' offset was wrong: the link had been held up, or they run at different rates")
         if (known := self._warm.confirmed(clocks, message.t_recv_ns)) is not None:
             self._observe(known)
-        return [*said, *self._estimate(aligned, aligned.t_ns + delay_ns)]
+        return [*said, *self._route(aligned, aligned.t_ns + delay_ns)]
 
     def delay_ns(self, message: Message) -> int:
         """How much older than its stamp a message is, as configured."""
@@ -190,8 +197,9 @@ class Pipeline:
             estimator.reset(reason)
         return [output for name in self.estimators for output in self._noted(self._asked(name, None))]
 
-    def _estimate(self, message: Message, stamp_ns: int) -> list[Output]:
-        """Own motion predicts every estimate to now; any other message goes to the estimators that listen."""
+    def _route(self, message: Message, stamp_ns: int) -> list[Output]:
+        """Own motion goes to ownship; a navigation sample (position and velocity) then predicts every estimate to
+        now. Any other message goes to the estimators that listen. An image waits for our own pose at its time."""
         if isinstance(message, SENSED) and self._waiting.takes(message, self.ownship):
             return []
         outputs: list[Output] = []

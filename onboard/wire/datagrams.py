@@ -11,8 +11,8 @@ from onboard.wire.detections import decode_detections, images_of
 from onboard.wire.document import BadDocumentError, Refuse
 from onboard.wire.mavlink_decode import MavlinkDecoder, OnError, raise_error
 from onboard.wire.points import decode_points
+from onboard.wire.pseudoranges import decode_ranges
 from onboard.wire.radar import decode_radar
-from onboard.wire.ranges import decode_ranges
 from onboard.wire.ros import decode_ros
 from onboard.wire.signing import Verifier
 from onboard.wire.tracking import TrackerDecoder

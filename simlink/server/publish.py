@@ -19,8 +19,8 @@ from onboard.messages import (
     Truth,
 )
 from onboard.wire.points import encode_points
+from onboard.wire.pseudoranges import encode_ranges
 from onboard.wire.radar import encode_radar
-from onboard.wire.ranges import encode_ranges
 from simlink.server.links import LinkError
 
 

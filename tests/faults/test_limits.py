@@ -28,7 +28,7 @@ from onboard.pipeline.health.monitor import MOST_ERRORS, Errors
 from onboard.pipeline.waiting import MAX_WAITING, Waiting
 from onboard.sinks import zenoh
 from onboard.sinks.recorder import Recorder
-from onboard.wire import radar, ranges, recording
+from onboard.wire import pseudoranges, radar, recording
 from onboard.wire.document import BadDocumentError
 from onboard.wire.landing_target import PENDING_IMAGES, SENDERS, PointAssembler
 from tests.support.mavlink_frames import RECV
@@ -43,14 +43,14 @@ def epoch(satellites: int) -> bytes:
     each = SatelliteRange(satellite="G00", r_e=(2.6e7, 0.0, 0.0), v_e=(0.0, 3e3, 0.0), pseudorange=2e7, rate=0.0)
     names = [msgspec.structs.replace(each, satellite=f"G{k}") for k in range(satellites)]
     whole = Pseudoranges(t_ns=S, clock=Clock.BOOT, peer=7, satellites=tuple(names))
-    return ranges.encode_ranges(whole)
+    return pseudoranges.encode_ranges(whole)
 
 
 def test_a_scan_or_an_epoch_with_more_than_any_sensor_has_is_refused() -> None:
     assert len(radar.decode_radar(document(detections=[ECHO] * 1000), RECV).detections) == 1000
-    assert len(ranges.decode_ranges(epoch(ranges.MOST), RECV).satellites) == ranges.MOST
+    assert len(pseudoranges.decode_ranges(epoch(pseudoranges.MOST), RECV).satellites) == pseudoranges.MOST
     with pytest.raises(BadDocumentError, match="at most 64 satellites"):
-        ranges.decode_ranges(epoch(ranges.MOST + 1), RECV)
+        pseudoranges.decode_ranges(epoch(pseudoranges.MOST + 1), RECV)
 
 
 def test_a_scan_that_a_document_could_hold_is_refused_beyond_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from onboard.estimators.leader.filters.auxiliary import (
 )
 from onboard.estimators.leader.filters.noses.cloud import Bias
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.reported import STANDSTILL, Reported, of_adsb, of_peer
+from onboard.estimators.peer_position import STANDSTILL, ReportedPosition, of_adsb, of_peer
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import (
     AdsbVehicle,
@@ -111,7 +111,9 @@ class Broadcast:
         sigma = m.position_sigma if isinstance(m, FollowTarget) else (0.0, 0.0, 0.0)
         return self._report(t_ns, reported, r, turn, sigma)
 
-    def _report(self, t_ns: int, reported: Reported, r: Array, turn: Array, known: tuple[float, ...]) -> Report:
+    def _report(
+        self, t_ns: int, reported: ReportedPosition, r: Array, turn: Array, known: tuple[float, ...]
+    ) -> Report:
         """The report with its noise: `turn` from NED there to NED here, `known` what it says of its own error."""
         c = self._config
         white = np.array([c.position_sigma_m, c.position_sigma_m, c.altitude_sigma_m or c.position_sigma_m])

@@ -26,7 +26,7 @@ class Sight(NamedTuple):
 
 
 def sight(axes: Array, pose: CameraPose) -> Sight:
-    """The sight of an image with these measured `axes` (3, 3) in c (see `filters.filter.Measurement`)."""
+    """The sight of an image with these measured `axes` (3, 3) in c (see `filters.measurement`)."""
     return Sight(axes[0] @ pose.R_cn, pose.r_FC_n)
 
 

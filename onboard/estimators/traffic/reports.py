@@ -8,9 +8,9 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.frame import Frame
-from onboard.estimators.reported import Reported, is_plausible, of_adsb, of_peer
+from onboard.estimators.peer_position import ReportedPosition, is_plausible, of_adsb, of_peer
 from onboard.estimators.traffic.config import Config
-from onboard.estimators.traffic.ranges import solve
+from onboard.estimators.traffic.pseudoranges import solve
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import AdsbVehicle, PeerPosition, PeerRanges, Verdict
 
@@ -116,7 +116,7 @@ def _from_ranges(m: PeerRanges, frame: Frame, config: Config, near: Array | None
 def _report(
     key: Key,
     t_ns: int,
-    reported: Reported,
+    reported: ReportedPosition,
     sigma: tuple[float, float, float, float],
     bias_sigma: tuple[float, float, float],
     age_sigma: float,

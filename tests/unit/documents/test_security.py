@@ -24,7 +24,7 @@ LARGE = ("peers",)  # of the extras: not installed with the others
 S = "tests/faults/test_strangers.py::test_"
 LISTEN, SURPLUS = "tests/unit/sinks/test_zenoh_listen.py::test_", "tests/unit/links/test_udp_surplus.py::test_"
 FLOODS, BEYOND = "tests/faults/test_floods.py::test_", "tests/faults/test_limits.py::test_"
-RANGES, STREAMS = "tests/unit/test_config_ranges.py::test_", "tests/unit/links/test_streams.py::test_"
+RANGES, STREAMS = "tests/unit/test_config_bounds.py::test_", "tests/unit/links/test_streams.py::test_"
 SIGNING, LATCHING = "tests/unit/wire/test_signing.py::test_", "tests/faults/test_latching.py::test_"
 BROADCAST = "tests/unit/estimators/leader/test_broadcast.py::test_"
 FLEET, REFUSED = "tests/peers/test_fleet.py::test_", "tests/unit/health/test_refusals.py::test_"
@@ -107,7 +107,7 @@ OF_LIMITS = {  # what lies beyond each limit
     "rations.SOURCES": f"{S}strangers_without_number_share_one_ration",
     "document.LARGEST": f"{REFUSED}what_is_refused_is_named_within_a_second",
     "radar.MOST": f"{BEYOND}a_scan_that_a_document_could_hold_is_refused_beyond_the_limit",
-    "ranges.MOST": f"{BEYOND}a_scan_or_an_epoch_with_more_than_any_sensor_has_is_refused",
+    "pseudoranges.MOST": f"{BEYOND}a_scan_or_an_epoch_with_more_than_any_sensor_has_is_refused",
     "landing_target.PENDING_IMAGES": f"{BEYOND}images_that_stay_incomplete_cost_their_sender_its_oldest",
     "landing_target.SENDERS": f"{BEYOND}any_number_of_senders_that_complete_nothing_costs_one_that_does_no_image",
     "recording.LARGEST_RECORD": f"{BEYOND}a_record_whose_length_is_absurd_is_damage",

@@ -4,7 +4,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.estimators.own_state.sources import is_place
-from onboard.estimators.reported import of_adsb, of_peer
+from onboard.estimators.peer_position import of_adsb, of_peer
 from onboard.messages import PeerPosition, Verdict
 from tests.support.traffic import Sky
 

@@ -30,7 +30,7 @@ STRANGERS = {"estimators", "links", "sinks"}  # never see each other
 # Parts of parts, the lower first; those that stand on one floor do not see each other.
 INSIDE = {
     "onboard.estimators": (
-        *({"frame", "history"}, {"reported", "reports"}),
+        *({"frame", "history"}, {"peer_position", "reports"}),
         {"leader", "oh_johnson", "own_state", "traffic"},
     ),
     "studies": ({"report"}, {"tracking"}, {"*"}, {"together"}, {"command"}, {"__main__"}),

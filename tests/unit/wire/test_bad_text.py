@@ -11,8 +11,8 @@ from onboard.sinks.recorder import Recorder
 from onboard.wire.datagrams import DatagramDecoder
 from onboard.wire.document import BadDocumentError
 from onboard.wire.points import decode_points
+from onboard.wire.pseudoranges import decode_ranges
 from onboard.wire.radar import decode_radar
-from onboard.wire.ranges import decode_ranges
 from tests.support.streams import make_config
 
 LATIN_1 = "\u00fc".encode("latin-1")

@@ -1,1 +1,2 @@
-"""The filters of one target: `filter` is what a track needs of one, `make` makes it of a configuration."""
+"""The filter of one target: `belief`, made of a configuration by `make`. Images come by `features` and
+`measurement`, reports and ranges by `auxiliary`; the hypotheses are in `noses`."""

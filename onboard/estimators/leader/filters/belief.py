@@ -77,7 +77,7 @@ class BeliefFilter:
         self._settings, self._delay_sigma, self._m = settings, delay_sigma, m
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:
-        """See `filter.measure_wing`."""
+        """See `measurement.measure_wing`."""
         return measure_wing(points, sigmas, self._m)
 
     def start(
@@ -130,11 +130,6 @@ class BeliefFilter:
         after, s = self._summarised(now._replace(cloud=cloud)), self._settings
         apart = abs(float(after.summary.mean[LOG_SIZE]) - math.log(s.size)) * s.size
         return after if taken.trusted or apart < SIZES * s.size_sigma else None
-
-    def predicted_points(self, state: State, measurement: Measurement, update: Update, pose: CameraPose) -> Array:
-        """The points of which `update.predicted` are the coordinates, about the middle of the wing."""
-        del state, pose
-        return points_of(measurement.axes, update.predicted)
 
     def in_wind(self, state: State, wind: Wind) -> State:
         """The state in another wind, which shows where the nose of a fixed wing points."""
@@ -189,13 +184,3 @@ def _ordered(y: Array, expected: Array) -> Array:
     y = y.copy()
     y[2:4] *= -1.0
     return y
-
-
-def points_of(axes: Array, y: Array) -> Array:
-    """Image points (3, 2) of a measurement y (m,) about `axes` (3, 3) (`models.wing_line`), in focal lengths:
-    center, left and right wingtip, as if the center were the wing's middle; NaN for a point behind the camera."""
-    places = y[:2] + 0.5 * np.array([[0.0], [-1.0], [1.0]]) * y[2:4]
-    quarter = 0.25 * np.sum(places**2, axis=1, keepdims=True)
-    directions = (1.0 - quarter) * axes[0] + places @ axes[1:]
-    ahead = np.where(directions[:, :1] > 0.0, directions[:, :1], np.nan)
-    return np.asarray(directions[:, 1:] / ahead)

@@ -52,3 +52,13 @@ def measure_wing(points: Array, sigmas: Array, m: int) -> Measurement:
     span = math.hypot(a, b)
     along = max(a * a * aa + 2 * a * b * ab + b * b * bb, 0.0)
     return Measurement(y[0], R[0], span, math.sqrt(along) / span if span > 0 else math.sqrt(aa), axes[0])
+
+
+def points_of(axes: Array, y: Array) -> Array:
+    """Image points (3, 2) of a measurement y (m,) about `axes` (3, 3) (`models.wing_line`), in focal lengths:
+    center, left and right wingtip, as if the center were the wing's middle; NaN for a point behind the camera."""
+    places = y[:2] + 0.5 * np.array([[0.0], [-1.0], [1.0]]) * y[2:4]
+    quarter = 0.25 * np.sum(places**2, axis=1, keepdims=True)
+    directions = (1.0 - quarter) * axes[0] + places @ axes[1:]
+    ahead = np.where(directions[:, :1] > 0.0, directions[:, :1], np.nan)
+    return np.asarray(directions[:, 1:] / ahead)

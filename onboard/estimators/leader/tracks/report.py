@@ -8,6 +8,7 @@ import numpy as np
 
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.belief import BeliefFilter
+from onboard.estimators.leader.filters.measurement import points_of
 from onboard.estimators.leader.filters.noses.places import Place
 from onboard.estimators.leader.tracks.image import Image
 from onboard.estimators.leader.tracks.status import Status
@@ -63,7 +64,7 @@ def report(
     if image is not None and outcome is not None:
         update = outcome.update
         more = {"misfits": update.misfits, "noise_scale": image.noise_scale}
-        more |= {"predicted_points": _predicted_points(filter_, image, outcome)}
+        more |= {"predicted_points": _predicted_points(image, outcome)}
     return image_report(
         message,
         verdict,
@@ -98,8 +99,7 @@ def modes_of(places: Iterable[Place]) -> tuple[Mode, ...]:
     return tuple(Mode(weight=p.weight, **of_belief(Belief(p.mean, p.covariance))) for p in places)
 
 
-def _predicted_points(filter_: BeliefFilter, image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] | None:
+def _predicted_points(image: Image, outcome: Outcome) -> tuple[ImagePoint, ...] | None:
     """The predicted image points, None if one is behind the camera."""
-    args = outcome.prior, image.measurement, outcome.update, outcome.pose
-    points = filter_.predicted_points(*args).tolist()
+    points = points_of(image.measurement.axes, outcome.update.predicted).tolist()
     return tuple((u, v) for u, v in points) if all(math.isfinite(u + v) for u, v in points) else None

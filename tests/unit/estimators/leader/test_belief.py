@@ -9,9 +9,9 @@ from numpy.testing import assert_allclose
 
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.config import Config
-from onboard.estimators.leader.filters.belief import BeliefFilter, State, points_of
+from onboard.estimators.leader.filters.belief import BeliefFilter, State
 from onboard.estimators.leader.filters.make import make_filter
-from onboard.estimators.leader.filters.measurement import Measurement
+from onboard.estimators.leader.filters.measurement import Measurement, points_of
 from onboard.filters.belief import FilterError
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
@@ -101,7 +101,7 @@ def test_the_points_of_what_is_predicted_are_where_the_leader_is() -> None:
     state, _ = watched(filter_, 8.0, sway=3.0)
     seen = image(25.0, 0.7, seed=900)
     update = filter_.fuse(state, seen, STILL)
-    points = filter_.predicted_points(state, seen, update, STILL)
+    points = points_of(seen.axes, update.predicted)
     assert points[0] == pytest.approx([0.0, 0.0], abs=0.004)
     half = math.cos(0.7) / 25.0
     assert abs(points[2, 0] - points[1, 0]) == pytest.approx(2.0 * half, rel=0.1)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from onboard.config import parse_config
-from onboard.estimators.traffic.ranges import solve
+from onboard.estimators.traffic.pseudoranges import solve
 from onboard.geometry.geodesy import ecef_from_geodetic, geodetic_from_ecef, rotation_ne
 from onboard.messages import Clock, Estimate, Pseudoranges, SatelliteRange, TrafficTruth, Truth, Verdict
 from onboard.pipeline import Pipeline
 from onboard.scoring.traffic import TrafficScore, score_traffic
 from onboard.wire.document import BadDocumentError
-from onboard.wire.ranges import decode_ranges, encode_ranges
+from onboard.wire.pseudoranges import decode_ranges, encode_ranges
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from simlink.sensors import almanac, gnss

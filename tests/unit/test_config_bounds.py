@@ -6,7 +6,7 @@ import pytest
 
 from onboard.autopilot.parameters import KEYS, Parameters
 from onboard.config import ConfigError, load_config
-from onboard.config.ranges import OF_A_CAMERA, RANGES, TUNABLE, out_of_range
+from onboard.config.bounds import OF_A_CAMERA, RANGES, TUNABLE, out_of_range
 from onboard.messages import Estimate
 from onboard.sinks import SinkError
 from onboard.sinks.recorder import Recorder

@@ -12,7 +12,7 @@ NOWHERE: Final = (0.0, 0.0)  # latitude and longitude that a sender without a po
 STANDSTILL: Final = 1.0  # m/s; below it an aircraft may report the same position twice
 
 
-class Reported(NamedTuple):
+class ReportedPosition(NamedTuple):
     """Latitude and longitude in degrees and the height in m above mean sea level; velocity in NED there, m/s; and
     whether its horizontal and its vertical part were reported."""
 
@@ -24,7 +24,7 @@ class Reported(NamedTuple):
 
 def of_adsb(
     m: AdsbVehicle, *, geoid_undulation: float, pressure_altitude_offset: float, fastest: float
-) -> Reported | Verdict:
+) -> ReportedPosition | Verdict:
     """What an ADSB_VEHICLE reports. Mean sea level is a GNSS height less the undulation, m, or a pressure altitude
     with the offset, m; `fastest`: m/s."""
     if m.lat_deg is None or m.lon_deg is None or m.altitude is None or (m.lat_deg, m.lon_deg) == NOWHERE:
@@ -38,16 +38,16 @@ def of_adsb(
     has_level = speed is not None and course is not None
     along, direction = (speed, course) if speed is not None and course is not None else (0.0, 0.0)
     v = along * math.cos(direction), along * math.sin(direction), -(climb or 0.0)
-    reported = Reported((m.lat_deg, m.lon_deg, height), v, has_level, climb is not None)
+    reported = ReportedPosition((m.lat_deg, m.lon_deg, height), v, has_level, climb is not None)
     is_possible = 0 < m.icao < 2**24 and is_plausible(reported.place, v, fastest)
     return reported if is_possible else Verdict.IMPLAUSIBLE
 
 
-def of_peer(m: PeerPosition | FollowTarget, *, fastest: float) -> Reported | Verdict:
+def of_peer(m: PeerPosition | FollowTarget, *, fastest: float) -> ReportedPosition | Verdict:
     """What another vehicle's own position message reports; `fastest`: m/s."""
     if (m.lat_deg, m.lon_deg) == NOWHERE:
         return Verdict.NO_POSITION
-    reported = Reported((m.lat_deg, m.lon_deg, m.alt_msl), m.v_n)
+    reported = ReportedPosition((m.lat_deg, m.lon_deg, m.alt_msl), m.v_n)
     return reported if is_plausible(reported.place, m.v_n, fastest) else Verdict.IMPLAUSIBLE
 
 
