@@ -1,9 +1,15 @@
 """The configuration that a daemon needs for a scenario: what its user knows. That is the camera, the leader's
 wingspan and class, and our own craft. Nobody tells a daemon how large errors are: they stay at its defaults."""
 
+from typing import Final
+
+from simlink.scenarios.camera import Sees
+from simlink.scenarios.formation import NAMED_POINTS
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario
 from simlink.scenarios.traffic import FIRST_ICAO, FIRST_SYSTEM, LEADER
+
+AIRCRAFT: Final[dict[Sees, str]] = {"box": "fixed-wing", "center_box": "fixed-wing", "rotor_box": "quadrotor"}
 
 
 def daemon_config(scenario: Scenario) -> str:
@@ -25,6 +31,11 @@ def daemon_config(scenario: Scenario) -> str:
     kind = "multirotor" if scenario.follower.attitude == "hover" else "fixed_wing"
     lines += ["", "[estimator.leader]", f"size_prior_m = {leader.size}", f'leader_class = "{kind}"']
     lines.append("center_on_wing = true")
+    if camera.sees in AIRCRAFT:
+        lines.append(f'aircraft = "{AIRCRAFT[camera.sees]}"')
+    if camera.sees == "points":
+        at = (f"{name} = {[leader.size * x for x in point]}" for name, point in NAMED_POINTS.items())
+        lines += [f"points_m = {{ {', '.join(at)} }}", "named_wingtips = true"]
     lines += _beside(scenario)
     if scenario.quadrotor is not None:
         lines += _own_state(scenario.quadrotor, scenario)

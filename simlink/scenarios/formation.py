@@ -1,12 +1,16 @@
 """The two aircraft of a formation flight; the defaults are the reference of Oh & Johnson (`scenario`)."""
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Final, Literal
 
 import msgspec
 
 from onboard.messages import NotNegative, Positive, Record, Vec3
 from simlink.scenarios.profiles import GaussMarkov, Pulse, Wave
 from simlink.scenarios.quadrotor import Quadrotor
+
+# Points of the fuselage that a detector may find: wingspans, body FRD.
+NAMED_POINTS: Final[Mapping[str, Vec3]] = {"nose": (0.36, 0.0, 0.0), "tail": (-0.40, 0.0, -0.03)}
 
 
 class Leader(Record, frozen=True, kw_only=True):

@@ -8,6 +8,7 @@ import numpy as np
 
 from onboard.messages import ImagePoint, Quaternion, Vec3
 from simlink.scenarios.camera import Camera
+from simlink.scenarios.formation import NAMED_POINTS
 from simlink.sensors.arrays import Array
 from simlink.sensors.camera import in_camera
 from simlink.world import attitude
@@ -25,7 +26,6 @@ class Place(NamedTuple):
     q_bc: Quaternion
 
 
-NAMED: Final[Mapping[str, Vec3]] = {"nose": (0.36, 0.0, 0.0), "tail": (-0.40, 0.0, -0.03)}  # wingspans, body FRD
 MISPLACED: Final = 0.02  # wingspans, along each axis: how far the true points are from those that are known
 TOP: Final[Range] = (0.03, 0.12)  # wingspans, of a fin or a canopy above the center
 BOTTOM: Final[Range] = (0.02, 0.08)
@@ -55,7 +55,7 @@ class Shape(NamedTuple):
 
 def draw_shape(rng: np.random.Generator) -> Shape:
     """The shape of one leader."""
-    named = {name: _near(point, rng) for name, point in NAMED.items()}
+    named = {name: _near(point, rng) for name, point in NAMED_POINTS.items()}
     top, bottom = -float(rng.uniform(*TOP)), float(rng.uniform(*BOTTOM))
     wing: tuple[Vec3, ...] = (0.0, -0.5, 0.0), (0.0, 0.5, 0.0)
     bounds = *wing, *named.values(), (0.0, 0.0, top), (0.0, 0.0, bottom)

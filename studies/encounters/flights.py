@@ -18,7 +18,7 @@ from simlink.encounters.encounter import SECONDS as WHOLE
 from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import EncounterTruth, at
 from simlink.scenarios.camera import Sees
-from simlink.sensors.shapes import NAMED
+from simlink.scenarios.formation import NAMED_POINTS
 
 SECONDS: Final = WHOLE
 SETTLE: Final = 5.0  # s before estimates count
@@ -54,7 +54,10 @@ class Case(NamedTuple):
 
 # As the simulator's points are for a wing of the nominal size, but that each true one is misplaced a little.
 FIVE_POINTS: Final = (
-    *(f"estimator.leader.points_m.{name}={[NOMINAL_SIZE * x for x in point]}" for name, point in NAMED.items()),
+    *(
+        f"estimator.leader.points_m.{name}={[NOMINAL_SIZE * x for x in point]}"
+        for name, point in NAMED_POINTS.items()
+    ),
     "estimator.leader.named_wingtips=true",
 )
 DEFAULTS: Final = tuple(Case(family) for family in FAMILIES)

@@ -7,9 +7,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from onboard.messages import CameraDetections, CameraPoints, Datagram, Detection, Encoding
+from onboard.config import load_config
+from onboard.messages import CameraDetections, CameraPoints, Datagram, Detection, Encoding, Estimate
+from onboard.pipeline import Pipeline
 from simlink.cli import main
 from simlink.scenarios.camera import SEES, Sees
+from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario
 from simlink.simulation import datagrams, simulate
 
@@ -82,6 +85,21 @@ def test_what_is_too_small_is_not_detected_seed_1() -> None:
     for smallest_px, is_found in ((50.0, True), (57.0, False)):
         events = simulate(seen_as("wing", smallest_px=smallest_px), 1, 2.0)
         assert any(isinstance(e.message, CameraPoints) for e in events) == is_found
+
+
+@pytest.mark.parametrize("sees", SEES)
+def test_a_daemon_follows_it_with_what_simlink_config_says_seed_1(sees: Sees, tmp_path: Path) -> None:
+    scenario, path = seen_as(sees), tmp_path / "onboard.toml"
+    path.write_text(daemon_config(scenario), encoding="utf-8")
+    pipeline = Pipeline(load_config(path))
+    flown = datagrams(scenario, 1, 6.0)
+    outputs = [o for d in flown if isinstance(d, Datagram) for o in pipeline.feed(d)]
+    last = [o for o in outputs if isinstance(o, Estimate) and o.name == "leader"][-1]
+    assert last.valid, last.reason
+    assert last.mean is not None
+    assert np.linalg.norm(last.mean[:3]) == pytest.approx(27.7, rel=0.3)
+    refused = {name for name in pipeline.health(0).rejected if name.startswith(("bad_", "ignored", "unknown"))}
+    assert refused == set()
 
 
 def test_mavlink_carries_the_wing_only(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
