@@ -108,8 +108,8 @@ def of_encounters(result: Json) -> Figures:
 def of_reference(result: Json) -> Figures:
     """Figures of the encounters beside their reference posterior; none where none was flown."""
     found: Figures = {}
-    for table in result["tables"][1:]:
-        for name, flights, *numbers in table["rows"]:
+    for table in result["tables"]:
+        for name, flights, *numbers in table["rows"] if table["title"].startswith("Beside") else ():
             ratios, percents = numbers[:3], numbers[3:]
             ratio, least, greatest = ("–" if x is None else f"{x:.2f}" for x in ratios)
             shown = ("–" if x is None else f"{x:.1f}" for x in percents)
