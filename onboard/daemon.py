@@ -20,7 +20,7 @@ from onboard.autopilot.output import AutopilotOutput, Outgoing
 from onboard.autopilot.parameters import stored_parameters
 from onboard.autopilot.stream import Stream
 from onboard.config import Config, WarmFile, ros_encoder, signing_key, storing_of
-from onboard.links import AbsentError, Link, LinkError, health_of, parse_link
+from onboard.links import AbsentError, Link, LinkError, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
 from onboard.links.zenoh import ZenohLink
@@ -233,7 +233,7 @@ class Daemon:
             self._measure_rates()
             self._output.show_computer(computer := self._computer.read(now_ns))
             sinks = {name: sink.health() for name, sink in self._sinks.items()}
-            links = {link.channel: health_of(link) for link in self._links}
+            links = {link.channel: link.health() for link in self._links}
             load, self._lag_ns = load_of(computer, self._lag_ns * 1e-9), 0
             health = self._pipeline.health(now_ns, Rim(sinks, links, load))
             self._publish(health)

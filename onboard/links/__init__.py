@@ -2,13 +2,13 @@
 
 from typing import Final
 
-from onboard.links.link import AbsentError, Deliver, Link, LinkError, NowNs, health_of
+from onboard.links.link import AbsentError, Deliver, Link, LinkError, NowNs
 from onboard.links.serial import SerialLink
 from onboard.links.tcp import TcpClientLink, TcpServerLink
 from onboard.links.udp import Surplus, UdpLink
 from onboard.messages import Encoding
 
-__all__ = ["AbsentError", "Deliver", "Link", "LinkError", "NowNs", "health_of", "parse_link"]
+__all__ = ["AbsentError", "Deliver", "Link", "LinkError", "NowNs", "parse_link"]
 
 FORMS: Final = (
     "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT, serial:DEVICE:BAUD or json:HOST:PORT"

@@ -36,12 +36,14 @@ class Link(Protocol):
 
     `channel` is its name in recordings; a link with several named sources (Zenoh keys) uses one channel per
     source. `received` and `sent` count datagrams (or pieces of a stream), `errors` failed sends and reads.
+    `trouble`: why a link that connects by itself is not connected; empty while it is, or has not tried.
     """
 
     channel: str
-    received: int
-    sent: int
-    errors: int
+    received: int = 0
+    sent: int = 0
+    errors: int = 0
+    trouble: str = ""
 
     async def open(self) -> None:
         """Claim the port or device. Raises LinkError with one line that names a remedy."""
@@ -53,20 +55,9 @@ class Link(Protocol):
     def send(self, data: bytes) -> None:
         """Send; without a peer or room in the buffer, drop and count in `errors`. Never blocks."""
 
-
-class Connecting(Link, Protocol):
-    """A link that connects by itself. `trouble`: why it is not connected; empty while it is, or has not tried."""
-
-    trouble: str
-
-
-def health_of(link: Link) -> LinkHealth:
-    """Counts of any link so far; a datagram socket also knows what the kernel dropped."""
-    known: Callable[[], LinkHealth] | None = getattr(link, "health", None)
-    if known is not None:
-        return known()
-    trouble: str = getattr(link, "trouble", "")
-    return LinkHealth(received=link.received, sent=link.sent, errors=link.errors, error=trouble)
+    def health(self) -> LinkHealth:
+        """Counts so far; a datagram socket also knows what the kernel dropped."""
+        return LinkHealth(received=self.received, sent=self.sent, errors=self.errors, error=self.trouble)
 
 
 def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:
@@ -86,7 +77,7 @@ def guarded(deliver: Deliver, failed: "asyncio.Future[None]") -> Deliver:
 
 
 async def keep_connected(
-    link: Connecting,
+    link: Link,
     converse: Callable[[Deliver, "asyncio.Future[None]"], Awaitable[None]],
     deliver: Deliver,
     *,

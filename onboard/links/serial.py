@@ -11,6 +11,7 @@ from onboard.links.link import (
     OPENING,
     AbsentError,
     Deliver,
+    Link,
     LinkError,
     NowNs,
     keep_connected,
@@ -26,15 +27,11 @@ READ_SIZE: Final = 4096
 SEND_LIMIT: Final = 4096  # bytes in the send buffer, beyond which data are dropped: 0.35 s at 115200 baud
 
 
-class SerialLink:
+class SerialLink(Link):
     """A serial port. With `retry`, a port that was unplugged is opened again when it is back."""
 
     def __init__(self, spec: str, channel: str, device: str, baud: int, *, retry: bool = True) -> None:
         self.channel = channel
-        self.received = 0
-        self.sent = 0
-        self.errors = 0
-        self.trouble = ""
         self._spec, self._device, self._baud, self._retry = spec, device, baud, retry
         self._port: Serial | None = None
         self._pending = bytearray()

@@ -10,6 +10,7 @@ from typing import Any, Final, cast
 from onboard.links.link import (
     OPENING,
     Deliver,
+    Link,
     LinkError,
     NowNs,
     bind,
@@ -35,7 +36,7 @@ class Stream(asyncio.Protocol):
 
     def __init__(
         self,
-        link: "TcpClientLink | TcpServerLink",
+        link: Link,
         deliver: Deliver,
         now_ns: NowNs,
         on_made: "Callable[[Stream], None]" = lambda _: None,
@@ -94,18 +95,26 @@ class Stream(asyncio.Protocol):
             self._transport.abort()
 
 
-class TcpClientLink:
+class _StreamLink(Link):
+    """What both ends of TCP share: one stream at a time."""
+
+    _stream: Stream | None = None
+
+    def send(self, data: bytes) -> None:
+        """Put data into the send buffer, if connected and the buffer has room; else drop it."""
+        if self._stream is not None and self._stream.write(data):
+            self.sent += 1
+        else:
+            self.errors += 1
+
+
+class TcpClientLink(_StreamLink):
     """A TCP client. With `retry` it reconnects, and an absent peer is no error."""
 
     def __init__(self, spec: str, channel: str, host: str, port: int, *, retry: bool = True) -> None:
         self.channel = channel
-        self.received = 0
-        self.sent = 0
-        self.errors = 0
-        self.trouble = ""
         self._spec, self._host, self._port, self._retry = spec, host, port, retry
         self._socket: socket.socket | None = None
-        self._stream: Stream | None = None
 
     async def open(self) -> None:
         """Resolve the host and, without `retry`, connect. Raises LinkError."""
@@ -118,13 +127,6 @@ class TcpClientLink:
         """Call `deliver` with each piece until cancelled. Without `retry`, raises LinkError when the connection
         ends."""
         await keep_connected(self, partial(self._converse, now_ns), deliver, retry=self._retry)
-
-    def send(self, data: bytes) -> None:
-        """Put data into the send buffer, if connected and the buffer has room; else drop it."""
-        if self._stream is not None and self._stream.write(data):
-            self.sent += 1
-        else:
-            self.errors += 1
 
     async def _converse(self, now_ns: NowNs, deliver: Deliver, failed: "asyncio.Future[None]") -> None:
         """One connection until it ends, which raises LinkError."""
@@ -160,22 +162,18 @@ class TcpClientLink:
         raise LinkError(f"{self._spec}: cannot connect ({', '.join(reasons)})")
 
 
-class TcpServerLink:
+class TcpServerLink(_StreamLink):
     """A TCP server for one peer at a time. A new connection replaces one that gives no messages any more, so that
     a peer whose connection broke unnoticed can return; while it gives some, the new one is refused. `address`: the
     listening address, once open."""
 
     def __init__(self, spec: str, channel: str, host: str, port: int) -> None:
         self.channel = channel
-        self.received = 0
-        self.sent = 0
-        self.errors = 0
         self.refused = 0
         self.refused_from = ""
         self.address: Any = None
         self._spec, self._host, self._port = spec, host, port
         self._sockets: list[socket.socket] = []
-        self._stream: Stream | None = None
 
     def health(self) -> LinkHealth:
         """Counts so far, and who was refused last."""
@@ -233,10 +231,3 @@ class TcpServerLink:
         if self._stream is not None:
             self._stream.abort()
         self._stream = stream
-
-    def send(self, data: bytes) -> None:
-        """Put data into the send buffer, if a peer is connected and the buffer has room; else drop it."""
-        if self._stream is not None and self._stream.write(data):
-            self.sent += 1
-        else:
-            self.errors += 1

@@ -20,6 +20,7 @@ from typing import Any, Final
 
 from onboard.links.link import (
     Deliver,
+    Link,
     LinkError,
     NowNs,
     bind,
@@ -50,7 +51,7 @@ ANCILLARY: Final = 128  # bytes: a time and a count, each with its header
 LONGEST_WAIT_NS: Final = 10_000_000_000  # a longer wait means that the clock was stepped
 
 
-class UdpLink:
+class UdpLink(Link):
     """A UDP socket. `address`: its local address, once open. `surplus`: how readily a datagram is left out where
     more of them wait than `BURST`, 0: never."""
 
@@ -67,12 +68,8 @@ class UdpLink:
     ) -> None:
         self._encoding, self._surplus = encoding, surplus
         self.channel = channel
-        self.received = 0
-        self.sent = 0
-        self.errors = 0
         self.dropped = 0
         self.shed = 0
-        self.trouble = ""
         self._lost: asyncio.Future[str] | None = None
         self.address: Any = None
         self._spec, self._host, self._port, self._listening = spec, host, port, listening

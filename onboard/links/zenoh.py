@@ -13,7 +13,7 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
-from onboard.links.link import Deliver, LinkError, NowNs, guarded
+from onboard.links.link import Deliver, Link, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding, LinkHealth
 
 LARGEST: Final = 65_536  # bytes that the decoder accepts (`onboard.wire.document`)
@@ -21,7 +21,7 @@ WATCH_S: Final = 2.0  # between looks at who is connected
 WAITING: Final = 256  # samples of one source: in a flood the newest are dropped, memory stays bounded
 
 
-class ZenohLink:
+class ZenohLink(Link):
     """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh_session`), which it does
     not close. The channel of a datagram is its key. `camera` is the name of our own camera; `ros` are the keys of
     detections in ROS."""
@@ -30,10 +30,6 @@ class ZenohLink:
         self, session: Any, prefix: str, *, camera: str, channel: str = "zenoh", ros: Iterable[str] = ()
     ) -> None:
         self.channel = channel
-        self.received = 0
-        self.sent = 0
-        self.errors = 0
-        self.trouble = ""
         self._session = session
         self._keys = {
             f"{prefix}/camera/*/points": Encoding.POINTS,

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from onboard.config import Config
-from onboard.links import LinkError, health_of, parse_link, tcp
+from onboard.links import LinkError, parse_link, tcp
 from onboard.messages import Datagram, Encoding, LinkHealth
 from onboard.pipeline import Pipeline, Rim
 from onboard.sinks.console import Console
@@ -83,7 +83,7 @@ def test_tcpin_talks_to_the_newest_peer_where_none_gives_messages() -> None:
         link.send(b"x")
         assert link.sent == 1
         assert [d.data for d in received] == [b"one", b"two"]
-        assert health_of(link).refused == 0
+        assert link.health().refused == 0
         writer1.close()
         writer2.close()
 
@@ -101,7 +101,7 @@ def test_tcpin_keeps_a_peer_that_gives_messages_and_names_who_else_knocks() -> N
             with suppress(ConnectionError):
                 knocking.write(BEAT)
                 assert await asyncio.wait_for(stranger.read(), SHORT_S) == b""  # closed
-            health = health_of(link)
+            health = link.health()
             assert (health.refused, health.refused_from) == (count, f"{host}:{port}")
             knocking.close()
         link.send(b"for the owner")
@@ -130,7 +130,7 @@ def test_tcpin_is_free_again_once_its_peer_has_left_or_is_silent(monkeypatch: py
         with suppress(ConnectionError):
             assert await asyncio.wait_for(reader.read(), SHORT_S) == b""
         await until(lambda: len(received) == 3)
-        assert health_of(link).refused == 0
+        assert link.health().refused == 0
         second.close()
         third.close()
 
@@ -221,14 +221,14 @@ def test_a_tcp_client_says_why_it_is_not_connected_and_stops_saying_so_once_it_i
     port = listener.getsockname()[1]
 
     async def check(link: Any, _: list[Datagram]) -> None:
-        assert health_of(link).error == ""
+        assert link.health().error == ""
         await until(lambda: link.trouble)
-        assert health_of(link).error == f"tcp:127.0.0.1:{port}: cannot connect (Connection refused)"
+        assert link.health().error == f"tcp:127.0.0.1:{port}: cannot connect (Connection refused)"
         writers: list[asyncio.StreamWriter] = []  # a connection that is kept: "no trouble" stays, too
         server = await asyncio.start_server(lambda _, writer: writers.append(writer), sock=listener)
         async with server:
             await until(lambda: not link.trouble)
-            assert health_of(link).error == ""
+            assert link.health().error == ""
             for writer in writers:
                 writer.close()
                 await writer.wait_closed()
