@@ -74,9 +74,7 @@ class Session:
         self._autopilot: Heartbeat | None = None
         self._heartbeats, self._timesyncs = Stream(1.0, fixed=True), Stream(TIMESYNC_HZ, fixed=True)
         self._computer_statuses = Stream(1.0)
-        self._next_request = 0
-        self._has_asked_status = False  # once per boot: not every autopilot has it
-        self._next_origin = 0
+        self.reboot()
 
     def connect(self, autopilot: Heartbeat) -> None:
         """An autopilot was heard: we are a component of its system."""
@@ -91,7 +89,7 @@ class Session:
     def reboot(self) -> None:
         """The autopilot has rebooted and forgotten what we asked for."""
         self._next_request = 0
-        self._has_asked_status = False
+        self._has_asked_status = False  # once per boot: not every autopilot has it
         self._next_origin = 0
 
     def tick(
