@@ -3,6 +3,7 @@
 """
 
 from datetime import datetime, timedelta
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +12,7 @@ from numba import njit
 
 from onboard.arrays import Array
 from onboard.filters import Belief, unscented
+from onboard.filters.belief import Weights
 from onboard.models import constant_acceleration
 from onboard.models.radar import ANGULAR, measure
 
@@ -99,11 +101,16 @@ def ours(steps: int, process: Any = process, measure: Any = measure) -> Belief:
 
 def ours_in_two_calls(steps: int) -> Belief:
     """The same by a prediction and an update, which also returns the innovation and its covariance."""
-    belief = START
-    for k in range(steps):
-        belief = unscented.predict(belief, process, Q, WEIGHTS)
-        belief = unscented.update(belief, MEASURED[k % STEPS], measure, R, WEIGHTS, ANGULAR).belief
+    belief: Belief = in_two_calls(unscented, START, MEASURED, WEIGHTS, steps)
     return belief
+
+
+def in_two_calls(family: Any, state: Any, measured: Array, weights: Weights, steps: int) -> Any:
+    """The state of a filter, by its module, or of a batch, after so many steps."""
+    for k in range(steps):
+        state = family.predict(state, process, Q, weights)
+        state = family.update(state, measured[k % STEPS], measure, R, weights, ANGULAR).belief
+    return state
 
 
 def ours_own_model(steps: int) -> Belief:
@@ -118,17 +125,13 @@ def ours_numpy(steps: int) -> Belief:
 
 def batch(count: int) -> Any:
     """A run that advances `count` filters in one call."""
+    return partial(in_two_calls, unscented, *tiled(count), WEIGHTS)
+
+
+def tiled(count: int) -> tuple[Belief, Array]:
+    """The start and the measurements of `count` equal filters."""
     start = Belief(np.tile(START.mean, (count, 1)), np.tile(START.covariance, (count, 1, 1)))
-    rows = np.ascontiguousarray(np.tile(MEASURED[:, None], (1, count, 1)))
-
-    def run(steps: int) -> Belief:
-        belief = start
-        for k in range(steps):
-            belief = unscented.predict(belief, process, Q, WEIGHTS)
-            belief = unscented.update(belief, rows[k % STEPS], measure, R, WEIGHTS, ANGULAR).belief
-        return belief
-
-    return run
+    return start, np.ascontiguousarray(np.tile(MEASURED[:, None], (1, count, 1)))
 
 
 # ------------------------------------------------------------------------------------------ the peers
