@@ -162,7 +162,9 @@ def test_studies_give_the_figures_of_their_pages() -> None:
     unknown = [0.0, 0.0, *[None] * 9]
     rows = [["behind", 40.0, *row], ["hover, center on wing", 40.0, *unknown]]
     beside = ["hover, center on wing", 5.0, 0.984, 0.9, 1.02, 28.5, 29.0, 134.6, 130.0, 100.0, 99.96]
-    assert render.of_studies({"encounters": {"seeds": 40, "tables": [{"rows": rows}, {"rows": [beside]}]}}) == {
+    others = {"title": "One assumption false", "rows": [["it does not lean", "hover", 5.0, 0.1]]}
+    tables = [{"title": "Family by family", "rows": rows}, {"title": "Beside 20,000 particles", "rows": [beside]}]
+    assert render.of_studies({"encounters": {"seeds": 40, "tables": [*tables, others]}}) == {
         "reference_flights": "5",
         "reference_hover_center_on_wing": "0.98 (0.90 to 1.02) | 28.5 | 29.0 | 134.6 | 130.0 | 100.0 | 100.0",
         "encounters_flights": "40",
