@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
+from pymavlink.quaternion import QuaternionBase
 
-from onboard.geometry.rotations import quaternion_from_euler
 from onboard.messages import (
     ActuatorOutputs,
     AdsbVehicle,
@@ -35,6 +35,7 @@ from onboard.messages import (
     Vec3,
     Wind,
 )
+from onboard.messages.base import Quaternion
 
 MAIN_PORT: Final = 0  # of SERVO_OUTPUT_RAW
 G: Final = 9.80665
@@ -53,8 +54,7 @@ def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
 
 
 def _attitude(m: Any, h: dict[str, Any]) -> Message:
-    w, x, y, z = quaternion_from_euler(m.roll, m.pitch, m.yaw).tolist()
-    return Attitude(**h, q_nb=(w, x, y, z), omega_b=_rates(m))
+    return Attitude(**h, q_nb=_quaternion(m.roll, m.pitch, m.yaw), omega_b=_rates(m))
 
 
 def _distance(m: Any, h: dict[str, Any]) -> Message:
@@ -91,16 +91,8 @@ def _gimbal(m: Any, h: dict[str, Any]) -> Message:
 
 
 def _mount_orientation(m: Any, h: dict[str, Any]) -> Message:
-    roll, pitch, yaw = (math.radians(x) / 2 for x in (m.roll, m.pitch, m.yaw))
-    if math.isnan(roll):
-        roll = 0.0
-    (cr, cp, cy), (sr, sp, sy) = ([f(x) for x in (roll, pitch, yaw)] for f in (math.cos, math.sin))
-    q = (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
+    roll, pitch, yaw = (math.radians(x) for x in (m.roll, m.pitch, m.yaw))
+    q = _quaternion(0.0 if math.isnan(roll) else roll, pitch, yaw)
     return GimbalAttitude(**h, device=h["component"], mount=MountAttitude(q=q, frame="heading"), is_replaced=True)
 
 
@@ -167,6 +159,12 @@ def _scaled_imu(m: Any, h: dict[str, Any]) -> Message:
     milli_g, milli = G * 1e-3, 1e-3
     f_b = (m.xacc * milli_g, m.yacc * milli_g, m.zacc * milli_g)
     return Imu(**h, f_b=f_b, omega_b=(m.xgyro * milli, m.ygyro * milli, m.zgyro * milli))
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """(w, x, y, z) by pymavlink's own conversion."""
+    w, x, y, z = QuaternionBase([roll, pitch, yaw]).q.tolist()
+    return w, x, y, z
 
 
 def _rates(m: Any) -> Vec3:

@@ -9,11 +9,12 @@ from onboard.arrays import Array
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.models import apparent_shape as model
 from onboard.models.apparent_shape import HIGHEST, LOWEST, Posture, Rows
-from onboard.models.apparent_wing import ACCELERATION, LEAN, LOG_SIZE, POSITION, G, N
+from onboard.models.apparent_wing import ACCELERATION, LEAN, LOG_SIZE, POSITION, N
 
 SIZE = 2.0
 POINTS = np.array([[0.36, 0.0, 0.02], [-0.4, 0.05, -0.1], [0.0, -0.5, 0.0], [0.0, 0.5, 0.0]])
 SIGMA = 1 / 500
+G = 9.80665  # m/s^2, standard (CGPM 1901)
 EXACT = Posture(1.0, 0.0, 0.0)
 
 

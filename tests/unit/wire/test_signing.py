@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,14 @@ from onboard.messages import Datagram, Encoding
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_decode import MavlinkDecoder
 from onboard.wire.mavlink_encode import MavlinkEncoder
-from onboard.wire.signing import EPOCH_NS, Signer, Verifier, read_key
+from onboard.wire.signing import Signer, Verifier, read_key
 from tests.support.leader import AUTOPILOT, leader_state
 from tests.support.mavlink_records import RECORDS
 
 KEY = bytes(range(32))
 NOW = 1_800_000_000 * 10**9
-STAMP = (NOW - EPOCH_NS) // 10_000
+EPOCH = datetime(2015, 1, 1, tzinfo=UTC)  # of MAVLink's signatures, whose unit is 10 us
+STAMP = (NOW // 10**9 - int(EPOCH.timestamp())) * 100_000
 
 
 def signed_by_pymavlink(stamp: int, key: bytes = KEY, system: int = 7, status: int = 4) -> bytes:

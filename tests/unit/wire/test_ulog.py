@@ -8,7 +8,7 @@ import pytest
 
 from onboard.messages import ActuatorOutputs, Battery, GpsFix, Heartbeat, Message
 from onboard.wire.tlog import NotALogError
-from onboard.wire.ulog import MAGIC, read_ulog
+from onboard.wire.ulog import read_ulog
 
 TYPES = {"uint64_t": "Q", "int32_t": "i", "uint8_t": "B", "float": "f", "double": "d"}
 GPS = {
@@ -40,7 +40,7 @@ def ulog(
     key = b"int32_t MAV_SYS_ID"
     layout = struct.Struct("<H" + "".join(TYPES[kind] for kind in fields.values()))
     path.write_bytes(
-        MAGIC
+        b"ULog\x01\x12\x35"  # as PX4's guide prints it
         + struct.pack("<BQ", 1, 1_000_000)
         + message(b"B", bytes(40))
         + message(b"F", form.encode())

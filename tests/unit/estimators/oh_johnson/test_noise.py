@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from onboard.estimators.oh_johnson.noise import ANGLES, FT, first_belief, process_noise
+from onboard.estimators.oh_johnson.noise import ANGLES, first_belief, process_noise
 from onboard.models import camera_angles
 from onboard.models.relative_motion import POSITION, SIZE, N
 
+FT = 0.3048  # m, exactly, by the agreement of 1959
 PRINTED_SIZE = 8.75  # ft
 ORIGIN = np.zeros(3)
 

@@ -7,9 +7,9 @@ import pytest
 from onboard.estimators.own_state.config import AIRFRAMES, Airframe
 from onboard.estimators.own_state.faults import FaultMonitor
 from onboard.messages import ActuatorOutputs, FaultKind, Imu
-from onboard.models.own_motion import GRAVITY
 
 CRAFT: Airframe = AIRFRAMES["csvsf"]
+GRAVITY = 9.80665  # m/s^2, standard (CGPM 1901)
 S = 1_000_000_000
 STEP_NS = S // 10
 FULL_V = 12.6
