@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from simlink.log import TruthTables, write_log
 from simlink.scenarios.camera import SEES
 from simlink.scenarios.describe import daemon_config
-from simlink.scenarios.scenario import Scenario, ScenarioError, load_scenario, scenario_names
+from simlink.scenarios.scenario import Scenario, ScenarioError, check, load_scenario, scenario_names
 from simlink.sensors.pictures import PictureError
 from simlink.server.between import CameraBetween, CameraOptions
 from simlink.server.links import LinkError
@@ -106,6 +106,7 @@ def _camera(a: argparse.Namespace) -> int:
     del given["command"]
     if (sees := given.pop("sees")) is not None:
         scenario = replace(scenario, camera=replace(scenario.camera, sees=sees))
+        check(scenario, "--sees")
     try:
         with TruthTables(truth, state) as tables:
             options = CameraOptions(scenario=scenario, **given)

@@ -5,13 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from onboard.messages import Vec3
 from simlink.encounters.curves import Motion
 from simlink.sensors.arrays import Array
 from simlink.world import attitude, truth
 from simlink.world.truth import State, body_rate, world_of
-
-STILL: Vec3 = (0.0, 0.0, 0.0)
 
 
 class EncounterTruth(NamedTuple):
@@ -51,6 +48,5 @@ def _motions(motion: Motion, euler: Array) -> Iterator[truth.Motion]:
     before = None
     for (*r, vx, vy, vz, ax, ay, az), angles in zip(np.hstack(motion).tolist(), euler.tolist(), strict=True):
         q = attitude.from_euler(*angles)
-        omega = STILL if before is None else body_rate(before, q)
-        yield truth.Motion((r[0], r[1], r[2]), (vx, vy, vz), (ax, ay, az), q, omega)
+        yield truth.Motion((r[0], r[1], r[2]), (vx, vy, vz), (ax, ay, az), q, body_rate(before, q))
         before = q

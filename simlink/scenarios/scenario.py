@@ -96,7 +96,7 @@ def parse_scenario(text: str, name: str, source: str = "scenario") -> Scenario:
         scenario = msgspec.convert(data, Scenario)
     except msgspec.ValidationError as error:
         raise ScenarioError(f"{source}: {_explain(str(error))}") from error
-    _check(scenario, source)
+    check(scenario, source)
     return scenario
 
 
@@ -132,8 +132,8 @@ def from_the_side(scenario: Scenario, angle_deg: float) -> Scenario:
     return msgspec.structs.replace(scenario, follower=follower, camera=camera)
 
 
-def _check(s: Scenario, source: str) -> None:
-    """Conditions on several fields. Raises ScenarioError."""
+def check(s: Scenario, source: str) -> None:
+    """Conditions on several fields. Raises ScenarioError, which begins with `source`."""
     for key, intervals in (
         ("leader.speed_pulses", s.leader.speed_pulses),
         ("leader.climb_pulses", s.leader.climb_pulses),
@@ -172,6 +172,8 @@ def _check(s: Scenario, source: str) -> None:
         raise ScenarioError(f"{source}: traffic.aircraft: at most {MOST_AIRCRAFT}, each with a name of its own")
     if s.camera.stamp_late > s.camera.latency:
         raise ScenarioError(f"{source}: camera.stamp_late: no image is stamped after its delivery (latency)")
+    if s.camera.wrong_blob and s.camera.sees != "wing":
+        raise ScenarioError(f"{source}: camera.wrong_blob: blobs stand for a wing, not for {s.camera.sees!r}")
     if s.camera.blob_span_px[0] > s.camera.blob_span_px[1]:
         raise ScenarioError(f"{source}: camera.blob_span_px: the smaller number comes first")
 

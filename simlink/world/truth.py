@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from itertools import tee
 from types import ModuleType
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from onboard.messages import Quaternion, Truth, Vec3
 from simlink.scenarios.quadrotor import Quadrotor
@@ -22,6 +22,8 @@ from simlink.world.motion import Derivative, Kinematics, Real, Real3, advance, m
 from simlink.world.noise import gauss_markov, normals, uniforms
 from simlink.world.quadrotor import quadrotor_states
 from simlink.world.quadrotor_control import Pilot, Reference, figure_eight
+
+STILL: Final[Vec3] = (0.0, 0.0, 0.0)
 
 
 class State(NamedTuple):
@@ -56,9 +58,12 @@ class Motion(NamedTuple):
     omega_b: Vec3
 
 
-def world_of(step: int, t: float, leader: Motion, follower: Motion) -> State:
-    """The world of two vehicles, however they are flown, after `step` steps, at `t` s."""
-    a_lat, a_long = path_accelerations(leader.v_n, leader.a_n)
+def world_of(
+    step: int, t: float, leader: Motion, follower: Motion, across: tuple[float, float] | None = None
+) -> State:
+    """The world of two vehicles, however they are flown, after `step` steps, at `t` s. `across`: the leader's
+    a_lat and a_long, where they are known and need not follow from its motion."""
+    a_lat, a_long = across or path_accelerations(leader.v_n, leader.a_n)
     a_F = follower.a_n
     return State(
         step=step,
@@ -124,7 +129,7 @@ def _with_quadrotor(
             v_F_n=m.v_n,
             a_F_n=m.a_n,
             q_nF=m.q_nb,
-            omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, m.q_nb),
+            omega_b=body_rate(q_before, m.q_nb),
             f_b=m.f_b,
             pwm_us=m.pwm_us,
             fault=m.fault,
@@ -147,36 +152,6 @@ def _as_reference(state: State) -> Reference:
     return Reference(state.r_OF_n, state.v_F_n, state.a_F_n, course)
 
 
-def state_of(
-    step: int,
-    r_OL_n: Vec3,
-    rates: Derivative,
-    q_nL: Quaternion,
-    follower: tuple[Vec3, Vec3, Vec3],
-    q_nF: Quaternion,
-    q_before: Quaternion | None,
-) -> State:
-    """The world after `step` steps: the leader by its place, derivatives and attitude, the follower by its place,
-    velocity and acceleration in n, its attitude, and that of the step before (None: there was none)."""
-    r_F_n, v_F_n, a_F_n = follower
-    return State(
-        step=step,
-        t=step / STEPS_PER_SECOND,
-        r_OL_n=r_OL_n,
-        v_L_n=rates.v_L_n,
-        a_L_n=rates.a_L_n,
-        q_nL=q_nL,
-        a_lat=rates.a_lat,
-        a_long=rates.a_long,
-        r_OF_n=r_F_n,
-        v_F_n=v_F_n,
-        a_F_n=a_F_n,
-        q_nF=q_nF,
-        omega_b=(0.0, 0.0, 0.0) if q_before is None else body_rate(q_before, q_nF),
-        f_b=attitude.to_b(q_nF, (a_F_n[0], a_F_n[1], a_F_n[2] - G)),
-    )
-
-
 def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
     """Leader and follower as point masses with an attitude."""
     phase = uniforms(seed, "follower.wander")
@@ -191,7 +166,9 @@ def _formation(scenario: Scenario, seed: int) -> Iterator[State]:
         r_F_n, v_F_n = (y[5], y[6], y[7]), (y[8], y[9], y[10])
         q_nF = hovering(rates.a_F_n, y[0]) if hovers else coordinated(v_F_n, rates.a_F_n)
         q_nL = leader_attitude(t, y, rates)
-        yield state_of(step, (y[2], y[3], y[4]), rates, q_nL, (r_F_n, v_F_n, rates.a_F_n), q_nF, q_before)
+        leader = Motion((y[2], y[3], y[4]), rates.v_L_n, rates.a_L_n, q_nL, STILL)
+        follower = Motion(r_F_n, v_F_n, rates.a_F_n, q_nF, body_rate(q_before, q_nF))
+        yield world_of(step, t, leader, follower, (rates.a_lat, rates.a_long))
         y = advance(f, t, y, rates, DT)
         step, q_before = step + 1, q_nF
 
@@ -246,8 +223,10 @@ def hovering_angles(a_n: Real3, yaw: Real, maths: ModuleType = math) -> Real3:
     return maths.atan2(right, maths.hypot(forward, up)), maths.atan2(-forward, up), yaw
 
 
-def body_rate(q_before: Quaternion, q_now: Quaternion) -> Vec3:
-    """Mean rate over one step, rad/s, in b: the output of a gyro that integrates its rate."""
+def body_rate(q_before: Quaternion | None, q_now: Quaternion) -> Vec3:
+    """Mean rate over one step, rad/s, in b: the output of a gyro that integrates its rate. 0 at the first step."""
+    if q_before is None:
+        return STILL
     x, y, z = attitude.to_vector(attitude.product(attitude.conjugate(q_before), q_now))
     return x * STEPS_PER_SECOND, y * STEPS_PER_SECOND, z * STEPS_PER_SECOND
 

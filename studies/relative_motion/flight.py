@@ -55,6 +55,8 @@ def fly(scenario: Scenario, seed: int, duration: float | None = None) -> Flight:
     size = true_size(scenario, seed)
     if scenario.camera.gimbal is not None:
         raise ValueError("fly knows no gimbal: use simlink.simulation")
+    if scenario.camera.sees != "wing":
+        raise ValueError("fly knows the wing only: use simlink.simulation")
     camera = CameraSensor(scenario, seed, size)
     errors = scenario.nav
     acceleration = white(seed, "nav.acceleration", errors.acceleration_white, errors.acceleration_bias)

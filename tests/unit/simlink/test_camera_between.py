@@ -235,6 +235,8 @@ def test_what_cannot_be_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
         CameraBetween(boxes, time.monotonic_ns, print)
     assert main(["camera", "--follower", "", "--leader", "", "--sees", "box", "--camera", "both"]) == 2
     assert "LANDING_TARGET carries no 'box'" in capsys.readouterr().err
+    assert main(["camera", "formation-wrong-blobs", "--follower", "", "--leader", "", "--sees", "box"]) == 2
+    assert "--sees: camera.wrong_blob: blobs stand for a wing" in capsys.readouterr().err
     assert main(["camera", "--follower", "serial:x", "--leader", "tcp:127.0.0.1:1"]) == 2
     assert "bad link 'serial:x'" in capsys.readouterr().err
 

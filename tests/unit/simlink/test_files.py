@@ -58,6 +58,7 @@ def test_every_scenario_loads_and_has_a_description(name: str) -> None:
         ("[camera]\nblackouts = [{ start = 5.0, end = 4.0 }]", "camera.blackouts: needs start < end"),
         ("[leader]\nspeed = 4.0\nspeed_pulses = [{ start = 1.0, end = 2.0, change = -4.0 }]", "at least 1 m/s"),
         ("[camera]\nstamp_late = 0.03", "camera.stamp_late: no image is stamped after its delivery"),
+        ("[camera]\nwrong_blob = 0.1\nsees = 'box'", "camera.wrong_blob: blobs stand for a wing, not for 'box'"),
         ("[leader", "end of document"),
         ("extends = 'quadrotr'", "extends: no scenario 'quadrotr'; known: formation"),
     ],

@@ -12,7 +12,7 @@ from onboard.messages import Datagram, GimbalAttitude
 from onboard.ownship import head_attitude
 from simlink.scenarios.camera import Camera, Gimbal
 from simlink.scenarios.describe import daemon_config
-from simlink.scenarios.scenario import load_scenario
+from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.sensors.gimbal import make_gimbal
 from simlink.simulation import datagrams, simulate
 from simlink.world.truth import states
@@ -71,6 +71,9 @@ def test_it_is_sent_by_a_component_of_its_own_at_its_rate_seed_1() -> None:
     assert "gimbal = 154" in daemon_config(scenario)
 
 
-def test_flights_as_arrays_have_no_gimbal() -> None:
+def test_flights_as_arrays_have_no_gimbal_and_see_the_wing_only() -> None:
     with pytest.raises(ValueError, match="fly knows no gimbal"):
         fly(load_scenario("formation-gimbal"), 1, 1.0)
+    boxes = Scenario(camera=Camera(sees="box"))
+    with pytest.raises(ValueError, match="fly knows the wing only"):
+        fly(boxes, 1, 1.0)
