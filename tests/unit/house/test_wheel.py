@@ -76,7 +76,11 @@ def test_it_runs_apart_from_this_tree(wheel: Path, tmp_path: Path) -> None:
     place = tmp_path / "site"
     with ZipFile(wheel) as file:
         file.extractall(place)
-    code = f"import sys; sys.path.insert(0, r'{place}')" + USE.format(place=place)
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    commands = "".join(
+        f"from {module} import {name}\n" for module, name in (s.split(":") for s in scripts.values())
+    )
+    code = f"import sys; sys.path.insert(0, r'{place}')" + USE.format(place=place) + commands
     ran = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=120
     )
