@@ -16,6 +16,9 @@ from numba import types
 from onboard.filters import numba_internals
 
 numba_internals.load_without_scipy()
+numba_internals.keep_cache_files_whole(
+    f"{__package__}: machine code on disk was damaged, perhaps by a power cut; it is deleted and compiled anew"
+)
 numba_internals.announce_compiling(
     __name__.partition(".")[0],
     f"{__package__}: compiling for this computer, once, up to two minutes (ahead: python -m {__package__})",

@@ -6,11 +6,19 @@ each internal with the version installed, and each fallback without it. Nothing 
 function is called.
 """
 
+import io
+import os
 import sys
-from collections.abc import Callable
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from types import FunctionType
-from typing import Any
+from typing import Any, Final
+
+MARK: Final = b"crc32"  # at the end of a cache file, before its checksum
+CHECKSUM_SIZE: Final = 4
 
 
 def without_reference_counts() -> dict[str, Any]:
@@ -68,6 +76,65 @@ def lock_cache_files(lock: Any) -> bool:
 def can_lock_cache_files() -> bool:
     """Whether `lock_cache_files` works with this Numba."""
     return _cache_files() is not None
+
+
+def keep_cache_files_whole(line: str) -> bool:
+    """Use no machine code of a file that a power cut left empty, half written or with holes: delete it, so that
+    Numba compiles anew, and write a line on standard error, once. False, with nothing changed, if this Numba has
+    other cache files: then such a file ends a program.
+
+    Each file is on the disk before it gets its name, and ends with a checksum, which Numba does not read. That of
+    code covers the time stamp of its source too: code of an older source may stand beside a new index. A file
+    without a checksum is another program's; it is whole if it can be read.
+    """
+    files: Any = _cache_files()
+    names = ("_load_index", "_load_data", "_open_for_write")
+    if files is None or not all(hasattr(files, name) for name in names):
+        return False
+    from numba.core import caching  # noqa: PLC0415 - half a second, and an internal
+
+    reports = iter([line])
+
+    class Whole(files):  # type: ignore[misc]  # Numba has no types
+        def _load_index(self) -> Any:
+            try:
+                return self._checked(self._index_path, super()._load_index)
+            except OSError:
+                return {}
+
+        def _load_data(self, name: str) -> Any:
+            return self._checked(self._data_path(name), partial(super()._load_data, name))
+
+        @contextmanager
+        def _open_for_write(self, path: str) -> Iterator[io.BytesIO]:
+            with super()._open_for_write(path) as out:
+                yield (content := io.BytesIO())
+                data = content.getvalue()
+                out.write(data + MARK + self._checksum(path, data))
+                out.flush()
+                os.fsync(out.fileno())
+
+        def _checked(self, path: str, load: Callable[[], Any]) -> Any:
+            """What a file holds. Raises OSError if there is none, or it was damaged and is deleted."""
+            content, mark, checksum = Path(path).read_bytes().rpartition(MARK)
+            has_none = not mark or len(checksum) != CHECKSUM_SIZE
+            with suppress(Exception):  # of any kind: damaged data may lead the unpickling anywhere
+                if has_none or checksum == self._checksum(path, content):
+                    return load()
+            for one in reports:
+                print(f"{one} (the first is {path})", file=sys.stderr, flush=True)
+            with suppress(OSError):
+                Path(path).unlink()
+            raise OSError(f"{path} is damaged")
+
+        def _checksum(self, path: str, data: bytes) -> bytes:
+            """Of a file's content, and of the stamp of the source that code was made of."""
+            stamp = b"" if path == self._index_path else repr(self._source_stamp).encode()
+            return zlib.crc32(data, zlib.crc32(stamp)).to_bytes(CHECKSUM_SIZE)
+
+    setattr(caching, files.__name__, Whole)
+    Whole.__name__ = files.__name__
+    return True
 
 
 def cache_folder(source: Path) -> Path | None:

@@ -3,7 +3,10 @@
 import subprocess
 import sys
 import threading
+import zlib
+from collections.abc import Callable
 from contextlib import suppress
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +14,7 @@ import numpy as np
 import pytest
 from numba import njit, types
 from numba.core import caching, options
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import FunctionCache
 from numba.core.errors import NumbaError
 from numba.core.options import DefaultOptions
 from numba.np import linalg
@@ -21,7 +24,13 @@ from onboard.filters.compiled import FILLING, MAKING
 from tests.support.programs import ROOT, environment
 
 VECTOR = types.Array(types.float64, 1, "C")
+IndexDataCacheFile: Any = caching.IndexDataCacheFile.__mro__[-2]  # Numba's own
 ONCE: dict[str, Any] = FILLING | {"cache": False}
+
+
+@pytest.fixture(autouse=True)
+def numbas_own_files(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(caching, "IndexDataCacheFile", IndexDataCacheFile)
 
 
 def making(a):  # type: ignore[no-untyped-def]
@@ -118,6 +127,64 @@ def test_a_cache_that_does_not_say_where_it_is(monkeypatch: pytest.MonkeyPatch) 
     assert numba_internals.cache_folder(Path(__file__)) is None
     monkeypatch.delattr(caching, "FunctionCache")
     assert numba_internals.cache_folder(Path(__file__)) is None
+
+
+def holed(data: bytes) -> bytes:
+    middle = len(data) // 2
+    return data[:middle] + bytes(64) + data[middle + 64 :]
+
+
+DAMAGED = {
+    "empty": lambda data: data[:0],
+    "half": lambda data: data[: len(data) // 2],
+    "zeros": lambda data: bytes(len(data)),
+    "holed": holed,
+    "its end is zeros": lambda data: data[:-50] + bytes(50),
+    "of an older source": lambda data: data[:-4] + zlib.crc32(data[:-9], zlib.crc32(b"(1, 2)")).to_bytes(4),
+}
+
+
+def load_kernel(source: Path) -> tuple[float, int]:
+    """What the kernel of a module says, and how many of its signatures were compiled."""
+    spec = spec_from_file_location("kernel", source)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.f(21.0), sum(module.f.stats.cache_misses.values())
+
+
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", DAMAGED.values(), ids=DAMAGED)
+def test_damaged_machine_code_is_dropped_and_compiled_anew(
+    damage: Callable[[bytes], bytes],
+    suffix: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert numba_internals.keep_cache_files_whole("damaged")
+    source = tmp_path / "kernel.py"
+    source.write_text("from numba import njit\n@njit('float64(float64)', cache=True)\ndef f(x): return 2.0 * x\n")
+    assert [load_kernel(source) for _ in range(2)] == [(42.0, 1), (42.0, 0)]
+    (file,) = tmp_path.rglob(f"*.{suffix}")
+    file.write_bytes(damage(file.read_bytes()))
+    assert not capsys.readouterr().err
+    assert [load_kernel(source) for _ in range(2)] == [(42.0, 1), (42.0, 0)]
+    assert capsys.readouterr().err == f"damaged (the first is {file})\n"
+
+
+def test_a_changed_source_is_no_damage(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert numba_internals.keep_cache_files_whole("damaged")
+    first, second = (caching.IndexDataCacheFile(str(tmp_path), "f", stamp) for stamp in ("old", "new"))
+    first.save("types", "code")
+    assert (first.load("types"), second.load("types")) == ("code", None)
+    assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["_load_index", "_load_data", "_open_for_write"])
+def test_a_cache_that_writes_in_another_way_is_left_alone(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.delattr(IndexDataCacheFile, name)
+    assert not numba_internals.keep_cache_files_whole("damaged")
 
 
 COMPILES = """
