@@ -49,9 +49,9 @@ class Outgoing(NamedTuple):
 
 
 class AutopilotOutput:
-    """Sans-IO: frames are returned, not sent. There are none before `connect`. `leader`: the newest state of the
-    leader, as of the last tick that wanted it. `refuse` is called with the sender,
-    the reason and the arrival of what others may not ask for."""
+    """Sans-IO: frames are returned, not sent. Before `connect` there are heartbeats alone. `leader`: the newest
+    state of the leader, as of the last tick that wanted it. `refuse` is called with the sender, the reason and the
+    arrival of what others may not ask for."""
 
     def __init__(
         self,
@@ -80,6 +80,9 @@ class AutopilotOutput:
             for link in config.link
             if link.is_autopilot
         }
+        for link in config.link:
+            if link.speaks_first:
+                self._sessions[link.name].introduce()
         self._traffic = TrafficOutput(config.traffic_out, config.autopilot.component)
         self._odometry: OdometryStream | None = None
         self._leader_outputs: list[LeaderOutput] = []

@@ -41,6 +41,7 @@ ARDUPILOT: Final = 3
 SLOW: Final = 0.7  # a stream below this share of its wanted rate is asked for again
 ONBOARD_CONTROLLER: Final = 18
 INVALID: Final = 8
+USUAL_SYSTEM: Final = 1  # of an autopilot that nobody has numbered
 ACTIVE: Final = 4
 CRITICAL: Final = 5
 DONE: Final = frozenset({0, 5})  # MAV_RESULT accepted, in progress
@@ -51,8 +52,8 @@ ASKING: Final = (TimeSync, Ping, ParamRequest, FileRequest, CommandAck, Command)
 
 
 class Session:
-    """The conversation on one link. Nothing is sent before an autopilot is heard. `computer` is the state of
-    this computer, if it is known."""
+    """The conversation on one link. Nothing but `introduce` is sent before an autopilot is heard. `computer` is
+    the state of this computer, if it is known."""
 
     def __init__(
         self,
@@ -76,6 +77,12 @@ class Session:
         self._computer_statuses = Stream(1.0)
         self.reboot()
 
+    def introduce(self) -> None:
+        """Send heartbeats before an autopilot is heard: PX4 on USB, and servers on UDP, speak only to who has
+        spoken. Its system may be another than that of most autopilots, which we then take."""
+        system = self._config.system or USUAL_SYSTEM
+        self._us = Component(system, self._config.component, self._channel, self._requests_of_us)
+
     def connect(self, autopilot: Heartbeat) -> None:
         """An autopilot was heard: we are a component of its system."""
         self._autopilot = autopilot
@@ -98,11 +105,11 @@ class Session:
         """Frames due at `now_ns` (this computer's clock). `healthy` shows in the heartbeat; `rates` are the
         rates of the MAVLink messages received, Hz; `wants_origin`: GPS_GLOBAL_ORIGIN is requested until it
         comes."""
-        if self._autopilot is None:
-            return []
         frames = []
-        if self._heartbeats.is_due(now_ns):
+        if self._us is not None and self._heartbeats.is_due(now_ns):
             frames.append(self._heartbeat(healthy=healthy))
+        if self._autopilot is None:
+            return frames
         if self.computer is not None and self._computer_statuses.is_due(now_ns):
             frames.append(self._pack(self.computer))
         if self._timesyncs.is_due(now_ns):
@@ -122,7 +129,7 @@ class Session:
     def respond(self, messages: Sequence[Message], now_ns: int) -> list[bytes]:
         """Answers to requests of the autopilot, and of others through it or beside it."""
         us = self._us
-        if us is None:
+        if us is None or self._autopilot is None:
             return []
         frames = []
         for m in messages:

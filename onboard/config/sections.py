@@ -47,6 +47,11 @@ class LinkConfig(Record, frozen=True, kw_only=True):
         """Whether an autopilot may be at its other end."""
         return self.autopilot and not self.url.startswith("json:")
 
+    @property
+    def speaks_first(self) -> bool:
+        """Whether its other end may wait until it hears a heartbeat. Where we listen, nobody is there before."""
+        return self.is_autopilot and not self.url.startswith(("udpin:", "tcpin:"))
+
 
 class AutopilotConfig(Record, frozen=True, kw_only=True):
     """`[autopilot]`: whose vehicle this is, and what we ask of it."""

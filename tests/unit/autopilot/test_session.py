@@ -11,7 +11,7 @@ from onboard import __version__
 from onboard.autopilot.output import AutopilotOutput
 from onboard.autopilot.requests import version
 from onboard.autopilot.session import Session
-from onboard.config import AutopilotConfig, Config
+from onboard.config import AutopilotConfig, Config, parse_config
 from onboard.messages import Clock, Command, CommandAck, Heartbeat, Ping, TimeSync
 from onboard.messages.vehicle import OUR_TAG
 from onboard.wire.mavlink_encode import MavlinkEncoder
@@ -72,6 +72,35 @@ def test_nothing_is_said_before_an_autopilot_is_heard() -> None:
     session = Session(AutopilotConfig())
     assert talk(session, 0, 10, SLOW) == []
     assert session.respond([request(T0), command(512, 0.0)], T0) == []
+
+
+@pytest.mark.parametrize(
+    ("url", "system", "first"),
+    [
+        ("udpout:127.0.0.1:1", 0, [1] * 3),
+        ("serial:/dev/ttyACM0:115200", 0, [1] * 3),
+        ("tcp:127.0.0.1:1", 7, [7] * 3),
+        ("udpin:127.0.0.1:1", 0, []),
+        ("tcpin:127.0.0.1:1", 0, []),
+        ("json:127.0.0.1:1", 0, []),
+    ],
+)
+def test_heartbeats_go_out_from_the_start_where_we_do_not_listen(url: str, system: int, first: list[int]) -> None:
+    """PX4 on USB, and UDP servers, were silent for ever: they speak only to who has spoken."""
+    config = {"autopilot": {"system": system}, "link": [{"name": "a", "url": url}]}
+    out = AutopilotOutput(parse_config(config))
+    request_of_us = [command(512, 0.0, system=system or 1), request(T0)]
+
+    def said(begin: int) -> list[Any]:
+        ticks = (out.tick(T0 + t * MS, healthy=False, rates=FAST) for t in range(begin, begin + 3000, 50))
+        return parsed([frame for tick in ticks for outgoing in tick for frame in outgoing.frames])
+
+    assert [(m.get_type(), m.get_srcSystem()) for m in said(0)] == [("HEARTBEAT", one) for one in first]
+    if out.is_autopilot("a"):
+        assert not out.respond("a", request_of_us, T0).frames
+    out.connect(AUTOPILOT)
+    after = [m.get_srcSystem() for m in said(3000) if m.get_type() == "HEARTBEAT"]
+    assert after == ([] if url.startswith("json") else [AUTOPILOT.system] * 3)
 
 
 def test_heartbeat_once_a_second_as_an_onboard_controller_of_the_autopilots_system() -> None:
