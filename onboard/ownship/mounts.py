@@ -1,9 +1,11 @@
-"""Whether a camera is mounted as configured, by how the leader's direction moves when we lean.
+"""Whether a camera is mounted as configured and has the configured focal length, by how the leader's direction
+moves when we lean.
 
-A wrong mount turns with us: the leader then seems to move each time that we pitch, roll or turn. Within two
-seconds a real leader's direction is a parabola of time, once our own displacement is taken off. What remains is
-compared with what a rotation of the mount would make of our own attitude. Windows are added up; by how much they
-disagree is the uncertainty. Nothing is corrected: the mount would take the blame for every other error.
+A wrong mount turns with us: the leader then seems to move each time that we pitch, roll or turn. With a wrong
+focal length it moves in the image by too much or too little. Within two seconds a real leader's direction is a
+parabola of time, once our own displacement is taken off. What remains is compared with what a rotation of the
+mount, and another focal length, would make of our own attitude. Windows are added up; by how much they disagree is
+the uncertainty. Nothing is corrected: the two would take the blame for every other error.
 """
 
 import math
@@ -25,7 +27,9 @@ WINDOW_NS: Final = 2 * NS_PER_S
 FEWEST_IMAGES: Final = 20  # in a window
 WINDOWS: Final = 60  # that are kept: two minutes
 FEWEST_WINDOWS: Final = 8
-LEAST_DEG: Final = 5.0  # a smaller error costs less than what else is uncertain
+FEWEST_EVEN: Final = 4.0  # ... that show the focal length alike: how little one or two disagree is chance
+# A smaller error costs less than what else is uncertain: of the mount about each axis, rad; of the focal length.
+LEAST: Final = np.array([*np.radians([5.0, 5.0, 5.0]), 0.25])
 SIGMAS: Final = 5.0
 FLOOR: Final = 1e-4  # rad, of what moves the direction in step with our lean and no mount does
 MOST_NOISE: Final = (
@@ -33,6 +37,7 @@ MOST_NOISE: Final = (
 )
 LARGEST: Final = math.radians(60.0)  # beyond it nothing is small
 HUBER: Final = 3.0
+FOCAL: Final = 3  # the place of the focal length, after the three axes
 AXES: Final = (("clockwise", "anticlockwise"), ("higher", "lower"), ("to the right", "to the left"))  # by the sign
 
 
@@ -82,15 +87,15 @@ class Mounts:
             return
         windows = self._windows.setdefault(source, deque(maxlen=WINDOWS))
         windows.append(equations(sights))
-        found = rotation(tuple(windows))
+        found = errors(tuple(windows))
         if found is not None:
             self._add(f"camera {source}", _words(camera, *found), t_recv_ns)
 
 
 def equations(sights: list[Sight]) -> tuple[Array, Array]:
-    """X (2k, 3) and y (2k,) of k images: how a rotation of the mount by 1 rad about each of the camera's axes
-    moves the leader's direction, and how it has moved, both less a parabola of time; rad, across the mean
-    direction."""
+    """X (2k, 4) and y (2k,) of k images: how a rotation of the mount by 1 rad about each of the camera's axes, and
+    a focal length of twice the configured one, move the leader's direction, and how it has moved, both less a
+    parabola of time; rad, across the mean direction."""
     R = np.array([s.R_nc for s in sights])
     s_n = np.einsum("kij,kj->ki", R, np.array([s.u_c for s in sights]))
     mean = s_n.mean(axis=0)
@@ -99,41 +104,66 @@ def equations(sights: list[Sight]) -> tuple[Array, Array]:
     E = np.linalg.svd(mean[None, :])[2][1:]
     r = np.array([s.r_F_n for s in sights])
     y = (s_n + (r - r.mean(axis=0)) / np.array([s.distance for s in sights])[:, None]) @ E.T
-    X = np.cross(s_n[:, :, None], R, axis=1)  # s x (R e), for each e
+    u_c = np.einsum("kji,j->ki", R, mean)  # by our attitude alone: the points' own noise is in y
+    off_axis = np.einsum("kij,kj->ki", R[:, :, 1:], u_c[:, 1:] / u_c[:, :1])
+    X = np.dstack([np.cross(s_n[:, :, None], R, axis=1), off_axis])  # s x (R e), for each e
     X = np.einsum("aj,kji->kai", E, X)
     t = np.array([s.t_ns - sights[0].t_ns for s in sights]) / WINDOW_NS
     Q, _ = np.linalg.qr(np.vander(t, 3))
     both = np.concatenate([X, y[:, :, None]], axis=2).reshape(len(sights), -1)
-    rest = (both - Q @ (Q.T @ both)).reshape(-1, 4)
-    return rest[:, :3], rest[:, 3]
+    rest = (both - Q @ (Q.T @ both)).reshape(-1, 5)
+    return rest[:, :4], rest[:, 4]
 
 
-def rotation(windows: tuple[tuple[Array, Array], ...]) -> tuple[Array, Array] | None:
-    """The rotation vector (3,) of the mount about the camera's axes, rad, and its standard deviations (3,), by all
-    windows; None where it is small or not certain."""
+def errors(windows: tuple[tuple[Array, Array], ...]) -> tuple[Array, Array] | None:
+    """By all windows (4,): the rotation vector of the mount about the camera's axes, rad, and by what share the
+    focal length is longer than configured; and their standard deviations (4,). None where all are small or not
+    certain. The focal length counts as configured unless it is certain that it is not: the two are hard to
+    distinguish."""
     if len(windows) < FEWEST_WINDOWS:
         return None
+    parts = np.array([np.sum(X_w[:, FOCAL] ** 2) for X_w, _ in windows])
+    for columns in (FOCAL + 1, FOCAL):
+        theta, sigma = _fitted([(X_w[:, :columns], y_w) for X_w, y_w in windows])
+        is_certain = (np.abs(theta) > LEAST[:columns]) & (np.abs(theta) > SIGMAS * sigma)
+        if np.linalg.norm(theta[:FOCAL]) >= LARGEST:
+            continue
+        if columns == FOCAL and is_certain.any():
+            return np.append(theta, 0.0), np.append(sigma, 0.0)
+        if is_certain[FOCAL:].any() and parts.sum() ** 2 > FEWEST_EVEN * np.sum(parts**2):
+            return theta, sigma
+    return None
+
+
+def _fitted(windows: list[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """The errors (p,) that fit best, outliers aside, and their standard deviations (p,)."""
     X, y = np.vstack([w[0] for w in windows]), np.concatenate([w[1] for w in windows])
-    theta, weights = np.zeros(3), np.ones(len(y))
+    size = X.shape[1]
+    theta, weights = np.zeros(size), np.ones(len(y))
     for _ in range(4):
-        information = X.T @ (weights[:, None] * X) + 1e-9 * np.eye(3)
+        information = X.T @ (weights[:, None] * X) + 1e-9 * np.eye(size)
         theta = np.linalg.solve(information, X.T @ (weights * y))
         rest = np.abs(y - X @ theta)
         weights = np.minimum(1.0, HUBER * float(np.median(rest)) / np.maximum(rest, 1e-12))
-    scatter, at = np.zeros((3, 3)), 0
+    scatter, at = np.zeros((size, size)), 0
     for X_w, y_w in windows:
         gradient = X_w.T @ (weights[at : at + len(y_w)] * (y_w - X_w @ theta))
         scatter += np.outer(gradient, gradient)
         at += len(y_w)
     inverse = np.linalg.inv(information)
     floor = FLOOR**2 * len(y) / np.diag(information)
-    sigma = np.sqrt(np.diag(inverse @ scatter @ inverse) + floor)
-    is_certain = (np.abs(theta) > math.radians(LEAST_DEG)) & (np.abs(theta) > SIGMAS * sigma)
-    return (theta, sigma) if is_certain.any() and np.linalg.norm(theta) < LARGEST else None
+    return theta, np.sqrt(np.diag(inverse @ scatter @ inverse) + floor)
 
 
 def _words(camera: Camera, theta: Array, sigma: Array) -> str:
-    axis = int(np.argmax(np.abs(theta) - SIGMAS * sigma))
+    """The error that is the largest beyond its uncertainty, for its kind."""
+    axis = int(np.argmax((np.abs(theta) - SIGMAS * sigma) / LEAST))
+    if axis == FOCAL:
+        return (
+            f"{DOUBT}the leader moves in the image as we lean as if `f_px` were {1.0 + theta[FOCAL]:.2f} times as "
+            f"long (sigma {max(sigma[FOCAL], 0.01):.2f}): ranges and directions are wrong by that"
+        )
+    theta, sigma = theta[:FOCAL], sigma[:FOCAL]
     degrees, doubt = math.degrees(theta[axis]), math.degrees(sigma[axis])
     wrong = f"{abs(degrees):.0f} degrees {AXES[axis][degrees < 0.0]} (sigma {max(doubt, 0.1):.1f})"
     small = np.where(np.abs(theta) > SIGMAS * sigma, theta, 0.0)

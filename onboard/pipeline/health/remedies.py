@@ -74,6 +74,13 @@ REMEDIES: Final = (
         costs=True,
     ),
     Remedy(
+        r"as if `f_px`",
+        "focal",
+        "set `f_px` of [camera] for images of that size, or send `intrinsics`; `onboard calibrate LOG` finds it",
+        "focal length is off",
+        costs=True,
+    ),
+    Remedy(
         r"no position yet",
         "position",
         "wait until the autopilot's filter has aligned; without GPS, give it another position",

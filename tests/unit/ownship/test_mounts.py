@@ -9,20 +9,23 @@ import pytest
 from onboard.config import parse_config
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.geometry.units import NS_PER_S
-from onboard.messages import DOUBT, Advice, Datagram
-from onboard.ownship.mounts import FEWEST_WINDOWS, Sight, equations, rotation
+from onboard.messages import DOUBT, Advice, Datagram, Refusal
+from onboard.ownship.mounts import FEWEST_WINDOWS, Sight, _words, equations, errors
 from onboard.pipeline import Pipeline
+from onboard.pipeline.health.remedies import remedy_of
 from simlink.scenarios.scenario import Scenario, load_scenario
 from simlink.simulation import datagrams
 from tests.support.streams import S
 
+CAMERA = parse_config({}).camera_model()
 UP_DEG = 8.0  # as the camera of the scenario `guided` looks
 LEADER = {"size_prior_m": 2.667, "leader_class": "multirotor"}
 
 
-def windows(wrong: Any, seed: int, count: int = 20, nod: float = 0.1) -> tuple[Any, ...]:
+def windows(wrong: Any, seed: int, count: int = 20, nod: float = 0.1, focal: float = 1.0) -> tuple[Any, ...]:
     """Windows of a vehicle that leans and turns behind a leader with a path of its own, seen by a camera that is
-    turned by `wrong` (3,) rad against what is configured. 1.5 mrad of noise."""
+    turned by `wrong` (3,) rad against what is configured, and whose focal length is `focal` times as long.
+    1.5 mrad of noise."""
     rng = np.random.default_rng(seed)
     found = []
     for _ in range(count):
@@ -35,6 +38,7 @@ def windows(wrong: Any, seed: int, count: int = 20, nod: float = 0.1) -> tuple[A
             r_L = np.array([30.0, 2.0, -4.0]) + a[2] * t**2
             d = r_L - r_F
             u = (R @ matrix_from_euler(*wrong)).T @ d
+            u = u * (1.0, focal, focal)
             u = u / np.linalg.norm(u) + 0.0015 * rng.normal(size=3)
             sights.append(Sight(int(t * S), R, u / np.linalg.norm(u), r_F, float(np.linalg.norm(d))))
         found.append(equations(sights))
@@ -46,22 +50,39 @@ def windows(wrong: Any, seed: int, count: int = 20, nod: float = 0.1) -> tuple[A
 def test_a_wrong_mount_is_measured_within_its_sigma_seed_1(axis: int, degrees: float) -> None:
     wrong = np.zeros(3)
     wrong[axis] = np.radians(degrees)
-    found = rotation(windows(wrong, 1))
+    found = errors(windows(wrong, 1))
     assert found is not None
-    theta, sigma = np.degrees(found)
+    theta, sigma = np.degrees(found[0][:3]), np.degrees(found[1][:3])
     assert theta[axis] == pytest.approx(degrees, abs=max(5 * sigma[axis], 0.2 * abs(degrees)))
     assert sigma.max() < 1.5
+    assert "`mount_rpy_deg`" in _words(CAMERA, *found)
 
 
-def test_a_right_mount_is_never_doubted_seeds_1_to_40() -> None:
-    assert [seed for seed in range(1, 41) if rotation(windows(np.zeros(3), seed)) is not None] == []
+@pytest.mark.parametrize("focal", [0.5, 0.7, 1.4, 2.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_wrong_focal_length_is_measured_within_its_sigma_seeds_1_and_2(focal: float, seed: int) -> None:
+    """With half of it everything is twice as near, and all estimates were valid without a word."""
+    found = errors(windows(np.zeros(3), seed, focal=focal))
+    assert found is not None
+    theta, sigma = found
+    assert theta[3] == pytest.approx(focal - 1.0, abs=max(5 * sigma[3], 0.2 * abs(focal - 1.0)))
+    assert np.abs(theta[:3]).max() < np.radians(5.0)
+    text = _words(CAMERA, *found)
+    measured = re.search(r"`f_px` were (\S+) times as long", text)
+    assert measured is not None
+    assert float(measured[1]) == pytest.approx(focal, rel=0.2)
+    assert remedy_of(Refusal(source="camera front", reason=text, count=1, t_recv_ns=0)).cause == "focal"
 
 
-def test_a_wrong_mount_without_lean_is_not_claimed_seeds_1_to_20() -> None:
+def test_a_right_camera_is_never_doubted_seeds_1_to_20() -> None:
+    assert [seed for seed in range(1, 21) if errors(windows(np.zeros(3), seed)) is not None] == []
+
+
+def test_a_wrong_camera_without_lean_is_not_claimed_seeds_1_to_20() -> None:
     """Nothing shows it: neither an error nor a guess."""
     wrong = np.radians([0.0, 15.0, 0.0])
-    assert all(rotation(windows(wrong, seed, nod=0.0)) is None for seed in range(1, 21))
-    assert rotation(windows(wrong, 1, count=FEWEST_WINDOWS - 1)) is None
+    assert all(errors(windows(wrong, seed, nod=0.0, focal=2.0)) is None for seed in range(1, 21))
+    assert errors(windows(wrong, 1, count=FEWEST_WINDOWS - 1)) is None
 
 
 def hints(scenario: Scenario, mount_deg: list[float], seconds: float, seed: int) -> list[str]:
