@@ -12,10 +12,10 @@ from typing import Final
 
 from onboard.config import Config
 from onboard.messages import Advice, Severity
+from onboard.pipeline.health.causes_host import OF_TLS
 
 LITTLE_ROOM: Final = 200_000_000  # bytes
 PROC: Final = Path("/proc")
-TLS: Final = ("certificate", "TLS", "tls/", "quic/")
 
 
 def why_absent(config: Config, endpoint: str, error: str, vehicle: str = "") -> tuple[Advice, ...]:
@@ -25,27 +25,31 @@ def why_absent(config: Config, endpoint: str, error: str, vehicle: str = "") -> 
         what = f"no daemon of vehicle {vehicle or config.zenoh.vehicle} publishes at {endpoint}"
         remedy = "`--vehicle all` shows all there are; else start `onboard run CONFIG.toml`"
         return (_error("daemon", what, remedy),)
-    found = [*_ports(config), *_storage(config)]
-    if any(sign in error for sign in TLS) and "refused" not in error:
+    found = [*_ports(config, endpoint), *_storage(config)]
+    if OF_TLS.search(error):
         remedy = "check `ca_file`, `certificate_file`, `private_key_file` of [zenoh], the clock, and `--config`"
         return (_error("tls", f"{endpoint}: {error}", remedy), *found)
+    if any(advice.cause == "daemon" for advice in found):
+        return tuple(found)
     remedy = "start `onboard run CONFIG.toml`, or set `--connect`"
+    if config.zenoh.enabled and not config.zenoh.listens():
+        remedy += '; `listen = ["tcp/127.0.0.1:7447"]` of [zenoh] lets this computer ask its own daemon'
     return (*found, _error("daemon", f"no daemon answers at {endpoint}", remedy))
 
 
-def _ports(config: Config) -> Iterator[Advice]:
-    """Ports that the daemon would listen on, and that another program has."""
+def _ports(config: Config, endpoint: str) -> Iterator[Advice]:
+    """Ports that the daemon would listen on, and that another program has, or the daemon itself."""
     for link in config.link:
         kind, _, where = link.url.partition(":")
         if kind in ("udpin", "json", "tcpin"):
             key = f"`url` of [[link]] {link.name}"
-            yield from _taken(f"link {link.name}", where, is_tcp=kind == "tcpin", key=key)
-    for endpoint in config.zenoh.listens() if config.zenoh.enabled else ():
-        if endpoint.startswith("tcp/"):
-            yield from _taken("Zenoh", endpoint[4:], is_tcp=True, key="`listen` of [zenoh]")
+            yield from _taken(f"link {link.name}", where, endpoint, is_tcp=kind == "tcpin", key=key)
+    for listening in config.zenoh.listens() if config.zenoh.enabled else ():
+        if listening.startswith("tcp/"):
+            yield from _taken("Zenoh", listening[4:], endpoint, is_tcp=True, key="`listen` of [zenoh]")
 
 
-def _taken(what: str, where: str, *, is_tcp: bool, key: str) -> Iterator[Advice]:
+def _taken(what: str, where: str, endpoint: str, *, is_tcp: bool, key: str) -> Iterator[Advice]:
     host, _, text = where.rpartition(":")
     host, port = host.strip("[]"), int(text)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -59,12 +63,29 @@ def _taken(what: str, where: str, *, is_tcp: bool, key: str) -> Iterator[Advice]
                 return
         else:
             return
-    who = holder(port, is_tcp=is_tcp) or "another program"
+    name, process = holder(port, is_tcp=is_tcp)
+    who = f"{name} (process {process})" if name else "another program"
+    if _is_daemon(process):
+        yield _error(
+            "daemon",
+            f"{who} is a daemon, and has port {port} of {what}, but publishes nothing at {endpoint}",
+            "`enabled`, `listen` and `connect` of [zenoh] say where it publishes: name its file as `--config`, or "
+            "set `--connect`",
+        )
+        return
     yield _error("port", f"{what}: port {port} of {host} is in use by {who}", f"end that program, or change {key}")
 
 
-def holder(port: int, *, is_tcp: bool) -> str:
-    """Which program has a port, as far as Linux shows it to us: its name and process id, or ""."""
+def _is_daemon(process: str) -> bool:
+    """Whether a process is an `onboard run`."""
+    with suppress(OSError):
+        words = (PROC / process / "cmdline").read_bytes().split(b"\0")
+        return b"run" in words and any(Path(os.fsdecode(word)).name == "onboard" for word in words)
+    return False
+
+
+def holder(port: int, *, is_tcp: bool) -> tuple[str, str]:
+    """Which program has a port, as far as Linux shows it to us: its name and process id, or ("", "")."""
     inodes = set()
     for name in ("tcp", "tcp6") if is_tcp else ("udp", "udp6"):
         with suppress(OSError):
@@ -77,8 +98,8 @@ def holder(port: int, *, is_tcp: bool) -> str:
             for opened in (process / "fd").iterdir():
                 with suppress(OSError):
                     if str(opened.readlink()) in inodes:
-                        return f"{(process / 'comm').read_text().strip()} (process {process.name})"
-    return ""
+                        return (process / "comm").read_text().strip(), process.name
+    return "", ""
 
 
 def _storage(config: Config) -> Iterator[Advice]:

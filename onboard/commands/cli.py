@@ -207,7 +207,7 @@ def _add_view(view: argparse.ArgumentParser) -> None:
         "--at", type=_moment, metavar="S", help="with --png: the time shown, s from the recording's start"
     )
     view.add_argument("--connect", help="a daemon's or router's Zenoh (default: the file's, or this computer's)")
-    view.add_argument("--vehicle", help="its id, or all (default: 1, with a file: all)")
+    view.add_argument("--vehicle", help="its id (default: all)")
     view.add_argument("--config", type=Path, metavar="C", help="TOML file: camera, and certificates for a router")
     view.add_argument("--web", action="store_true", help="in a browser of this computer, instead of a window")
     view.add_argument("--rrd", type=Path, help="record what is watched")

@@ -19,6 +19,7 @@ from onboard.view.client import Client
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 ALL: Final = "all"
 WAIT_S: Final = 3.0  # for a first health, which comes once a second
+ALL_S: Final = 1.5  # in which each vehicle that runs has sent one
 HEALTHY, NOT_HEALTHY = 0, 1
 CLEAR: Final = "\x1b[2J\x1b[H"
 LAST: Final = 5  # refusals
@@ -28,28 +29,32 @@ def main(arguments: argparse.Namespace) -> int:
     """Print the status once, or whenever it changes. Exit code 0: healthy. Raises UserError."""
     a = arguments
     config = load_config(a.config, tuple(a.set))
-    endpoint = a.connect or next(iter(config.zenoh.connect), None) or _own_endpoint(config)
-    vehicle = a.vehicle or (config.zenoh.vehicle if a.config is None else ALL)
-    try:
-        client = Client(endpoint, None if vehicle == ALL else vehicle, config.zenoh)
-    except SinkError as error:
-        return _show_absent(why_absent(config, endpoint, str(error)), as_json=a.json)
+    only = None if a.vehicle in (None, ALL) else a.vehicle
+    client, errors = None, dict[str, str]()
+    for endpoint in [a.connect] if a.connect else _endpoints(config):
+        try:
+            client = Client(endpoint, only, config.zenoh)
+            break
+        except SinkError as error:
+            errors[endpoint] = str(error)
+    if client is None:
+        return _show_absent(why_absent(config, " or ".join(errors), "; ".join(errors.values())), as_json=a.json)
     try:
         return _watch(client, a, config, endpoint)
     finally:
         client.close()
 
 
-def _own_endpoint(config: Config) -> str:
-    """Where the daemon of this configuration listens."""
-    return next(iter(config.zenoh.listens()), DEFAULT_ENDPOINT)
+def _endpoints(config: Config) -> tuple[str, ...]:
+    """Where to ask the daemon of this configuration: itself, else its routers, which may be off."""
+    return (*config.zenoh.listens(), *config.zenoh.connect) or (DEFAULT_ENDPOINT,)
 
 
 def _watch(client: Client, a: argparse.Namespace, config: Config, endpoint: str) -> int:
     """Show the health of each vehicle: once, or until interrupted."""
     found: dict[str, Health] = {}
-    deadline = time.monotonic() + WAIT_S
-    while a.watch or (time.monotonic() < deadline and not found):
+    begin = time.monotonic()
+    while a.watch or time.monotonic() < begin + (_patience(a) if found else WAIT_S):
         received = client.take(0.2)
         if received is None or not isinstance(received.record, Health):
             continue
@@ -61,6 +66,11 @@ def _watch(client: Client, a: argparse.Namespace, config: Config, endpoint: str)
     if not a.watch:
         _show(found, as_json=a.json)
     return HEALTHY if all(map(is_healthy, found.values())) else NOT_HEALTHY
+
+
+def _patience(a: argparse.Namespace) -> float:
+    """How long (s) to wait for further vehicles."""
+    return ALL_S if a.vehicle in (None, ALL) else 0.0
 
 
 def is_healthy(health: Health) -> bool:

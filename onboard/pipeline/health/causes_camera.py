@@ -222,8 +222,14 @@ def _detector_sends(m: Moment) -> bool:
 
 
 def _is_refused(m: Moment) -> bool:
-    """Whether images come, but are refused: that has advice of its own."""
-    return any("camera" in r.source and m.now.t_recv_ns - r.t_recv_ns < SILENT_S * 1e9 for r in m.now.refusals)
+    """Whether images come, but are refused: that has advice of its own. Of what no camera's name is known, the
+    source is the link, the Zenoh key or the ROS topic."""
+    links = {k.name for k in m.needs.links if not k.is_autopilot}
+    return any(
+        (r.source.startswith("camera ") or "/" in r.source or r.source in links)
+        and m.now.t_recv_ns - r.t_recv_ns < SILENT_S * 1e9
+        for r in m.now.refusals
+    )
 
 
 def _key(m: Moment, name: str) -> str:

@@ -8,6 +8,7 @@ from onboard.messages import DOUBT, Advice, Severity
 from onboard.pipeline.health.needs import Moment
 from onboard.pipeline.health.remedies import remedy_of
 
+OF_TLS: Final = re.compile(r"certificate|TLS: ")  # of what a handshake says; an address may be tls/..., too
 RECENT_NS: Final = 10_000_000_000
 LATE_S: Final = 0.15  # by which the daemon's timer may be late
 LITTLE_ROOM: Final = 200_000_000  # bytes
@@ -49,7 +50,7 @@ def links(m: Moment) -> Iterator[Advice]:
     for name, health in m.now.links.items():
         before = m.before.links.get(name, health)
         if health.error:
-            cause = "tls" if re.search(r"TLS|tls/|certificate", health.error) else "link"
+            cause = "tls" if OF_TLS.search(health.error) else "link"
             yield Advice(
                 cause=cause,
                 severity=Severity.WARNING,
@@ -111,8 +112,9 @@ def slow(m: Moment) -> Iterator[Advice]:
         if health.shed > before.shed:
             signs.append(f"link {name}: too many messages; {health.shed - before.shed} were left out")
     for name, sink in m.now.sinks.items():
-        lost = sink.dropped_important - m.before.sinks.get(name, sink).dropped_important
-        if lost > 0:
+        before_it = m.before.sinks.get(name, sink)
+        lost = sink.dropped_important - before_it.dropped_important
+        if lost > 0 and not (sink.error or before_it.error or (name == "recorder" and _is_full(m))):
             signs.append(f"{name} lost {lost} records")
     if load.lag > LATE_S and m.before.computer.lag > LATE_S and m.before is not m.now:
         signs.append(f"the daemon is {load.lag:.2f} s late")
@@ -132,7 +134,7 @@ def slow(m: Moment) -> Iterator[Advice]:
 def storage(m: Moment) -> Iterator[Advice]:
     """Storage or memory that is about to run out."""
     load = m.now.computer
-    if "recorder" in m.now.sinks and load.storage_free is not None and load.storage_free < LITTLE_ROOM:
+    if load.storage_free is not None and _is_full(m):
         yield Advice(
             cause="disk",
             severity=Severity.WARNING,
@@ -150,6 +152,12 @@ def storage(m: Moment) -> Iterator[Advice]:
             remedy="stop other programs (`top`), or lower `max_targets` of [estimator.leader]",
             text="companion computer: little memory",
         )
+
+
+def _is_full(m: Moment) -> bool:
+    """Whether a recording has little room, and loses records for that."""
+    free = m.now.computer.storage_free
+    return "recorder" in m.now.sinks and free is not None and free < LITTLE_ROOM
 
 
 def _last(source: str) -> str:

@@ -4,6 +4,7 @@ import json
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -28,15 +29,16 @@ ADVICE = Advice(
 
 
 @contextmanager
-def publishing(health: Health) -> Iterator[str]:
-    """A daemon's endpoint, at which this health is published ten times a second."""
+def publishing(health: Health, vehicles: tuple[str, ...] = ("1",)) -> Iterator[str]:
+    """A daemon's or router's endpoint, at which this health of each vehicle is published ten times a second."""
     (port,) = free_ports(TCP)
     endpoint = f"tcp/127.0.0.1:{port}"
     session, stop = open_session(ZenohConfig(listen=(endpoint,))), threading.Event()
 
     def publish() -> None:
         while not stop.wait(0.1):
-            session.put("onboard/1/health", msgspec.json.encode(health))
+            for vehicle in vehicles:
+                session.put(f"onboard/{vehicle}/health", msgspec.json.encode(health))
 
     thread = threading.Thread(target=publish)
     thread.start()
@@ -77,6 +79,30 @@ def test_another_vehicle_than_the_one_that_is_asked_for(capsys: pytest.CaptureFi
     shown = capsys.readouterr().out
     assert "no daemon of vehicle uav-7" in shown
     assert "--vehicle all" in shown
+
+
+@pytest.mark.parametrize("asked", [(), ("--vehicle", "all")])
+def test_all_vehicles_of_a_router_are_shown(asked: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    """The first one that was heard was shown alone."""
+    with publishing(Pipeline(Config()).health(1), ("1", "uav-2", "uav-3")) as endpoint:
+        assert cli.main(["status", "--connect", endpoint, *asked]) == 0
+    shown = [line for line in capsys.readouterr().out.splitlines() if line.startswith("vehicle ")]
+    assert [line.partition(":")[0] for line in shown] == ["vehicle 1", "vehicle uav-2", "vehicle uav-3"]
+
+
+def test_the_own_daemon_is_asked_while_its_router_is_off(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (port,) = free_ports(TCP)
+    with publishing(Pipeline(Config()).health(1)) as endpoint:
+        config = tmp_path / "c.toml"
+        config.write_text(f'[zenoh]\nlisten = ["{endpoint}"]\nconnect = ["tcp/127.0.0.1:{port}"]\n')
+        assert cli.main(["status", "--config", str(config)]) == 0
+        config.write_text(f'[zenoh]\nlisten = ["tcp/127.0.0.1:{port}"]\nconnect = ["{endpoint}"]\n')
+        assert cli.main(["status", "--config", str(config)]) == 0
+        config.write_text(f'[zenoh]\nlisten = []\nconnect = ["tcp/127.0.0.1:{port}"]\n')
+        assert cli.main(["status", "--config", str(config)]) == 1
+    assert "lets this computer ask its own daemon" in capsys.readouterr().out
 
 
 def test_no_daemon_answers(capsys: pytest.CaptureFixture[str]) -> None:

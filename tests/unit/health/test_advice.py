@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from onboard.arrays import Array
 from onboard.autopilot.notices import LENGTH, Notices
+from onboard.commands import absent
 from onboard.commands.absent import why_absent
 from onboard.commands.status import describe, is_healthy
 from onboard.config import Config, parse_config
@@ -156,6 +157,30 @@ def test_01_a_detector_that_finds_nothing() -> None:
     rims = lambda second: Rim(links={"zenoh": LinkHealth(received=25 * second)})  # noqa: E731
     doctor = flown(without(TargetPoints), rims=rims)
     assert "no aircraft is in it" in named(doctor, "camera-silent", "detections").what
+
+
+@pytest.mark.parametrize(
+    ("channel", "encoding", "data"),
+    [
+        ("camera", Encoding.DETECTIONS, b'{"t_ns": 1, "detections": []}'),
+        ("vision", Encoding.DETECTIONS, b'{"t_ns": 1, "detections": []}'),
+        ("onboard/1/camera/front/detections", Encoding.DETECTIONS, b"{}"),
+        ("0/perception/boxes/vision_msgs::msg::dds_::Detection2DArray_/RIHS01_0", Encoding.ROS, bytes(20)),
+    ],
+)
+def test_01_a_detector_that_is_refused_is_not_said_to_find_nothing(
+    channel: str, encoding: Encoding, data: bytes
+) -> None:
+    """Only sources with "camera" in their name were noticed."""
+    name = "zenoh" if "/" in channel else channel
+    link = [] if name == "zenoh" else [{"name": name, "url": "json:127.0.0.1:1", "autopilot": False}]
+    pipeline = Pipeline(configured(link=link))
+    for k in range(8):
+        t_ns = EPOCH + k * S
+        pipeline.decode(Datagram(channel=channel, encoding=encoding, t_recv_ns=t_ns, data=data))
+        health = pipeline.health(t_ns, Rim(links={name: LinkHealth(received=k + 1)}))
+    assert "camera-silent" not in [advice.cause for advice in health.advice]
+    assert any(channel[:10] in advice.what for advice in health.advice)
 
 
 def test_02_a_silent_autopilot() -> None:
@@ -323,6 +348,15 @@ def test_16_tls_of_the_daemon() -> None:
     assert "has expired" in named(doctor, "tls", "`ca_file`").what
 
 
+@pytest.mark.parametrize("reason", ["Connection refused", "timed out", "No route to host", "no answer"])
+def test_16_a_router_that_is_off_is_no_matter_of_certificates(reason: str) -> None:
+    error = f"cannot reach tls/hub:7447 ({reason})"
+    (advice,) = Pipeline(configured()).health(EPOCH, Rim(links={"zenoh": LinkHealth(error=error)})).advice
+    assert (advice.cause, "start `onboard router CONFIG.toml` there" in advice.remedy) == ("link", True)
+    found = why_absent(configured(link=[]), "tls/hub:7447", f"zenoh: no router answers at {error}")
+    assert [advice.cause for advice in found] == ["daemon"]
+
+
 def test_16_tls_of_the_status_itself() -> None:
     error = "zenoh: no router answers at tls/hub:7447 (tls/hub:7447: its certificate is not accepted: expired)"
     (advice, *_) = why_absent(configured(link=[]), "tls/hub:7447", error)
@@ -340,6 +374,50 @@ def test_17_a_port_in_use() -> None:
     assert f"port {port} of 127.0.0.1 is in use by" in advice.what
     assert f"(process {os.getpid()})" in advice.what
     assert "`url` of [[link]] autopilot" in advice.remedy
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_17_a_port_that_the_daemon_itself_has(enabled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`onboard status` advised to end the very daemon that it asked for."""
+    monkeypatch.setattr(absent, "_is_daemon", lambda process: process == str(os.getpid()))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        link = [{"name": "autopilot", "url": f"udpin:127.0.0.1:{taken.getsockname()[1]}"}]
+        config = configured(link=link, zenoh={"enabled": enabled, "listen": []})
+        (advice,) = why_absent(config, "tcp/127.0.0.1:1", "refused")
+    assert (advice.cause, "end that program" in advice.remedy) == ("daemon", False)
+    assert f"(process {os.getpid()}) is a daemon" in advice.what
+    assert "[zenoh]" in advice.remedy
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["/opt/wingline/bin/python3", "/opt/wingline/bin/onboard", "run", "c.toml"], True),
+        (["/usr/bin/python3", "-m", "onboard", "run"], True),
+        (["/opt/wingline/bin/onboard", "status"], False),
+        (["simlink", "run", "formation"], False),
+    ],
+)
+def test_17_what_is_a_daemon(
+    words: list[str], expected: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "7").mkdir()
+    (tmp_path / "7" / "cmdline").write_bytes("\0".join([*words, ""]).encode())
+    monkeypatch.setattr(absent, "PROC", tmp_path)
+    assert [absent._is_daemon(process) for process in ("7", "8", "")] == [expected, False, False]
+
+
+def test_18_a_full_disk_is_no_slow_computer() -> None:
+    def rims(second: int) -> Rim:
+        error = "[Errno 28] No space left on device" if second < 9 else ""  # it was opened anew, and loses more
+        load = ComputerLoad(storage_free=0 if second > 5 else None)
+        sinks = {"recorder": SinkHealth(error=error, dropped_important=1000 * second)}
+        return Rim(sinks=sinks, computer=load)
+
+    pipeline = Pipeline(configured(estimator={}))
+    found = [{a.cause for a in pipeline.health(EPOCH + k * S, rims(k)).advice} for k in range(14)]
+    assert all("disk" in causes and "slow" not in causes for causes in found)
 
 
 def test_18_a_full_disk() -> None:
