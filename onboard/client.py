@@ -7,6 +7,7 @@ The daemon names what it refuses on its standard error and in its health.
 """
 
 import math
+import sys
 import time
 from collections.abc import Iterable, Mapping
 from types import TracebackType
@@ -25,26 +26,34 @@ from onboard.messages import (
     Intrinsics,
     MountAttitude,
 )
-from onboard.sinks.zenoh_session import ZenohConfig, open_session
+from onboard.sinks.zenoh_session import RouterAbsentError, ZenohConfig, ZenohSession, open_session
 
 ENDPOINT: Final = "tcp/127.0.0.1:7447"
+RETRY_S: Final = 0.5
 
 Point = tuple[float, float] | tuple[float, float, float]
 
 
 class Camera:
     """A connection to the daemon at `endpoint` for the camera of that name; empty: the first that it has. `clock`:
-    by which its times of exposure are, Unix time by default.
+    by which its times of exposure are, Unix time by default. A detector may start before the daemon: `wait_s` is
+    how long to wait for it, with a line on standard error; later, a daemon that starts anew is found again.
 
     Raises SinkError when no daemon answers.
     """
 
     def __init__(
-        self, name: str = "", *, endpoint: str = ENDPOINT, vehicle: str = "1", clock: Clock = Clock.HOST
+        self,
+        name: str = "",
+        *,
+        endpoint: str = ENDPOINT,
+        vehicle: str = "1",
+        clock: Clock = Clock.HOST,
+        wait_s: float = math.inf,
     ) -> None:
         config = ZenohConfig(vehicle=vehicle, mode="client", listen=(), connect=(endpoint,))
         self._name, self._clock = name, clock
-        self._session = open_session(config)
+        self._session = _connected(config, wait_s)
         self._key = f"{config.prefix}/camera/{name or 'any'}/detections"
 
     def send(
@@ -107,6 +116,20 @@ class Camera:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _connected(config: ZenohConfig, wait_s: float) -> ZenohSession:
+    """A session with the daemon. Raises SinkError if none answers in time."""
+    begin, lines = time.monotonic(), iter(["waiting for it"])
+    while True:
+        try:
+            return open_session(config)
+        except RouterAbsentError as error:
+            if time.monotonic() - begin >= wait_s:
+                raise
+            for line in lines:  # once
+                print(f"{error}; {line}", file=sys.stderr, flush=True)
+            time.sleep(RETRY_S)
 
 
 def pose_of(rvec: Any, tvec: Any, covariance: Any = None) -> DetectedPose:

@@ -23,6 +23,7 @@ from onboard.config import Config, WarmFile, ros_encoder, signing_key, storing_o
 from onboard.links import AbsentError, Link, LinkError, parse_link
 from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
+from onboard.links.service_manager import ServiceManager
 from onboard.links.zenoh import ZenohLink
 from onboard.messages import Datagram, Estimate, Message, Output, WarmState
 from onboard.pipeline import Pipeline, Rim
@@ -67,6 +68,8 @@ class Daemon:
         self._next_health_ns = 0
         self._lag_ns = 0  # the longest time by which the timer was late since the last health
         self._leader_stream = Stream(LEADER_HZ)
+        self._service = ServiceManager()
+        self._delivered = self._processed = 0  # datagrams since the watchdog was fed
 
     async def run(self, end_signals: Iterable[signal.Signals] = (signal.SIGINT, signal.SIGTERM)) -> None:
         """Fly until one of `end_signals`.
@@ -78,8 +81,10 @@ class Daemon:
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
         try:
             if await self._opened(stop):
+                self._service.notify("READY=1")
                 await self._fly(stop)
         finally:
+            self._service.notify("STOPPING=1")
             if self._zenoh is not None:
                 await asyncio.to_thread(self._zenoh.close)
             for storing in (self._storing, self._warm):
@@ -106,7 +111,7 @@ class Daemon:
             except RouterAbsentError as error:  # a client's; `_await_router` tries again
                 self._report(f"{error}; trying again")
         if config.recorder.path is not None:
-            recorder = recording.Recorder(Path(config.recorder.path))
+            recorder = recording.Recorder(Path(config.recorder.path), rotation=_rotation(config))
             recorder.check()
             self._sinks["recorder"] = recording.runner(recorder)
             self._report(f"recording to {config.recorder.path}")
@@ -169,6 +174,7 @@ class Daemon:
         recorder = self._sinks.get("recorder")
         if recorder is not None:
             recorder.put(datagram)
+        self._delivered += 1
         try:
             messages = self._pipeline.decode(datagram)
         except Exception as error:  # of any kind
@@ -176,6 +182,7 @@ class Daemon:
             return False
         try:
             self._process(datagram, messages)
+            self._processed += 1
         except Exception as error:  # of any kind
             self._pipeline.count_error("daemon", error)
         return bool(messages)
@@ -242,6 +249,13 @@ class Daemon:
             self._warm.keep(self._output.warm_state(host_ns, offset_ns, self._pipeline.clocks.round_trip_ns))
             if self._storing is not None and (error := self._storing.take_error()):
                 self._warn(error)
+            self._feed_watchdog()
+
+    def _feed_watchdog(self) -> None:
+        """Once a second, unless all that came has failed in the pipeline: then we are started anew."""
+        if self._processed or not self._delivered:
+            self._service.notify("WATCHDOG=1")
+            self._delivered = self._processed = 0
 
     def _take(self, output: Output) -> None:
         """Publish what the pipeline gives, and send the autopilot what it wants of it."""
@@ -275,6 +289,13 @@ class Daemon:
                 if link.channel == channel:
                     for frame in frames:
                         link.send(self._output.signed(channel, frame, self._wall_ns()))
+
+
+def _rotation(config: Config) -> recording.Rotation:
+    """Of recordings, as configured."""
+    file_mb, keep_mb = config.recorder.file_mb, config.recorder.keep_mb
+    file_bytes, keep_bytes = (None if limit is None else limit * 1e6 for limit in (file_mb, keep_mb))
+    return recording.Rotation(file_bytes, keep_bytes, config.recorder.keep_days)
 
 
 def _first(group: BaseExceptionGroup[Any]) -> BaseException:

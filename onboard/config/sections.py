@@ -119,6 +119,11 @@ class RecorderConfig(Record, frozen=True, kw_only=True):
     """`[recorder]`: raw bytes as they came, and every estimate, in an MCAP file."""
 
     path: str | None = None
+    file_mb: Positive | None = None  # beyond it another file begins; None: one file for each run
+    keep_mb: Positive | None = (
+        None  # when a file begins, the oldest of this name beyond it are removed; None: never
+    )
+    keep_days: Positive | None = None  # ... and those that are older
 
 
 class ParametersConfig(Record, frozen=True, kw_only=True):

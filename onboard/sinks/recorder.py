@@ -6,11 +6,12 @@ exists, the new file gets a number.
 """
 
 import os
+import re
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any, Final, NamedTuple
 
 import msgspec
 from mcap.writer import Writer
@@ -28,6 +29,7 @@ GATHERS_S: Final = 0.1  # records are written so often at most
 FLUSH_S: Final = 0.85  # a crash loses at most a second: this, what is being gathered, and the writing
 FILE_MODE: Final = 0o600  # where somebody flew is nobody else's business
 FOLDER_MODE: Final = 0o700
+S_PER_DAY: Final = 86_400.0
 CHUNK_BYTES: Final = 1 << 20
 CAPACITY: Final = 20_000  # queued datagrams: half a minute of a busy flight, if the card stalls
 OWN_TOPICS: Final = 10_000  # MCAP numbers channels with 16 bits; datagrams of further sources share OTHERS, ...
@@ -35,10 +37,29 @@ OTHERS: Final = "others"
 TARGETS: Final = 10_000  # ... and estimates of further targets are not recorded: a replay makes them again
 
 
+class Rotation(NamedTuple):
+    """When a new file begins, and which older ones are then removed: bytes of a file, bytes of all together, and
+    days of age by their time stamps. None: never."""
+
+    file_bytes: float | None = None
+    keep_bytes: float | None = None
+    keep_days: float | None = None
+
+
+NO_ROTATION: Final = Rotation()
+
+
 class Recorder:
     """Sink that writes `path`, or `path` with a number before its suffix if that exists."""
 
-    def __init__(self, path: Path, *, monotonic: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        path: Path,
+        *,
+        rotation: Rotation = NO_ROTATION,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._rotation = rotation
         self.path = path  # of the file being written, once open
         self._wanted = path
         self._monotonic = monotonic
@@ -85,6 +106,23 @@ class Recorder:
         except OSError as error:
             self._abandon()
             raise SinkError(f"cannot record to {self._wanted}: {error.strerror}") from error
+        with suppress(OSError):  # recording comes first
+            self._remove_old()
+
+    def _remove_old(self) -> None:
+        """Remove the oldest recordings of this name, but not the open one, as `Rotation` says. Ages count from the
+        open file's own stamp."""
+        limits, name = self._rotation, re.compile(rf"{re.escape(self._wanted.stem)}(-\d+)?")
+        now, left = self.path.stat().st_mtime, 0
+        others = [p for p in self._wanted.parent.glob(f"*{self._wanted.suffix}") if name.fullmatch(p.stem)]
+        found = sorted(
+            ((p.stat(), p) for p in others if p != self.path), key=lambda f: f[0].st_mtime, reverse=True
+        )
+        for stat, path in found:
+            left += stat.st_size
+            is_old = limits.keep_days is not None and now - stat.st_mtime > limits.keep_days * S_PER_DAY
+            if is_old or (limits.keep_bytes is not None and left > limits.keep_bytes):
+                path.unlink()
 
     def write(self, records: Sequence[Recorded]) -> None:
         """Append records; flush and sync `FLUSH_S` after the last time."""
@@ -102,6 +140,10 @@ class Recorder:
                     self._append(computed, self._encoder.encode(record))
         if self._unflushed and self._monotonic() - self._t_flush >= FLUSH_S:
             self._flush()
+            limit = self._rotation.file_bytes
+            if limit is not None and self._file is not None and self._file.tell() > limit:
+                self.close()
+                self.open()
 
     def close(self) -> None:
         """Write the index and close the file. If the disk fails, as much as possible is saved, and a file without

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from onboard.messages import Datagram, Encoding
 from onboard.sinks import SinkError
-from onboard.sinks.recorder import Recorder
+from onboard.sinks.recorder import Recorder, Rotation
 from onboard.wire.recording import read_recording
 from tests.support.view_flight import health_of
 
@@ -51,6 +51,48 @@ def test_a_disk_that_is_full_later_keeps_what_was_written_and_leaves_no_empty_fi
         recorder.close()
     assert [p.name for p in tmp_path.iterdir()] == ["flight.mcap"]
     assert next(read_recording(tmp_path / "flight.mcap"))[0] == datagram(0)
+
+
+def recorded(path: Path, rotation: Rotation, files: int) -> None:
+    """Fill as many files, each a second apart."""
+    recorder = Recorder(path, rotation=rotation, monotonic=iter(range(100)).__next__)
+    for n in range(files):
+        recorder.open()
+        recorder.write([datagram(n)])
+        recorder.close()
+        os.utime(recorder.path, (10**9 + n, 10**9 + n))
+
+
+def test_a_file_that_is_large_enough_is_followed_by_another(tmp_path: Path) -> None:
+    recorder = Recorder(
+        tmp_path / "flight.mcap", rotation=Rotation(file_bytes=1.0), monotonic=iter(range(100)).__next__
+    )
+    recorder.open()
+    for n in range(3):
+        recorder.write([datagram(n)])
+    recorder.close()
+    found = [[d for d, _ in read_recording(tmp_path / f"flight{k}.mcap") if d] for k in ("", "-2", "-3", "-4")]
+    assert found == [[datagram(0)], [datagram(1)], [datagram(2)], []]
+
+
+@pytest.mark.parametrize(
+    ("rotation", "left"),
+    [
+        (Rotation(), ["", "-2", "-3", "-4"]),
+        (Rotation(keep_bytes=1.0), ["-4"]),
+        (Rotation(keep_bytes=1e6), ["", "-2", "-3", "-4"]),
+        (Rotation(keep_days=1.0), ["-4"]),
+    ],
+)
+def test_the_oldest_recordings_of_a_name_are_removed(rotation: Rotation, left: list[str], tmp_path: Path) -> None:
+    """Each start left one more, until the disk was full."""
+    others = [tmp_path / name for name in ("flight-a.mcap", "flight2.mcap", "flight.csv", "other.mcap")]
+    for other in others:
+        other.write_text("mine")
+        os.utime(other, (1, 1))
+    recorded(tmp_path / "flight.mcap", Rotation(), 3)
+    recorded(tmp_path / "flight.mcap", rotation, 1)
+    assert {p.name for p in tmp_path.iterdir()} == {*(f"flight{k}.mcap" for k in left), *(p.name for p in others)}
 
 
 def test_a_recording_that_received_nothing_is_kept_if_it_was_ended_in_order(tmp_path: Path) -> None:
