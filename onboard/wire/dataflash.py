@@ -8,9 +8,10 @@ boot clock.
 
 import io
 import math
+import os
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any, Final
 
@@ -37,7 +38,10 @@ ARDUPILOT: Final = 3
 ACTIVE: Final = 4
 FIX_3D: Final = 3
 GPS_EPOCH_S: Final = 315_964_800  # 6 January 1980, Unix time
-LEAP_S: Final = 18  # GPS time is ahead of UTC by so much, since 2017
+STDERR: Final = 2
+S_PER_DAY: Final = 86_400
+# By how much GPS time is ahead of UTC, s, since a day of GPS time: 2017, 2015, 2012, 2009, and before.
+LEAP_S: Final = ((13510, 18), (12960, 17), (11865, 16), (10588, 15), (0, 14))
 WEEK_S: Final = 604_800
 LATEST_US: Final = 2**53  # 285 years after boot
 UNREADABLE: Final = (
@@ -45,6 +49,18 @@ UNREADABLE: Final = (
     *(OverflowError, MemoryError, RecursionError, struct.error),
 )
 INSTANCES: Final = ("I", "C", "Inst", "Instance")  # the field that numbers a row's sensor or core
+RENAMED: Final = {  # of firmware that numbers rows in their names: the name today, and the instance
+    "GPS2": ("GPS", 1),
+    "GPA2": ("GPA", 1),
+    "IMU2": ("IMU", 1),
+    "IMU3": ("IMU", 2),
+    "BAR2": ("BARO", 1),
+    "NKF6": ("NKF1", 1),
+    "NKF9": ("NKF4", 1),
+    "XKF6": ("XKF1", 1),
+    "XKF9": ("XKF4", 1),
+}
+SILENT_US: Final = 2_000_000  # of a sensor, after which another one is read
 KINDS: Final = ("ATT", "IMU", "XKF1", "NKF1", "XKF4", "NKF4", "ORGN", "GPS", "GPA", "BARO", "RCOU", "BAT")
 Lose = Callable[[str], None]
 Header = dict[str, Any]
@@ -52,7 +68,8 @@ Header = dict[str, Any]
 
 def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Message, int]]:
     """(message, bytes of the file consumed so far) in the order of the log, after one heartbeat that names the
-    vehicle type. Of each sensor it is the first instance; of the EKF, the primary core.
+    vehicle type. Of each sensor it is the first instance that the log holds, until that brings nothing of use (a
+    GPS: no 3-D fix) for two seconds; of the EKF, the primary core.
 
     A row that cannot be used is left out; `lose` is called with the reason. Raises NotALogError when the log
     cannot be read.
@@ -61,7 +78,7 @@ def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Me
 
     log: Any = None
     try:
-        with _quiet():
+        with _quiet(), _quiet_library():
             log = DFReader.DFReader_binary(str(path))
             if "ATT" not in log.name_to_id:
                 raise NotALogError("this DataFlash log holds no attitude (ATT)")
@@ -84,13 +101,14 @@ def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, i
     converter = _Converter()
     is_first = True
     for row in _rows(log, (), lose):
-        if row.get_type() not in KINDS:
+        kind, instance = RENAMED.get(row.get_type(), (row.get_type(), _instance(row)))
+        if kind not in KINDS:
             continue
         try:
             header = _header(row, system, offset_ns)
-            message = converter.convert(row, header)
+            message = converter.convert(kind, instance, row, header)
         except UNREADABLE as error:
-            lose(f"{row.get_type()}: {error}")
+            lose(f"{kind}: {error}")
             continue
         if message is None:
             continue
@@ -109,13 +127,15 @@ class _Converter:
         self._rates: Vec3 = (0.0, 0.0, 0.0)
         self._accuracy: tuple[float, float] | None = None
         self._core = 0
+        self._read: dict[
+            str, tuple[int, int]
+        ] = {}  # by kind: the instance, and its last time with something of use
 
-    def convert(self, row: Any, header: Header) -> Message | None:
+    def convert(self, kind: str, instance: int, row: Any, header: Header) -> Message | None:
         """The message of a row; None for one that has none, or is of another sensor."""
-        kind = row.get_type()
-        if kind in ("XKF4", "NKF4"):
+        if kind in ("XKF4", "NKF4") and "PI" in row.fmt.columns:
             self._core = int(row.PI)
-        if _instance(row) != (self._core if kind[1:3] == "KF" else 0):
+        if not self._is_read(kind, instance, row, header["t_ns"] // 1000):
             return None
         if kind == "GPA":
             self._accuracy = (row.HAcc, row.VAcc)
@@ -131,6 +151,19 @@ class _Converter:
         elif (convert := CONVERT.get(kind)) is not None:
             return convert(row, header)
         return None
+
+    def _is_read(self, kind: str, instance: int, row: Any, t_us: int) -> bool:
+        """Whether this is the instance of its kind that is read."""
+        if kind[1:3] == "KF":
+            return instance == self._core
+        if kind == "GPA":
+            return instance == self._read.get("GPS", (instance, 0))[0]
+        of_use = kind != "GPS" or int(row.Status) >= FIX_3D
+        read, last_us = self._read.get(kind, (instance, t_us))
+        if instance != read and not (of_use and t_us - last_us > SILENT_US):
+            return False
+        self._read[kind] = instance, t_us if of_use else last_us
+        return True
 
     def _fix(self, row: Any, header: Header) -> Message:
         lat, lon, alt = _finite(row, "Lat", "Lng", "Alt")
@@ -217,16 +250,31 @@ def _rows(log: Any, kinds: tuple[str, ...], lose: Lose) -> Iterator[Any]:
 
 
 def _unix_offset_ns(log: Any) -> int:
-    """Unix time less boot time at the first 3-D fix; 0 without one."""
-    for row in _rows(log, ("GPS",), lambda _: None):
-        if int(row.Status) >= FIX_3D and int(row.GWk) > 0:
-            unix_ms = (GPS_EPOCH_S - LEAP_S + int(row.GWk) * WEEK_S) * 1000 + int(row.GMS)
-            return unix_ms * 1_000_000 - int(row.TimeUS) * 1000
+    """Unix time less boot time at the first 3-D fix; 0 without one. Only arrivals need it."""
+    for row in _rows(log, ("GPS", "GPS2"), lambda _: None):
+        week = _field(row, "GWk", "Week") if int(row.Status) >= FIX_3D else 0
+        if week > 0:
+            gps_ms = week * WEEK_S * 1000 + _field(row, "GMS", "TimeMS")
+            leap_s = next(seconds for since, seconds in LEAP_S if gps_ms >= since * S_PER_DAY * 1000)
+            return (gps_ms + (GPS_EPOCH_S - leap_s) * 1000) * 1_000_000 - _time_us(row) * 1000
     return 0
 
 
+def _time_us(row: Any) -> int:
+    """Since boot. Firmware before 2015 has milliseconds, and in a GPS row beside those of the GPS's week."""
+    return int(row.TimeUS) if "TimeUS" in row.fmt.columns else 1000 * _field(row, "T", "TimeMS")
+
+
+def _field(row: Any, *names: str) -> int:
+    """The first of these fields that the row has. Raises ValueError."""
+    for name in names:
+        if name in row.fmt.columns:
+            return int(getattr(row, name))
+    raise ValueError(f"it has none of {', '.join(names)}")
+
+
 def _header(row: Any, system: int, offset_ns: int) -> Header:
-    t_us = int(row.TimeUS)
+    t_us = _time_us(row)
     if not 0 <= t_us < LATEST_US:
         raise ValueError("its time cannot be")
     return {"t_ns": t_us * 1000, "t_recv_ns": t_us * 1000 + offset_ns, "clock": Clock.BOOT, "system": system}
@@ -242,6 +290,19 @@ def _finite(row: Any, *names: str) -> Vec3:
     if not math.isfinite(x + y + z):
         raise ValueError(f"one of {', '.join(names)} is no finite number")
     return x, y, z
+
+
+@contextmanager
+def _quiet_library() -> Iterator[None]:
+    """Keeps off the screen what pymavlink's index, which is written in C, prints of each damaged byte."""
+    with Path(os.devnull).open("wb") as nowhere:
+        screen = os.dup(STDERR)
+        try:
+            os.dup2(nowhere.fileno(), STDERR)
+            yield
+        finally:
+            os.dup2(screen, STDERR)
+            os.close(screen)
 
 
 class _quiet(redirect_stdout[io.StringIO]):  # noqa: N801 - used as a function

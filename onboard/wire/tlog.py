@@ -15,12 +15,13 @@ SIGNED: Final = 0x01
 CHANNEL: Final = "tlog"
 EARLIEST_US: Final = 0
 BLOCK: Final = 1 << 20  # bytes that are read at a time
+SEARCHED: Final = 1 << 16  # bytes in which a log that is damaged at its begin must show a frame that is whole
 MARGIN: Final = 1024  # bytes: more than a record, and what shows that it is whole
 LATEST_US: Final = 4_102_444_800_000_000  # the year 2100
 
 
 class NotALogError(ValueError):
-    """The file does not start as a .tlog does."""
+    """The file is no .tlog, nor one whose begin is damaged."""
 
 
 def frame_length(data: memoryview, at: int) -> int | None:
@@ -38,11 +39,11 @@ def read_tlog(source: bytes | BinaryIO, channel: str = CHANNEL) -> Iterator[tupl
     """(Datagram, bytes consumed so far) for each record; (None, ...) once for each stretch without one. A file is
     read by blocks.
 
-    Raises NotALogError at once when the first bytes are not a record.
+    Raises NotALogError at once when the first bytes are not a record, nor any of those that follow soon.
     """
     file = io.BytesIO(source) if isinstance(source, bytes) else source
     view, at, begin, lost = memoryview(file.read(BLOCK)), 0, 0, False  # `begin`: where the view is in the file
-    if not _record_at(view, 0):
+    if not _record_at(view, 0) and not _holds_record(view[:SEARCHED]):
         raise NotALogError("this is no .tlog: it does not begin with a time stamp and a MAVLink frame")
     while True:
         if len(view) - at < MARGIN and (more := file.read(BLOCK)):
@@ -69,6 +70,15 @@ def _is_whole(view: memoryview, start: int, end: int) -> bool:
     """Whether a frame ends where its header says: a record follows, or its checksum is right. A wrong length would
     eat the records behind it."""
     return end == len(view) or _record_at(view, end) or (end < len(view) and not flaw(bytes(view[start:end])))
+
+
+def _holds_record(view: memoryview) -> bool:
+    """Whether there is a record whose frame has the right checksum."""
+    for at in range(len(view) - 8):
+        length = frame_length(view, at + 8) if _record_at(view, at) else None
+        if length is not None and not flaw(bytes(view[at + 8 : at + 8 + length])):
+            return True
+    return False
 
 
 def _record_at(view: memoryview, at: int) -> bool:

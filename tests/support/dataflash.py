@@ -43,6 +43,12 @@ class DataFlash:
         for name in FORMATS:
             self.data += self._writer.make_format_msgbuf(formats[name])
 
+    def add_format(self, name: str, form: str, columns: str) -> None:
+        """Let another kind of rows follow."""
+        fmt = DFFormat(10 + len(self._formats), name, 0, form, columns)
+        self._formats[name] = self._writer.formats[fmt.type] = fmt
+        self.data += self._writer.make_format_msgbuf(fmt)
+
     def row(self, name: str, t_us: int, **fields: Any) -> None:
         """Append a row; numbers are in the columns' units, as degrees and m."""
         fmt = self._formats[name]

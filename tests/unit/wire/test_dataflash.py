@@ -1,7 +1,10 @@
 """ArduPilot's DataFlash logs, as pymavlink writes them."""
 
 import math
+from collections.abc import Iterable
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,9 +21,9 @@ from onboard.messages import (
     LocalPosition,
     Message,
 )
-from onboard.wire.dataflash import read_dataflash
+from onboard.wire.dataflash import GPS_EPOCH_S, WEEK_S, read_dataflash
 from onboard.wire.tlog import NotALogError
-from tests.support.dataflash import BOOT_UNIX_S, dataflash
+from tests.support.dataflash import BOOT_UNIX_S, WEEK, WEEK_MS, DataFlash, dataflash
 from tests.support.streams import CIRCLE
 
 
@@ -98,6 +101,85 @@ def test_damage_costs_what_is_damaged(log: Path, tmp_path: Path) -> None:
     kept = list(read_dataflash(broken, lost.append))
     assert len(kept) > 0.97 * len(list(read_dataflash(log)))
     assert lost
+
+
+@pytest.mark.parametrize("hole", [bytes(4096), b"\xff" * 4096], ids=["zeros", "ones"])
+def test_a_hole_prints_nothing(hole: bytes, log: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """A line for each byte of it came from a library in C."""
+    data, lost = log.read_bytes(), list[str]()
+    broken = tmp_path / "broken.bin"
+    half = len(data) // 2
+    broken.write_bytes(data[:half] + hole + data[half + len(hole) :])
+    assert len(list(read_dataflash(broken, lost.append))) > 300
+    assert (capfd.readouterr(), len(lost)) == (("", ""), 1)
+
+
+OLDER = {  # as firmware had them that numbers rows in their names, and before 2015
+    "IMU2": ("QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+    **dict.fromkeys(("NKF1", "NKF6"), ("Qffffff", "TimeUS,VN,VE,VD,PN,PE,PD")),
+    **dict.fromkeys(("NKF4", "NKF9"), ("QHb", "TimeUS,SS,PI")),
+    "GPS": ("BIHBcLLeeEEfI", "Status,TimeMS,Week,NSats,HDop,Lat,Lng,RelAlt,Alt,Spd,GCrs,VZ,T"),
+}
+FIX = {"Status": 3, "GWk": WEEK, "GMS": WEEK_MS, "Lat": 47.0}
+
+
+def written(path: Path, rows: Iterable[tuple[str, float, dict[str, Any]]], older: tuple[str, ...] = ()) -> Path:
+    """A log of rows (kind, s, fields), which begins with an attitude."""
+    log = DataFlash()
+    for kind in older:
+        log.add_format(kind, *OLDER[kind])
+    log.row("ATT", 0)
+    for kind, t, fields in rows:
+        log.row(kind, round(t * 1e6), **fields)
+    path.write_bytes(log.data)
+    return path
+
+
+BOTH = [(t, i) for t in (1, 2, 3, 4) for i in (0, 1)]
+CORES = [("NKF4", 1, {"PI": 1}), ("NKF1", 2, {}), ("NKF6", 3, {}), ("NKF9", 4, {"PI": 0}), ("NKF1", 5, {})]
+INSTANCES = {
+    "second alone": (Imu, [("IMU", t, {"I": 1}) for t in (1, 2, 3)], [1, 2, 3]),
+    "second by its name": (Imu, [("IMU2", t, {}) for t in (1, 2, 3)], [1, 2, 3]),
+    "first of two": (Imu, [("IMU", t, {"I": i}) for t, i in BOTH], [1, 2, 3, 4]),
+    "first falls silent": (Imu, [("IMU", 1, {}), *(("IMU", t, {"I": 1}) for t in (2, 3, 4, 5))], [1, 4, 5]),
+    "second GPS": (GpsFix, [("GPS", t, {"I": 1, **FIX}) for t in (1, 2)], [1, 2]),
+    "GPS without a fix": (
+        GpsFix,
+        [("GPS", t + i / 9, FIX | {"I": i, "Status": 3 * i}) for t, i in BOTH],
+        [1, 2, 3, 28 / 9, 37 / 9],
+    ),
+    "cores by name": (LocalPosition, CORES, [3, 5]),
+}
+
+
+@pytest.mark.parametrize(("kind", "rows", "times"), INSTANCES.values(), ids=INSTANCES)
+def test_the_first_instance_of_use_is_read(
+    kind: type[Message], rows: list[tuple[str, float, dict[str, Any]]], times: list[float], tmp_path: Path
+) -> None:
+    """It was the one called 0, or nothing."""
+    older = tuple({name for name, _, _ in rows} & {*OLDER} - {"GPS"})
+    found = of(written(tmp_path / "log.bin", rows, older), kind)
+    assert [m.t_ns * 1e-9 for m in found] == pytest.approx(times, abs=1e-6)
+
+
+@pytest.mark.parametrize(("year", "leap_s"), [(2008, 14), (2010, 15), (2013, 16), (2016, 17), (2020, 18)])
+def test_leap_seconds_are_those_of_the_date(year: int, leap_s: int, tmp_path: Path) -> None:
+    """Before 2017, Unix times were 1 s and more off."""
+    noon = datetime(year, 8, 4, 12, tzinfo=UTC).timestamp()
+    week, second = divmod(int(noon) - GPS_EPOCH_S + leap_s, WEEK_S)
+    fix = FIX | {"GWk": week, "GMS": second * 1000}
+    (found,) = of(written(tmp_path / "log.bin", [("GPS", 10, fix)]), GpsFix)
+    assert found.t_recv_ns == round(noon) * 10**9
+
+
+def test_rows_of_firmware_before_2015_have_milliseconds(tmp_path: Path) -> None:
+    """The log was refused for the name of the GPS's time, which arrivals alone want."""
+    fix = {"Status": 3, "TimeMS": WEEK_MS, "Week": WEEK, "T": 5000, "Lat": 47.0}
+    (found,) = of(written(tmp_path / "log.bin", [("GPS", 0, fix)], ("GPS",)), GpsFix)
+    assert (found.t_ns, found.t_recv_ns) == (
+        5 * 10**9,
+        (GPS_EPOCH_S - 18 + WEEK * WEEK_S) * 10**9 + WEEK_MS * 10**6,
+    )
 
 
 def test_what_is_no_log_is_refused(log: Path, tmp_path: Path) -> None:

@@ -44,6 +44,15 @@ def test_garbage_in_the_middle_is_reported_once_and_costs_only_itself() -> None:
     assert [d.data for d in found if d is not None] == [d.data for d in DATAGRAMS]
 
 
+@pytest.mark.parametrize("damage", [0, 7, 8, 9, 3000], ids=lambda at: f"up to byte {at}")
+def test_damage_at_the_begin_costs_what_is_damaged(damage: int) -> None:
+    """The whole log was refused for its first byte."""
+    found = records(b"\xff" * (damage + 1) + LOG[damage + 1 :])
+    first = next(i for i in range(len(DATAGRAMS)) if sum(8 + len(d.data) for d in DATAGRAMS[:i]) > damage)
+    assert found[0] is None
+    assert [d.data for d in found[1:]] == [d.data for d in DATAGRAMS[first:]]
+
+
 def test_damage_that_hides_a_header_costs_that_record() -> None:
     damaged = bytearray(LOG)
     damaged[sum(8 + len(d.data) for d in DATAGRAMS[:10]) + 8] = 0x00
