@@ -103,7 +103,7 @@ class Camera:
             attitude=attitude,
             detections=tuple(detections),
         )
-        self._session.put(self._key, msgspec.json.encode(document))
+        self._session.put(self._key, msgspec.json.encode(document, enc_hook=_plain))
 
     def close(self) -> None:
         """End the connection."""
@@ -143,6 +143,13 @@ def pose_of(rvec: Any, tvec: Any, covariance: Any = None) -> DetectedPose:
     x, y, z = np.ravel(np.asarray(tvec, dtype=float)).tolist()
     rows = None if covariance is None else np.asarray(covariance, dtype=float).tolist()
     return msgspec.convert({"position_m": (x, y, z), "q": (w, i, j, k), "covariance": rows}, DetectedPose)
+
+
+def _plain(value: Any) -> Any:
+    """NumPy's numbers and arrays, of which detections may be made, as JSON has them."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    raise NotImplementedError(f"a {type(value).__name__} is no part of a detection")
 
 
 def _point(p: Any) -> DetectedPoint:

@@ -12,6 +12,9 @@ MOST: Final = 32  # kinds that are remembered: a source and a reason each
 NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")  # that is no part of a name
 ALIKE: Final = 8  # of these, kinds that differ only in names: senders may choose any number of them
 OTHERS: Final = "others"  # the source of all further ones
+ROS_HASH: Final = re.compile(
+    r"/RIHS\d+_[0-9a-f]+$"
+)  # of a type, at the end of a key of rmw_zenoh: nobody reads it
 QUOTED: Final = re.compile(r"`[^`]*`?")  # or cut
 LONGEST: Final = 240  # characters; the text may quote what came
 
@@ -102,7 +105,7 @@ class Refusals:
 @lru_cache(maxsize=4 * MOST)  # a flood says the same
 def _sorted(source: str, reason: str, kind: str) -> tuple[str, str, Kind]:
     """Source and reason as they are shown, and their kind."""
-    source, reason = _plain(source), _plain(reason)
+    source, reason = _plain(ROS_HASH.sub("", source)), _plain(reason)
     words = kind or NUMBER.sub("#", reason)
     return source, reason, Kind(source, words, QUOTED.sub("`*`", words))
 

@@ -29,3 +29,11 @@ def test_names_with_numbers_are_not_one() -> None:
     for name in ("cam1", "cam2", "cam-3"):
         refusals.add("c", f"no camera is called `{name}`", 0)
     assert len(refusals.latest) == 3
+
+
+def test_the_hash_of_a_ros_type_is_left_out() -> None:
+    """64 digits of a key took the place of the reason."""
+    refusals = Refusals()
+    key = "0/perception/boxes/vision_msgs::msg::dds_::Detection2DArray_"
+    refusals.add(f"{key}/RIHS01_{'0af3' * 16}", "it is not CDR", 1)
+    assert [refusal.source for refusal in refusals.latest] == [key]
