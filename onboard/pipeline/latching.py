@@ -1,14 +1,13 @@
 """Which autopilot is ours: the first vehicle that is heard, until a better one shows.
 
-Ours is let go when it has fallen silent and a vehicle comes that was never heard beside it, at once only if it
-brings motion. If its stamps go on where ours ended, it is the same one with another id: nothing that was learnt is
-forgotten. Ours is also let go when ours brings no motion while another one does. A wingman is
+Ours is let go when it has fallen silent and a vehicle comes that was never heard beside it (the same one, with
+another id), at once only if it brings motion; or when ours brings no motion while another one does. A wingman is
 heard beside ours: its motion is not ours, whatever becomes of ours.
 """
 
 from typing import Final
 
-from onboard.messages import Attitude, Clock, GlobalPosition, Heartbeat, LocalPosition, Message
+from onboard.messages import Attitude, GlobalPosition, Heartbeat, LocalPosition, Message
 from onboard.pipeline.health import autopilot_name
 
 MAV_AUTOPILOT_INVALID: Final = 8
@@ -20,9 +19,6 @@ SILENT_NS: Final = 3_000_000_000  # silence after which another autopilot may be
 PATIENCE_NS: Final = 3_000_000_000  # in which an autopilot is to bring motion, once another one does
 RECENT_NS: Final = 2_000_000_000  # motion that is as new is brought
 OVERLAP_NS: Final = 200_000_000  # messages on their way: an autopilot may change its id
-SAME_CLOCK_NS: Final = 100_000_000  # two vehicles were never switched on at the same time to this
-SAME: Final = "the one before has another id now: its clock goes on"
-STAMPS_NS: Final = 1_500_000_000  # after its first heartbeat: until then its stamps may still come
 MOST: Final = 16  # vehicles that are remembered
 
 Id = tuple[int, int]  # MAVLink system and component
@@ -37,13 +33,10 @@ class Vehicle:
         self.first_ns = self.last_ns = heartbeat.t_recv_ns
         self.attitude_ns: int | None = None
         self.position_ns: int | None = None
-        self.offset_ns: int | None = None  # arrival less stamp, of its last message with a stamp of its clock
 
     def receive(self, message: Message) -> None:
         """Note a message of its own."""
         self.last_ns = message.t_recv_ns
-        if message.clock is Clock.BOOT:
-            self.offset_ns = message.t_recv_ns - message.t_ns
         if isinstance(message, Attitude):
             self.attitude_ns = message.t_recv_ns
         elif isinstance(message, LocalPosition | GlobalPosition):
@@ -71,11 +64,6 @@ class Latch:
         self._system = system
         self._since_ns = 0  # arrival of the heartbeat that was latched
         self._heard: dict[Id, Vehicle] = {}
-
-    @property
-    def is_same(self) -> bool:
-        """Whether it is the one before, with another id."""
-        return self.why == SAME
 
     @property
     def beside(self) -> tuple[str, ...]:
@@ -114,12 +102,8 @@ class Latch:
         """Why another vehicle takes the place of ours; "" if it does not."""
         later_ns, is_complete = other.first_ns - ours.last_ns, other.is_complete(t_ns)
         is_silent = t_ns - ours.last_ns > SILENT_NS
-        comes_after = is_complete and later_ns > -OVERLAP_NS
-        if _have_one_clock(ours, other) and (comes_after or later_ns > SILENT_NS):
-            return SAME
-        if is_silent and (later_ns > SILENT_NS or comes_after):
-            is_new = other.offset_ns is None and t_ns - other.first_ns < STAMPS_NS
-            return "" if is_new else "the one before has fallen silent"
+        if is_silent and (later_ns > SILENT_NS or (is_complete and later_ns > -OVERLAP_NS)):
+            return "the one before has fallen silent"
         if not is_complete:
             return ""
         if other.heartbeat.system == ours.heartbeat.system and other.rank > ours.rank:
@@ -134,13 +118,6 @@ class Latch:
         others = [(v.attitude_ns or 0, v.last_ns, key) for key, v in self._heard.items() if v is not self.ours]
         if len(self._heard) >= MOST:
             del self._heard[min(others)[2]]
-
-
-def _have_one_clock(ours: Vehicle, other: Vehicle) -> bool:
-    """Whether the stamps of one go on where those of the other ended."""
-    if ours.offset_ns is None or other.offset_ns is None:
-        return False
-    return abs(other.offset_ns - ours.offset_ns) < SAME_CLOCK_NS
 
 
 def _is_vehicle(heartbeat: Heartbeat) -> bool:

@@ -86,29 +86,6 @@ def test_an_autopilot_that_returns_with_another_id_is_latched_after_silence(syst
     assert run.estimates[-1].reset_count == 1
 
 
-@pytest.mark.parametrize(("pause", "system", "component"), [(0.0, 1, 2), (3.0, 2, 1)])
-def test_an_autopilot_that_goes_on_with_another_id_costs_nothing_that_was_learnt(
-    pause: float, system: int, component: int
-) -> None:
-    """Its parameters were loaded late, after it had spoken for some seconds. It was taken for another vehicle: the
-    clocks, our own motion and the leader began anew."""
-    at_ns = EPOCH + round((T0 + 2.0) * S)
-    items = []
-    for item in ITEMS:
-        if item.t_recv_ns < at_ns:
-            items.append(item)
-        elif item.message.component != 1:  # the camera
-            items.append(Item(item.t_recv_ns, replace(item.message, system=system)))
-        elif item.t_recv_ns > at_ns + pause * S:
-            items.append(Item(item.t_recv_ns, replace(item.message, system=system, component=component)))
-    run = flown(encode(items))
-    assert run.pipeline.autopilot is not None
-    assert (run.pipeline.autopilot.system, run.pipeline.autopilot.component) == (system, component)
-    assert "another id" in run.pipeline.why_followed
-    assert not [e.reason for e in run.estimates if "another autopilot" in e.reason]
-    assert_on_target(run)
-
-
 def test_another_autopilot_is_not_latched_while_ours_talks() -> None:
     strangers = [beat(t, system=9, component=1, kind=2, autopilot=12) for t in range(round(T0) + 1, 52)]
     run = flown(sorted([*DATAGRAMS, *strangers], key=lambda d: d.t_recv_ns))
