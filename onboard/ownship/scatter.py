@@ -7,16 +7,25 @@ walk that gains w each step makes c0 = w and c1 = 0. So r^2 = -c1 and w = c0 + 2
 the variance m w + 2 r^2.
 
 A constant contradiction is no noise: the mean is taken off. Single wrong values count little: increments are
-limited to a few standard deviations.
+limited to a few standard deviations. What no such sensor can have is no noise either (`Ceiling`): it is a mistake,
+as of units.
 """
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 TIME_S: Final = 5.0  # over which covariances are averaged
 FEWEST: Final = 10  # increments before which nothing is known, and none is limited
 MOST_SIGMAS: Final = 4.0  # an increment counts for no more
+
+
+class Ceiling(NamedTuple):
+    """The most noise that a stream may have: standard deviation of the white noise of its values, and variance
+    that the random walk gains a second."""
+
+    white: float = math.inf
+    walk: float = math.inf
 
 
 class Scatter:
@@ -65,6 +74,10 @@ class Scatter:
         if self.count < FEWEST:
             return None
         return tuple([max(a + 2.0 * b, 0.0) / self._dt for a, b in zip(self._c0, self._c1, strict=True)])
+
+    def exceeds(self, ceiling: Ceiling) -> bool:
+        """Whether what was learnt is no noise that the stream can have."""
+        return max(self.white or (0.0,)) > ceiling.white or max(self.walk or (0.0,)) > ceiling.walk
 
     def deviation(self, steps: int) -> float:
         """One standard deviation of the length of the sum of so many increments; 0 before it is known."""

@@ -50,7 +50,8 @@ def _known(value: float, unknown: float, scale: float) -> float | None:
 
 def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
     armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-    return Heartbeat(**h, vehicle_type=m.type, autopilot=m.autopilot, armed=armed, status=m.system_status)
+    kinds = {"vehicle_type": m.type, "autopilot": m.autopilot, "custom_mode": m.custom_mode}
+    return Heartbeat(**h, **kinds, armed=armed, status=m.system_status)
 
 
 def _attitude(m: Any, h: dict[str, Any]) -> Message:
@@ -113,12 +114,14 @@ def _estimator_status(m: Any, h: dict[str, Any]) -> Message:
     """Both autopilots use the same bits. A report of zeros only says nothing."""
     if not any(v for k, v in m.to_dict().items() if k not in {"mavpackettype", "time_usec", "airspeed_variance"}):
         return EstimatorStatus(**h, horizontal_velocity=None, horizontal_position=None)
+    is_px4 = m.get_type() == "ESTIMATOR_STATUS"
     fixed = bool(m.flags & dialect.ESTIMATOR_CONST_POS_MODE)
     position = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
     return EstimatorStatus(
         **h,
-        horizontal_velocity=bool(m.flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and not fixed,
-        horizontal_position=bool(m.flags & position) and not fixed,
+        horizontal_velocity=bool(m.flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and (is_px4 or not fixed),
+        horizontal_position=bool(m.flags & position) and (is_px4 or not fixed),
+        is_at_rest=fixed and is_px4,
     )
 
 

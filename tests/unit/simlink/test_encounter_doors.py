@@ -108,5 +108,5 @@ def test_a_fixed_camera_has_no_gimbal_and_the_flight_is_the_same_seed_1() -> Non
 
 
 def test_a_mount_that_is_none_is_named() -> None:
-    with pytest.raises(ValueError, match="no mount 'arm'; known: fixed, gimbal"):
+    with pytest.raises(ValueError, match="mount: no 'arm'; known: fixed, gimbal"):
         make_encounter("behind", 1, 5.0, mount="arm")

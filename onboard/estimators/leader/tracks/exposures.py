@@ -11,19 +11,19 @@ from onboard.geometry.units import NS_PER_S
 from onboard.messages import ImagePoint, TargetImage
 
 REMEMBERED: Final = 128  # exposures: a second of four cameras
-MOST: Final = 1000  # images of one exposure: as many as there may be targets
 
 
 class Exposures:
-    """The images of the last exposures, by camera and time."""
+    """The images of the last exposures, by camera and time; of one exposure at most one more than `targets`."""
 
-    def __init__(self) -> None:
+    def __init__(self, targets: int) -> None:
+        self._most = targets + 1
         self._images: dict[tuple[str, int], set[ImagePoint]] = {}
 
     def add(self, message: TargetImage) -> None:
         """Remember an image."""
         images = self._images.setdefault((message.camera, message.t_ns), set())
-        if len(images) < MOST:
+        if len(images) < self._most:
             images.add(message.image_points[0])
         while len(self._images) > REMEMBERED:
             del self._images[next(iter(self._images))]
