@@ -75,7 +75,7 @@ def test_recorded_flight_seed_1_replays_bit_for_bit(setup: Setup, kind: str) -> 
     assert all(sink.dropped == 0 for sink in health.sinks.values())
     assert set(health.rejected) <= {"timesync_not_ours"}, health.rejected
     assert health.rejected.get("timesync_not_ours", 0) <= late_replies(recording)
-    assert health.links["autopilot"].received > 300  # a busy computer reads several messages of a stream at once
+    assert health.links["autopilot"].received > 500
     assert all(link.dropped == 0 for link in health.links.values())
     assert_replays_bit_for_bit(setup, recording)
 

@@ -156,7 +156,7 @@ def test_a_signed_frame_that_is_repeated_on_any_link_is_no_news(
     daemon, now = Daemon(parse_config(trusting), report=lambda _: None), NOW - age_s * S
     daemon._output.connect(AUTOPILOT)
     answers: list[bytes] = []
-    daemon._send = lambda outgoing, _: answers.extend(f for o in outgoing for f in o.frames)
+    daemon._send = lambda outgoing: answers.extend(f for o in outgoing for f in o.frames)
     command = dialect.MAVLink_command_long_message(7, 191, 511, 0, message_number("TIMESYNC"), -1, 0, 0, 0, 0, 0)
     frame = Signer(KEY, 3).sign(bytes(command.pack(dialect.MAVLink(None, srcSystem=255))), now)
 

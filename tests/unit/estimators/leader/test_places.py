@@ -67,7 +67,9 @@ def cloud(ranges: Sequence[float], weights: Sequence[float]) -> Cloud:
     means[:, :6] = motion
     P = np.tile(1e-4 * np.eye(model.N), (len(w), 1, 1))
     ones = np.ones(len(w))
-    return Cloud(0.0 * ones, 0.0 * ones, 0.0 * ones, means, P, np.zeros((len(w), 3)), 0.0 * ones, np.log(w), 0)
+    return Cloud(
+        0.0 * ones, 0.0 * ones, 0.0 * ones, means, P, np.zeros((len(w), 3)), 0.0 * ones, 0.0 * ones, np.log(w), 0
+    )
 
 
 def test_an_open_range_is_reported_about_its_geometric_mean_with_the_places() -> None:

@@ -53,6 +53,7 @@ EXPECTING: Final = 0.3  # of the weight: at least so many particles must have ex
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
 TRUE: Final = 0.9999  # the probability that a report or a range passes that is true
 APART_S: Final = 0.2  # of the evidence of one of these, in seconds
+FRESH_S: Final = 8.0  # over which the evidence of a new track is used
 TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
 NOSE_BIN: Final = math.radians(6.0)  # rad
 RANGE_BIN: Final = 0.05  # of the range's logarithm
@@ -72,12 +73,12 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     change(
         s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on, metric=cloud.metric
     )
-    noses, _, regimes, means, P, intensities, tied = changed
+    noses, _, regimes, means, P, intensities, tied, drags = changed
     lasts = np.array([bias.time for bias in cloud.biases])
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts])
     noise, decay = _noise(s, dt, cloud.biases), np.exp(-dt / times)
     model.predict(
-        *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, s.drag),
+        *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, drags),
         model.Course(tied, s.air, cloud.edge_on),
     )
     return cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
@@ -105,7 +106,7 @@ def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
     broad[:2, VELOCITY], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
     broad[:2, ACCELERATION] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
     broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
-    return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new, math.log(s.size))
+    return model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
 
 
 def supposed(settings: NoseModel, wind: Wind | None) -> NoseModel:
@@ -156,9 +157,22 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
             after, log_l = found, log_l + more
         elif seen.is_metric:
             return given, beyond
-    believed = min(settings.evidence_rate * max(cloud.unseen, TOGETHER_S), 1.0)
-    after = weighted(after, log_l, believed)._replace(unseen=0.0)
+    believed, fresh = _counted(settings, cloud, pose)
+    after = weighted(after, log_l, believed)._replace(unseen=0.0, fresh=fresh)
     return fitting(settings, after), least
+
+
+def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float, float]:
+    """As what share of an independent image one counts, and what is left of the evidence of a new track. The
+    faster the view of the leader changes, the more does an image count; while the view stays the same, so do the
+    errors of what each particle supposes."""
+    r = cloud.means[:, POSITION]
+    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.linalg.norm(r, axis=1, keepdims=True)
+    change = float(np.linalg.norm(np.exp(cloud.log_weights) @ moves))  # 1/s
+    rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
+    seconds = max(cloud.unseen, TOGETHER_S)
+    left = cloud.fresh * math.exp(-seconds / FRESH_S)
+    return min(min(rate, settings.evidence_rate) * seconds, 1.0), left
 
 
 def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool) -> Cloud | None:
