@@ -25,8 +25,9 @@ from onboard.links.host_clock import HostClock
 from onboard.links.host_computer import HostComputer, load_of
 from onboard.links.service_manager import ServiceManager
 from onboard.links.zenoh import ZenohLink
-from onboard.messages import Datagram, Estimate, Message, Output, WarmState
+from onboard.messages import Datagram, Estimate, LeaderState, Message, Output, WarmState, not_valid
 from onboard.pipeline import Pipeline, Rim
+from onboard.pipeline.silence import BEHIND
 from onboard.sinks import SinkRunner
 from onboard.sinks import recorder as recording
 from onboard.sinks import zenoh as publishing
@@ -38,6 +39,7 @@ TICK_S: Final = 0.02
 ROUTER_RETRY_S: Final = 1.0
 LEADER_HZ: Final = 20.0
 HEALTH_PERIOD_NS: Final = 1_000_000_000
+LONGEST_WAIT_US: Final = (1 << 32) - 1  # what a recording can hold: more than an hour
 SILENT_NS: Final = 3_000_000_000  # without a message of the latched autopilot: no longer healthy
 
 
@@ -58,8 +60,10 @@ class Daemon:
         self._warm = WarmFile(config, report, self._pipeline.refuse)
         self._encoder = ros_encoder(config)
         self._console = Console(report, pilot=self._output.notices.advise)
+        longest_s = config.ownship.max_age_s
         self._links: list[Link] = [
-            parse_link(link.url, link.name, surplus=Pipeline.surplus) for link in config.link
+            parse_link(link.url, link.name, surplus=Pipeline.surplus, longest_wait_s=longest_s)
+            for link in config.link
         ]
         self._sinks: dict[str, SinkRunner[Any]] = {}
         self._zenoh: ZenohSession | None = None
@@ -67,6 +71,8 @@ class Daemon:
         self._rates: dict[str, float] = {}
         self._next_health_ns = 0
         self._lag_ns = 0  # the longest time by which the timer was late since the last health
+        self._max_age_ns = round(config.ownship.max_age_s * 1e9)
+        self._offset_ns: int | None = None  # of the clocks, as of the last tick: other threads read it
         self._leader_stream = Stream(LEADER_HZ)
         self._service = ServiceManager()
         self._delivered = self._processed = 0  # datagrams since the watchdog was fed
@@ -132,12 +138,21 @@ class Daemon:
         config = self._config
         self._zenoh = await asyncio.to_thread(open_session, config.zenoh)
         prefix = config.zenoh.prefix
-        sinks: list[SinkRunner[Any]] = [publishing.runner(publishing.ZenohSink(self._zenoh, prefix))]
-        if self._encoder is not None:
-            sink = RosSink(self._zenoh, config.ros2, self._encoder.encode)
+        zenoh = publishing.ZenohSink(
+            self._zenoh, prefix, current=self._current, monotonic=lambda: self._now_ns() * 1e-9
+        )
+        sinks: list[SinkRunner[Any]] = [publishing.runner(zenoh)]
+        if (encoder := self._encoder) is not None:
+            sink = RosSink(self._zenoh, config.ros2, lambda record, t: encoder.encode(self._current(record), t))
             sinks.append(RosRunner(sink, self._wall_ns, lambda: self._pipeline.clocks.offset_ns, self._clock))
         self._sinks |= {sink.name: sink for sink in sinks}
-        link = ZenohLink(self._zenoh, prefix, camera=config.camera.name, ros=config.ros_keys())
+        link = ZenohLink(
+            self._zenoh,
+            prefix,
+            camera=config.camera.name,
+            ros=config.ros_keys(),
+            longest_wait_s=config.ownship.max_age_s,
+        )
         self._links.append(link)
         self._report(f"zenoh: {self._zenoh.words()}, {prefix}/**")
         return sinks, link
@@ -170,7 +185,8 @@ class Daemon:
     def _deliver(self, datagram: Datagram) -> bool:
         """One datagram's way through the program; whether it gave a message. An exception costs this datagram,
         never the link."""
-        datagram = replace(datagram, wall_step_ns=self._clock.step_ns())
+        waited_us = max(self._now_ns() - datagram.t_recv_ns, 0) // 1_000
+        datagram = replace(datagram, wall_step_ns=self._clock.step_ns(), waited_us=min(waited_us, LONGEST_WAIT_US))
         recorder = self._sinks.get("recorder")
         if recorder is not None:
             recorder.put(datagram)
@@ -204,16 +220,22 @@ class Daemon:
             self._output.reboot()
         if not messages or not self._output.is_autopilot(datagram.channel):
             return
-        self._send([self._output.respond(datagram.channel, messages, self._now_ns())])
+        now_ns = self._now_ns()
+        self._send([self._output.respond(datagram.channel, messages, now_ns)], now_ns)
 
     async def _keep_time(self) -> None:
         """Send and publish what is due by the clock: the session with the autopilot, and our health."""
         due_ns = self._now_ns()
+        is_waiting = False
         while True:
             now_ns = self._now_ns()
-            self._lag_ns = max(self._lag_ns, now_ns - due_ns)
+            lag_ns = now_ns - due_ns
+            self._lag_ns = max(self._lag_ns, lag_ns)
+            # After a pause, what has come meanwhile is read first: only then can be judged who is silent.
+            is_waiting = lag_ns > self._max_age_ns and not is_waiting
             try:
-                self._tick(now_ns)
+                if not is_waiting:
+                    self._tick(now_ns)
             except Exception as error:  # of any kind: the next tick may succeed
                 self._pipeline.count_error("timer", error)
             self._console.show_errors(self._pipeline.errors)
@@ -225,12 +247,13 @@ class Daemon:
         is_heard = heard_ns is not None and now_ns - heard_ns < SILENT_NS
         for output in self._pipeline.tick(now_ns):
             self._take(output)
-        offset_ns = self._pipeline.clocks.offset_ns
+        offset_ns = self._offset_ns = self._pipeline.clocks.offset_ns
         boot_ns = None if offset_ns is None else now_ns - offset_ns
         host_ns = self._wall_ns()
         is_due = self._leader_stream.is_due(now_ns)
         times = {"boot_ns": boot_ns, "host_ns": host_ns}
-        self._send(self._output.tick(now_ns, healthy=is_heard, rates=self._rates, wants_leader=is_due, **times))
+        due = self._output.tick(now_ns, healthy=is_heard, rates=self._rates, wants_leader=is_due, **times)
+        self._send(due, now_ns)
         for line in self._output.take_lines():
             self._report(line)
         if is_due and self._output.leader is not None:
@@ -260,7 +283,7 @@ class Daemon:
     def _take(self, output: Output) -> None:
         """Publish what the pipeline gives, and send the autopilot what it wants of it."""
         self._publish(output)
-        self._send(self._output.publish(output))
+        self._send(self._output.publish(self._current(output)), self._now_ns())
         if isinstance(output, Estimate) and output.is_primary:
             self._console.show_state(output)
 
@@ -268,6 +291,15 @@ class Daemon:
         """A line for a person here, and for the pilot."""
         self._report(line)
         self._output.notices.add(WARNING, line)
+
+    def _current(self, record: Any) -> Any:
+        """A record as it may be published now: in a queue, or while this program stood still, it may have grown
+        too old. Any thread may call it."""
+        offset_ns = self._offset_ns
+        if not isinstance(record, Estimate | LeaderState) or not record.valid or offset_ns is None:
+            return record
+        age_ns = self._now_ns() - offset_ns - record.t_ns
+        return not_valid(record, BEHIND) if age_ns > self._max_age_ns else record
 
     def _publish(self, record: Any) -> None:
         for sink in self._sinks.values():
@@ -283,8 +315,11 @@ class Daemon:
         self._rates = {name: (count - self._frames.get(name, 0)) / period_s for name, count in frames.items()}
         self._frames = frames
 
-    def _send(self, outgoing: Iterable[Outgoing]) -> None:
+    def _send(self, outgoing: Iterable[Outgoing], made_ns: int) -> None:
+        """Send frames that were made at a time; none if this program has stood still since."""
         for channel, frames in outgoing:
+            if self._now_ns() - made_ns > self._max_age_ns:
+                return
             for link in self._links:
                 if link.channel == channel:
                     for frame in frames:

@@ -56,8 +56,8 @@ TRUTH: Final = {"ardupilot": SIM_STATE, "px4": HIL_STATE_QUATERNION}  # where ea
 class Autopilot:
     """The session of one link. `unix_epoch_ns` is Unix time at boot."""
 
-    def __init__(self, vehicle: Vehicle, unix_epoch_ns: int) -> None:
-        self._vehicle = vehicle
+    def __init__(self, vehicle: Vehicle, unix_epoch_ns: int, follow: FollowMode | None = None) -> None:
+        self._vehicle, self._follow = vehicle, follow
         self._unix_epoch_ns = unix_epoch_ns
         self._default = _default_intervals(vehicle)
         self._interval = dict(self._default)  # ns by message number; 0: not sent
@@ -141,9 +141,14 @@ class Autopilot:
     def _message(self, number: int, t_ns: int) -> Message | None:
         """The message of that number now; None if it needs a reading and the flight has not begun."""
         if number == HEARTBEAT:
-            kind, autopilot = VEHICLE_TYPE[self._vehicle.type], AUTOPILOT[self._vehicle.autopilot]
             return Heartbeat(
-                t_ns=t_ns, t_recv_ns=t_ns, vehicle_type=kind, autopilot=autopilot, armed=True, status=ACTIVE
+                t_ns=t_ns,
+                t_recv_ns=t_ns,
+                vehicle_type=VEHICLE_TYPE[self._vehicle.type],
+                autopilot=AUTOPILOT[self._vehicle.autopilot],
+                armed=True,
+                status=ACTIVE,
+                custom_mode=0 if self._follow is None else self._follow.custom_mode,
             )
         if number == SYSTEM_TIME:
             return SystemTime(t_ns=t_ns, t_recv_ns=t_ns, unix_ns=self._unix_epoch_ns + t_ns)
@@ -272,7 +277,7 @@ class AutopilotLink:
         self, vehicle: Vehicle, unix_epoch_ns: int, *, stream: bool, follow: FollowMode | None = None
     ) -> None:
         self._vehicle, self._follow = vehicle, follow
-        self._autopilot = Autopilot(vehicle, unix_epoch_ns)
+        self._autopilot = Autopilot(vehicle, unix_epoch_ns, follow)
         self._encoder = MavlinkEncoder(vehicle.system, vehicle.component)
         self._decoder = MavlinkDecoder(stream=stream)
 
@@ -290,12 +295,12 @@ class AutopilotLink:
         return replies
 
     def _aim(self, message: FollowTarget, t_ns: int, follow: FollowMode) -> None:
-        """As `AP_Follow`: only a target of another system, and one that has an attitude for its offsets."""
-        if message.system == self._vehicle.system or message.q_nL is None:
+        is_own, has_attitude = message.system == self._vehicle.system, message.q_nL is not None
+        if not follow.accepts(is_own=is_own, has_attitude=has_attitude):
             return
         r_n = ned_from_geodetic((message.lat_deg, message.lon_deg, message.alt_msl), self._vehicle.origin)
         north, east, down = r_n.tolist()
-        _, _, heading = euler_from_quaternion(message.q_nL)
+        _, _, heading = euler_from_quaternion(message.q_nL or (1.0, 0.0, 0.0, 0.0))
         target = Target((north, east, down), message.v_n, heading, message.a_n or (0.0, 0.0, 0.0))
         follow.receive(target, (t_ns - follow.begin_ns) * 1e-9)
 

@@ -32,9 +32,10 @@ from onboard.messages import (
 from onboard.wire.mavlink_encode import MavlinkEncoder
 from onboard.wire.tlog import frame_length
 from simlink.autopilot import Autopilot, AutopilotLink
+from simlink.scenarios.camera import is_plain
 from simlink.scenarios.scenario import Scenario, ScenarioError
-from simlink.sensors.camera import CameraSensor, Image, document, is_exposure, target_points
-from simlink.sensors.detector import Detector
+from simlink.sensors.camera import Image, document, is_exposure, target_points
+from simlink.sensors.detector import Vision
 from simlink.sensors.gimbal import make_gimbal
 from simlink.sensors.navigation import Reading, readings
 from simlink.sensors.rangefinder import RangefinderSensor
@@ -43,6 +44,7 @@ from simlink.traffic.traffic import Traffic, TrafficOutput
 from simlink.world.constants import STEP_NS, steps_of
 from simlink.world.drawn import drawn
 from simlink.world.follow import FollowMode, following_states
+from simlink.world.follow_px4 import Px4FollowMode
 from simlink.world.noise import uniforms
 from simlink.world.truth import State, states, true_size, truth_record
 
@@ -107,6 +109,13 @@ def boot_ns_of(scenario: Scenario) -> int:
     return steps_of(scenario.vehicle.boot) * STEP_NS
 
 
+def follow_mode(scenario: Scenario) -> FollowMode | None:
+    """The mode in which the scenario's autopilot follows; None if it does not."""
+    if scenario.follow is None:
+        return None
+    return (Px4FollowMode if scenario.vehicle.autopilot == "px4" else FollowMode)(scenario.follow)
+
+
 def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | None = None) -> Iterator[Tick]:
     """The run, 200 ticks per second, without end. The flight begins at boot time `boot_ns`. `world`: the states,
     if not those that follow from scenario and seed alone."""
@@ -114,7 +123,7 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
     size = true_size(scenario, seed)
     gimbal, settings = make_gimbal(scenario.camera, seed), scenario.camera.gimbal
     mount = None if gimbal is None else gimbal.mount
-    camera, detector = CameraSensor(scenario, seed, size, mount), Detector(scenario.camera, seed, size, mount)
+    vision = Vision(scenario, seed, size, mount)
     rangefinder = None
     if scenario.rangefinder is not None:
         rangefinder = RangefinderSensor(scenario.rangefinder, scenario.camera, seed, mount)
@@ -127,9 +136,9 @@ def ticks(scenario: Scenario, seed: int, boot_ns: int, world: Iterator[State] | 
         truth = None
         if is_exposure(state.step, rate):
             truth = truth_record(state, size, t_ns)
-            points = camera.expose(state)
-            if points is not None:
-                images.put(t_ns, Image(t_ns + stamp_late_ns, points, detector.detect(state, points)))
+            image = vision.expose(state, t_ns + stamp_late_ns)
+            if image is not None:
+                images.put(t_ns, image)
         if gimbal is not None and settings is not None and is_exposure(state.step, settings.rate):
             attitudes.put(t_ns, gimbal.attitude(state, t_ns, scenario.vehicle.system))
         distance = _distance(rangefinder, scenario, state, t_ns)
@@ -230,15 +239,17 @@ def check_mavlink(scenario: Scenario) -> None:
     if scenario.camera.sees != "wing":
         sees = scenario.camera.sees
         raise ScenarioError(f"{scenario.name}: camera.sees: LANDING_TARGET carries no {sees!r}, the wing only")
+    if not is_plain(scenario.camera):
+        raise ScenarioError(f"{scenario.name}: camera: LANDING_TARGET carries no distortion, classes or ids")
 
 
 class GuidedRun:
     """A run whose follower flies on the FOLLOW_TARGETs that it receives: bytes both ways, step by step."""
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
-        if scenario.follow is None:
+        if (mode := follow_mode(scenario)) is None:
             raise ValueError(f"{scenario.name} has no [follow]")
-        self.mode = FollowMode(scenario.follow)
+        self.mode = mode
         self._scenario = scenario
         self._link = AutopilotLink(scenario.vehicle, EPOCH_NS, stream=False, follow=self.mode)
         self.mode.begin_ns = boot_ns_of(scenario)

@@ -10,7 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, get_args
 
-from rich.console import Console
 from rich.markdown import Markdown
 from rich.table import Column, Table
 
@@ -18,6 +17,7 @@ import studies
 from onboard import UserError
 from onboard.commands.compiling import needed_by, needed_by_flight
 from onboard.commands.computers import computers
+from onboard.commands.console import Console
 from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.parallel.cluster import ClusterError
 from onboard.commands.progress import announce_once, compile_shown, progress_bar
@@ -39,17 +39,33 @@ def main(arguments: argparse.Namespace) -> int:
                 raise UserError(
                     f"study: {option} goes with one name, not with --all, whose studies have their own"
                 )
+        if a.cases or a.departures:
+            raise UserError("study: --cases and --departures go with one name, not with --all")
         return all_studies(seeds=a.seeds, out=a.out, json_file=a.json)
     if a.all or a.name is None:
         raise UserError(f"study: give --all, or one name of: {', '.join(study_names())}")
     chosen = {"seeds": a.seeds, "first_seed": a.first_seed}
     given: dict[str, Any] = {k: v for k, v in chosen.items() if v is not None}
     given["jobs"] = computers(a.jobs, a.cluster, a.rows)
+    if a.cases or a.departures:
+        given |= _part(a.name, a.seeds, a.cases, departures=a.departures)
     if a.figure is not None:
         if a.json is not None:
             raise UserError("study: --json goes with a whole study, not with --figure")
         return one_figure(a.name, a.figure, given, out=a.out)
     return one_study(a.name, given, out=a.out, json_file=a.json)
+
+
+def _part(name: str, seeds: int | None, cases: str | None, *, departures: bool) -> dict[str, Any]:
+    """The arguments of a study for a part of it. Raises UserError."""
+    options = getattr(import_module(_module(name)), "options", None) if name in study_names() else None
+    if options is None:
+        raise UserError("study: --cases and --departures go with encounters")
+    try:
+        found: dict[str, Any] = options(seeds, cases, departures=departures)
+    except ValueError as error:
+        raise UserError(f"study: --cases: {error}") from error
+    return found
 
 
 def one_study(name: str, given: Mapping[str, Any], *, out: Path, json_file: Path | None) -> int:

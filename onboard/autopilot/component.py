@@ -21,10 +21,6 @@ class Component:
         """A message of ours as a frame."""
         return self._encoder.encode(message)
 
-    def is_sender(self, m: Message) -> bool:
-        """Whether a message is our own, come back by another way."""
-        return (m.system, m.component) == (self._system, self._component)
-
     def is_target(self, m: Command | CommandAck | FileRequest | ParamRequest) -> bool:
         """Whether a message is addressed to us, or to all components of our system."""
         return m.target_system == self._system and m.target_component in {self._component, TO_ALL}

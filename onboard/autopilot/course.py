@@ -36,7 +36,7 @@ class Course:
             self._sure_for = 0.0
             return
         self._sure_for += dt
-        if self._sure_for < SURE_FOR:
+        if not self.is_sure:
             return
         course = math.atan2(v[1], v[0])
         if self.value is not None:
@@ -45,9 +45,14 @@ class Course:
         if not self._backs_up:
             self.value, self.is_learnt = course, True
 
+    @property
+    def is_sure(self) -> bool:
+        """The leader moves: its velocity is not noise."""
+        return self._sure_for >= SURE_FOR
+
     def rate(self, v: Array, a: Array) -> float:
         """The rate at which it turns, rad/s; 0 while it is held."""
-        return 0.0 if self._backs_up or self._sure_for < SURE_FOR else self.rate_of(v, a)
+        return 0.0 if self._backs_up or not self.is_sure else self.rate_of(v, a)
 
     @staticmethod
     def rate_of(v: Array, a: Array) -> float:

@@ -25,9 +25,10 @@ from onboard.messages import (
 )
 
 NAME: Final = "leader"
-MAX_PREDICTION_NS: Final = 500_000_000  # an older estimate is not flown on: the autopilot's stream has stopped
 SLOW: Final = 1.0  # m/s; a slower leader has no direction for its acceleration
 ORIGIN_AGREES_M: Final = 20.0  # an origin farther from where our own positions put it is that of an earlier boot
+BEND_M: Final = 0.2  # by which local NED may be off where we are, as seen from the origin
+RADIUS_M: Final = 6.371e6  # of the Earth
 PAIRED_NS: Final = 100_000_000  # two messages of our own position this near in time tell where the origin is
 
 Geodetic = tuple[float, float, float]
@@ -41,11 +42,14 @@ class EstimateAndPose(NamedTuple):
 
 
 class LeaderStates:
-    """Joins estimates of the leader, our own poses, and where the origin is."""
+    """Joins estimates of the leader, our own poses, and where the origin is. An estimate that is older than
+    `max_age_s` is not flown on."""
 
-    def __init__(self, errors: OwnErrors) -> None:
+    def __init__(self, errors: OwnErrors, max_age_s: float = 0.5) -> None:
+        self._max_age_ns = round(max_age_s * NS_PER_S)
         self.q_nb: Quaternion | None = None  # our newest attitude
         self.origin: Geodetic | None = None
+        self._here: tuple[Geodetic, Array] | None = None  # our own place and r_OF_n, where the origin does not do
         self.has_stated_origin = False  # GPS_GLOBAL_ORIGIN has come and agrees with our own positions
         self.delay_ns = 0  # by which our own GLOBAL_POSITION_INT is older than its stamp
         self._own_variance = np.repeat([errors.position_sigma_m**2, errors.velocity_sigma_m_s**2], 3)
@@ -54,7 +58,7 @@ class LeaderStates:
 
     def restart(self) -> None:
         """The autopilot has rebooted: its clock and its origin are new."""
-        self._own = self._joined = self.origin = self.q_nb = None
+        self._own = self._joined = self.origin = self._here = self.q_nb = None
         self.has_stated_origin = False
 
     def note(self, output: Output) -> None:
@@ -80,13 +84,14 @@ class LeaderStates:
         if own is None or abs(t_ns - own.t_ns) > PAIRED_NS or own.r_OF_n[0] is None:
             return
         r, _ = _carried(own, t_ns)
-        ours = (m.lat_deg, m.lon_deg, m.alt_msl)
+        ours, bend = (m.lat_deg, m.lon_deg, m.alt_msl), _bend(m.lat_deg, r)
         if self.has_stated_origin and self.origin is not None:
             apart = ned_from_geodetic(ours, self.origin) - r
-            if float(np.abs(apart).max()) <= ORIGIN_AGREES_M:
+            if float(np.abs(apart).max()) <= ORIGIN_AGREES_M + 2.0 * bend:
+                self._here = None if bend < BEND_M else (ours, r)
                 return
             self.has_stated_origin = False
-        self.origin = geodetic_from_ned(-r, ours)
+        self.origin, self._here = geodetic_from_ned(-r, ours), (ours, r)
 
     def at(self, t_ns: int, t_host_ns: int) -> LeaderState | None:
         """The leader at a time on the boot clock; None before the first estimate."""
@@ -94,7 +99,9 @@ class LeaderStates:
             return None
         e, own = self._joined
         r_F, v_F = _carried(own, e.t_ns)
-        reason = _why_not(e, r_F, v_F, t_ns)
+        reason = _why_not(e, r_F, v_F)
+        if not reason and t_ns - e.t_ns > self._max_age_ns:
+            reason = f"no own motion for {(t_ns - e.t_ns) / NS_PER_S:.1f} s: not predicted further"
         t_ns = max(t_ns, e.t_ns)
         if reason or e.mean is None or e.covariance is None:
             state = e.state if not e.valid else Lifecycle.LOST
@@ -130,10 +137,12 @@ class LeaderStates:
         return self.located(made)
 
     def located(self, state: LeaderState) -> LeaderState:
-        """A state with the latitude, longitude and altitude of its position, where the origin is known."""
+        """A state with the latitude, longitude and altitude of its position, where the origin is known. Far from
+        it, where we are: north is another there, and autopilots have local NED each in its own way."""
         if self.origin is None or state.r_OL_n is None:
             return state
-        lat, lon, alt = geodetic_from_ned(np.array(state.r_OL_n), self.origin)
+        place, r = self._here or (self.origin, np.zeros(3))
+        lat, lon, alt = geodetic_from_ned(np.array(state.r_OL_n) - r, place)
         return replace(state, lat_deg=lat, lon_deg=lon, alt_msl=alt)
 
     @property
@@ -168,15 +177,19 @@ def acceleration(e: Estimate, v_L: Array) -> Array:
     return np.array([c * along - s * right, s * along + c * right, -at.get("a_long", 0.0)])
 
 
-def _why_not(e: Estimate, r_F: Array, v_F: Array, t_ns: int) -> str:
-    """Why an estimate cannot be flown on at a time; empty if it can."""
+def _why_not(e: Estimate, r_F: Array, v_F: Array) -> str:
+    """Why an estimate cannot be flown on at its own time; empty if it can."""
     if not e.valid or e.mean is None:
         return e.reason
     if not np.isfinite(r_F).all() or not np.isfinite(v_F).all():
         return "our own position is not known"
-    if t_ns - e.t_ns > MAX_PREDICTION_NS:
-        return f"no own motion for {(t_ns - e.t_ns) / NS_PER_S:.1f} s: not predicted further"
     return ""
+
+
+def _bend(lat_deg: float, r_OF_n: Array) -> float:
+    """By how much, m, the meridians turn between the origin and us, times our distance from it."""
+    distance = math.hypot(r_OF_n[0], r_OF_n[1])
+    return distance * distance * abs(math.tan(math.radians(lat_deg))) / RADIUS_M
 
 
 def _vec3(v: Array) -> Vec3:

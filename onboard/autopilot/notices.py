@@ -1,62 +1,87 @@
 """STATUSTEXT: what a pilot must know, seldom."""
 
-from collections import deque
-from typing import Final
+import re
+from enum import IntEnum
+from typing import Final, NamedTuple
 
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Advice, Clock, Estimate, Lifecycle, Severity, StatusText
+from onboard.messages.text import plain
 
 ERROR, WARNING, NOTICE, INFO = 3, 4, 5, 6  # MAV_SEVERITY
-MOST_WAITING: Final = 5
+MOST_WAITING: Final = 5  # of one rank
 PERIOD_NS: Final = NS_PER_S  # between two texts
-AGAIN_NS: Final = 10 * NS_PER_S  # before the same text is sent again
+AGAIN_NS: Final = 10 * NS_PER_S  # before the same text is sent again, or the next of one sender
 LENGTH: Final = 200  # of a text: four STATUSTEXTs
+NUMBER: Final = re.compile(r"-?\d+(\.\d+)?")
+
+
+class Rank(IntEnum):
+    """Which texts go first, and never give way to those behind: whether the leader is tracked, what else concerns
+    our own state, advice, which may be about what others send, and what others ask for."""
+
+    LEADER, OURS, ADVICE, OTHERS = range(4)
+
+
+Kind = tuple[Rank, str]
+
+
+class _Text(NamedTuple):
+    """A text that waits. `same`: another of its kind with the same one is not sent for `AGAIN_NS`."""
+
+    severity: int
+    text: str
+    same: str
 
 
 class Notices:
-    """Texts that wait, of which the oldest give way, and when each was sent last. `follows`: an autopilot may
-    follow what is sent of the leader."""
+    """Texts that wait, and what was sent last of each kind. Of one kind, which is a sender or a text without its
+    numbers, the newest waits in the place of the first; of one rank, the oldest gives way. `when_lost`: what an
+    autopilot that follows does once the leader is lost; "" where none follows."""
 
-    def __init__(self, *, follows: bool = False) -> None:
-        self._follows = follows
-        self._waiting: deque[tuple[int, str]] = deque(maxlen=MOST_WAITING)
-        self._sent: dict[str, int] = {}
+    def __init__(self, when_lost: str = "") -> None:
+        self.when_lost = when_lost
+        self._waiting: dict[Kind, _Text] = {}  # the oldest first
+        self._sent: dict[Kind, tuple[str, int]] = {}
         self._next_ns = 0
         self._was_valid = False
 
-    def add(self, severity: int, text: str) -> None:
-        """Let a text be sent."""
-        entry = severity, text[:LENGTH]
-        if entry not in self._waiting:
-            self._waiting.append(entry)
+    def add(self, severity: int, text: str, rank: Rank = Rank.OURS, sender: str = "") -> None:
+        """Let a text be sent. `sender`: who is the reason of it."""
+        text = plain(text, LENGTH)
+        self._waiting[rank, sender or NUMBER.sub("#", text)] = _Text(severity, text, sender or text)
+        if len(alike := [kind for kind in self._waiting if kind[0] is rank]) > MOST_WAITING:
+            del self._waiting[alike[0]]
 
     def advise(self, advice: Advice) -> None:
         """Let advice be sent; a mere notice is for those on the ground."""
         if advice.severity is not Severity.NOTICE:
-            self.add(WARNING if advice.severity is Severity.ERROR else NOTICE, advice.text)
+            severity = WARNING if advice.severity is Severity.ERROR else NOTICE
+            self.add(severity, advice.text, Rank.ADVICE)
 
     def note(self, estimate: Estimate) -> None:
         """Whether the leader is tracked, when that changes."""
         if estimate.name != "leader" or not estimate.is_primary:
             return
         if estimate.valid != self._was_valid:
-            if estimate.valid:
-                self.add(INFO, "leader tracked")
-            else:
+            severity, text = INFO, "leader tracked"
+            if not estimate.valid:
                 lost = "leader lost" if estimate.state is Lifecycle.LOST else "no leader"
-                self.add(WARNING, f"{lost}: FOLLOW brakes within 3 s" if self._follows else lost)
+                severity, text = WARNING, f"{lost}: {self.when_lost}" if self.when_lost else lost
+            self._waiting[Rank.LEADER, ""] = _Text(severity, text, text)
         self._was_valid = estimate.valid
 
     def due(self, now_ns: int) -> list[StatusText]:
         """The text to send now, if any."""
         if now_ns < self._next_ns:
             return []
-        self._sent = {text: t for text, t in self._sent.items() if now_ns - t < AGAIN_NS}
+        self._sent = {kind: sent for kind, sent in self._sent.items() if now_ns - sent[1] < AGAIN_NS}
         while self._waiting:
-            severity, text = self._waiting.popleft()
-            if text in self._sent:
+            kind = min(self._waiting, key=lambda kind: kind[0])
+            severity, text, same = self._waiting.pop(kind)
+            if kind in self._sent and self._sent[kind][0] == same:
                 continue
-            self._sent[text] = now_ns
+            self._sent[kind] = same, now_ns
             self._next_ns = now_ns + PERIOD_NS
             return [StatusText(t_ns=now_ns, t_recv_ns=now_ns, clock=Clock.HOST, severity=severity, text=text)]
         return []

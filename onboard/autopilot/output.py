@@ -7,12 +7,12 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from onboard.autopilot.files import Files
-from onboard.autopilot.guidance import Guidance
+from onboard.autopilot.guidance import PX4, Guidance, follower_of
 from onboard.autopilot.leader_messages import OWN_SYSTEM, View
 from onboard.autopilot.leader_output import LeaderOutput
 from onboard.autopilot.leader_state import LeaderStates
 from onboard.autopilot.metadata import Metadata
-from onboard.autopilot.notices import WARNING, Notices
+from onboard.autopilot.notices import WARNING, Notices, Rank
 from onboard.autopilot.odometry import OdometryStream
 from onboard.autopilot.parameters import Parameters
 from onboard.autopilot.rations import Rations
@@ -37,7 +37,6 @@ from onboard.messages import (
 from onboard.wire.datagrams import OnRefused, ignore
 from onboard.wire.signing import Signer
 
-PX4 = 12  # MAV_AUTOPILOT
 RECENT_NS: Final = 1_000_000_000  # of an estimate that is worth keeping
 
 
@@ -64,8 +63,8 @@ class AutopilotOutput:
         self.leader: LeaderState | None = None
         self._config, self._camera = config, config.camera_model()
         self._autopilot: Heartbeat | None = None
-        follows = any("FOLLOW_TARGET" in out.rates_hz for out in config.leader_out)
-        self.notices, self._reasons = Notices(follows=follows), Reasons(follows=follows)
+        self._follows = any("FOLLOW_TARGET" in out.rates_hz for out in config.leader_out)
+        self.notices, self._reasons = Notices(), Reasons(follows=self._follows)
         self._said: list[str] = []  # what the notices have already
         self._requests = Requests(config.autopilot.trusted, refuse)
         self._requests.offer("AUTOPILOT_VERSION", version)
@@ -86,7 +85,7 @@ class AutopilotOutput:
         self._traffic = TrafficOutput(config.traffic_out, config.autopilot.component)
         self._odometry: OdometryStream | None = None
         self._leader_outputs: list[LeaderOutput] = []
-        self._leader_states = LeaderStates(config.ownship.errors)
+        self._leader_states = LeaderStates(config.ownship.errors, config.ownship.max_age_s)
         self._guidance = Guidance(config.guidance, self._camera)
         self._virtual: LeaderState | None = None
 
@@ -99,13 +98,14 @@ class AutopilotOutput:
         """Lines for a person since the last call, which also go out as STATUSTEXT."""
         taken: list[str] = []
         for session in self._sessions.values():
-            if session.lines:
-                taken += session.lines
-                session.lines.clear()
-        taken += self._requests.lines
-        self._requests.lines.clear()
-        for line in taken:
+            for sender, line in session.refusals:
+                self.notices.add(WARNING, line, Rank.OTHERS, sender)
+                taken.append(line)
+            session.refusals.clear()
+        for line in self._requests.lines:
             self.notices.add(WARNING, line)
+            taken.append(line)
+        self._requests.lines.clear()
         taken += self._said
         self._said.clear()
         return taken
@@ -127,7 +127,9 @@ class AutopilotOutput:
         usable = [out for out in config.leader_out if out.system != autopilot.system]
         self._leader_outputs = [LeaderOutput(out, *ids) for out in usable]
         self._leader_states.restart()
-        self._guidance.restart()
+        self._guidance = Guidance(config.guidance, self._camera, follower_of(autopilot.autopilot, config.guidance))
+        self._guidance.note_mode(autopilot)
+        self.notices.when_lost = self._guidance.follower.when_lost if self._follows else ""
         self._leader_states.delay_ns = source_delays_ns(config.delay, autopilot.autopilot)[GlobalPosition]
         self._offer()
         return [
@@ -202,8 +204,11 @@ class AutopilotOutput:
 
     def respond(self, channel: str, messages: Sequence[Message], now_ns: int) -> Outgoing:
         """Answers to the messages of a channel, on the same channel."""
-        if self._autopilot is not None:
-            self._leader_states.receive(messages, self._autopilot.system, self._autopilot.component)
+        if (mine := self._autopilot) is not None:
+            self._leader_states.receive(messages, mine.system, mine.component)
+            for m in messages:
+                if isinstance(m, Heartbeat) and (m.system, m.component) == (mine.system, mine.component):
+                    self._guidance.note_mode(m)
         frames = self._sessions[channel].respond(messages, now_ns)
         for out in self._leader_outputs:
             if out.link == channel:
@@ -264,7 +269,8 @@ class AutopilotOutput:
         """Say why nothing happens."""
         if self._autopilot is None:
             return
-        for severity, text in self._reasons.tick(self.leader, view, now_ns, is_led=self._virtual is not None):
+        led, warning = self._virtual is not None, self._guidance.warning
+        for severity, text in self._reasons.tick(self.leader, view, now_ns, is_led=led, warning=warning):
             self.notices.add(severity, text)
             self._said.append(text)
 

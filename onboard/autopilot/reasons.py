@@ -32,13 +32,20 @@ class Reasons:
         self._no_leader_ns: int | None = None  # since when there has been no leader, or when that was sent
         self._no_course_ns: int | None = None
         self._said = ""
+        self._warned, self._warned_ns = "", 0
         self._edge = ""
 
     def tick(
-        self, state: LeaderState | None, view: View | None, now_ns: int, *, is_led: bool = False
+        self,
+        state: LeaderState | None,
+        view: View | None,
+        now_ns: int,
+        *,
+        is_led: bool = False,
+        warning: str = "",
     ) -> list[Text]:
         """What is to be sent at a time on this computer's clock. `state`: the leader; None before an estimate.
-        `is_led`: the autopilot is sent a target with a heading."""
+        `is_led`: the autopilot is sent a target with a heading. `warning`: why it is not led as usual."""
         texts: list[Text] = []
         if self._start_ns is None:
             self._start_ns = now_ns
@@ -46,7 +53,10 @@ class Reasons:
         if state is None or not state.valid:
             return texts + self._without_leader(state, now_ns)
         self._no_leader_ns, self._said = None, ""
-        return texts + self._without_course(state, now_ns, is_led) + self._out_of_view(state, view)
+        texts += self._warning(warning if self._follows else "", now_ns)
+        return (
+            texts + self._without_course(state, now_ns, is_led or bool(warning)) + self._out_of_view(state, view)
+        )
 
     def _without_leader(self, state: LeaderState | None, now_ns: int) -> list[Text]:
         """Why there is none, once it has lasted, and again when the reason changes or a while has passed."""
@@ -60,6 +70,13 @@ class Reasons:
             return []
         self._no_leader_ns, self._said = now_ns, kind
         return [(WARNING, f"no leader: {reason}")]
+
+    def _warning(self, warning: str, now_ns: int) -> list[Text]:
+        """A new one, or one that has lasted."""
+        if not warning or (warning == self._warned and now_ns - self._warned_ns < AGAIN_NS):
+            return []
+        self._warned, self._warned_ns = warning, now_ns
+        return [(WARNING, warning)]
 
     def _without_course(self, state: LeaderState, now_ns: int, is_led: bool) -> list[Text]:
         """FOLLOW drops a target without a heading in silence."""
@@ -95,12 +112,12 @@ def edge_of(state: LeaderState, view: View) -> str:
     if in_view(project(np.array([x, y, z])), camera):
         return ""
     aside, high = math.atan2(y, x), math.atan2(z, x)
-    half_width, half_height = (math.atan(0.5 * px / camera.f_px) for px in (camera.width_px, camera.height_px))
+    left, upper, right, lower = map(math.atan, camera.edges)
     beyond = {
-        "left edge": -aside - half_width,
-        "top edge": -high - half_height,
-        "right edge": aside - half_width,
-        "bottom edge": high - half_height,
+        "left edge": left - aside,
+        "top edge": upper - high,
+        "right edge": aside - right,
+        "bottom edge": high - lower,
     }
     edge = max(beyond, key=lambda name: beyond[name])
     return f"{edge} by {math.degrees(beyond[edge]):.0f} deg"

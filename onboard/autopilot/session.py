@@ -65,7 +65,7 @@ class Session:
         rations: Rations | None = None,
         refuse: OnRefused = ignore,
     ) -> None:
-        self.lines: list[str] = []  # for a person, since the start
+        self.refusals: list[tuple[str, str]] = []  # sender and line for a person, since they were taken
         self._config, self._channel, self._requests_of_us = config, channel, requests or Requests()
         self._parameters, self._files = parameters or Parameters(Config()), files or Files({})
         self._rations, self._refuse = rations or Rations(), refuse
@@ -133,7 +133,7 @@ class Session:
             return []
         frames = []
         for m in messages:
-            if us.is_sender(m) or not isinstance(m, ASKING):
+            if not isinstance(m, ASKING):
                 continue
             if not self._rations.admits(m, now_ns):
                 self._refuse(
@@ -156,7 +156,7 @@ class Session:
         if isinstance(m, ParamRequest) and us.is_target(m):
             replies, refusal = self._parameters.answer(m, now_ns)
             if refusal:
-                self.lines.append(f"refused: {refusal}")
+                self.refusals.append((sender_of(m), f"refused: {refusal}"))
             return list(map(self._pack, replies))
         if isinstance(m, FileRequest) and us.is_target(m) and m.target_component != TO_ALL:
             return list(map(self._pack, self._files.answer(m, now_ns)))

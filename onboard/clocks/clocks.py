@@ -101,12 +101,11 @@ class Clocks:
         is_open = self._offset.doubt and self._used is not None
         return "the autopilot's clock runs at another rate than this computer's" if is_open else ""
 
-    @property
-    def late_ns(self) -> int:
-        """By how much more than the fastest the last message was late; 0 where arrivals are stamped by a clock
-        that may have been set."""
-        offset = self.offset_ns
-        return self._base - offset if self._wall.is_even and offset is not None else 0
+    def age_ns(self, t_ns: int, at_ns: int) -> int:
+        """The age, at a time of this computer's clock, of what was true at `t_ns` on the boot clock; 0 where
+        arrivals are stamped by a clock that may have been set."""
+        offset = self._offset.at(at_ns)
+        return at_ns - offset - t_ns if self._wall.is_even and offset is not None else 0
 
     def align(self, message: Message, delay_ns: int = 0) -> Message | None:
         """The message with `t_ns` on the boot clock, less its delay; None, and counted, where that is unknown."""

@@ -13,11 +13,11 @@ from onboard.arrays import Array
 from onboard.commands.calibrate_airframe import calibrate_airframe
 from onboard.commands.calibration import CALM, Calibration, Images, OwnMotion, calibrate
 from onboard.commands.files import check_targets
-from onboard.commands.log_replay import check_log, read_flight
+from onboard.commands.log_replay import check_log, pipeline_of, read_flight
+from onboard.commands.terminal import show
 from onboard.config import Config, load_config
 from onboard.geometry.rotations import euler_from_quaternion, matrix_from_euler, quaternion_from_matrix
 from onboard.messages import Datagram, Message, OwnPose, TargetPoints
-from onboard.pipeline import Pipeline
 from onboard.wire.tlog import NotALogError
 
 ENOUGH: Final = {
@@ -39,7 +39,7 @@ def main(arguments: argparse.Namespace) -> int:
     config = load_config(arguments.config, tuple(arguments.set))
     if arguments.mass is not None:
         for line in calibrate_airframe(arguments, config):
-            print(line)
+            show(line)
         return 0
     images, own = collect(arguments.log, config)
     leader = config.estimator.get("leader")
@@ -47,17 +47,17 @@ def main(arguments: argparse.Namespace) -> int:
         raise UserError("calibrate needs [estimator.leader]: the leader's size_prior_m")
     found = calibrate(images, own, config.camera_model(), leader.size_prior_m)
     for line in described(found, config):
-        print(line)
+        show(line)
     if arguments.svg is not None:
         arguments.svg.write_text(picture(found), encoding="utf-8")
-        print(f"written: {arguments.svg}")
+        show(f"written: {arguments.svg}")
     return 0
 
 
 def collect(log: Path, config: Config) -> tuple[Images, OwnMotion]:
     """The first camera's images of the leader with all three points, at their time on the boot clock less the
     configured delay, and our own motion. Raises UserError."""
-    pipeline = Pipeline(replace(config, estimator={}))
+    pipeline = pipeline_of(replace(config, estimator={}))
     poses: list[OwnPose] = []
     images: list[TargetPoints] = []
     camera = config.camera_model()

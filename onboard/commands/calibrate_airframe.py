@@ -18,11 +18,10 @@ from onboard.commands.airframe_calibration import (
     RecordedFlight,
     fit_airframe,
 )
-from onboard.commands.log_replay import read_flight
+from onboard.commands.log_replay import pipeline_of, read_flight
 from onboard.config import Config
 from onboard.geometry.rotations import matrix_from_quaternion
 from onboard.messages import ActuatorOutputs, Battery, Datagram, Imu, Message, OwnPose
-from onboard.pipeline import Pipeline
 from onboard.wire.tlog import NotALogError
 
 ENOUGH: Final = 0.15  # sigma over value of what a fault is named by: one known worse is not offered
@@ -89,7 +88,7 @@ def collect_flight(
 
 def _aligned(log: Path, config: Config, until: float | None) -> tuple[list[Message], list[OwnPose]]:
     """What is wanted of a log's first seconds, in time order on the boot clock, and all own poses."""
-    pipeline = Pipeline(replace(config, estimator={}))
+    pipeline = pipeline_of(replace(config, estimator={}))
     poses: list[OwnPose] = []
     found: list[Message] = []
     try:

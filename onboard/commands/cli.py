@@ -18,7 +18,7 @@ from typing import Final, NoReturn
 
 from onboard import UserError, __version__
 from onboard.commands import examples
-from onboard.commands.terminal import end_signals, report
+from onboard.commands.terminal import end_signals, one_line, report
 
 USER_ERROR: Final = 2
 SET_HELP: Final = "put configuration keys over the file's, as camera.f_px=600 (one or more, repeatable)"
@@ -36,7 +36,7 @@ class _Parser(argparse.ArgumentParser):
     """A mistake in the call is one line, not a page of usage."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(USER_ERROR, f"{self.prog}: {message} (see {self.prog} --help)\n")
+        self.exit(USER_ERROR, f"{one_line(f'{self.prog}: {message} (see {self.prog} --help)')}\n")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -235,6 +235,10 @@ def _add_study(study: argparse.ArgumentParser) -> None:
     )
     study.add_argument(
         "--out", type=Path, default=Path("out/studies"), metavar="DIR", help="(default: %(default)s)"
+    )
+    study.add_argument("--cases", metavar="NAME,...", help="of encounters: these alone, by the names of its cases")
+    study.add_argument(
+        "--departures", action="store_true", help="of encounters: their families with one assumption false, alone"
     )
     study.add_argument("--json", type=Path, metavar="FILE", help="write the numbers here as well")
     _add_computers(study)

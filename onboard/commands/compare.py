@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Final, get_args, get_type_hints
 
 from msgspec.structs import replace
-from rich.console import Console
 from rich.table import Table
 
 from onboard import UserError
+from onboard.commands.console import Console
 from onboard.commands.log_replay import FLOWN
 from onboard.config import Config, load_config
 from onboard.messages import Record

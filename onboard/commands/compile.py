@@ -4,9 +4,8 @@ import argparse
 import os
 import time
 
-from rich.console import Console
-
 from onboard.commands.compiling import Module, needed_by_flight
+from onboard.commands.console import Console
 from onboard.commands.progress import compile_shown
 from onboard.config import estimator_modules, load_config
 

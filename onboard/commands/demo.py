@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
-from rich.console import Console
 
 from onboard.commands.compiling import needed_by_flight
+from onboard.commands.console import Console
 from onboard.commands.demo_flight import DemoReport, flight_name, run_demo
 from onboard.commands.files import check_targets, make_folder, write_json
 from onboard.commands.progress import announce_once, compile_shown, progress_bar

@@ -8,14 +8,15 @@ from typing import Any, Final
 
 import msgspec
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
 from onboard import UserError, __version__
 from onboard.commands.computers import computers
+from onboard.commands.console import Console
 from onboard.commands.files import check_targets, write_json
-from onboard.commands.flight_folder import CONFIG, LOGS, TRUTHS
+from onboard.commands.flight_folder import CONFIG, LOGS, TRUTHS, is_given
 from onboard.commands.many import FILTERPY, FlightScores, ScorableFlight, numbers_of, score_flights
+from onboard.commands.terminal import show
 from onboard.messages import Record
 from onboard.scoring.leader import LeaderScore
 
@@ -72,7 +73,7 @@ def main(arguments: argparse.Namespace) -> int:
         families = msgspec.to_builtins(rows)
         flown = [numbers_of(one) for one in scored]
         write_json(a.json, {"version": __version__, "families": families, "flights": flown})
-        print(f"written: {a.json}")
+        show(f"written: {a.json}")
     return 0
 
 
@@ -84,11 +85,11 @@ def find_flights(dataset: Path, sets: tuple[str, ...], words: tuple[str, ...]) -
         raise UserError(f"{dataset} is no folder; expected one with FAMILY/FLIGHT/ (a log, truth.csv, ...)")
     found = []
     for folder in sorted({path.parent for path in dataset.rglob("*") if path.suffix.lower() in LOGS}):
-        truths = [folder / name for name in TRUTHS if (folder / name).is_file()]
+        truths = [folder / name for name in TRUTHS if is_given(folder / name)]
         if not truths:
             raise UserError(f"{folder}: it has no truth to score by; expected {' or '.join(TRUTHS)}")
         above = [folder, *(p for p in folder.parents if p.is_relative_to(dataset))]
-        config = next((p / CONFIG for p in above if (p / CONFIG).is_file()), None)
+        config = next((p / CONFIG for p in above if is_given(p / CONFIG)), None)
         family = folder.parent.name if folder.parent != dataset else folder.name
         name = str(folder.relative_to(dataset))
         found.append(ScorableFlight(folder, name, family, config, sets, truths[0], words))

@@ -38,7 +38,8 @@ class Stamp(msgspec.Struct):
 
 def flight_folder(folder: Path) -> FlightFolder:
     """The files of a flight's folder. Raises UserError unless it holds one log."""
-    files = sorted(path for path in folder.iterdir() if path.is_file())
+    wanted = (path for path in folder.iterdir() if path.suffix.lower() in (*LOGS, *DETECTIONS))
+    files = sorted(path for path in wanted if is_given(path))
     logs = [path for path in files if path.suffix.lower() in LOGS]
     if len(logs) != 1:
         found = ", ".join(path.name for path in logs) or "none"
@@ -47,9 +48,17 @@ def flight_folder(folder: Path) -> FlightFolder:
     return FlightFolder(
         logs[0],
         tuple(path for path in files if path.suffix.lower() in DETECTIONS),
-        config if config.is_file() else None,
-        next((path for path in truths if path.is_file()), None),
+        config if is_given(config) else None,
+        next((path for path in truths if is_given(path)), None),
     )
+
+
+def is_given(path: Path) -> bool:
+    """Whether a folder, which somebody else may have made, has this file. Raises UserError for a link: it could
+    lead to any file of ours."""
+    if path.is_symlink():
+        raise UserError(f"{path} is a link, and no link of a flight's folder is followed; copy the file there")
+    return path.is_file()
 
 
 class Documents:

@@ -11,8 +11,8 @@ from msgspec.structs import replace
 
 from onboard import UserError
 from onboard.commands.flight_folder import Documents, FlightFolder, flight_folder
-from onboard.config import Config
-from onboard.messages import Datagram, Estimate, Health, Message, NavState, Output
+from onboard.config import Config, ConfigError, signing_key
+from onboard.messages import DOUBT, Datagram, Estimate, Health, Message, NavState, Output
 from onboard.pipeline import Pipeline
 from onboard.scoring.beside import judged
 from onboard.wire import dataflash, ulog
@@ -22,6 +22,10 @@ from onboard.wire.tlog import NotALogError, read_tlog
 PROGRESS_EVERY: Final = 2000
 HEALTH_NS: Final = 1_000_000_000  # between health records
 FLOWN: Final = "flown"
+UNVERIFIED: Final = (
+    f"{DOUBT}{{}} signed frames were used unverified: this replay has not the key of link `{{}}`; name it in "
+    "`key_file` of its [[link]]"
+)
 ALONE: Final[Mapping[str, Config]] = {}
 
 
@@ -63,8 +67,8 @@ def replay(
 
     Raises ReplayError.
     """
-    pipeline = Pipeline(config)
-    beside = {name: Pipeline(other) for name, other in others.items() if name != FLOWN}
+    pipeline = pipeline_of(config)
+    beside = {name: pipeline_of(other) for name, other in others.items() if name != FLOWN}
     results = Results(take, keep)
     total = _size(log)
     count = damaged = first = last = lost = due = 0
@@ -96,10 +100,30 @@ def replay(
     except NotALogError as error:
         raise ReplayError(f"{log}: {error}") from error
     progress(total, total)
+    for channel, number in pipeline.unverified.items():
+        pipeline.refuse(channel, UNVERIFIED.format(number, channel), last)
     health, end = pipeline.health(last), pipeline.ownship.now_ns * 1e-9
     main = results.estimates.pop(judged(results.estimates), [])
     seconds = (last - first) * 1e-9
     return ReplayResult(main, health, count, damaged + lost, seconds, results.own_states, end, results.estimates)
+
+
+def pipeline_of(config: Config) -> Pipeline:
+    """The pipeline that flew, with the keys of its links. One that cannot be read here verifies nothing: then what
+    is not signed is refused as in flight, and what is signed is counted."""
+    keys: dict[str, bytes | None] = {}
+    reasons: dict[str, str] = {}
+    for link in config.link:
+        if link.key_file is not None:
+            keys[link.name] = None
+            try:
+                keys[link.name] = signing_key(link)
+            except ConfigError as error:
+                reasons[link.name] = str(error)
+    pipeline = Pipeline(config, keys)
+    for name, reason in reasons.items():
+        pipeline.refuse(name, f"{DOUBT}{reason}", 0)
+    return pipeline
 
 
 class Results:

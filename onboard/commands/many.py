@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import msgspec
-from rich.console import Console
 
 from onboard import UserError
 from onboard.commands.compare import variants
+from onboard.commands.console import Console
 from onboard.commands.log_replay import flight_of, replay
 from onboard.commands.parallel.cluster import ClusterError
 from onboard.commands.parallel.workers import Computers, Part, compute

@@ -5,10 +5,10 @@ import sys
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from onboard.commands.compiling import Module, compile_all, knows_folders
+from onboard.commands.console import Console
 
 STALE: Final = (
     "this version of Numba does not say where it keeps machine code: after an edit of kernels, delete it yourself "
@@ -19,7 +19,7 @@ STALE: Final = (
 def progress_bar(console: Console) -> Progress:
     """A bar on a terminal, nothing elsewhere."""
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:>3.0f} %"),
         TimeRemainingColumn(),

@@ -11,6 +11,7 @@ from typing import Any, Final
 from mcap.writer import Writer
 
 from onboard import UserError
+from onboard.commands.terminal import show
 from onboard.wire.recording import is_recording, read_messages
 
 MAGIC: Final = b"\x89MCAP0\r\n"  # at the begin and the end of a file
@@ -31,9 +32,9 @@ def main(arguments: argparse.Namespace) -> int:
     except OSError as error:
         raise UserError(f"cannot recover {source}: {error.strerror or error}") from error
     stretches = "1 stretch" if damaged == 1 else f"{damaged} stretches"
-    print(f"{wanted}: {count} records; {stretches} could not be read")
+    show(f"{wanted}: {count} records; {stretches} could not be read")
     if not has_end:
-        print(f"{source} has no end: what wrote it was killed. `onboard` reads it; others want {wanted.name}")
+        show(f"{source} has no end: what wrote it was killed. `onboard` reads it; others want {wanted.name}")
     return 0
 
 

@@ -8,17 +8,18 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
-from rich.console import Console
 
 from onboard import UserError
 from onboard.commands.compare import print_comparison, variants
 from onboard.commands.computers import computers
+from onboard.commands.console import Console
 from onboard.commands.evaluate import print_rows, rows_of
 from onboard.commands.exports import check_exports, open_export, takes_health, write_truth
 from onboard.commands.files import check_targets, write_json
 from onboard.commands.log_replay import ALONE, ReplayResult, check_log, flight_of, replay
 from onboard.commands.many import ScorableFlight, numbers_of, score_flights
 from onboard.commands.progress import progress_bar
+from onboard.commands.terminal import one_line
 from onboard.config import Config, load_config
 from onboard.messages import Estimate, NavState, Output
 from onboard.scoring.beside import LeaderScorers, judged
@@ -103,7 +104,7 @@ def replay_log(
             takers.append(open_export(path, stack, of_own=of_own, ros2=config.ros2))
             of_health += takers[-1:] if takes_health(path) else []
         bar = stack.enter_context(progress_bar(Console(stderr=True)))
-        task = bar.add_task(f"replaying {log.name}", total=None)
+        task = bar.add_task(one_line(f"replaying {log.name}"), total=None)
         replayed = replay(
             log,
             config,

@@ -6,14 +6,15 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
 
 from onboard import UserError, __version__
+from onboard.commands.console import Console
 from onboard.commands.files import check_targets
 from onboard.commands.log_replay import ReplayResult, check_log, flight_of, replay
 from onboard.commands.progress import progress_bar
 from onboard.commands.report_series import FlightSeries
 from onboard.commands.report_verdict import Grade, judge, worst
+from onboard.commands.terminal import one_line
 from onboard.config import Config, load_config
 from onboard.messages import Output
 from onboard.scoring.beside import judged
@@ -51,7 +52,7 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
             scorer.add(output)  # type: ignore[arg-type]
 
     with progress_bar(Console(stderr=True)) as bar:
-        task = bar.add_task(f"replaying {log.name}", total=None)
+        task = bar.add_task(one_line(f"replaying {log.name}"), total=None)
         replayed = replay(
             log,
             config,

@@ -4,13 +4,14 @@ import io
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import matplotlib as mpl
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from onboard.commands.report_verdict import Check, Grade, worst
+from onboard.messages.text import LINE, plain
 
 COLOURS: Final = {Grade.PASS: "#1f7a45", Grade.AMBER: "#b26a00", Grade.FAIL: "#b3261e"}
 STYLE: Final = """
@@ -27,6 +28,8 @@ svg{width:100%;height:auto}pre{white-space:pre-wrap;font-size:.82em;background:#
 summary{cursor:pointer;color:#57606a}
 @media print{body{margin:0}h2{break-after:avoid}svg,table{break-inside:avoid}}
 """
+
+WIDEST: Final = 110  # letters of a line of the PDF
 
 Table = Sequence[Sequence[str]]  # the first row is its head
 
@@ -46,15 +49,15 @@ class FlightReport(NamedTuple):
 def html(report: FlightReport) -> str:
     """The page."""
     parts = [
-        f"<!doctype html><html lang=en><meta charset=utf-8><title>{escape(report.title)}</title>",
+        f"<!doctype html><html lang=en><meta charset=utf-8><title>{_text(report.title)}</title>",
         f"<meta name=viewport content='width=device-width'><style>{STYLE}</style>",
-        f"<h1>{escape(report.title)}</h1>{_banner(report.checks)}",
+        f"<h1>{_text(report.title)}</h1>{_banner(report.checks)}",
         f"<table class=facts>{''.join(_row(fact) for fact in report.facts)}</table>",
         f"<h2>Checks</h2>{_checks(report.checks)}",
     ]
-    parts += [f"<h2>{escape(title)}</h2>{svg(figure)}" for title, figure in report.figures.items()]
+    parts += [f"<h2>{_text(title)}</h2>{svg(figure)}" for title, figure in report.figures.items()]
     parts += [
-        f"<h2>{escape(title)}</h2>{_table(table)}" for title, table in report.tables.items() if len(table) > 1
+        f"<h2>{_text(title)}</h2>{_table(table)}" for title, table in report.tables.items() if len(table) > 1
     ]
     parts.append(
         "<h2>Configuration</h2><details><summary>all keys, as they were used</summary>"
@@ -65,11 +68,17 @@ def html(report: FlightReport) -> str:
 
 def write_pdf(report: FlightReport, path: Path) -> None:
     """The verdict and the checks on the first page, then the figures."""
-    with PdfPages(path, metadata={"Title": report.title, "CreationDate": None}) as pdf:
+    metadata = {"Title": plain(report.title, LINE), "CreationDate": None}
+    with mpl.rc_context({"text.parse_math": False}), PdfPages(path, metadata=metadata) as pdf:
         pdf.savefig(_first_page(report))
         for title, figure in report.figures.items():
             figure.suptitle(title, fontsize=10, x=0.01, ha="left")
             pdf.savefig(figure)
+
+
+def _text(text: str) -> str:
+    """Text as HTML: parts of it, such as a file's name, may come from outside."""
+    return escape(plain(text, LINE))
 
 
 def svg(figure: Figure) -> str:
@@ -89,47 +98,51 @@ def summary(checks: list[Check]) -> str:
 
 def _banner(checks: list[Check]) -> str:
     grade = worst(checks)
-    return f"<div class=grade style='background:{COLOURS[grade]}'><b>{grade}</b>{escape(summary(checks))}</div>"
+    return f"<div class=grade style='background:{COLOURS[grade]}'><b>{grade}</b>{_text(summary(checks))}</div>"
 
 
 def _checks(checks: list[Check]) -> str:
     rows = ["<tr><th><th>figure<th>measured<th>wanted, and what to do"]
     for check in sorted(checks, key=lambda c: list(Grade).index(c.grade), reverse=True):
         tag = f"<span class=tag style='background:{COLOURS[check.grade]}'>{check.grade}</span>"
-        advice = "" if check.grade is Grade.PASS else f"<br><b>{escape(check.advice)}</b>"
+        advice = "" if check.grade is Grade.PASS else f"<br><b>{_text(check.advice)}</b>"
         rows.append(
-            f"<tr><td>{tag}<td class=n>{escape(check.name)}<td class=n>{escape(check.value)}"
-            f"<td>{escape(check.wanted)}{advice}"
+            f"<tr><td>{tag}<td class=n>{_text(check.name)}<td class=n>{_text(check.value)}"
+            f"<td>{_text(check.wanted)}{advice}"
         )
     return f"<table>{''.join(rows)}</table>"
 
 
 def _table(table: Table) -> str:
     head, *rows = table
-    cells = "".join(f"<th>{escape(cell)}" for cell in head)
+    cells = "".join(f"<th>{_text(cell)}" for cell in head)
     return f"<table><tr>{cells}{''.join(_row(row) for row in rows)}</table>"
 
 
 def _row(cells: Sequence[str]) -> str:
-    return "<tr>" + "".join(f"<td>{escape(cell)}" for cell in cells)
+    return "<tr>" + "".join(f"<td>{_text(cell)}" for cell in cells)
 
 
 def _first_page(report: FlightReport) -> Figure:
     figure, grade = Figure(figsize=(8.27, 11.69)), worst(report.checks)
-    figure.text(0.07, 0.95, report.title, fontsize=14)
-    figure.text(0.07, 0.915, f" {grade} ", fontsize=18, color="white", backgroundcolor=COLOURS[grade])
+
+    def put(x: float, y: float, text: str, most: int = WIDEST, **style: Any) -> None:
+        figure.text(x, y, plain(text, most), **{"fontsize": 8, **style})
+
+    put(0.07, 0.95, report.title, fontsize=14)
+    put(0.07, 0.915, f" {grade} ", fontsize=18, color="white", backgroundcolor=COLOURS[grade])
     y = 0.88
     for name, value in report.facts:
-        figure.text(0.07, y, name, fontsize=8, color="#57606a")
-        figure.text(0.27, y, value[:95], fontsize=8)
+        put(0.07, y, name, color="#57606a")
+        put(0.27, y, value, 95)
         y -= 0.017
     y -= 0.015
     for check in report.checks:
-        figure.text(0.07, y, str(check.grade), fontsize=8, color=COLOURS[check.grade], weight="bold")
-        figure.text(0.15, y, f"{check.name}: {check.value}", fontsize=8)
-        figure.text(0.52, y, check.wanted[:65], fontsize=7, color="#57606a")
+        put(0.07, y, str(check.grade), color=COLOURS[check.grade], weight="bold")
+        put(0.15, y, f"{check.name}: {check.value}")
+        put(0.52, y, check.wanted, 65, fontsize=7, color="#57606a")
         y -= 0.017
         if check.grade is not Grade.PASS:
-            figure.text(0.15, y, check.advice[:110], fontsize=7.5)
+            put(0.15, y, check.advice, fontsize=7.5)
             y -= 0.017
     return figure

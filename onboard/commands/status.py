@@ -13,6 +13,7 @@ import msgspec
 from onboard.commands.absent import why_absent
 from onboard.config import Config, load_config
 from onboard.messages import Advice, Health, LinkHealth, Severity
+from onboard.messages.text import plain
 from onboard.sinks.sink import SinkError
 from onboard.view.client import Client
 
@@ -23,6 +24,7 @@ ALL_S: Final = 1.5  # in which each vehicle that runs has sent one
 HEALTHY, NOT_HEALTHY = 0, 1
 CLEAR: Final = "\x1b[2J\x1b[H"
 LAST: Final = 5  # refusals
+WIDEST: Final = 240  # letters of a column
 
 
 def main(arguments: argparse.Namespace) -> int:
@@ -201,6 +203,7 @@ def _table(head: list[str], rows: list[list[str]]) -> list[str]:
     """Columns of text, the first and those of words to the left."""
     if not rows:
         return []
+    rows = [[plain(cell, WIDEST) for cell in row] for row in rows]
     widths = [max(len(row[k]) for row in (head, *rows)) for k in range(len(head))]
     lines = [""]
     for row in (head, *rows):

@@ -10,13 +10,28 @@ from types import FrameType
 from typing import Final, NoReturn
 
 MOST_LINES: Final = 256  # that wait for a reader
+SHORT: Final = 200  # letters
 LAST_S: Final = 1.0  # for the last lines of a program whose lines nobody may read
 
 
 def report(line: str) -> None:
     """A line for a person, on standard error. Nobody may read it any more: that ends no flight."""
     with suppress(OSError):
-        print(line, file=sys.stderr, flush=True)
+        print(one_line(line), file=sys.stderr, flush=True)
+
+
+def show(line: str) -> None:
+    """A line of a result, on standard output."""
+    print(one_line(line), flush=True)
+
+
+def one_line(text: str) -> str:
+    """Text, parts of which may come from outside, as a line that controls no terminal."""
+    if text.isprintable() and len(text) < SHORT:
+        return text
+    from onboard.messages.text import LINE, plain  # noqa: PLC0415 - this file is loaded before all others
+
+    return plain(text, LINE)
 
 
 class Lines:
@@ -47,7 +62,7 @@ class Lines:
         while (line := self._waiting.get()) is not None:
             dropped, self._dropped = self._dropped, 0
             missing = f"({dropped} lines were dropped: nobody read them)\n" if dropped else ""
-            data = f"{missing}{line}\n".encode(errors="backslashreplace")
+            data = f"{missing}{one_line(line)}\n".encode(errors="backslashreplace")
             with suppress(OSError):  # nobody may read it any more: that ends no flight
                 while data:
                     data = data[os.write(self._descriptor, data) :]

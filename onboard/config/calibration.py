@@ -2,10 +2,12 @@
 with the same names), and a camchain of Kalibr."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from onboard.geometry.lens import COUNTS, Lens, LensError, Model
+from onboard.messages.text import plain
 
 MODELS: Final[dict[str, Model]] = {
     "plumb_bob": "radial-tangential",
@@ -55,15 +57,14 @@ def part_of(
             f"it is of {width:g} x {height:g} pixels, width_px and height_px are {width_px:g} x {height_px:g}: "
             "another shape; expected the same shape, or `crop_px`, the part that was used"
         )
-    return Lens(
+    return replace(
+        lens,
         fx_px=lens.fx_px * x,
         fy_px=lens.fy_px * y,
         cx_px=(lens.cx_px - left) * x,
         cy_px=(lens.cy_px - upper) * y,
         width_px=width_px,
         height_px=height_px,
-        model=lens.model,
-        distortion=lens.distortion,
     )
 
 
@@ -130,7 +131,7 @@ def _kalibr(table: dict[str, Any]) -> Lens:
         raise ValueError(f"it is of several cameras: {', '.join(cameras)}; expected a file of one")
     ((name, camera),) = cameras.items()
     if camera["camera_model"] != "pinhole":
-        raise ValueError(f"{name}.camera_model is {camera['camera_model']}, known: pinhole")
+        raise ValueError(f"{name}.camera_model is {_shown(camera['camera_model'])}, known: pinhole")
     k, size = _numbers(camera, "intrinsics"), _numbers(camera, "resolution")
     if len(k) != 4 or len(size) != 2:
         raise ValueError(f"{name}: expected 4 intrinsics and 2 of resolution, got {len(k)} and {len(size)}")
@@ -158,14 +159,20 @@ def _lens(k: tuple[float, float, float, float], size: list[float], model: Model,
         height_px=size[1],
         model=model,
         distortion=tuple(d[:most]),
-    )
+    ).of_whole_image()
 
 
 def _model(table: dict[str, Any], name: str) -> Model:
-    model = MODELS.get(str(table.get(name)))
+    found = table.get(name)
+    model = MODELS.get(found) if isinstance(found, str) else None
     if model is None:
-        raise ValueError(f"{name} is {table.get(name)}, known: {', '.join(MODELS)}")
+        raise ValueError(f"{name} is {_shown(found)}, known: {', '.join(MODELS)}")
     return model
+
+
+def _shown(value: Any) -> str:
+    """A value of a file in a few letters: aliases make lists without end of it."""
+    return f"a {type(value).__name__}" if isinstance(value, list | dict) else plain(str(value))
 
 
 def _size(table: dict[str, Any], name: str) -> float:
@@ -188,8 +195,10 @@ def _number(value: Any, name: str) -> float:
     """A number, which YAML 1.1 takes for text in some spellings (1e3)."""
     try:
         number = float(value)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}: expected a number, got {value!r}") from error
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(
+            f"{name}: expected a number, got {_shown(repr(value) if isinstance(value, str) else value)}"
+        ) from error
     if not math.isfinite(number):
         raise ValueError(f"{name}: expected a finite number, got {value}")
     return number

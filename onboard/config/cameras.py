@@ -97,7 +97,7 @@ def lens_of(c: CameraConfig) -> Lens:
     except LensError as error:
         raise ValueError(f"distortion: {error}") from error
     _check_center(lens, "cx_px, cy_px")
-    return lens
+    return lens.of_whole_image()
 
 
 def _check_center(lens: Lens, what: str) -> None:
@@ -132,7 +132,8 @@ def _camera(c: CameraConfig) -> Camera:
         sigma_px=c.sigma_px,
         gimbal=c.gimbal,
     )
-    return camera if c.gimbal_frame == "as flagged" else dataclasses.replace(camera, gimbal_frame=c.gimbal_frame)
+    frame = "" if c.gimbal_frame == "as flagged" else c.gimbal_frame
+    return dataclasses.replace(camera, gimbal_frame=frame, view=lens.view)
 
 
 class MountErrors(NamedTuple):

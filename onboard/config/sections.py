@@ -104,7 +104,8 @@ class OwnshipConfig(Record, frozen=True, kw_only=True):
     # whose attitude and velocity the leader, traffic and outputs take; auto: own_state's while it is the surer one
     source: Literal["autopilot", "own_state", "auto"] = "auto"
     max_extrapolation_s: NotNegative = 0.1  # how far beyond its newest sample our own pose may be carried on
-    max_lead_s: NotNegative = 1.0  # images stamped farther ahead of the autopilot's newest stamp are rejected
+    max_lead_s: NotNegative = 1.0  # images stamped farther ahead of our attitude or position are rejected
+    max_age_s: Positive = 0.5  # no estimate is published as valid by older own motion, whatever has delayed it
 
 
 class OdometryConfig(Record, frozen=True, kw_only=True):
@@ -177,7 +178,7 @@ class GuidanceConfig(Record, frozen=True, kw_only=True):
 
     slot_m: Vec3 = (-30.0, 0.0, 3.0)  # from the leader: forward along its course, right, down; as FOLL_OFS_*
     least_distance_m: Positive | None = None  # from the nearest the leader may be; None: half the slot's
-    closing_speed_m_s: Positive = 5.0  # at which the distance may shrink, at most
+    closing_speed_m_s: Positive = 5.0  # at which the distance may shrink or grow, at most
     start_course: Literal["bearing", "none"] = "bearing"  # before the leader has flown; none: it is not followed
     hold_s: NotNegative = 3.0  # for which the vehicle stops with its nose on a lost leader
 

@@ -1,6 +1,8 @@
 """Values that were set while the daemon ran, kept in a TOML file that goes over the configuration's."""
 
+import errno
 import os
+import stat
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -18,7 +20,19 @@ FILE_MODE: Final = 0o640
 
 def read_stored(path: Path) -> dict[str, Any]:
     """The stored values as a table, empty without a file. Raises ConfigError."""
-    return read_toml(path) if path.exists() else {}
+    if not path.exists():
+        return {}
+    try:
+        check_regular(path)
+    except OSError as error:
+        raise ConfigError(f"parameters.path: {path}: {error.strerror}") from error
+    return read_toml(path)
+
+
+def check_regular(path: Path) -> None:
+    """Raise OSError for what is no file: reading a pipe waits for ever for who writes to it."""
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise OSError(errno.EINVAL, "is no regular file")
 
 
 def check_storable(path: Path) -> None:
@@ -35,6 +49,7 @@ def signing_key(link: LinkConfig) -> bytes | None:
     where = f"link {link.name}: key_file {link.key_file}"
     path = Path(link.key_file)
     try:
+        check_regular(path)
         is_ours = is_private(path) and path.stat().st_uid in {0, os.getuid()}
         key = read_key(path.read_bytes())
     except OSError as error:
@@ -51,15 +66,21 @@ def signing_key(link: LinkConfig) -> bytes | None:
 def store(path: Path, table: dict[str, Any]) -> None:
     """Write a table of numbers and arrays of them, by whole files: a power cut leaves the old one or the new one.
     Raises OSError."""
-    new = path.with_name(f"{path.name}.new")
     text = HEAD + "".join(f"{key} = {_toml(value)}\n" for key, value in _flat(table, ""))
+    replace_file(path, text.encode(), FILE_MODE, sync=True)
+
+
+def replace_file(path: Path, data: bytes, mode: int, *, sync: bool) -> None:
+    """Write a whole file in the place of another; with `sync` it survives a loss of power. What lies in the way,
+    such as somebody's link or pipe, is not written to. Raises OSError."""
+    new = path.with_name(f"{path.name}.new")
     try:
-        with os.fdopen(
-            os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE), "w", encoding="utf-8"
-        ) as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
+        new.unlink(missing_ok=True)
+        with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+            file.write(data)
+            if sync:
+                file.flush()
+                os.fsync(file.fileno())
         new.replace(path)
     except OSError:  # a full disk: what is half written is of no use, and takes the room
         with suppress(OSError):

@@ -4,10 +4,11 @@ A state is read once, at the start, and only if it is at most MOST_AGE_S old and
 Everything else is ignored with a reason: the daemon then starts as it does without a file.
 """
 
+import errno
 import hashlib
 import os
+import stat
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
@@ -15,7 +16,7 @@ import msgspec
 
 from onboard.config.reading import ConfigError
 from onboard.config.sections import Config
-from onboard.config.storing import Storing
+from onboard.config.storing import Storing, replace_file
 from onboard.messages import Datagram, Encoding, WarmState
 from onboard.wire.document import BadDocumentError
 from onboard.wire.warm_state import decode_warm_state, encode_warm_state
@@ -65,6 +66,7 @@ class WarmFile:
         if self._storing is None:
             return None
         try:
+            check_own(self._path)
             with self._path.open("rb") as file:
                 data = file.read(LARGEST + 1)
             age = self._checked(data, wall_ns)
@@ -122,18 +124,17 @@ def folder_of(environment: Mapping[str, str]) -> Path:
     return (Path(state) if Path(state).is_absolute() else Path(home) / ".local" / "state") / "onboard"
 
 
+def check_own(path: Path) -> None:
+    """Raise OSError for what no run of ours has left: a link, a pipe, or a file of another user's."""
+    status = path.lstat()
+    if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
+        raise OSError(errno.EINVAL, "is no file of ours: a link, a pipe, or another user's")
+
+
 def store_state(path: Path, state: WarmState) -> None:
     """Write a state by a whole file: a killed process leaves the old one or the new one. It need not survive the
     loss of power, after which it would be too old. Raises OSError."""
-    new = path.with_name(f"{path.name}.new")
-    try:
-        with os.fdopen(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, FILE_MODE), "wb") as file:
-            file.write(encode_warm_state(state))
-        new.replace(path)
-    except OSError:
-        with suppress(OSError):
-            new.unlink(missing_ok=True)
-        raise
+    replace_file(path, encode_warm_state(state), FILE_MODE, sync=False)
 
 
 def _not_writable(path: Path, *, make: bool) -> str:

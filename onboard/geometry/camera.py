@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from onboard.arrays import Array
+from onboard.geometry.lens import Edges
 from onboard.geometry.rotations import matrix_from_euler
 
 
@@ -30,10 +31,17 @@ class Camera:
     gimbal: int | None = None
     gimbal_frame: Literal["", "body", "earth", "heading"] = ""
     others: "tuple[Camera, ...]" = ()  # further cameras on the same vehicle
+    view: Edges | None = None  # the edges of its image, if its lens is known
 
     def named(self, name: str) -> "Camera":
         """The camera of that name; this one, if no other has it."""
         return next((other for other in self.others if other.name == name), self)
+
+    @property
+    def edges(self) -> Edges:
+        """Left, upper, right and lower edge of the image, in focal lengths."""
+        half_width, half_height = 0.5 * self.width_px / self.f_px, 0.5 * self.height_px / self.f_px
+        return self.view or (-half_width, -half_height, half_width, half_height)
 
     @property
     def sigma(self) -> float:
@@ -82,5 +90,5 @@ def pixels_from_points(points: ArrayLike, camera: Camera) -> Array:
 
 def in_view(points: ArrayLike, camera: Camera) -> bool:
     """Whether all image points (..., 2) fall inside the image."""
-    p = np.abs(np.asarray(points, dtype=float)) * camera.f_px
-    return bool(np.all(p[..., 0] <= camera.width_px / 2) and np.all(p[..., 1] <= camera.height_px / 2))
+    p, edges = np.asarray(points, dtype=float), np.array(camera.edges)
+    return bool(np.all((edges[:2] <= p) & (p <= edges[2:])))

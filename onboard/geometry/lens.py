@@ -7,7 +7,7 @@ write them. The equations are those of OpenCV's documentation of its module cali
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
 
@@ -16,6 +16,10 @@ Model = Literal["radial-tangential", "fisheye"]
 COUNTS: Final = {"radial-tangential": (0, 4, 5, 8), "fisheye": (4,)}  # of coefficients
 ITERATIONS: Final = 50
 EXACT: Final = 1e-10  # focal lengths
+BINNINGS: Final = (2, 4, 8)  # pixels on one side that cameras make one
+ON_CENTER: Final = 0.1  # of itself: how nearly a principal point that is taken as a middle fits it
+OFF_CENTER: Final = 0.15  # of a side: no lens of a whole image has its principal point so far from the middle
+WIDEST: Final = 100.0  # focal lengths from the axis (89.4 degrees): no image point is farther
 STEP: Final = 1e-6  # focal lengths, of a numerical derivative
 
 
@@ -25,7 +29,8 @@ class LensError(ValueError):
 
 @dataclass(frozen=True, kw_only=True)
 class Lens:
-    """Focal lengths and principal point in pixels, the size of the image (0: not known), and the distortion.
+    """Focal lengths and principal point in pixels, the size of the image (0: not known), the distortion, and a
+    `note` of what is doubtful in them.
 
     Raises LensError for a number of coefficients that OpenCV does not have, and for numbers that no lens has.
     """
@@ -38,6 +43,7 @@ class Lens:
     height_px: float = 0.0
     model: Model = "radial-tangential"
     distortion: tuple[float, ...] = ()
+    note: str = ""
 
     def __post_init__(self) -> None:
         if len(self.distortion) not in COUNTS[self.model]:
@@ -49,6 +55,49 @@ class Lens:
         if not all(map(math.isfinite, numbers)):
             raise LensError("focal lengths, principal point, size and distortion must be finite numbers")
 
+    def of_whole_image(self) -> "Lens":
+        """This lens, whose image is a whole one: its principal point is about the middle. A point in the middle of
+        an image half as large, or a fourth, is of binned pixels, and the size is of all: it is scaled. That is
+        noted, and so is a point that is far from the middle."""
+        if not (self.width_px and self.height_px):
+            return self
+        x, y = 2.0 * self.cx_px / self.width_px, 2.0 * self.cy_px / self.height_px
+        point = f"the principal point ({self.cx_px:g}, {self.cy_px:g})"
+        size = f"the image of {self.width_px:g} x {self.height_px:g} pixels"
+        for n in BINNINGS:
+            if max(abs(n * x - 1.0), abs(n * y - 1.0)) < ON_CENTER:
+                note = (
+                    f"{point} is the middle of 1/{n} of {size}, as of binned pixels: it is used {n} times as large"
+                )
+                k = {name: n * getattr(self, name) for name in ("fx_px", "fy_px", "cx_px", "cy_px")}
+                return replace(self, **k, note=f"{note}, and so are the focal lengths")
+        if max(abs(x - 1.0), abs(y - 1.0)) > 2.0 * OFF_CENTER:
+            return replace(
+                self, note=f"{point} is far from the middle of {size}: is it of another size, or a part?"
+            )
+        return self
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether pixels are in proportion to image points. A fisheye without coefficients is none: its pixels are
+        in proportion to the angle off the axis."""
+        return self.model != "fisheye" and not any(self.distortion)
+
+    @property
+    def size_px(self) -> tuple[float, float] | None:
+        """Width and height of the image. Without them the principal point is taken as its middle; None where that
+        is outside the image."""
+        width, height = self.width_px or 2 * self.cx_px, self.height_px or 2 * self.cy_px
+        return (width, height) if min(width, height) > 0 else None
+
+    @property
+    def undistorted(self) -> "Lens":
+        """A pinhole that shows as much of the world as this lens, with square pixels."""
+        left, upper, right, lower = self.view or (0.0,) * 4
+        f = self.f_px
+        width, height = f * (right - left), f * (lower - upper)
+        return Lens(fx_px=f, fy_px=f, cx_px=-f * left, cy_px=-f * upper, width_px=width, height_px=height)
+
     @property
     def f_px(self) -> float:
         """The geometric mean of the focal lengths: pixels per unit of an image point."""
@@ -58,7 +107,7 @@ class Lens:
         """The image point of a pixel, right and down positive, without the lens's distortion. Raises LensError for
         a pixel where the distortion cannot be inverted."""
         x, y = (u_px - self.cx_px) / self.fx_px, (v_px - self.cy_px) / self.fy_px
-        if not any(self.distortion):
+        if self.is_pinhole:
             return x, y
         found = _unfish(x, y, self.distortion) if self.model == "fisheye" else _undistorted(x, y, self.distortion)
         if found is None:
@@ -67,33 +116,42 @@ class Lens:
 
     def pixel(self, x: float, y: float) -> tuple[float, float]:
         """The pixel of an image point, with the lens's distortion."""
-        if any(self.distortion):
+        if not self.is_pinhole:
             x, y = (_fish if self.model == "fisheye" else _distorted)(x, y, self.distortion)
         return self.fx_px * x + self.cx_px, self.fy_px * y + self.cy_px
 
     def scale(self, u_px: float, v_px: float) -> float:
         """Focal lengths per pixel about a pixel, by which its noise is scaled: a distorted image is not equally
         large everywhere. Raises LensError."""
-        if not any(self.distortion):
+        if self.is_pinhole:
             return 1.0 / self.f_px
         (a, b), (c, d), (e, f) = (
             self.image_point(u, v) for u, v in ((u_px, v_px), (u_px + 1.0, v_px), (u_px, v_px + 1.0))
         )
         return math.sqrt(abs((c - a) * (f - b) - (d - b) * (e - a)))
 
+    def angle(self, u_px: float, v_px: float) -> float:
+        """Radians per pixel about a pixel, the geometric mean of the two directions. Raises LensError."""
+        x, y = self.image_point(u_px, v_px)
+        return self.scale(u_px, v_px) / float(math.hypot(1.0, x, y) ** 1.5)
+
     @cached_property
     def view(self) -> Edges | None:
-        """The edges of the image, of a distorted one those of its farthest corners. Without its size the principal
-        point is taken as its middle; None where that is outside the image, or the edge cannot be undistorted."""
-        width, height = self.width_px or 2 * self.cx_px, self.height_px or 2 * self.cy_px
-        if min(width, height) <= 0:
+        """The edges of the image, of a distorted one those of its farthest corners. An edge that reaches pixels
+        which cannot be undistorted is WIDEST away. None where the size is not known."""
+        if self.size_px is None:
             return None
-        try:
-            around = [self.image_point(u * width, v * height) for u in (0.0, 0.5, 1.0) for v in (0.0, 0.5, 1.0)]
-        except LensError:
-            return None
-        x, y = zip(*around, strict=True)
-        return min(x), min(y), max(x), max(y)
+        width, height = self.size_px
+
+        def edge(axis: int, end: float) -> float:
+            shares = [(end, along) if axis == 0 else (along, end) for along in (0.0, 0.5, 1.0)]
+            try:
+                found = [self.image_point(u * width, v * height)[axis] for u, v in shares]
+            except LensError:
+                return WIDEST if end else -WIDEST
+            return min(max(found), WIDEST) if end else max(min(found), -WIDEST)
+
+        return edge(0, 0.0), edge(1, 0.0), edge(0, 1.0), edge(1, 1.0)
 
 
 def _distorted(x: float, y: float, k: Sequence[float]) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """Links: bytes in and out. One module per kind; `parse_link` selects the kind by the link string."""
 
-from typing import Final
+import math
+from typing import Any, Final
 
 from onboard.links.link import AbsentError, Deliver, Link, LinkError, NowNs
 from onboard.links.serial import SerialLink
@@ -15,13 +16,20 @@ FORMS: Final = (
 )
 
 
-def parse_link(spec: str, channel: str, *, retry: bool = True, surplus: Surplus = lambda _: 0) -> Link:
+def parse_link(
+    spec: str,
+    channel: str,
+    *,
+    retry: bool = True,
+    surplus: Surplus = lambda _: 0,
+    longest_wait_s: float = math.inf,
+) -> Link:
     """The link that a link string describes, not opened yet.
 
     With `retry`, TCP clients and serial ports that lose their peer reconnect, with growing delays; without, their
     `run` raises LinkError. `json` listens for detections, one JSON document in each UDP datagram. An IPv6 address
     is in brackets. Port 0 of a listening link: any free port. `surplus`: how readily a UDP link leaves a datagram
-    out where too many wait, 0: never.
+    out where too many wait, 0: never; it also leaves out what has waited for `longest_wait_s` here.
 
     Raises LinkError with the string and the valid forms.
     """
@@ -39,8 +47,10 @@ def parse_link(spec: str, channel: str, *, retry: bool = True, surplus: Surplus 
     if kind == "tcpin":
         return TcpServerLink(spec, channel, host, port)
     if kind == "json":
-        return UdpLink(spec, channel, host, port, listening=True, encoding=Encoding.DETECTIONS)
-    return UdpLink(spec, channel, host, port, listening=kind == "udpin", surplus=surplus)
+        options: dict[str, Any] = {"listening": True, "encoding": Encoding.DETECTIONS}
+    else:
+        options = {"listening": kind == "udpin", "surplus": surplus}
+    return UdpLink(spec, channel, host, port, longest_wait_s=longest_wait_s, **options)
 
 
 def _host_and_port(spec: str, text: str, *, listening: bool) -> tuple[str, int]:

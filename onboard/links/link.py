@@ -31,6 +31,23 @@ class AbsentError(LinkError):
     """What may come later is not there yet: a device that is not plugged in, a name that is not known."""
 
 
+class Backlog:
+    """Leaves out what has waited in this program for too long: it was paused, or has too little time. Once a
+    datagram has waited longer than `longest_s`, all are left out until one has waited less than half of that, so
+    that those which follow are new. `skipped` counts them."""
+
+    def __init__(self, longest_s: float) -> None:
+        self.skipped = 0
+        self._longest_ns = longest_s * 1e9
+        self._is_skipping = False
+
+    def skips(self, waited_ns: int) -> bool:
+        """Whether to leave out the next datagram, in the order of arrival, which has waited so long."""
+        self._is_skipping = waited_ns > self._longest_ns / (2 if self._is_skipping else 1)
+        self.skipped += self._is_skipping
+        return self._is_skipping
+
+
 class Link(Protocol):
     """One connection to the outside, for receiving and mostly for sending.
 

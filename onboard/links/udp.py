@@ -9,6 +9,7 @@ address.
 
 import asyncio
 import errno
+import math
 import socket
 import struct
 import time
@@ -19,6 +20,7 @@ from functools import partial
 from typing import Any, Final
 
 from onboard.links.link import (
+    Backlog,
     Deliver,
     Link,
     LinkError,
@@ -48,12 +50,11 @@ BUDGET: Final = 30_000  # datagrams of one sender in a second: more than any aut
 BUDGET_NS: Final = 1_000_000_000
 SENDERS: Final = 64  # with a budget of their own; all others share one
 ANCILLARY: Final = 128  # bytes: a time and a count, each with its header
-LONGEST_WAIT_NS: Final = 10_000_000_000  # a longer wait means that the clock was stepped
 
 
 class UdpLink(Link):
     """A UDP socket. `address`: its local address, once open. `surplus`: how readily a datagram is left out where
-    more of them wait than `BURST`, 0: never."""
+    more of them wait than `BURST`, 0: never. One that has waited `longest_wait_s` in the kernel is left out."""
 
     def __init__(
         self,
@@ -65,8 +66,11 @@ class UdpLink(Link):
         listening: bool,
         encoding: Encoding = Encoding.MAVLINK,
         surplus: Surplus = lambda _: 0,
+        longest_wait_s: float = math.inf,
     ) -> None:
         self._encoding, self._surplus = encoding, surplus
+        self._backlog = Backlog(longest_wait_s)
+        self._emptied_ns: dict[socket.socket, int] = {}  # when no datagram waited in the kernel
         self.channel = channel
         self.dropped = 0
         self.shed = 0
@@ -91,6 +95,7 @@ class UdpLink(Link):
             dropped=self.dropped,
             buffer_bytes=self._buffer_bytes,
             shed=self.shed,
+            skipped=self._backlog.skipped,
             error=self.trouble,
         )
 
@@ -144,6 +149,7 @@ class UdpLink(Link):
                 loop.remove_reader(sock)
             self._dropped_before = self.dropped
             self._drops.clear()
+            self._emptied_ns.clear()
             self._work.clear()
             close_all(sockets)
         raise LinkError(f"{self._spec}: cannot send to it ({self._lost.result()})")
@@ -211,18 +217,21 @@ class UdpLink(Link):
             try:
                 data, ancillary, _, sender = sock.recvmsg(LARGEST, ANCILLARY)
             except BlockingIOError:
+                self._emptied_ns[sock] = now_ns()
                 return
             except OSError:  # udpout: the peer's port was closed at our last send
                 self.errors += 1
                 return
-            t_recv_ns = now_ns() - _waited_ns(ancillary)
+            taken_ns = now_ns()
+            waited_ns = min(_waited_ns(ancillary), taken_ns - self._emptied_ns.get(sock, 0))
+            t_recv_ns = taken_ns - waited_ns
             self._drops[sock] = _dropped(ancillary, self._drops.get(sock, 0))
             self.dropped = self._dropped_before + sum(self._drops.values())
             if not data:
                 self.errors += 1
             elif not self._budget.admits(sender, t_recv_ns):
                 self.shed += 1
-            else:
+            elif not self._backlog.skips(waited_ns):
                 rank = self._surplus(data)
                 yield (
                     rank,
@@ -268,13 +277,13 @@ class Budget:
 def _waited_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
     """How long a datagram waited in the kernel, ns, by the kernel's arrival stamp; 0 without a stamp.
 
-    It is a difference of two readings of one clock, so it is valid for any clock of the program.
+    It is a difference of two readings of one clock, so it is valid for any clock of the program. Somebody may set
+    that clock between them: the caller knows how long it can have been at most.
     """
     for level, kind, value in ancillary:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(value) == 16:
             seconds, nanoseconds = struct.unpack("qq", value)
-            waited = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
-            return int(waited) if 0 <= waited < LONGEST_WAIT_NS else 0
+            return int(max(time.time_ns() - (seconds * 1_000_000_000 + nanoseconds), 0))
     return 0
 
 

@@ -7,13 +7,14 @@ Keys are unlimited, so samples that wait for the event loop have room by their s
 cameras', radars', receivers'. A flood of one never drops a sample of another."""
 
 import asyncio
+import math
 import threading
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import partial
 from typing import Any, Final
 
-from onboard.links.link import Deliver, Link, LinkError, NowNs, guarded
+from onboard.links.link import Backlog, Deliver, Link, LinkError, NowNs, guarded
 from onboard.messages import Datagram, Encoding, LinkHealth
 
 LARGEST: Final = 65_536  # bytes that the decoder accepts (`onboard.wire.document`)
@@ -24,12 +25,20 @@ WAITING: Final = 256  # samples of one source: in a flood the newest are dropped
 class ZenohLink(Link):
     """Subscriber to the sensors' keys on a session opened elsewhere (`onboard.sinks.zenoh_session`), which it does
     not close. The channel of a datagram is its key. `camera` is the name of our own camera; `ros` are the keys of
-    detections in ROS."""
+    detections in ROS. A sample that has waited for the event loop for `longest_wait_s` is left out."""
 
     def __init__(
-        self, session: Any, prefix: str, *, camera: str, channel: str = "zenoh", ros: Iterable[str] = ()
+        self,
+        session: Any,
+        prefix: str,
+        *,
+        camera: str,
+        channel: str = "zenoh",
+        ros: Iterable[str] = (),
+        longest_wait_s: float = math.inf,
     ) -> None:
         self.channel = channel
+        self._backlog = Backlog(longest_wait_s)
         self._session = session
         self._keys = {
             f"{prefix}/camera/*/points": Encoding.POINTS,
@@ -56,8 +65,9 @@ class ZenohLink(Link):
 
         def enter(datagram: Datagram, room: threading.Semaphore) -> None:
             room.release()
-            self.received += 1
-            safe(datagram)
+            if not self._backlog.skips(now_ns() - datagram.t_recv_ns):
+                self.received += 1
+                safe(datagram)
 
         def on_sample(sample: Any, encoding: Encoding) -> None:  # on one of Zenoh's threads
             t_recv_ns = now_ns()
@@ -96,7 +106,12 @@ class ZenohLink(Link):
         """Counts so far, how many routers are connected, and which cannot be reached."""
         routers = 0 if self._session.is_closed() else len(self._session.info.routers_zid())
         return LinkHealth(
-            received=self.received, sent=self.sent, errors=self.errors, routers=routers, error=self.trouble
+            received=self.received,
+            sent=self.sent,
+            errors=self.errors,
+            skipped=self._backlog.skipped,
+            routers=routers,
+            error=self.trouble,
         )
 
     def send(self, data: bytes) -> None:  # noqa: ARG002 - the protocol's signature

@@ -32,6 +32,7 @@ from onboard.messages.camera import (
     MountFrame,
     Pixel,
     RelativePose,
+    Sides,
     TargetDetection,
     TargetImage,
     TargetPoints,
@@ -100,6 +101,7 @@ from onboard.messages.surveillance import (
 )
 from onboard.messages.target import TargetClass
 from onboard.messages.truth import IntruderTruth, Picture, SimStatus, TrafficTruth, Truth, VehicleTruth
+from onboard.messages.validity import not_valid
 from onboard.messages.vehicle import (
     ActuatorOutputs,
     Attitude,
@@ -212,6 +214,7 @@ __all__ = [
     "RelativePose",
     "SatelliteRange",
     "Severity",
+    "Sides",
     "SimStatus",
     "SinkHealth",
     "StatusText",
@@ -232,5 +235,6 @@ __all__ = [
     "Version",
     "WarmState",
     "Wind",
+    "not_valid",
     "tagged",
 ]

@@ -39,13 +39,20 @@ class Encoding(StrEnum):
 
 class Datagram(Record, frozen=True, kw_only=True):
     """Bytes as they arrived on a link; recordings contain these. `wall_step_ns`: the wall clock less the clock of
-    `t_recv_ns`, which is never set; None where `t_recv_ns` is the wall clock's, or that is not known."""
+    `t_recv_ns`, which is never set; None where `t_recv_ns` is the wall clock's, or that is not known. `waited_us`:
+    how long they then waited in sockets and queues of this program, microseconds, until it took them."""
 
     channel: str
     encoding: Encoding
     t_recv_ns: int
     data: bytes
     wall_step_ns: int | None = None
+    waited_us: int = 0
+
+    @property
+    def taken_ns(self) -> int:
+        """When the program took them, on the clock of `t_recv_ns`."""
+        return self.t_recv_ns + 1_000 * self.waited_us
 
 
 class Message(Record, frozen=True, kw_only=True):

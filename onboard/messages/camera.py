@@ -8,6 +8,7 @@ from onboard.messages.base import Clock, ImagePoint, Message, Quaternion, Record
 
 MountFrame = Literal["earth", "heading", "body"]
 Covariance3 = tuple[Vec3, Vec3, Vec3]
+Sides = tuple[ImagePoint, ImagePoint, ImagePoint, ImagePoint]
 Six = tuple[float, float, float, float, float, float]
 
 
@@ -48,7 +49,8 @@ class TargetImage(Message, frozen=True, kw_only=True):
     aircraft; `class_name` is the detector's class, empty without one. `view`: left, upper, right and lower edge of
     the image in that unit; None: as configured. `mount`: where a moving mount pointed at exposure; None: as the
     camera is configured. `range`: how far the aircraft was, m, by another sensor, and its standard deviation, if
-    it has one. `pose`: where it was and how it was turned, if the detector knows.
+    it has one. `pose`: where it was and how it was turned, if the detector knows. `doubt`: what is doubtful in the
+    camera's intrinsics, "" if nothing is.
     """
 
     camera: str
@@ -59,6 +61,7 @@ class TargetImage(Message, frozen=True, kw_only=True):
     range: float | None = None
     range_sigma: float | None = None
     pose: RelativePose | None = None
+    doubt: str = ""
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:
@@ -92,12 +95,13 @@ class TargetPoints(TargetImage, frozen=True, kw_only=True):
 
 class TargetDetection(TargetImage, frozen=True, kw_only=True):
     """Less than all three points: some of `center`, `left`, `right` and further points of the class, and `box`,
-    the middle of a box. A box reaches `half_width` to each side, or up and down if it is higher than wide, and
-    `half_sides` to the right and down, in focal lengths; None: there is none."""
+    the middle of a box. `half_width`: half the larger side of the box, in focal lengths about its middle; None:
+    there is none. `sides`: the middles of its left, upper, right and lower side; None where the edge of the image
+    may cut it off, so that it shows a direction alone."""
 
     features: tuple[ImageFeature, ...]
     half_width: float | None = None
-    half_sides: ImagePoint | None = None
+    sides: Sides | None = None
 
     @property
     def image_points(self) -> tuple[ImagePoint, ...]:

@@ -43,8 +43,8 @@ class MeasurementReport(Record, frozen=True, kw_only=True):
     """One measurement of `source` with its prediction, its innovation and the verdict. Vectors have
     `components` and `units`; points are as in `TargetPoints`. A field is None if the verdict was reached before
     it could be computed. `misfits`: named points that were left out, since they fit no attitude of the target.
-    `noise_scale`: by what factor its standard deviations were taken larger than configured, as an estimator has
-    learnt."""
+    `noise_scale`: how many times the configured standard deviations were used, as an estimator has learnt. Of a
+    box, the components are its middle, right and down, and its width and height."""
 
     source: str
     t_ns: int

@@ -32,7 +32,8 @@ class SinkHealth(Record, frozen=True, kw_only=True):
 class LinkHealth(Record, frozen=True, kw_only=True):
     """One link: datagrams (or pieces of a stream) received and sent, failed sends and reads, datagrams that the
     kernel dropped because the program was too slow, and the size of the kernel's buffer (0: not known). `shed`:
-    datagrams of a sender beyond its budget, which are neither decoded nor recorded. `routers`: Zenoh routers
+    datagrams of a sender beyond its budget, which are neither decoded nor recorded; `skipped`: the same of
+    datagrams that had waited in this program for too long. `routers`: Zenoh routers
     that this program is connected to; None for other links. `error`: why a link that connects by itself is not
     connected. `refused`: connections that were refused while another gave messages; `refused_from`: the
     last."""
@@ -43,6 +44,7 @@ class LinkHealth(Record, frozen=True, kw_only=True):
     dropped: int = 0
     buffer_bytes: int = 0
     shed: int = 0
+    skipped: int = 0
     routers: int | None = None
     error: str = ""
     refused: int = 0

@@ -8,12 +8,14 @@ OUR_TAG: Final = 191  # the last three digits of the ts1_ns in our own TIMESYNC 
 
 
 class Heartbeat(Message, frozen=True, kw_only=True):
-    """HEARTBEAT. `vehicle_type` and `autopilot` are MAV_TYPE and MAV_AUTOPILOT numbers."""
+    """HEARTBEAT. `vehicle_type` and `autopilot` are MAV_TYPE and MAV_AUTOPILOT numbers, `custom_mode` is the
+    autopilot's own number of its flight mode."""
 
     vehicle_type: int
     autopilot: int
     armed: bool
     status: int
+    custom_mode: int = 0
 
 
 class SystemTime(Message, frozen=True, kw_only=True):
@@ -54,11 +56,14 @@ class LocalPosition(Message, frozen=True, kw_only=True):
 
 
 class EstimatorStatus(Message, frozen=True, kw_only=True):
-    """EKF_STATUS_REPORT or ESTIMATOR_STATUS: whether the autopilot's filter knows our horizontal velocity and
-    position. In constant-position mode it knows neither. None: the report is empty, and says nothing."""
+    """EKF_STATUS_REPORT, ESTIMATOR_STATUS, or the covariance of ODOMETRY: what the autopilot says of its own
+    filter. None: the report does not say it."""
 
-    horizontal_velocity: bool | None
+    horizontal_velocity: bool | None  # whether it knows it; not in ArduPilot's constant-position mode
     horizontal_position: bool | None
+    is_at_rest: bool = False  # PX4's constant-position mode
+    yaw_sigma: float | None = None  # rad
+    tilt_sigma: float | None = None  # rad, of roll and pitch; with `yaw_sigma`
 
 
 class GlobalOrigin(Message, frozen=True, kw_only=True):

@@ -8,7 +8,7 @@ those whose autopilot loses its own state (docs/fly-it.md, "What is noticed").
 
 Noise is no contradiction. How noisy a stream is, is learnt from it (`scatter`). A stream is compared over strides
 that are long enough for its noise to be small beside the limit: of a quiet stream each step is one, a noisy one
-takes longer to be judged.
+takes longer to be judged. Where what looks like noise is more than any such sensor has, it contradicts.
 """
 
 import math
@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from operator import itemgetter
 from typing import Final, NamedTuple
 
-from onboard.ownship.scatter import Scatter
+from onboard.ownship.scatter import TIME_S, Ceiling, Scatter
 
 HOLD_NS: Final = 1_000_000_000  # own motion is in doubt for so long after a contradiction
 YAW_HOLD_NS: Final = 10_000_000_000  # one that shows only while we accelerate; a turn and its reversal take less
@@ -26,7 +26,14 @@ LASTS_NS: Final = 280_000_000  # every step contradicts for so long: no correcti
 FEWEST: Final = 4  # strides in that time
 NOISE_SIGMAS: Final = 3.0  # a stream's own noise may explain so much
 LONGEST_STRIDE_S: Final = 1.0  # a stream that is noisier than this allows is judged beyond its noise alone
+KNOWN: Final = 50  # increments before which a few wrong ones look like much noise
 LONGEST_NS: Final = 150_000_000  # between two samples: what changed in between is not known of slower streams
+# What an autopilot's streams can have at most: several times the noise of cheap sensors on a shaking vehicle.
+ATTITUDE_NOISE: Final = Ceiling(white=math.radians(5.0), walk=0.4**2)  # rad, rad^2/s
+RATE_NOISE: Final = 1.5  # rad/s
+POSITION_NOISE: Final = Ceiling(white=3.0, walk=1.0**2)  # m, m^2/s
+SPEED_NOISE: Final = 2.0  # m/s
+IN_DEGREES: Final = (math.radians(0.5), math.radians(2.0))  # a turn as a share of what such rates say
 RATE: Final = math.radians(3.0)  # rad/s, by which a turn may differ from the body rates ...
 RATE_SHARE: Final = 0.25  # ... and this share of them
 SPEED: Final = 0.5  # m/s, by which position may change otherwise than velocity says ...
@@ -54,10 +61,12 @@ class Sample(NamedTuple):
 
 
 class Strides:
-    """Whether what a stream states goes on to contradict its own rates, by more than its noise."""
+    """Whether what a stream states goes on to contradict its own rates, by more than its noise, or by more noise
+    than such a stream has."""
 
-    def __init__(self, limit: float, share: float) -> None:
+    def __init__(self, limit: float, share: float, ceiling: Ceiling = Ceiling()) -> None:  # noqa: B008 - frozen
         self._limit, self._share = limit, share  # the rate that is no contradiction, and of the stated rate
+        self._ceiling = ceiling
         self.scatter = Scatter(3)
         self._start_ns = self._end_ns = 0  # of the present stride
         self._sum, self._by, self._steps = [0.0, 0.0, 0.0], 0.0, 0
@@ -80,6 +89,8 @@ class Strides:
         elapsed = (t1_ns - self._start_ns) * 1e-9
         noise = NOISE_SIGMAS * self.scatter.deviation(self._steps) / elapsed
         self.scatter.add(e, (t1_ns - t0_ns) * 1e-9)
+        if self.scatter.count >= KNOWN and self.scatter.exceeds(self._ceiling):
+            return True
         contradicts = math.hypot(*self._sum) / elapsed > self._limit + self._share * self._by / elapsed + noise
         if not contradicts and noise > self._limit and elapsed < LONGEST_STRIDE_S:
             return False
@@ -121,8 +132,12 @@ class Contradictions:
         self._found: tuple[int, str] | None = None  # until when, and what
         self._attitude: Sample | None = None
         self._nav: Sample | None = None
-        self._turns, self._moves = Strides(RATE, RATE_SHARE), Strides(SPEED, SPEED_SHARE)
-        self._climbs = Strides(SPEED, SPEED_SHARE)  # of what moves down: a share of the way forward would hide it
+        self._turns = Strides(RATE, RATE_SHARE, ATTITUDE_NOISE)
+        self._turned = self._by_rates = 0.0  # lately: how far along what the rates say, and its square
+        self._moves = Strides(SPEED, SPEED_SHARE, POSITION_NOISE)
+        self._climbs = Strides(
+            SPEED, SPEED_SHARE, POSITION_NOISE
+        )  # of what moves down: a share of the way forward would hide it
         self._same_q, self._same_r = Still(), Still()
         self._speeds = Scatter(3)  # of what velocity changes otherwise than in the step before
         self._change: list[float] | None = None  # the last step's slope of the velocity
@@ -146,13 +161,16 @@ class Contradictions:
     @property
     def attitude_noise(self) -> tuple[float, ...] | None:
         """Standard deviations (3,) of the attitudes' white noise about b's axes, rad; None before it is known."""
-        return self._turns.scatter.white
+        white = self._turns.scatter.white
+        return None if white is None else tuple([min(sigma, ATTITUDE_NOISE.white) for sigma in white])
 
     @property
     def velocity_noise(self) -> tuple[float, ...] | None:
         """Standard deviations (3,) of the velocities' white noise in n, m/s; None before they are known."""
         white = self._speeds.white
-        return None if white is None else tuple([0.5 * sigma for sigma in white])  # see `_add_change`
+        if white is None:
+            return None
+        return tuple([min(0.5 * sigma, SPEED_NOISE) for sigma in white])  # see `_add_change`
 
     def add_attitude(self, t_ns: int, q_nb: Sequence[float], omega_b: Sequence[float]) -> None:
         """The next attitude: unit quaternion (4) and body rates (3), rad/s."""
@@ -163,11 +181,21 @@ class Contradictions:
         dt = (t_ns - before.t_ns) * 1e-9
         rates = [0.5 * (a + b) for a, b in zip(before.rate, now.rate, strict=True)]
         speed = math.hypot(*rates)
-        off = [angle - rate * dt for angle, rate in zip(turn(before.x, now.x), rates, strict=True)]
+        turned = turn(before.x, now.x)
+        off = [angle - rate * dt for angle, rate in zip(turned, rates, strict=True)]
+        fading = math.exp(-dt / TIME_S)
+        along = sum([angle * rate for angle, rate in zip(turned, rates, strict=True)]) * dt
+        self._turned, self._by_rates = fading * self._turned + along, fading * self._by_rates + (speed * dt) ** 2
         if self._turns.contradict(before.t_ns, t_ns, off, speed * dt):
-            self.note(t_ns, "attitude contradicts the body rates")
+            self.note(t_ns, "attitude contradicts the body rates" + self._likely_mistake())
         if self._same_q.hangs(before, now, speed * dt, SAME_TURN):
             self.note(t_ns, "attitude hangs")
+
+    def _likely_mistake(self) -> str:
+        """What rates of the body that contradict the attitude look like."""
+        least, most = IN_DEGREES
+        in_degrees = least * self._by_rates < self._turned < most * self._by_rates
+        return ": they look like degrees per second, not radians" if in_degrees else ""
 
     def leaps(self, t_ns: int, v: Sequence[float]) -> bool:
         """Whether no aircraft can have changed to this velocity since the last sample: it is not taken then. If

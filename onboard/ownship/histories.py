@@ -15,6 +15,7 @@ from onboard.messages import Quaternion, Vec3
 from onboard.ownship.turning import between, turned
 
 HISTORY_NS: Final = 5_000_000_000
+LONGEST_GAP_NS: Final = 1_500_000_000  # between two samples; in a longer one pose and velocity are not known
 
 
 class NavSample(NamedTuple):
@@ -66,7 +67,7 @@ class Attitudes:
             return AttitudeSample(turned(q, omega, (t_ns - times[-1]) * 1e-9), omega, noise)
         if times[i] == t_ns:
             return self._samples[i]
-        if i == 0:
+        if i == 0 or times[i] - times[i - 1] > LONGEST_GAP_NS:
             return None
         fraction = (t_ns - times[i - 1]) / (times[i] - times[i - 1])
         before, after = self._samples[i - 1], self._samples[i]
@@ -105,6 +106,8 @@ class Navigation:
         near = self._samples[i]
         a = self.slope(i)
         if i + 1 < len(times):
+            if times[i] < t_ns and times[i + 1] - times[i] > LONGEST_GAP_NS:
+                return None
             fraction = (t_ns - times[i]) / (times[i + 1] - times[i])
             r = near.r + fraction * (self._samples[i + 1].r - near.r)
         else:

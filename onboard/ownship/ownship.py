@@ -31,6 +31,7 @@ from onboard.ownship.histories import Attitudes, AttitudeSample, Navigation, Nav
 from onboard.ownship.limits import FARTHEST, FASTEST, QUICKEST, within
 from onboard.ownship.reckoning import Reckoning
 from onboard.ownship.source import Comparison, OwnMotion, Source, Wanted
+from onboard.ownship.stated_attitude import AttitudeUncertainty
 from onboard.ownship.turning import turned, unit
 
 MOST_KEPT: Final = 256  # ways between two times, kept for the next target
@@ -71,6 +72,7 @@ class Ownship:
         self._source_of_attitude, self._source_of_velocity = Source("attitude", source), Source("velocity", source)
         self._last_local_ns = -FALLBACK_NS
         self._status: EstimatorStatus | None = None
+        self._uncertainty = AttitudeUncertainty()
         self._contradictions = Contradictions()
         self._reckoning = Reckoning()
         self._ways: dict[tuple[int, int], Sequence[Step]] = {}  # since the last navigation sample
@@ -105,8 +107,16 @@ class Ownship:
 
     def receive_status(self, status: EstimatorStatus) -> bool:
         """Take the autopilot's report on its own filter. True if the filter may have a horizontal velocity."""
-        self._status = status
+        self._uncertainty.receive(status)
+        if status.yaw_sigma is None:
+            self._status = status
         return status.horizontal_velocity is not False
+
+    @property
+    def attitude_sigma(self) -> Vec3:
+        """Standard deviations of the autopilot's roll, pitch and yaw by what it says itself, rad; 0 where it says
+        nothing."""
+        return self._uncertainty.tilt, self._uncertainty.tilt, self._uncertainty.sigma
 
     def has_position(self, message: Message) -> bool:
         """Whether the autopilot's filter may have a horizontal position when a message arrives."""
@@ -148,6 +158,10 @@ class Ownship:
     def knows(self, t_ns: int) -> bool:
         """Whether pose and motion at a time are interpolated, so that nothing to come can change them."""
         return all(times and t_ns <= times[-1] for times in (self._nav.times, self._attitudes.times))
+
+    def lead_ns(self, t_ns: int) -> int:
+        """By how much a time is later than the newest sample of attitude or of navigation, whichever is older."""
+        return t_ns - min((times[-1] for times in (self._nav.times, self._attitudes.times) if times), default=t_ns)
 
     def steps(self, t0_ns: int, t1_ns: int) -> Sequence[Step]:
         """The way from t0 to t1, cut at every navigation sample between. Many targets go the same way."""
@@ -246,6 +260,7 @@ class Ownship:
         self.now_ns = max(self.now_ns, stamp_ns)
         self.samples += 1
         self._ways.clear()
+        self._uncertainty.move(m.t_ns, v_n)
         self._nav.append(m.t_ns, self._moving(m.t_ns, NavSample(r, np.array(v_n)), own))
         return True
 

@@ -7,16 +7,26 @@ walk that gains w each step makes c0 = w and c1 = 0. So r^2 = -c1 and w = c0 + 2
 the variance m w + 2 r^2.
 
 A constant contradiction is no noise: the mean is taken off. Single wrong values count little: increments are
-limited to a few standard deviations.
+limited to a few standard deviations, the first ones by each other, as a stream may begin with a leap. What no such
+sensor can have is no noise either (`Ceiling`): it is a mistake, as of units.
 """
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 TIME_S: Final = 5.0  # over which covariances are averaged
 FEWEST: Final = 10  # increments before which nothing is known, and none is limited
 MOST_SIGMAS: Final = 4.0  # an increment counts for no more
+WRONG: Final = 2  # so many of the first increments may be wrong
+
+
+class Ceiling(NamedTuple):
+    """The most noise that a stream may have: standard deviation of the white noise of its values, and variance
+    that the random walk gains a second."""
+
+    white: float = math.inf
+    walk: float = math.inf
 
 
 class Scatter:
@@ -29,9 +39,28 @@ class Scatter:
         self._c1 = [0.0] * size
         self._dt = 0.0  # mean
         self._last: list[float] | None = None  # about the mean, limited
+        self._first: (
+            list[tuple[Sequence[float], float, bool]] | None
+        ) = []  # with dt; whether it follows on the last
+        self._follows = True
 
     def add(self, e: Sequence[float], dt: float) -> None:
         """The increment (size,) over a step of dt seconds."""
+        if self._first is None:
+            self._add(e, dt)
+            return
+        self._first.append((e, dt, self._follows))
+        self._follows = True
+        if len(self._first) == FEWEST:
+            first, self._first = self._first, None
+            limited = zip(
+                *[_limited(values) for values in zip(*[e for e, _, _ in first], strict=True)], strict=True
+            )
+            for values, (_, step, follows) in zip(limited, first, strict=True):
+                self._last = self._last if follows else None
+                self._add(values, step)
+
+    def _add(self, e: Sequence[float], dt: float) -> None:
         self.count += 1
         share = max(1.0 / self.count, min(dt / TIME_S, 1.0))
         now, last = [], self._last
@@ -50,7 +79,7 @@ class Scatter:
 
     def skip(self) -> None:
         """The next increment does not follow on the last one."""
-        self._last = None
+        self._last, self._follows = None, False
 
     @property
     def white(self) -> tuple[float, ...] | None:
@@ -66,6 +95,10 @@ class Scatter:
             return None
         return tuple([max(a + 2.0 * b, 0.0) / self._dt for a, b in zip(self._c0, self._c1, strict=True)])
 
+    def exceeds(self, ceiling: Ceiling) -> bool:
+        """Whether what was learnt is no noise that the stream can have."""
+        return max(self.white or (0.0,)) > ceiling.white or max(self.walk or (0.0,)) > ceiling.walk
+
     def deviation(self, steps: int) -> float:
         """One standard deviation of the length of the sum of so many increments; 0 before it is known."""
         if self.count < FEWEST:
@@ -73,3 +106,10 @@ class Scatter:
         walk = sum([max(a + 2.0 * b, 0.0) for a, b in zip(self._c0, self._c1, strict=True)])
         white = sum([max(-b, 0.0) for b in self._c1])
         return math.sqrt(steps * walk + 2.0 * white)
+
+
+def _limited(values: Sequence[float]) -> Sequence[float]:
+    """The first increments of a component, of which `WRONG` may lie anywhere, limited by the others."""
+    middle = sorted(values)[len(values) // 2]
+    most = MOST_SIGMAS * sorted([abs(value - middle) for value in values])[-1 - WRONG]
+    return [min(max(value, middle - most), middle + most) for value in values] if most else values

@@ -1,12 +1,12 @@
 """Whose message it is: that of our own vehicle, of another that an estimator listens to, or of no interest."""
 
-from collections.abc import Collection, Container
+from collections.abc import Container, Sequence
 from typing import Final
 
 from msgspec.structs import replace
 
 from onboard.clocks import SENSED
-from onboard.config import AutopilotConfig
+from onboard.config import AutopilotConfig, LeaderOutConfig
 from onboard.messages import (
     AdsbVehicle,
     Battery,
@@ -30,20 +30,31 @@ NO_SYSTEM: Final = 0  # a vision process on this computer: no MAVLink system
 ANY_COMPONENT: Final = (*SENSED, AdsbVehicle, DistanceReading, GimbalAttitude)
 # Often without a stamp: they hold from their arrival.
 FROM_ARRIVAL: Final = (GlobalOrigin, Battery, Wind)
+# Of sensors, which other programs on this computer may send with our component id: theirs, where we send none.
+OF_SENSORS: Final = frozenset(
+    {
+        *("LANDING_TARGET", "CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_FOV_STATUS", "DISTANCE_SENSOR"),
+        *("GIMBAL_DEVICE_ATTITUDE_STATUS", "MOUNT_ORIENTATION"),
+    }
+)
+OF_CAMERA: Final = frozenset({"CAMERA_TRACKING_IMAGE_STATUS", "CAMERA_TRACKING_GEO_STATUS"})
 # Carry no time of a clock we know: taken as true at arrival. So is a DistanceReading, if someone listens for it.
 UNSTAMPED: Final = (AdsbVehicle, PeerPosition, FollowTarget)
 
 
 class Admission:
     """Which autopilot is ours, and which messages may go further. `heard_ns`: arrival of the autopilot's last
-    message; messages of others do not count. `virtual`: systems that we send as, such as a virtual leader's."""
+    message; messages of others do not count. `sent`: what is sent of the leader, partly by other ids of ours."""
 
     def __init__(
-        self, config: AutopilotConfig, listened: Container[type[Message]], virtual: Collection[int] = ()
+        self, config: AutopilotConfig, listened: Container[type[Message]], sent: Sequence[LeaderOutConfig] = ()
     ) -> None:
         self.heard_ns: int | None = None
         self._latch = Latch(config.system)
-        self._config, self._virtual = config, frozenset(virtual)
+        self._virtual = frozenset(out.system for out in sent)
+        cameras = {out.camera_component for out in sent if not OF_CAMERA.isdisjoint(out.rates_hz)}
+        self._components = frozenset({config.component, *cameras})
+        self._not_ours = OF_SENSORS - {name for out in sent for name in out.rates_hz}
         self._listened = listened
 
     @property
@@ -80,11 +91,17 @@ class Admission:
             return True
         return False
 
+    def is_own(self, system: int, component: int, name: str) -> bool:
+        """Whether a MAVLink message is one of ours, come back: that of our component or camera, or of the virtual
+        leader's system."""
+        mine = self.autopilot
+        if mine is None or system != mine.system:
+            return system in self._virtual
+        return component in self._components and name not in self._not_ours
+
     def admit(self, message: Message) -> Message | str:
         """The message, as estimators know it, or the reason why it is rejected."""
         self._latch.receive(message)
-        if message.system in self._virtual and not self._is_from_autopilot(message):
-            return "our_own"  # the virtual leader, come back by another way: no traffic
         if not self.is_ours(message):
             peer = self._from_peer(message)
             return peer or ("other_system" if self.autopilot else "before_heartbeat")
@@ -94,8 +111,6 @@ class Admission:
             return "other_component"  # a gimbal's own pose, a peer's clock: not our own motion
         if isinstance(message, Imu) and not is_usable(message):
             return "imu_unusable"
-        if isinstance(message, AdsbVehicle) and message.component == self._config.component:
-            return "our_own"  # our own report of other traffic, come back by another way
         return message
 
     def _is_from_autopilot(self, message: Message) -> bool:

@@ -25,7 +25,7 @@ def needs(config: Config) -> Needs:
         asked=config.autopilot.rates_hz,
         images=any(name in config.estimator for name in USES_IMAGES),
         classes=tuple(config.target),
-        undistorted=tuple(name for name, camera in cameras.items() if not any(camera.lens.distortion)),
+        undistorted=tuple(name for name, camera in cameras.items() if camera.lens.is_pinhole),
         wind=_has_fixed_wing(config),
         sends_places=tuple(out.link for out in config.leader_out if any(n in PLACES for n in out.rates_hz)),
     )

@@ -11,10 +11,8 @@
 the decoded messages too; a replay calls `feed`. Both run the same code on the same bytes.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-
-from msgspec.structs import replace
 
 from onboard.clocks import SENSED, Clocks
 from onboard.config import Config, source_delays_ns
@@ -34,6 +32,7 @@ from onboard.messages import (
     TargetImage,
     TimeSync,
     WarmState,
+    not_valid,
 )
 from onboard.ownship.mounts import Mounts
 from onboard.pipeline.admission import FROM_ARRIVAL, Admission
@@ -41,11 +40,11 @@ from onboard.pipeline.health import Advisor, Monitor
 from onboard.pipeline.needs import needs
 from onboard.pipeline.own_motion import OwnMotionSource
 from onboard.pipeline.report import NO_RIM, Parts, Rim, health
-from onboard.pipeline.silence import NO_POSITION, TIMEOUT_NS, LastWords
+from onboard.pipeline.silence import BEHIND, HELD_UP, NO_POSITION, TIMEOUT_NS, LastWords
 from onboard.pipeline.waiting import Waiting
 from onboard.pipeline.warm_start import WarmStart
 from onboard.wire import tlog
-from onboard.wire.datagrams import NO_KEYS, DatagramDecoder
+from onboard.wire.datagrams import NO_KEYS, DatagramDecoder, Keys
 from onboard.wire.surplus import surplus
 
 
@@ -56,7 +55,7 @@ class Pipeline:
 
     surplus = staticmethod(surplus)
 
-    def __init__(self, config: Config, keys: Mapping[str, bytes] = NO_KEYS) -> None:
+    def __init__(self, config: Config, keys: Keys = NO_KEYS) -> None:
         self.clocks = Clocks()
         self.estimators: dict[str, EstimatorProtocol] = {
             name: load(name).Estimator(section, config.camera_model())
@@ -70,11 +69,12 @@ class Pipeline:
         for name, estimator in self.estimators.items():
             for kind in estimator.listens if isinstance(estimator, Listens) else load(name).LISTENS:
                 self._listeners.setdefault(kind, []).append(name)
-        virtual = {out.system for out in config.leader_out}
-        self._admission = Admission(config.autopilot, self._listeners, virtual)
+        self._admission = Admission(config.autopilot, self._listeners, config.leader_out)
         self._delays_ns: dict[type[Message], int] = {}
         self._camera_delays_ns = config.camera_delays_ns()
         self._first_recv_ns: int | None = None
+        self._taken_ns = self._waited_ns = 0  # when the newest datagram was taken, and how long it had waited here
+        self._max_age_ns = round(config.ownship.max_age_s * 1e9)
         self._own_recv_ns = self._attitude_recv_ns = 0  # arrivals of our last position and velocity, and attitude
         self._last_words = LastWords()
         self._doubt = ""  # of our own motion; estimates that follow from it are not valid
@@ -83,7 +83,8 @@ class Pipeline:
         self._advisor = Advisor(needs(config))
         self.refuse = self._monitor.refusals.add  # by source and reason, what nobody could use
         self._mounts, self._warm = Mounts(camera, self.refuse), WarmStart(self.refuse)
-        self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys)
+        is_own = self._admission.is_own
+        self._decoder = DatagramDecoder(self.count_error, self.refuse, config.camera_inputs(), keys, is_own)
 
     def feed(self, datagram: Datagram) -> list[Output]:
         """Estimates and own poses that follow from one datagram, in order."""
@@ -95,6 +96,7 @@ class Pipeline:
             self._first_recv_ns = datagram.t_recv_ns
         self.clocks.is_one_clock = datagram.channel != tlog.CHANNEL
         self.clocks.compare(datagram.t_recv_ns, datagram.wall_step_ns)
+        self._taken_ns, self._waited_ns = datagram.taken_ns, datagram.taken_ns - datagram.t_recv_ns
         return self._decoder.decode(datagram)
 
     def advance(self, messages: Sequence[Message]) -> list[Output]:
@@ -198,8 +200,8 @@ class Pipeline:
         return [output for name in self.estimators for output in self._noted(self._asked(name, None))]
 
     def _route(self, message: Message, stamp_ns: int) -> list[Output]:
-        """Own motion goes to ownship; a navigation sample (position and velocity) then predicts every estimate to
-        now. Any other message goes to the estimators that listen. An image waits for our own pose at its time."""
+        """Own motion goes to ownship; images that waited for it follow, and a navigation sample (position and
+        velocity) then predicts every estimate to now. Any other message goes to the estimators that listen."""
         if isinstance(message, SENSED) and self._waiting.takes(message, self.ownship):
             return []
         outputs: list[Output] = []
@@ -208,15 +210,17 @@ class Pipeline:
             outputs = self._observe(message)  # before others use it: an estimator of our own state may know better
         is_navigation = self.ownship.receive(message, stamp_ns, self._own_motion.at(message))
         self._judge_own_motion()
-        if isinstance(message, Attitude):
-            return outputs
-        if not is_navigation:
+        if not (is_navigation or isinstance(message, Attitude)):
             return self._observe(message)
-        self._own_recv_ns = message.t_recv_ns
-        if (own := self.ownship.own_pose(self.ownship.now_ns)) is not None:
-            outputs.append(own)
-        for waited in (*self._waiting.ready(self.ownship), message):
+        if is_navigation:
+            self._own_recv_ns = message.t_recv_ns
+            if (own := self.ownship.own_pose(self.ownship.now_ns)) is not None:
+                outputs.append(own)
+        for waited in self._waiting.ready(self.ownship):
             outputs.extend(self._observe(waited))
+        if not is_navigation:
+            return outputs
+        outputs.extend(self._observe(message))
         for name in self.estimators:
             outputs.extend(self._noted(self._asked(name, None)))
         return outputs
@@ -229,7 +233,8 @@ class Pipeline:
         if not (names := self._listeners.get(type(message))):
             return []
         estimates = [estimate for name in names for estimate in self._asked(name, message)]
-        is_silent = message.t_recv_ns - self._own_recv_ns > TIMEOUT_NS
+        now_ns = max(message.t_recv_ns, self._attitude_recv_ns)  # an image may have waited
+        is_silent = now_ns - self._own_recv_ns > TIMEOUT_NS
         unknown = "our own motion is not known" if self._own_recv_ns else NO_POSITION
         return self._noted(estimates, unknown if is_silent else "")
 
@@ -262,19 +267,27 @@ class Pipeline:
                 estimator.reset(reason)
 
     def _noted(self, estimates: Iterable[Estimate], doubt: str = "") -> list[Output]:
-        """Publish estimates; those that follow from our own motion are not valid if it is in doubt."""
+        """Publish estimates; those that follow from our own motion are not valid if it is in doubt, and none is
+        whose own motion is too old by now."""
         outputs: list[Output] = []
         doubt = doubt or self.clocks.doubt or (self._doubt and f"our own motion is in doubt: {self._doubt}")
-        if self.clocks.late_ns > TIMEOUT_NS:
-            doubt = doubt or "the autopilot's messages are held up on their way"
         for made in estimates:
-            is_open = doubt and not isinstance(made, NavState)
-            estimate = replace(made, valid=False, reason=doubt) if is_open else made
+            reason = "" if isinstance(made, NavState) else doubt
+            reason = reason or self._too_old(made)
+            estimate = not_valid(made, reason) if reason else made
             self._monitor.publish(estimate)
             self._mounts.see(estimate, self.ownship)
             self._last_words.note(estimate)
             outputs.append(estimate)
         return outputs
+
+    def _too_old(self, estimate: Estimate) -> str:
+        """Why an estimate would be too old when it is published, by the time at which the datagram that it follows
+        from was taken; "" if it is not."""
+        age_ns = self.clocks.age_ns(estimate.t_ns, self._taken_ns)
+        if estimate.mean is None or age_ns <= self._max_age_ns:
+            return ""
+        return BEHIND if 2 * self._waited_ns > age_ns else HELD_UP
 
     @property
     def autopilot(self) -> Heartbeat | None:
@@ -295,6 +308,11 @@ class Pipeline:
     def frames(self) -> dict[str, int]:
         """Well-formed MAVLink frames so far, by name."""
         return self._decoder.frames
+
+    @property
+    def unverified(self) -> dict[str, int]:
+        """By channel, signed frames whose key is not at hand."""
+        return self._decoder.unverified
 
     @property
     def errors(self) -> list[str]:

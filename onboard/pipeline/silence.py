@@ -5,12 +5,14 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from onboard.messages import Estimate, Lifecycle, NavState
+from onboard.messages import Estimate, Lifecycle, not_valid
 
 # If no message of our own motion arrives for this long, estimates are invalid: they can no longer be predicted.
 TIMEOUT_NS: Final = 1_000_000_000
 NO_POSITION: Final = "the autopilot has no position yet: its filter still aligns, or GPS is missing"
 REASON: Final = "withdrawn: nothing usable of our own motion arrives"
+HELD_UP: Final = "the autopilot's messages are held up on their way"
+BEHIND: Final = "this program is late: what it reads has waited in it"
 
 
 class LastWords:
@@ -35,14 +37,10 @@ class LastWords:
 
 
 def _withdrawn(estimate: Estimate) -> Estimate:
-    changes = {"quality": -1} if isinstance(estimate, NavState) else {}
     return replace(
-        estimate,
+        not_valid(estimate, REASON),
         sequence=estimate.sequence + 1,
-        valid=False,
         state=Lifecycle.LOST,
         state_since_ns=estimate.t_ns,
-        reason=REASON,
         measurement=None,
-        **changes,
     )

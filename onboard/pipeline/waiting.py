@@ -21,7 +21,7 @@ class Waiting:
     def __init__(self, config: OwnshipConfig, gimbal_of: Callable[[str], int | None]) -> None:
         self._gimbal_of = gimbal_of
         self._longest_ns = config.max_lead_s * 1e9
-        self._shortest_ns = 0.5 * config.max_extrapolation_s * 1e9
+        self._extrapolated_ns = config.max_extrapolation_s * 1e9
         self._waiting: list[Message] = []
         self._places: Counter[tuple[type[Message], bool]] = Counter()  # taken, by source
 
@@ -29,10 +29,12 @@ class Waiting:
         return len(self._waiting)
 
     def takes(self, image: Message, ownship: Ownship) -> bool:
-        """Whether an image waits: our own motion at its time is not known yet, but may soon be."""
-        lead_ns, source = image.t_ns - ownship.now_ns, _source(image)
-        waits = ownship.now_ns > 0 and self._longest_ns >= lead_ns > self._shortest_ns
-        if not (waits or self._awaits_gimbal(image, ownship)) or self._places[source] >= MAX_WAITING:
+        """Whether an image waits: our own motion at its time is not known yet, but may soon be. Attitude and
+        position come in streams of their own, and either may be the one that is missing."""
+        source = _source(image)
+        if not (self._awaits_own_motion(image, ownship) or self._awaits_gimbal(image, ownship)):
+            return False
+        if self._places[source] >= MAX_WAITING:
             return False
         self._waiting.append(image)
         self._places[source] += 1
@@ -55,6 +57,15 @@ class Waiting:
         """Whether our motion at its time is known, or has not become so for too long: a stream has stopped."""
         is_known = ownship.knows(image.t_ns) and not self._awaits_gimbal(image, ownship)
         return is_known or ownship.now_ns - image.t_ns > self._longest_ns
+
+    def _awaits_own_motion(self, image: Message, ownship: Ownship) -> bool:
+        """Whether the image is well ahead of all that we know of our motion, or so far ahead of attitude or
+        position that its pose is not known."""
+        if ownship.now_ns <= 0:
+            return False
+        ahead_ns, lead_ns = image.t_ns - ownship.now_ns, ownship.lead_ns(image.t_ns)
+        is_ahead = self._longest_ns >= ahead_ns > 0.5 * self._extrapolated_ns
+        return is_ahead or self._longest_ns >= lead_ns > self._extrapolated_ns
 
     def _awaits_gimbal(self, image: Message, ownship: Ownship) -> bool:
         """Whether an image is of a camera on a gimbal, whose attitude at its time may come soon."""

@@ -22,9 +22,10 @@ from onboard.sinks.sink import SinkError, SinkRunner
 
 Recorded = Datagram | Estimate | OwnPose | LeaderState | Health
 
-# of a channel whose messages' publish time is the wall clock's; their log time is of a clock that is never set
-STEPPED: Final[Mapping[str, str]] = {"publish_time": "wall clock"}
-NONE: Final[Mapping[str, str]] = {}
+# of a channel of datagrams: what the numbers of its messages say
+WAITED: Final[Mapping[str, str]] = {"sequence": "microseconds waited"}
+# ... and whose log time is of a clock that is never set
+STEPPED: Final[Mapping[str, str]] = {**WAITED, "publish_time": "wall clock"}
 GATHERS_S: Final = 0.1  # records are written so often at most
 FLUSH_S: Final = 0.85  # a crash loses at most a second: this, what is being gathered, and the writing
 FILE_MODE: Final = 0o600  # where somebody flew is nobody else's business
@@ -131,7 +132,7 @@ class Recorder:
                 self._t_recv_ns = record.t_recv_ns
                 self._step_ns = record.wall_step_ns or 0
                 channel = self._channel(record.channel, record.encoding.value, record.wall_step_ns is not None)
-                self._append(channel, record.data)
+                self._append(channel, record.data, record.waited_us)
             else:
                 if isinstance(record, Health):
                     self._t_recv_ns = self._t_recv_ns or record.t_recv_ns  # before the first datagram
@@ -169,10 +170,10 @@ class Recorder:
             with suppress(OSError):
                 self.path.unlink()
 
-    def _append(self, channel: int, data: bytes) -> None:
+    def _append(self, channel: int, data: bytes, waited_us: int = 0) -> None:
         """Append one message at the time of the latest datagram: a computed record gets the arrival time of the
         datagram that caused it. The publish time is the wall clock's."""
-        self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns + self._step_ns)
+        self._writer.add_message(channel, self._t_recv_ns, data, self._t_recv_ns + self._step_ns, waited_us)
         self._unflushed += 1
 
     def _channel(self, topic: str, encoding: str, is_stepped: bool) -> int:
@@ -181,7 +182,7 @@ class Recorder:
         if channel is None:
             if len(self._channels) >= OWN_TOPICS and topic != OTHERS:
                 return self._channel(OTHERS, encoding, is_stepped)
-            metadata = dict(STEPPED if is_stepped else NONE)
+            metadata = dict(STEPPED if is_stepped else WAITED)
             channel = int(self._writer.register_channel(topic, encoding, 0, metadata))
             self._channels[topic, encoding, is_stepped] = channel
         return channel

@@ -17,7 +17,8 @@ def secret(path: str, key: str) -> str:
     """
     file = Path(path)
     try:
-        is_open, text = not is_private(file), file.read_text(encoding="utf-8-sig").strip()
+        is_open = not (file.is_dir() or is_private(file))
+        text = "" if is_open else file.read_text(encoding="utf-8-sig").strip()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "is not text"
         raise SinkError(f"{key} {path}: {reason}") from error

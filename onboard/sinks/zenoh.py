@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import msgspec
 
-from onboard.messages import Estimate, Health, LeaderState, Lifecycle, OwnPose
+from onboard.messages import Estimate, Health, LeaderState, Lifecycle, OwnPose, not_valid
 from onboard.messages.schemas import key_of
 from onboard.sinks.sink import SinkError, SinkRunner
 from onboard.sinks.zenoh_session import ZenohSession
@@ -25,19 +25,21 @@ QUERYABLE: Final = ("estimate/**", "leader", "own_state", "ownship", "health")
 
 
 class ZenohSink:
-    """Sink that publishes on a session opened and closed elsewhere."""
+    """Sink that publishes on a session opened and closed elsewhere. `current` gives a record as it may be
+    published now, however long it has waited for its turn; the sink's and Zenoh's threads call it."""
 
     def __init__(
         self,
         session: ZenohSession,
         prefix: str,
         *,
+        current: Callable[[Published], Published] = lambda record: record,
         validity_s: float = 2.0,
         monotonic: Callable[[], float] = time.monotonic,
         now_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self._session, self._prefix = session, prefix
-        self._now_ns = now_ns
+        self._now_ns, self._current = now_ns, current
         self._validity_s, self._monotonic = validity_s, monotonic
         self._encoder = msgspec.json.Encoder()
         self._latest: dict[str, tuple[Published, float]] = {}  # key -> record, when it was published
@@ -59,7 +61,7 @@ class ZenohSink:
             key = f"{self._prefix}/{key_of(record)}"
             publisher = self._publishers.get(key) or self._declare(key)
             self._latest[key] = record, self._monotonic()
-            publisher.put(self._encoder.encode(record), attachment=b"%d" % self._now_ns())
+            publisher.put(self._encoder.encode(self._current(record)), attachment=b"%d" % self._now_ns())
             if isinstance(record, Estimate) and not record.is_primary and record.state is Lifecycle.SEARCHING:
                 self._publishers.pop(key).undeclare()  # this target is gone; else publishers would accumulate
                 del self._latest[key]
@@ -87,7 +89,8 @@ class ZenohSink:
         with query:
             for key, (record, t_published) in list(self._latest.items()):
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    payload, attachment = aged(record, self._monotonic() - t_published, self._validity_s)
+                    age_s = self._monotonic() - t_published
+                    payload, attachment = aged(self._current(record), age_s, self._validity_s)
                     json = zenoh.Encoding.APPLICATION_JSON
                     query.reply(key, payload, encoding=json, attachment=attachment)
 
@@ -107,6 +110,6 @@ def aged(record: Published, age_s: float, validity_s: float) -> tuple[bytes, byt
     stale = age_s > validity_s
     if stale and isinstance(record, Estimate | LeaderState):
         reason = f"stale: published {age_s:.1f} s ago"
-        record = msgspec.structs.replace(record, valid=False, state=Lifecycle.LOST, reason=reason)
+        record = msgspec.structs.replace(not_valid(record, reason), state=Lifecycle.LOST)
     attachment = {"age_s": round(age_s, 3), "stale": stale}
     return msgspec.json.encode(record), msgspec.json.encode(attachment)

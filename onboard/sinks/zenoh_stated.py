@@ -3,11 +3,13 @@ is stated must count although it equals one."""
 
 import re
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
 import yaml
 
+MOST: Final = 10_000  # settings; aliases of YAML within each other state any number of them in a few lines
 TOKEN: Final = re.compile(
     r"""//[^\n\r\u2028\u2029]*|/\*.*?\*/"""  # comments
     r"""|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'"""
@@ -21,7 +23,10 @@ def stated_in(path: str) -> frozenset[str]:
     or YAML by its name. Raises OSError, ValueError."""
     text = Path(path).read_text(encoding="utf-8-sig")
     if path.lower().endswith((".yaml", ".yml")):
-        return frozenset(_of_tree(yaml.safe_load(text), ""))
+        stated = frozenset(islice(_of_tree(yaml.safe_load(text), ""), MOST + 1))
+        if len(stated) > MOST:
+            raise ValueError(f"it states more than {MOST} settings")
+        return stated
     return frozenset(_of_json5(text))
 
 

@@ -11,6 +11,7 @@ import msgspec
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, Health, NavState, OwnPose, Picture, Record, SimStatus, Truth
+from onboard.messages.text import plain, plain_record
 from onboard.sinks.zenoh_session import ZenohConfig, open_session
 
 KINDS: Final[dict[str, type[Record]]] = {
@@ -75,12 +76,14 @@ class Client:
         name = "estimate" if "estimate" in parts else parts[-1]
         attachment = sample.attachment
         try:
-            record = self._decoders[name].decode(sample.payload.to_bytes())
+            record: Record = self._decoders[name].decode(sample.payload.to_bytes())
+            if isinstance(record, Health | Estimate):  # any program may have published it
+                record = plain_record(record)
             t_publish_ns = int(attachment.to_bytes()) if attachment is not None else None
         except (msgspec.DecodeError, ValueError):
             self.undecodable += 1
             return
-        self._records.put(PublishedRecord(record, t_publish_ns, parts[1]))
+        self._records.put(PublishedRecord(record, t_publish_ns, plain(parts[1])))
 
     def _update_alive(self, sample: Any) -> None:
         import zenoh  # noqa: PLC0415 - loaded already: there is a session

@@ -9,9 +9,10 @@ from typing import Final
 
 from onboard.geometry.lens import Lens, LensError
 from onboard.messages import Box, Detection, Vec3
+from onboard.wire import boxes
 from onboard.wire.document import BadDocumentError
 
-NEAR: Final = math.tan(math.radians(3.0))  # focal lengths: so far from a box or its center a position may lie
+NEAR: Final = math.radians(3.0)  # so far from a box or its center a position may lie
 SIGMAS: Final = 3.0
 SMALLEST, LARGEST = 0.2, 2.5  # of the wingspan: the larger side of a box of an aircraft, from wherever it is seen
 
@@ -27,53 +28,47 @@ def check(detection: Detection, lens: Lens, sizes: tuple[float, float], sigma_px
     if box is None:
         return
     if position is not None:
-        _check_size(box, math.hypot(*position), lens, sizes, f"{at}.pose.position_m", at)
+        _check_size(box, math.hypot(*position), lens, sizes, sigma_px, (f"{at}.pose.position_m", at))
     if detection.range_m is not None:
-        _check_size(box, detection.range_m, lens, sizes, f"{at}.range_m", at)
+        _check_size(box, detection.range_m, lens, sizes, sigma_px, (f"{at}.range_m", at))
 
 
 def _check_direction(detection: Detection, position: Vec3, lens: Lens, sigma_px: float, at: str) -> None:
-    right, down, forward = position
     center, box = detection.points.get("center"), detection.box
-    seen, name, half = (center, "points.center", 0.0) if center is not None else (box, "box", 1.0)
+    seen, name = (center, "points.center") if center is not None else (box, "box")
     if seen is None:
         return
+    diagonal_px = math.hypot(seen.width_px, seen.height_px) if isinstance(seen, Box) else 0.0
     try:
-        (u, v), scale = lens.image_point(seen.u_px, seen.v_px), lens.scale(seen.u_px, seen.v_px)
+        (u, v), angle = lens.image_point(seen.u_px, seen.v_px), lens.angle(seen.u_px, seen.v_px)
     except LensError:
         return  # it is refused for itself
-    sides = (half * box.width_px, half * box.height_px) if half and box is not None else (0.0, 0.0)
-    off = right / forward - u, down / forward - v
-    noise = NEAR + SIGMAS * scale * (seen.sigma_px or sigma_px)
-    if all(abs(o) <= noise + scale * side for o, side in zip(off, sides, strict=True)):
+    right, down, forward = position
+    cosine = (forward + right * u + down * v) / math.hypot(*position) / math.hypot(1.0, u, v)
+    off = math.acos(max(-1.0, min(cosine, 1.0)))
+    if off <= NEAR + angle * (SIGMAS * (seen.sigma_px or sigma_px) + diagonal_px):
         return
-    angle = math.degrees(math.atan(math.hypot(*off)))
     raise BadDocumentError(
-        f"the position is {angle:.0f} degrees from `{name}`; expected right, down, forward in metres"
+        f"the position is {math.degrees(off):.0f} degrees from `{name}`; expected right, down, forward in metres"
         f" - at `$.{at}.pose.position_m` and `$.{at}.{name}`"
     )
 
 
-def _check_size(box: Box, range_m: float, lens: Lens, sizes: tuple[float, float], where: str, at: str) -> None:
-    """A box that reaches the image's edge may be cut off: it is at least so large."""
+def _check_size(
+    box: Box, range_m: float, lens: Lens, sizes: tuple[float, float], sigma_px: float, where: tuple[str, str]
+) -> None:
+    """A box that may be cut off is at least so large."""
     try:
-        scale = lens.scale(box.u_px, box.v_px)
+        size = range_m * lens.angle(box.u_px, box.v_px) * boxes.larger_px(box)
     except LensError:
         return
-    size = range_m * scale * max(box.width_px, box.height_px)
     if not math.isfinite(size) or size <= 0.0:
         return
-    cut = lens.width_px > 0 and (
-        box.u_px - 0.5 * box.width_px <= 1.0
-        or box.u_px + 0.5 * box.width_px >= lens.width_px - 1.0
-        or box.v_px - 0.5 * box.height_px <= 1.0
-        or box.v_px + 0.5 * box.height_px >= lens.height_px - 1.0
-    )
-    least = 0.0 if cut else SMALLEST * sizes[0]
+    least = 0.0 if boxes.may_be_cut(box, lens, sigma_px) else SMALLEST * sizes[0]
     if least <= size <= LARGEST * sizes[1]:
         return
     wingspan = f"{sizes[0]:.3g} to {sizes[1]:.3g} m"
     raise BadDocumentError(
         f"at {range_m:g} m the box would be {size:.3g} m large, of a wingspan of {wingspan}; expected metres"
-        f" - at `$.{where}` and `$.{at}.box`"
+        f" - at `$.{where[0]}` and `$.{where[1]}.box`"
     )

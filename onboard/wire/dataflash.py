@@ -9,9 +9,8 @@ boot clock.
 import io
 import math
 import os
-import struct
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -44,10 +43,7 @@ S_PER_DAY: Final = 86_400
 LEAP_S: Final = ((13510, 18), (12960, 17), (11865, 16), (10588, 15), (0, 14))
 WEEK_S: Final = 604_800
 LATEST_US: Final = 2**53  # 285 years after boot
-UNREADABLE: Final = (
-    *(TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError, AssertionError),
-    *(OverflowError, MemoryError, RecursionError, struct.error),
-)
+UNREADABLE: Final = Exception  # pymavlink raises that itself, besides all that Python does of damaged bytes
 INSTANCES: Final = ("I", "C", "Inst", "Instance")  # the field that numbers a row's sensor or core
 RENAMED: Final = {  # of firmware that numbers rows in their names: the name today, and the instance
     "GPS2": ("GPS", 1),
@@ -76,10 +72,10 @@ def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Me
     """
     from pymavlink import DFReader  # noqa: PLC0415 - a flight never needs it
 
-    log: Any = None
+    log: Any = DFReader.DFReader_binary.__new__(DFReader.DFReader_binary)  # so that it is closed if reading fails
     try:
         with _quiet(), _quiet_library():
-            log = DFReader.DFReader_binary(str(path))
+            DFReader.DFReader_binary.__init__(log, str(path))
             if "ATT" not in log.name_to_id:
                 raise NotALogError("this DataFlash log holds no attitude (ATT)")
             for _ in _rows(log, ("PARM", "MSG"), lambda _: None):
@@ -91,8 +87,9 @@ def read_dataflash(path: Path, lose: Lose = lambda _: None) -> Iterator[tuple[Me
             raise
         raise NotALogError(f"this DataFlash log cannot be read: {error}") from error
     finally:
-        if log is not None:
-            log.close()
+        for part in ("data_map", "filehandle"):
+            with suppress(AttributeError, BufferError):  # not opened yet, or still in the error's traceback
+                getattr(log, part).close()
 
 
 def _messages(log: Any, offset_ns: int, lose: Lose) -> Iterator[tuple[Message, int]]:

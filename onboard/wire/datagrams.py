@@ -6,15 +6,16 @@ from functools import partial
 from typing import Final
 
 from onboard.messages import Datagram, Encoding, Message, TargetImage
+from onboard.wire import tlog
 from onboard.wire.cameras import Cameras, find, of_topic
 from onboard.wire.detections import decode_detections, images_of
 from onboard.wire.document import BadDocumentError, Refuse
-from onboard.wire.mavlink_decode import MavlinkDecoder, OnError, raise_error
+from onboard.wire.mavlink_decode import IsOwn, MavlinkDecoder, OnError, nobody, raise_error
 from onboard.wire.points import decode_points
 from onboard.wire.pseudoranges import decode_ranges
 from onboard.wire.radar import decode_radar
 from onboard.wire.ros import decode_ros
-from onboard.wire.signing import Verifier
+from onboard.wire.signing import Stamps, Verifier
 from onboard.wire.tracking import TrackerDecoder
 from onboard.wire.warm_state import decode_warm_state
 
@@ -25,10 +26,15 @@ DOCUMENTS: Final[dict[Encoding, Callable[[bytes, int, Refuse], Message]]] = {
     Encoding.WARM_STATE: lambda data, t_recv_ns, _: decode_warm_state(data, t_recv_ns),
 }
 NO_CAMERAS: Final[Cameras] = {}
-NO_KEYS: Final[Mapping[str, bytes]] = {}
+Keys = Mapping[str, bytes | None]  # by channel; None: not at hand
+NO_KEYS: Final[Keys] = {}
 MOST_IGNORED: Final = 64  # unknown fields that are named, each once
 FOREIGN: Final = 10  # pieces without a frame: more than what a connection in the midst of one begins with
 LONGEST_NAME: Final = 200  # characters of what is named
+OWN: Final = (
+    "this is us: our frames come back on link `{}`, by a router or by somebody who repeats them, or another "
+    "program has our ids; give it other ones"
+)
 OnRefused = Callable[[str, str, int], None]
 
 
@@ -40,19 +46,21 @@ class DatagramDecoder:
     """One MAVLink decoder for each channel; JSON documents need no state. `on_error` is called with the
     place and the exception over one frame or document, `on_refused` with the channel, the reason and the arrival
     of a document that cannot be used. `cameras` are those whose detections may come; `keys` are
-    those of channels whose MAVLink frames must be signed."""
+    those of channels whose MAVLink frames must be signed. `is_own`: which frames are ours, come back."""
 
     def __init__(
         self,
         on_error: OnError = raise_error,
         on_refused: OnRefused = ignore,
         cameras: Cameras = NO_CAMERAS,
-        keys: Mapping[str, bytes] = NO_KEYS,
+        keys: Keys = NO_KEYS,
+        is_own: IsOwn = nobody,
     ) -> None:
         self._on_error = on_error
         self._on_refused = on_refused
         self._cameras = cameras
-        self._keys = keys
+        self._keys, self._is_own = keys, is_own
+        self._stamps: dict[bytes, Stamps] = {}  # of signed frames, by key: its links share them
         self._mavlink: dict[str, MavlinkDecoder] = {}
         self._bad: Counter[str] = Counter()
         self._ignored: set[str] = set()
@@ -78,15 +86,29 @@ class DatagramDecoder:
     def _decoder(self, datagram: Datagram) -> MavlinkDecoder:
         decoder = self._mavlink.get(datagram.channel)
         if decoder is None:
-            key = self._keys.get(datagram.channel)
             decoder = MavlinkDecoder(
                 stream=datagram.encoding is Encoding.MAVLINK_STREAM,
                 on_error=self._on_error,
-                verifier=None if key is None else Verifier(key, partial(self._on_refused, datagram.channel)),
+                verifier=self._verifier(datagram.channel),
                 trackers=TrackerDecoder(self._cameras, partial(self._refuse_tracker, datagram.channel)),
+                is_own=self._is_own,
+                on_own=partial(self._name_own, datagram.channel),
             )
             self._mavlink[datagram.channel] = decoder
         return decoder
+
+    def _verifier(self, channel: str) -> Verifier | None:
+        """What tests the signatures of a channel, if they must be there."""
+        if channel not in self._keys:
+            return None
+        key, on_refused = self._keys.get(channel), partial(self._on_refused, channel)
+        stamps = {} if key is None else self._stamps.setdefault(key, {})
+        return Verifier(key, on_refused, stamps)
+
+    def _name_own(self, channel: str, system: int, component: int, t_recv_ns: int) -> None:
+        """Say that frames of ours came back; a ground station's log has them in any case."""
+        if channel != tlog.CHANNEL:
+            self._on_refused(f"system {system}, component {component}", OWN.format(channel), t_recv_ns)
 
     def _doubt(self, datagram: Datagram) -> None:
         """Say what a channel seems to be on which no frame has come yet, but other bytes have, for a while."""
@@ -136,6 +158,11 @@ class DatagramDecoder:
         for decoder in self._mavlink.values():
             total.update(decoder.names)
         return total
+
+    @property
+    def unverified(self) -> dict[str, int]:
+        """By channel, signed frames that passed since their key is not at hand."""
+        return {channel: decoder.unverified for channel, decoder in self._mavlink.items() if decoder.unverified}
 
     @property
     def rejected(self) -> Counter[str]:

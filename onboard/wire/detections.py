@@ -28,7 +28,8 @@ from onboard.messages import (
     TargetPoints,
 )
 from onboard.messages.target import WING_POINTS
-from onboard.wire import agreement
+from onboard.messages.text import plain
+from onboard.wire import agreement, boxes
 from onboard.wire.cameras import CameraInput, Cameras, find
 from onboard.wire.document import BadDocumentError, Refuse, load, parse_rows
 from onboard.wire.points import check_target, lens_of
@@ -36,7 +37,6 @@ from onboard.wire.poses import relative_pose
 
 LEAST_CONFIDENCE: Final = 0.05  # noise is that of a detection with this confidence at most
 FARTHEST: Final = 1e5  # m, of a range
-BOX_NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
 
 INSIDE: Final[dict[str, type[Record]]] = {
     "detections": Detection,
@@ -90,8 +90,9 @@ def images_of(
             "component": 0,
             "camera": camera.name,
             "target": detection.target,
-            "class_name": detection.class_name,
+            "class_name": plain(detection.class_name.strip()),
             "view": lens.view,
+            "doubt": lens.note,
             "mount": document.attitude,
             "range": detection.range_m,
             "range_sigma": detection.range_sigma_m,
@@ -108,9 +109,10 @@ def images_of(
 def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, lens: Lens, at: str) -> TargetImage:
     """The message of one detection. Raises BadDocumentError."""
     check_target(detection.target, f"{at}.target")
-    if camera.classes and detection.class_name not in ("", *camera.classes):
+    name = head["class_name"]
+    if camera.classes and name not in ("", *camera.classes):
         followed = f"`classes` of camera {camera.name} are {', '.join(camera.classes)}"
-        raise BadDocumentError(f"`{detection.class_name}` is not followed; {followed} - at `$.{at}.class`")
+        raise BadDocumentError(f"`{name}` is not followed; {followed} - at `$.{at}.class`")
     _check_range(detection, at)
     sigma_px = camera.sigma_px / _confidence(detection, camera, at)
     agreement.check(detection, lens, camera.sizes, sigma_px, at)
@@ -140,14 +142,12 @@ def _message(detection: Detection, head: dict[str, Any], camera: CameraInput, le
         return TargetDetection(**head, features=features)
     if not (box.width_px > 0 and box.height_px > 0):
         raise BadDocumentError(f"width and height must be positive - at `$.{at}.box`")
-    side_px = max(box.width_px, box.height_px)
-    middle = _feature("box", box, max(sigma_px, BOX_NOISE * side_px), lens, f"{at}.box")
-    half = 0.5 * lens.scale(box.u_px, box.v_px)
+    middle = _feature("box", box, boxes.noise_px(box, sigma_px), lens, f"{at}.box")
     return TargetDetection(
         **head,
         features=(*features, middle),
-        half_width=half * side_px,
-        half_sides=(half * box.width_px, half * box.height_px),
+        half_width=0.5 * lens.scale(box.u_px, box.v_px) * boxes.larger_px(box),
+        sides=None if boxes.may_be_cut(box, lens, sigma_px) else boxes.sides(box, lens),
     )
 
 

@@ -84,6 +84,11 @@ class PointAssembler:
             self._rejected["incomplete_points"] += len(senders.pop(next(iter(senders))))
 
 
+def is_point(payload: bytes) -> bool:
+    """Whether a LANDING_TARGET is a point of an image: without a position, which is the last of its fields."""
+    return not LANDING_TARGET.fields(payload)[-1]
+
+
 def _tangent(angle: float) -> float:
     """tan, or NaN at and beyond a right angle, where there is no image point."""
     return math.tan(angle) if abs(angle) < math.pi / 2 else math.nan

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from onboard.messages import Message
-from onboard.wire.landing_target import LANDING_TARGET, PointAssembler
+from onboard.wire.landing_target import LANDING_TARGET, PointAssembler, is_point
 from onboard.wire.mavlink_frame import CHECKSUM, MIRRORED, SIGNATURE, SIGNED, V1, V1_HEAD, V2, V2_HEAD
 from onboard.wire.mavlink_records import CONVERT, Convert, Layout
 from onboard.wire.mavlink_table import MESSAGES
@@ -27,6 +27,8 @@ UNKNOWN: Final = "unknown_message"
 TRACKING: Final = Layout("<7f4B")  # CAMERA_TRACKING_IMAGE_STATUS
 FIELD_OF_VIEW: Final = Layout("<I6i6f", boot_ms=0)  # CAMERA_FOV_STATUS
 OnError = Callable[[str, Exception], None]
+IsOwn = Callable[[int, int, str], bool]  # system, component, name
+OnOwn = Callable[[int, int, int], None]  # system, component, arrival
 
 
 def raise_error(_place: str, error: Exception) -> None:
@@ -34,11 +36,17 @@ def raise_error(_place: str, error: Exception) -> None:
     raise error
 
 
+def nobody(_system: int, _component: int, _name: str) -> bool:
+    """Nothing is sent, so nothing comes back."""
+    return False
+
+
 class MavlinkDecoder:
     """Decoder of one channel. `rejected` counts by reason the bytes and frames that gave no message; `names`
     counts every well-formed frame by its MAVLink name. `on_error` is called with a frame's name and the exception
-    that it caused; the other frames are decoded. With a `verifier`, only frames that it lets pass. `trackers`
-    read what is of whole aircraft. `also`: messages that are read beside those of `CONVERT`."""
+    that it caused; the other frames are decoded. What `is_own` knows as ours has come back, and is refused before
+    its signature, which is good, is tested: `on_own` is called. With a `verifier`, only frames that it lets pass.
+    `trackers` read what is of whole aircraft. `also`: messages that are read beside those of `CONVERT`."""
 
     def __init__(
         self,
@@ -48,12 +56,16 @@ class MavlinkDecoder:
         verifier: Verifier | None = None,
         trackers: TrackerDecoder | None = None,
         also: Mapping[str, tuple[Layout, Convert]] | None = None,
+        is_own: IsOwn = nobody,
+        on_own: OnOwn = lambda _system, _component, _t_recv_ns: None,
     ) -> None:
         self.rejected: Counter[str] = Counter()
         self.names: Counter[str] = Counter()
         self._stream = stream
         self._on_error = on_error
         self._verifier = verifier
+        self._untested = 0
+        self._is_own, self._on_own = is_own, on_own
         self._rest = b""  # of a stream: the frame that is not complete yet
         self._is_lost = False  # within a stretch of bytes that are no frames
         self._points = PointAssembler(self.rejected)
@@ -97,6 +109,11 @@ class MavlinkDecoder:
             self._rest = data[at:]
         return messages
 
+    @property
+    def unverified(self) -> int:
+        """Signed frames that passed since their key is not at hand."""
+        return self._untested if self._verifier is None else self._verifier.unverified
+
     def _lose(self, reason: str) -> None:
         """Count a stretch of bytes that are no frame, once, by what was wrong first."""
         if not self._is_lost:
@@ -107,14 +124,19 @@ class MavlinkDecoder:
         """The record of one sound frame, None if it has none."""
         head, number = _head(frame)
         system, component = (frame[3], frame[4]) if head == V1_HEAD else (frame[5], frame[6])
-        name, _ = NAMES[number]
+        name, payload = NAMES[number][0], frame[head : head + frame[1]]
+        if self._is_own(system, component, name) and not (name == "LANDING_TARGET" and is_point(payload)):
+            self.rejected["our_own"] += 1
+            self._on_own(system, component, t_recv_ns)
+            return None
         reason = "" if self._verifier is None else self._verifier.check(frame, t_recv_ns, self._wall_step_ns)
+        self._untested += self._verifier is None and frame[0] == V2 and bool(frame[2] & SIGNED)
         if reason:
             self.rejected[reason] += 1
             return None
         self.names[name] += 1
         try:
-            return self._record(name, frame[head : head + frame[1]], t_recv_ns, system, component)
+            return self._record(name, payload, t_recv_ns, system, component)
         except Exception as error:  # of any kind: it costs this frame
             self._on_error(name, error)
             return None

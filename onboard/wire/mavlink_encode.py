@@ -200,7 +200,9 @@ def _status_text(m: Any) -> list[Any]:
 
 ENCODE: Final[dict[type[Message], Callable[[Any], list[Any]]]] = {
     Heartbeat: lambda m: [
-        dialect.MAVLink_heartbeat_message(m.vehicle_type, m.autopilot, ARMED if m.armed else 0, 0, m.status, 3)
+        dialect.MAVLink_heartbeat_message(
+            m.vehicle_type, m.autopilot, ARMED if m.armed else 0, m.custom_mode, m.status, 3
+        )
     ],
     SystemTime: lambda m: [dialect.MAVLink_system_time_message(m.unix_ns // 1000, _ms(m))],
     TimeSync: lambda m: [dialect.MAVLink_timesync_message(m.tc1_ns, m.ts1_ns)],

@@ -42,6 +42,8 @@ VELOCITY_HORIZ: Final = 2
 POS_HORIZ_REL: Final = 8
 POS_HORIZ_ABS: Final = 16
 CONST_POS_MODE: Final = 128
+ATTITUDE_VARIANCES: Final = (29, 32, 34)  # in ODOMETRY, of the pose's covariance: roll, pitch, yaw
+MOST_VARIANCE: Final = math.pi**2  # rad^2, which says nothing
 GEOMETRIC_ALTITUDE: Final = 1  # ADSB_ALTITUDE_TYPE
 # ADSB_FLAGS
 VALID_COORDS: Final = 1
@@ -100,9 +102,15 @@ def _known(value: float, unknown: float, scale: float) -> float | None:
 
 
 def _heartbeat(f: Fields, h: Header) -> Message:
-    _, vehicle_type, autopilot, base_mode, status, _ = f
-    armed = bool(base_mode & SAFETY_ARMED)
-    return Heartbeat(**h, vehicle_type=vehicle_type, autopilot=autopilot, armed=armed, status=status)
+    custom_mode, vehicle_type, autopilot, base_mode, status, _ = f
+    return Heartbeat(
+        **h,
+        vehicle_type=vehicle_type,
+        autopilot=autopilot,
+        armed=bool(base_mode & SAFETY_ARMED),
+        status=status,
+        custom_mode=custom_mode,
+    )
 
 
 def _attitude_quaternion(f: Fields, h: Header) -> Message:
@@ -132,15 +140,32 @@ def _global_position(f: Fields, h: Header) -> Message:
     )
 
 
-def _estimator_status(flags: int, ratios: Sequence[float], h: Header) -> Message:
-    """Both autopilots use the same bits. A report of zeros only is one that nobody has filled in."""
+def _estimator_status(flags: int, ratios: Sequence[float], h: Header, *, is_px4: bool = False) -> Message:
+    """Both autopilots use the same bits. A report of zeros only is one that nobody has filled in. PX4 sets
+    constant-position mode also where it knows that it is at rest: its velocity is then known."""
     if flags == 0 and not any(ratios):
         return EstimatorStatus(**h, horizontal_velocity=None, horizontal_position=None)
     fixed = bool(flags & CONST_POS_MODE)
+    unknown = fixed and not is_px4
     return EstimatorStatus(
         **h,
-        horizontal_velocity=bool(flags & VELOCITY_HORIZ) and not fixed,
-        horizontal_position=bool(flags & (POS_HORIZ_REL | POS_HORIZ_ABS)) and not fixed,
+        horizontal_velocity=bool(flags & VELOCITY_HORIZ) and not unknown,
+        horizontal_position=bool(flags & (POS_HORIZ_REL | POS_HORIZ_ABS)) and not unknown,
+        is_at_rest=fixed and is_px4,
+    )
+
+
+def _odometry(f: Fields, h: Header) -> Message | None:
+    """Of the autopilot's own: what it says of its attitude. Zero and NaN are unknown."""
+    roll, pitch, yaw = (f[i] for i in ATTITUDE_VARIANCES)
+    if not all(0.0 < variance < math.inf for variance in (roll, pitch, yaw)):
+        return None
+    return EstimatorStatus(
+        **h,
+        horizontal_velocity=None,
+        horizontal_position=None,
+        yaw_sigma=math.sqrt(min(yaw, MOST_VARIANCE)),
+        tilt_sigma=math.sqrt(min(max(roll, pitch), MOST_VARIANCE)),
     )
 
 
@@ -270,7 +295,11 @@ CONVERT: Final[dict[str, tuple[Layout, Convert]]] = {
     "LOCAL_POSITION_NED": (Layout("<I6f", boot_ms=0), _local_position),
     "GLOBAL_POSITION_INT": (Layout("<I4i3hH", boot_ms=0), _global_position),
     "EKF_STATUS_REPORT": (Layout("<5fHf"), lambda f, h: _estimator_status(f[5], f[:5], h)),
-    "ESTIMATOR_STATUS": (Layout("<Q8fH", usec=0), lambda f, h: _estimator_status(f[9], f[1:9], h)),
+    "ESTIMATOR_STATUS": (
+        Layout("<Q8fH", usec=0),
+        lambda f, h: _estimator_status(f[9], f[1:9], h, is_px4=True),
+    ),
+    "ODOMETRY": (Layout("<Q55f4Bb", usec=0), _odometry),
     "GIMBAL_DEVICE_ATTITUDE_STATUS": (Layout(gimbal.FORM, boot_ms=0), gimbal.attitude),
     "MOUNT_ORIENTATION": (Layout(gimbal.ORIENTATION, boot_ms=0), gimbal.orientation),
     "DISTANCE_SENSOR": (Layout(distance.FORM), distance.reading),

@@ -42,6 +42,7 @@ def decode_points(data: bytes, t_recv_ns: int) -> TargetPoints:
         left=point(m.left),
         right=point(m.right),
         view=lens.view,
+        doubt=lens.note,
         sigma=None if None in sigmas else tuple(s / lens.f_px for s in sigmas if s is not None),  # type: ignore[arg-type]  # three of three
     )
 
@@ -56,7 +57,8 @@ def lens_of(k: Intrinsics) -> Lens:
         width, height = 0.0, 0.0
     elif not (width > 0 and height > 0):
         raise BadDocumentError("width and height must be positive - at `$.intrinsics`")
-    return Lens(fx_px=k.fx_px, fy_px=k.fy_px, cx_px=k.cx_px, cy_px=k.cy_px, width_px=width, height_px=height)
+    lens = Lens(fx_px=k.fx_px, fy_px=k.fy_px, cx_px=k.cx_px, cy_px=k.cy_px, width_px=width, height_px=height)
+    return lens.of_whole_image()
 
 
 def check_target(target: str, field: str) -> None:

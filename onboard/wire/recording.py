@@ -2,7 +2,8 @@
 estimates made from them, as JSON.
 
 A channel whose message encoding is one of `Encoding` holds datagrams: its topic is their channel, the log time
-their arrival, ns, and the publish time that arrival by the wall clock. A channel of encoding "json" holds
+their arrival, ns, the publish time that arrival by the wall clock, and the sequence how long they waited in this
+program, microseconds. Each holds where the channel's metadata say so. A channel of encoding "json" holds
 published records; its topic is the key they were published on.
 """
 
@@ -92,7 +93,7 @@ def read_estimates(path: Path) -> Iterator[Estimate]:
 
 
 def _datagram(channel: Channel, encoding: Encoding, message: Any) -> Datagram:
-    """A datagram. Where the channel says so, the publish time is the wall clock's."""
+    """A datagram. Where the channel says so, the publish time is the wall clock's, and the sequence a wait."""
     step_ns = message.publish_time - message.log_time if "publish_time" in channel.metadata else None
     return Datagram(
         channel=channel.topic,
@@ -100,6 +101,7 @@ def _datagram(channel: Channel, encoding: Encoding, message: Any) -> Datagram:
         t_recv_ns=message.log_time,
         data=message.data,
         wall_step_ns=step_ns,
+        waited_us=message.sequence if "sequence" in channel.metadata else 0,
     )
 
 

@@ -2,8 +2,9 @@
 
 A signature is the first 6 bytes of SHA-256 over the key and the frame with its link id and its time stamp, in
 units of 10 us since 2015. A stream (link id, system, component) accepts only rising stamps, and none that is far
-from now: one from the future would refuse the owner's own until then. The digest is compared first: a forged
-frame must not move the stamp, or it would block the stream. Stamps are of the wall clock, which may be set at any
+from now: one from the future would refuse the owner's own until then. All links of a key share its stamps: what
+came on one of them is a replay on every other. The digest is compared first: a forged frame must not move the
+stamp, or it would block the stream. Stamps are of the wall clock, which may be set at any
 time, so they are compared with it.
 """
 
@@ -45,16 +46,26 @@ UNSIGNED: Final = "frames are not signed, and this link has a `key_file`; give t
 FORGED: Final = "frames are signed with another key than that of this link's `key_file`; give both the same"
 
 OnRefused = Callable[[str, int], None]
+StreamId = tuple[int, int, int]  # link id, system, component
+Stamps = dict[StreamId, int]  # the newest by stream
 
 
 class Verifier:
     """Tests the frames of one link. `check` is given whole frames whose checksum is right. `on_refused` is called
-    with the reason and the arrival where a person must set a key or a clock."""
+    with the reason and the arrival where a person must set a key or a clock. `stamps`: those of all links of the
+    key, which it reads and writes. Where the key is not at hand (None), what is signed passes and is counted in
+    `unverified`."""
 
-    def __init__(self, key: bytes, on_refused: OnRefused = lambda _reason, _t_recv_ns: None) -> None:
+    def __init__(
+        self,
+        key: bytes | None,
+        on_refused: OnRefused = lambda _reason, _t_recv_ns: None,
+        stamps: Stamps | None = None,
+    ) -> None:
+        self.unverified = 0
         self._key, self._on_refused = key, on_refused
-        self._newest: dict[tuple[int, int, int], int] = {}  # stamp by stream
-        self._reasons: dict[tuple[int, int, int], str] = {}  # as first said, so that one cause stays one line
+        self._newest: Stamps = {} if stamps is None else stamps
+        self._reasons: dict[StreamId, str] = {}  # as first said, so that one cause stays one line
 
     def check(self, frame: bytes, t_recv_ns: int, wall_step_ns: int = 0) -> str:
         """Why a frame is refused; nothing if it is signed with our key, new, and of about now. Only then its stamp
@@ -62,6 +73,9 @@ class Verifier:
         if frame[0] != V2 or not frame[2] & SIGNED:
             self._on_refused(UNSIGNED, t_recv_ns)
             return "unsigned"
+        if self._key is None:
+            self.unverified += 1
+            return ""
         if not hmac.compare_digest(digest(self._key, frame[:-DIGEST]), frame[-DIGEST:]):
             self._on_refused(FORGED, t_recv_ns)
             return "forged"
@@ -111,7 +125,7 @@ def stamp_of(unix_ns: int) -> int:
     return max(unix_ns - EPOCH_NS, 0) // UNIT_NS
 
 
-def _which_clock(stamp: int, wall_ns: int, stream: tuple[int, int, int]) -> str:
+def _which_clock(stamp: int, wall_ns: int, stream: StreamId) -> str:
     """In words, which clock is wrong, where signed frames are far from now."""
     _, system, component = stream
     signed_ns = EPOCH_NS + stamp * UNIT_NS

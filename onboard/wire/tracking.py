@@ -78,7 +78,7 @@ class TrackerDecoder:
         if camera is None or not 0.0 < hfov < math.pi:  # NaN or 0: not known
             return
         lens = camera.lens
-        zoom = 0.5 * lens.width_px / math.tan(0.5 * hfov) / lens.fx_px
+        zoom = 0.5 * lens.width_px / (lens.pixel(math.tan(0.5 * hfov), 0.0)[0] - lens.cx_px)
         if abs(zoom - 1.0) < AS_CONFIGURED:
             zoom = 1.0
         self._lenses[component] = dataclasses.replace(lens, fx_px=zoom * lens.fx_px, fy_px=zoom * lens.fy_px)
@@ -90,9 +90,9 @@ class TrackerDecoder:
             return None
         number = fields[6]
         target = "leader" if number == 0 else f"target/{number}"
-        ideal = Lens(fx_px=camera.lens.f_px, fy_px=camera.lens.f_px, cx_px=0.0, cy_px=0.0)
-        image = self._image(camera, ideal, header, lambda: _landed(fields, camera, ideal.f_px))
-        return None if image is None else replace(image, target=target, view=camera.lens.view)
+        ideal = camera.lens.undistorted
+        image = self._image(camera, ideal, header, lambda: _landed(fields, camera, ideal))
+        return None if image is None else replace(image, target=target)
 
     def _image(
         self, camera: CameraInput, lens: Lens, header: dict[str, Any], detect: Callable[[], Detection]
@@ -127,8 +127,8 @@ def _tracked(f: tuple[Any, ...], lens: Lens) -> Detection:
     return Detection(points={"center": DetectedPoint(u_px=x * width, v_px=y * height)})
 
 
-def _landed(f: tuple[Any, ...], camera: CameraInput, f_px: float) -> Detection:
-    """Angles as pixels from the principal point, or a pose. Raises BadDocumentError."""
+def _landed(f: tuple[Any, ...], camera: CameraInput, lens: Lens) -> Detection:
+    """Angles as pixels of a `lens` without distortion, or a pose. Raises BadDocumentError."""
     _, angle_x, angle_y, distance, size_x, size_y, _, frame, x, y, z, *q, _, is_position = f
     if is_position:
         return Detection(pose=_pose(camera, frame, (x, y, z), q))
@@ -138,7 +138,7 @@ def _landed(f: tuple[Any, ...], camera: CameraInput, f_px: float) -> Detection:
     edges = angle_x - wide / 2, angle_x + wide / 2, angle_y - high / 2, angle_y + high / 2
     if not max(map(abs, edges)) < math.pi / 2:
         raise BadDocumentError("LANDING_TARGET: angle_x and angle_y must be within 90 degrees of the axis")
-    left, right, upper, lower = (f_px * math.tan(edge) for edge in edges)
+    (left, upper), (right, lower) = (lens.pixel(*map(math.tan, edges[k::2])) for k in (0, 1))
     range_m = distance if 0.0 < distance < FARTHEST else None
     if wide > 0.0:
         box = _box(0.5 * (left + right), 0.5 * (upper + lower), right - left, lower - upper)

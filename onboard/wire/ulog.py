@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from onboard.messages import (
     LocalPosition,
     Message,
 )
+from onboard.messages.text import plain
 from onboard.wire.tlog import NotALogError
 
 MAGIC: Final = b"ULog\x01\x12\x35"
@@ -35,9 +36,18 @@ ACTIVE: Final = 4
 DISORDER_US: Final = 1_000_000  # rows of one topic are in order but for this
 LONGEST_GAP_US: Final = 60_000_000  # in which a topic may be silent
 LATEST_US: Final = 2**53  # 285 years after boot
+LARGEST: Final = 65_535  # bytes of a message
+DEEPEST: Final = 16  # formats within one another; PX4 has two
+HEADER: Final = 16  # bytes of the file's head
+SIZES: Final = {
+    **dict.fromkeys(("int8_t", "uint8_t", "bool", "char"), 1),
+    **dict.fromkeys(("int16_t", "uint16_t"), 2),
+    **dict.fromkeys(("int32_t", "uint32_t", "float"), 4),
+    **dict.fromkeys(("int64_t", "uint64_t", "double"), 8),
+}
 UNREADABLE: Final = (
     *(TypeError, ValueError, IndexError, KeyError, AttributeError, EOFError),
-    *(OverflowError, MemoryError, struct.error),
+    *(OverflowError, MemoryError, RecursionError, struct.error),
 )
 Lose = Callable[[str], None]
 
@@ -53,8 +63,13 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     from pyulog import ULog  # noqa: PLC0415 - a flight never needs it
 
     try:
-        log = ULog(str(path), [*CONVERT, RATES], disable_str_exceptions=True)
+        with path.open("rb") as file:
+            _check_formats(file)
+            file.seek(0)
+            log = ULog(file, [*CONVERT, RATES], disable_str_exceptions=True)
     except UNREADABLE as error:
+        if isinstance(error, NotALogError):
+            raise
         raise NotALogError(f"this ULog cannot be read: {error}") from error
     topics: dict[str, Any] = {}
     for topic in sorted(log.data_list, key=lambda topic: topic.multi_id, reverse=True):
@@ -79,6 +94,36 @@ def read_ulog(path: Path, lose: Lose = lambda _: None) -> Iterator[Message]:
     header = _header(start_ns, system)
     yield Heartbeat(**header, vehicle_type=kind, autopilot=PX4, armed=False, status=ACTIVE)
     yield from heapq.merge(*streams, key=lambda m: m.t_ns)
+
+
+def _check_formats(file: BinaryIO) -> None:
+    """pyulog writes a format out field by field, whatever a few bytes make of it. Raises NotALogError for one that
+    is larger than a message, or within itself."""
+    formats: dict[str, list[str]] = {}
+    file.seek(HEADER)
+    while len(head := file.read(3)) == 3 and head[2:] not in b"AL":  # which data follow
+        text = file.read(int.from_bytes(head[:2], "little")).decode(errors="ignore")
+        if head[2:] == b"F":
+            name, _, fields = text.partition(":")
+            formats[name] = [field.split(" ")[0] for field in fields.split(";") if field]
+    sizes: dict[str, int] = dict(SIZES)
+    for name in formats:
+        _add_size(name, formats, sizes, 0)
+
+
+def _add_size(name: str, formats: dict[str, list[str]], sizes: dict[str, int], depth: int) -> None:
+    """Put the size of a format, and of those within it, among `sizes`. Raises NotALogError, ValueError."""
+    total = 0
+    for field in formats.get(name, ()):
+        kind, _, count = field.partition("[")
+        if kind not in sizes:
+            if depth >= DEEPEST:
+                raise NotALogError(f"this ULog's format {plain(name)} has {DEEPEST} others within it, or itself")
+            _add_size(kind, formats, sizes, depth + 1)
+        total += sizes[kind] * max(1, int(count.partition("]")[0]) if count else 1)
+        if total > LARGEST:
+            raise NotALogError(f"this ULog's format {plain(name)} has more than {LARGEST} bytes")
+    sizes[name] = total
 
 
 def _name(lose: Lose, topic: str, reason: str) -> None:

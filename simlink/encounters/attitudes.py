@@ -29,14 +29,14 @@ def fixed_wing_attitude(motion: Motion, nose: Array) -> Array:
 
 
 def follower_attitude(
-    rng: np.random.Generator, seed: int, t: Array, motion: Motion, r_FL_n: Array, mount_rpy_deg: Vec3
+    rng: np.random.Generator, seed: int, t: Array, motion: Motion, sight: Array, mount_rpy_deg: Vec3
 ) -> Array:
-    """Of a follower that turns its camera to the leader, roughly and no faster than it can, and leans as it
-    accelerates. Its camera is mounted for the lean of steady flight: it looks level there."""
+    """Of a follower that turns its camera to where it is to look (`sight` (N,), rad, not wrapped), roughly and no
+    faster than it can, and leans as it accelerates. Its camera is mounted for the lean of steady flight: it looks
+    level there."""
     _, up, aside = np.radians(mount_rpy_deg)
     aim = wobble(seed, "encounters.aim", GaussMarkov(sigma=rng.uniform(1.0, 4.0), time=6.0), len(t), np.pi / 180)
-    sight = np.unwrap(np.arctan2(r_FL_n[:, 1], r_FL_n[:, 0])) + aim
-    yaw = _slewed(blurred(sight - aside, 0.5))
+    yaw = _slewed(blurred(sight + aim - aside, 0.5))
     a = np.stack([blurred(x, 0.4) for x in motion.a.T], axis=-1)
     ahead = np.cos(yaw) * a[:, 0] + np.sin(yaw) * a[:, 1]
     right = np.cos(yaw) * a[:, 1] - np.sin(yaw) * a[:, 0]

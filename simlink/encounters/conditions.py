@@ -4,10 +4,11 @@ No estimator is to be judged at its own settings, so each range lies around what
 has its reason from a measurement where there is one.
 """
 
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
+from onboard.geometry.lens import Model
 from onboard.messages import Vec3
 from simlink.scenarios.camera import Camera, Gimbal
 from simlink.scenarios.formation import Leader
@@ -21,8 +22,9 @@ NOMINAL_SIZE: Final = 2.0  # m
 SIZE_WITHIN: Final = 0.02  # of it: a manual states a wingspan without the bend and the tip that a detector finds
 
 # A multirotor leans against the air: 0.22 / s at 12 m/s and 0.12 / s at 6 m/s, read off the leader's attitude in
-# ../shared/data/formation-copter (a lean of 15 degrees at 12 m/s).
-DRAG: Final[Range] = (0.08, 0.28)  # 1/s: deceleration by the air, per m/s of airspeed
+# ../shared/data/formation-copter (a lean of 15 degrees at 12 m/s). A heavy lifter with small discs leans a few
+# degrees at that speed (0.03 / s), a light frame with large propellers or a payload that hangs some 30 (0.5 / s).
+DRAG: Final[Range] = (0.03, 0.5)  # 1/s: deceleration by the air, per m/s of airspeed
 # There, its bank is 1.5 degrees (rms) off that of its acceleration; the reference scenario of Oh & Johnson has 2.
 BANK_WOBBLE_DEG: Final[Range] = (1.0, 3.0)
 BANK_WOBBLE_S: Final[Range] = (0.6, 2.5)
@@ -32,7 +34,16 @@ NOSE_WOBBLE_S: Final[Range] = (2.0, 6.0)
 
 # Detectors place a point to about a pixel; better on sharp tips, worse with motion blur.
 IMAGE_NOISE_PX: Final[Range] = (0.6, 1.4)
-IMAGE_HZ: Final[Range] = (12.0, 30.0)  # of detectors on small computers
+# Of detectors on small computers, from a large network on a Raspberry Pi to a small one on a GPU.
+IMAGE_HZ: Final[Range] = (4.0, 30.0)
+# Beside pinholes (images that are undistorted before), lenses as their calibrations describe them: M12 lenses of
+# 60 degrees bend a corner of the image in by up to a tenth; fisheyes of 90 to 120 degrees follow the equidistant
+# model to some percent. Focal lengths of an image of 640 x 480 px.
+PINHOLE: Final = 0.5  # of the cameras
+FISHEYE: Final = 0.25
+RADIAL: Final[tuple[Range, Range, Range]] = ((-0.30, 0.10), (0.0, 0.10), (-1e-3, 1e-3))  # k1, k2, p1 and p2
+FISHEYE_PX: Final[Range] = (300.0, 420.0)
+FISHEYE_K1: Final[Range] = (-0.03, 0.03)
 LATENCY_S: Final[Range] = (0.020, 0.090)  # from exposure to arrival; 60 ms in ../shared/data
 LOSE: Final[Range] = (0.005, 0.05)  # per image; the reference scenario of Oh & Johnson has .02
 REGAIN: Final[Range] = (0.15, 0.6)  # per image; it has .38
@@ -42,8 +53,15 @@ SMALLEST_PX: Final[Range] = (4.0, 7.0)  # of the wingspan as seen broadside: wha
 MOUNT_OFFSET: Final[tuple[Range, Range, Range]] = ((-0.10, 0.30), (-0.15, 0.15), (-0.15, 0.15))  # m, body FRD
 MOUNT_RPY_DEG: Final[tuple[Range, Range, Range]] = ((-6.0, 6.0), (-5.0, 15.0), (-30.0, 30.0))
 
-# ArduPilot sends what was asked for only roughly: it holds few distinct intervals.
-NAVIGATION_HZ: Final[Range] = (30.0, 60.0)
+# How often attitude and position come. An ArduPilot sends what was asked for only roughly: it holds few distinct
+# intervals. Unasked, or where a ground station on the same link asks, they come 4 to 10 times a second (Mission
+# Planner and MAVProxy ask for 4, SRx_EXTRA1 and SRx_POSITION of companion set-ups are 10). A PX4 sends its onboard
+# set of streams: attitude at 100 Hz and position at 30 Hz, fewer where the link is full.
+AUTOPILOTS: Final[tuple[tuple[Literal["ardupilot", "px4"], Range, Range], ...]] = (
+    ("ardupilot", (30.0, 60.0), (30.0, 60.0)),
+    ("ardupilot", (4.0, 10.0), (4.0, 10.0)),
+    ("px4", (60.0, 100.0), (25.0, 30.0)),
+)
 # LOCAL_POSITION_NED of an ArduPilot is 20 to 25 ms older than its stamp (../shared/data/README.md).
 POSITION_LAG_S: Final[Range] = (0.015, 0.030)
 # Filters of autopilots know the wind after a turn to half a metre a second, before it to two.
@@ -75,7 +93,11 @@ def draw_conditions(rng: np.random.Generator) -> Conditions:
     def process(sigma: Range, time: Range) -> GaussMarkov:
         return GaussMarkov(sigma=_one(rng, sigma), time=_one(rng, time))
 
+    lens = _lens(rng)
     camera = Camera(
+        f_px=lens.f_px,
+        distortion_model=lens.model,
+        distortion=lens.distortion,
         rate=_one(rng, IMAGE_HZ),
         sigma_px=_one(rng, IMAGE_NOISE_PX),
         states_sigma=False,
@@ -93,9 +115,10 @@ def draw_conditions(rng: np.random.Generator) -> Conditions:
         heading_wobble_deg=process(NOSE_WOBBLE_DEG, NOSE_WOBBLE_S),
     )
     # what else an autopilot sends the leader's estimator does not read
+    autopilot, attitude_hz, position_hz = AUTOPILOTS[int(rng.integers(len(AUTOPILOTS)))]
     rates = Rates(
-        attitude=_one(rng, NAVIGATION_HZ),
-        local_position=_one(rng, NAVIGATION_HZ),
+        attitude=_one(rng, attitude_hz),
+        local_position=_one(rng, position_hz),
         global_position=0.0,
         gps=0.0,
         imu=0.0,
@@ -105,10 +128,26 @@ def draw_conditions(rng: np.random.Generator) -> Conditions:
         own_errors=True,
         leader=leader,
         camera=camera,
-        nav=Nav(position_delay=_one(rng, POSITION_LAG_S)),
-        vehicle=Vehicle(type="quadrotor", autopilot="ardupilot", rates=rates),
+        nav=Nav(position_delay=_one(rng, POSITION_LAG_S) if autopilot == "ardupilot" else 0.0),
+        vehicle=Vehicle(type="quadrotor", autopilot=autopilot, rates=rates),
     )
     return Conditions(_one(rng, DRAG), scenario)
+
+
+class _Lens(NamedTuple):
+    f_px: float
+    model: Model
+    distortion: tuple[float, ...]
+
+
+def _lens(rng: np.random.Generator) -> _Lens:
+    kind, f_px = rng.uniform(), Camera().f_px
+    if kind < PINHOLE:
+        return _Lens(f_px, "radial-tangential", ())
+    if kind < PINHOLE + FISHEYE:
+        return _Lens(_one(rng, FISHEYE_PX), "fisheye", (_one(rng, FISHEYE_K1), 0.0, 0.0, 0.0))
+    k1, k2, p1, p2 = (_one(rng, RADIAL[i]) for i in (0, 1, 2, 2))
+    return _Lens(f_px, "radial-tangential", (k1, k2, p1, p2))
 
 
 def draw_gimbal(rng: np.random.Generator) -> Gimbal:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import islice
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -10,6 +10,8 @@ from simlink.scenarios.profiles import GaussMarkov
 from simlink.sensors.arrays import Array
 from simlink.world.constants import DT
 from simlink.world.noise import gauss_markov, normals
+
+GAIN: Final = 2.0  # 1/s, of the velocity of one that follows
 
 
 class Motion(NamedTuple):
@@ -51,6 +53,24 @@ def travelling(v: Array) -> Motion:
     """The motion of a point with these velocities (N, 3), from the origin."""
     steps = 0.5 * DT * (v[1:] + v[:-1])
     return Motion(np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]), v, np.gradient(v, DT, axis=0))
+
+
+def following(path: Array, late: float, limit: float) -> Array:
+    """Positions (N, 3) of one that follows a path (N, 3) from its beginning, in step with it at first. It reacts
+    `late` s late, and accelerates by `limit` m/s^2 at most: it flies as fast as the path, and so much towards its
+    place that it can brake."""
+    steps, first = round(late / DT), path[1] - path[0]
+    place = np.vstack([path[0] + np.arange(steps)[:, None] * first, path + steps * first])[: len(path)]
+    speed = np.gradient(place, DT, axis=0)
+    r, v, found = place[0], speed[0], []
+    for at, wanted in zip(place, speed, strict=True):
+        found.append(r)
+        off = at - r
+        distance = max(float(np.linalg.norm(off)), 1e-9)
+        a = GAIN * (wanted + min(0.5 * GAIN, np.sqrt(limit / distance)) * off - v)
+        v = v + DT * a * min(1.0, limit / max(float(np.linalg.norm(a)), 1e-9))
+        r = r + DT * v
+    return np.array(found)
 
 
 def blurred(x: Array, seconds: float) -> Array:

@@ -8,23 +8,31 @@ from typing import Final, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from onboard.messages import Record
 from simlink.encounters.conditions import NOMINAL_SIZE, Conditions
 from simlink.encounters.curves import Motion, level, moving
 from simlink.encounters.families import TURN, Scene
+from simlink.scenarios.profiles import GaussMarkov
 from simlink.world.constants import DT
 
 
 class Departure(NamedTuple):
-    """By default none. The factors are of what a family or its conditions draw: of a multirotor's drag, the
-    leader's manoeuvres (`vigour`), the noise of image points, and the errors of our attitude and velocity."""
+    """By default none. The factors are of what a family or its conditions draw: the leader's manoeuvres
+    (`vigour`), how its bank and nose wobble, the noise of image points, and the errors of our attitude and
+    velocity."""
 
-    drag: float = 1.0
+    drag: float | None = None  # 1/s; None: as drawn
     wind: float | None = None  # m/s, from anywhere; None: a breeze
     any_nose: bool = False  # the leader's nose points anywhere, whatever its course
     size_off: float | None = None  # of the nominal wingspan, to either side; None: SIZE_WITHIN at most
     vigour: float = 1.0
+    wobble: float = 1.0
     image_noise: float = 1.0
+    image_noise_time: float = 0.0  # s, over which it is correlated
+    stamp_late: float = 0.0  # s, by which images are stamped after their exposure; their latency at most
     own_errors: float = 1.0
+    own_errors_time: float | None = None  # s, over which they are correlated; None: as drawn
+    attitude_white_deg: float = 0.0  # of our attitude about each axis, new in each message
     mount_off_deg: float = 0.0  # the camera from where it is configured, about one of its axes
     sway: float = 0.0  # m, to either side, of ourselves across the first line of sight, on top of what we fly
 
@@ -44,17 +52,29 @@ def depart(
         scene = scene._replace(wind=d.wind * level(np.array(windward)))
     if d.sway:
         scene = scene._replace(follower=_swaying(scene, d.sway, rng))
-    leader, camera, nav = (getattr(conditions.scenario, part) for part in ("leader", "camera", "nav"))
+    s = conditions.scenario
+    leader = replace(s.leader, **_scaled(s.leader, ("bank_wobble_deg", "heading_wobble_deg"), d.wobble))
     if d.size_off is not None:
         leader = replace(leader, size=NOMINAL_SIZE * (1.0 + side * d.size_off))
-    errors = {name: getattr(nav, name) for name in ("attitude_deg", "yaw_deg", "velocity")}
-    scenario = replace(
-        conditions.scenario,
-        leader=leader,
-        camera=replace(camera, sigma_px=d.image_noise * camera.sigma_px),
-        nav=replace(nav, **{name: replace(e, sigma=d.own_errors * e.sigma) for name, e in errors.items()}),
+    camera = replace(
+        s.camera,
+        sigma_px=d.image_noise * s.camera.sigma_px,
+        noise_time=d.image_noise_time,
+        stamp_late=min(d.stamp_late, s.camera.latency),
     )
-    return scene, Conditions(d.drag * conditions.drag, scenario)
+    white = float(np.radians(d.attitude_white_deg))
+    own = _scaled(s.nav, ("attitude_deg", "yaw_deg", "velocity"), d.own_errors, d.own_errors_time)
+    nav = replace(s.nav, attitude_white=(white, white, white), **own)
+    drag = conditions.drag if d.drag is None else d.drag
+    return scene, Conditions(drag, replace(s, leader=leader, camera=camera, nav=nav))
+
+
+def _scaled(
+    part: Record, names: tuple[str, ...], factor: float, time: float | None = None
+) -> dict[str, GaussMarkov]:
+    """These errors of a part of the scenario, so many times as large, and correlated over `time` s."""
+    errors = {name: getattr(part, name) for name in names}
+    return {name: GaussMarkov(sigma=factor * e.sigma, time=time or e.time) for name, e in errors.items()}
 
 
 def _swaying(scene: Scene, amplitude: float, rng: np.random.Generator) -> Motion:

@@ -13,13 +13,15 @@ from simlink.world.truth import State, body_rate, world_of
 
 class EncounterTruth(NamedTuple):
     """N times `t` (s of the encounter), motions in n, Euler angles (N, 3) as in `attitudes`. The leader is L, the
-    follower F."""
+    follower F, another aircraft O."""
 
     t: Array
     leader: Motion
     euler_L: Array
     follower: Motion
     euler_F: Array
+    other: Motion | None = None
+    euler_O: Array | None = None
 
     @property
     def r_FL_n(self) -> Array:
@@ -34,9 +36,11 @@ class EncounterTruth(NamedTuple):
 
 def states(flown: EncounterTruth) -> Iterator[State]:
     """The world, step by step."""
-    vehicles = (_motions(flown.leader, flown.euler_L), _motions(flown.follower, flown.euler_F))
-    for step, (t, leader, follower) in enumerate(zip(flown.t.tolist(), *vehicles, strict=True)):
-        yield world_of(step, t, leader, follower)
+    vehicles = [_motions(flown.leader, flown.euler_L), _motions(flown.follower, flown.euler_F)]
+    if flown.other is not None and flown.euler_O is not None:
+        vehicles.append(_motions(flown.other, flown.euler_O))
+    for step, (t, leader, follower, *others) in enumerate(zip(flown.t.tolist(), *vehicles, strict=True)):
+        yield world_of(step, t, leader, follower)._replace(others=tuple(others))
 
 
 def at(t: Array, values: Array, when: Array) -> Array:

@@ -4,6 +4,7 @@ from typing import Annotated, Final, Literal, get_args
 
 import msgspec
 
+from onboard.geometry.lens import Lens, Model
 from onboard.messages import NotNegative, Positive, Record, Vec3
 from simlink.scenarios.profiles import Interval, Probability
 
@@ -12,6 +13,13 @@ from simlink.scenarios.profiles import Interval, Probability
 # pose, alone or beside the wing.
 Sees = Literal["wing", "points", "box", "center_box", "rotor_box", "pose", "wing_pose"]
 SEES: Final[tuple[Sees, ...]] = get_args(Sees)
+BOXES: Final = ("box", "rotor_box")  # alone
+
+
+class Mistaken(Interval, frozen=True, kw_only=True):
+    """A time (s) in which the detector takes every aircraft for this class."""
+
+    class_name: str
 
 
 class Gimbal(Record, frozen=True, kw_only=True):
@@ -31,18 +39,29 @@ class Gimbal(Record, frozen=True, kw_only=True):
 
 class Camera(Record, frozen=True, kw_only=True):
     """The camera and the vision process behind it. `mount_rpy_deg` is ZYX from body to camera; [0, 15, 0] looks
-    up. `mount_offset` is r_FC_b (m), `rate` in Hz."""
+    up. `mount_offset` is r_FC_b (m), `rate` in Hz. Where the lens distorts, points are pixels of the distorted
+    image and come without intrinsics: whoever receives them has the calibration."""
 
     name: str = "front"
     rate: Annotated[float, msgspec.Meta(gt=0, le=200)] = 25.0
     f_px: Positive = 554.256
     width_px: Positive = 640.0
     height_px: Positive = 480.0
+    distortion_model: Model = "radial-tangential"
+    distortion: tuple[float, ...] = ()  # OpenCV's coefficients, in its order; none: a pinhole
     mount_rpy_deg: Vec3 = (0.0, 0.0, 0.0)
     mount_offset: Vec3 = (0.0, 0.0, 0.0)
     sees: Sees = "wing"
     sigma_px: NotNegative = 1.0
+    noise_time: NotNegative = 0.0  # s, over which the noise of points and boxes is correlated; 0: white
     states_sigma: bool = True  # whether each point comes with its `sigma_px`
+    has_ids: bool = True  # whether each detection says which aircraft it is of
+    class_name: str = ""  # what the detector takes an aircraft for; empty: it does not say
+    mistaken: tuple[Mistaken, ...] = ()  # and when it takes it for something else
+    # Of a box, the share that must be inside the image; less is not detected, and the edge cuts what sticks out. A
+    # box that is cut ends `edge_gap_px` inside of the edge.
+    least_inside: Annotated[float, msgspec.Meta(gt=0, le=1)] = 1.0
+    edge_gap_px: NotNegative = 0.0
     smallest_px: NotNegative = 0.0  # of the wingspan as seen broadside: what is smaller is not detected
     p_lose: Probability = 0.02  # registered -> not, per image
     p_regain: Probability = 0.38  # not registered -> registered, per image
@@ -53,3 +72,21 @@ class Camera(Record, frozen=True, kw_only=True):
     blackouts: tuple[Interval, ...] = ()
     gimbal: Gimbal | None = None
     pictures: Literal["none", "aircraft", "tag"] = "none"  # drawn and published instead of points
+
+
+def cuts(camera: Camera) -> bool:
+    """Whether the image's edge cuts what the detector finds, and does not hide it."""
+    return camera.least_inside < 1.0 and camera.sees in BOXES
+
+
+def is_plain(camera: Camera) -> bool:
+    """Whether an image is no more than the wing's three points of one aircraft, as angles."""
+    says_more = camera.distortion or camera.class_name or camera.mistaken or not camera.has_ids
+    return camera.sees == "wing" and not says_more
+
+
+def lens_of(camera: Camera) -> Lens:
+    """The lens of a camera, its pixels in units of the focal length, about the middle of the image. Raises
+    LensError for a distortion that is none."""
+    model, distortion = camera.distortion_model, camera.distortion
+    return Lens(fx_px=1.0, fy_px=1.0, cx_px=0.0, cy_px=0.0, model=model, distortion=distortion)

@@ -3,7 +3,7 @@ wingspan and class, and our own craft. Nobody tells a daemon how large errors ar
 
 from typing import Final
 
-from simlink.scenarios.camera import Sees
+from simlink.scenarios.camera import Camera, Sees
 from simlink.scenarios.formation import NAMED_POINTS
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.scenario import Scenario
@@ -23,6 +23,7 @@ def daemon_config(scenario: Scenario) -> str:
         f"f_px = {camera.f_px}",
         f"width_px = {camera.width_px}",
         f"height_px = {camera.height_px}",
+        *_lens(camera),
         f"mount_rpy_deg = {list(camera.mount_rpy_deg)}",
         f"mount_offset_m = {list(camera.mount_offset)}",
     ]
@@ -54,6 +55,13 @@ def _beside(scenario: Scenario) -> list[str]:
     if scenario.rangefinder is not None:
         lines += ["", "[estimator.leader.range]", f"sensor = {scenario.rangefinder.sensor}"]
     return lines
+
+
+def _lens(camera: Camera) -> list[str]:
+    """What a calibration says of a lens that distorts."""
+    if not camera.distortion:
+        return []
+    return [f'distortion_model = "{camera.distortion_model}"', f"distortion = {list(camera.distortion)}"]
 
 
 def _own_state(craft: Quadrotor, scenario: Scenario) -> list[str]:

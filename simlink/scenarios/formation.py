@@ -50,7 +50,8 @@ class Follower(Record, frozen=True, kw_only=True):
 
 
 class Follow(Record, frozen=True, kw_only=True):
-    """Our vehicle flown by an autopilot in FOLLOW mode (`simlink.world.follow`) from `engage` seconds on.
+    """Our vehicle flown by an autopilot in FOLLOW mode (`simlink.world.follow`; the Follow-Me of a "px4" is in
+    `simlink.world.follow_px4`, which takes `offset`, the lean and the yaw rate) from `engage` seconds on.
     `FOLL_OFS_*` (m: forward, right, down), `FOLL_DIST_MAX` (m), `FOLL_TIMEOUT` (s), and the limits of position
     control: the greatest speed of an approach (`WPNAV_SPEED`) and of its vertical part, acceleration and jerk
     (m/s, m/s, m/s^2, m/s^3), lean and yaw rate. `craft` is the body that leans."""

@@ -16,8 +16,9 @@ from typing import Annotated, Any
 
 import msgspec
 
+from onboard.geometry.lens import LensError
 from onboard.messages import Positive, Record
-from simlink.scenarios.camera import Camera
+from simlink.scenarios.camera import BOXES, Camera, lens_of
 from simlink.scenarios.formation import Follow, Follower, Leader
 from simlink.scenarios.quadrotor import Quadrotor
 from simlink.scenarios.rangefinder import Rangefinder
@@ -140,6 +141,7 @@ def check(s: Scenario, source: str) -> None:
         ("leader.yaw_pulses_deg", s.leader.yaw_pulses_deg),
         ("follower.slot_pulses", s.follower.slot_pulses),
         ("camera.blackouts", s.camera.blackouts),
+        ("camera.mistaken", s.camera.mistaken),
         ("gps.outages", s.gps.outages),
         ("traffic.radar.jammed", s.traffic.radar.jammed),
         ("traffic.radar.lost", s.traffic.radar.lost),
@@ -170,11 +172,23 @@ def check(s: Scenario, source: str) -> None:
     names = [aircraft.name for aircraft in s.traffic.aircraft]
     if len(set(names)) < len(names) or len(names) > MOST_AIRCRAFT:
         raise ScenarioError(f"{source}: traffic.aircraft: at most {MOST_AIRCRAFT}, each with a name of its own")
-    if s.camera.stamp_late > s.camera.latency:
+    _check_camera(s.camera, source)
+
+
+def _check_camera(camera: Camera, source: str) -> None:
+    if camera.stamp_late > camera.latency:
         raise ScenarioError(f"{source}: camera.stamp_late: no image is stamped after its delivery (latency)")
-    if s.camera.wrong_blob and s.camera.sees != "wing":
-        raise ScenarioError(f"{source}: camera.wrong_blob: blobs stand for a wing, not for {s.camera.sees!r}")
-    if s.camera.blob_span_px[0] > s.camera.blob_span_px[1]:
+    if camera.wrong_blob and camera.sees != "wing":
+        raise ScenarioError(f"{source}: camera.wrong_blob: blobs stand for a wing, not for {camera.sees!r}")
+    try:
+        lens_of(camera)
+    except LensError as error:
+        raise ScenarioError(f"{source}: camera.distortion: {error}") from error
+    if camera.least_inside < 1.0 and camera.sees not in BOXES:
+        raise ScenarioError(f"{source}: camera.least_inside: boxes alone are cut, not {camera.sees!r}")
+    if camera.distortion and camera.pictures != "none":
+        raise ScenarioError(f"{source}: camera.distortion: pictures are drawn as a pinhole's")
+    if camera.blob_span_px[0] > camera.blob_span_px[1]:
         raise ScenarioError(f"{source}: camera.blob_span_px: the smaller number comes first")
 
 

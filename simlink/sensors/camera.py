@@ -1,10 +1,12 @@
 """The camera and its vision process: exposures, noise, drop-outs, wrong blobs.
 
-A point is (Y_c/X_c, Z_c/X_c), positive right and down, as in `onboard.geometry.camera`.
+A point is (Y_c/X_c, Z_c/X_c), positive right and down, as in `onboard.geometry.camera`; where the lens distorts,
+it is moved by that, in units of the focal length.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from onboard.geometry.rotations import quaternion_from_euler
@@ -20,7 +22,7 @@ from onboard.messages import (
     TargetPoints,
     Vec3,
 )
-from simlink.scenarios.camera import Camera
+from simlink.scenarios.camera import Camera, cuts, lens_of
 from simlink.scenarios.profiles import is_within
 from simlink.scenarios.scenario import Scenario
 from simlink.world import attitude
@@ -37,11 +39,11 @@ BY_SIDE: Final = ("wing", "wing_pose")  # detectors that know no wing from the o
 
 class Image(NamedTuple):
     """The points of one registered image, in units of the focal length; `t_ns` is its stamp (boot clock).
-    `detection`: what a detector finds that does not find these points alone."""
+    `detections`: what a detector finds that does not find these points alone."""
 
     t_ns: int
     points: Points
-    detection: Detection | None = None
+    detections: tuple[Detection, ...] | None = None
 
 
 def mount_quaternion(camera: Camera) -> Quaternion:
@@ -72,14 +74,17 @@ def is_inside(camera: Camera, x: Real, y: Real, z: Real) -> Real:
 def project(state: State, size: float, camera: Camera, q_bc: Quaternion) -> Points | None:
     """Image points of the leader; None if one is behind the lens or outside the image, or the leader too small."""
     points = []
-    r_FL_n = difference(state.r_OL_n, state.r_OF_n)
+    r_FL_n, lens = difference(state.r_OL_n, state.r_OF_n), lens_of(camera)
     if camera.f_px * size < camera.smallest_px * math.hypot(*r_FL_n):
         return None
     for r_FP_n in leader_points_n(r_FL_n, state.q_nL, size):
         x, y, z = in_camera(r_FP_n, state.q_nF, camera, q_bc)
-        if not is_inside(camera, x, y, z):
+        if x <= 0.0:
             return None
-        points.append((y / x, z / x))
+        point = lens.pixel(y / x, z / x)
+        if not (cuts(camera) or is_inside(camera, 1.0, *point)):
+            return None
+        points.append(point)
     return points[0], points[1], points[2]
 
 
@@ -99,14 +104,14 @@ def registrations(camera: Camera, seed: int) -> Iterator[bool]:
         registered = next(u) >= camera.p_lose if registered else next(u) < camera.p_regain
 
 
-def _noisy(points: Points, z: Iterator[float], sigma: float) -> Points:
-    """Points with noise. It takes six draws even when sigma is zero: each image then has its own place in the
+def _noisy(points: Points, z: Sequence[float], sigma: float) -> Points:
+    """Points with noise; `z`: six numbers, even when sigma is zero: each image then has its own place in the
     stream."""
     (a, b), (c, d), (e, f) = points
     return (
-        (a + sigma * next(z), b + sigma * next(z)),
-        (c + sigma * next(z), d + sigma * next(z)),
-        (e + sigma * next(z), f + sigma * next(z)),
+        (a + sigma * z[0], b + sigma * z[1]),
+        (c + sigma * z[2], d + sigma * z[3]),
+        (e + sigma * z[4], f + sigma * z[5]),
     )
 
 
@@ -127,6 +132,17 @@ def blob(camera: Camera, u: Real, v: Real, w: Real) -> Points:
     return (x, y), (x - half, y), (x + half, y)
 
 
+def correlated(white: Iterator[float], count: int, camera: Camera) -> Iterator[list[float]]:
+    """Of each image so many standard normal numbers, which are correlated over the camera's `noise_time` from one
+    image to the next."""
+    decay = math.exp(-1.0 / (camera.rate * camera.noise_time)) if camera.noise_time else 0.0
+    drive = math.sqrt(1.0 - decay * decay)
+    x = list(islice(white, count))
+    while True:
+        yield x
+        x = [decay * before + drive * z for before, z in zip(x, islice(white, count), strict=True)]
+
+
 class CameraSensor:
     """The camera of one run: `expose` once per image, in order. `mount`: q_bc of a moving mount."""
 
@@ -136,7 +152,7 @@ class CameraSensor:
         self._size = size
         self._mount = mount or (lambda _: fixed)
         self._registered = registrations(scenario.camera, seed)
-        self._noise = normals(seed, "camera.noise")
+        self._noise = correlated(normals(seed, "camera.noise"), 6, scenario.camera)
         self._wrong = uniforms(seed, "camera.wrong")
 
     def expose(self, state: State) -> Points | None:
@@ -146,7 +162,7 @@ class CameraSensor:
         wrong = next(self._wrong) < camera.wrong_blob
         other = blob(camera, next(self._wrong), next(self._wrong), next(self._wrong))
         truth = project(state, self._size, camera, self._mount(state))
-        noisy = _noisy(truth or other, self._noise, camera.sigma_px / camera.f_px)
+        noisy = _noisy(truth or other, next(self._noise), camera.sigma_px / camera.f_px)
         if not registered or truth is None:
             return None
         if wrong:
@@ -170,14 +186,17 @@ def stated_sigma_px(camera: Camera) -> float | None:
 def document(image: Image, camera: Camera) -> CameraPoints | CameraDetections:
     """The record that a vision process publishes on Zenoh: pixels and intrinsics."""
     cx, cy = camera.width_px / 2, camera.height_px / 2
+    pinhole = None
+    if not camera.distortion:
+        pinhole = Intrinsics(fx_px=camera.f_px, fy_px=camera.f_px, cx_px=cx, cy_px=cy)
     head: dict[str, Any] = {
         "t_ns": image.t_ns,
         "clock": Clock.BOOT,
         "camera": camera.name,
-        "intrinsics": Intrinsics(fx_px=camera.f_px, fy_px=camera.f_px, cx_px=cx, cy_px=cy),
+        "intrinsics": pinhole,
     }
-    if image.detection is not None:
-        return CameraDetections(**head, detections=(image.detection,))
+    if image.detections is not None:
+        return CameraDetections(**head, detections=image.detections)
     sigma_px = stated_sigma_px(camera)
     center, left, right = (
         Pixel(u_px=cx + camera.f_px * y, v_px=cy + camera.f_px * z, sigma_px=sigma_px) for y, z in image.points

@@ -1,11 +1,22 @@
-"""What a detector finds of a leader beyond the wing's three points: nose and tail, a box, a pose."""
+"""What a detector finds of aircraft beyond the wing's three points: nose and tail, a box, a pose, a class."""
 
 from collections.abc import Iterable, Iterator
 from typing import Final
 
+import numpy as np
+
 from onboard.messages import Box, DetectedPoint, Detection, ImagePoint
-from simlink.scenarios.camera import Camera
-from simlink.sensors.camera import Mount, Points, mount_quaternion, stated_sigma_px
+from simlink.scenarios.camera import Camera, cuts, is_plain
+from simlink.scenarios.scenario import Scenario
+from simlink.sensors.camera import (
+    CameraSensor,
+    Image,
+    Mount,
+    Points,
+    correlated,
+    mount_quaternion,
+    stated_sigma_px,
+)
 from simlink.sensors.poses import PoseDetector
 from simlink.sensors.shapes import Place, box_around, draw_rotors, draw_shape, projected
 from simlink.world.attitude import difference
@@ -16,41 +27,53 @@ WING: Final = ("center", "left", "right")
 
 
 class Detector:
-    """The detector of one run, for a leader of wingspan `size` (m) whose shape is drawn by `seed`: `detect` once
-    for each registered image, in order. `mount`: q_bc of a moving mount."""
+    """The detector of one run, for an aircraft of wingspan `size` (m) whose shape is drawn by `seed`: `detect`
+    once for each registered image, in order. `mount`: q_bc of a moving mount. `target`: the id that it gives."""
 
-    def __init__(self, camera: Camera, seed: int, size: float, mount: Mount | None = None) -> None:
+    def __init__(
+        self, camera: Camera, seed: int, size: float, mount: Mount | None = None, target: str = "leader"
+    ) -> None:
         fixed = mount_quaternion(camera)
-        self._camera, self._size = camera, size
+        self._camera, self._size, self._target = camera, size, target
         self._mount = mount or (lambda _: fixed)
-        self._random = stream(seed, "camera.box")
-        self._shape = draw_shape(self._random)
+        random = stream(seed, "camera.box")
+        self._shape = draw_shape(random)
+        self._noise = correlated(iter(random.standard_normal, None), 4, camera)
         if camera.sees == "rotor_box":
             self._shape = self._shape._replace(bounds=draw_rotors(stream(seed, "camera.rotors")))
         self._poses = PoseDetector(stream(seed, "camera.pose"))
 
-    def detect(self, state: State, points: Points) -> Detection | None:
+    def detect(self, state: State, points: Points) -> tuple[Detection, ...] | None:
         """What it finds beside or in place of the wing's `points`; None: these alone."""
-        sees = self._camera.sees
-        if sees == "wing":
+        camera, sees = self._camera, self._camera.sees
+        if is_plain(camera):
             return None
         r_FL_n = difference(state.r_OL_n, state.r_OF_n)
-        place = Place(self._size, r_FL_n, state.q_nL, state.q_nF, self._camera, self._mount(state))
+        place = Place(self._size, r_FL_n, state.q_nL, state.q_nF, camera, self._mount(state))
+        named, box, pose = {}, None, None
+        if sees in ("wing", "wing_pose"):
+            named = self._named(zip(WING, points, strict=True))
+        elif sees == "points":
+            named = self._named(self._all(points, place))
+        elif sees == "center_box":
+            named = self._named([(WING[0], points[0])])
         if sees in ("pose", "wing_pose"):
-            named = self._named(zip(WING, points, strict=True)) if sees == "wing_pose" else {}
-            return Detection(points=named, pose=self._poses.see(place), target="leader")
-        if sees == "points":
-            return Detection(points=self._named(self._all(points, place)), target="leader")
-        named = self._named([(WING[0], points[0])]) if sees == "center_box" else {}
-        return Detection(points=named, box=self._box(place), target="leader")
+            pose = self._poses.see(place)
+        elif sees in ("box", "center_box", "rotor_box"):
+            box = self._box(place)
+            if box is None:
+                return ()
+        wrong = [m.class_name for m in camera.mistaken if m.start <= state.t < m.end]
+        name = (*wrong, camera.class_name)[0]
+        return (Detection(points=named, box=box, pose=pose, target=self._target, class_name=name),)
 
     def _all(self, points: Points, place: Place) -> Iterator[tuple[str, ImagePoint]]:
         """The wing's points, and nose and tail with as much noise."""
         yield from zip(WING, points, strict=True)
         sigma = self._camera.sigma_px / self._camera.f_px
-        for name, (u, v) in zip(self._shape.named, projected(self._shape.named.values(), place), strict=True):
-            du, dv = (sigma * self._random.standard_normal(2)).tolist()
-            yield name, (u + du, v + dv)
+        at, z = projected(self._shape.named.values(), place), next(self._noise)
+        for name, (u, v), du, dv in zip(self._shape.named, at, z[::2], z[1::2], strict=True):
+            yield name, (u + sigma * du, v + sigma * dv)
 
     def _named(self, points: Iterable[tuple[str, ImagePoint]]) -> dict[str, DetectedPoint]:
         c = self._camera
@@ -60,13 +83,57 @@ class Detector:
             for name, (u, v) in points
         }
 
-    def _box(self, place: Place) -> Box:
+    def _box(self, place: Place) -> Box | None:
+        """The box, cut at the image's edge; None where too little of it is inside."""
         c = self._camera
         corners = projected(self._shape.bounds, place)
-        (u, v), half = box_around(corners, self._shape, self._random.standard_normal(4))
-        return Box(
-            u_px=c.width_px / 2 + c.f_px * u,
-            v_px=c.height_px / 2 + c.f_px * v,
-            width_px=2 * c.f_px * half[0],
-            height_px=2 * c.f_px * half[1],
-        )
+        (u, v), half = box_around(corners, self._shape, np.array(next(self._noise)))
+        middle, sides = np.array([u, v]), np.array(half)
+        if cuts(c):
+            edge = np.array([c.width_px, c.height_px]) / 2 / c.f_px
+            ends = middle - sides, middle + sides
+            gap = c.edge_gap_px / c.f_px
+            low, high = (
+                np.where(ends[0] < -edge, gap - edge, ends[0]),
+                np.where(ends[1] > edge, edge - gap, ends[1]),
+            )
+            if (high <= low).any() or np.prod((high - low) / (2.0 * sides)) < c.least_inside:
+                return None
+            middle, sides = 0.5 * (low + high), 0.5 * (high - low)
+        (u_px, v_px), (width_px, height_px) = (c.f_px * middle).tolist(), (2.0 * c.f_px * sides).tolist()
+        return Box(u_px=c.width_px / 2 + u_px, v_px=c.height_px / 2 + v_px, width_px=width_px, height_px=height_px)
+
+
+class Vision:
+    """Camera and detector of one run, for aircraft of wingspan `size` (m): `expose` once per image, in order.
+    `mount`: q_bc of a moving mount."""
+
+    def __init__(self, scenario: Scenario, seed: int, size: float, mount: Mount | None = None) -> None:
+        self._arguments = scenario, seed, size, mount
+        self._pairs: list[tuple[CameraSensor, Detector]] = []
+
+    def expose(self, state: State, stamp_ns: int) -> Image | None:
+        """What is found in an image exposed now, of the leader and of all others; None: nothing."""
+        first: Points | None = None
+        found: list[Detection] = []
+        places = ((state.r_OL_n, state.q_nL), *((other.r_n, other.q_nb) for other in state.others))
+        for k, (r_n, q_n) in enumerate(places):
+            aircraft = state._replace(r_OL_n=r_n, q_nL=q_n)
+            camera, detector = self._pair(k)
+            if (points := camera.expose(aircraft)) is None:
+                continue
+            detections = detector.detect(aircraft, points)
+            if detections is None:
+                return Image(stamp_ns, points)
+            first = first or points
+            found += detections
+        return Image(stamp_ns, first, tuple(found)) if first and found else None
+
+    def _pair(self, k: int) -> tuple[CameraSensor, Detector]:
+        """What finds the leader (0), or one of the others; each has its own random numbers."""
+        while len(self._pairs) <= k:
+            scenario, seed, size, mount = self._arguments
+            own, name = seed + (len(self._pairs) << 96), f"other-{len(self._pairs)}" if self._pairs else "leader"
+            detector = Detector(scenario.camera, own, size, mount, name if scenario.camera.has_ids else "")
+            self._pairs.append((CameraSensor(scenario, own, size, mount), detector))
+        return self._pairs[k]

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.messages import ImagePoint, Quaternion, Vec3
-from simlink.scenarios.camera import Camera
+from simlink.scenarios.camera import Camera, lens_of
 from simlink.scenarios.formation import NAMED_POINTS
 from simlink.sensors.arrays import Array
 from simlink.sensors.camera import in_camera
@@ -89,11 +89,11 @@ def _near(point: Vec3, rng: np.random.Generator) -> Vec3:
 def projected(points: Iterable[Vec3], place: Place) -> list[ImagePoint]:
     """Image points of a leader's points, in b for a wingspan of 1."""
     size, r_FL_n, q_nL, q_nF, camera, q_bc = place
-    found = []
+    found, lens = [], lens_of(camera)
     for px, py, pz in points:
         x, y, z = attitude.to_n(q_nL, (size * px, size * py, size * pz))
         ahead, right, down = in_camera((r_FL_n[0] + x, r_FL_n[1] + y, r_FL_n[2] + z), q_nF, camera, q_bc)
-        found.append((right / ahead, down / ahead))
+        found.append(lens.pixel(right / ahead, down / ahead))
     return found
 
 

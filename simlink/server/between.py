@@ -13,8 +13,8 @@ from typing import Final
 
 from onboard.messages import SimStatus, Truth
 from simlink.scenarios.scenario import ScenarioError
-from simlink.sensors.camera import CameraSensor, Image
-from simlink.sensors.detector import Detector
+from simlink.sensors.camera import Image
+from simlink.sensors.detector import Vision
 from simlink.server.observed import LocalFrame
 from simlink.server.outlet import Outlet, OutletOptions
 from simlink.server.peer import PeerLink
@@ -55,8 +55,7 @@ class CameraBetween:
         self._options, self._now_ns, self._report, self._on_truth = options, now_ns, report, on_truth
         self._camera = scenario.camera
         self._size = true_size(scenario, options.seed)
-        self._sensor = CameraSensor(scenario, options.seed, self._size)
-        self._detector = Detector(scenario.camera, options.seed, self._size)
+        self._vision = Vision(scenario, options.seed, self._size)
         if options.camera in ("mavlink", "both"):
             check_mavlink(scenario)
         frame = LocalFrame()
@@ -157,13 +156,12 @@ class CameraBetween:
     def _image(self, outlet: Outlet, t_ns: int, own: Motion, other: Motion) -> None:
         state = world_of(self.exposures, self.exposures / self._camera.rate, other, own)
         truth = truth_record(state, self._size, t_ns)
-        points = self._sensor.expose(state)
-        stamp_ns = t_ns + round(self._camera.stamp_late * NS_PER_S)
-        if points is not None:
-            self._in_transit.append((t_ns, Image(stamp_ns, points, self._detector.detect(state, points))))
+        image = self._vision.expose(state, t_ns + round(self._camera.stamp_late * NS_PER_S))
+        if image is not None:
+            self._in_transit.append((t_ns, image))
         if not self.exposures:
             distance = math.dist(own.r_n, other.r_n)
-            self._report(f"the first exposure: the leader is {distance:.1f} m away, {_view(points is not None)}")
+            self._report(f"the first exposure: the leader is {distance:.1f} m away, {_view(image is not None)}")
         outlet.draw(state, t_ns)
         outlet.publish(truth)
         self._on_truth(truth)

@@ -16,10 +16,10 @@ from simlink.autopilot import AutopilotLink
 from simlink.sensors.navigation import Reading
 from simlink.server.links import TcpServer, UdpLink, parse_udp
 from simlink.server.outlet import Outlet, OutletOptions
-from simlink.simulation import Tick, boot_ns_of, ticks
+from simlink.simulation import Tick, boot_ns_of, follow_mode, ticks
 from simlink.traffic.reports import sender
 from simlink.world.constants import STEP_NS, STEPS_PER_SECOND
-from simlink.world.follow import FollowMode, following_states
+from simlink.world.follow import following_states
 
 MOST_BEHIND: Final = 0.25  # s of wall time; beyond that the boot clock is set back
 STATUS_STEPS: Final = STEPS_PER_SECOND // 5
@@ -78,8 +78,7 @@ class Server:
         boot_ns = boot_ns_of(options.scenario)
         self._clock = BootClock(now, boot_ns, options.speed)
         self._epoch_ns = unix_ns - boot_ns
-        follow = options.scenario.follow
-        self._follow = None if follow is None else FollowMode(follow)  # the follower flies on FOLLOW_TARGETs
+        self._follow = follow_mode(options.scenario)  # the follower flies on FOLLOW_TARGETs
         self._session = self._make_session(stream=False)
         self._traffic: dict[tuple[int, int], MavlinkEncoder] = {}  # by system and component
         self._outlet = Outlet(options, self._vehicle.system)

@@ -46,6 +46,7 @@ class State(NamedTuple):
     pwm_us: tuple[int, ...] | None = None  # commands to a quadrotor's motors
     fault: str = ""  # the active faults of the follower
     voltage_v: float | None = None  # of a quadrotor's battery
+    others: tuple["Motion", ...] = ()  # further aircraft that the camera sees
 
 
 class Motion(NamedTuple):

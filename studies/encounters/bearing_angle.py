@@ -60,10 +60,11 @@ def boxes(encounter: Encounter) -> list[Box]:
     """All boxes of an encounter, with our own pose at their times, interpolated."""
     messages, camera = received(encounter), encounter.scenario.camera
     attitudes = _rows(messages, Attitude, "q_nb", 0.0)
-    places = _rows(messages, LocalPosition, "r_OF_n", -POSITION_LAG)
+    lag = POSITION_LAG if encounter.scenario.vehicle.autopilot == "ardupilot" else 0.0
+    places = _rows(messages, LocalPosition, "r_OF_n", -lag)
     R_bc, found = matrix_from_euler(*np.radians(camera.mount_rpy_deg)), []
     for m in messages:
-        if not isinstance(m, TargetDetection) or m.half_sides is None:
+        if not isinstance(m, TargetDetection) or m.half_width is None:
             continue
         t, box = (m.t_ns - BOOT_NS) * 1e-9, m.features[0]
         q = np.array([np.interp(t, attitudes[:, 0], x) for x in attitudes[:, 1:].T])
@@ -75,7 +76,7 @@ def boxes(encounter: Encounter) -> list[Box]:
             Box(
                 t,
                 g / np.linalg.norm(g),
-                2.0 * max(m.half_sides),
+                2.0 * m.half_width,
                 side / np.sqrt(2.0),
                 side * np.sqrt(2.0),
                 r_OF + R_nb @ np.array(camera.mount_offset),
@@ -102,7 +103,9 @@ def flown(
         x, P = predicted(x, P, box.t - before, acceleration)
         x, P = updated(x, P, box, pseudo_linear=pseudo_linear)
         before = box.t
-        rows.append((box.t, *(x[P_] - box.r_OF), *(P[P_, P_] + _aim(x, box)).ravel()))
+        position, P_6 = x[P_] - box.r_OF, np.full((6, 6), np.nan)  # the velocity is not compared
+        P_6[P_, P_] = P[P_, P_] + _aim(x, box)
+        rows.append((box.t, *position, *[np.nan] * 3, *P_6.ravel()))
     return judged(np.array(rows), encounter.truth)
 
 

@@ -1,14 +1,15 @@
 """The flights of the study of encounters: simlink's random encounters through the daemon's pipeline as it ships,
 with nothing configured but the leader's size and class, and where the camera is mounted."""
 
-from collections.abc import Callable, Iterable, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
 from onboard.config import load_config
-from onboard.filters.gating import normalised_squared
+from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.messages import Datagram, Estimate, Message, Vec3
 from onboard.pipeline import Pipeline
 from simlink.encounters.conditions import NOMINAL_SIZE
@@ -22,6 +23,9 @@ from simlink.scenarios.formation import NAMED_POINTS
 
 SECONDS: Final = WHOLE
 SETTLE: Final = 5.0  # s before estimates count
+AFTER: Final = 8.0  # s from the beginning of a manoeuvre
+UNKNOWN: Final[Array] = np.empty(0)
+STRAYS: Final = chi_square_threshold(0.9973, 3)  # NEES of the leader, where another aircraft has a smaller one
 FINDS: Final = {
     "points": ", five points",
     "box": ", box alone",
@@ -60,7 +64,17 @@ FIVE_POINTS: Final = (
     ),
     "estimator.leader.named_wingtips=true",
 )
-DEFAULTS: Final = tuple(Case(family) for family in FAMILIES)
+CLASSES: Final = (
+    f"target.drone={{size_prior_m = {NOMINAL_SIZE}}}",
+    'target.airplane={size_prior_m = 12.0, leader_class = "fixed_wing"}',
+)
+# Families about a detector fly with it: boxes that may be cut or have no ids, classes that are configured.
+_OF_DETECTORS: Final[Mapping[str, Case]] = {
+    "cut": Case("cut", sees="rotor_box"),
+    "class_flickers": Case("class_flickers", CLASSES),
+    "two_cross": Case("two_cross", sees="rotor_box"),
+}
+DEFAULTS: Final = tuple(_OF_DETECTORS.get(family, Case(family)) for family in FAMILIES)
 WITH_CENTER: Final = (Case("hover", ON_WING), Case("circling", ON_WING))
 IN_WIND: Final = (Case("crab", feels_wind=True),)
 POINTS: Final = tuple(Case(family, FIVE_POINTS, "points") for family in ("hover", "sideways", "wander"))
@@ -76,13 +90,27 @@ CASES: Final = (*DEFAULTS, *WITH_CENTER, *IN_WIND, *POINTS, *BOXES, *ROTORS, *PO
 
 class Flight(NamedTuple):
     """Every estimate of one flight from SETTLE s on (n,): its time (s), the true range, and what was estimated,
-    NaN where it was not valid: range and its standard deviation (m), and the position's NEES."""
+    NaN where it was not valid: range and its standard deviation (m), and the NEES of position and of velocity.
+    `manoeuvre`: when the leader begins the one manoeuvre of its family (s); NaN: it has none. `strays` (n,): what
+    is published of the leader fits another aircraft better, and not the leader."""
 
     t: Array
     distance: Array
     range_: Array
     sigma: Array
     nees: Array
+    velocity_nees: Array = UNKNOWN
+    manoeuvre: float = math.nan
+    strays: Array | bool = False
+
+    @property
+    def after(self) -> "Flight":
+        """The estimates of the AFTER seconds from its manoeuvre on."""
+        since = self.t - self.manoeuvre
+        during = (since >= 0.0) & (since <= AFTER)
+        t, distance, range_, sigma, nees, velocity_nees = (x[during] for x in self[:6])
+        strays = np.broadcast_to(self.strays, during.shape)[during]
+        return Flight(t, distance, range_, sigma, nees, velocity_nees, self.manoeuvre, strays)
 
 
 def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
@@ -98,7 +126,7 @@ def fly(case: Case, seed: int, settings: Sequence[str] = ()) -> Flight:
     )
     off = mount_off(case.departure.mount_off_deg, seed)
     config = load_config(None, (*known(encounter, off), *case.settings, *settings))
-    return judged(estimated(Pipeline(config), encounter.datagrams()), encounter.truth)
+    return judged(estimated(Pipeline(config), encounter.datagrams()), encounter.truth, encounter.manoeuvre)
 
 
 def mount_off(degrees: float, seed: int) -> Vec3:
@@ -109,14 +137,17 @@ def mount_off(degrees: float, seed: int) -> Vec3:
 
 
 def known(encounter: Encounter, off: Vec3 = (0.0, 0.0, 0.0)) -> tuple[str, ...]:
-    """Settings: what is known of this encounter's leader, and of the mount of its follower's camera, whose angles
-    are `off` by so much, degrees."""
+    """Settings: what is known of this encounter's leader, of the lens of its follower's camera, and of its mount,
+    whose angles are `off` by so much, degrees."""
     camera = encounter.scenario.camera
     gimbal = () if camera.gimbal is None else (f"camera.gimbal={camera.gimbal.component}",)
     return (
         f"estimator.leader.size_prior_m={NOMINAL_SIZE}",
         f"estimator.leader.leader_class={encounter.leader_class}",
         *gimbal,
+        f"camera.f_px={camera.f_px}",
+        f"camera.distortion_model={camera.distortion_model}",
+        f"camera.distortion={list(camera.distortion)}",
         f"camera.mount_rpy_deg={[a + b for a, b in zip(camera.mount_rpy_deg, off, strict=True)]}",
         f"camera.mount_offset_m={list(camera.mount_offset)}",
     )
@@ -133,37 +164,50 @@ def estimated(
     datagrams: Iterable[Datagram],
     change: Callable[[list[Message]], list[Message]] = lambda messages: messages,
 ) -> Array:
-    """The leader's estimates (n, 13), in order: time of the encounter (s), r_FL_n (3), its covariance (9), NaN
-    where not valid. `change`: what becomes of the messages of one datagram."""
+    """The leader's estimates (n, 43), in order: time of the encounter (s), r_FL_n and v_FL_n (6), their covariance
+    (36), NaN where not valid. `change`: what becomes of the messages of one datagram."""
     outputs = (output for datagram in datagrams for output in pipeline.advance(change(pipeline.decode(datagram))))
     rows = [
-        ((output.t_ns - BOOT_NS) * 1e-9, *_position(output))
+        ((output.t_ns - BOOT_NS) * 1e-9, *_motion(output))
         for output in outputs
         if isinstance(output, Estimate) and output.name == "leader" and output.is_primary
     ]
-    return np.array(rows, dtype=float).reshape(-1, 13)
+    return np.array(rows, dtype=float).reshape(-1, 43)
 
 
-def judged(estimates: Array, truth: EncounterTruth) -> Flight:
-    """Estimates (n, 13), as of `estimated`, beside the truth at their times."""
+def judged(estimates: Array, truth: EncounterTruth, manoeuvre: float | None = None) -> Flight:
+    """Estimates (n, 43), as of `estimated`, beside the truth at their times."""
     later = estimates[(estimates[:, 0] >= SETTLE) & (estimates[:, 0] <= truth.t[-1])]
-    t, mean, P = later[:, 0], later[:, 1:4], later[:, 4:].reshape(-1, 3, 3)
-    r_FL_n = at(truth.t, truth.r_FL_n, t)
-    range_ = np.linalg.norm(mean, axis=1)
-    direction = mean / range_[:, None]
-    nees, valid = np.full(len(t), np.nan), np.isfinite(range_)
-    nees[valid] = normalised_squared(mean[valid] - r_FL_n[valid], P[valid])
+    t, mean, P = later[:, 0], later[:, 1:7], later[:, 7:].reshape(-1, 6, 6)
+    r_FL_n, v_FL_n = (at(truth.t, values, t) for values in (truth.r_FL_n, truth.v_FL_n))
+    range_ = np.linalg.norm(mean[:, :3], axis=1)
+    direction = mean[:, :3] / range_[:, None]
+    off = mean - np.hstack([r_FL_n, v_FL_n])
+    nees, strays = _nees(off[:, :3], P[:, :3, :3]), np.zeros(len(t), dtype=bool)
+    if truth.other is not None:
+        of_other = _nees(mean[:, :3] - at(truth.t, truth.other.r - truth.follower.r, t), P[:, :3, :3])
+        strays = (nees > STRAYS) & (of_other < nees)
     return Flight(
         t=t,
         distance=np.linalg.norm(r_FL_n, axis=1),
         range_=range_,
-        sigma=np.sqrt(np.einsum("ni,nij,nj->n", direction, P, direction)),
+        sigma=np.sqrt(np.einsum("ni,nij,nj->n", direction, P[:, :3, :3], direction)),
         nees=nees,
+        velocity_nees=_nees(off[:, 3:], P[:, 3:, 3:]),
+        manoeuvre=math.nan if manoeuvre is None else manoeuvre,
+        strays=strays,
     )
 
 
-def _position(estimate: Estimate) -> tuple[float, ...]:
-    """Mean (3) and covariance (9) of the position; NaN if it is not valid."""
+def _nees(off: Array, P: Array) -> Array:
+    """Of errors (n, 3) with covariances (n, 3, 3); NaN where they are (n,)."""
+    found, valid = np.full(len(off), np.nan), np.isfinite(off).all(axis=1)
+    found[valid] = normalised_squared(off[valid], P[valid])
+    return found
+
+
+def _motion(estimate: Estimate) -> tuple[float, ...]:
+    """Mean (6) and covariance (36) of position and velocity; NaN if they are not valid."""
     if not estimate.valid or estimate.mean is None or estimate.covariance is None:
-        return (float("nan"),) * 12
-    return *estimate.mean[:3], *(x for row in estimate.covariance[:3] for x in row[:3])
+        return (float("nan"),) * 42
+    return *estimate.mean[:6], *(x for row in estimate.covariance[:6] for x in row[:6])

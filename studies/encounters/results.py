@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
-from studies.encounters.flights import BOXES, DEFAULTS, GIMBALS, ON_WING, POINTS, POSES, SETTLE, Case
+from studies.encounters.flights import AFTER, BOXES, DEFAULTS, GIMBALS, ON_WING, POINTS, POSES, SETTLE, Case
 from studies.encounters.scores import Score, Share
 from studies.report.findings import Check, Claim, Table, check, verdict
 from studies.report.markdown import number
@@ -13,6 +13,7 @@ WRONG_FAMILY: Final = 1.0  # percent of valid estimates, at most
 INSIDE_BOXES: Final = 92.0  # percent of valid estimates of the cases with boxes alone, at least
 ON_GIMBAL: Final = 1.2  # times the range error behind a fixed camera, at most
 INSIDE_POSES: Final = 92.0  # the same of those with poses alone, of which at most WRONG_FAMILY are wrong
+INSIDE_AFTER, BEYOND_AFTER = 93.0, 2.0  # percent of valid estimates after a manoeuvre, at least and at most
 VALID_WHERE_SHARP: Final = 90.0  # percent of estimates, at least
 SHARP: Final = {  # range error (RMS, percent), at most, where the geometry allows it
     Case("behind"): 2.5,
@@ -50,14 +51,14 @@ class Requirement(NamedTuple):
 def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
     """One row for each case, and all flights with default settings together."""
     rows = [(case.name, scores[case]) for case in DEFAULTS if case in scores]
-    rows += [("all, defaults", total)] if total.flights else []
+    rows += [("all, defaults", total)] if all(case in scores for case in DEFAULTS) else []
     rows += [(case.name, score) for case, score in scores.items() if case not in DEFAULTS]
     return Table(
         title="Family by family",
         note=f"Every estimate from {SETTLE:g} s on; ± is one standard error, by the scatter from flight to "
         "flight. Range errors are RMS over valid estimates. Inside: the truth is in the 95 % ellipsoid of the "
-        "position. Wrong: the range is off by more than 3 sigma and more than 5 %. The last rows fly other "
-        "settings, and do not count in `all, defaults`.",
+        "position. Wrong: the range is off by more than 3 sigma and more than 5 %, or another aircraft "
+        "is followed. The last rows fly other settings, and do not count in `all, defaults`.",
         header=(
             *(
                 "encounter",
@@ -79,6 +80,43 @@ def table_of(scores: Mapping[Case, Score], total: Score) -> Table:
             for name, s in rows
         ),
     )
+
+
+def velocity_table(scores: Mapping[Case, Score], after: Mapping[Case, Score]) -> Table:
+    """One row for each case, and one for each whose leader has a manoeuvre: of the seconds after it begins."""
+    rows = [(case.name, s) for case, s in scores.items()]
+    rows += [(f"{case.name}, {AFTER:g} s from the manoeuvre on", s) for case, s in after.items()]
+    return Table(
+        title="Velocity",
+        note="Inside: the truth is in the 95 % ellipsoid. Beyond: the range is off by more than 3 sigma, the"
+        " velocity relative to us is out of the ellipsoid of 99.73 %.",
+        header=(
+            *("encounter", "flights", "velocity inside %", "± %", "velocity beyond %", "± %"),
+            *("position inside %", "± %", "range beyond %", "± %"),
+        ),
+        rows=tuple(
+            (name, float(s.flights), *s.velocity_inside, *s.velocity_beyond, *s.inside, *s.beyond)
+            for name, s in rows
+        ),
+    )
+
+
+def after_requirements(after: Mapping[Case, Score]) -> dict[str, list[Requirement]]:
+    """What is required of the seconds after a manoeuvre begins, as of `requirements`."""
+    found = [
+        requirement
+        for case, s in after.items()
+        for requirement in (
+            Requirement(f"position inside after the manoeuvre, {case.name}", s.inside, low=INSIDE_AFTER),
+            Requirement(f"velocity inside after the manoeuvre, {case.name}", s.velocity_inside, low=INSIDE_AFTER),
+            Requirement(f"range beyond 3 sigma after the manoeuvre, {case.name}", s.beyond, high=BEYOND_AFTER),
+            Requirement(f"velocity beyond after the manoeuvre, {case.name}", s.velocity_beyond, high=BEYOND_AFTER),
+        )
+    ]
+    return {
+        f"In the {AFTER:g} s after a leader begins a manoeuvre, position and velocity are inside in "
+        f"{INSIDE_AFTER:g} % of valid estimates, and at most {BEYOND_AFTER:g} % are beyond 3 sigma.": found
+    }
 
 
 def requirements(scores: Mapping[Case, Score], total: Score) -> dict[str, list[Requirement]]:

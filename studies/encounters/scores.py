@@ -11,6 +11,7 @@ from onboard.filters.gating import chi_square_threshold
 from studies.encounters.flights import DEFAULTS, Case, Flight
 
 INSIDE: Final = chi_square_threshold(0.95, 3)
+BEYOND: Final = chi_square_threshold(0.9973, 3)  # an ellipsoid as probable as three sigma of one number
 WRONG_SIGMAS: Final = 3.0
 WRONG_SHARE: Final = 0.05  # of the range: an estimate is confidently wrong if it is off by more than both
 
@@ -24,12 +25,16 @@ class Share(NamedTuple):
 
 class Score(NamedTuple):
     """All flights of a case. Of `valid`, the share is of all estimates, of the others of those that are valid.
-    Range errors are RMS, in percent of the true range: over all flights, of the median and the worst flight."""
+    Range errors are RMS, in percent of the true range: over all flights, of the median and the worst flight.
+    `beyond`: the range is off by more than three sigma, the velocity out of the ellipsoid of that probability."""
 
     flights: int
     valid: Share
     inside: Share
     wrong: Share
+    beyond: Share
+    velocity_inside: Share
+    velocity_beyond: Share
     range_error: Share
     median_flight: float
     worst_flight: float
@@ -40,6 +45,7 @@ def score(flights: Sequence[Flight]) -> Score:
     """The score of these flights together; of none, all is NaN."""
     valid = [np.isfinite(f.range_) for f in flights]
     counts = np.array([np.count_nonzero(v) for v in valid], dtype=float)
+    known = [np.count_nonzero(np.isfinite(f.velocity_nees)) for f in flights]
     off = [f.range_[v] / f.distance[v] - 1.0 for f, v in zip(flights, valid, strict=True)]
     squares = np.array([float(np.sum(x * x)) for x in off])
     of_flights = 100.0 * np.sqrt(squares[counts > 0] / counts[counts > 0])
@@ -51,6 +57,9 @@ def score(flights: Sequence[Flight]) -> Score:
         valid=ratio(counts, [len(f.t) for f in flights]),
         inside=ratio([np.count_nonzero(f.nees < INSIDE) for f in flights], counts),
         wrong=ratio([np.count_nonzero(is_wrong(f)) for f in flights], counts),
+        beyond=ratio([np.count_nonzero(_off(f) > WRONG_SIGMAS * f.sigma) for f in flights], counts),
+        velocity_inside=ratio([np.count_nonzero(f.velocity_nees < INSIDE) for f in flights], known),
+        velocity_beyond=ratio([np.count_nonzero(f.velocity_nees > BEYOND) for f in flights], known),
         # d sqrt(s) = ds / (2 sqrt(s))
         range_error=Share(100.0 * rms, mean_square.error / (2.0 * rms) if rms else 0.0),
         median_flight=float(np.median(of_flights)) if len(of_flights) else float("nan"),
@@ -65,10 +74,15 @@ def over_all(flights: Mapping[Case, Sequence[Flight]]) -> Score:
 
 
 def is_wrong(flight: Flight) -> Array:
-    """1 where an estimate is confidently wrong, else 0 (n,)."""
-    off = np.abs(flight.range_ - flight.distance)
+    """1 where an estimate is confidently wrong, or follows another aircraft, else 0 (n,)."""
+    off = _off(flight)
     wrong = (off > WRONG_SIGMAS * flight.sigma) & (off > WRONG_SHARE * flight.distance)
-    return np.asarray(wrong, dtype=float)
+    return np.logical_or(wrong, flight.strays).astype(float)
+
+
+def _off(flight: Flight) -> Array:
+    """By how much the range is off, m (n,)."""
+    return np.asarray(np.abs(flight.range_ - flight.distance))
 
 
 def ratio(hits: ArrayLike, counts: ArrayLike) -> Share:

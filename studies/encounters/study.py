@@ -8,13 +8,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from onboard.commands.parallel.workers import Jobs, Part, Progress, compute
 from studies.encounters import assumptions, peers, reference
 from studies.encounters.assumptions import BROKEN
 from studies.encounters.flights import CASES, DEFAULTS, Case, Flight, fly
 from studies.encounters.peers import BESIDE
 from studies.encounters.reference import Pair
-from studies.encounters.results import checks_of, claims_of, requirements, table_of
+from studies.encounters.results import (
+    after_requirements,
+    checks_of,
+    claims_of,
+    requirements,
+    table_of,
+    velocity_table,
+)
 from studies.encounters.scores import over_all, score
 from studies.report.files import drawing, publish, require_seeds
 from studies.report.findings import Findings
@@ -22,6 +31,7 @@ from studies.report.sampling import decided
 
 NAME: Final = "encounters"
 TITLE: Final = "Encounters: the leader from any side"
+SEEDS: Final = 6  # by default
 LEAST: Final = 40  # seeds to decide the claims
 FIRST_SEED: Final = 501  # settings are chosen on seeds 1 to 100
 FEWER: Final = 4  # of so many seeds one is flown with each assumption false, and beside another filter, too
@@ -29,7 +39,7 @@ COMPARED: Final = 8  # of so many encounters one is flown by the reference, too:
 
 
 def run(
-    seeds: int = 6,
+    seeds: int = SEEDS,
     first_seed: int = FIRST_SEED,
     jobs: Jobs = None,
     out: Path | None = None,
@@ -38,30 +48,53 @@ def run(
     settings: tuple[str, ...] = (),
     compared: int | None = None,
     broken: int | None = None,
+    departures: Sequence[Case] = BROKEN,
 ) -> Findings:
     """The study over `seeds` flights of each case; forty are needed to judge. `settings` are further overrides, as
     of `--set`: to choose settings, on other seeds than those of the report. The first `compared` seeds (None: an
     eighth of all) are flown by the reference, too, and the first `broken` (None: a quarter of all) with one
-    assumption false (`assumptions`), and beside another filter (`peers`)."""
+    assumption false (`assumptions`: the `departures`), and beside another filter (`peers`)."""
     every = require_seeds(seeds, first_seed)
     draw = drawing(__package__, out)
     few = every[: seeds // COMPARED if compared is None else compared]
     some = every[: seeds // FEWER if broken is None else broken]
     beside = [case for case in cases if case in reference.COMPARED and few]
+    others = list(BESIDE) if some and cases else []
     parts = [Part(fly, (case, seed, (*settings, *reference.SETTINGS))) for case in beside for seed in few]
     parts += [Part(fly, (case, seed, settings)) for case in cases for seed in every]
-    parts += [Part(fly, (case, seed, settings)) for case in BROKEN for seed in some]
-    parts += [Part(peers.fly, (case, seed, settings)) for case in BESIDE.values() for seed in some]
+    parts += [Part(fly, (case, seed, settings)) for case in departures for seed in some]
+    parts += [Part(peers.fly, (BESIDE[name], seed, settings)) for name in others for seed in some]
     references, flights, astray, paired = _split(
         compute(parts, jobs, progress),
         (beside, len(few)),
         (cases, seeds),
-        (BROKEN if some else (), len(some)),
-        (BESIDE if some else (), len(some)),
+        (departures if some else (), len(some)),
+        (others, len(some)),
     )
     shown = {case: each[0] for case, each in flights.items() if case in DEFAULTS}
     found = findings(flights, first_seed, settings, references, astray, paired)
-    return publish(decided(found, LEAST), out, draw, shown)
+    return publish(decided(found, LEAST), out, draw if shown else None, *([shown] if shown else []))
+
+
+def options(seeds: int | None, cases: str | None, *, departures: bool) -> dict[str, Any]:
+    """The arguments of `run` for a part of the study: the cases of these names, as in the keys of the page's
+    figures (`hover`, `hover_five_points`), or with `departures` their families with one assumption false each;
+    neither is flown by the reference or beside another filter. Raises ValueError, which names what there is."""
+    known = {key_of(case): case for case in CASES}
+    names = cases.split(",") if cases else list(known)
+    if unknown := [name for name in names if name not in known]:
+        raise ValueError(f"no case {unknown[0]!r}; there are: {', '.join(known)}")
+    chosen = [known[name] for name in names]
+    if not departures:
+        return {"cases": chosen, "compared": 0, "broken": 0}
+    families = {case.family for case in chosen}
+    astray = [case for case in BROKEN if case.family in families]
+    return {"cases": (), "compared": 0, "broken": seeds or SEEDS, "departures": astray}
+
+
+def key_of(case: Case) -> str:
+    """The case's name without commas and spaces."""
+    return case.name.replace(",", "").replace(" ", "_")
 
 
 def findings(
@@ -76,7 +109,9 @@ def findings(
     are flights with one assumption false, and `paired` those beside the bearing-angle filter."""
     scores, total = {case: score(each) for case, each in flights.items()}, over_all(flights)
     departed = {case: score(each) for case, each in (astray or {}).items()}
-    required = requirements(scores, total) | assumptions.requirements(departed) | peers.requirements(paired or {})
+    after = {c: score([f.after for f in each]) for c, each in flights.items() if has_manoeuvre(each)}
+    required = requirements(scores, total) | after_requirements(after)
+    required |= assumptions.requirements(departed) | peers.requirements(paired or {})
     pairs = {c: [*map(Pair, flights[c], each)] for c, each in (references or {}).items()}
     beside = reference.checks_of(pairs)
     setting = (__doc__ or "").replace("\n", " ").strip()
@@ -84,17 +119,23 @@ def findings(
         study=NAME,
         title=TITLE,
         setting=f"{setting} Beyond the defaults: {', '.join(settings)}." if settings else setting,
-        seeds=max(len(each) for each in flights.values()),
+        seeds=max(len(each) for each in (*flights.values(), *(astray or {}).values())),
         first_seed=first_seed,
         tables=(
             table_of(scores, total),
+            velocity_table(scores, after),
             *([reference.table_of(pairs)] if pairs else []),
-            *([assumptions.table_of(departed)] if departed else []),
+            *([assumptions.table_of(departed), assumptions.summary_of(astray or {})] if departed else []),
             *([peers.table_of(paired)] if paired else []),
         ),
         checks=(*checks_of(required), *beside),
         claims=(*claims_of(required), *reference.claims_of(beside)),
     )
+
+
+def has_manoeuvre(flights: Sequence[Flight]) -> bool:
+    """Whether the leaders of these flights have one."""
+    return any(np.isfinite(flight.manoeuvre) for flight in flights)
 
 
 def _split(flown: Sequence[Any], *groups: tuple[Iterable[Any], int]) -> list[dict[Any, Sequence[Any]]]:

@@ -115,6 +115,8 @@ def fly_many(
 def _check(s: Scenario) -> None:
     if s.quadrotor is not None or any(s.nav.attitude_white) or s.outliers.probability > 0.0 or s.camera.gimbal:
         raise ValueError("fly_many supports no quadrotor, gimbal, white attitude noise or outliers: use fly")
+    if s.camera.distortion or s.camera.noise_time:
+        raise ValueError("fly_many supports no distorted lens and no correlated noise of images: use fly")
 
 
 # ----------------------------------------------------------------------------------------------- truth

@@ -5,11 +5,14 @@ from typing import Any
 
 import pytest
 
+from onboard.autopilot.output import Outgoing
 from onboard.daemon import Daemon
+from onboard.links.host_clock import HostClock
 from onboard.messages import (
     AdsbVehicle,
     AltitudeType,
     Clock,
+    Datagram,
     Estimate,
     GlobalPosition,
     GpsFix,
@@ -21,6 +24,7 @@ from onboard.messages import (
     SinkHealth,
     TargetPoints,
 )
+from onboard.pipeline.silence import BEHIND
 from tests.support.faulty_flight import DATAGRAMS, ITEMS, T0, T1
 from tests.support.streams import EPOCH, MS, Item, S, Stream, encode, feed, heartbeat, make_config
 from tests.unit.autopilot.test_session import parsed
@@ -57,20 +61,42 @@ class Link:
         return LinkHealth()
 
 
+class SetClock(HostClock):
+    """A clock that shows what it is set to."""
+
+    def __init__(self) -> None:
+        self.shown_ns = 0
+        super().__init__(wall=lambda: self.shown_ns, monotonic=lambda: self.shown_ns)
+
+    def now_ns(self) -> int:
+        return self.shown_ns
+
+
 def flying(*overrides: str) -> tuple[Daemon, Wire, list[str]]:
-    """A daemon after the flight, tracking; its clock is that of the arguments."""
+    """A daemon after the flight, tracking."""
     lines: list[str] = []
     config = make_config("link=[{name='udp', url='udpin:127.0.0.1:0'}]", "zenoh.enabled=false", *overrides)
-    daemon, wire = Daemon(config, report=lines.append), Wire()
+    daemon, wire = Daemon(config, report=lines.append, clock=SetClock()), Wire()
     daemon._links, daemon._sinks = [Link(wire)], {"wire": wire}  # type: ignore[list-item, dict-item]
     for datagram in DATAGRAMS:
-        daemon._deliver(datagram)
+        deliver(daemon, datagram)
     return daemon, wire, lines
+
+
+def deliver(daemon: Daemon, datagram: Datagram, *, waited_ns: int = 0) -> None:
+    """Let a datagram be read so long after it has arrived."""
+    daemon._clock.shown_ns = datagram.t_recv_ns + waited_ns  # type: ignore[attr-defined] # of a SetClock
+    daemon._deliver(datagram)
+
+
+def tick(daemon: Daemon, now_ns: int) -> None:
+    daemon._clock.shown_ns = now_ns  # type: ignore[attr-defined] # of a SetClock
+    daemon._tick(now_ns)
 
 
 def pass_time(daemon: Daemon, seconds: float, start_ns: int = END) -> None:
     for ms in range(0, round(seconds * 1000), 50):
-        daemon._tick(start_ns + ms * MS)
+        tick(daemon, start_ns + ms * MS)
 
 
 def statuses(wire: Wire) -> list[int]:
@@ -87,8 +113,8 @@ def test_others_that_talk_do_not_make_a_dead_autopilot_healthy(chatter: Any) -> 
     for tenth in range(80):
         now_ns = END + tenth * 100 * MS
         (datagram,) = encode([Item(now_ns, chatter)])
-        daemon._deliver(datagram)
-        daemon._tick(now_ns)
+        deliver(daemon, datagram)
+        tick(daemon, now_ns)
     assert statuses(wire)[0] == 4
     assert statuses(wire)[-4:] == [5, 5, 5, 5]
     assert any("silent" in line for line in lines)
@@ -97,7 +123,7 @@ def test_others_that_talk_do_not_make_a_dead_autopilot_healthy(chatter: Any) -> 
 def test_an_autopilot_that_talks_is_healthy() -> None:
     daemon, wire, _ = flying()
     for datagram in encode(Stream(t0=T1, t1=T1 + 8, seed=21).items()):
-        daemon._deliver(datagram)
+        deliver(daemon, datagram)
         daemon._tick(datagram.t_recv_ns)
     assert set(statuses(wire)) == {4}
 
@@ -123,7 +149,7 @@ def test_estimates_are_valid_again_when_the_autopilot_returns_soon() -> None:
     pass_time(daemon, 1.5)
     assert not [r for r in wire.records if isinstance(r, Estimate)][-1].valid
     for datagram in encode(Stream(t0=T1 + 1.5, t1=T1 + 4, seed=21).items()):
-        daemon._deliver(datagram)
+        deliver(daemon, datagram)
     assert [r for r in wire.records if isinstance(r, Estimate)][-1].valid
 
 
@@ -131,9 +157,38 @@ def test_images_that_go_on_do_not_keep_an_estimate_valid() -> None:
     daemon, wire, _ = flying()
     images = [i for i in Stream(t0=T1, t1=T1 + 4, seed=21).items() if isinstance(i.message, TargetPoints)]
     for datagram in encode(images):
-        daemon._deliver(datagram)
+        deliver(daemon, datagram)
         daemon._tick(datagram.t_recv_ns)
     assert not [r for r in wire.records if isinstance(r, Estimate)][-1].valid
+
+
+def newest(wire: Wire) -> Estimate:
+    found: Estimate = [r for r in wire.records if isinstance(r, Estimate)][-1]
+    return found
+
+
+@pytest.mark.parametrize(("waited_ms", "reason"), [(300, ""), (700, BEHIND), (20_000, BEHIND)])
+def test_what_was_read_late_makes_no_valid_estimate(waited_ms: int, reason: str) -> None:
+    daemon, wire, _ = flying()
+    for datagram in encode(Stream(t0=T1, t1=T1 + 1, seed=21).items()):
+        deliver(daemon, datagram, waited_ns=waited_ms * MS)
+    assert newest(wire).valid is (not reason)
+    assert reason in newest(wire).reason
+
+
+def test_what_has_waited_for_a_sink_or_a_socket_is_judged_again() -> None:
+    """A process may be stopped at any place."""
+    daemon, wire, _ = flying()
+    tick(daemon, END)
+    last = newest(wire)
+    assert daemon._current(last) is last
+    daemon._clock.shown_ns = END + S  # type: ignore[attr-defined] # of a SetClock
+    assert (daemon._current(last).valid, daemon._current(last).reason) == (False, BEHIND)
+    sent = len(wire.frames)
+    daemon._send([Outgoing("udp", [b"frame"])], made_ns=END)
+    assert len(wire.frames) == sent
+    daemon._send([Outgoing("udp", [b"frame"])], made_ns=END + S)
+    assert len(wire.frames) == sent + 1
 
 
 def test_own_state_and_traffic_fall_silent_too() -> None:

@@ -24,7 +24,7 @@ from onboard.messages import Clock, Datagram, Encoding, FileRequest, Message, Pa
 from onboard.pipeline import Pipeline
 from onboard.wire.mavlink_encode import MavlinkEncoder, message_number
 from onboard.wire.signing import Signer
-from tests.support.emitted import LINK, command_long, everything
+from tests.support.emitted import LINK, answered, command_long, everything, sent
 from tests.support.leader import AUTOPILOT
 from tests.support.running_link import until, with_link
 from tests.support.streams import heartbeat
@@ -135,6 +135,77 @@ def test_signatures_are_compared_with_the_clock_that_is_set() -> None:
     assert link.accepts(NOW, arrival=began, step=HALF_A_YEAR)
     assert not Signed().accepts(began, arrival=began, step=HALF_A_YEAR)  # half a year old: a recording
     assert not Signed().accepts(began + 30 * S, arrival=began, step=HALF_A_YEAR)
+
+
+UNREAD = 2  # of what we send, nothing of which is read: TARGET_RELATIVE and COMPONENT_METADATA
+REPEATED = {"fc": KEY, "gcs": KEY, "other": KEY[::-1]}
+
+
+@pytest.mark.parametrize(("link", "why"), [("fc", "replayed"), ("gcs", "replayed"), ("other", "forged")])
+@pytest.mark.parametrize("age_s", [0, 30], ids="{} s ago".format)
+def test_a_signed_frame_that_is_repeated_on_any_link_is_no_news(
+    link: str, why: str, age_s: int, tmp_path: Path
+) -> None:
+    """Through the daemon: a trusted command of a while ago is not obeyed, and teaches no address."""
+    rows = []
+    for name, key in REPEATED.items():
+        (tmp_path / name).write_text(key.hex())
+        (tmp_path / name).chmod(0o600)
+        rows.append({"name": name, "url": "udpin:127.0.0.1:0", "key_file": str(tmp_path / name)})
+    trusting: dict[str, Any] = {"link": rows, "autopilot": {"trusted": [255]}, "zenoh": {"enabled": False}}
+    daemon, now = Daemon(parse_config(trusting), report=lambda _: None), NOW - age_s * S
+    daemon._output.connect(AUTOPILOT)
+    answers: list[bytes] = []
+    daemon._send = lambda outgoing, _: answers.extend(f for o in outgoing for f in o.frames)
+    command = dialect.MAVLink_command_long_message(7, 191, 511, 0, message_number("TIMESYNC"), -1, 0, 0, 0, 0, 0)
+    frame = Signer(KEY, 3).sign(bytes(command.pack(dialect.MAVLink(None, srcSystem=255))), now)
+
+    def delivered(channel: str, arrival: int) -> bool:
+        datagram = Datagram(channel=channel, encoding=Encoding.MAVLINK, t_recv_ns=arrival, data=frame)
+        return daemon._deliver(datagram)
+
+    assert delivered("fc", now)
+    assert len(answers) == 1
+    assert not delivered(link, NOW)
+    assert len(answers) == 1
+    assert daemon._pipeline.health(NOW).rejected[why] == 1
+
+
+@pytest.mark.parametrize("keys", [{}, {LINK: KEY}], ids=["plain", "signed"])
+def test_what_we_send_is_refused_and_named_when_it_comes_back(keys: dict[str, bytes]) -> None:
+    """By a router's loop or a stranger who repeats it: as ourselves, the virtual leader, or our camera."""
+    out = everything(keys)
+    pipeline = Pipeline(out._config, keys)
+
+    def fed(frame: bytes) -> bool:
+        data = out.signed(LINK, frame, NOW)
+        return bool(pipeline.decode(Datagram(channel=LINK, encoding=Encoding.MAVLINK, t_recv_ns=NOW, data=data)))
+
+    pipeline.advance([AUTOPILOT])
+    frames = [*sent(out), *answered(out)]
+    assert [fed(frame) for frame in frames] == [False] * len(frames)
+    health = pipeline.health(NOW)
+    assert health.rejected == {"our_own": len(frames) - UNREAD, "unknown_message": UNREAD}
+    named = {(r.source, r.reason.partition(",")[0]) for r in health.refusals}
+    assert named == {
+        (f"system {system}, component {component}", f"this is us: our frames come back on link `{LINK}`")
+        for system, component in ((7, 191), (99, 191), (7, 100))
+    }
+    assert fed(MavlinkEncoder(7, 1).encode(heartbeat(0))), "the autopilot's"
+    assert fed(MavlinkEncoder(8, 191).encode(heartbeat(0))), "another vehicle's"
+
+
+def test_a_detector_may_have_our_component_id() -> None:
+    """A program beside us with the same id, though the leader is sent as LANDING_TARGET, too."""
+    out = everything()
+    pipeline, made = Pipeline(out._config), list[Message]()
+    pipeline.advance([AUTOPILOT])
+    detector = dialect.MAVLink(None, srcSystem=7, srcComponent=191)
+    for number in range(3):
+        point = dialect.MAVLink_landing_target_message(1000, number, 8, 0.01 * number, 0, 0, 0, 0)
+        data = bytes(point.pack(detector))
+        made += pipeline.decode(Datagram(channel=LINK, encoding=Encoding.MAVLINK, t_recv_ns=NOW, data=data))
+    assert [type(m).__name__ for m in made] == ["TargetPoints"]
 
 
 FLIES = (

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from onboard.commands.compiling import needed_by
+from onboard.messages import not_valid
 from tests.support.programs import ROOT
 
 OF_SCORES = ("scoring", "view", "commands")  # there `valid` is a count, or shown
@@ -34,6 +35,16 @@ def sets_valid() -> Counter[str]:
             calls = [n for n in ast.walk(_tree(path)) if isinstance(n, ast.Call)]
             found[name] += sum(keyword.arg == "valid" for call in calls for keyword in call.keywords)
     return +found
+
+
+def takes_valid() -> set[str]:
+    """The files of `onboard` in which a record loses its validity after it was made."""
+    return {
+        path.relative_to(ROOT).as_posix()
+        for path in _files("onboard")
+        for node in ast.walk(_tree(path))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == not_valid.__name__
+    }
 
 
 def functions() -> Iterator[Function]:

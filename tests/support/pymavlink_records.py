@@ -43,6 +43,16 @@ G: Final = 9.80665
 P_0, T_0, BETA, GAS = 101_325.0, 288.15, -0.0065, 287.05287
 
 
+def _odometry(m: Any, h: dict[str, Any]) -> Message | None:
+    """The variances of the attitude: the last three of the diagonal of an upper triangle of six rows."""
+    roll, pitch, yaw = (m.pose_covariance[i] for i in (15, 18, 20))
+    if not all(v > 0.0 and math.isfinite(v) for v in (roll, pitch, yaw)):
+        return None
+    yaw_sigma, tilt_sigma = (math.sqrt(min(v, math.pi**2)) for v in (yaw, max(roll, pitch)))
+    unknown = dict.fromkeys(("horizontal_velocity", "horizontal_position"))
+    return EstimatorStatus(**h, **unknown, yaw_sigma=yaw_sigma, tilt_sigma=tilt_sigma)
+
+
 def _known(value: float, unknown: float, scale: float) -> float | None:
     """A scaled field, None where it holds the number that stands for "unknown"."""
     return None if value == unknown else value * scale
@@ -50,7 +60,8 @@ def _known(value: float, unknown: float, scale: float) -> float | None:
 
 def _heartbeat(m: Any, h: dict[str, Any]) -> Message:
     armed = bool(m.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED)
-    return Heartbeat(**h, vehicle_type=m.type, autopilot=m.autopilot, armed=armed, status=m.system_status)
+    kinds = {"vehicle_type": m.type, "autopilot": m.autopilot, "custom_mode": m.custom_mode}
+    return Heartbeat(**h, **kinds, armed=armed, status=m.system_status)
 
 
 def _attitude(m: Any, h: dict[str, Any]) -> Message:
@@ -113,12 +124,14 @@ def _estimator_status(m: Any, h: dict[str, Any]) -> Message:
     """Both autopilots use the same bits. A report of zeros only says nothing."""
     if not any(v for k, v in m.to_dict().items() if k not in {"mavpackettype", "time_usec", "airspeed_variance"}):
         return EstimatorStatus(**h, horizontal_velocity=None, horizontal_position=None)
+    is_px4 = m.get_type() == "ESTIMATOR_STATUS"
     fixed = bool(m.flags & dialect.ESTIMATOR_CONST_POS_MODE)
     position = dialect.ESTIMATOR_POS_HORIZ_REL | dialect.ESTIMATOR_POS_HORIZ_ABS
     return EstimatorStatus(
         **h,
-        horizontal_velocity=bool(m.flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and not fixed,
-        horizontal_position=bool(m.flags & position) and not fixed,
+        horizontal_velocity=bool(m.flags & dialect.ESTIMATOR_VELOCITY_HORIZ) and (is_px4 or not fixed),
+        horizontal_position=bool(m.flags & position) and (is_px4 or not fixed),
+        is_at_rest=fixed and is_px4,
     )
 
 
@@ -255,6 +268,7 @@ RECORDS: Final[dict[str, Callable[[Any, dict[str, Any]], Message | None]]] = {
     "GLOBAL_POSITION_INT": _global_position,
     "EKF_STATUS_REPORT": _estimator_status,
     "ESTIMATOR_STATUS": _estimator_status,
+    "ODOMETRY": _odometry,
     "DISTANCE_SENSOR": _distance,
     "WIND": _wind,
     "WIND_COV": _wind_cov,

@@ -9,6 +9,8 @@ from onboard.config import ConfigError, load_config
 from onboard.config.calibration import read_calibration
 from onboard.config.cameras import lens_of
 from onboard.geometry.lens import Lens, LensError
+from onboard.messages import Intrinsics
+from onboard.wire.points import lens_of as intrinsics_lens
 
 K = "900.0, 0.0, 640.0, 0.0, 905.0, 360.0, 0.0, 0.0, 1.0"
 D = "-0.3, 0.1, 0.001, -0.001, 0.0"
@@ -161,3 +163,48 @@ def test_a_key_that_has_no_effect_beside_a_calibration_is_refused(tmp_path: Path
 def test_no_lens_is_made_of_numbers_that_none_has(change: dict[str, Any]) -> None:
     with pytest.raises(LensError):
         Lens(**vars_of(LENS) | change)
+
+
+@pytest.mark.parametrize("binning", [2, 4])
+def test_intrinsics_of_binned_pixels_beside_the_size_of_all_are_scaled_and_noted(
+    tmp_path: Path, binning: int
+) -> None:
+    """As drivers send them: K of the binned image, the size of the sensor, and the binning."""
+    echo = ECHO.replace("width: 1280", f"width: {1280 * binning}").replace(
+        "height: 720", f"height: {720 * binning}"
+    )
+    lens = read_calibration(written(tmp_path, echo))
+    assert (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px) == tuple(binning * x for x in (900, 905, 640, 360))
+    assert f"(640, 360) is the middle of 1/{binning} of the image of" in lens.note
+    echo = echo.replace("binning_x: 0", f"binning_x: {binning}").replace("binning_y: 0", f"binning_y: {binning}")
+    binned = read_calibration(written(tmp_path, echo))
+    assert Lens(**{**vars_of(binned), "note": ""}) == LENS
+    assert binned.note == lens.note
+
+
+def test_a_principal_point_far_from_the_middle_is_noted_and_used_as_it_is(tmp_path: Path) -> None:
+    off = read_calibration(written(tmp_path, INFO.replace("640.0", "400.0")))
+    assert (off.cx_px, off.fx_px) == (400.0, 900.0)
+    assert off.note.startswith("the principal point (400, 360) is far from the middle of the image of 1280 x 720")
+    for near in ("520.0", "700.0"):
+        assert not read_calibration(written(tmp_path, INFO.replace("640.0", near))).note
+
+
+def test_a_part_of_an_image_has_its_principal_point_anywhere(tmp_path: Path) -> None:
+    assert not configured(tmp_path, "camera.crop_px=[320, 180, 960, 540]").note
+
+
+def test_keys_of_a_camera_and_intrinsics_of_images_are_judged_alike() -> None:
+    keys = (
+        "camera.width_px=2560",
+        "camera.height_px=1440",
+        "camera.f_px=900",
+        "camera.cx_px=640",
+        "camera.cy_px=360",
+    )
+    lens = lens_of(load_config(None, keys).camera)
+    assert (lens.fx_px, lens.cx_px, lens.cy_px) == (1800.0, 1280.0, 720.0)
+    numbers = {"fx_px": 900.0, "fy_px": 900.0, "cx_px": 640.0, "cy_px": 360.0}
+    sent = intrinsics_lens(Intrinsics(**numbers, width_px=2560.0, height_px=1440.0))
+    assert sent == lens
+    assert not intrinsics_lens(Intrinsics(**numbers)).note

@@ -11,9 +11,10 @@ import pytest
 from onboard.config import Config, ConfigError, load_config, parse_config
 from onboard.config.calibration import read_calibration
 from onboard.config.cameras import lens_of
-from onboard.geometry.camera import project
+from onboard.geometry.camera import in_view, project
 from onboard.geometry.rotations import matrix_from_euler
 from onboard.messages import Datagram, Encoding, TargetPoints, Verdict
+from onboard.pipeline.needs import needs
 from tests.support.streams import CIRCLE, EPOCH, MS, SIZE, Run, S, Stream, encode, feed, position_error
 from tests.unit.wire.test_points import document
 
@@ -209,3 +210,13 @@ def test_other_files_are_refused_in_one_line(tmp_path: Path, old: str, new: str,
 def test_a_camera_that_cannot_be_is_a_configuration_error(tables: dict[str, Any], expected: str) -> None:
     with pytest.raises(ConfigError, match=expected):
         parse_config(tables)
+
+
+def test_a_fisheye_without_coefficients_sees_to_its_sides_and_needs_no_distortion() -> None:
+    """Of 183 degrees; what is 75 degrees aside is in its image, and the pinhole of its focal length ends at 58."""
+    size = {"f_px": 400.0, "width_px": 1280.0, "height_px": 1280.0}
+    config = parse_config({"camera": {**size, "distortion_model": "fisheye", "distortion": [0.0] * 4}})
+    pinhole = parse_config({"camera": size})
+    assert in_view((3.7, 0.0), config.camera_model())
+    assert not in_view((3.7, 0.0), pinhole.camera_model())
+    assert (needs(config).undistorted, needs(pinhole).undistorted) == ((), ("front",))

@@ -77,7 +77,7 @@ def shown(message: Message, delay: dict[str, float], autopilot: int = PX4) -> tu
 def test_what_is_shown_is_older_than_its_stamp_by_the_delay_of_its_source(source: str) -> None:
     heard, _ = shown(SOURCES[source], {source: 0.25})
     assert heard.t_ns == (5000 - 250) * MS
-    others = {name: 0.25 for name in SOURCES if name != source}
+    others = {name: 0.05 for name in SOURCES if name != source}
     heard, _ = shown(SOURCES[source], others)
     assert heard.t_ns == 5000 * MS
 

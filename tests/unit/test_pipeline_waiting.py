@@ -1,9 +1,10 @@
 """Images that wait: for our own motion, with room by their target, and for their camera's gimbal."""
 
+import pytest
 from msgspec.structs import replace
 
 from onboard.config import OwnshipConfig
-from onboard.messages import Attitude, GimbalAttitude, LocalPosition, MountAttitude, TargetPoints
+from onboard.messages import Attitude, GimbalAttitude, LocalPosition, Message, MountAttitude, TargetPoints, Verdict
 from onboard.ownship import Ownship
 from onboard.pipeline.waiting import Waiting
 from tests.support.streams import MS, Flight, S, Stream, advance
@@ -53,3 +54,80 @@ def test_an_image_waits_for_its_camera_s_gimbal_but_not_for_ever() -> None:
     assert waiting.ready(again) == [image]
     ownship.receive(replace(heard, t_ns=6 * S + MS), 6 * S + MS)
     assert not waiting.takes(image, ownship)
+
+
+USED = {Verdict.INITIALISING, Verdict.FUSED, Verdict.FUSED_LATE}
+OUTLIER = 0.05  # rad
+
+
+def thinned(attitude: int, position: int, gap: tuple[float, float] = (0.0, 0.0), t1: float = 9.0) -> list[Message]:
+    """A flight with own motion at these periods in ms, positions in between attitudes and none within a `gap` in
+    s. Images arrive 20 ms after their stamps, which are 50 ms ahead."""
+    messages = []
+    for item in Stream(flight=NEAR, t1=t1, latency=20 * MS, lead_ns=50 * MS).items():
+        m, ms = item.message, item.message.t_ns // MS
+        if isinstance(m, Attitude) and ms % attitude:
+            continue
+        if isinstance(m, LocalPosition) and (
+            (ms - position // 40 * 20) % position or gap[0] < m.t_ns / S < gap[1]
+        ):
+            continue
+        messages.append(m)
+    return messages
+
+
+@pytest.mark.parametrize(
+    ("attitude", "position", "gap"),
+    [
+        (100, 100, (0.0, 0.0)),
+        (260, 260, (0.0, 0.0)),
+        (260, 20, (0.0, 0.0)),
+        (20, 260, (0.0, 0.0)),
+        (20, 20, (7.0, 7.95)),
+    ],
+    ids=["10 Hz", "4 Hz", "slow attitudes", "slow positions", "a gap of 0.95 s"],
+)
+def test_no_image_is_refused_for_own_motion_that_comes_within_a_second_seed_1(
+    attitude: int, position: int, gap: tuple[float, float]
+) -> None:
+    run = advance(thinned(attitude, position, gap))
+    reports = [r for r in run.reports if 6 * S < r.t_ns < 8.7 * S]  # once both streams have begun
+    assert len(reports) == 68
+    assert {r.verdict for r in reports} <= USED
+
+
+def test_an_image_waits_no_longer_than_for_the_attitude_that_was_missing() -> None:
+    """The position of its time is there; attitudes come each 260 ms, and 0.3 s late."""
+    messages = thinned(260, 20)
+    waited = [m for m in messages if isinstance(m, TargetPoints) and 7 * S < m.t_ns < 8 * S]
+    attitudes = [m for m in messages if isinstance(m, Attitude)]
+    late = sorted(
+        messages,
+        key=lambda m: m.t_recv_ns + 300 * MS * isinstance(m, Attitude) + (m.t_ns > 8 * S) * 10 * S,
+    )
+    last = max(late.index(m) for m in attitudes if m.t_ns < 8 * S)
+    fused = [r.t_ns for r in advance(late[: last + 1]).reports if r.verdict in USED]
+    newest = max(m.t_ns for m in attitudes if m.t_ns < 8 * S)
+    assert max(fused) == max(m.t_ns for m in waited if m.t_ns <= newest)
+
+
+def test_no_image_waits_for_a_stream_that_has_stopped() -> None:
+    ownship, waiting = flying(6 * S), Waiting(OwnshipConfig(), lambda _: None)
+    image = NEAR.image(6 * S + 200 * MS)
+    for t_ns in range(6 * S, 7 * S + 240 * MS, 20 * MS):
+        ownship.receive(NEAR.attitude(t_ns), t_ns)
+    assert waiting.takes(image, ownship)
+    assert waiting.ready(ownship) == [image]  # for a second it has waited in vain
+    assert not waiting.takes(NEAR.image(7 * S + 50 * MS), ownship)
+    assert not waiting.takes(NEAR.image(6 * S + 90 * MS), ownship)  # our pose is carried on as far as that
+
+
+def test_an_outlier_among_images_that_waited_begins_no_track_seed_1() -> None:
+    """When positions come again, the images before it are half a second old, and so is the track."""
+    messages = [
+        replace(m, target="") if isinstance(m, TargetPoints) else m for m in thinned(20, 20, (7.0, 7.5), 8.0)
+    ]
+    k, image = next((k, m) for k, m in enumerate(messages) if isinstance(m, TargetPoints) and m.t_ns > 7.2 * S)
+    center, left, right = ((u + OUTLIER, v) for u, v in (image.center, image.left, image.right))
+    messages[k] = replace(image, center=center, left=left, right=right)
+    assert {e.target for e in advance(messages).estimates} == {"leader"}

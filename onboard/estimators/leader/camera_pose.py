@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.geometry.camera import Camera
+from onboard.geometry.camera import Camera, in_view
 from onboard.geometry.units import S_PER_NS
 from onboard.messages import MountAttitude
 from onboard.ownship import Ownship, Pose, head_attitude
@@ -57,9 +57,8 @@ class CameraPoses:
             pose = self.at(t_ns, ownship, camera)
             if pose is None:
                 return True
-            ahead, right, down = (pose.R_cn @ (r_FL_n - pose.r_FC_n)).tolist()
-            half = 0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px
-            if ahead > 0 and abs(right) <= half[0] * ahead and abs(down) <= half[1] * ahead:
+            r_CL_c = pose.R_cn @ (r_FL_n - pose.r_FC_n)
+            if r_CL_c[0] > 0 and in_view(r_CL_c[1:] / r_CL_c[0], camera):
                 return True
         return False
 

@@ -25,6 +25,7 @@ from onboard.estimators.leader.tracks.exposures import Exposures
 from onboard.estimators.leader.tracks.gimbal_frames import GimbalFrames
 from onboard.estimators.leader.tracks.image import Image, prepare
 from onboard.estimators.leader.tracks.names import UNNAMED, awaits_name, continued, may_lead, swap_names
+from onboard.estimators.leader.tracks.report import Distance
 from onboard.estimators.leader.tracks.track import Track
 from onboard.estimators.leader.wind import TIMEOUT_NS, UNKNOWN, Wind, wind_of
 from onboard.geometry.camera import Camera
@@ -38,6 +39,7 @@ CONTRADICTED: Final = "broadcast_contradicted"  # how often the leader was not w
 NO_ID: Final = ""
 FOLLOWED: Final = (Lifecycle.TRACKING, Lifecycle.COASTING)  # in which a track is valid
 GIMBAL: Final = "gimbal_contradicted"  # how often the images began to contradict a gimbal's flags
+CLASS: Final = "class_changed"  # how often the detector has taken a target for something else from some image on
 RENAMED: Final = "target_renamed"  # how often a track has gone on under another id
 PASSED_ON: Final = "leader_passed_on"  # how often another target has become the leader
 MISFIT: Final = "misfit_"  # before the names of points that fit no nose, in the health
@@ -57,9 +59,11 @@ class Estimator:
         self._verdicts: Counter[str] = Counter()
         self._config, self._poses = config, CameraPoses(camera)
         self._filter = make_filter(config)
-        self._classes = {
-            name: (make_filter(config.of_class(name)), config.of_class(name)) for name in config.target
-        }
+        self._classes: dict[str, tuple[BeliefFilter, Config]] = {}
+        for name in config.target:
+            settings = config.of_class(name)
+            alike = [kind for kind in self._classes.values() if kind[1] == settings]  # two names of one thing
+            self._classes[name] = alike[0] if alike else (make_filter(settings), settings)
         self._sources: tuple[Broadcast | Ranging, ...] = (
             *([Broadcast(config, self._assist)] if config.broadcast.is_used else []),
             *([Ranging(config, self._assist)] if config.range.is_used else []),
@@ -70,7 +74,7 @@ class Estimator:
         self._is_named = False  # images say which target is the leader
         self._heir_since_ns: int | None = None  # since when another could be the leader, who is not valid
         self._next_refusal_ns = self._next_begin_ns = 0
-        self._exposures = Exposures()
+        self._exposures = Exposures(config.max_targets)
         self._wind, self._wind_ns = UNKNOWN, 0
 
     @property
@@ -91,28 +95,29 @@ class Estimator:
         if not isinstance(message, TargetImage):
             self._heed(message, ownship)
             return []
-        if message.target == NO_ID:
-            track = self._nearest(message, ownship)
-        else:
-            track = self._named(message.target, ownship)
-            self._is_named |= message.target == NAME
+        track, prepared = self._track_of(message, ownship)
         if track is None:
             return self._refuse(message, ownship)
-        ended: list[Estimate] = []
+        said: list[Estimate] = []
         if (before := self._renamed(message, track, ownship)) is not None:
-            track, ended = before, [self._rename(before, message.target, ownship)]
-        if track.is_followed and message.target != NO_ID:
+            track, said = before, [self._rename(before, message.target, ownship)]
+        if message.target != NO_ID and track.is_followed:
             self._exposures.add(message)
-        track.set_class(*self._class_of(message))
+        known = self._classes.get(message.class_name)
+        if track.take_for(message.class_name, message.t_ns, *(known or (None, self._config))):
+            self._verdicts[CLASS] += 1
+            said.append(track.tick(ownship))
         if track.target == NAME:
             self._compare_frames(message, ownship)
-        estimate = track.observe(message, ownship)
+        if prepared is not None and not track.prepares_as(self._class_of(message)[0], prepared):
+            prepared = None
+        estimate = track.observe(message, ownship, prepared)
         if estimate.measurement is not None:
             self._verdicts[estimate.measurement.verdict] += 1
             self._verdicts.update(f"{MISFIT}{name}" for name in estimate.measurement.misfits)
         for source in self._sources if track.target == NAME else ():
             source.receive(message, ownship)
-        return [*ended, estimate]
+        return [*said, estimate]
 
     def tick(self, ownship: Ownship) -> list[Estimate]:
         """Predict the tracks to the newest navigation sample whose next estimate is due. Drop idle targets, except
@@ -261,22 +266,31 @@ class Estimator:
         self._verdicts[RENAMED] += 1
         return before.tick(ownship)
 
-    def _nearest(self, message: TargetImage, ownship: Ownship) -> Track | None:
-        """The track whose prediction an image without an id fits best, or a new one; None with too many tracks."""
+    def _track_of(self, message: TargetImage, ownship: Ownship) -> tuple[Track | None, Image | None]:
+        """The track that is to take an image, None with too many tracks; and the image, where comparing it has
+        prepared it. One without an id is for the track whose prediction it fits best."""
+        if message.target != NO_ID:
+            self._is_named |= message.target == NAME
+            return self._named(message.target, ownship), None
         half_wing = max(track.half_wing for track in self._tracks.values())
         noise = max(track.noise.scale for track in self._tracks.values())
         image = prepare(message, ownship, self._poses, *self._class_of(message), half_wing, noise)
         if isinstance(image, Verdict):
-            return self._tracks[NAME]  # which reports the verdict
-        distances = {track.target: track.distance(image, ownship) for track in self._candidates(image)}
-        nearest = min(distances, key=lambda target: distances[target])
+            return self._tracks[NAME], None  # which reports the verdict
+        distances = {track.target: track.expects(image, ownship) for track in self._candidates(image)}
         self._exposures.add(message)
+        return self._nearest(image, distances, ownship), image
+
+    def _nearest(self, image: Image, distances: dict[str, Distance], ownship: Ownship) -> Track | None:
+        """The track whose prediction an image fits best, or a new one; None with too many tracks."""
+        nearest = min(distances, key=lambda target: distances[target])
         if not distances[nearest].beyond or not image.has_extent:
             return self._tracks[nearest]
         if self._tracks[NAME].is_idle(ownship.now_ns):
             return self._tracks[NAME]
         visible = self._offsets(image)
-        if visible and len(visible) >= self._exposures.aircraft(message) and min(visible.values()) < APART:
+        aircraft = self._exposures.aircraft(image.message)
+        if visible and len(visible) >= aircraft and min(visible.values()) < APART:
             return self._tracks[min(visible, key=lambda target: visible[target])]  # an outlier of this track
         self._numbered += 1
         return self._named(f"{UNNAMED}{self._numbered}", ownship)
@@ -290,7 +304,8 @@ class Estimator:
         return [t for t in self._tracks.values() if offsets.get(t.target, 0.0) <= limit]
 
     def _offsets(self, image: Image) -> dict[str, float]:
-        """How far, rad, an image's direction is from each track with a recent image, by target."""
-        direction = image.direction_n.tolist()
-        tracks = self._tracks.values()
-        return {t.target: math.dist(t.direction_n, direction) for t in tracks if t.direction_n is not None}
+        """How far, rad, an image's direction is from each track that had an image shortly before it, by target:
+        images that waited for our own motion are older than the newest estimate."""
+        direction, t_ns = image.direction_n.tolist(), image.message.t_ns
+        recent = (t for t in self._tracks.values() if not t.status.is_coasting(t_ns))
+        return {t.target: math.dist(t.direction_n, direction) for t in recent if t.direction_n is not None}

@@ -8,7 +8,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.estimators.leader.config import Config
-from onboard.messages import ImageFeature, ImagePoint
+from onboard.messages import ImageFeature, ImagePoint, Sides
 from onboard.models.apparent_shape import HIGHEST, LOWEST, Posture, Rows, measured_spread
 
 WINGTIPS: Final = ((0.0, -0.5, 0.0), (0.0, 0.5, 0.0))  # in b, of a wingspan of 1
@@ -22,7 +22,7 @@ RIM: Final = 12  # points of the circle that stands for all rotors, 0.04 of the 
 ROTORS_AT: Final = -0.04
 ROTORS_HIGH: Final = ((0.0, 0.0, -0.09), (0.0, 0.0, 0.19))  # canopy and feet ...
 ROTORS_HEIGHT: Final = 0.08  # ... of which each data sheet has its own: one standard deviation of top and bottom
-BOX_SHARE: Final = 0.05  # of the box's larger side, of each side
+BOX_SHARE: Final = 0.05  # of the box's larger side: what a detector says of each side is no less
 BOX_BIAS: Final = 0.08  # of its size: a detector's boxes are all too wide, or all too narrow ...
 ROTORS_BIAS: Final = 0.1  # ... of rotors also by the 6 % (RMS) that a square of them differs from a circle ...
 GUESS_BIAS: Final = 0.15  # ... and of a wing in usual proportions, so is what they bound
@@ -30,6 +30,10 @@ PITCH: Final = math.radians(7.0)  # rad, of the fuselage about the pitch that th
 SMALLEST: Final = 2.0  # a spread below this many of its sigmas says nothing of the range
 MISPLACED: Final = 0.03  # of the wingspan: how far a detector misplaces a point of an aircraft
 SHORTEST: Final = 0.1  # of the wingspan, from nose to tail: closer points show no nose
+
+
+# Of a box, from its left, right, upper and lower side.
+MIDDLE_AND_SIZE: Final = np.array([[0.5, 0.5, 0, 0], [0, 0, 0.5, 0.5], [-1.0, 1.0, 0, 0], [0, 0, -1.0, 1.0]])
 
 
 class Shape(NamedTuple):
@@ -153,13 +157,11 @@ def _of_points(points: Array, y: Array, sigmas: Sequence[float]) -> Rows:
     return Rows(points, which, axis, y.ravel(), np.repeat(sigmas, 2), named=True)
 
 
-def of_box(shape: Shape, middle: ImageFeature, half: ImagePoint, axes: Array) -> ShapeFeatures:
-    """What the sides of a box bound: half its width and height in focal lengths."""
-    (u, v), (a, b) = middle.point, half
-    left, right = (_on_plane(axes, (u + x, v))[0] for x in (-a, a))
-    upper, lower = (_on_plane(axes, (u, v + x))[1] for x in (-b, b))
+def of_box(shape: Shape, sides: Sides, noise: float, axes: Array) -> ShapeFeatures:
+    """What the `sides` of a box bound, each with this `noise`, in shares of the larger one."""
+    left, upper, right, lower = (_on_plane(axes, side)[k % 2] for k, side in enumerate(sides))
     larger = max(right - left, lower - upper)
-    sigma = np.full(4, max(middle.sigma, BOX_SHARE * larger))
+    sigma = np.full(4, noise * larger)
     sigma[2:] = np.hypot(sigma[2:], shape.height * larger)
     which, axis = np.array([LOWEST, HIGHEST] * 2), np.array([0.0, 0.0, 1.0, 1.0])
     rows = Rows(shape.bounds, which, axis, np.array([left, right, upper, lower]), sigma, named=False)

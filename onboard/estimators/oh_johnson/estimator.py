@@ -24,6 +24,7 @@ from onboard.filters import unscented
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import chi_square_threshold
 from onboard.geometry.camera import Camera
+from onboard.geometry.lens import WIDEST
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import Estimate, Lifecycle, MeasurementReport, Message, TargetPoints, Verdict
 from onboard.models import camera_angles, relative_motion
@@ -35,7 +36,6 @@ LISTENS: Final = (TargetPoints,)
 LEADER: Final = ("leader", "")  # ids of its images
 WEIGHTS: Final = unscented.julier_weights(relative_motion.N)  # eqs 23-25
 REMEMBERED: Final = 64  # images whose repetition is noticed
-WIDEST: Final = 100.0  # focal lengths from the axis: no lens shows a point beyond
 
 
 class CameraPose(NamedTuple):

@@ -26,39 +26,46 @@ SCATTER_S: Final = 1.0  # over which the scatter of samples is averaged
 
 class Samples:
     """Vectors (n,) at rising times: their mean over any span, and their scatter about a smooth course. On a
-    shaking vehicle an accelerometer that is sampled now and then scatters by many times its own noise."""
+    shaking vehicle an accelerometer that is sampled now and then scatters by many times its own noise. A gap is
+    what lies between two samples that are farther apart than a sample holds: nothing is known of it."""
 
     def __init__(self, size: int) -> None:
         self.times: list[int] = []
         self._values: list[Array] = []
         self._sums: list[Array] = []  # integral up to each sample
         self._scatter: list[Array] = []  # variance of a sample times the time between samples
+        self._gaps: list[int] = []  # how many have been before each sample
         self._size = size
 
     def add(self, t_ns: int, value: Array) -> bool:
         """Append; False for a sample that is not newer than the newest."""
         if self.times and t_ns <= self.times[-1]:
             return False
-        integral = np.zeros(self._size)
+        integral, gaps = np.zeros(self._size), 0
         if self.times:
-            dt = min(t_ns - self.times[-1], HELD_NS) * S_PER_NS
-            integral = self._sums[-1] + 0.5 * dt * (self._values[-1] + value)
+            dt_ns = t_ns - self.times[-1]
+            gaps = self._gaps[-1] + (dt_ns > HELD_NS)
+            integral = self._sums[-1] + 0.5 * dt_ns * S_PER_NS * (self._values[-1] + value)
         self._scatter.append(self._mean_scatter(t_ns, value))
+        self._gaps.append(gaps)
         self.times.append(t_ns)
         self._values.append(value)
         self._sums.append(integral)
         if self.times[-1] - self.times[0] > 2 * KEPT_NS:
             keep = bisect_left(self.times, self.times[-1] - KEPT_NS)
-            del self.times[:keep], self._values[:keep], self._sums[:keep], self._scatter[:keep]
+            for kept in (self.times, self._values, self._sums, self._scatter, self._gaps):
+                del kept[:keep]
         return True
 
     def mean(self, t0_ns: int, t1_ns: int) -> Array | None:
-        """Mean over [t0, t1], with the newest sample held beyond itself; None where no sample is near enough."""
+        """Mean over [t0, t1], with the newest sample held beyond itself; None where no sample is near enough, or
+        where a part of that is in a gap."""
         if not self.times or t0_ns < self.times[0] - HELD_NS or t1_ns > self.times[-1] + HELD_NS:
             return None
-        i = bisect_right(self.times, t1_ns)
-        if 0 < i < len(self.times) and self.times[i] - self.times[i - 1] > HELD_NS:
-            return None  # a gap between samples
+        before = max(bisect_right(self.times, t0_ns) - 1, 0)  # the last sample until t0, and the first from t1 on
+        after = min(bisect_left(self.times, t1_ns), len(self.times) - 1)
+        if self._gaps[after] > self._gaps[before]:
+            return None
         if t1_ns - t0_ns < 1:
             return self._at(t0_ns)
         return np.asarray((self._integral(t1_ns) - self._integral(t0_ns)) / ((t1_ns - t0_ns) * S_PER_NS))
@@ -74,7 +81,9 @@ class Samples:
         neighbours has 3/2 of the variance of white noise."""
         if len(self.times) < 2:
             return np.zeros(self._size)
-        dt = 0.5 * min(t_ns - self.times[-2], 2 * HELD_NS) * S_PER_NS
+        if max(t_ns - self.times[-1], self.times[-1] - self.times[-2]) > HELD_NS:
+            return self._scatter[-1]  # what changed in a gap is no scatter
+        dt = 0.5 * (t_ns - self.times[-2]) * S_PER_NS
         deviation = self._values[-1] - 0.5 * (self._values[-2] + value)
         share = min(dt / SCATTER_S, 1.0)
         return self._scatter[-1] + share * (deviation**2 / 1.5 * dt - self._scatter[-1])

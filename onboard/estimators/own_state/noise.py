@@ -1,6 +1,7 @@
 """How noisy our sensors are, learnt from their messages by the measure of `onboard.ownship.scatter`.
 
-What is configured holds until enough messages have come, and for good where `learn_noise` is off. Position keeps
+What is configured holds until enough messages have come, and for good where `learn_noise` is off. What no such
+sensor can have is not learnt: it is a mistake, as of units. Position keeps
 the accuracy that the receiver states: most of its error changes slowly, so its scatter does not show it.
 """
 
@@ -14,6 +15,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.own_state.config import Config
 from onboard.geometry.units import S_PER_NS
+from onboard.ownship.contradictions import RATE_NOISE, SPEED_NOISE
 from onboard.ownship.scatter import Scatter
 
 LEAST_ATTITUDE: Final = np.radians(0.02)  # rad: MAVLink's quaternions and the autopilot's own timing
@@ -85,7 +87,7 @@ class SensorNoise:
         attitude, rates = self._attitude, self._rates
         if self._learns and white is not None and self._scatter.count >= KNOWN:
             attitude = np.maximum(np.array(white), LEAST_ATTITUDE)
-            rates = np.maximum(np.array(self._scatter.white or NOTHING), LEAST_RATE)
+            rates = np.clip(np.array(self._scatter.white or NOTHING), LEAST_RATE, RATE_NOISE)
         return np.concatenate([attitude, rates])
 
     @property
@@ -94,7 +96,7 @@ class SensorNoise:
         white = self._speeds.white
         if not self._learns or white is None or self._speeds.count < KNOWN:
             return self._speed
-        level = max(0.5 * math.hypot(*white) / math.sqrt(2.0), LEAST_SPEED)
+        level = min(max(0.5 * math.hypot(*white) / math.sqrt(2.0), LEAST_SPEED), SPEED_NOISE)
         return np.asarray(self._speed * level / self._speed[0])
 
     def turning(self, t_ns: int) -> Array:

@@ -179,7 +179,7 @@ class Track:
         if sensor == BAROMETER and run > PATIENCE:
             # For a barometer it means another datum and no motion of ours: a door, a gust, ground effect.
             filtered, update = self._filter.update(self._without_datum(cell.filtered), *arguments)
-            run = 0
+            run, gated = 0, False
         rejected = {**cell.rejected, sensor: run}
         if gated and run <= PATIENCE:
             return cell._replace(rejected=rejected), Outcome(False, update)

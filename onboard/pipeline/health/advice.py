@@ -7,11 +7,13 @@ from collections import deque
 from typing import Final
 
 from onboard.messages import Advice, Health, Severity
-from onboard.pipeline.health.causes import CAUSES
+from onboard.pipeline.health.causes import OF_MESSAGES, OF_THIS_COMPUTER
+from onboard.pipeline.health.causes_host import STOOD_STILL_S
 from onboard.pipeline.health.needs import Moment, Needs
 
 LOOKS_BACK_NS: Final = 5_000_000_000  # counts are compared with those of then
 ORDER: Final = (Severity.ERROR, Severity.WARNING, Severity.NOTICE)
+SETTLES_NS: Final = 3_000_000_000  # after this program stood still, until rates are again those that come
 MOST: Final = 16  # pieces of advice at once
 
 
@@ -22,6 +24,7 @@ class Advisor:
         self.needs = needs
         self._before: deque[Health] = deque()
         self._first_ns: int | None = None
+        self._stood_ns = 0  # see `Moment`
 
     def advise(self, health: Health) -> tuple[Advice, ...]:
         """What is wrong at the time of `health`, the worst first. Call it about once a second."""
@@ -33,7 +36,12 @@ class Advisor:
             kept.popleft()
         before = kept[0] if kept else health
         waited = max((t_ns - self._first_ns) * 1e-9, health.uptime)
-        moment = Moment(health, before, self.needs, waited)
+        if health.computer.lag > STOOD_STILL_S:
+            self._stood_ns = t_ns
+        moment = Moment(health, before, self.needs, waited, self._stood_ns)
         kept.append(health)
-        found = [advice for cause in CAUSES for advice in cause(moment)]
+        # Silence, low rates and images without our motion follow from it: they are nobody else's fault.
+        has_stood = self._stood_ns > 0 and 0 <= t_ns - self._stood_ns < SETTLES_NS
+        causes = OF_THIS_COMPUTER if has_stood else OF_MESSAGES + OF_THIS_COMPUTER
+        found = [advice for cause in causes for advice in cause(moment)]
         return tuple(sorted(found, key=lambda a: ORDER.index(a.severity))[:MOST])

@@ -11,7 +11,9 @@ from onboard.messages import Advice
 from onboard.pipeline.health import causes_camera, causes_host, causes_own
 from onboard.pipeline.health.needs import Moment
 
-CAUSES: Final[tuple[Callable[[Moment], Iterator[Advice]], ...]] = (
+Causes = tuple[Callable[[Moment], Iterator[Advice]], ...]
+
+OF_MESSAGES: Final[Causes] = (
     causes_own.silent_autopilot,
     causes_own.other_vehicles,
     causes_own.missing_streams,
@@ -25,6 +27,8 @@ CAUSES: Final[tuple[Callable[[Moment], Iterator[Advice]], ...]] = (
     causes_camera.contradicted,
     causes_camera.lens,
     causes_host.refused,
+)
+OF_THIS_COMPUTER: Final[Causes] = (
     causes_host.links,
     causes_host.sinks,
     causes_host.slow,

@@ -11,6 +11,7 @@ from onboard.pipeline.health.remedies import remedy_of
 OF_TLS: Final = re.compile(r"certificate|TLS: ")  # of what a handshake says; an address may be tls/..., too
 RECENT_NS: Final = 10_000_000_000
 LATE_S: Final = 0.15  # by which the daemon's timer may be late
+STOOD_STILL_S: Final = 1.0  # by which it is late when the program did not run at all, or hardly
 LITTLE_ROOM: Final = 200_000_000  # bytes
 LITTLE_MEMORY: Final = 100_000_000
 ROOM: Final = "make room (`df -h`, `du -sh *`), or set `path` of [recorder]"
@@ -20,7 +21,7 @@ ALSO: Final = "(the rest is used) "  # before what is ignored of a document
 def refused(m: Moment) -> Iterator[Advice]:
     """What was refused, by the reason that is known already."""
     for refusal in reversed(m.now.refusals):
-        if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= RECENT_NS:
+        if not 0 <= m.now.t_recv_ns - refusal.t_recv_ns <= RECENT_NS or refusal.t_recv_ns <= m.stood_ns:
             continue
         if _follows(m, refusal.reason):
             continue
@@ -105,10 +106,14 @@ def sinks(m: Moment) -> Iterator[Advice]:
 def slow(m: Moment) -> Iterator[Advice]:
     """This computer is too slow for what comes."""
     signs, load = [], m.now.computer
+    has_stood = load.lag > STOOD_STILL_S  # what was skipped then shows no slow computer afterwards
     for name, health in m.now.links.items():
         before = m.before.links.get(name, health)
         if health.dropped > before.dropped:
             signs.append(f"link {name} lost {health.dropped - before.dropped} datagrams")
+        if health.skipped > before.skipped and (has_stood or m.before.t_recv_ns >= m.stood_ns):
+            count = health.skipped - before.skipped
+            signs.append(f"link {name}: {count} datagrams had waited too long and were left out")
         if health.shed > before.shed:
             signs.append(f"link {name}: too many messages; {health.shed - before.shed} were left out")
     for name, sink in m.now.sinks.items():
@@ -118,7 +123,18 @@ def slow(m: Moment) -> Iterator[Advice]:
             signs.append(f"{name} lost {lost} records")
     if load.lag > LATE_S and m.before.computer.lag > LATE_S and m.before is not m.now:
         signs.append(f"the daemon is {load.lag:.2f} s late")
-    if signs:
+    if has_stood:
+        yield Advice(
+            cause="slow",
+            severity=Severity.WARNING,
+            about="pause",
+            what=", ".join([f"this program stood still for {load.lag:.1f} s", *signs]),
+            remedy="let nothing pause it (`docker pause`, suspend); give it storage that does not stall (`dmesg`),"
+            " memory without swap, and a share of the processor",
+            text=f"companion program stood still {load.lag:.0f} s",
+            over="this program runs again",
+        )
+    elif signs:
         busy = "" if load.cpu is None else f" (all cores {load.cpu:.0f} % busy)"
         yield Advice(
             cause="slow",

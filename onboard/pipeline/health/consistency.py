@@ -46,10 +46,11 @@ class Consistencies:
 def _of(window: deque[tuple[float, int, float]]) -> Consistency:
     degrees = sum(n for _, n, _ in window)
     low, high = bounds(degrees)
-    noise = math.sqrt(sum(scale**2 * nis for nis, _, scale in window) / degrees)
-    return Consistency(
-        count=len(window), nis=sum(nis for nis, _, _ in window) / degrees, low=low, high=high, noise=noise
-    )
+    nis = sum(nis for nis, _, _ in window) / degrees
+    larger = sum(scale**2 * nis for nis, _, scale in window) / degrees
+    learnt = sum(scale**2 for _, _, scale in window) / len(window)
+    noise = math.sqrt(max(larger, learnt) if nis < 1.0 else larger)
+    return Consistency(count=len(window), nis=nis, low=low, high=high, noise=noise)
 
 
 def bounds(degrees: int) -> tuple[float, float]:

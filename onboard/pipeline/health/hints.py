@@ -5,6 +5,7 @@ quarter of the image that is configured, all of them, which those of a whole ima
 leader stays in that quarter anyway, nothing shows the difference.
 """
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -35,8 +36,10 @@ class Hints:
         source = f"camera {image.camera}"
         if image.range is not None and not self._takes_ranges:
             self._add(source, UNUSED, image.t_recv_ns)
+        if image.doubt:
+            self._add(source, DOUBT + image.doubt, image.t_recv_ns)
         left, upper, right, lower = image.view or (0.0, 0.0, 0.0, 0.0)
-        middle = 0.5 * (left + right), 0.5 * (upper + lower)
+        middle = _between(left, right), _between(upper, lower)
         count, since_ns = self._quarters.get(image.camera, (0, image.t_recv_ns))
         if any(u >= middle[0] or v >= middle[1] for u, v in image.image_points):
             self._quarters.pop(image.camera, None)
@@ -44,3 +47,8 @@ class Hints:
             self._quarters[image.camera] = count + 1, since_ns
             if count >= IMAGES and image.t_recv_ns - since_ns > SPAN_NS:
                 self._add(source, QUARTER, image.t_recv_ns)
+
+
+def _between(a: float, b: float) -> float:
+    """The image coordinate in the middle of two, by their angles: one edge of a wide image may be very far."""
+    return math.tan(0.5 * (math.atan(a) + math.atan(b)))

@@ -41,13 +41,14 @@ class Needs(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """What a cause is judged by: the health now, that of some seconds before, what is needed, and how long (s)
-    the daemon has waited for it."""
+    """What a cause is judged by: the health now, that of some seconds before, what is needed, how long (s) the
+    daemon has waited for it, and when it was noticed (its clock, ns) that the daemon had stood still; 0: never."""
 
     now: Health
     before: Health
     needs: Needs
     waited: float
+    stood_ns: int = 0
 
     def rejected(self, reason: str) -> int:
         """Messages that were rejected for a reason in the last seconds."""

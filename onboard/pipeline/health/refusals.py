@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, MeasurementReport, Message, NavState, Refusal, TargetImage, Verdict
+from onboard.messages.text import plain
 
 MOST: Final = 32  # kinds that are remembered: a source and a reason each
 NUMBER: Final = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")  # that is no part of a name
@@ -105,12 +106,6 @@ class Refusals:
 @lru_cache(maxsize=4 * MOST)  # a flood says the same
 def _sorted(source: str, reason: str, kind: str) -> tuple[str, str, Kind]:
     """Source and reason as they are shown, and their kind."""
-    source, reason = _plain(ROS_HASH.sub("", source)), _plain(reason)
+    source, reason = plain(ROS_HASH.sub("", source), LONGEST), plain(reason, LONGEST)
     words = kind or NUMBER.sub("#", reason)
     return source, reason, Kind(source, words, QUOTED.sub("`*`", words))
-
-
-def _plain(text: str) -> str:
-    """Printable and short: parts of it come from outside."""
-    line = "".join(c if c.isprintable() else "?" for c in text)
-    return line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."

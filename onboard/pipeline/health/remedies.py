@@ -87,6 +87,20 @@ REMEDIES: Final = (
         "autopilot has no position yet",
     ),
     Remedy(
+        r"principal point .* far from the middle",
+        "pixels",
+        "let `cx_px` and `cy_px`, `intrinsics` or `calibration` be of images of the detector's size; a part of an "
+        "image is `crop_px` of [camera]",
+        "principal point of another image",
+        costs=True,
+    ),
+    Remedy(
+        r"principal point .* as of binned pixels",
+        "pixels",
+        "write focal lengths, principal point and size of one image, if this is not meant",
+        "intrinsics scaled to the image",
+    ),
+    Remedy(
         r"upper left quarter|edge of the image",
         "pixels",
         "set `width_px` and `height_px` of [camera] to the detector's images, or send `intrinsics`",

@@ -1,7 +1,11 @@
 """The leader in absolute terms, against numbers worked out by hand and pymap3d's geodesy."""
 
+from typing import Any
+
+import msgspec
 import numpy as np
 import pymap3d
+import pymap3d.vincenty
 import pytest
 from numpy.testing import assert_allclose
 
@@ -142,3 +146,51 @@ def test_one_of_many_targets_and_our_own_state_are_not_the_leader() -> None:
     s = made.at(T, HOST)
     assert s is not None
     assert_allclose(s.r_OL_n, (130.0, 54.0, -38.0))
+
+
+def ardupilot_local(place: tuple[float, float, float], start: tuple[float, float, float]) -> tuple[float, ...]:
+    """Local NED as ArduPilot has it: degrees by their lengths, those of longitude half-way."""
+    degree, east = 111319.4908, (place[1] - start[1] + 180.0) % 360.0 - 180.0
+    middle = np.radians(0.5 * (place[0] + start[0]))
+    return (place[0] - start[0]) * degree, east * degree * np.cos(middle), start[2] - place[2]
+
+
+def px4_local(place: tuple[float, float, float], start: tuple[float, float, float]) -> tuple[float, ...]:
+    """Local NED as PX4 has it: distance and course from the origin, on a sphere."""
+    distance, course_deg, *_ = pymap3d.vincenty.vdist(*start[:2], *place[:2])
+    course = np.radians(course_deg)
+    return float(distance * np.cos(course)), float(distance * np.sin(course)), start[2] - place[2]
+
+
+@pytest.mark.parametrize("local", [ardupilot_local, px4_local], ids=["ArduPilot", "PX4"])
+@pytest.mark.parametrize("is_stated", [False, True], ids=["origin not stated", "stated"])
+@pytest.mark.parametrize(
+    ("start", "flown"),
+    [
+        ((47.4, 8.5, 500.0), (100.0, 50.0)),
+        ((47.4, 8.5, 500.0), (0.0, 3000.0)),
+        ((60.0, 10.0, 500.0), (0.0, 10_000.0)),
+        ((60.0, 10.0, 500.0), (7000.0, -7000.0)),
+        ((-60.0, 179.99, 0.0), (0.0, 10_000.0)),
+        ((89.9973, 20.0, 0.0), (0.0, 100.0)),
+        ((-89.9973, -70.0, 2800.0), (50.0, 250.0)),
+    ],
+    ids=["near", "3 km", "60 N, 10 km", "60 N, north-west", "antimeridian", "300 m from the pole", "south pole"],
+)
+def test_far_from_the_origin_and_near_the_poles_north_is_that_of_here(
+    start: tuple[float, float, float], flown: tuple[float, float], is_stated: bool, local: Any
+) -> None:
+    """The leader is 30 m north, 4 m east of us, by what north and east are where we are; pymap3d says where."""
+    ours = pymap3d.ned2geodetic(*flown, -40.0, *start)
+    made = LeaderStates(OwnErrors())
+    made.note(own_pose(r_OF_n=local(ours, start), v_F_n=(0.0, 0.0, 0.0)))
+    made.note(estimate())
+    if is_stated:
+        stated = {"lat_deg": start[0], "lon_deg": start[1], "alt_msl": start[2]}
+        made.receive([msgspec.structs.replace(origin(), **stated)], 7, 1)
+    made.receive([own_global(ours)], 7, 1)
+    s = made.at(T, HOST)
+    assert s is not None
+    assert s.lat_deg is not None
+    wrong = pymap3d.geodetic2ned(s.lat_deg, s.lon_deg, s.alt_msl, *pymap3d.ned2geodetic(30.0, 4.0, 2.0, *ours))
+    assert np.linalg.norm(wrong) < 0.3

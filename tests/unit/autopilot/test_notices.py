@@ -1,8 +1,14 @@
 """What STATUSTEXT tells the pilot, and how often."""
 
-from onboard.autopilot.notices import Notices
-from onboard.messages import Lifecycle
+from collections.abc import Callable
+
+import pytest
+
+from onboard.autopilot.notices import Notices, Rank
+from onboard.messages import Advice, Lifecycle, Severity
 from tests.support.leader import S, estimate
+
+Add = Callable[[Notices, int], None]
 
 
 def texts(notices: Notices, seconds: float) -> list[tuple[float, str]]:
@@ -32,8 +38,9 @@ def test_changes_of_the_leader_are_told_once() -> None:
 def test_one_text_a_second_and_the_same_one_every_ten() -> None:
     notices = Notices()
     for k in range(8):
-        notices.add(4, f"{k}" * 210)
-    assert texts(notices, 9) == [(float(k), f"{k + 3}" * 200) for k in range(5)]  # the newest five, cut to fit
+        notices.add(4, "abcdefgh"[k] * 210)
+    newest = [(float(k), f"{'defgh'[k] * 197}...") for k in range(5)]  # five, cut to fit
+    assert texts(notices, 9) == newest
     notices = Notices()
     notices.add(4, "again")
     assert len(texts(notices, 2)) == 1
@@ -41,3 +48,74 @@ def test_one_text_a_second_and_the_same_one_every_ten() -> None:
     assert notices.due(1008 * S) == []
     notices.add(4, "again")
     assert len(notices.due(1011 * S)) == 1
+
+
+def advise(notices: Notices, k: int) -> None:
+    text = f"camera {chr(97 + k % 26)}: refused"
+    notices.advise(Advice(cause="c", severity=Severity.ERROR, about="", what=text, remedy="", text=text, over=""))
+
+
+@pytest.mark.parametrize(
+    "add",
+    [
+        lambda notices, k: notices.add(4, f"refused: LDR_SIZE_M = {k}: expected 0.02 to 200"),
+        lambda notices, k: notices.add(4, f"refused: {chr(97 + k % 26)}", Rank.OTHERS, "system 66, component 1"),
+        lambda notices, k: notices.add(4, f"refused: {k}", Rank.OTHERS, f"system {k % 250}, component 1"),
+        advise,
+    ],
+    ids=["one value after the other", "one parameter after the other", "many senders", "advice about others"],
+)
+@pytest.mark.parametrize("state", ["lost", "rebooted"])
+def test_the_words_of_others_never_push_out_what_concerns_our_own_state(add: Add, state: str) -> None:
+    """At 1 to 50 a second, before and after what the pilot must know."""
+    for every in (50, 10, 1):
+        notices, sent, at = (
+            Notices("FOLLOW brakes within 3 s"),
+            list[tuple[float, str]](),
+            505,
+        )  # just after a text
+        notices.note(estimate(valid=True))
+        for k in range(1000):
+            if k % every == 0:
+                add(notices, k // every)
+            if k == at and state == "lost":
+                notices.note(estimate(valid=False, state=Lifecycle.LOST))
+            elif k == at:
+                notices.add(4, "the autopilot has rebooted")
+            sent += [(k / 50, text.text) for text in notices.due(k * S // 50)]
+        words = "leader lost: FOLLOW brakes within 3 s" if state == "lost" else "the autopilot has rebooted"
+        (when,) = [t for t, text in sent if text == words]
+        assert at / 50 <= when <= at / 50 + 2.0
+        assert len(sent) <= 20
+
+
+def test_a_sender_gets_one_line_in_ten_seconds_and_another_sender_one_of_its_own() -> None:
+    notices, sent = Notices(), list[str]()
+    for k in range(1000):
+        notices.add(4, f"refused: {chr(97 + k % 26)}", Rank.OTHERS, "a")
+        if k == 100:
+            notices.add(4, "refused: of b", Rank.OTHERS, "b")
+        sent += [text.text for text in notices.due(k * S // 50)]
+    assert len(sent) == 3
+    assert sent.count("refused: of b") == 1
+
+
+def test_the_last_word_about_the_leader_is_the_truth() -> None:
+    """Lost, tracked and lost again within ten seconds: the pilot must not be left with "tracked"."""
+    notices, sent = Notices(), list[str]()
+    for k, valid in enumerate((True, False, True, False)):
+        notices.note(estimate(valid=valid, state=Lifecycle.TRACKING if valid else Lifecycle.LOST))
+        sent += [text.text for text in notices.due((1000 + 2 * k) * S)]
+    assert sent == ["leader tracked", "leader lost"] * 2
+
+
+def test_what_concerns_our_own_state_goes_first() -> None:
+    notices = Notices()
+    for k in range(5):
+        advise(notices, k)
+        notices.add(4, "refused", Rank.OTHERS, f"system {k}")
+    notices.add(4, "the autopilot has rebooted")
+    notices.note(estimate(valid=True))
+    sent = [text.text for k in range(20) for text in notices.due(k * S)]
+    assert sent[:2] == ["leader tracked", "the autopilot has rebooted"]
+    assert len(sent) == 12

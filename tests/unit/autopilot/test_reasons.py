@@ -48,6 +48,17 @@ def test_a_leader_without_a_course_is_said_where_follow_waits_for_it() -> None:
     assert led.tick(hovering, view(), 1009 * S, is_led=True) == []
 
 
+def test_why_it_is_not_led_as_usual_is_sent_at_once_and_again_after_a_while() -> None:
+    reasons, found = Reasons(follows=True), []
+    for k in range(700):
+        why = "range unsure" if 20 <= k < 660 else ""
+        made = reasons.tick(leader_state(), view(), 1000 * S + k * S // 20, is_led=True, warning=why)
+        found += [(k / 20, text) for _, text in made]
+    assert found == [(0.0, BEGIN[0][1]), (1.0, "range unsure"), (31.0, "range unsure")]
+    quiet = Reasons(follows=False)
+    assert quiet.tick(leader_state(), view(), 1000 * S, is_led=True, warning="range unsure") == BEGIN
+
+
 def test_no_leader_is_said_with_its_reason_and_again_when_that_changes() -> None:
     reasons = Reasons(follows=False)
     reasons.tick(None, None, 999 * S)

@@ -114,3 +114,14 @@ def test_no_daemon_answers(capsys: pytest.CaptureFixture[str]) -> None:
     assert "onboard run CONFIG.toml" in shown
     assert cli.main(["status", "--connect", f"tcp/127.0.0.1:{port}", "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["advice"][-1]["cause"] == "daemon"
+
+
+def test_what_is_published_in_a_vehicle_s_name_controls_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    """Any client of the router may publish a health with any text in it."""
+    evil = "PX4\x1b[2J\u202e\nvehicle 1: healthy"
+    with publishing(replace(Pipeline(Config()).health(1), autopilot=evil)) as endpoint:
+        cli.main(["status", "--connect", endpoint])
+        shown = capsys.readouterr().out
+        assert "autopilot  PX4?[2J??vehicle 1: healthy; reboots 0" in shown.split("\n")
+        cli.main(["status", "--connect", endpoint, "--json"])
+        assert json.loads(capsys.readouterr().out)["health"]["autopilot"] == "PX4?[2J??vehicle 1: healthy"

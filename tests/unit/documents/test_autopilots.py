@@ -1,7 +1,9 @@
 """The guides for autopilots against the files that they name."""
 
+import math
 import tomllib
 
+from onboard.config import GuidanceConfig
 from simlink.scenarios.describe import daemon_config
 from simlink.scenarios.scenario import load_scenario
 from tests.support import documents
@@ -19,6 +21,21 @@ def test_the_parameter_file_holds_what_the_guide_says() -> None:
                 in_guide |= {name: float(value) for name, value in zip(names, values, strict=True)}
     assert in_file == in_guide
     assert in_file["FOLL_SYSID"] == tomllib.loads(_text("sitl.toml"))["leader_out"][0]["system"]
+
+
+def test_the_parameter_file_of_px4_holds_what_the_guide_says_and_the_slot() -> None:
+    rows = [line.split("\t") for line in _text("px4-follow.params").splitlines() if not line.startswith("#")]
+    in_file = {name: float(value) for _, _, name, value, _ in rows}
+    in_guide: dict[str, float] = {}
+    for table in documents.tables(documents.text("px4")):
+        for first, second, *_ in table:
+            if first.startswith("`FLW_"):
+                in_guide[first.strip("`")] = float(second)
+    assert in_file == in_guide
+    forward, right, _ = GuidanceConfig().slot_m
+    assert math.hypot(forward, right) == in_file["FLW_TGT_DST"]
+    assert abs(math.degrees(math.atan2(right, forward))) == in_file["FLW_TGT_FA"]
+    assert {type_ for *_, type_ in rows} <= {"6", "9"}
 
 
 def test_the_simulated_camera_is_configured_as_it_is() -> None:

@@ -7,7 +7,7 @@ from onboard.commands.compiling import imported_by
 from onboard.estimators.leader.config import Config as Leader
 from onboard.pipeline.silence import TIMEOUT_NS
 from tests.support import documents
-from tests.support.growth import sets_valid
+from tests.support.growth import sets_valid, takes_valid
 from tests.support.one_image import way_of_one_image
 
 CODE = re.compile(r"`(onboard/[^`]*\.py)`")
@@ -38,8 +38,9 @@ def test_every_file_that_decides_valid_is_named_and_no_other() -> None:
     firsts = [cells[1] for cells in documents.tables(text)[0]]
     others = [cells[0] for cells in documents.tables(text)[1]]
     named = {file for cell in (*firsts, *others) for file in CODE.findall(cell)}
-    assert sets_valid().keys() <= named
-    assert [file for file in named - sets_valid().keys() if "/leader/tracks/" not in file] == []
+    deciding = sets_valid().keys() | takes_valid()
+    assert deciding <= named
+    assert [file for file in named - deciding if "/leader/tracks/" not in file] == []
 
 
 def test_the_times_after_which_nothing_is_valid_are_the_defaults() -> None:

@@ -30,6 +30,9 @@ BROADCAST = "tests/unit/estimators/leader/test_broadcast.py::test_"
 FLEET, REFUSED = "tests/peers/test_fleet.py::test_", "tests/unit/health/test_refusals.py::test_"
 RECORDER = "tests/unit/sinks/test_recorder_flood.py::test_"
 MEASURED = "tests/unit/benchmarks/test_flooded.py::test_"
+TEXT = "tests/unit/messages/test_text.py::test_"
+CRAFTED = "tests/faults/test_strangers_files.py::test_"
+NOTICES = "tests/unit/autopilot/test_notices.py::test_"
 OWN = "tests/unit/documents/test_security.py::test_"
 TESTS = {  # of each line of the table of who reaches what, by its first words
     "anyone on the network": (
@@ -39,6 +42,8 @@ TESTS = {  # of each line of the table of who reaches what, by its first words
     ),
     "a stranger who sends": (
         f"{S}a_stranger_does_not_take_the_stream",
+        f"{S}a_signed_frame_that_is_repeated_on_any_link_is_no_news",
+        f"{S}what_we_send_is_refused_and_named_when_it_comes_back",
         f"{S}a_signed_frame_from_far_ahead_does_not_shut_the_owner_out",
         f"{STREAMS}tcpin_keeps_a_peer_that_gives_messages_and_names_who_else_knocks",
     ),
@@ -51,6 +56,7 @@ TESTS = {  # of each line of the table of who reaches what, by its first words
         f"{S}answers_are_rationed_by_source_and_counted",
         f"{S}a_parameter_is_stored_beside_the_event_loop_and_of_several_the_newest",
         f"{S}strangers_without_number_share_one_ration",
+        f"{NOTICES}the_words_of_others_never_push_out_what_concerns_our_own_state",
     ),
     "whoever writes the file": (f"{RANGES}the_file_of_stored_parameters_sets_nothing_else",),
     "a system that is not in": (
@@ -72,6 +78,7 @@ TESTS = {  # of each line of the table of who reaches what, by its first words
     "another program on this computer": (
         f"{LISTEN}with_tls_there_is_no_plain_listener",
         "tests/unit/wire/test_points.py::test_a_target_that_cannot_be_part_of_a_key_is_refused",
+        f"{TEXT}no_text_from_outside_reaches_a_person_as_it_came",
     ),
     "a client of the Zenoh router": (
         f"{FLEET}nobody_enters_without_certificate_and_password",
@@ -84,7 +91,10 @@ TESTS = {  # of each line of the table of who reaches what, by its first words
     ),
     "whoever crafts a log": (
         "tests/faults/test_fuzz_bytes.py::test_mutated_bytes_raise_nothing_with_seed_17",
+        f"{CRAFTED}formats_of_a_ulog_without_end_are_refused",
+        f"{CRAFTED}no_link_in_a_flight_s_folder_is_followed",
         "tests/unit/commands/test_recover.py::test_damage_in_the_middle_is_said_and_the_rest_is_kept",
+        "tests/unit/commands/test_replay_signed.py::test_with_the_key_a_replay_makes_what_the_flight_made",
         f"{RANGES}a_file_that_is_nested_ten_thousand_deep_is_refused_in_words",
     ),
     "whoever reads the disk": (f"{OWN}a_recording_and_its_folder_are_their_owner_s_alone",),
@@ -106,6 +116,8 @@ OF_LIMITS = {  # what lies beyond each limit
     "rations.STORED": f"{S}a_parameter_is_stored_beside_the_event_loop_and_of_several_the_newest",
     "rations.SOURCES": f"{S}strangers_without_number_share_one_ration",
     "document.LARGEST": f"{REFUSED}what_is_refused_is_named_within_a_second",
+    "text.NAME": f"{TEXT}a_class_is_64_plain_letters_from_the_door_on",
+    "text.LINE": f"{TEXT}no_text_from_outside_reaches_a_person_as_it_came",
     "radar.MOST": f"{BEYOND}a_scan_that_a_document_could_hold_is_refused_beyond_the_limit",
     "pseudoranges.MOST": f"{BEYOND}a_scan_or_an_epoch_with_more_than_any_sensor_has_is_refused",
     "landing_target.PENDING_IMAGES": f"{BEYOND}images_that_stay_incomplete_cost_their_sender_its_oldest",

@@ -79,4 +79,35 @@ def test_where_the_distortion_folds_the_image_a_pixel_is_refused() -> None:
         lens((-0.28, 0.0, 0.0, 0.0)).image_point(5000.0, 243.1)
     with pytest.raises(LensError, match="outside"):
         lens(FISHEYE, model="fisheye").image_point(5000.0, 243.1)
-    assert lens((-0.9, 0.0, 0.0, 0.0)).view is None
+    assert lens((-0.9, 0.0, 0.0, 0.0)).view == (-100.0, -100.0, 100.0, 100.0)
+
+
+@pytest.mark.parametrize("degrees", [5, 30, 50, 80])
+def test_a_fisheye_without_coefficients_is_in_proportion_to_the_angle(degrees: int) -> None:
+    """OpenCV's D = 0, as Kalibr and simulators write it; nearly as coefficients that are nearly zero."""
+    ideal, angle = lens((0.0,) * 4, model="fisheye"), math.radians(degrees)
+    u, v = 318.9 + 520.3 * angle, 243.1
+    assert ideal.pixel(math.tan(angle), 0.0) == pytest.approx((u, v))
+    assert ideal.image_point(u, v) == pytest.approx((math.tan(angle), 0.0), abs=1e-6)
+    almost = lens((0.0, 0.0, 0.0, 1e-12), model="fisheye")
+    assert ideal.scale(u, v) == pytest.approx(almost.scale(u, v))
+    assert ideal.view == pytest.approx(almost.view)
+
+
+def test_the_image_of_a_fisheye_beyond_90_degrees_ends_only_where_image_points_do() -> None:
+    whole = lens((0.0,) * 4, model="fisheye", width_px=1800.0, height_px=480.0, cx_px=900.0)
+    left, upper, right, _ = whole.view or (0.0,) * 4
+    assert (left, right) == (-100.0, 100.0)
+    assert upper == -100.0  # its corners are beyond, too
+    narrow = lens((0.0,) * 4, model="fisheye")
+    assert narrow.view is not None
+    assert narrow.view[0] == pytest.approx(-math.tan(math.hypot(318.9 / 520.3, 243.1 / 518.7)), rel=0.3)
+
+
+def test_an_angle_per_pixel_is_that_of_the_sphere() -> None:
+    """By hand: a pinhole at 45 degrees shows 1 / sqrt(2) along the radius and half across ... of 1 / f."""
+    assert lens(fy_px=520.3).angle(318.9 + 520.3, 243.1) == pytest.approx(2.0**-0.75 / 520.3)
+    ideal = lens((0.0,) * 4, model="fisheye", fy_px=520.3)
+    theta = math.radians(60.0)
+    across = math.sin(theta) / theta
+    assert ideal.angle(318.9 + 520.3 * theta, 243.1) == pytest.approx(math.sqrt(across) / 520.3, rel=5e-3)

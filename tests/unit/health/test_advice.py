@@ -447,6 +447,25 @@ def test_20_a_slow_computer() -> None:
     assert "0.60 s late" in what
 
 
+def test_a_program_that_stood_still_blames_nobody_else() -> None:
+    """What it did not read was not missing, and what came too late for it was not wrong."""
+    pipeline, found = Pipeline(configured()), list[Advice]()
+    seconds = iter([6, 7, 8, 9, 13, 14, 15, 16, 17])  # of its healths: from 9.0 to 12.8 it stood still
+    due = next(seconds)
+    for datagram in encode(Stream(t1=18.0, flight=CIRCLE).items(), "autopilot"):
+        t = (datagram.t_recv_ns - EPOCH) / S
+        if t > due:
+            links = {"autopilot": LinkHealth(received=1000, skipped=400 if due > 12 else 0)}
+            rim = Rim(links=links, computer=ComputerLoad(lag=4.0 if due == 13 else 0.0))
+            found += pipeline.health(EPOCH + due * S, rim).advice
+            due = next(seconds, 99)
+        if not 9.0 < t < 12.8:
+            pipeline.feed(datagram)
+    assert [advice.what for advice in found if advice.cause != "timesync"] == [
+        "this program stood still for 4.0 s, link autopilot: 400 datagrams had waited too long and were left out"
+    ]
+
+
 def test_noise_is_shown_with_its_bounds() -> None:
     rng = np.random.default_rng(3)
     noise = math.sqrt(1.7**2 - 1.0) / F_PX

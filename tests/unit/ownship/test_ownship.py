@@ -88,6 +88,18 @@ def test_extrapolation_ends_at_its_limit_and_never_reaches_back() -> None:
     assert not own.knows(8 * S + 1)
 
 
+@pytest.mark.parametrize(("gap_s", "is_known"), [(1.2, True), (2.0, False)])
+def test_within_a_long_gap_the_pose_is_not_known(gap_s: float, is_known: bool) -> None:
+    """What was between is a guess: an image of then would be placed wrongly."""
+    own, end_ns = circling(), 8 * S + round(gap_s * S)
+    for m in (CIRCLE.attitude(end_ns), CIRCLE.position(end_ns)):
+        own.receive(m, end_ns)
+    for t_ns in (8 * S + 1, 8 * S + 300 * MS, end_ns - 1):
+        assert (own.pose_at(t_ns) is not None) is is_known
+    assert own.pose_at(8 * S) is not None
+    assert own.pose_at(end_ns) is not None
+
+
 @pytest.mark.parametrize(("t0", "t1"), [(5.0, 8.0), (5.003, 5.017), (5.5, 7.513), (5.99, 6.01), (7.0, 8.05)])
 def test_steps_are_cut_at_samples_and_integrate_exactly_to_the_velocity(t0: float, t1: float) -> None:
     own = circling()

@@ -1,15 +1,20 @@
 """Encounters with one assumption false: what differs is what the departure names, by as much as it says."""
 
+from itertools import islice
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from onboard.messages import LocalPosition, TargetDetection
+from onboard.messages import LocalPosition, TargetDetection, TargetPoints
 from simlink.encounters.conditions import NOMINAL_SIZE
 from simlink.encounters.departures import Departure
 from simlink.encounters.encounter import Encounter, make_encounter
+from simlink.scenarios.camera import Camera
+from simlink.sensors.camera import correlated
 from simlink.sensors.shapes import draw_rotors
 from simlink.world.constants import G
+from simlink.world.noise import normals
 from studies.encounters.flights import received
 
 Array = NDArray[np.float64]
@@ -30,15 +35,15 @@ def lean(encounter: Encounter) -> float:
 def test_a_leader_without_drag_leans_only_as_it_accelerates_seed_1() -> None:
     plain, upright = both("behind", 1, Departure(drag=0.0))
     assert lean(plain) > 3.0 * lean(upright)
-    assert lean(both("behind", 1, Departure(drag=2.0))[1]) > 1.7 * lean(plain)
+    assert lean(both("behind", 1, Departure(drag=2.0 * plain.drag))[1]) > 1.7 * lean(plain)
     assert np.array_equal(plain.truth.leader.r, upright.truth.leader.r)
 
 
 def test_wind_makes_a_leader_that_hovers_lean_seeds_1_to_8() -> None:
     for seed in SEEDS:
-        windy = make_encounter("hover", seed, SECONDS, departure=Departure(wind=8.0))
+        windy = make_encounter("hover", seed, SECONDS, departure=Departure(wind=8.0, wobble=0.0, vigour=0.0))
         expected = np.arctan(8.0 * windy.drag / G)
-        assert lean(windy) == pytest.approx(expected, abs=0.06)
+        assert lean(windy) == pytest.approx(expected, abs=5e-3)
 
 
 def test_a_nose_that_points_anywhere_does_so_seeds_1_to_8() -> None:
@@ -87,6 +92,43 @@ def test_our_errors_and_the_image_noise_are_larger_and_nothing_else_seed_2() -> 
     assert twice == pytest.approx(2.0 * off, abs=1e-5)  # of single precision
 
 
+def test_other_departures_change_what_they_name_and_nothing_else_seed_2() -> None:
+    departure = Departure(
+        wobble=4.0, image_noise_time=0.5, stamp_late=0.03, own_errors_time=3.0, attitude_white_deg=0.6
+    )
+    plain, other = (e.scenario for e in both("behind", 2, departure))
+    assert other.leader.bank_wobble_deg.sigma == pytest.approx(4.0 * plain.leader.bank_wobble_deg.sigma)
+    assert other.leader.heading_wobble_deg.sigma == pytest.approx(4.0 * plain.leader.heading_wobble_deg.sigma)
+    assert other.leader.bank_wobble_deg.time == plain.leader.bank_wobble_deg.time
+    assert (plain.camera.noise_time, other.camera.noise_time) == (0.0, 0.5)
+    assert other.camera.stamp_late == min(0.03, plain.camera.latency)
+    for name in ("attitude_deg", "yaw_deg", "velocity"):
+        assert getattr(other.nav, name).time == 3.0
+        assert getattr(other.nav, name).sigma == getattr(plain.nav, name).sigma
+    assert np.degrees(other.nav.attitude_white) == pytest.approx([0.6] * 3)
+
+
+def test_correlated_noise_of_images_is_as_large_and_lasts_as_long_as_it_says_seed_3() -> None:
+    camera = Camera(rate=20.0, noise_time=0.5)
+    x = np.array(list(islice(correlated(normals(3, "test"), 6, camera), 20_000)))
+    assert np.std(x, axis=0) == pytest.approx(np.ones(6), rel=0.1)
+    assert np.mean(x[10:] * x[:-10]) == pytest.approx(np.exp(-1.0), abs=0.05)  # half a second later
+    white = list(islice(correlated(normals(3, "test"), 6, Camera()), 50))
+    assert [*np.ravel(white)] == list(islice(normals(3, "test"), 300))
+
+
+def test_correlated_noise_reaches_points_and_boxes_seed_2() -> None:
+    """From image to image white noise steps, and correlated noise hardly does."""
+    for sees in ("wing", "points", "rotor_box"):
+        steps = []
+        for time in (0.0, 2.0):
+            e = make_encounter("hover", 2, 4.0, sees, departure=Departure(image_noise=5.0, image_noise_time=time))
+            images = [m for m in received(e) if isinstance(m, TargetPoints | TargetDetection)]
+            points = [m.center if isinstance(m, TargetPoints) else m.features[0].point for m in images]
+            steps.append(np.std(np.diff(points, axis=0)))
+        assert steps[1] < 0.6 * steps[0], sees
+
+
 def test_a_quadrotor_is_as_wide_as_its_rotors_and_wider_across_the_corners_seeds_1_to_8() -> None:
     for seed in SEEDS:
         bounds = np.array(draw_rotors(np.random.default_rng(seed)))
@@ -102,6 +144,6 @@ def test_a_box_around_rotors_hardly_depends_on_the_leader_s_nose_seeds_1_to_8() 
     for seed in SEEDS:
         encounter = make_encounter("hover", seed, SECONDS, "rotor_box")
         boxes = [m for m in received(encounter) if isinstance(m, TargetDetection)]
-        wide = np.mean([2.0 * m.half_sides[0] for m in boxes if m.half_sides is not None])
+        wide = np.mean([m.sides[2][0] - m.sides[0][0] for m in boxes if m.sides is not None])
         span = encounter.scenario.leader.size / np.linalg.norm(encounter.truth.r_FL_n[0])
         assert 0.85 < wide / span < 1.45

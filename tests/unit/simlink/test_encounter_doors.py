@@ -73,7 +73,7 @@ def test_a_gimbal_says_where_the_camera_points_but_for_its_error_seeds_1_to_6() 
     for seed in range(1, 7):
         encounter = make_encounter("behind", seed, 10.0, mount="gimbal")
         images, reports = of(encounter, TargetPoints), of(encounter, GimbalAttitude)
-        assert len(images) > 100
+        assert len(images) > 30  # of a camera of 4 to 30 Hz
         times = np.array([m.t_ns for m in reports])
         on_head = rotation(np.radians(encounter.scenario.camera.mount_rpy_deg))
         for m, r_FL_n, rpy in zip(
@@ -108,5 +108,5 @@ def test_a_fixed_camera_has_no_gimbal_and_the_flight_is_the_same_seed_1() -> Non
 
 
 def test_a_mount_that_is_none_is_named() -> None:
-    with pytest.raises(ValueError, match="no mount 'arm'; known: fixed, gimbal"):
+    with pytest.raises(ValueError, match="mount: no 'arm'; known: fixed, gimbal"):
         make_encounter("behind", 1, 5.0, mount="arm")

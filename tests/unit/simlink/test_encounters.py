@@ -1,5 +1,6 @@
 """The encounters of simlink: their geometry by independent formulas, what each family claims, and determinism."""
 
+import json
 from collections.abc import Sequence
 from itertools import islice
 from typing import TypeVar
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from onboard.messages import Attitude, LocalPosition, Message, TargetPoints, Wind
+from onboard.messages import Attitude, Encoding, LocalPosition, Message, TargetPoints, Wind
+from simlink.encounters import encounter as encounter_module
 from simlink.encounters.attitudes import multirotor_attitude
 from simlink.encounters.conditions import draw_conditions
-from simlink.encounters.curves import Motion
+from simlink.encounters.curves import Motion, following
 from simlink.encounters.encounter import BOOT_NS, Encounter, make_encounter
 from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import states
@@ -23,7 +25,6 @@ from studies.encounters.flights import received
 
 Array = NDArray[np.float64]
 M = TypeVar("M", bound=Message)
-F_PX = 554.256
 SEEDS = range(1, 7)
 
 
@@ -69,13 +70,13 @@ def sight(encounter: Encounter) -> Array:
     return np.arctan2(r[:, 1], r[:, 0])
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", [family for family in FAMILIES if family not in ("cut", "two_cross")])
 def test_image_points_are_the_projection_of_the_wing_seed_1(family: str) -> None:
     encounter = make_encounter(family, 1, 12.0)
     truth, camera, size = encounter.truth, encounter.scenario.camera, encounter.scenario.leader.size
     images = of(encounter, TargetPoints)
     R_bc, r_FC_b = rotation(np.radians(camera.mount_rpy_deg)), np.array(camera.mount_offset)
-    assert len(images) > 40
+    assert len(images) > 6.0 * camera.rate
     rows = sampled(encounter, np.hstack([truth.r_FL_n, truth.euler_L, truth.euler_F]), images)
     errors = []
     for image, row in zip(images, rows, strict=True):
@@ -84,10 +85,10 @@ def test_image_points_are_the_projection_of_the_wing_seed_1(family: str) -> None
         center, *tips = [(p[1] / p[0], p[2] / p[0]) for p in seen]
         measured = np.array([image.center, image.left, image.right])
         off = [np.abs(measured - np.array([center, *pair])).max() for pair in (tips, tips[::-1])]
-        errors.append(min(off) * F_PX)
-    # six numbers with noise: their largest lies between these multiples of it
-    assert max(errors) < 5.5 * camera.sigma_px
-    assert 0.8 * camera.sigma_px < np.median(errors) < 2.0 * camera.sigma_px
+        errors.append(min(off) * camera.f_px)
+    # six numbers with noise: their largest lies between these multiples of it; a lens bends its edge by a fifth
+    assert max(errors) < 6.5 * camera.sigma_px
+    assert 0.8 * camera.sigma_px < np.median(errors) < 2.4 * camera.sigma_px
 
 
 def test_wingtips_are_named_by_their_side_in_the_image_seeds_1_to_6() -> None:
@@ -107,7 +108,7 @@ def test_images_arrive_late_and_as_often_as_drawn_seeds_1_to_6() -> None:
         # delivered at the next step of 5 ms, and 1 to 2 ms on the way
         assert camera.latency + 0.001 <= min(delays) <= max(delays) <= camera.latency + 0.0071
         assert 0.5 < len(images) / (20.0 * camera.rate) <= 1.0
-        assert 12.0 <= camera.rate <= 30.0
+        assert 4.0 <= camera.rate <= 30.0
 
 
 def test_messages_are_in_the_order_of_their_arrival_seed_2() -> None:
@@ -121,7 +122,8 @@ def test_our_own_state_is_late_and_off_by_what_was_drawn_seeds_1_to_6() -> None:
         encounter = make_encounter("circling", seed, 10.0)
         nav, truth = encounter.scenario.nav, encounter.truth
         positions, lag = of(encounter, LocalPosition)[10:], DT * steps_of(nav.position_delay)
-        assert 0.015 <= lag <= 0.03
+        px4 = encounter.scenario.vehicle.autopilot == "px4"
+        assert lag == 0.0 if px4 else 0.015 <= lag <= 0.03
         r = sampled(encounter, truth.follower.r, positions, lag)
         assert np.abs(np.array([p.r_OF_n for p in positions]) - r).max() < 1e-5  # of single precision
         v = sampled(encounter, truth.follower.v, positions, lag)
@@ -247,6 +249,150 @@ def test_a_leader_starts_stops_turns_its_nose_and_leaves_along_it_seeds_1_to_6()
         assert degrees_between(first, away) < 116.0
 
 
+def test_a_straight_leader_flies_sideways_and_we_keep_our_distance_seeds_1_to_6() -> None:
+    swayed = []
+    for seed in SEEDS:
+        e = make_encounter("straight_sideways", seed, 20.0)
+        assert np.degrees(np.ptp(course(e.truth.leader))) < 10.0
+        assert 38.0 < np.median(degrees_between(nose(e), course(e.truth.leader))) < 142.0
+        distance = np.linalg.norm(e.truth.r_FL_n, axis=1)
+        assert 10.0 < distance.min() < distance.max() < 37.0
+        swayed.append(np.ptp(e.truth.r_FL_n, axis=0).max())
+    assert min(swayed) < 1.0
+    assert max(swayed) > 2.0
+
+
+def test_a_steep_leader_is_seen_from_above_or_below_and_stays_in_the_image_seeds_1_to_6() -> None:
+    signs, fast = set(), set()
+    for seed in SEEDS:
+        e = make_encounter("steep", seed, 12.0)
+        r = e.truth.r_FL_n
+        up = np.degrees(np.arcsin(-r[:, 2] / np.linalg.norm(r, axis=1)))
+        assert 42.0 < np.abs(up).min() < np.abs(up).max() < 68.0
+        signs.add(np.sign(up[0]))
+        fast.add(bool(speed(e.truth.leader).max() > 3.0))
+        assert len(of(e, TargetPoints)) > 0.6 * 12.0 * e.scenario.camera.rate
+    assert signs == {-1.0, 1.0}
+    assert fast == {False, True}
+
+
+def test_a_fixed_wing_loiters_around_us_at_one_airspeed_seeds_1_to_6() -> None:
+    for seed in SEEDS:
+        t: Array = 0.005 * np.arange(9001, dtype=np.float64)
+        scene = FAMILIES["loiter"](np.random.default_rng(seed), t, 1.0)
+        through = scene.leader.v[2:-2] - scene.wind
+        assert np.ptp(np.linalg.norm(through, axis=1)) < 1e-2
+        assert degrees_between(scene.nose[2:-2], np.arctan2(through[:, 1], through[:, 0])).max() < 0.1
+        away = (scene.leader.r - scene.follower.r)[:, :2]
+        assert np.ptp(np.unwrap(np.arctan2(away[:, 1], away[:, 0]))) > 2.0 * np.pi
+        assert np.ptp(np.linalg.norm(scene.leader.r, axis=1)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("family", "before", "after"),
+    [
+        ("leaves_hover", (0.0, 0.5), (4.5, 12.5)),
+        ("stops", (3.5, 10.5), (0.0, 0.5)),
+        ("reverses", (3.5, 10.5), (1.5, 8.5)),
+        ("climbs", (0.0, 8.5), (0.8, 8.8)),
+    ],
+)
+def test_a_leader_begins_its_manoeuvre_when_it_says_and_we_are_late_seeds_1_to_6(
+    family: str, before: tuple[float, float], after: tuple[float, float]
+) -> None:
+    for seed in SEEDS:
+        e = make_encounter(family, seed)
+        t, leader = e.truth.t, e.truth.leader
+        assert e.manoeuvre is not None
+        assert 12.0 < e.manoeuvre < 22.0
+        early, late = t < e.manoeuvre - 0.2, t > e.manoeuvre + 13.0
+        for when, (low, high) in ((early, before), (late, after)):
+            assert low <= np.median(speed(leader)[when]) <= high
+        changed = np.median(leader.v[late], axis=0) - np.median(leader.v[early], axis=0)
+        done = (leader.v - np.median(leader.v[early], axis=0)) @ changed / (changed @ changed)
+        assert np.abs(done[early]).max() < 0.3
+        assert t[np.argmax(done > 0.5)] - e.manoeuvre < 7.0
+        ours = e.truth.follower
+        behind = (ours.v - np.median(ours.v[early], axis=0)) @ changed / (changed @ changed)
+        assert t[np.argmax((behind > 0.5) & (t > e.manoeuvre))] > t[np.argmax(done > 0.5)]
+        assert np.linalg.norm(e.truth.r_FL_n, axis=1).min() > 6.0
+        if family == "reverses":
+            assert np.median(leader.v[early], axis=0) @ np.median(leader.v[late], axis=0) < -4.0
+        if family == "climbs":
+            assert abs(changed[2]) > 0.8
+
+
+def test_one_who_follows_is_in_step_until_the_path_changes_and_brakes_in_time() -> None:
+    """A path at 8 m/s that stops at once after 10 s: whoever may brake by 2 m/s^2 passes its end by little."""
+    t = DT * np.arange(6001)
+    path = np.minimum(8.0 * t, 80.0)[:, None] * np.array([[0.6, 0.8, 0.0]])
+    along = following(path, 1.0, 2.0) @ np.array([0.6, 0.8, 0.0])
+    assert np.abs(along - 8.0 * t)[t < 10.9].max() < 1e-6
+    v = np.gradient(along, DT)
+    assert np.abs(np.gradient(v, DT)).max() < 2.01
+    assert 88.0 < along.max() < 106.0  # 8 m late, 16 m to brake
+    assert along[-1] == pytest.approx(88.0, abs=0.2)
+
+
+def test_other_families_leave_an_encounter_as_it_is_seed_4(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = make_encounter("hover", 4, 1.0)
+    monkeypatch.setattr(encounter_module, "FAMILIES", {"further": FAMILIES["crab"], "hover": FAMILIES["hover"]})
+    assert np.array_equal(one.truth.r_FL_n, make_encounter("hover", 4, 1.0).truth.r_FL_n)
+    assert encounter_module._seed_of("hover", 4) == 4 << 32 | 0xFAD8B7D4  # in every process
+
+
+def test_the_edge_cuts_boxes_for_part_of_the_time_seeds_1_to_3() -> None:
+    for seed in (1, 2, 3):
+        e = make_encounter("cut", seed, 30.0, "rotor_box")
+        c, whole = e.scenario.camera, 0
+        edges = np.array([c.width_px, c.height_px]) / 2 - c.edge_gap_px
+        cut, images = 0, [json.loads(d.data) for d in e.datagrams() if d.encoding == Encoding.DETECTIONS]
+        for image in images:
+            box = image["detections"][0]["box"]
+            middle = np.array([box["u_px"] - c.width_px / 2, box["v_px"] - c.height_px / 2])
+            ends = np.abs(middle) + 0.5 * np.array([box["width_px"], box["height_px"]])
+            touches = np.abs(ends - edges).min() < 1e-3
+            cut, whole = cut + touches, whole + (ends < edges).all()
+            assert (ends <= edges + c.edge_gap_px + 1e-3).all()
+        assert cut > 0.01 * len(images)
+        assert whole > 0.4 * len(images)
+        distance = np.linalg.norm(e.truth.r_FL_n, axis=1)
+        assert 6.0 < distance.min() < distance.max() < 18.0
+
+
+def test_a_class_flickers_as_the_family_says_seeds_1_to_8() -> None:
+    first = []
+    for seed in range(1, 9):
+        e = make_encounter("class_flickers", seed, 8.0)
+        wrong = e.scenario.camera.mistaken
+        names = {round((m.t_ns - BOOT_NS) * 1e-9, 3): m.class_name for m in of(e, TargetPoints)}
+        assert set(names.values()) <= {"drone", "airplane"}
+        for t, name in names.items():
+            assert (name == "airplane") == any(span.start <= t < span.end for span in wrong)
+        first.append(names[min(names)])
+        assert all(span.end - span.start < 0.41 for span in wrong if span.start > 0.0)
+    assert set(first) == {"drone", "airplane"}
+
+
+def test_another_aircraft_crosses_without_ids_seeds_1_to_4() -> None:
+    for seed in range(1, 5):
+        e = make_encounter("two_cross", seed, 45.0, "rotor_box")
+        truth, other = e.truth, e.truth.other
+        assert other is not None
+        away = other.r - truth.follower.r
+        far = np.linalg.norm(away, axis=1)
+        cosine = np.sum(away * truth.r_FL_n, axis=1) / far / np.linalg.norm(truth.r_FL_n, axis=1)
+        apart = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        k = int(np.argmin(apart))
+        assert apart[k] < 4.0  # both hover, and are blown about
+        assert 20.0 < truth.t[k] < 25.0
+        assert min(apart[0], apart[-1]) > 45.0
+        assert not 0.87 < far[k] / np.linalg.norm(truth.r_FL_n[k]) < 1.15
+        images = [json.loads(d.data) for d in e.datagrams() if d.encoding == Encoding.DETECTIONS]
+        assert {len(image["detections"]) for image in images} == {1, 2}
+        assert all(not d.get("target") for image in images for d in image["detections"])
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_same_family_and_seed_give_the_same_bytes_seeds_4_and_5(family: str) -> None:
     one, again, other = (msgspec.json.encode([*make_encounter(family, s, 3.0).datagrams()]) for s in (4, 4, 5))
@@ -260,10 +406,30 @@ def test_families_of_one_seed_have_conditions_of_their_own_seed_1() -> None:
 def test_conditions_are_drawn_anew_each_time_seed_7() -> None:
     rng = np.random.default_rng(7)
     drawn = [draw_conditions(rng) for _ in range(50)]
-    for part in ("leader", "camera", "nav", "vehicle"):
+    for part in ("leader", "camera", "vehicle"):
         assert len({str(getattr(c.scenario, part)) for c in drawn}) == 50
+    lags = [c.scenario.nav.position_delay for c in drawn if c.scenario.vehicle.autopilot == "ardupilot"]
+    assert len(set(lags)) == len(lags) > 25
     assert len({c.drag for c in drawn}) == 50
     assert 0.018 < max(abs(c.scenario.leader.size / 2.0 - 1.0) for c in drawn) <= 0.02
+
+
+def test_rates_and_lenses_are_those_of_both_autopilots_and_of_three_kinds_seed_9() -> None:
+    rng = np.random.default_rng(9)
+    scenarios = [draw_conditions(rng).scenario for _ in range(200)]
+    rates = np.array([(s.vehicle.rates.attitude, s.vehicle.rates.local_position) for s in scenarios])
+    px4 = np.array([s.vehicle.autopilot == "px4" for s in scenarios])
+    assert 40 < px4.sum() < 95
+    assert rates[px4].min(axis=0).tolist() > [60.0, 25.0]
+    assert rates[~px4].max() < 60.0
+    assert 0.35 < np.mean(rates[~px4] < 10.0) < 0.65
+    kinds = [(s.camera.distortion_model, bool(s.camera.distortion)) for s in scenarios]
+    assert {kind: kinds.count(kind) > 30 for kind in set(kinds)} == {
+        ("radial-tangential", False): True,
+        ("radial-tangential", True): True,
+        ("fisheye", True): True,
+    }
+    assert min(s.camera.rate for s in scenarios) < 5.0
 
 
 def test_the_camera_is_mounted_anywhere_and_looks_at_the_leader_seed_8() -> None:

@@ -31,7 +31,10 @@ def datagrams(count: int) -> list[Datagram]:
         channel, encoding = CHANNELS[n % 3]
         data = bytes((n + k) % 256 for k in range(n * 7 % 300 + 1))
         t_recv_ns = 1_700_000_000_000_000_000 + n * 1_000_003 - (n % 5) * 3_000_000
-        found.append(Datagram(channel=channel, encoding=encoding, t_recv_ns=t_recv_ns, data=data))
+        waited_us = n % 2 * n * 4_294_967
+        found.append(
+            Datagram(channel=channel, encoding=encoding, t_recv_ns=t_recv_ns, data=data, waited_us=waited_us)
+        )
     return found
 
 

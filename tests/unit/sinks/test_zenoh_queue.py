@@ -1,10 +1,14 @@
 """The queue in front of Zenoh: further targets give way to the leader."""
 
 from collections.abc import Sequence
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-from onboard.messages import Lifecycle
+import msgspec
+import pytest
+
+from onboard.messages import Estimate, Lifecycle, not_valid
 from onboard.sinks import zenoh
 from tests.support.records import make_estimate
 
@@ -42,6 +46,25 @@ def test_the_publisher_of_a_target_that_is_gone_is_undeclared_and_the_leader_s_s
                 sink.write([make_estimate(1, "leader", target=target, state=state)])
     assert len(session.declared) == 2
     assert not [key for key in session.declared if "target/1" in key]
+
+
+def test_a_record_is_published_and_replied_as_it_holds_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may have waited in the queue while the program stood still."""
+    put: list[bytes] = []
+    session = Session()
+    monkeypatch.setattr(session, "declare_publisher", lambda *_, **__: SimpleNamespace(put=partial(keep, put)))
+    sink = zenoh.ZenohSink(
+        session, "onboard/1", current=lambda r: not_valid(r, "old") if isinstance(r, Estimate) and len(put) else r
+    )
+    record = make_estimate(1, "leader", state=Lifecycle.TRACKING)
+    sink.write([record])
+    sink.write([record])
+    found = [msgspec.json.decode(data, type=Estimate) for data in put]
+    assert [(e.valid, e.reason) for e in found] == [(True, record.reason), (False, "old")]
+
+
+def keep(kept: list[bytes], data: bytes, **_: Any) -> None:
+    kept.append(data)
 
 
 def waiting(runner: Any) -> list[Any]:

@@ -16,6 +16,7 @@ from simlink.encounters.families import FAMILIES
 from simlink.encounters.truth import at
 from studies.encounters import flights as flown
 from studies.encounters import study
+from studies.encounters.assumptions import BROKEN
 from studies.encounters.flights import (
     BOXES,
     CASES,
@@ -32,7 +33,7 @@ from studies.encounters.flights import (
     known,
     received,
 )
-from studies.encounters.scores import over_all, ratio, score
+from studies.encounters.scores import is_wrong, over_all, ratio, score
 
 STEPS = 200
 
@@ -65,6 +66,19 @@ def test_the_score_of_flights_made_up_by_hand() -> None:
     assert found.worst_flight == pytest.approx(10.0 * np.sqrt(0.5))
     assert found.median_flight == pytest.approx(0.5 * found.worst_flight)
     assert found.sigma == pytest.approx(2.0)
+
+
+def test_what_follows_another_aircraft_is_wrong_seed_1() -> None:
+    truth = make_encounter("two_cross", 1, 8.0).truth
+    assert truth.other is not None
+    t = np.array([6.0, 7.0, 7.5])
+    at_leader, at_other = at(truth.t, truth.r_FL_n, t), at(truth.t, truth.other.r - truth.follower.r, t)
+    rows = np.hstack([t[:, None], at_leader, np.zeros((3, 3)), np.tile((100.0**2 * np.eye(6)).ravel(), (3, 1))])
+    rows[1:, 1:4] = at_other[1:]
+    rows[2, 7:] = np.eye(6).ravel()
+    found = judged(rows, truth)
+    assert np.ravel(found.strays).tolist() == [False, False, True]  # the second is not sure that it is no leader
+    assert is_wrong(found).tolist()[2] == 1.0
 
 
 @pytest.mark.parametrize(
@@ -143,7 +157,10 @@ def test_estimates_are_judged_beside_the_truth_at_their_own_times_seed_1() -> No
     truth = make_encounter("crossing", 1, 8.0).truth
     t = np.array([1.0, 5.5, 6.2504, 7.9, 8.1])
     r = at(truth.t, truth.r_FL_n, t)
-    rows = np.hstack([t[:, None], 1.1 * r, np.tile((4.0 * np.eye(3)).ravel(), (5, 1))])
+    v = at(truth.t, truth.v_FL_n, t)
+    off = np.array([0.0, 3.0, 0.0])
+    P = np.diag([4.0, 4.0, 4.0, 1.0, 1.0, 1.0])
+    rows = np.hstack([t[:, None], 1.1 * r, v + off, np.tile(P.ravel(), (5, 1))])
     rows[2, 1:] = np.nan
     found = judged(rows, truth)
     distance = np.linalg.norm(r, axis=1)[1:4]
@@ -153,6 +170,51 @@ def test_estimates_are_judged_beside_the_truth_at_their_own_times_seed_1() -> No
     assert np.allclose(found.range_[[0, 2]], 1.1 * distance[[0, 2]])
     assert np.allclose(found.sigma[[0, 2]], 2.0)
     assert np.allclose(found.nees[[0, 2]], (0.1 * distance[[0, 2]]) ** 2 / 4.0)
+    assert np.allclose(found.velocity_nees[[0, 2]], 9.0)
+    assert np.isnan(found.manoeuvre)
+    after = judged(rows, truth, 6.0).after
+    assert after.t.tolist() == found.t[1:].tolist()
+    assert np.array_equal(after.velocity_nees, found.velocity_nees[1:], equal_nan=True)
+
+
+def test_only_what_follows_a_manoeuvre_decides_what_is_required_of_it() -> None:
+    """Of the 40 estimates in the 8 s after a manoeuvre, 37.2 must be inside, and 0.8 may be beyond."""
+
+    def flown_so(wrong: slice, nees: float, off: float = 0.0) -> list[str]:
+        flight = made()._replace(velocity_nees=np.ones(STEPS), manoeuvre=20.0)
+        flight.velocity_nees[wrong] = nees
+        flight.range_[wrong] += off
+        findings = study.findings({Case("stops"): [flight] * 3}, 1)
+        return [c.name for c in findings.checks if "after" in c.name and not c.agrees]
+
+    after = np.flatnonzero((made().t >= 20.0) & (made().t <= 28.0))
+    assert len(after) == 40
+    assert flown_so(slice(after[0], after[0] + 2), 10.0) == []
+    assert flown_so(slice(after[0], after[0] + 3), 10.0) == ["velocity inside after the manoeuvre, stops"]
+    assert flown_so(slice(0, after[0]), 10.0) == []
+    assert flown_so(slice(after[0], after[0] + 1), 15.0) == ["velocity beyond after the manoeuvre, stops"]
+    assert flown_so(slice(after[0], after[0] + 1), 1.0, 2.0) == ["range beyond 3 sigma after the manoeuvre, stops"]
+
+
+def test_parts_of_the_study_are_chosen_by_the_names_of_cases() -> None:
+    part = study.options(None, "leaves_hover,hover_five_points", departures=False)
+    assert [case.name for case in part["cases"]] == ["leaves hover", "hover, five points"]
+    assert (part["compared"], part["broken"]) == (0, 0)
+    astray = study.options(3, "hover", departures=True)
+    assert (astray["cases"], astray["broken"]) == ((), 3)
+    assert {case.family for case in astray["departures"]} == {"hover"}
+    assert len(study.options(3, None, departures=True)["departures"]) == len(BROKEN)
+    with pytest.raises(ValueError, match="no case 'upside_down'; there are: behind, hover"):
+        study.options(None, "hover,upside_down", departures=False)
+
+
+def test_departures_fly_alone_seeds_1_and_2(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(study, "fly", lambda *_: made())
+    part = study.options(2, "hover", departures=True)
+    found = study.run(2, 1, 1, tmp_path, **part)
+    rows = found.tables[-2].rows
+    assert len(rows) == len(part["departures"])
+    assert (found.seeds, {row[2] for row in rows}, found.figures) == (2, {2.0}, ())
 
 
 def test_what_is_not_valid_has_no_position_seed_2() -> None:

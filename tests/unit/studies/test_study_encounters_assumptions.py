@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from onboard.config import CameraConfig
+from onboard.estimators.leader.config import Config
+from onboard.estimators.leader.settings import NoseModel
 from simlink.encounters.departures import Departure
 from simlink.encounters.encounter import make_encounter
 from simlink.encounters.families import FAMILIES
@@ -30,15 +33,33 @@ def test_each_assumption_is_broken_in_every_family_that_has_it() -> None:
     assert name_of(Case("hover")) == ""
 
 
+def test_each_assumption_names_priors_that_there_are() -> None:
+    known = {*NoseModel._fields, *Config.__struct_fields__, *CameraConfig.__struct_fields__}
+    for assumption in ASSUMPTIONS.values():
+        assert assumption.priors
+        assert set(assumption.priors) <= known
+
+
+def test_twelve_percent_of_one_case_may_be_outside() -> None:
+    for outside, expected in ((24, "holds"), (25, "does not hold")):
+        flight = made(0)
+        flight.nees[:outside] = 100.0
+        astray = {case: [made(0)] * 2 for case in BROKEN} | {BROKEN[-1]: [flight] * 2}
+        claims = study.findings({Case("hover"): [made(0)] * 2}, 1, astray=astray).claims
+        assert next(str(c.verdict) for c in claims if "ellipsoids" in c.claim) == expected
+
+
 @pytest.mark.parametrize(("wrong", "expected"), [(10, "holds"), (11, "does not hold")])
 def test_five_percent_of_one_case_may_be_confidently_wrong(wrong: int, expected: str) -> None:
     astray = {case: [made(0)] * 2 for case in BROKEN} | {BROKEN[-1]: [made(wrong)] * 2}
     found = study.findings({Case("hover"): [made(0)] * 2}, 1, astray=astray)
     claim = next(claim for claim in found.claims if "assumption" in claim.claim)
     assert (str(claim.verdict), f"{WRONG:g} %" in claim.claim) == (expected, True)
-    table = found.tables[-1]
+    table, together = found.tables[-2:]
+    assert sum(float(row[2] or 0.0) for row in together.rows) == 2.0 * len(BROKEN)
+    assert [row[0] for row in together.rows] == list(ASSUMPTIONS)
     assert [len(row) for row in table.rows] == [len(table.header)] * len(BROKEN)
-    assert table.rows[-1][:4] == (name_of(BROKEN[-1]), "stop turn leave", 2.0, 0.5 * wrong)
+    assert table.rows[-1][:4] == (name_of(BROKEN[-1]), BROKEN[-1].name, 2.0, 0.5 * wrong)
 
 
 def test_the_camera_is_configured_wrongly_about_one_axis_that_differs_by_seed() -> None:
@@ -68,7 +89,7 @@ def test_the_first_seeds_fly_astray_too(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(study, "fly", flight)
     monkeypatch.setattr(peers, "fly", lambda *_: peers.Pair(made(1), made(2)))
     found = study.run(8, 501, 1, None, cases=(Case("hover"),), compared=0)
-    assert [len(table.rows) for table in found.tables[1:]] == [len(BROKEN), len(peers.BESIDE)]
-    rows = found.tables[1].rows
+    assert [len(table.rows) for table in found.tables[2:]] == [len(BROKEN), len(ASSUMPTIONS), len(peers.BESIDE)]
+    rows = found.tables[2].rows
     assert (len(rows), {row[2] for row in rows}) == (len(BROKEN), {2.0})
     assert [row[3] for row in rows[:4]] == [0.0, 0.0, 0.25, 0.0]

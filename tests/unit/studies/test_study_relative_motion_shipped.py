@@ -25,6 +25,7 @@ from studies.relative_motion.variants import BY_NAME, VARIANTS, scenario_of, set
 
 ALLOWED = {
     *("camera.f_px", "camera.width_px", "camera.height_px", "camera.mount_rpy_deg", "camera.mount_offset_m"),
+    "camera.distortion",  # of the lens that is drawn, as its calibration says
     *("estimator.leader.size_prior_m", "estimator.leader.leader_class"),
 }
 

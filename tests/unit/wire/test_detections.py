@@ -9,7 +9,6 @@ from onboard.geometry.lens import Lens
 from onboard.messages import Clock, Datagram, Encoding, TargetDetection, TargetPoints
 from onboard.wire.cameras import CameraInput
 from onboard.wire.datagrams import DatagramDecoder
-from onboard.wire.detections import BOX_NOISE
 from tests.support.mavlink_frames import RECV
 
 LENS = Lens(fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, width_px=640.0, height_px=480.0)
@@ -72,10 +71,14 @@ def test_a_box_alone_is_its_middle_with_the_noise_of_boxes() -> None:
     assert isinstance(m, TargetDetection)
     (feature,) = m.features
     assert (feature.name, feature.point) == ("box", pytest.approx((0.1, -0.1)))
-    assert feature.sigma == pytest.approx(BOX_NOISE * 100 / 500)
+    assert feature.sigma == pytest.approx(0.05 * 100 / 500)
     assert m.half_width == pytest.approx(50 / 500)
-    assert m.half_sides == pytest.approx((50 / 500, 20 / 500))
+    left, upper, right, lower = m.sides
+    assert (left, right) == (pytest.approx((0.0, -0.1)), pytest.approx((0.2, -0.1)))
+    assert (upper, lower) == (pytest.approx((0.1, -0.14)), pytest.approx((0.1, -0.06)))
     assert one(box=BOX | {"sigma_px": 3.0}).features[0].sigma == pytest.approx(3 / 500)
+    at_edge = one(box=BOX | {"u_px": 60.0})  # ends ten pixels inside
+    assert (at_edge.sides, at_edge.half_width) == (None, pytest.approx(50 / 500))
 
 
 def test_noise_grows_as_confidence_falls_and_a_sigma_of_its_own_stays() -> None:
@@ -106,6 +109,23 @@ def test_a_named_camera_brings_its_noise_and_intrinsics_of_an_image_hold_for_it(
     assert m.camera == "tele"
     assert m.features[0].point == pytest.approx((0.05, 0.0))
     assert m.features[0].sigma == pytest.approx(2 / 1000)
+
+
+def test_intrinsics_of_an_image_that_are_doubtful_say_so() -> None:
+    quarter = {
+        "fx_px": 500.0,
+        "fy_px": 500.0,
+        "cx_px": 160.0,
+        "cy_px": 120.0,
+        "width_px": 640.0,
+        "height_px": 480.0,
+    }
+    document = {**HEAD, "intrinsics": quarter, "detections": [{"points": {"center": CENTER}}]}
+    (m,) = Decoded(document).messages
+    assert isinstance(m, TargetDetection)
+    assert m.features[0].point == pytest.approx((0.05, 0.0))
+    assert m.doubt.startswith("the principal point (160, 120) is the middle of 1/2 of the image")
+    assert not one(points={"center": CENTER}).doubt
 
 
 def test_unknown_fields_and_points_are_ignored_and_named_once() -> None:
@@ -263,11 +283,11 @@ def test_statements_of_one_detection_that_agree_are_used(detection: dict[str, An
     [
         (
             {"pose": {"position_m": (2500.0, 3000.0, 25000.0)}},
-            f"2e+03 m large, of a wingspan of 1.8 to 2.2 m; expected metres - at {BOTH}",
+            f"1.99e+03 m large, of a wingspan of 1.8 to 2.2 m; expected metres - at {BOTH}",
         ),
         (
             {"pose": {"position_m": (2.5, -3.0, 25.0)}},
-            f"the position is 13 degrees from `box`; expected right, down, forward in metres - at {BOTH}",
+            f"the position is 14 degrees from `box`; expected right, down, forward in metres - at {BOTH}",
         ),
         (
             {"pose": {"position_m": (-2.5, 3.0, 25.0)}},
@@ -276,9 +296,9 @@ def test_statements_of_one_detection_that_agree_are_used(detection: dict[str, An
         ({"range_m": 25000.0}, "expected metres - at `$.detections[0].range_m` and `$.detections[0].box`"),
         (
             {"range_m": 0.5},
-            "at 0.5 m the box would be 0.04 m large, of a wingspan of 1.8 to 2.2 m; expected metres",
+            "at 0.5 m the box would be 0.0393 m large, of a wingspan of 1.8 to 2.2 m; expected metres",
         ),
-        ({"range_m": 82.0}, "at 82 m the box would be 6.56 m large"),  # feet
+        ({"range_m": 82.0}, "at 82 m the box would be 6.44 m large"),  # feet
     ],
 )
 def test_statements_of_one_detection_that_cannot_both_be_are_refused_and_both_named(
@@ -292,7 +312,7 @@ def test_statements_of_one_detection_that_cannot_both_be_are_refused_and_both_na
 
 def test_a_position_beside_its_center_elsewhere_is_refused() -> None:
     decoded = sized(points={"center": CENTER | {"v_px": 300.0}}, pose={"position_m": (2.5, -3.0, 25.0)})
-    assert "the position is 13 degrees from `points.center`" in decoded.reasons[0]
+    assert "the position is 14 degrees from `points.center`" in decoded.reasons[0]
 
 
 @pytest.mark.parametrize(

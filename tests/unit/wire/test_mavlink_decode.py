@@ -103,7 +103,14 @@ def test_gps_stamped_with_unix_time_and_its_unknown_values() -> None:
 def test_messages_without_a_stamp_are_true_when_they_arrived() -> None:
     beat = one(frame(0, 50, struct.pack("<IBBBBB", 4, 2, 12, 0x80 | 0x01, 4, 3)))
     assert beat == Heartbeat(
-        t_ns=RECV, t_recv_ns=RECV, clock=Clock.NONE, vehicle_type=2, autopilot=12, armed=True, status=4
+        t_ns=RECV,
+        t_recv_ns=RECV,
+        clock=Clock.NONE,
+        vehicle_type=2,
+        autopilot=12,
+        armed=True,
+        status=4,
+        custom_mode=4,
     )
     assert not one(frame(0, 50, struct.pack("<IBBBBB", 4, 2, 12, 0x01, 4, 3))).armed
     sync = one(frame(111, 34, struct.pack("<qq", 5_000_000_123, 7_000_000_456)))

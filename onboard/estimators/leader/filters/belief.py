@@ -22,12 +22,12 @@ from onboard.estimators.leader.filters.noses.moments import LOG_SIZE
 from onboard.estimators.leader.filters.noses.places import OpenQuestion
 from onboard.estimators.leader.filters.noses.summary import RESOLVED, Summary, as_leader, summarise
 from onboard.estimators.leader.settings import NoseModel
-from onboard.estimators.leader.shape import Shape
+from onboard.estimators.leader.shape import MIDDLE_AND_SIZE, Shape, ShapeFeatures
 from onboard.estimators.leader.size import Size
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError, Update
 from onboard.filters.gating import normalised_squared
-from onboard.models import leader_flight, wing_line
+from onboard.models import box_sides, leader_flight, wing_line
 from onboard.models.relative_motion import POSITION, VELOCITY
 from onboard.ownship import Step
 
@@ -63,6 +63,15 @@ class State(NamedTuple):
     wind: Wind | None = None
 
 
+class Expected(NamedTuple):
+    """A predicted measurement (m,), the innovation (m,), its covariance (m, m), and its NIS."""
+
+    y: Array
+    innovation: Array
+    S: Array
+    nis: float
+
+
 class BeliefFilter:
     """A filter of one target, of this `shape`; FilterErrors pass through. An image whose NIS is above the `gate`
     is not fused. `delay_sigma` (s): of the camera's stamps; `m`: the size of a measurement."""
@@ -75,6 +84,7 @@ class BeliefFilter:
         self.measured_components, self.measured_units = wing_line.COMPONENTS[:m], wing_line.UNITS[:m]
         self.gate = settings.gate
         self._settings, self._delay_sigma, self._m = settings, delay_sigma, m
+        self._newest: tuple[State, State] | None = None  # predicted last: whoever is asked for it may be given it
 
     def measure(self, points: Array, sigmas: Array) -> Measurement:
         """See `measurement.measure_wing`."""
@@ -101,19 +111,15 @@ class BeliefFilter:
         advanced = state._replace(since=state.since.after(step))
         return self._caught_up(advanced) if advanced.since.dt > LONGEST_S else advanced
 
+    def expects(self, state: State, measurement: Measurement, pose: CameraPose) -> Expected:
+        """What all hypotheses together expect of an image. Raises FilterError."""
+        return self._expected(self._caught_up(state), self._delayed(measurement, pose), pose)
+
     def fuse(self, state: State, measurement: Measurement, pose: CameraPose) -> Update:
         """The update of all hypotheses."""
-        if self._delay_sigma > 0.0:
-            measurement = measurement.with_attitude_noise(
-                self._delay_sigma**2 * np.outer(pose.omega_c, pose.omega_c)
-            )
-        now = self._caught_up(state)
+        measurement, now = self._delayed(measurement, pose), self._caught_up(state)
+        expected, innovation, S, nis = self._expected(now, measurement, pose)
         settings = self._noses(now)
-        expected, S = particles.predicted(settings, now.cloud, measurement, pose)
-        innovation, S = _ordered(measurement.y, expected) - expected, S + measurement.R
-        nis = float(normalised_squared(innovation, S))
-        if not math.isfinite(nis):
-            raise FilterError("the hypotheses have lost their numbers")
         cloud, beyond = particles.update(settings, now.cloud, measurement, pose)
         passes = max(nis, beyond) <= settings.gate
         after = now._replace(cloud=cloud, summary=summarise(settings, cloud)) if passes else state
@@ -158,6 +164,24 @@ class BeliefFilter:
         """Whether the direction is less certain than `share`; an uncertain range is no obstacle to an image."""
         return state.summary.after(state.since.dt, state.since.moved).direction_sigma() > share
 
+    def _delayed(self, measurement: Measurement, pose: CameraPose) -> Measurement:
+        """The measurement with the noise of the camera's unknown delay."""
+        if self._delay_sigma <= 0.0:
+            return measurement
+        return measurement.with_attitude_noise(self._delay_sigma**2 * np.outer(pose.omega_c, pose.omega_c))
+
+    def _expected(self, now: State, measurement: Measurement, pose: CameraPose) -> Expected:
+        expected, S = particles.predicted(self._noses(now), now.cloud, measurement, pose)
+        innovation, S = _ordered(measurement.y, expected) - expected, S + measurement.R
+        if measurement.shows is not None and measurement.shows.is_box:
+            box, S_box = of_box(now.cloud, measurement.shows, measurement.axes, pose)
+            innovation[:4], S[:4, :4], S[:4, 4:], S[4:, :4] = box, S_box, 0.0, 0.0
+            expected[:4] = measurement.y[:4] - box
+        nis = float(normalised_squared(innovation, S))
+        if not math.isfinite(nis):
+            raise FilterError("the hypotheses have lost their numbers")
+        return Expected(expected, innovation, S, nis)
+
     def _noses(self, state: State) -> NoseModel:
         """What the hypotheses assume, with the size and the wind as they are known now."""
         return particles.supposed(self._settings, state.wind)
@@ -170,11 +194,38 @@ class BeliefFilter:
         dt, moved, v_F_n = state.since
         if dt <= 0.0:
             return state
+        if self._newest is not None and _is_same(self._newest[0], state):
+            return self._newest[1]
         cloud = particles.predict(self._noses(state), state.cloud, dt, moved)
         after = state._replace(cloud=cloud, since=standing(v_F_n))
         if dt > LONGEST_S:  # no image corrects it soon
-            return self._summarised(after)
-        return after._replace(summary=state.summary.after(dt, moved))
+            after = self._summarised(after)
+        else:
+            after = after._replace(summary=state.summary.after(dt, moved))
+        self._newest = state, after
+        return after
+
+
+def _is_same(a: State, b: State) -> bool:
+    """Whether two states are to be predicted alike."""
+    alike = a.cloud is b.cloud and a.summary is b.summary and a.wind is b.wind and a.since.dt == b.since.dt
+    return alike and all(np.array_equal(x, y) for x, y in zip(a.since[1:], b.since[1:], strict=True))
+
+
+def of_box(cloud: Cloud, shows: ShapeFeatures, axes: Array, pose: CameraPose) -> tuple[Array, Array]:
+    """Innovation (4,) and its covariance (4, 4) of a box: its middle, right and down, and its width and height."""
+    known = cloud.with_biases(evidence.of_boxes(shows))
+    particles_ = known.means, known.covariances, known.noses, np.exp(known.log_weights)
+    camera = pose.R_cn, pose.r_FC_n, axes
+    expected, S = box_sides.prediction(
+        *particles_, shows.rows, shows.posture, camera, known.column(evidence.BOXES)
+    )
+    S = MIDDLE_AND_SIZE @ (S + np.diag(shows.rows.sigma**2)) @ MIDDLE_AND_SIZE.T
+    turns = np.array([axes[2], -axes[1]])  # the sides move together, and not each for itself
+    common = turns @ pose.noise_c @ turns.T
+    S[:2, :2] += common - 0.5 * np.diag(common.diagonal())
+    S[2:, 2:] -= 2.0 * np.diag(common.diagonal())
+    return MIDDLE_AND_SIZE @ (shows.rows.y - expected), S
 
 
 def _ordered(y: Array, expected: Array) -> Array:

@@ -2,9 +2,9 @@
 
 - Both wingtips without the center: the wing as ever. The center is near the wing's middle, but not on it, unless
   `center_on_wing` says so: its direction is that of the middle, with noise in proportion to the wing.
-- The center, one wingtip, another point, or a box: a direction. A wingtip is half a wing off the center, and the
-  middle of a box may be a tenth of the box off. Such an offset is a bias, which images do not average out: it
-  counts `BIAS_COUNTS` times.
+- The center, one wingtip, another point, or a box: a direction. A wingtip is half a wing off the center, the
+  middle of a box may be a tenth of the box off, and that of a box which the image's edge may cut off half a wing.
+  Such an offset is a bias, which images do not average out: it counts `BIAS_COUNTS` times.
 - Further points of the class, and, where the wing was not seen, the sides of a box: see `shape`.
 - A pose: see `pose`. Where nothing else shows the size, its range is the range.
 
@@ -20,12 +20,13 @@ from msgspec.structs import replace
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.pose import measured_pose
-from onboard.estimators.leader.shape import of_box, of_points
+from onboard.estimators.leader.shape import BOX_SHARE, MIDDLE_AND_SIZE, of_box, of_points
 from onboard.filters.belief import Update
 from onboard.messages import (
     ImageFeature,
     ImagePoint,
     RelativePose,
+    Sides,
     TargetDetection,
     TargetImage,
     TargetPoints,
@@ -42,9 +43,6 @@ SIDES: Final = 3.0  # ... and of their own at least
 FAKE: Final = 1e-3  # focal lengths: half the wing of an image that shows none; its noise is UNKNOWN
 
 
-Edges = tuple[float, float, float, float]  # left, upper, right, lower, in focal lengths
-
-
 class Features(NamedTuple):
     """What an image shows of an aircraft, in focal lengths."""
 
@@ -54,7 +52,7 @@ class Features(NamedTuple):
     has_center: bool = True  # it was seen, and does not stand for what was not
     has_wing: bool = True
     named: tuple[ImageFeature, ...] = ()  # all points that have names
-    box: tuple[ImageFeature, ImagePoint] | None = None  # its middle and half sides
+    box: tuple[Sides, float] | None = None  # and the noise of each side, in shares of the larger one
     pose: RelativePose | None = None  # the detector's own
 
     def noisier(self, scale: float) -> "Features":
@@ -66,7 +64,7 @@ class Features(NamedTuple):
             return replace(feature, sigma=scale * feature.sigma)
 
         a, b, c = self.sigmas
-        box = None if self.box is None else (noisy(self.box[0]), self.box[1])
+        box = None if self.box is None else (self.box[0], scale * self.box[1])
         named = tuple(map(noisy, self.named))
         return self._replace(sigmas=(scale * a, scale * b, scale * c), named=named, box=box)
 
@@ -93,18 +91,27 @@ def features_of(message: TargetImage, camera_sigma: float, *, center_on_wing: bo
         sigma = 0.5 * math.hypot(left.sigma, right.sigma)
         off = ON_WING if center_on_wing else OFF_WING
         points = ((a + c) / 2, (b + d) / 2), left.point, right.point
-        offset = off * math.dist(*points[1:])
+        offset = off * math.dist(*points[1:]) * _angle(points[0])
         sigmas = sigma, left.sigma, right.sigma
         others = tuple(f for name, f in features.items() if name not in ("left", "right"))
         tips = _tips(left.point, right.point, (left.sigma, right.sigma))
         return Features(points, sigmas, offset, has_center=False, named=(*others, *tips), pose=message.pose)
-    one = features.get("center", message.features[0])
-    offset = {"center": 0.0, "box": 2.0 * OFF_BOX * (message.half_width or 0.0)}.get(one.name, half_wing)
+    one, half_width = features.get("center", message.features[0]), message.half_width or 0.0
+    of_whole_box = 2.0 * OFF_BOX * half_width * _angle(one.point)
+    of_box = of_whole_box if message.sides else max(of_whole_box, half_wing)
+    offset = {"center": 0.0, "box": of_box}.get(one.name, half_wing)
     u, v = one.point
     points = one.point, (u - FAKE, v), (u + FAKE, v)
     has_center = one.name == "center"
-    box = (features["box"], message.half_sides) if "box" in features and message.half_sides else None
+    box = None
+    if message.sides and half_width:
+        box = message.sides, max(features["box"].sigma / (2.0 * half_width), BOX_SHARE)
     return Features(points, (one.sigma,) * 3, offset, has_center, False, message.features, box, message.pose)
+
+
+def _angle(point: ImagePoint) -> float:
+    """Radians per focal length about a point, the geometric mean of the two directions."""
+    return 1.0 / float(math.hypot(1.0, *point) ** 1.5)
 
 
 def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tuple[ImageFeature, ImageFeature]:
@@ -114,9 +121,8 @@ def _tips(left: ImagePoint, right: ImagePoint, sigmas: tuple[float, ...]) -> tup
     return ImageFeature(name="left", point=left, sigma=a), ImageFeature(name="right", point=right, sigma=b)
 
 
-def measure(filter_: BeliefFilter, saw: Features, view: Edges | None = None) -> Measurement:
-    """The filter's measurement of it: what was not seen has noise without bound. A box that reaches the edge of
-    the `view` is cut off: it shows a direction at most."""
+def measure(filter_: BeliefFilter, saw: Features) -> Measurement:
+    """The filter's measurement of it: what was not seen has noise without bound."""
     measured = filter_.measure(np.array(saw.points), np.array(saw.sigmas))
     if saw.named:
         shows = of_points(filter_.shape, saw.named, measured.axes, has_center=saw.has_center)
@@ -131,7 +137,7 @@ def measure(filter_: BeliefFilter, saw: Features, view: Edges | None = None) -> 
     for i in range(first, len(y)):
         y[i], R[i, :], R[:, i] = 0.0, 0.0, 0.0
         R[i, i] = UNKNOWN**2
-    measured = measured._replace(y=y, R=R)
+    measured = measured._replace(y=y, R=R, has_center=saw.has_center)
     if saw.has_wing:
         return measured
     shows = measured.shows
@@ -140,8 +146,9 @@ def measure(filter_: BeliefFilter, saw: Features, view: Edges | None = None) -> 
         box = None
     elif measured.pose is not None and measured.pose.range_ is not None:
         return _metric(measured, measured.pose.range_, shape.size)
-    if box is not None and not is_cut(*box, view):
+    if box is not None:
         shows = of_box(shape, *box, measured.axes)
+        y[:4] = MIDDLE_AND_SIZE @ shows.rows.y
     extent = (shows.spread, shows.spread_sigma) if shows and shows.has_extent else (measured.span, math.inf)
     return measured._replace(span=extent[0], span_sigma=extent[1], shows=shows, has_wing=False)
 
@@ -150,14 +157,6 @@ def _metric(measured: Measurement, range_: float, size: float) -> Measurement:
     """The measurement where a pose alone shows the range."""
     span, sigma = size / range_, measured.pose.range_sigma if measured.pose is not None else math.inf
     return measured._replace(span=span, span_sigma=span * sigma / range_, has_wing=False, is_metric=True)
-
-
-def is_cut(middle: ImageFeature, half: ImagePoint, view: Edges | None) -> bool:
-    """Whether a box reaches the image's edge, or beyond."""
-    if view is None:
-        return False
-    (u, v), (a, b), (left, upper, right, lower) = middle.point, half, view
-    return u - a <= left or u + a >= right or v - b <= upper or v + b >= lower
 
 
 def refused(measurement: Measurement, state: Any) -> Update:

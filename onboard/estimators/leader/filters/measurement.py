@@ -25,10 +25,12 @@ class Measurement(NamedTuple):
     has_wing: bool = True  # it was seen
     pose: PoseFeatures | None = None
     is_metric: bool = False  # a pose alone shows the range, which does not depend on the size
+    has_center: bool = True  # the direction is that of the center, but for noise
 
     def with_attitude_noise(self, noise_c: Array) -> "Measurement":
         """The measurement by a camera whose attitude has white noise, a small rotation in c of covariance noise_c
-        (3, 3): all directions move together, and the wing turns about them."""
+        (3, 3): all directions move together, and the wing turns about them. The sides of a box move together, too;
+        each is as uncertain as if it moved alone."""
         if not noise_c.any():
             return self
         by = np.zeros((len(self.y), 3))  # by how much a rotation changes y
@@ -36,7 +38,18 @@ class Measurement(NamedTuple):
         if len(self.y) > 3:
             by[2], by[3] = -self.y[3] * self.axes[0], self.y[2] * self.axes[0]
         by[4:] = by[: max(len(self.y) - 4, 0)]  # the wing's middle as the center
-        return self._replace(R=self.R + by @ noise_c @ by.T)
+        noise, shows = by @ noise_c @ by.T, self.shows
+        if shows is not None and shows.is_box:
+            sigma = np.sqrt(shows.rows.sigma**2 + noise.diagonal()[shows.rows.axis.astype(int)])
+            shows = shows._replace(rows=shows.rows._replace(sigma=sigma))
+        return self._replace(R=self.R + noise, shows=shows)
+
+    @property
+    def noise(self) -> float:
+        """The variance of each coordinate of the direction by noise; 0 where an error that lasts adds to it."""
+        if self.shows is not None and self.shows.is_box:
+            return 0.5 * float(self.shows.rows.sigma[0] ** 2)  # of the middle between two sides
+        return 0.5 * float(self.R[0, 0] + self.R[1, 1]) if self.has_center else 0.0
 
     @property
     def has_extent(self) -> bool:

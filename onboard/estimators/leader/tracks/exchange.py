@@ -1,13 +1,16 @@
-"""Whether another object has taken the target's place in the images.
+"""Whether another object has taken the target's place in the images, and what the detector takes it for.
 
 An aircraft moves on from image to image. An object that another one is exchanged for, by a detector, leaps: in
 direction, or in apparent size. If from a leap on no image fits the track, one of the two is not the target, and
 nothing says which. The new track is then in question until the images leap back, or until the old one would have
 been forgotten anyway.
+
+A detector's classes flicker, and its first one may be wrong. So the class of most images of the last seconds is
+believed, and the size with it. While two classes come about equally often, nothing is.
 """
 
 import math
-from typing import Final
+from typing import Final, Generic, TypeVar
 
 import numpy as np
 
@@ -19,6 +22,8 @@ LEAP: Final = math.radians(2.0)  # a direction that changes by more ...
 SWIFTEST: Final = math.radians(60.0)  # ... and faster than this, 1/s, leaps; as 10 m/s across at 10 m
 RATIO: Final = 1.3  # so does an apparent size that changes by more
 SIGMAS: Final = 4.0  # of both sizes' noise, where that is larger
+OFTEN: Final = 0.75  # of the images of the believed class: another class that is as frequent leaves it open
+K = TypeVar("K")
 
 
 class Exchange:
@@ -30,6 +35,11 @@ class Exchange:
         self._gated: Image | None = None
         self._before: Image | None = None  # the newest image of what was followed before
         self._until_ns = 0
+
+    @property
+    def newest(self) -> Image | None:
+        """The newest image that was fused."""
+        return self._fused
 
     def fused(self, image: Image) -> None:
         """A track took an image."""
@@ -64,6 +74,42 @@ class Exchange:
         """Forget all images."""
         self._fused = self._gated = self._before = None
         self._until_ns = 0
+
+
+class Classes(Generic[K]):
+    """What the detector takes a target for: `kind`, by the images of the last seconds (`memory_s`, as a time
+    constant). A class that is not configured is None: it says nothing against those that are."""
+
+    def __init__(self, memory_s: float) -> None:
+        self.kind: K | None = None
+        self._memory_s, self._t_ns = memory_s, 0
+        self._names: dict[K | None, str] = {}  # the newest of each kind
+        self._weights: dict[K | None, float] = {}
+
+    def add(self, kind: K | None, name: str, t_ns: int) -> bool:
+        """An image of this time was taken for `name`. Whether another kind is believed from now on: one that comes
+        twice as often as the one before."""
+        passed_s, self._t_ns = max(t_ns - self._t_ns, 0) / NS_PER_S, max(t_ns, self._t_ns)
+        decay = math.exp(-passed_s / self._memory_s)
+        self._weights = {each: decay * weight for each, weight in self._weights.items()}
+        self._names[kind] = name
+        self._weights[kind] = self._weights.get(kind, 0.0) + 1.0
+        often = 0.5 if self.kind is None else 2.0
+        if kind in (None, self.kind) or self._weights[kind] <= often * self._weights.get(self.kind, 0.0):
+            return False
+        self.kind = kind
+        return True
+
+    @property
+    def doubt(self) -> str:
+        """Why it is open what the target is, "" if it is not."""
+        if self.kind is None:
+            return ""
+        others = {k: w for k, w in self._weights.items() if k not in (None, self.kind)}
+        most = max(others, key=others.__getitem__, default=None)
+        if most is None or others[most] < OFTEN * self._weights[self.kind]:
+            return ""
+        return f"the detector takes it now for {self._names[self.kind]}, now for {self._names[most]}"
 
 
 def leaps(before: Image, after: Image) -> bool:

@@ -3,10 +3,11 @@
 import math
 from typing import Any, NamedTuple
 
-from onboard.estimators.leader.camera_pose import CameraPoses
+from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.features import refused
+from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.sight import sight
 from onboard.estimators.leader.tracks.image import Image, measured, newest_pose
 from onboard.estimators.leader.tracks.noise import NoiseScale
@@ -32,6 +33,14 @@ def advance(filter_: BeliefFilter, state: TrackState, t0_ns: int, t1_ns: int, ow
     return state._replace(leader=leader)
 
 
+def seen(
+    filter_: BeliefFilter, poses: CameraPoses, state: TrackState, image: Image, ownship: Ownship
+) -> tuple[Measurement, CameraPose]:
+    """What an image measures, by all that is known now of its detector and our own attitude; its camera's pose."""
+    pose = newest_pose(image, poses, ownship)
+    return measured(image, filter_, state.noise.scale).with_attitude_noise(pose.noise_c), pose
+
+
 def fuse(
     filter_: BeliefFilter, poses: CameraPoses, state: TrackState, taken: Image | Auxiliary | Wind, ownship: Ownship
 ) -> tuple[TrackState, Any]:
@@ -43,8 +52,7 @@ def fuse(
     if isinstance(taken, Auxiliary):
         after = filter_.assist(leader, taken)
         return state if after is None else state._replace(leader=after), AuxiliaryOutcome(after is not None)
-    pose = newest_pose(taken, poses, ownship)
-    measurement = measured(taken, filter_, state.noise.scale).with_attitude_noise(pose.noise_c)
+    measurement, pose = seen(filter_, poses, state, taken, ownship)
     try:
         update = filter_.fuse(leader, measurement, pose)
     except FilterError:
@@ -53,7 +61,7 @@ def fuse(
         return state, Outcome(False, refused(measurement, leader), leader, pose)
     noise = state.noise
     if math.isfinite(update.nis):
-        noise = noise.after(update.innovation, update.innovation_covariance)
+        noise = noise.after(update.innovation, update.innovation_covariance, measurement.noise)
     fused = update.passes
     if fused and not sight(measurement.axes, pose).shows(filter_.belief(update.belief).mean[POSITION]):
         fused = False

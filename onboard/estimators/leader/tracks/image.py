@@ -12,9 +12,10 @@ from onboard.estimators.leader.camera_pose import CameraPose, CameraPoses
 from onboard.estimators.leader.config import Config
 from onboard.estimators.leader.filters import features
 from onboard.estimators.leader.filters.belief import BeliefFilter
-from onboard.estimators.leader.filters.features import Edges, Features
+from onboard.estimators.leader.filters.features import Features
 from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.geometry.camera import Camera
+from onboard.geometry.lens import WIDEST, Edges
 from onboard.geometry.units import NS_PER_S
 from onboard.messages import ImagePoint, TargetImage, Verdict
 from onboard.ownship import Ownship
@@ -22,7 +23,6 @@ from onboard.ownship import Ownship
 AGREE_RAD: Final = np.radians(5.0)  # images of one aircraft point the same way this nearly ...
 AGREE_RATIO: Final = 1.3  # ... and show the same span within this factor
 SMALLEST_SPAN_SIGMA: Final = 2.0  # a span below this many of its sigmas says nothing of the range
-WIDEST: Final = 100.0  # focal lengths from the axis (89.4 degrees): no lens shows a point beyond
 SIGMAS: Final = (1e-7, 10.0)  # focal lengths: no detector is more exact or less
 
 
@@ -30,7 +30,7 @@ class Image(NamedTuple):
     """A usable image, with the camera's pose when it was taken. The pose is `final` if it was interpolated; an
     extrapolated one is computed again when the image is fused. Without an extent (`has_extent`) it shows a
     direction alone (see `features`). The measurement supposes a detector that is `noise_scale` times as noisy as
-    `points` states, in a camera of these `edges`."""
+    `points` states, and a `half_wing` where that matters, else 0."""
 
     message: TargetImage
     has_extent: bool
@@ -38,8 +38,12 @@ class Image(NamedTuple):
     pose: CameraPose
     final: bool
     points: Features
-    edges: Edges
     noise_scale: float
+    half_wing: float = 0.0
+
+    def supposes(self, half_wing: float, noise_scale: float) -> bool:
+        """Whether it would be the same by these."""
+        return self.noise_scale == noise_scale and self.half_wing in (0.0, half_wing)
 
     @property
     def direction_n(self) -> Array:
@@ -70,32 +74,35 @@ def prepare(
         return Verdict.NOT_FINITE
     pose = poses.at(message.t_ns, ownship, camera, message.mount)
     if pose is None:
-        return _why_no_pose(message.t_ns - ownship.now_ns, config) if ownship.now_ns > 0 else Verdict.NO_POSE
+        return _why_no_pose(message.t_ns, ownship, config)
     if max(map(abs, numbers)) > WIDEST or min(sigmas) < SIGMAS[0] or max(sigmas) > SIGMAS[1]:
         return Verdict.DEGENERATE
     points = saw.points if saw.has_wing else saw.points[:1]
-    view = visible_part(camera, message.view, config.edge_px)
-    if not is_inside(points, view):
+    if not in_view(points, camera, message.view, config.edge_px):
         return Verdict.OUT_OF_VIEW
-    measurement = features.measure(filter_, saw, view)
+    measurement = features.measure(filter_, saw)
     if saw.has_wing and measurement.span < SMALLEST_SPAN_SIGMA * measurement.span_sigma:
         return Verdict.DEGENERATE
     is_final = poses.is_final(message.t_ns, ownship, camera, message.mount)
-    return Image(message, measurement.has_extent, measurement, pose, is_final, stated, view, noise_scale)
+    supposed = half_wing if saw.offset == half_wing else 0.0
+    return Image(message, measurement.has_extent, measurement, pose, is_final, stated, noise_scale, supposed)
 
 
-def _why_no_pose(lead_ns: int, config: Config) -> Verdict:
-    """Why there is no pose at a time so long after our own newest: it may be that of another clock."""
-    if lead_ns > 0:
+def _why_no_pose(t_ns: int, ownship: Ownship, config: Config) -> Verdict:
+    """Why there is no pose at a time: it may be that of another clock, or attitude or position has stopped."""
+    if ownship.now_ns <= 0:
+        return Verdict.NO_POSE
+    if t_ns > ownship.now_ns:
         return Verdict.TOO_NEW
-    return Verdict.TOO_OLD if -lead_ns > config.rewind_horizon_s * NS_PER_S else Verdict.NO_POSE
+    is_old = ownship.now_ns - t_ns > config.rewind_horizon_s * NS_PER_S
+    return Verdict.TOO_OLD if is_old and ownship.lead_ns(t_ns) <= 0 else Verdict.NO_POSE
 
 
 def measured(image: Image, filter_: BeliefFilter, noise_scale: float) -> Measurement:
     """What an image measures by a detector that is so many times as noisy as configured."""
     if noise_scale == image.noise_scale:
         return image.measurement
-    return features.measure(filter_, image.points.noisier(noise_scale), image.edges)
+    return features.measure(filter_, image.points.noisier(noise_scale))
 
 
 def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPose:
@@ -107,23 +114,10 @@ def newest_pose(image: Image, poses: CameraPoses, ownship: Ownship) -> CameraPos
 
 
 def in_view(points: Iterable[ImagePoint], camera: Camera, view: Edges | None, edge_px: float) -> bool:
-    """Whether all points are inside the image, of the given edges or the configured camera's."""
-    return is_inside(points, visible_part(camera, view, edge_px))
-
-
-def visible_part(camera: Camera, view: Edges | None, edge_px: float) -> Edges:
-    """The edges of the image, the given ones or the configured camera's, `edge_px` inside."""
-    if view is None:
-        half = 0.5 * camera.width_px / camera.f_px, 0.5 * camera.height_px / camera.f_px
-        view = -half[0], -half[1], half[0], half[1]
+    """Whether all points are inside the image, of the given edges or the configured camera's, by `edge_px`."""
+    left, upper, right, lower = view or camera.edges
     edge = edge_px / camera.f_px
-    return view[0] + edge, view[1] + edge, view[2] - edge, view[3] - edge
-
-
-def is_inside(points: Iterable[ImagePoint], view: Edges) -> bool:
-    """Whether all points are inside these edges."""
-    left, upper, right, lower = view
-    return all(left <= u <= right and upper <= v <= lower for u, v in points)
+    return all(left + edge <= u <= right - edge and upper + edge <= v <= lower - edge for u, v in points)
 
 
 def agree(a: Image, b: Image) -> bool:

@@ -36,4 +36,4 @@ def continued(by: Track, image: Image, near: Mapping[float, Track], ownship: Own
         offset: t for offset, t in near.items() if t is not by and (t.repeats.newest_ns or since_ns) < since_ns
     }
     nearest = gone[min(gone)] if gone else None
-    return nearest if nearest is not None and not nearest.distance(image, ownship).beyond else None
+    return nearest if nearest is not None and not nearest.expects(image, ownship).beyond else None

@@ -6,6 +6,10 @@ larger. Up to `MOST` times: images that fit worse come of something else, and no
 so that neither outliers nor a short manoeuvre count; the direction alone, as the wing misleads where the nose is
 not on the course.
 
+The noise is taken for smaller, too, down to `LEAST`, but with more care. What was predicted is not exact either,
+so the noise is no larger than all of an innovation. Only where what is assumed of the images alone exceeds even
+that, for a whole window, it falls, half of the way and slowly. One image or window that does not fit ends it.
+
 What was learnt is part of a track's state, so it is rewound with it: an image counts by its exposure, with its
 final pose, however late it arrives.
 """
@@ -21,26 +25,29 @@ MEDIAN: Final = 2.0 * math.log(2.0)  # of chi-square with two degrees of freedom
 TOO_LARGE: Final = 2.0  # times that: no chance
 NOISE: Final = 13.8  # as chi-square is in all but one of a thousand
 MOST: Final = 6.0  # times the configured noise
+LEAST: Final = 0.3  # times: that of rounding to a pixel, where a pixel is configured; boxes are never so exact
+QUIETER: Final = 0.5  # times MEDIAN, by the images' own noise: no chance
 WORTH: Final = 1.3  # a larger scale is reported
 
 
 class NoiseScale(NamedTuple):
-    """By what factor (`scale`) the standard deviations of image points are larger than configured; the median NIS
-    where even the largest scale does not explain it, else 0; the NIS of the images since the last window; and
-    whether it stays as it is."""
+    """How many times (`scale`) the configured standard deviations of image points are used; the median NIS where
+    even the largest scale does not explain it, else 0; the NIS of the images since the last window; what their NIS
+    would be by their own noise alone; and whether it stays as it is."""
 
     scale: float = 1.0
     beyond: float = 0.0
     window: tuple[float, ...] = ()
+    alone: tuple[float, ...] = ()
     is_fixed: bool = False
 
     def restarted(self) -> "NoiseScale":
         """For another track of the same detector."""
-        return NoiseScale(self.scale, is_fixed=self.is_fixed)
+        return NoiseScale(max(self.scale, 1.0), is_fixed=self.is_fixed)
 
-    def after(self, innovation: Array, covariance: Array) -> "NoiseScale":
+    def after(self, innovation: Array, covariance: Array, noise: float = 0.0) -> "NoiseScale":
         """After an image was compared with its prediction: innovation (m,), covariance (m, m), the direction
-        first."""
+        first. `noise`: the variance of each coordinate by the image's own noise; 0: that is not known."""
         if self.is_fixed:
             return self
         e, f = innovation[:2].tolist()
@@ -48,16 +55,21 @@ class NoiseScale(NamedTuple):
         nis = (d * e * e - 2.0 * b * e * f + a * f * f) / (a * d - b * b)
         if nis * self.scale**2 > NOISE * MOST**2:
             return self  # of something else: an outlier, which the gate stops
+        if nis > TOO_LARGE * NOISE and self.scale < 1.0:
+            return NoiseScale()
         window = (*self.window, nis)
+        alone = (*self.alone, (e * e + f * f) / noise) if noise > 0.0 else self.alone
         if len(window) < WINDOW:
-            return self._replace(window=window)
+            return self._replace(window=window, alone=alone)
         found, scale = median(window), self.scale
         ratio = found / MEDIAN
         beyond = found if ratio > TOO_LARGE and scale >= MOST else 0.0
         if ratio > TOO_LARGE:
-            scale = min(scale * math.sqrt(ratio), MOST)
+            scale = min(max(scale, 1.0) * math.sqrt(ratio), MOST)
         elif scale > 1.0:  # half the way: it is one window's evidence
             scale = min(max(scale * ratio**0.25, 1.0), MOST)
+        elif len(alone) == WINDOW:
+            scale = _quieter(scale, median(alone) / MEDIAN)
         return NoiseScale(scale, beyond)
 
     @property
@@ -71,3 +83,10 @@ class NoiseScale(NamedTuple):
         if not self.beyond:
             return ""
         return f"the images do not fit: NIS {self.beyond:.0f} of 1.4 at {MOST:g} times the configured noise"
+
+
+def _quieter(scale: float, ratio: float) -> float:
+    """The scale where innovations have this `ratio` to the images' own noise: half of the way, in variance."""
+    if ratio < QUIETER or (scale < 1.0 and ratio > 1.0):
+        return min(max(scale * math.sqrt(math.sqrt(max(ratio, QUIETER))), LEAST), 1.0)
+    return scale

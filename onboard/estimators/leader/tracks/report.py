@@ -6,6 +6,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.belief import BeliefFilter
 from onboard.estimators.leader.filters.measurement import points_of
@@ -14,8 +15,18 @@ from onboard.estimators.leader.tracks.image import Image
 from onboard.estimators.leader.tracks.status import Status
 from onboard.estimators.reports import image_report, of_belief
 from onboard.filters.belief import Belief, Update
-from onboard.messages import Estimate, ImagePoint, Lifecycle, MeasurementReport, Mode, TargetImage, Verdict
+from onboard.messages import (
+    Estimate,
+    ImagePoint,
+    Lifecycle,
+    MeasurementReport,
+    Mode,
+    TargetImage,
+    Vec3,
+    Verdict,
+)
 from onboard.models import relative_motion
+from onboard.models.relative_motion import POSITION, VELOCITY
 
 
 class Distance(NamedTuple):
@@ -36,13 +47,6 @@ class Outcome(NamedTuple):
     update: Update
     prior: Any
     pose: CameraPose
-
-    def distance(self, gate: float) -> Distance:
-        """Of the image from what the state predicted."""
-        nis, S = float(self.update.nis), self.update.innovation_covariance
-        if not nis <= gate:
-            return Distance(True, nis)
-        return Distance(False, nis + float(np.linalg.slogdet(S)[1]))
 
 
 class AuxiliaryOutcome(NamedTuple):
@@ -92,6 +96,19 @@ def published(filter_: BeliefFilter, status: Status, belief: Belief | None, **fi
         **of_belief(belief),
         **fields,
     )
+
+
+def with_attitude(belief: Belief, stated: Vec3, known: Array) -> Belief:
+    """A belief with the errors of our attitude that the autopilot states (3,) (about n's axes, rad, 1 sigma),
+    where they are more than those that the filter knows of. They turn what is seen as a whole: no image shows it.
+    """
+    more = np.maximum(np.square(stated) - np.square(known), 0.0)
+    if not more.any():
+        return belief
+    turns = np.zeros((len(belief.mean), 3))
+    for part in (POSITION, VELOCITY):
+        turns[part] = np.cross(np.eye(3), belief.mean[part]).T
+    return belief._replace(covariance=belief.covariance + (turns * more) @ turns.T)
 
 
 def modes_of(places: Iterable[Place]) -> tuple[Mode, ...]:

@@ -12,6 +12,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
+import numpy as np
+
 from onboard.estimators.history import History
 from onboard.estimators.leader.camera_pose import CameraPoses
 from onboard.estimators.leader.config import Config
@@ -21,14 +23,22 @@ from onboard.estimators.leader.filters.noses.places import OpenQuestion
 from onboard.estimators.leader.prior import Prior
 from onboard.estimators.leader.sight import ASTRAY, LastSight
 from onboard.estimators.leader.size import Size
-from onboard.estimators.leader.tracks.exchange import Exchange
-from onboard.estimators.leader.tracks.fusing import TrackState, advance, fuse
+from onboard.estimators.leader.tracks.exchange import Classes, Exchange
+from onboard.estimators.leader.tracks.fusing import TrackState, advance, fuse, seen
 from onboard.estimators.leader.tracks.guard import Guard
 from onboard.estimators.leader.tracks.image import Image, agree, hold, prepare
 from onboard.estimators.leader.tracks.noise import NoiseScale
 from onboard.estimators.leader.tracks.rate_limit import RateLimit
 from onboard.estimators.leader.tracks.repeats import Repeats
-from onboard.estimators.leader.tracks.report import FAR, Distance, Outcome, modes_of, published, report
+from onboard.estimators.leader.tracks.report import (
+    FAR,
+    Distance,
+    Outcome,
+    modes_of,
+    published,
+    report,
+    with_attitude,
+)
 from onboard.estimators.leader.tracks.status import Status
 from onboard.estimators.leader.wind import Wind
 from onboard.filters.belief import Belief, FilterError
@@ -45,8 +55,8 @@ TOO_WIDE: Final = 0.2  # of the range: a position less certain is not corrected,
 
 
 class Track:
-    """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a recent
-    image; `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
+    """All state of one target. `direction_n` (3,) is where the target was estimated last, None without a track;
+    `half_wing` how long half its wing appears at most, in focal lengths; `is_metric`: its range is that of
     poses, and says nothing of the size; `held`: images that are to start it; `repeats`: its stamps; `rate_limit`:
     when a tick is due; `sequence` and `status`: counts that go on with its name. A track that is `full`, one too
     many, rejects every image. `may_begin`: asked, by target and time, before its filter starts."""
@@ -73,6 +83,7 @@ class Track:
         self.rate_limit = RateLimit(config.publish_rate_hz)
         self.repeats = Repeats(config.stale_after_s, poses.camera.sigma)
         self._exchange = Exchange(config.reset_timeout_s)
+        self._classes = Classes[BeliefFilter](0.5 * config.reset_timeout_s)
         self._guard = Guard()
         self._sight, self._noise = LastSight(), noise  # of the tracks before
         self._wind: Wind | None = None
@@ -84,10 +95,10 @@ class Track:
         reason = "as many targets are followed as may be" if full else "no image yet"
         self.status = Status(config, self._images, reason)
 
-    def observe(self, message: TargetImage, ownship: Ownship) -> Estimate:
-        """Check an image, then start the track with it or fuse it."""
+    def observe(self, message: TargetImage, ownship: Ownship, prepared: Image | None = None) -> Estimate:
+        """Check an image, then start the track with it or fuse it; `prepared`, where that has been done."""
         try:
-            measurement = self._judge(message, ownship)
+            measurement = self._judge(message, ownship, prepared)
         except FilterError as error:
             self._forget(f"the filter failed: {error}")
             measurement = self._report(message, Verdict.NUMERICAL)
@@ -104,10 +115,18 @@ class Track:
             self._forget("no image for longer than the reset timeout")
         return self._estimate(ownship, None)
 
-    def set_class(self, filter_: BeliefFilter, config: Config) -> None:
-        """Images of a class of targets come. A track stays what it started as."""
-        if self._history is None and not self.held:
-            self._filter, self._config, self._report = filter_, config, partial(report, filter_)
+    def take_for(self, name: str, t_ns: int, filter_: BeliefFilter | None, config: Config) -> bool:
+        """The detector takes an image of this time for a class of targets, which has this filter (None: no such
+        class is configured). If most images are of another class than believed, the track begins anew, and True is
+        returned."""
+        if not self._classes.add(filter_, name, t_ns) or filter_ is None:
+            return False
+        was_followed = self._history is not None
+        if was_followed:
+            self._forget(f"the detector takes it for {name} now")
+        self.held.clear()
+        self._filter, self._config, self._report = filter_, config, partial(report, filter_)
+        return was_followed
 
     def feel(self, wind: Wind, ownship: Ownship) -> None:
         """The wind, from now on."""
@@ -180,26 +199,35 @@ class Track:
         newest_ns = self.repeats.newest_ns
         return self._history is None and (newest_ns is None or t_ns - newest_ns > NS_PER_S)
 
-    def distance(self, image: Image, ownship: Ownship) -> Distance:
+    def expects(self, image: Image, ownship: Ownship) -> Distance:
         """How far an image is from what this track predicts. Pure."""
         if self._history is None:
             near = image.has_extent and bool(self.held) and agree(self.held[-1], image)
             return Distance(False, math.inf) if near else FAR
         try:
-            _, state = self._history.belief_at(image.message.t_ns, ownship)
-            outcome = fuse(self._filter, self._poses, state, image, ownship)[1]
+            state = self._history.belief_before(image.message.t_ns, ownship)
+            if state is None:
+                return FAR
+            measurement, pose = seen(self._filter, self._poses, state, image, ownship)
+            expected = self._filter.expects(state.leader, measurement, pose)
         except FilterError:
             return FAR
-        return outcome.distance(self._filter.gate) if isinstance(outcome, Outcome) else FAR
+        if expected.nis > self._filter.gate:
+            return Distance(True, expected.nis)
+        return Distance(False, expected.nis + float(np.linalg.slogdet(expected.S)[1]))
+
+    def prepares_as(self, filter_: BeliefFilter, image: Image) -> bool:
+        """Whether this track would prepare an image as it is, by this filter."""
+        return self._filter is filter_ and image.supposes(self.half_wing, self.noise.scale)
 
     # ------------------------------------------------------------------------------- measurements
 
-    def _judge(self, message: TargetImage, ownship: Ownship) -> MeasurementReport:
+    def _judge(self, message: TargetImage, ownship: Ownship, prepared: Image | None) -> MeasurementReport:
         """Use an image if it can be used, and report the verdict."""
         if self._full:
             return self._report(message, Verdict.FULL)
         settings = self._filter, self._config, self.half_wing, self.noise.scale
-        image = prepare(message, ownship, self._poses, *settings)
+        image = prepared or prepare(message, ownship, self._poses, *settings)
         if isinstance(image, Verdict):
             return self._report(message, image)
         if self.repeats.is_duplicate(message):  # after what is wrong with the image itself
@@ -215,7 +243,7 @@ class Track:
             return self._insert(history, image, ownship)
         if not image.has_extent:
             return self._report(message, Verdict.DIRECTION_ONLY, image)
-        if history is not None and self.distance(image, ownship).beyond:
+        if history is not None and self.expects(image, ownship).beyond:
             self.status.led_elsewhere(message.t_ns)
             self._guard.clear()
         self._start(image, ownship, history)
@@ -332,6 +360,8 @@ class Track:
             state, reason = self.status.state(t_ns, in_view=in_view)
             if self._exchange.is_in_question(t_ns):
                 state, reason = Lifecycle.LOST, "the images leapt: another object may have taken its place"
+            elif doubt := self._classes.doubt:
+                state, reason = Lifecycle.LOST, doubt
             elif not self.status.is_carried(t_ns) and self._sight.contradicts(belief.mean[POSITION]):
                 state, reason = Lifecycle.LOST, ASTRAY
             elif misfit := self._poses.contradiction or self.noise.contradiction:
@@ -345,8 +375,10 @@ class Track:
             r = belief.mean[POSITION].tolist()
             range_ = math.hypot(*r)
             self.half_wing = min(0.5 * self._config.size_prior_m / max(range_, 1e-3), 1.0)
-            if not coasting:
-                self.direction_n = tuple(x / range_ for x in r)
+            self.direction_n = tuple(x / range_ for x in r)
+        if belief is not None:
+            tilt, yaw = self._config.own_tilt_sigma_deg, self._config.own_yaw_sigma_deg
+            belief = with_attitude(belief, ownship.attitude_sigma, np.radians([tilt, tilt, yaw]))
         self.sequence += 1
         self.rate_limit.published(t_ns)
         fields = {"name": self._name, "target": self.target, "sequence": self.sequence, "t_ns": t_ns}

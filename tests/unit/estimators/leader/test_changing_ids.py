@@ -1,6 +1,5 @@
 """A detector whose ids change: that costs a name, not the track. And two boxes of one aircraft."""
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from onboard.messages import Estimate, Lifecycle, TargetPoints
-from tests.support.streams import CIRCLE, MS, Item, Run, S, Stream, advance, position_error
+from tests.support.streams import MS, Item, Run, S, Stream, advance, position_error
 
 T0, T1 = 5.0, 13.0
 
@@ -62,9 +61,10 @@ def test_an_aircraft_that_comes_beside_another_takes_no_track() -> None:
     assert of(run, "id/2")[-1].valid
 
 
-@pytest.mark.parametrize(("apart", "seeds"), [(2e-4, 1), (1e-3, 1), (5e-3, 4)])
-def test_two_boxes_of_one_aircraft_cost_it_no_validity(apart: float, seeds: int) -> None:
-    """Boxes that are 3 px apart are images of 3 px of noise: they cost sharpness, and the covariance knows."""
+@pytest.mark.parametrize(("apart", "seeds"), [(2e-4, 1), (1e-3, 1), (5e-3, 8)])
+def test_two_boxes_of_one_aircraft_are_one_aircraft(apart: float, seeds: int) -> None:
+    """Where the second of two boxes began a track of its own, both shared the images, and one of them was now and
+    then surely wrong: 24 m off at 3.5 m."""
     for seed in range(1, 1 + seeds):
         rng = np.random.default_rng(seed)
 
@@ -75,15 +75,9 @@ def test_two_boxes_of_one_aircraft_cost_it_no_validity(apart: float, seeds: int)
             plain = replace(m, target="")
             return [plain, replace(plain, center=center, left=left, right=right)]
 
-        leader = [e for e in of(flown(twice), "leader") if e.t_ns > SETTLED]
+        run = flown(twice)
+        assert {e.target for e in run.estimates} == {"leader"}
+        leader = [e for e in of(run, "leader") if e.t_ns > SETTLED]
         assert len(leader) > 140
-        for e in leader:
-            sigma = math.sqrt(np.linalg.eigvalsh(np.array(e.covariance)[:3, :3])[-1])
-            assert e.valid
-            assert position_error(e) < (2.6 if apart < 5e-3 else 3.0 * sigma)
-
-
-def test_the_flight_as_it_is() -> None:
-    run = flown(lambda m: [m])
-    assert all(e.valid for e in run.estimates if e.t_ns > 6 * S)
-    assert max(position_error(e, CIRCLE) for e in run.estimates if e.t_ns > SETTLED) < 2.6
+        assert all(e.valid for e in leader)
+        assert max(map(position_error, leader)) < 2.6

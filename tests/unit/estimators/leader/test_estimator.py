@@ -189,4 +189,5 @@ def test_an_image_is_compared_with_tracks_near_its_direction_and_with_all_withou
         for m in (NEAR.attitude(later), NEAR.position(later)):
             ownship.receive(m, later)
         one.tick(ownship)
+    image = image._replace(message=replace(image.message, t_ns=ownship.now_ns))
     assert [t.target for t in one._candidates(image)] == ["leader", "target/1"]

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from onboard.config import ConfigError, parse_config
 from onboard.estimators.leader.camera_pose import CameraPose
-from onboard.estimators.leader.filters.features import UNKNOWN, features_of, measure
+from onboard.estimators.leader.filters.features import BIAS_COUNTS, UNKNOWN, features_of, measure
 from onboard.estimators.leader.filters.make import make_filter
 from onboard.estimators.leader.filters.noses import particles
 from onboard.estimators.leader.filters.noses.first import start
@@ -25,7 +25,6 @@ SIGMA = 1 / F_PX
 WINGED = {"aircraft": "fixed-wing"}
 PLANE = {"size_prior_m": 2.0, "points_m": {"nose": [0.7, 0.0, 0.0], "tail": [-0.8, 0.0, -0.1]}}
 IMAGE = CIRCLE.image(6 * S)
-VIEW = (-0.5, -0.4, 0.5, 0.4)
 
 
 def leader(**section: Any) -> Any:
@@ -38,13 +37,16 @@ def feature(name: str, u: float, v: float, sigma: float = SIGMA) -> ImageFeature
 
 def detection(*features: ImageFeature, half: tuple[float, float] | None = None) -> TargetDetection:
     fields = {name: getattr(IMAGE, name) for name in ("t_ns", "t_recv_ns", "system", "component", "camera")}
-    width = None if half is None else max(half)
-    return TargetDetection(**fields, target="leader", features=features, half_width=width, half_sides=half)
+    if half is None:
+        return TargetDetection(**fields, target="leader", features=features)
+    (u, v), (a, b) = features[-1].point, half
+    sides = (u - a, v), (u, v - b), (u + a, v), (u, v + b)
+    return TargetDetection(**fields, target="leader", features=features, half_width=max(half), sides=sides)
 
 
 def measured(image: Any, **section: Any) -> Any:
     saw = features_of(image, SIGMA, center_on_wing=False, half_wing=0.04)
-    return measure(make_filter(leader(**section)), saw, VIEW)
+    return measure(make_filter(leader(**section)), saw)
 
 
 def test_a_box_measures_its_sides_and_no_wing() -> None:
@@ -124,10 +126,11 @@ def test_how_high_a_multirotor_is_is_not_known() -> None:
     assert rows.sigma[2:] == pytest.approx(np.full(2, math.hypot(0.05, 0.08) * 0.08), rel=0.01)
 
 
-@pytest.mark.parametrize("where", [(0.47, 0.0), (-0.47, 0.0), (0.0, 0.395), (0.0, -0.395)])
-def test_a_box_that_the_edge_cuts_off_is_a_direction(where: tuple[float, float]) -> None:
-    m = measured(detection(feature("box", *where), half=(0.04, 0.01)))
+def test_a_box_that_the_edge_may_cut_off_is_a_direction_off_by_half_a_wing() -> None:
+    cut = replace(detection(feature("box", 0.3, 0.0), half=(0.01, 0.01)), sides=None)
+    m = measured(cut)
     assert (m.shows, m.has_extent) == (None, False)
+    assert math.sqrt(m.R[0, 0]) == pytest.approx(BIAS_COUNTS * 0.04, rel=0.01)
 
 
 def test_a_box_beside_points_that_show_the_range_is_not_used() -> None:
@@ -274,3 +277,33 @@ def test_the_bias_of_boxes_is_in_the_range_and_points_reduce_it_seed_3() -> None
     assert with_it**2 - without**2 == pytest.approx(GUESS_BIAS**2, rel=0.03)
     after, _ = particles.update(settings, cloud, measured(IMAGE), pose)
     assert after.edge_on == apparent_wing.LEAST_VISIBLE
+
+
+def judged(box: Any, noise: float = 0.0) -> Any:
+    """The update by a box, of a filter that started with another, at a camera of so noisy an attitude, rad."""
+    filter_ = make_filter(leader())
+    first = measured(detection(feature("box", 0.0, 0.0), half=(0.04, 0.012)))
+    pose = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), noise**2 * np.eye(3))
+    return filter_.fuse(filter_.start(first, pose, None), box.with_attitude_noise(pose.noise_c), pose)
+
+
+def test_a_box_is_judged_by_where_its_middle_and_how_large_it_is() -> None:
+    same = judged(measured(detection(feature("box", 0.0, 0.0), half=(0.04, 0.012))))
+    box = measured(detection(feature("box", 0.0, 0.0), half=(0.04, 0.012)))
+    rows = box.shows.rows
+    wider = box._replace(
+        shows=box.shows._replace(rows=rows._replace(y=rows.y + np.array([0.002, 0.008, 0.0, -0.001])))
+    )
+    off = judged(wider).innovation - same.innovation
+    assert off[:4] == pytest.approx([0.005, -0.0005, 0.006, -0.001])
+    assert np.sqrt(same.innovation_covariance.diagonal()[2:4]).max() < 0.1  # rad: it measures width and height
+
+
+def test_the_white_noise_of_our_attitude_moves_a_box_and_makes_it_no_larger() -> None:
+    box = measured(detection(feature("box", 0.0, 0.0), half=(0.04, 0.012)))
+    calm, shaken = judged(box).innovation_covariance, judged(box, 0.01).innovation_covariance
+    more = np.diag(shaken - calm)
+    assert more[:2] == pytest.approx([1e-4, 1e-4], rel=1e-3)
+    assert np.abs(more[2:4]).max() < 1e-9
+    rows = box.with_attitude_noise(1e-4 * np.eye(3)).shows.rows
+    assert rows.sigma == pytest.approx(np.sqrt(box.shows.rows.sigma**2 + 1e-4), rel=1e-6)

@@ -146,3 +146,15 @@ def test_a_step_of_the_barometer_moves_nothing_and_becomes_the_new_datum(name: s
     assert abs(states[-1].mean[5]) < 6e-6
     assert abs(states[-1].mean[2]) < 1e-5
     assert (states[-1].reset_count, states[-1].faults) == (0, ())
+
+
+def test_a_step_of_the_barometer_by_hundreds_of_metres_is_taken() -> None:
+    """As of an autopilot that sets its origin: once it was refused for the rest of the flight."""
+    messages: list[Message] = [heartbeat()]
+    for message in hovering(1000, 5000):
+        altitude = 584.0 if message.t_ns > 3000 * MS else 0.0
+        messages.append(replace(message, pressure_altitude=altitude) if isinstance(message, Imu) else message)
+    states = [s for s in states_of(pipeline(), messages) if s.valid and s.t_ns > 4500 * MS]
+    assert max(s.nis_ratio or 0.0 for s in states) < 3.0
+    assert max(abs(s.mean[5]) for s in states if s.mean is not None) < 0.1
+    assert states[-1].reset_count == 0

@@ -24,6 +24,31 @@ def test_the_mean_of_samples_is_that_of_the_line_through_them() -> None:
     assert not s.add(5 * MS, np.array([1.0]))
 
 
+@pytest.mark.parametrize("gap_ms", [150, 190, 250, 500, 1000, 2600])
+def test_what_a_span_holds_of_a_gap_is_unknown_and_no_push(gap_ms: int) -> None:
+    """A constant is its own mean, wherever a span begins; a gap that a sample does not hold over has none."""
+    s, constant = Samples(1), np.array([-9.81])
+    times = [*range(0, 1000, 10), *range(990 + gap_ms, 1190 + gap_ms, 10)]
+    for t in times:
+        s.add(t * MS, constant)
+    end, has_gap = times[100], gap_ms > 200
+    for begin in range(200, end + 180, 5):
+        for span in (0, 1, 20, 1000):
+            mean = s.mean(begin * MS, (begin + span) * MS)
+            touches = begin < end and begin + span > 990 and has_gap
+            if begin + span <= times[-1] + 200:
+                assert (mean is None) is (touches and not (span == 0 and begin == end)), (begin, span)
+            if mean is not None:
+                assert mean == pytest.approx(constant, abs=1e-9)
+
+
+def test_a_change_in_a_gap_is_no_scatter() -> None:
+    s = Samples(1)
+    for t in [*range(0, 1000, 10), *range(2000, 2500, 10)]:
+        s.add(t * MS, np.array([-9.81 if t < 1500 else -15.0]))
+        assert float(s.density(t * MS)[0]) == pytest.approx(0.0, abs=1e-12)
+
+
 def test_the_density_of_scatter_is_that_of_white_noise_seed_1() -> None:
     """Variance times the interval, on a course that bends slowly."""
     rng, s, found = np.random.default_rng(1), Samples(1), []

@@ -5,6 +5,7 @@ import pytest
 
 from onboard.estimators.own_state.config import Config
 from onboard.estimators.own_state.noise import LEAST_RATE, LEAST_SPEED, SensorNoise
+from onboard.ownship.contradictions import RATE_NOISE, SPEED_NOISE
 
 MS = 1_000_000
 CONFIG = Config()
@@ -29,6 +30,15 @@ def test_rates_and_turns_seed_81(white: float, turning: float) -> None:
     assert sigmas[:3] == pytest.approx([0.01, 0.02, 0.03])
     assert sigmas[3:] == pytest.approx(max(white, LEAST_RATE), rel=0.25, abs=0.03 * turning)
     assert np.sqrt(noise.turning(20_000 * MS)) == pytest.approx(turning, rel=0.35)
+
+
+def test_no_more_is_learnt_than_such_a_sensor_can_have_seed_81() -> None:
+    """Rates in degrees, or velocities in another unit, are a mistake and no noise."""
+    noise, rng = of_rates(30.0, 0.5), np.random.default_rng(81)
+    assert noise.attitude((0.01, 0.01, 0.01))[3:] == pytest.approx(RATE_NOISE)
+    for k in range(300):
+        noise.add_fix(200 * k * MS, 50.0 * rng.normal(size=3))
+    assert noise.speed[0] == pytest.approx(SPEED_NOISE)
 
 
 def test_what_the_motors_do_is_no_surprise_seed_81() -> None:

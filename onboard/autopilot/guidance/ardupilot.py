@@ -1,0 +1,115 @@
+"""ArduPilot's FOLLOW, read in the sources of 4.7-dev (`mode_follow.cpp`, `AP_Follow.cpp`).
+
+It carries the target's position on with the velocity and the acceleration that are sent, adds `FOLL_OFS_*`, which
+turn with the heading that is sent, and flies there with the target's velocity: a square-root controller on the
+error of place, within `WPNAV_SPEED`, `WPNAV_ACCEL` and a limit of jerk. `WPNAV_SPEED` does not limit the velocity
+that is sent. `FOLL_TIMEOUT`, 3 s, after the last target it brakes and holds its place.
+
+So it is sent a *virtual leader*, placed so that its offset ends in the slot that is meant here, with the slot's
+velocity, and with the direction to the true leader as its heading. Where the slot is at rest behind the leader,
+both coincide.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.autopilot.guidance.follower import kept_away
+from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, across, limited, turned
+from onboard.config import GuidanceConfig
+from onboard.messages import Heartbeat
+
+LEAD: Final = 0.5  # s, by which its position control lags behind the velocity that it is sent
+BAND: Final = 0.08  # of the slot's distance
+BAND_SPEED: Final = 1.0  # m/s, at which the band opens
+HOVERS: Final = 1.0  # m/s
+EXTRA_BRAKING: Final = 1.5  # m/s^2, beyond its own limit of 2.5
+SLOW_ENOUGH: Final = 2.0  # m/s
+CLOSES: Final = 0.5  # m/s, at which a slot at its distance closes on the leader, at most: noise
+FOLLOW: Final = 23  # custom_mode of ArduCopter
+COPTERS: Final = frozenset({2, 3, 4, 13, 14, 15, 29, 35})  # MAV_TYPE
+ENTERS: Final = 2.0  # m/s^2, at which it begins to close up once FOLLOW is entered
+BRAKING: Final = 2.2  # m/s^2: less than its 2.5, so that it stops where it is meant to
+
+
+class ArduPilot:
+    """A virtual leader."""
+
+    turn_speed = 7.0
+    when_lost = "FOLLOW brakes within 3 s"
+
+    def __init__(self, config: GuidanceConfig) -> None:
+        self._config, self._slot = config, np.array(config.slot_m)
+        self._distance = float(np.linalg.norm(self._slot))
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the leader."""
+        self._band = 0.0  # m
+        self._held: Array | None = None  # where the slot stands
+        self._reach = self._config.closing_speed_m_s  # m, to which it may be led at once
+
+    def is_entered(self, heartbeat: Heartbeat) -> bool | None:
+        """Whether it is in FOLLOW. Vehicles that are no copters have other numbers."""
+        return heartbeat.custom_mode == FOLLOW if heartbeat.vehicle_type in COPTERS else None
+
+    def follow(self, track: Track, slot: Slot, r_L: Array, v_L: Array, r_F: Array, dt: float) -> Sent:
+        """The slot's motion, and as much of its place as may be flown to at once."""
+        turn = slot.turn_rate
+        v = track.v + turn * across(slot.arm)
+        change = track.a - turn * across(track.v)
+        ahead = turned(FORWARD, slot.yaw)
+        a = turn * across(v) + min(float(change @ ahead), 0.0) * ahead
+        r, v = self._at_rest(track.r + slot.arm, v + LEAD * change, float(np.linalg.norm(track.v)), dt)
+        v = self._braked(r, v, track, slot, r_L, v_L)
+        r = kept_away(r, r_L, r_F, ahead, slot)
+        most = self._config.closing_speed_m_s
+        self._reach = min(self._reach + ENTERS * dt, most) if slot.is_entered else 0.0
+        # position control closes at about 1/s, so the step is the speed
+        return Sent(r_F + limited(r - r_F, self._reach), v, a, slot.yaw)
+
+    def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:
+        """At a standstill from now on: it brakes as it can."""
+        speed = float(np.linalg.norm(v_F))
+        a = v_F * (-EXTRA_BRAKING / speed) if brakes and speed > SLOW_ENOUGH else np.zeros(3)
+        return Sent(place, np.zeros(3), a, yaw)
+
+    def target(self, sent: Sent, _: Slot) -> Sent:
+        """Where its offset ends in the place."""
+        return sent._replace(r=sent.r - turned(self._slot, sent.yaw))
+
+    def passes(self, r: Array, v_F: Array, v_L: Array) -> str:  # noqa: ARG002 - it goes round as it is led
+        """Nothing: it flies where it is led."""
+        return ""
+
+    def _at_rest(self, r: Array, v: Array, speed: float, dt: float) -> tuple[Array, Array]:
+        """Behind a leader that hovers the slot stands still, until it is out by more than a band: in a hover the
+        range wanders with the errors of the estimate."""
+        most = BAND * self._distance
+        step = BAND_SPEED * dt if speed < HOVERS else -2.0 * BAND_SPEED * dt
+        self._band = min(max(self._band + step, 0.0), most)
+        held = r if self._held is None else self._held
+        away = held - r
+        length = float(np.linalg.norm(away))
+        is_inside = length < self._band
+        self._held = held if is_inside else r + away * (self._band / length if length > 0.0 else 0.0)
+        return self._held, v * (0.0 if is_inside else 1.0)
+
+    def _braked(self, r: Array, v: Array, track: Track, slot: Slot, r_L: Array, v_L: Array) -> Array:
+        """The velocity v at r, without what closes faster than can be stopped before the least distance. The
+        smoothed leader lags behind one that brakes: a slot at its distance does not close on the velocity as
+        observed, either. Nor does the distance grow faster than it may shrink."""
+        away = r_L - r
+        distance = float(np.linalg.norm(away))
+        if distance < 1e-3:
+            return v_L
+        toward, fastest = away / distance, self._config.closing_speed_m_s
+        most = min(fastest, math.sqrt(2.0 * BRAKING * max(distance - slot.room, 0.0)))
+        beyond = max(distance - self._distance, 0.0)
+        most_observed = min(fastest, CLOSES + math.sqrt(2.0 * BRAKING * beyond))
+        excess = float((v - v_L) @ toward) - most
+        excess = max(excess, float((v - track.v_observed) @ toward) - most_observed, 0.0)
+        retreats = min(float((v - excess * toward - track.v_observed) @ toward) + fastest, 0.0)
+        return v - (excess + retreats) * toward

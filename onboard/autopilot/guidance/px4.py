@@ -1,0 +1,110 @@
+"""PX4's Follow-Me, read in the sources of 1.17 (`FlightTaskAutoFollowTarget.cpp`, `TargetEstimator.cpp`).
+
+It takes the target's position at most every 0.5 s and its velocity every 0.1 s, smooths both, and flies on a
+circle of `FLW_TGT_DST` about the target, at the angle of the target's **course** plus `FLW_TGT_FA`, with its nose
+on the target. The course is that of the velocity above 1 m/s, and north at first; the angle moves with at most
+`FLW_TGT_MAX_VEL`, and begins **north of the target** whenever the mode is entered, wherever the vehicle is.
+Heading, acceleration, and by `FLW_TGT_ALT_M` 0 the altitude of the message do not count. 3 s after the last
+message the target stands still, and the vehicle flies on to its place about it.
+
+So it is sent the smoothed leader with its own velocity. The target is shifted along the line from us only, as far
+as the distance needs it: what is tied to our own place comes back to it late, and makes it swing.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.autopilot.guidance.follower import kept_away
+from onboard.autopilot.guidance.motion import FORWARD, Sent, Slot, Track, limited, turned
+from onboard.config import GuidanceConfig
+from onboard.messages import Heartbeat
+
+FOLLOW_ME: Final = 8 << 24 | 4 << 16  # custom_mode AUTO, FOLLOW_TARGET
+MOVES: Final = 1.0  # m/s, from which a velocity sets its course
+STILL: Final = 0.8  # m/s, of a velocity that may be noise and must not set it
+TURNS: Final = 1.3  # m/s, of one that is to set it
+LAG_S: Final = 2.4  # from a place ahead to the speed with which it is approached: 1 / MPC_XY_P, and the filters
+POSITION_GAIN, RESPONSE_S, SPEED = 0.95, 0.6, 12.0  # MPC_XY_P, s, MPC_XY_VEL_MAX
+ORBIT_SPEED: Final = 5.0  # m/s, FLW_TGT_MAX_VEL
+HIGHER: Final = 8.0  # m, at which it may pass above or below the leader
+STEP_S, AHEAD_S = 0.25, 20.0  # s, of the prediction of its way
+PASSES: Final = "PX4 will pass the leader: begin north of it, or 8 m higher"
+
+
+class Px4:
+    """The leader itself. `FLW_TGT_DST` and `FLW_TGT_FA` are taken to be those of `slot_m`."""
+
+    turn_speed = ORBIT_SPEED
+    when_lost = "Follow-Me is led to a stop"
+
+    def __init__(self, config: GuidanceConfig) -> None:
+        x, y, _ = config.slot_m
+        self._distance, self._angle = max(math.hypot(x, y), 1.0), math.atan2(y, x)
+        self._closes = config.closing_speed_m_s
+        distance = float(np.linalg.norm(config.slot_m))
+        least = config.least_distance_m
+        self._least = 0.5 * distance if least is None else min(least, distance)
+        self.restart()
+
+    def is_entered(self, heartbeat: Heartbeat) -> bool:
+        """Whether it is in Follow-Me."""
+        return heartbeat.custom_mode == FOLLOW_ME
+
+    def restart(self) -> None:
+        """Forget the leader."""
+        self._side = FORWARD  # from the target to us, level, of length 1
+        self._stops = False
+
+    def follow(
+        self,
+        track: Track,
+        slot: Slot,
+        r_L: Array,
+        v_L: Array,  # noqa: ARG002 - it brakes by itself
+        r_F: Array,
+        dt: float,  # noqa: ARG002
+    ) -> Sent:
+        """On the circle about the leader, where the vehicle is."""
+        self._stops = False
+        x, y, _ = (r_F - track.r).tolist()
+        if math.hypot(x, y) > 1.0:
+            self._side = np.array([x, y, 0.0]) / math.hypot(x, y)
+        r = track.r + math.hypot(slot.arm[0], slot.arm[1]) * self._side
+        r[2] = r_F[2]
+        r = kept_away(r, r_L, r_F, turned(FORWARD, slot.yaw), slot)
+        r = r_F + limited(r - r_F, LAG_S * self._closes)
+        v = track.v if slot.moves else np.array([*limited(track.v[:2], STILL), track.v[2]])
+        return Sent(np.array([r[0], r[1], track.r[2]]), v, np.zeros(3), slot.yaw)
+
+    def stop(self, place: Array, v_F: Array, yaw: float, *, brakes: bool) -> Sent:  # noqa: ARG002
+        """At a standstill. A small velocity turns its course to us first, so that it does not circle the place."""
+        if not self._stops:
+            self._stops, self._side = True, -turned(FORWARD, yaw)
+        v = TURNS * turned(self._side, -self._angle) if brakes else np.zeros(3)
+        return Sent(place, v, np.zeros(3), yaw)
+
+    def target(self, sent: Sent, _: Slot) -> Sent:
+        """The centre of the circle."""
+        return sent._replace(r=sent.r - self._distance * self._side)
+
+    def passes(self, r: Array, v_F: Array, v_L: Array) -> str:
+        """Its way when it begins, about a leader that flies straight on."""
+        if abs(r[2]) >= HIGHER:
+            return ""
+        course = math.atan2(v_L[1], v_L[0]) if math.hypot(v_L[0], v_L[1]) >= MOVES else 0.0
+        goal, angle = math.remainder(course + self._angle, 2.0 * math.pi), 0.0
+        x, y = float(r[0]), float(r[1])
+        vx, vy = float(v_F[0] - v_L[0]), float(v_F[1] - v_L[1])
+        turn, nearest = ORBIT_SPEED / self._distance * STEP_S, math.inf
+        for _ in range(round(AHEAD_S / STEP_S)):
+            angle += min(max(goal - angle, -turn), turn)
+            ex, ey = self._distance * math.cos(angle) - x, self._distance * math.sin(angle) - y
+            share = POSITION_GAIN * min(1.0, SPEED / max(POSITION_GAIN * math.hypot(ex, ey), 1e-9))
+            vx += STEP_S / RESPONSE_S * (share * ex - vx)
+            vy += STEP_S / RESPONSE_S * (share * ey - vy)
+            x, y = x + STEP_S * vx, y + STEP_S * vy
+            nearest = min(nearest, math.hypot(x, y))
+        return PASSES if nearest < self._least <= math.hypot(r[0], r[1]) else ""

@@ -1,0 +1,20 @@
+"""The one way in which a record loses its validity after it was made."""
+
+from typing import Final, TypeVar
+
+from msgspec.structs import replace
+
+from onboard.messages.estimates import Estimate, NavState
+from onboard.messages.guidance import LeaderState
+
+Judged = TypeVar("Judged", bound=Estimate | LeaderState)
+
+VECTORS: Final = ("r_OL_n", "v_L_n", "a_L_n", "covariance", "r_FL_n", "r_FL_covariance")  # of a leader's state
+
+
+def not_valid(record: Judged, reason: str) -> Judged:
+    """The same record, not to be used for this reason."""
+    made = replace(record, valid=False, reason=reason)
+    if isinstance(made, LeaderState):
+        return replace(made, **dict.fromkeys(VECTORS))
+    return replace(made, quality=-1) if isinstance(made, NavState) else made

@@ -1,0 +1,45 @@
+"""A detector's box: how exact its sides are, where a lens shows them, and whether the image cuts it off."""
+
+from typing import Final
+
+from onboard.geometry.lens import Lens, LensError
+from onboard.messages import Box, Sides
+
+NOISE: Final = 0.05  # of the box's larger side: how well detectors place a box
+CUT_SIGMAS: Final = 3.0  # a box that the edge cuts off ends so many sigmas inside the image at most ...
+CUT_PX: Final = 1.0  # ... or so far, whatever its noise
+
+
+def larger_px(box: Box) -> float:
+    """The larger side of a box."""
+    return max(box.width_px, box.height_px)
+
+
+def noise_px(box: Box, sigma_px: float) -> float:
+    """Standard deviation of a side that brings none, by a detector whose points have `sigma_px`."""
+    return max(sigma_px, NOISE * larger_px(box))
+
+
+def may_be_cut(box: Box, lens: Lens, sigma_px: float) -> bool:
+    """Whether the edge of the image may cut a box off. Detectors do not draw a cut box up to the edge: it ends
+    inside by as much as any side is off."""
+    if lens.size_px is None:
+        return False
+    margin = max(CUT_SIGMAS * max(noise_px(box, sigma_px), box.sigma_px or 0.0), CUT_PX)
+    spans = (box.u_px, box.width_px, lens.size_px[0]), (box.v_px, box.height_px, lens.size_px[1])
+    return any(middle - 0.5 * side < margin or middle + 0.5 * side > end - margin for middle, side, end in spans)
+
+
+def sides(box: Box, lens: Lens) -> Sides | None:
+    """The image points of the middles of the left, upper, right and lower side; None where the lens describes one
+    of them no more. A distorted lens stretches width and height unequally."""
+    half = 0.5 * box.width_px, 0.5 * box.height_px
+    try:
+        return (
+            lens.image_point(box.u_px - half[0], box.v_px),
+            lens.image_point(box.u_px, box.v_px - half[1]),
+            lens.image_point(box.u_px + half[0], box.v_px),
+            lens.image_point(box.u_px, box.v_px + half[1]),
+        )
+    except LensError:
+        return None

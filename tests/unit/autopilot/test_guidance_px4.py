@@ -1,0 +1,124 @@
+"""What a PX4 is sent to follow the leader, and where it may begin."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from onboard.arrays import Array
+from onboard.autopilot.guidance import PX4, Guidance, follower_of
+from onboard.autopilot.guidance.px4 import FOLLOW_ME, PASSES
+from onboard.config import GuidanceConfig
+from onboard.messages import Heartbeat
+from tests.support.leader import S, T
+from tests.unit.autopilot.test_guidance import STILL, TICK, state, straight
+
+LOITER = 3 << 24 | 4 << 16
+
+
+def mode(number: int) -> Heartbeat:
+    return Heartbeat(t_ns=0, t_recv_ns=0, vehicle_type=2, autopilot=12, armed=True, status=4, custom_mode=number)
+
+
+def guidance(**config: Any) -> Guidance:
+    made = GuidanceConfig(**config)
+    return Guidance(made, None, follower_of(PX4, made))
+
+
+def lead(made: Guidance, seconds: float, behind: Array, speed: float = 8.0, **more: Any) -> Any:
+    """Behind a leader that flies north; what is sent at the end, and the leader's place."""
+    sent = None
+    for k in range(round(50 * seconds)):
+        r, v = straight(k, speed)
+        sent = made.virtual_leader(state(T + k * TICK, r, v, **more), r + behind, v)
+    return sent, r
+
+
+@pytest.mark.parametrize("distance", [20.0, 30.0, 38.0])
+def test_it_is_sent_the_leader_itself_with_its_own_velocity(distance: float) -> None:
+    """Nothing is tied to our own place: that comes back to it late, and makes it swing."""
+    sent, r = lead(guidance(), 10.0, np.array([-distance, 2.0, 3.0]))
+    assert_allclose(sent.r_OL_n, r, atol=0.05)
+    assert_allclose(sent.v_L_n, (8.0, 0.0, 0.0), atol=0.05)
+
+
+def test_far_behind_the_target_is_as_near_as_it_may_close() -> None:
+    """100 m behind: it is led by 12 m, which it closes at 5 m/s; the circle's radius is 30 m."""
+    sent, r = lead(guidance(), 5.0, np.array([-100.0, 0.0, 3.0]))
+    assert r[0] - sent.r_OL_n[0] == pytest.approx(100.0 - 12.0 - 30.0, abs=0.2)
+
+
+def test_a_velocity_that_may_be_noise_sets_no_course() -> None:
+    rng, made = np.random.default_rng(3), guidance()
+    for k in range(250):
+        v = rng.normal(0.0, 1.5, 3)
+        sent = made.virtual_leader(state(T + k * TICK, STILL, v), np.array([30.0, 0.0, 3.0]), STILL)
+        assert sent is not None
+        assert sent.v_L_n is not None
+        assert math.hypot(*sent.v_L_n[:2]) < 1.0
+
+
+def test_the_target_comes_nearer_to_us_where_the_leader_may_be_too_near() -> None:
+    made = guidance()
+    sent, r = lead(made, 20.0, np.array([-30.0, 0.0, 3.0]), sigma=7.5)
+    assert r[0] - sent.r_OL_n[0] == pytest.approx(0.0, abs=1.0)
+    sent, r = lead(guidance(least_distance_m=28.0), 20.0, np.array([-30.0, 0.0, 3.0]), sigma=6.0)
+    assert 9.0 < r[0] - sent.r_OL_n[0] < 15.2  # no more than half the slot's distance
+
+
+def test_once_the_leader_is_lost_the_last_target_keeps_it_where_it_stops() -> None:
+    """8 m/s: 6.4 m on. A small velocity turns the course from us to the target, so that it does not circle it."""
+    made = guidance()
+    _, r = lead(made, 10.0, np.array([-30.0, 0.0, 3.0]))
+    r_F, sent = r + np.array([-30.0, 0.0, 3.0]), []
+    for k in range(151):
+        lost = state(T + 10 * S + k * TICK, STILL, STILL, valid=False)
+        sent.append(made.virtual_leader(lost, r_F, np.array([8.0, 0.0, 0.0])))
+    during, last = sent[100], sent[148]
+    assert during is not None
+    assert last is not None
+    for one in (during, last):
+        assert one.r_OL_n is not None
+        assert_allclose(np.array(one.r_OL_n)[:2], (r_F[0] + 6.4 + 30.0, r_F[1]), atol=0.05)
+    assert_allclose(during.v_L_n, (1.3, 0.0, 0.0), atol=1e-6)
+    assert_allclose(last.v_L_n, STILL, atol=1e-9)
+    assert made.virtual_leader(state(T + 14 * S, STILL, STILL, valid=False), r_F, STILL) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "v_L", "is_bad"),
+    [
+        ((-30.0, 0.0, 3.0), (0.0, 0.0), True),  # south of a leader at rest: its orbit begins in the north
+        ((-30.0, 0.0, -8.5), (0.0, 0.0), False),  # above it
+        ((30.0, 0.0, 3.0), (0.0, 0.0), False),
+        ((-3.0, 30.0, 3.0), (0.0, 0.0), False),
+        ((-30.0, 8.0, 3.0), (0.0, 0.0), True),
+        ((30.0, 0.0, 3.0), (-8.0, 0.0), False),  # behind a leader that flies south
+        ((-30.0, 0.0, 3.0), (8.0, 0.0), True),  # behind one that flies north
+    ],
+)
+def test_where_its_own_way_passes_the_leader_it_is_named_before_and_not_fed(
+    place: tuple[float, float, float], v_L: tuple[float, float], is_bad: bool
+) -> None:
+    made, v = guidance(), np.array([*v_L, 0.0])
+    made.note_mode(mode(LOITER))
+    for k in range(20):
+        r = v * (k / 50)
+        sent = made.virtual_leader(state(T + k * TICK, r, v), r + np.array(place), v)
+        assert (sent is None) is is_bad
+    assert made.warning == (PASSES if is_bad else "")
+    made.note_mode(mode(FOLLOW_ME))  # entered all the same
+    sent = made.virtual_leader(state(T + 20 * TICK, r, v), r + np.array(place), v)
+    assert (sent is None) is is_bad
+    round_it = r + np.array([30.0, 0.0, 3.0]) if is_bad else r + np.array([-30.0, 0.0, 3.0])
+    for where in (round_it, r + np.array([-30.0, 0.0, 3.0])):  # once it is led, its way is the one that it is led
+        assert made.virtual_leader(state(T + 21 * TICK, r, v), where, v) is not None
+
+
+def test_an_ardupilot_may_begin_anywhere() -> None:
+    made = Guidance(GuidanceConfig())
+    made.note_mode(mode(4))
+    assert made.virtual_leader(state(T, STILL, STILL), np.array([-30.0, 0.0, 3.0]), STILL) is not None
+    assert made.warning == ""
