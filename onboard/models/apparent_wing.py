@@ -54,14 +54,12 @@ COVARIANCES: Final = out(types.float64, 3)
 class Noise(NamedTuple):
     """The variances that a step adds: `fixed` (W,); `broad`, times the square of the fraction that is seen of a
     wing of `usual` length (its logarithm, m), of a steady leader, of one that accelerates, and of one that hovers
-    (3, N); `range_` (N,), times the square of the range; that of `lean` by a drag that is not known, times the
-    square of the acceleration; and that of `stretch` by a nose that wobbles, times the square of the share by
-    which a radian shortens the wing."""
+    (3, N); `range_` (N,), times the square of the range; and that of `stretch` by a nose that wobbles, times the
+    square of the share by which a radian shortens the wing."""
 
     fixed: Array
     broad: Array
     range_: Array
-    drag: float
     wobble: float
     usual: float
 
@@ -96,16 +94,16 @@ def predict(
     noise: Noise,
     hover: Hover,
     decay: Array,
-    drag: float,
+    drags: Array,
     course: Course,
 ) -> None:
     """Means (K, W) and covariances (K, W, W), in place, after `dt` seconds in which the follower moves by `moved`
     (3,) m, in n; the noses (K,) turn with the course. The `regimes` (K,) are STEADY, ACCELERATING or HOVERING; the
     `intensities` (K, 3) are the logarithms of factors of a steady leader's manoeuvres, of the bank's error and of
     the wobble; `decay` (3 + W - N,) is what the step leaves of the acceleration along the track, the bank's error,
-    the stretch and the biases; `drag` is in 1/s."""
+    the stretch and the biases; the `drags` (K,) are in 1/s."""
     _predict(
-        *(means, P, noses, dt, moved, regimes, intensities, *noise, np.array(hover), decay, drag, course.edge_on),
+        *(means, P, noses, dt, moved, regimes, intensities, *noise, np.array(hover), decay, drags, course.edge_on),
         *(course.tied, np.array(course.air)),
     )
 
@@ -155,6 +153,14 @@ def visible2(nose, x, y, square, edge_on):
 
 
 @njit(cache=True, error_model="numpy")
+def shortens2(seen2, steep2):
+    """The square of the share by which a radian of the nose shortens what is seen of a wing. `seen2` is as in
+    `visible2`, `steep2` the square of the tangent of its bank: what shows for that does not depend on the nose."""
+    length2 = seen2 + steep2
+    return max(1.0 - seen2, 0.0) * seen2 / (length2 * length2)
+
+
+@njit(cache=True, error_model="numpy")
 def _advance(S, j, side, dt, half, drag, t00, t01, t10, t11, down, decay):
     """One column (side 0) or row (side 1) of a covariance through the transition."""
     w = S[:, j] if side == 0 else S[j]
@@ -186,8 +192,15 @@ def _forget(x, S, decay, fixed):
 
 
 @njit(cache=True, error_model="numpy")
-def _stop(x, S, hover):
-    """The state of a leader that hovers after a step, in place: it comes to rest over ground."""
+def _stop(x, S, hover, drag):
+    """The state of a leader that hovers after a step, in place: it comes to rest over ground, and leans less."""
+    lost = drag * (1.0 - hover[0])
+    for i in range(10, 12):
+        x[i] -= lost * x[i - 7]
+        for j in range(S.shape[0]):
+            S[i, j] -= lost * S[i - 7, j]
+        for j in range(S.shape[0]):
+            S[j, i] -= lost * S[j, i - 7]
     for first, decay, variance in ((3, hover[0], hover[2]), (6, hover[1], hover[3])):
         for i in range(first, first + 3):
             x[i] *= decay
@@ -201,7 +214,7 @@ def _stop(x, S, hover):
 @njit(
     (
         *(OUT, COVARIANCES, NOSES, NUMBER, VECTOR, VECTOR, ROWS, VECTOR, ROWS, VECTOR),
-        *(NUMBER, NUMBER, NUMBER, VECTOR, VECTOR, NUMBER, NUMBER, VECTOR, VECTOR),
+        *(NUMBER, NUMBER, VECTOR, VECTOR, VECTOR, NUMBER, VECTOR, VECTOR),
     ),
     cache=True,
     error_model="numpy",
@@ -217,12 +230,11 @@ def _predict(
     fixed,
     broad,
     range_,
-    by_drag,
     wobble,
     usual,
     hover,
     decay,
-    drag,
+    drags,
     edge_on,
     tied,
     air,
@@ -230,14 +242,13 @@ def _predict(
     half, width = 0.5 * dt * dt, P.shape[2]
     for k in range(means.shape[0]):
         x, S = means[k], P[k]
-        u, v, a, b = x[3], x[4], x[6], x[7]
+        u, v, a, b, drag = x[3], x[4], x[6], x[7], drags[k]
         square = x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
         seen2 = visible2(noses[k], x[0], x[1], square, edge_on)
         mode = int(regimes[k])
         bold = np.exp(2.0 * intensities[k, 0]) if mode == STEADY else 1.0
         scale2 = seen2 * np.exp(2.0 * (x[13] - usual))
         banks, wobbles = np.exp(2.0 * intensities[k, 1]), np.exp(2.0 * intensities[k, 2])
-        lean = by_drag * (a * a + b * b)
         speed2 = u * u + v * v
         rate = (u * b - v * a) / (speed2 + SLOW2)
         noses[k] += speed2 * speed2 / (speed2 * speed2 + FOLLOWS4) * rate * dt
@@ -259,9 +270,8 @@ def _predict(
             S[i, i] += fixed[i] + factor2 * scale2 * broad[mode, i] + square * range_[i]
             for j in range(i):
                 S[i, j] = S[j, i] = 0.5 * (S[i, j] + S[j, i])
-        S[10, 10] += lean
-        S[11, 11] += lean
-        S[12, 12] += wobbles * wobble * max(1.0 - seen2, 0.0) / seen2
+        steep = ((x[7] + x[11]) * np.cos(noses[k]) - (x[6] + x[10]) * np.sin(noses[k])) / (G - x[8])
+        S[12, 12] += wobbles * wobble * shortens2(seen2, steep * steep)
         for i in range(3):
             x[i] += dt * x[3 + i] + half * x[6 + i] - moved[i]
             x[3 + i] += dt * x[6 + i]
@@ -273,7 +283,7 @@ def _predict(
         if width > N:
             _forget(x, S, decay[3:], fixed)
         if mode == HOVERING:
-            _stop(x, S, hover)
+            _stop(x, S, hover, drag)
         if tied[k] == TIED:
             noses[k] = np.arctan2(x[4] - air[1], x[3] - air[0])
 

@@ -157,8 +157,8 @@ def test_what_was_estimated_from_doubtful_motion_is_forgotten() -> None:
     assert_on_target(run, 1.0)
     after = [e for e in run.estimates if e.valid and e.t_ns > BEGINS + S]
     assert after[0].t_ns > BEGINS + 2.9 * S
-    assert max(position_error(e) for e in after if e.t_ns > BEGINS + 4 * S) < 2.4  # the track is new, and says so
-    assert position_error(run.estimates[-1]) < 0.52
+    assert max(position_nees(e) for e in after if e.t_ns > BEGINS + 4 * S) < 4.0  # the track is new, and says so
+    assert position_error(run.estimates[-1]) < 1.2
     assert run.estimates[-1].reset_count > clean().estimates[-1].reset_count
 
 
@@ -198,7 +198,7 @@ def test_a_leader_that_comes_back_to_its_place_is_believed() -> None:
     run = changed(ITEMS, TargetPoints, beside, BEGINS + 3 * S)
     back = [e for e in run.estimates if e.t_ns > BEGINS + 4.3 * S]
     assert all(e.valid for e in back)
-    assert_on_target(run)
+    assert_on_target(run, within=3.0)  # it is new: not sharp yet
 
 
 def test_a_detector_that_is_4_times_as_noisy_is_taken_so_and_told_with_seed_44() -> None:

@@ -20,11 +20,13 @@ class NoseModel(NamedTuple):
     the largest possible range, and proportionally less for nearer ones.
 
     The reasons: a copter leaned by 0.12 / s of its airspeed at 6 m/s and 0.22 / s at 12 m/s
-    (../shared/data/formation-copter), and others differ; winds of 3 m/s along an axis are a gentle breeze. The
-    nose wobbles by 2 degrees in the reference flight of Oh & Johnson. Errors of our velocity last some seconds (a
-    receiver's noise, filtered) to a minute (multipath): 20 s. `evidence_rate` is there because errors of images
-    and of flight are correlated over some tenths of a second. It, `tied`, `stretch`, `bank`, the turning and the
-    doubt were chosen on simulated encounters: no measurement of real leaders stands behind them."""
+    (../shared/data/formation-copter); small racers lean by 0.03 / s, heavy lifters by 0.5 / s; winds of 3 m/s
+    along an axis are a gentle breeze. The nose wobbles by 2 degrees in the reference flight of Oh & Johnson.
+    Errors of our velocity last some seconds (a receiver's noise, filtered) to a minute (multipath): 20 s.
+    `evidence_rate` is there because errors of images and of flight are correlated over some tenths of a second,
+    and those of what a hypothesis supposes as long as the view stays the same: so new views count (`new_view`),
+    and of the same view few images. It, `tied`, `stretch`, `bank`, the turning and the doubt were chosen on
+    simulated encounters: no measurement of real leaders stands behind them."""
 
     size: float  # m, the value itself
     size_sigma: float  # m
@@ -49,7 +51,7 @@ class NoseModel(NamedTuple):
     accelerates_for: float = 3.0  # s
     hovering: float = 0.4  # the probability that a multirotor hovers at first
     flies_for: float = 20.0  # s, of a slow one until it hovers
-    hovers_for: float = 30.0  # s
+    hovers_for: float = 8.0  # s
     hover_speed: float = 0.2  # m/s, of one that hovers, about its place
     hover_time: float = 1.5  # s
     hover_acceleration: float = 0.16  # m/s^2
@@ -68,15 +70,20 @@ class NoseModel(NamedTuple):
     nose_random_walk: float = math.radians(0.7)  # rad / sqrt(s)
     bank: float = math.radians(5.0)  # rad, about the bank of its thrust
     bank_time: float = 1.0  # s
+    rolled: float = math.radians(3.0)  # rad, of the mean of that error over `rolled_time`
+    rolled_time: float = 5.0  # s
     stretch: float = 0.02  # of the apparent length: a tip that is misplaced
     nose_wobble: float = math.radians(2.0)  # rad: it stretches a wing the more, the less is seen of it
     stretch_time: float = 3.0  # s, of both
-    drag: float = 0.16  # 1/s, the value itself: deceleration by the air, per m/s of airspeed
-    drag_sigma: float = 0.06  # 1/s
+    drag: float = 0.16  # 1/s, the mean: deceleration by the air, per m/s of airspeed
+    drag_sigma: float = 0.08  # 1/s, of a lognormal distribution
     wind: float = 3.0  # m/s, along each axis
     lean_random_walk: float = 0.05  # m/s^2 / sqrt(s)
-    evidence_rate: float = 2.0  # 1/s: so many images a second count as independent; of more, each counts less
-    doubted_after: float = 10.0  # s, the mean time after which a particle takes another nose
+    evidence_rate: float = 2.0  # 1/s: at most so many images a second count as independent
+    first_evidence: float = 16.0  # so many images of a new track count, whatever the view does
+    steady_evidence: float = 0.2  # 1/s: so many while the view stays the same
+    new_view: float = 0.12  # rad, or share of the range: so much another view is one image more
+    doubted_after: float = 8.0  # s, the mean time after which a particle takes another nose
     resample: float = 0.35  # of the particles: with fewer effective ones they are drawn anew
     gate: float = 25.0  # NIS above which no Gaussian expected an image
 

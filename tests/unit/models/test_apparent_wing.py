@@ -32,7 +32,7 @@ def seen(x: Array, nose: float, R_cn: Array, *, exchanged: bool = False) -> tupl
     return y[0], axes[0]
 
 
-QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0, 0.0)
+QUIET = model.Noise(np.zeros(model.N), np.zeros((3, model.N)), np.zeros(model.N), 0.0, 0.0)
 ALIKE = np.zeros((1, 3))  # intensities
 FREE, TIED = (model.Course(np.full(1, kind), (0.0, 0.0)) for kind in (model.FREE, model.TIED))
 AT_REST = model.Hover(0.5, 0.1, 0.03, 0.02)
@@ -115,7 +115,9 @@ def test_a_short_step_is_that_of_plain_kinematics_seed_0_to_4(seed: int) -> None
     x, P, nose, _ = drawn(seed)
     moved, dt = np.array([0.3, -0.2, 0.1]), 1e-3
     after, covariance, noses = x[None].copy(), P[None].copy(), np.array([nose])
-    model.predict(after, covariance, noses, dt, moved, np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.2, FREE)
+    model.predict(
+        after, covariance, noses, dt, moved, np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), np.full(1, 0.2), FREE
+    )
     assert after[0, model.POSITION] == pytest.approx(
         x[model.POSITION] + dt * x[model.VELOCITY] + 0.5 * dt**2 * x[model.ACCELERATION] - moved, abs=1e-9
     )
@@ -133,7 +135,7 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
     x, P, nose, _ = drawn(seed)
     rng = np.random.default_rng(seed)
     shapes = model.N, (3, model.N), model.N
-    noise = model.Noise._make((*(rng.uniform(0.0, 0.1, shape) for shape in shapes), 0.3, 0.02, 0.4))
+    noise = model.Noise._make((*(rng.uniform(0.0, 0.1, shape) for shape in shapes), 0.02, 0.4))
     intensities = rng.normal(size=(1, 3))
     both = np.tile(x, (2, 1)), np.tile(P, (2, 1, 1)), np.full(2, nose)
     for k, added in enumerate((QUIET, noise)):
@@ -146,7 +148,7 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
             added,
             AT_REST,
             np.ones(3),
-            0.2,
+            np.full(1, 0.2),
             FREE,
         )
         model.predict(mean, covariance, noses, *step)
@@ -158,8 +160,11 @@ def test_a_step_adds_noise_by_range_and_by_what_is_seen_seed_0_to_2(seed: int, a
     larger = math.exp(x[model.LOG_SIZE] - noise.usual)
     broad = bold * seen_of_it * larger**2 * noise.broad[accelerates]
     expected = noise.fixed + broad + (x[model.POSITION] @ x[model.POSITION]) * noise.range_
-    expected[model.LEAN] += noise.drag * (x[6:8] @ x[6:8])
-    expected[model.STRETCH] += factors[2] * noise.wobble * (1.0 - seen_of_it) / seen_of_it
+    # the square of its length in the image is s^2 + tan^2 b, of which the nose turns the first part
+    thrust = x[model.ACCELERATION][:2] + x[model.LEAN]
+    steep = (math.cos(nose) * thrust[1] - math.sin(nose) * thrust[0]) / (model.G - x[model.ACCELERATION][2])
+    shortens = (1.0 - seen_of_it) * seen_of_it / (seen_of_it + steep**2) ** 2
+    expected[model.STRETCH] += factors[2] * noise.wobble * shortens
     assert both[1][1] - both[1][0] == pytest.approx(np.diag(expected), rel=1e-9, abs=1e-9)
 
 
@@ -170,7 +175,9 @@ def test_a_fast_leader_turns_its_nose_with_its_course_and_a_slow_one_does_not() 
         noses = np.zeros(1)
         for _ in range(10):
             P = np.eye(model.N)[None].copy()
-            model.predict(x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.0, FREE)
+            model.predict(
+                x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), np.zeros(1), FREE
+            )
         assert noses[0] == pytest.approx(turned, abs=0.01)
 
 
@@ -192,7 +199,7 @@ def test_a_leader_that_hovers_comes_to_rest_over_ground_and_stays_uncertain_by_a
             QUIET,
             hover,
             np.ones(3),
-            0.0,
+            np.zeros(1),
             FREE,
         )
     assert x[0, model.VELOCITY] == pytest.approx(np.zeros(3), abs=1e-6)
@@ -253,5 +260,7 @@ def test_a_tied_nose_is_on_the_course_through_the_air_after_a_step() -> None:
     x, P, noses = np.zeros((1, model.N)), np.eye(model.N)[None].copy(), np.zeros(1)
     x[0, :3], x[0, 3:5], x[0, 7] = [30.0, 0.0, 0.0], [12.0, 2.0], 1.0
     course = TIED._replace(air=(2.0, -3.0))
-    model.predict(x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), 0.0, course)
+    model.predict(
+        x, P, noses, 0.1, np.zeros(3), np.zeros(1), ALIKE, QUIET, AT_REST, np.ones(3), np.zeros(1), course
+    )
     assert noses[0] == math.atan2(x[0, 4] + 3.0, x[0, 3] - 2.0)

@@ -123,7 +123,8 @@ class BeliefFilter:
         cloud, beyond = particles.update(settings, now.cloud, measurement, pose)
         passes = max(nis, beyond) <= settings.gate
         after = now._replace(cloud=cloud, summary=summarise(settings, cloud)) if passes else state
-        return Update(after, innovation, S, expected, nis, cloud.misfits if passes else (), passes)
+        decided = nis if passes else max(nis, beyond)
+        return Update(after, innovation, S, expected, decided, cloud.misfits if passes else (), passes)
 
     def assist(self, state: State, taken: Auxiliary) -> State | None:
         """The state after what is measured beside the images; None where that contradicts it, or where what may be

@@ -37,8 +37,8 @@ def cloud_of(count: int, seed: int = 1, *, sizes: float = 0.3) -> Cloud:
     P += sizes**2 * by_size[:, :, None] * by_size[:, None, :]
     noses, zeros = np.arctan2(means[:, 4], means[:, 3]), np.zeros(count)
     weights = np.full(count, -math.log(count))
-    regimes, tied = np.full(count, float(STEADY)), np.full(count, TIED)
-    return Cloud(noses, zeros, regimes, means, P, np.zeros((count, 3)), tied, weights, 0)
+    regimes, tied, drags = np.full(count, float(STEADY)), np.full(count, TIED), np.full(count, settings_of().drag)
+    return Cloud(noses, zeros, regimes, means, P, np.zeros((count, 3)), tied, drags, zeros, weights, 0)
 
 
 def report(r: Array, v: Array) -> Report:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.measurement import Measurement
 from onboard.estimators.leader.filters.noses import particles
@@ -21,15 +22,38 @@ STILL = CameraPose(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3))
 IMAGE = Measurement(np.array([0.0, 0.0, 0.07, 0.0]), 3e-6 * np.eye(4), 0.07, 1.8e-3, np.eye(3))
 
 
+def wings(cloud: Cloud) -> Array:
+    """What each particle expects of the wing in the image (K, 2), the right tip on the right."""
+    camera = STILL.R_cn, STILL.r_FC_n, IMAGE.axes
+    found = [
+        model.prediction(
+            cloud.means[k : k + 1],
+            cloud.covariances[k : k + 1],
+            cloud.noses[k : k + 1],
+            np.ones(1),
+            IMAGE.y,
+            camera,
+            model.Course(cloud.tied[k : k + 1], (0.0, 0.0)),
+        )[0][2:4]
+        for k in range(len(cloud.noses))
+    ]
+    return np.array(found)
+
+
 def test_a_doubted_nose_shows_the_same_image() -> None:
-    """A particle that takes another nose is nearer or farther by as much as its wing is seen less or more."""
+    """A particle that takes another nose is nearer or farther by as much as its wing is seen less or more, and
+    leans so that the wing slopes as before; but for those that are seen almost along their wing."""
     settings = NOSES._replace(doubted_after=1e-9, tied=0.0)
     cloud = start(settings, IMAGE, STILL)
     after = particles.predict(settings, cloud, 1e-6, np.zeros(3))
-    assert np.abs(after.noses - cloud.noses).max() > 0.5
-    direction = after.means[:, :3] / np.linalg.norm(after.means[:, :3], axis=1)[:, None]
-    lengths = model.visible(after.noses, direction) / np.linalg.norm(after.means[:, :3], axis=1)
-    assert lengths == pytest.approx(np.full(len(lengths), lengths.mean()), rel=1e-3)
+    changed = np.abs(after.noses - cloud.noses) > 0.1
+    assert 0.2 < changed.mean() < 0.95  # some would have to lean as is not likely
+    broad = np.abs(np.cos(cloud.noses)) > 0.3
+    both = changed & broad & (np.abs(np.cos(after.noses)) > 0.3)
+    assert wings(after)[both] == pytest.approx(wings(cloud)[both], rel=0.03, abs=2e-3)
+    same = np.abs(after.noses - cloud.noses) < 1e-4
+    assert same.mean() > 0.05
+    assert wings(after)[same] == pytest.approx(wings(cloud)[same], abs=1e-4)
 
 
 def test_a_doubted_nose_of_a_fixed_wing_stays_about_its_course() -> None:
@@ -88,7 +112,7 @@ def test_the_nose_of_a_fast_leader_is_tied_to_its_course_or_not_and_that_of_a_sl
     fast, slow = flying(15.0, tied=0.6), flying(1.0, tied=0.6)
     tied = fast.tied == model.TIED
     assert tied.mean() == pytest.approx(0.6, abs=0.05)
-    assert (fast.tied[~tied] == model.FREE).mean() > 0.98
+    assert (fast.tied[~tied] == model.FREE).mean() > 0.9  # the others would lean as is not likely
     assert (slow.tied == model.UNDECIDED).mean() > 0.98
     course = np.arctan2(fast.means[:, 4], fast.means[:, 3])
     assert fast.noses[tied] == pytest.approx(course[tied])

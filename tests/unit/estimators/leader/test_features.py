@@ -81,7 +81,7 @@ def test_without_the_center_a_track_starts_and_stays_on_the_target_seed_1() -> N
     run = flown(lambda m: less(m, "left", "right"), after=0.0)
     assert run.verdicts() == {Verdict.INITIALISING: 3, Verdict.FUSED: 122}
     assert run.estimates[-1].valid
-    assert position_error(run.estimates[-1]) < 0.8
+    assert position_error(run.estimates[-1]) < 2.7
 
 
 @pytest.mark.parametrize("kind", ["center", "box"])

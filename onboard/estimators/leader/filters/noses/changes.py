@@ -2,7 +2,7 @@
 begins to accelerate or stops, a few particles take another nose, and all noses wander."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -10,6 +10,7 @@ from numba import njit, types
 
 from onboard.arrays import Array
 from onboard.estimators.leader.filters.noses.draws import DRAW, normals, uniforms
+from onboard.estimators.leader.filters.noses.leaning import banked, lean, likely, lognormal, slope_of
 from onboard.estimators.leader.settings import NoseModel
 from onboard.filters.compiled import OUT, VECTOR
 from onboard.models.apparent_wing import (
@@ -19,6 +20,7 @@ from onboard.models.apparent_wing import (
     FOLLOWS4,
     FREE,
     HOVERING,
+    LEAST_VISIBLE,
     NOSES,
     NUMBER,
     SLOW2,
@@ -32,12 +34,13 @@ CIRCLES: Final = 5  # of a computation: a nose, the range that it implies, the c
 MOST_CRAB: Final = 2.5  # standard deviations of a fixed wing's nose about its course
 APART: Final = 1 << 40  # added to the number of a draw, for a stream of its own
 LETS_GO2: Final = 9.0  # (m/s)^2: a slower leader's nose is not tied to its course
+DRIFTS2: Final = 0.16  # (m/s)^2: a faster leader does not hover
 DRAWS: Final = 8  # streams of random numbers that a step uses
 
 
 def change(
     s: NoseModel,
-    arrays: Iterable[Array],
+    arrays: Sequence[Array],
     draws: int,
     dt: float,
     moved: Array,
@@ -62,15 +65,14 @@ def change(
         draws,
         np.array([*chances, s.tied, anew]),
         np.array(s.intensity),
-        math.exp(-dt / s.intensity_time),
-        s.nose_rate,
-        wander,
-        s.crab,
+        np.array([math.exp(-dt / s.intensity_time), s.nose_rate, wander, s.crab]),
         np.array(s.air),
+        s.wind,
         dt,
         moved,
         edge_on,
         metric,
+        np.array(lognormal(s)),
     )
     _change(*arguments)
 
@@ -82,11 +84,10 @@ def _fraction(nose, x, edge_on):
 
 
 @njit(cache=True, error_model="numpy")
-def _doubt(nose, other, x, P, dt, moved, edge_on, hovers):
+def _doubt(ratio, x, P, dt, moved, hovers):
     """Give a particle another nose, in place: the one that is supposed may be wrong after all. Seen so, the same
-    images are those of a leader that is nearer or farther, and moves in proportion; one that hovers stands still
-    there, too."""
-    ratio = _fraction(other, x, edge_on) / _fraction(nose, x, edge_on)
+    images are those of a leader that is nearer or farther by a `ratio`, and moves in proportion; one that hovers
+    stands still there, too."""
     scaled = 3 if hovers else BANK_ERROR + 1
     for i in range(x.shape[0]):
         scale = ratio if i < scaled else 1.0
@@ -100,10 +101,30 @@ def _doubt(nose, other, x, P, dt, moved, edge_on, hovers):
 
 
 @njit(cache=True, error_model="numpy")
+def _takes(nose, other, x, P, dt, moved, edge_on, hovers, metric, drags, wind, chance):
+    """Give a particle another nose, and the second of two `drags`, in place; False if it keeps what it has, as the
+    lean is unlikely that its wing's slope needs then (Metropolis and Hastings, with the logarithm of a `chance`).
+    Of what shows no slope, or does not lean, each nose is as likely."""
+    if drags[0] == 0.0 or edge_on > LEAST_VISIBLE:
+        if not metric:
+            _doubt(_fraction(other, x, edge_on) / _fraction(nose, x, edge_on), x, P, dt, moved, hovers)
+        return True
+    was, of_it = x.copy(), P.copy()
+    slope, before = slope_of(nose, x), likely(nose, x, P, drags[0], wind, 0.0)
+    if not metric:
+        _doubt(banked(slope, other, x)[1] / banked(slope, nose, x)[1], x, P, dt, moved, hovers)
+    lean(slope, nose, other, x, P, drags[1], wind)
+    if chance <= likely(other, x, P, drags[1], wind, 0.0) - before:
+        return True
+    x[:], P[:, :] = was, of_it
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def _next(regime, x, P, drawn, steadies, begins, hovers, leaves):
     """The regime after a step, by a number that is `drawn` from (0, 1). Only a slow leader begins to hover."""
     if regime == HOVERING:
-        return ACCELERATING if drawn < leaves else HOVERING
+        return ACCELERATING if drawn < leaves or x[3] * x[3] + x[4] * x[4] > DRIFTS2 else HOVERING
     speed2 = (x[3] * x[3] + x[4] * x[4]) / (SLOW2 + P[3, 3] + P[4, 4])
     if drawn > 1.0 - hovers * np.exp(-0.5 * speed2):
         return HOVERING
@@ -153,9 +174,8 @@ def _decided(tied, x, regime, drawn, which, decides, doubted, unties, ties, anew
 
 @njit(
     (
-        *(NOSES, NOSES, NOSES, OUT, COVARIANCES, OUT, NOSES, DRAW, VECTOR, VECTOR, *[NUMBER] * 4),
-        *(VECTOR, NUMBER, VECTOR),
-        *(NUMBER, types.boolean),
+        *(NOSES, NOSES, NOSES, OUT, COVARIANCES, OUT, NOSES, NOSES, DRAW, *[VECTOR] * 4),
+        *(NUMBER, NUMBER, VECTOR, NUMBER, types.boolean, VECTOR),
     ),
     cache=True,
     error_model="numpy",
@@ -168,24 +188,28 @@ def _change(
     P,
     intensities,
     tied,
+    drags,
     draws,
     chances,
     spread,
-    keeps,
-    nose_rate,
-    wander,
-    crab,
+    chance,
     air,
+    wind,
     dt,
     moved,
     edge_on,
     metric,
+    drag,
 ):
+    keeps, nose_rate, wander, crab = chance
     stops, turns, steadies, begins, hovers, leaves, doubted, unties, decides, ties, anew = chances
     count = noses.shape[0]
     of_turning, turn = uniforms(draws, count), normals(np.uint64(draws + 1), count)
     of_speed, walk = uniforms(np.uint64(draws + 3), count), normals(np.uint64(draws + 4), count)
     of_doubt, where = uniforms(np.uint64(draws + 6), count), uniforms(np.uint64(draws + 7), count)
+    drag = drag[0] * np.exp(drag[1] * normals(np.uint64(draws + 2 * APART), count))
+    accepted = uniforms(np.uint64(draws + 3 * APART), count)
+    wobble = normals(np.uint64(draws + 4 * APART), count)
     of_tying = uniforms(np.uint64(draws + APART + 6), count)
     bold = np.zeros((3, count))
     for i in range(3):
@@ -198,6 +222,7 @@ def _change(
             new = spread[i] * np.sqrt(1.0 - keeps * keeps) * bold[i, k]
             intensities[k, i] = keeps * intensities[k, i] + new
         regimes[k] = _next(regimes[k], x, P[k], of_speed[k], steadies, begins, hovers, leaves)
+        tied_before = tied[k]
         tied[k], becomes_tied, doubts = _decided(
             tied[k], x, regimes[k], of_doubt[k], of_tying[k], decides, doubted, unties, ties, anew
         )
@@ -207,8 +232,14 @@ def _change(
                 other, rates[k] = _tied_nose(noses[k], x, dt, moved, edge_on, air), 0.0
             elif crab > 0.0:  # a fixed wing's nose stays about its course
                 other = np.arctan2(x[4], x[3]) + crab * MOST_CRAB * (2.0 * where[k] - 1.0)
-            if not metric:
-                _doubt(noses[k], other, x, P[k], dt, moved, edge_on, regimes[k] == HOVERING)
+            takes = _takes(
+                *(noses[k], other, x, P[k], dt, moved, edge_on, regimes[k] == HOVERING, metric),
+                *((drags[k], drag[k]), wind, np.log(accepted[k])),
+            )
+            if takes:
+                drags[k], intensities[k, 2] = drag[k], spread[2] * wobble[k]
+            else:
+                other, tied[k] = noses[k], tied_before
             noses[k] = other
         if tied[k] == TIED:
             noses[k] = np.arctan2(x[4] - air[1], x[3] - air[0])

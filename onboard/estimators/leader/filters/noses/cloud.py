@@ -9,7 +9,7 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.models.apparent_wing import LEAST_VISIBLE, N
 
-ARRAYS: Final = 7  # of the fields, the first: each has one row a particle
+ARRAYS: Final = 9  # of the fields, the first: each has one row a particle
 
 
 class Bias(NamedTuple):
@@ -21,15 +21,17 @@ class Bias(NamedTuple):
 
 
 class Cloud(NamedTuple):
-    """K particles: noses (K,) in rad from north, not wrapped; rates (K,) at which they are turned, rad/s, 0
-    for those that are not; the regime of each leader (K,), STEADY, ACCELERATING or HOVERING, means (K, W) and
+    """K particles: noses (K,) in rad from north, not wrapped; rates (K,) at which they are turned, rad/s, 0 for
+    those that are not; the regime of each leader (K,), STEADY, ACCELERATING or HOVERING, means (K, W) and
     covariances (K, W, W) of `models.apparent_wing`, with the `biases` behind the first N; the logarithms of each
     leader's intensities (K, 3), by which it manoeuvres, banks and wobbles more than others; whether the nose is
-    tied to the course (K,), TIED, FREE or UNDECIDED; logarithms of the weights (K,); the number of random draws so
-    far; the share of the wing's length that the edge-on aircraft shows in what images show; whether points have
-    distinguished the nose from the tail; by what share they make the length that shows the nose wrong, as a bias;
-    whether the ranges are metric, by poses, and not those of a leader of some size; the seconds since the last
-    image that corrected it; and the named points of the last image that fitted no nose."""
+    tied to the course (K,), TIED, FREE or UNDECIDED; each leader's drag (K,), 1/s; the mean of the error of its
+    bank lately (K,), rad; logarithms of the weights (K,); the number of random draws so far; the share of the
+    wing's length that the edge-on aircraft shows in what images show; whether points have distinguished the nose
+    from the tail; by what share they make the length that shows the nose wrong, as a bias; whether the ranges are
+    metric, by poses, and not those of a leader of some size; the seconds since the last image that corrected it;
+    so many images' evidence of a new track that is not used yet; and the named points of the last image that
+    fitted no nose."""
 
     noses: Array
     rates: Array
@@ -38,6 +40,8 @@ class Cloud(NamedTuple):
     covariances: Array
     intensities: Array
     tied: Array
+    drags: Array
+    rolled: Array
     log_weights: Array
     draws: int
     edge_on: float = LEAST_VISIBLE
@@ -45,6 +49,7 @@ class Cloud(NamedTuple):
     misplaced: float = 0.0
     metric: bool = False
     unseen: float = 0.0
+    fresh: float = 0.0
     misfits: tuple[str, ...] = ()
     biases: tuple[Bias, ...] = ()
 

@@ -8,10 +8,11 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.measurement import Measurement
+from onboard.estimators.leader.filters.noses import leaning
 from onboard.estimators.leader.filters.noses.changes import APART, MOST_CRAB
 from onboard.estimators.leader.filters.noses.cloud import Cloud
 from onboard.estimators.leader.filters.noses.draws import normal, uniform
-from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE, of_boxes, of_ranges
+from onboard.estimators.leader.filters.noses.evidence import ANY_NOSE, of_boxes, of_ranges, weighted
 from onboard.estimators.leader.filters.noses.particles import HORIZONTAL, resampled
 from onboard.estimators.leader.settings import NoseModel
 from onboard.models import apparent_shape
@@ -21,7 +22,9 @@ from onboard.models.apparent_wing import ACCELERATION, BANK_ERROR, LEAN, LOG_SIZ
 LEAST_RANGE: Final = 0.05  # of the largest possible range of a first image: points in a row may hide each other
 SIZES_APART: Final = 0.05  # of the size: what is less certain is sampled, as a Gaussian's curvature would mislead
 OF_SIZES: Final = 7  # the number of the draw of sizes
+OF_DRAGS: Final = 9 + APART  # the same of drags
 FORGETS: Final = 5  # of so many particles one has a new nose when a track starts again
+MOST_BANK: Final = math.radians(35.0)  # rad, of noses that are looked at closely
 MOVING: Final = 3.0  # m/s: if we fly faster, a leader that flies along with us is likely
 
 
@@ -29,7 +32,8 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     """The cloud after one image. Of what was known `before` of the same leader only the noses are kept, of all but
     each FORGETS-th particle; where it is and how it moves may have changed while it was not seen."""
     direction = seen.axes[0] @ pose.R_cn
-    noses, prior = _first_noses(settings, math.atan2(direction[1], direction[0]), pose.v_F_n)
+    slope = _slope(seen, pose) if seen.has_wing and settings.drag > 0.0 else None
+    noses, prior = _first_noses(settings, math.atan2(direction[1], direction[0]), pose.v_F_n, slope)
     if before is not None:
         kept = np.arange(len(noses)) % FORGETS > 0
         known = resampled(before, settings.particles).noses
@@ -46,6 +50,8 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     visible = model.visible(noses, np.tile(direction, (k, 1)), edge_on)
     broad = visible * sizes / settings.size
     range_ = sizes * visible / seen.span
+    if slope is not None:
+        range_ = sizes * leaning.shown(noses, direction, slope) / seen.span
     if seen.is_metric:
         range_ = np.full(k, settings.size / seen.span)
     elif shows is not None:
@@ -59,20 +65,13 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
     P[:, POSITION, POSITION] = along[:, None, None] * line + across[:, None, None] * (np.eye(3) - line)
     hovers = uniform(APART, k) < (settings.hovering if settings.crab == 0.0 else 0.0)
     intensities = np.column_stack([s * normal(APART + 1 + 2 * i, k) for i, s in enumerate(settings.intensity)])
-    factors = np.exp(intensities)
-    speed = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
-    diagonal = np.zeros((k, N))
-    diagonal[:, VELOCITY] = speed
-    diagonal[:, ACCELERATION] = (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
-    diagonal[hovers, VELOCITY] = settings.hover_speed**2 + settings.own_velocity**2
-    diagonal[hovers, ACCELERATION] = settings.hover_acceleration**2
     means[hovers, VELOCITY] = 0.0
-    diagonal[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
-    shortens = np.maximum(1.0 - visible**2, 0.0) / visible**2
-    diagonal[:, STRETCH] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens
-    P[:, range(N), range(N)] += diagonal
-    _lean(settings, means, P, pose.v_F_n)
-    means[hovers, LEAN] = 0.0
+    P[:, range(N), range(N)] += _variances(settings, broad, hovers, np.exp(intensities), visible, slope or 0.0)
+    drags = leaning.drags_of(settings, OF_DRAGS, k)
+    _lean(settings, means, P, drags)
+    log_l = np.zeros(k)
+    if slope is not None:
+        log_l = leaning.first(means, P, noses, drags, slope, settings.wind, np.sqrt(P[:, BANK_ERROR, BANK_ERROR]))
     means[:, LOG_SIZE] = np.log(sizes)
     turns = uniform(0, k) < settings.turning
     rates = np.where(turns, settings.nose_rate * normal(1, k), 0.0)
@@ -87,17 +86,22 @@ def start(settings: NoseModel, seen: Measurement, pose: CameraPose, before: Clou
         P,
         intensities,
         np.full(k, model.UNDECIDED if settings.tied > 0.0 else model.FREE),
+        drags,
+        np.zeros(k),
         np.log(prior),
         4,
         edge_on,
         metric=seen.is_metric,
+        fresh=settings.first_evidence,
     )
-    return _scaled(cloud, seen, range_[:, None] * direction, within)
+    return _scaled(weighted(cloud, log_l), seen, range_[:, None] * direction, within)
 
 
 def _scaled(cloud: Cloud, seen: Measurement, r: Array, size_sigma: float) -> Cloud:
     """The cloud with what scales the places r (K, 3) m that an image shows: the size, and the image's bias."""
     _scale(cloud, r, LOG_SIZE, size_sigma, 0.0 if seen.is_metric else 1.0)
+    if seen.has_wing:
+        _scale(cloud, r, STRETCH, np.sqrt(cloud.covariances[:, STRETCH, STRETCH]), 1.0)
     if seen.is_metric and seen.pose is not None:
         bias, share = of_ranges(seen.pose), -1.0
     elif not seen.has_wing and seen.shows is not None and seen.shows.is_box:
@@ -109,29 +113,55 @@ def _scaled(cloud: Cloud, seen: Measurement, r: Array, size_sigma: float) -> Clo
     return cloud
 
 
-def _scale(cloud: Cloud, r: Array, column: int, sigma: float, share: float) -> None:
-    """Add the uncertainty of a scale's logarithm, in place. The places r (K, 3) m grow with this share of it."""
-    P = cloud.covariances
-    P[:, column, column] = sigma**2
-    P[:, POSITION, column] = P[:, column, POSITION] = share * sigma**2 * r
-    P[:, POSITION, POSITION] += (share * sigma) ** 2 * r[:, :, None] * r[:, None, :]
+def _scale(cloud: Cloud, r: Array, column: int, sigma: float | Array, share: float) -> None:
+    """Add the uncertainty of a scale's logarithm, `sigma` or (K,), in place. The places r (K, 3) m grow with this
+    share of it."""
+    P, variance = cloud.covariances, np.broadcast_to(np.square(sigma), len(r))
+    P[:, column, column] = variance
+    P[:, POSITION, column] = P[:, column, POSITION] = share * variance[:, None] * r
+    P[:, POSITION, POSITION] += share**2 * variance[:, None, None] * r[:, :, None] * r[:, None, :]
 
 
-def _lean(settings: NoseModel, means: Array, P: Array, v_F_n: Array) -> None:
-    """What is known of a lean against the air: drag times an airspeed, with an unknown wind."""
-    level = v_F_n[:2]
-    means[:, LEAN] = settings.drag * level
-    speeds = P[:, 3:5, 3:5]
-    known = settings.drag_sigma**2 * (np.outer(level, level) + speeds) + (
-        settings.drag * settings.wind
-    ) ** 2 * np.eye(2)
-    P[:, LEAN, LEAN] = settings.drag**2 * speeds + known + 1e-8 * np.eye(2)
-    P[:, LEAN, 3:5] = P[:, 3:5, LEAN] = settings.drag * speeds
+def _variances(
+    settings: NoseModel, broad: Array, hovers: Any, factors: Array, visible: Array, slope: float
+) -> Array:
+    """Of the first states (K, N), beside what the image shows: in proportion to the share of the largest range,
+    `broad` (K,), but for leaders that hover; `factors` (K, 3) of the intensities, `visible` (K,) of the wing, and
+    the wing's slope."""
+    found = np.zeros((len(broad), N))
+    found[:, VELOCITY] = (broad[:, None] * settings.speed * np.array([1.0, 1.0, 0.4])) ** 2
+    found[:, ACCELERATION] = (broad[:, None] * settings.acceleration * HORIZONTAL) ** 2
+    found[hovers, VELOCITY] = settings.hover_speed**2 + settings.own_velocity**2
+    found[hovers, ACCELERATION] = settings.hover_acceleration**2
+    found[:, BANK_ERROR] = (broad * factors[:, 1] * settings.bank) ** 2
+    level2 = visible**2 * (1.0 + slope**2) ** 2  # what shows by its bank does not depend on the nose
+    shortens2 = np.maximum(1.0 - visible**2, 0.0) / level2
+    found[:, STRETCH] = settings.stretch**2 + (factors[:, 2] * settings.nose_wobble) ** 2 * shortens2
+    return found
 
 
-def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any, Any]:
+def _slope(seen: Measurement, pose: CameraPose) -> float:
+    """Of the wing, to the horizon."""
+    ahead, right, down = seen.axes @ pose.R_cn
+    wing = seen.y[2] * right + seen.y[3] * down
+    level = math.hypot(ahead[0], ahead[1])
+    aside = float(ahead[0] * wing[1] - ahead[1] * wing[0]) / max(level, 1e-9)
+    below = float(wing[2]) / max(level, 1e-9)
+    return below / (aside if abs(aside) > 1e-9 else 1e-9)
+
+
+def _lean(settings: NoseModel, means: Array, P: Array, drags: Array) -> None:
+    """What is known of a lean against the air: the drag times an airspeed, with an unknown wind."""
+    of_air = P[:, 3:5, 3:5] + settings.wind**2 * np.eye(2)
+    means[:, LEAN] = drags[:, None] * means[:, 3:5]
+    P[:, LEAN, LEAN] = (drags**2)[:, None, None] * of_air + 1e-8 * np.eye(2)
+    P[:, LEAN, 3:5] = P[:, 3:5, LEAN] = drags[:, None, None] * P[:, 3:5, 3:5]
+
+
+def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array, slope: float | None) -> tuple[Any, Any]:
     """Noses (K,) and their prior probabilities: all noses alike, and those along our own course more likely if we
-    fly; for a fixed wing only noses about our course."""
+    fly; for a fixed wing only noses about our course. The closer where the wing's `slope` is that of a bank which
+    a multirotor may have: of a steep one few noses are left, and many drags and winds are possible with each."""
     k = settings.particles
     moving = math.hypot(v_F_n[0], v_F_n[1]) > MOVING
     course = math.atan2(v_F_n[1], v_F_n[0])
@@ -139,8 +169,17 @@ def _first_noses(settings: NoseModel, bearing: float, v_F_n: Array) -> tuple[Any
         apart = MOST_CRAB * (2.0 * (np.arange(k) + 0.5) / k - 1.0)
         return course + apart * settings.crab, np.full(k, 1.0 / k)  # `with_course` says which are likely
     few = k // 4 if moving else 0
-    noses = bearing + math.pi * (np.arange(k - few) + 0.5) / (k - few)
+    around = math.pi * (np.arange(k - few) + 0.5) / (k - few)
     prior = np.full(k - few, 1.0 / (k - few))
+    if slope:
+        widest = min(MOST_BANK, math.atan(abs(slope)))
+        banks = widest * (2.0 * (np.arange(0, k - few, 2) + 0.5) / (k - few) - 1.0)
+        around[::2] = np.arccos(np.tan(banks) / slope)
+        across = slope * np.cos(around)
+        closer = math.pi * abs(slope) * np.sin(around) / (2.0 * widest * (1.0 + across**2))
+        prior = 1.0 / (1.0 + np.where(np.abs(across) <= math.tan(widest), closer, 0.0))
+        prior /= prior.sum()
+    noses = bearing + around
     if few:
         apart = 2.5 * (2.0 * (np.arange(few) + 0.5) / few - 1.0)
         likely = np.exp(-0.5 * apart**2)

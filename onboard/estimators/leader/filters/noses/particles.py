@@ -22,12 +22,14 @@ from onboard.arrays import Array
 from onboard.estimators.leader.camera_pose import CameraPose
 from onboard.estimators.leader.filters.auxiliary import Auxiliary
 from onboard.estimators.leader.filters.measurement import Measurement
+from onboard.estimators.leader.filters.noses import leaning
 from onboard.estimators.leader.filters.noses.changes import DRAWS, change
 from onboard.estimators.leader.filters.noses.cloud import ARRAYS, Bias, Cloud, named
 from onboard.estimators.leader.filters.noses.draws import uniform
 from onboard.estimators.leader.filters.noses.evidence import (
     ANY_NOSE,
     OF_SHAPE,
+    charged,
     corrected,
     expected,
     fitted,
@@ -53,6 +55,8 @@ EXPECTING: Final = 0.3  # of the weight: at least so many particles must have ex
 SURE: Final = 10.0  # times as long until a particle takes another nose, where points show the nose
 TRUE: Final = 0.9999  # the probability that a report or a range passes that is true
 APART_S: Final = 0.2  # of the evidence of one of these, in seconds
+MOST_COST: Final = 20.0  # of what a hypothesis supposes: it is improbable enough then
+FRESH_S: Final = 8.0  # over which the evidence of a new track is used
 TOGETHER_S: Final = 0.05  # what is measured at one time, by different means, counts as if it came so soon after
 NOSE_BIN: Final = math.radians(6.0)  # rad
 RANGE_BIN: Final = 0.05  # of the range's logarithm
@@ -70,17 +74,36 @@ def predict(settings: NoseModel, cloud: Cloud, dt: float, moved: Array) -> Cloud
     sure = SURE if cloud.sided else 1.0
     doubted_after = sure * s.doubted_after
     change(
-        s, changed, cloud.draws, dt, moved, doubted_after=doubted_after, edge_on=cloud.edge_on, metric=cloud.metric
+        s,
+        changed[:-1],
+        cloud.draws,
+        dt,
+        moved,
+        doubted_after=doubted_after,
+        edge_on=cloud.edge_on,
+        metric=cloud.metric,
     )
-    noses, _, regimes, means, P, intensities, tied = changed
+    noses, _, regimes, means, P, intensities, tied, drags, _ = changed
     lasts = np.array([bias.time for bias in cloud.biases])
     times = np.array([s.acceleration_time, s.bank_time, s.stretch_time, *lasts])
     noise, decay = _noise(s, dt, cloud.biases), np.exp(-dt / times)
+    before = _supposed(s, cloud._replace(**named(changed)))
     model.predict(
-        *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, s.drag),
+        *(means, P, noses, dt, moved, regimes, intensities, noise, _hover(s, dt), decay, drags),
         model.Course(tied, s.air, cloud.edge_on),
     )
-    return cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
+    after = cloud._replace(**named(changed), draws=cloud.draws + DRAWS, unseen=cloud.unseen + dt)
+    return charged(after, _supposed(s, after) - before)
+
+
+def _supposed(s: NoseModel, cloud: Cloud) -> Array:
+    """Logarithms of the likelihoods (K,) of the leans, and of the banks that have lasted. Whatever an image or a
+    turn makes of them counts in full: a hypothesis may suppose any, and not get one for nothing where few images
+    count."""
+    if s.drag == 0.0 or cloud.edge_on > LEAST_VISIBLE:
+        return np.zeros(len(cloud.noses))
+    found: Array = leaning.plausible(cloud.noses, cloud.means, cloud.covariances, cloud.drags, s.wind)
+    return np.maximum(found - 0.5 * (cloud.rolled / s.rolled) ** 2, -MOST_COST)
 
 
 def _hover(s: NoseModel, dt: float) -> model.Hover:
@@ -105,7 +128,7 @@ def _noise(s: NoseModel, dt: float, biases: tuple[Bias, ...]) -> model.Noise:
     broad[:2, VELOCITY], broad[:, LEAN] = s.velocity_random_walk**2 * dt, s.lean_random_walk**2 * dt
     broad[:2, ACCELERATION] = np.outer(np.square(s.acceleration_random_walk), HORIZONTAL**2) * dt
     broad[:, BANK_ERROR] = s.bank**2 * -math.expm1(-2.0 * dt / s.bank_time)
-    return model.Noise(fixed, broad, range_, 2.0 * dt * s.drag_sigma**2, s.nose_wobble**2 * new, math.log(s.size))
+    return model.Noise(fixed, broad, range_, s.nose_wobble**2 * new, math.log(s.size))
 
 
 def supposed(settings: NoseModel, wind: Wind | None) -> NoseModel:
@@ -156,9 +179,25 @@ def update(settings: NoseModel, cloud: Cloud, seen: Measurement, pose: CameraPos
             after, log_l = found, log_l + more
         elif seen.is_metric:
             return given, beyond
-    believed = min(settings.evidence_rate * max(cloud.unseen, TOGETHER_S), 1.0)
-    after = weighted(after, log_l, believed)._replace(unseen=0.0)
+    believed, fresh = _counted(settings, cloud, pose)
+    new = -math.expm1(-cloud.unseen / settings.rolled_time)
+    after = after._replace(rolled=after.rolled + new * (after.means[:, BANK_ERROR] - after.rolled))
+    costs = _supposed(settings, after) - _supposed(settings, cloud)
+    after = charged(weighted(after, log_l, believed), costs)._replace(unseen=0.0, fresh=fresh)
     return fitting(settings, after), least
+
+
+def _counted(settings: NoseModel, cloud: Cloud, pose: CameraPose) -> tuple[float, float]:
+    """As what share of an independent image one counts, and what is left of the evidence of a new track. The
+    faster the view of the leader changes, the more does an image count; while the view stays the same, so do the
+    errors of what each particle supposes."""
+    r = cloud.means[:, POSITION]
+    moves = (cloud.means[:, VELOCITY] - pose.v_F_n) / np.linalg.norm(r, axis=1, keepdims=True)
+    change = float(np.linalg.norm(np.exp(cloud.log_weights) @ moves))  # 1/s
+    rate = settings.steady_evidence + change / settings.new_view + cloud.fresh / FRESH_S
+    seconds = max(cloud.unseen, TOGETHER_S)
+    left = cloud.fresh * math.exp(-seconds / FRESH_S)
+    return min(min(rate, settings.evidence_rate) * seconds, 1.0), left
 
 
 def assist(settings: NoseModel, cloud: Cloud, taken: Auxiliary, *, is_open: bool) -> Cloud | None:

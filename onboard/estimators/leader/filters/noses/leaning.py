@@ -1,0 +1,141 @@
+"""How a multirotor leans against the air, and what its wing shows of that: what another nose means for a lean.
+
+A wing slopes in the image by its bank, the more steeply the less is seen of its length. So each nose needs another
+lean to explain the same slope, and how likely that lean is, by drag times airspeed in an unknown wind, is evidence
+of the nose. No hypothesis explains a slope for nothing.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit, types
+
+from onboard.arrays import Array
+from onboard.estimators.leader.filters.noses.draws import normal
+from onboard.estimators.leader.settings import NoseModel
+from onboard.filters.compiled import CUBE, OUT, ROWS, VECTOR
+from onboard.models.apparent_wing import BANK_ERROR, LEAST_VISIBLE, NUMBER, G
+
+OF_LEAN2: Final = 0.01  # (m/s^2)^2: the variance of a lean of one that has no drag
+LEANS2: Final = 12.0  # (m/s^2)^2: of any multirotor's steady lean, on each axis; 20 degrees are one sigma
+TINY: Final = 1e-9  # m, in place of 0/0 straight above us
+
+
+def lognormal(s: NoseModel) -> tuple[float, float]:
+    """Of the drag: the median, 1/s, and the standard deviation of the logarithm."""
+    if s.drag == 0.0:
+        return 0.0, 0.0
+    variance = math.log1p((s.drag_sigma / s.drag) ** 2)
+    return s.drag * math.exp(-0.5 * variance), math.sqrt(variance)
+
+
+def drags_of(s: NoseModel, draw: int, count: int) -> Array:
+    """Drags (count,), 1/s, a fixed function of `draw`."""
+    middle, sigma = lognormal(s)
+    found: Array = middle * np.exp(sigma * normal(draw, count))
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def appears(nose, x):
+    """What is seen of a wing with that nose, per length: to the right and down of a level one, down of one on its
+    side. `x` begins with its place (3,) m."""
+    level = np.sqrt(x[0] * x[0] + x[1] * x[1]) + TINY
+    range_ = np.sqrt(level * level + x[2] * x[2])
+    right = (np.cos(nose) * x[0] + np.sin(nose) * x[1]) / level
+    down = (np.sin(nose) * x[0] - np.cos(nose) * x[1]) / level * x[2] / range_
+    return right if abs(right) > LEAST_VISIBLE else math.copysign(LEAST_VISIBLE, right), down, level / range_
+
+
+@njit(cache=True, error_model="numpy")
+def slope_of(nose, x):
+    """Of the wing in the image."""
+    right, down, upright = appears(nose, x)
+    across = (x[7] + x[11]) * np.cos(nose) - (x[6] + x[10]) * np.sin(nose)
+    return (down + np.tan(np.arctan2(across, G - x[8]) + x[BANK_ERROR]) * upright) / right
+
+
+@njit(cache=True, error_model="numpy")
+def banked(slope, nose, x):
+    """The bank with which a wing with that nose has that slope, rad, and its length in the image per length."""
+    right, down, upright = appears(nose, x)
+    bank = np.arctan((slope * right - down) / upright)
+    return bank, abs(right) * np.cos(bank) * np.sqrt(1.0 + slope * slope)
+
+
+@njit(cache=True, error_model="numpy")
+def likely(nose, x, P, drag, wind, more):
+    """The logarithm of the likelihood of a lean across that nose, of which `more` is the variance beside that of
+    an airspeed in an unknown wind."""
+    c, s = np.cos(nose), np.sin(nose)
+    across = x[11] * c - x[10] * s
+    off = across - drag * (x[4] * c - x[3] * s)
+    speeds = P[4, 4] * c * c - 2.0 * P[3, 4] * c * s + P[3, 3] * s * s
+    variance = drag * drag * (wind * wind + speeds) + OF_LEAN2 + more
+    return -0.5 * (off * off / variance + np.log(variance) + across * across / LEANS2)
+
+
+@njit(types.float64[::1](VECTOR, ROWS, CUBE, VECTOR, NUMBER), cache=True, error_model="numpy")
+def plausible(noses, means, P, drags, wind):
+    """The logarithms of the likelihoods (K,) of the leans that hypotheses have come to suppose."""
+    found = np.empty(len(noses))
+    for k in range(len(noses)):
+        found[k] = likely(noses[k], means[k], P[k], drags[k], wind, 0.0)
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def lean(slope, nose, other, x, P, drag, wind):
+    """Lean a leader with another nose so that its wing has that slope, in place. Along its nose, which no image
+    shows, it leans as its drag lets it."""
+    c, s = np.cos(other), np.sin(other)
+    a, b = -np.sin(nose), np.cos(nose)
+    for i in range(P.shape[0]):  # all rows of the new lean, then all columns
+        across = a * P[10, i] + b * P[11, i]
+        along = drag * (c * P[3, i] + s * P[4, i])
+        P[10, i], P[11, i] = -s * across + c * along, c * across + s * along
+    for i in range(P.shape[0]):
+        across = a * P[i, 10] + b * P[i, 11]
+        along = drag * (c * P[i, 3] + s * P[i, 4])
+        P[i, 10], P[i, 11] = -s * across + c * along, c * across + s * along
+    along2 = drag * drag * wind * wind
+    P[10, 10] += along2 * c * c
+    P[11, 11] += along2 * s * s
+    P[10, 11] += along2 * c * s
+    P[11, 10] += along2 * c * s
+    bank, _ = banked(slope, other, x)
+    across = np.tan(bank - x[BANK_ERROR]) * (G - x[8]) - x[7] * c + x[6] * s
+    along = drag * (c * x[3] + s * x[4])
+    x[10], x[11] = -s * across + c * along, c * across + s * along
+
+
+@njit((OUT, CUBE, VECTOR, VECTOR, NUMBER, NUMBER, VECTOR), cache=True, error_model="numpy")
+def first(means, P, noses, drags, slope, wind, banks):
+    """Share out the slope of an image between the leans, the accelerations and the errors of the bank, whose
+    sigmas are `banks` (K,) rad, of hypotheses that have not seen it, in place. The logarithms of their likelihoods
+    (K,)."""
+    log_l = np.zeros(len(noses))
+    for k in range(len(noses)):
+        x, S, c, s = means[k], P[k], np.cos(noses[k]), np.sin(noses[k])
+        of_lean = S[11, 11] * c * c - 2.0 * S[10, 11] * c * s + S[10, 10] * s * s
+        of_turn = S[7, 7] * c * c - 2.0 * S[6, 7] * c * s + S[6, 6] * s * s
+        of_bank = (G * banks[k]) ** 2
+        off = np.tan(banked(slope, noses[k], x)[0]) * G - (x[11] * c - x[10] * s)
+        x[10], x[11] = x[10] - s * off, x[11] + c * off
+        log_l[k] = likely(noses[k], x, S, drags[k], wind, of_turn + of_bank)
+        share = off / (of_lean + of_turn + of_bank)
+        rest = off - of_lean * share  # not the lean's
+        x[10], x[11] = x[10] + s * rest, x[11] - c * rest
+        x[6], x[7] = -s * of_turn * share, c * of_turn * share
+        x[BANK_ERROR] = of_bank * share / G
+    return log_l
+
+
+@njit((VECTOR, VECTOR, NUMBER), cache=True, error_model="numpy")
+def shown(noses, r, slope):
+    """Lengths (K,) in the image, per length, of wings with that slope, at the place r (3,) m."""
+    found = np.empty(len(noses))
+    for k in range(len(noses)):
+        found[k] = banked(slope, noses[k], r)[1]
+    return found
