@@ -107,7 +107,7 @@ def test_no_filter_loads_what_the_daemon_needs() -> None:
     code = (
         "import onboard.filters as f; f.methods(); f.run; f.smooth; f.simulate; f.smooth_modes; f.smooth_particles"
     )
-    others = {"zenoh", "pymavlink", "rerun", "serial", "mcap", "pyulog", "lxml", "yaml", "msgspec", "matplotlib"}
+    others = {"zenoh", "pymavlink", "rerun", "serial", "mcap", "pyulog", "lxml", "msgspec", "matplotlib"}
     found = loaded(code)
     assert "onboard.filters.particle_smoothing" in found
     assert not found & others
