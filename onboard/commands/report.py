@@ -21,6 +21,7 @@ from onboard.scoring.beside import judged
 from onboard.scoring.leader import LeaderScorer
 from onboard.scoring.reference import reference_from_csv
 
+OF_AUTOPILOT = {".bin", ".ulg"}
 EARLIEST_S = 1e9  # of Unix time; before it, arrivals are on a boot clock
 
 
@@ -60,7 +61,8 @@ def write_report(log: Path, config: Config, *, out: Path, pdf: Path | None, trut
             progress=lambda done, total: bar.update(task, completed=done, total=total),
             keep=False,
         )
-    checks = judge(series, scorer.score(replayed.end), replayed)
+    of_autopilot = log.suffix.lower() in OF_AUTOPILOT
+    checks = judge(series, scorer.score(replayed.end), replayed, of_autopilot=of_autopilot)
     report = FlightReport(
         title=f"Flight report: {log.name}",
         facts=_facts(log, config, replayed, truth),

@@ -25,8 +25,10 @@ def figures(series: FlightSeries, errors: Errors | None, reference: Reference | 
     """The figures of a flight by their titles; those of what did not fly are left out."""
     found: dict[str, Figure] = {}
     with mpl.rc_context(STYLE):
-        if len(series.own.table()):
+        if _any(series.own.table()[:, 1]):
             found["Flight track, from above"] = _track(series, reference)
+        if len(series.own.table()):
+            found["Our own vehicle, as the autopilot has it"] = _own_motion(series)
         if len(series.leader.table()):
             found["Range, and when there was an estimate"] = _range(series, reference)
         if len(series.images.table()):
@@ -40,7 +42,7 @@ def figures(series: FlightSeries, errors: Errors | None, reference: Reference | 
 
 def _track(series: FlightSeries, reference: Reference | None) -> Figure:
     figure, axes = panels("", 1, size=(7.2, 4.6))
-    axis, own, leader = axes[0, 0], _thin(series.own.table()), series.leader.table()
+    axis, own, leader = axes[0, 0], _thin(_placed(series)), series.leader.table()
     axis.plot(own[:, 2], own[:, 1], color=OWN, label="own vehicle")
     axis.plot(own[0, 2], own[0, 1], "o", color=OWN, markersize=5)
     if len(leader):
@@ -138,8 +140,8 @@ def _errors(errors: Errors) -> Figure:
 
 
 def _own_state(series: FlightSeries) -> Figure:
-    figure, axes = panels("", 1, size=(7.2, 2.6))
-    axis, table = axes[0, 0], _thin(series.own_state.table())
+    figure, axes = panels("", 2, size=(7.2, 4.2), sharex=True)
+    (axis, below), table = axes[:, 0], _thin(series.own_state.table())
     axis.plot(table[:, 0], table[:, 2], color=OWN, label="NIS, of its expectation")
     axis.axhline(1.0, color=GREY, linewidth=0.8)
     for fault in series.faults.values():
@@ -147,16 +149,47 @@ def _own_state(series: FlightSeries) -> Figure:
         name = f"{fault.kind} {fault.part}".strip()
         at = fault.t_onset_ns * 1e-9, 1.0
         axis.annotate(name, at, xycoords=("data", "axes fraction"), color=BAD, rotation=90, va="top", ha="right")
-    axis.set(xlabel="time since the autopilot's start, s", yscale="log")
+    axis.set(yscale="log")
     axis.legend(loc="best", fontsize=8)
+    own = series.own.table()
+    if len(own):
+        there = [np.interp(table[:, 0], own[:, 0], own[:, 4 + k]) for k in range(3)]
+        off = np.linalg.norm(table[:, 3:6] - np.stack(there, 1), axis=1)
+        below.plot(table[:, 0], off, color=OWN, label="velocity, off the autopilot's")
+        below.legend(loc="best", fontsize=8)
+    below.set(xlabel="time since the autopilot's start, s", ylabel="m/s")
+    return figure
+
+
+def _own_motion(series: FlightSeries) -> Figure:
+    """Height above the origin, speeds and attitude."""
+    figure, axes = panels("", 3, size=(7.2, 5.4), sharex=True)
+    own = _thin(series.own.table())
+    t, (above, middle, below) = own[:, 0], axes[:, 0]
+    above.plot(t, -own[:, 3], color=OWN)
+    above.set(ylabel="height, m")
+    middle.plot(t, np.hypot(own[:, 4], own[:, 5]), color=OWN, label="over ground")
+    middle.plot(t, -own[:, 6], color=LEADER, label="up")
+    middle.set(ylabel="speed, m/s")
+    for column, name, colour in ((7, "roll", OWN), (8, "pitch", LEADER), (9, "yaw", GREY)):
+        below.plot(t, own[:, column], ".", markersize=1.5, color=colour, label=name)
+    below.set(xlabel="time since the autopilot's start, s", ylabel="degrees")
+    for axis in (middle, below):
+        axis.legend(loc="best", fontsize=8, ncols=3)
     return figure
 
 
 def _absolute(series: FlightSeries, t: Array, r_north_east: Array) -> tuple[Array, Array]:
     """East and north of a relative position at times, from the autopilot's origin."""
-    own = series.own.table()
+    own = _placed(series)
     there = [np.interp(t, own[:, 0], own[:, 1 + k]) + r_north_east[:, k] for k in (0, 1)]
     return there[1], there[0]
+
+
+def _placed(series: FlightSeries) -> Array:
+    """The rows of our own vehicle whose position is known."""
+    own = series.own.table()
+    return own[np.isfinite(own[:, 1])]
 
 
 def _thin(table: Array) -> Array:

@@ -1,7 +1,7 @@
 """A flight's report as one HTML page that needs no other file, or as a PDF."""
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -30,6 +30,8 @@ summary{cursor:pointer;color:#57606a}
 """
 
 WIDEST: Final = 110  # letters of a line of the PDF
+LINES: Final = 52  # of a table on a page of the PDF
+A4: Final = (8.27, 11.69)  # inches
 
 Table = Sequence[Sequence[str]]  # the first row is its head
 
@@ -67,12 +69,14 @@ def html(report: FlightReport) -> str:
 
 
 def write_pdf(report: FlightReport, path: Path) -> None:
-    """The verdict and the checks on the first page, then the figures."""
+    """The verdict and the checks on the first page, then the figures, then the tables."""
     metadata = {"Title": plain(report.title, LINE), "CreationDate": None}
     with mpl.rc_context({"text.parse_math": False}), PdfPages(path, metadata=metadata) as pdf:
         pdf.savefig(_first_page(report))
         for title, figure in report.figures.items():
             figure.suptitle(title, fontsize=10, x=0.01, ha="left")
+            pdf.savefig(figure)
+        for figure in _table_pages(report.tables):
             pdf.savefig(figure)
 
 
@@ -124,7 +128,7 @@ def _row(cells: Sequence[str]) -> str:
 
 
 def _first_page(report: FlightReport) -> Figure:
-    figure, grade = Figure(figsize=(8.27, 11.69)), worst(report.checks)
+    figure, grade = Figure(figsize=A4), worst(report.checks)
 
     def put(x: float, y: float, text: str, most: int = WIDEST, **style: Any) -> None:
         figure.text(x, y, plain(text, most), **{"fontsize": 8, **style})
@@ -146,3 +150,19 @@ def _first_page(report: FlightReport) -> Figure:
             put(0.15, y, check.advice, fontsize=7.5)
             y -= 0.017
     return figure
+
+
+def _table_pages(tables: Mapping[str, Table]) -> Iterator[Figure]:
+    """The tables as text, as many pages as they need; none of a table without rows."""
+    for title, (head, *rows) in tables.items():
+        for first in range(0, len(rows), LINES):
+            figure = Figure(figsize=A4)
+            more = f", from row {first + 1}" if first else ""
+            figure.text(0.07, 0.95, plain(title + more, WIDEST), fontsize=12)
+            most = WIDEST // len(head)  # letters of a cell
+            for line, cells in enumerate((head, *rows[first : first + LINES])):
+                for column, cell in enumerate(cells):
+                    at = 0.07 + 0.86 * column / len(head), 0.92 - 0.016 * line
+                    colour = "black" if line else "#57606a"
+                    figure.text(*at, plain(cell, most), fontsize=8, color=colour)
+            yield figure

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
+from onboard.geometry.rotations import euler_from_quaternion
 from onboard.messages import Estimate, Fault, Lifecycle, MeasurementReport, NavState, Output, OwnPose, Verdict
 
 ROW_NS: Final = 100_000_000  # between rows of one kind
@@ -48,15 +49,16 @@ class RejectedImages(NamedTuple):
 class FlightSeries:
     """One flight. Times are s on the boot clock, positions m in NED from the autopilot's origin.
 
-    `own`: time, position (3) of our own vehicle. `leader`: time, 1 if valid, position (3) relative to us, 1-sigma
-    of the range; NaN where not valid. `images`: time, index of the verdict in `verdicts`, NIS or NaN, its degrees
-    of freedom. `states`: time and index of the state in `Lifecycle`, when it changes. `own_state`: time, 1 if
-    valid, NIS over its expectation."""
+    `own`: time, position (3), velocity (3) m/s, roll, pitch and yaw (degrees) of our own vehicle, as the autopilot
+    has them; north and east are NaN where not known. `leader`: time, 1 if valid, position (3) relative to us,
+    1-sigma of the range; NaN where not valid. `images`: time, index of the verdict in `verdicts`, NIS or NaN, its
+    degrees of freedom. `states`: time and index of the state in `Lifecycle`, when it changes. `own_state`: time,
+    1 if valid, NIS over its expectation, velocity (3) or NaN."""
 
     def __init__(self, estimator: str) -> None:
         self.estimator = estimator
-        self.own, self.leader, self.images = NumberRows(4), NumberRows(6), NumberRows(4)
-        self.states, self.own_state = NumberRows(2), NumberRows(3)
+        self.own, self.leader, self.images = NumberRows(10), NumberRows(6), NumberRows(4)
+        self.states, self.own_state = NumberRows(2), NumberRows(6)
         self._state: Lifecycle | None = None
         self.verdicts = tuple(Verdict)
         self.rejected: dict[Verdict, RejectedImages] = {}
@@ -69,8 +71,10 @@ class FlightSeries:
         """The next output of the pipeline."""
         if isinstance(output, OwnPose):
             north, east, down = output.r_OF_n
-            if north is not None and east is not None and self.own.is_due(output.t_ns):
-                self.own.append(output.t_ns * 1e-9, north, east, down)
+            if self.own.is_due(output.t_ns):
+                place = (np.nan if north is None else north, np.nan if east is None else east, down)
+                angles = np.degrees(euler_from_quaternion(output.q_nb)).tolist()
+                self.own.append(output.t_ns * 1e-9, *place, *output.v_F_n, *angles)
         elif isinstance(output, NavState):
             self._add_own_state(output)
         elif output.name == self.estimator and output.is_primary:
@@ -81,7 +85,9 @@ class FlightSeries:
             self.faults[fault.kind, fault.part, fault.t_onset_ns] = fault
         if self.own_state.is_due(state.t_ns):
             ratio = np.nan if state.nis_ratio is None else state.nis_ratio
-            self.own_state.append(state.t_ns * 1e-9, state.valid, ratio)
+            known = state.valid and state.mean is not None
+            velocity = state.mean[3:6] if known and state.mean is not None else (np.nan,) * 3
+            self.own_state.append(state.t_ns * 1e-9, state.valid, ratio, *velocity)
 
     def _add_leader(self, estimate: Estimate) -> None:
         t = self.end_s = estimate.t_ns * 1e-9

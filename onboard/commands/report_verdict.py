@@ -37,14 +37,17 @@ def worst(checks: list[Check]) -> Grade:
     return max((check.grade for check in checks), key=GRADES.index, default=Grade.PASS)
 
 
-def judge(series: FlightSeries, score: LeaderScore, replayed: ReplayResult) -> list[Check]:
-    """All checks of a flight."""
+def judge(
+    series: FlightSeries, score: LeaderScore, replayed: ReplayResult, *, of_autopilot: bool = False
+) -> list[Check]:
+    """All checks of a flight. `of_autopilot`: its log was written by the autopilot itself (.bin, .ulg), so that no
+    message in it was requested."""
     return [
         *_leader(series, score),
         *_consistency(score),
         *_truth(score),
         *_own_state(series),
-        *_log(replayed),
+        *_log(replayed, of_autopilot),
     ]
 
 
@@ -170,8 +173,9 @@ def _own_state(series: FlightSeries) -> Iterator[Check]:
     yield Check("faults named", ", ".join(names) or "none", "none", grade, "look at the vehicle first")
 
 
-def _log(replayed: ReplayResult) -> Iterator[Check]:
+def _log(replayed: ReplayResult, of_autopilot: bool) -> Iterator[Check]:
     health = replayed.health
+    more = "`LOG_BITMASK` (ArduPilot) or `SDLOG_PROFILE` (PX4)" if of_autopilot else "`rates_hz` of [autopilot]"
     yield _most(
         "log: damaged",
         float(replayed.damaged),
@@ -200,8 +204,7 @@ def _log(replayed: ReplayResult) -> Iterator[Check]:
             5.0,
             "Hz",
             "on average",
-            "our own motion is interpolated between these. Ask for more: `rates_hz` of [autopilot]; in a log of "
-            "the autopilot itself `LOG_BITMASK` (ArduPilot) or `SDLOG_PROFILE` (PX4)",
+            f"our own motion is interpolated between these. Ask for more: {more}",
         )
     errors = sum(count for name, count in health.rejected.items() if name.startswith("error"))
     if errors:

@@ -35,8 +35,10 @@ __all__ = [
     "methods",
     "modules",
     "run",
+    "simulate",
     "smooth",
     "smooth_modes",
+    "smooth_particles",
 ]
 
 # The module in which each name is that loads when it is first asked for. Their types are in __init__.pyi: every
@@ -51,8 +53,10 @@ LAZY: Final = {
     "maximum_likelihood": "estimation",
     "method": "families",
     "run": "runs",
+    "simulate": "simulation",
     "smooth": "smoothers",
     "smooth_modes": "mode_smoothing",
+    "smooth_particles": "particle_smoothing",
 }
 
 

@@ -8,7 +8,9 @@ from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefin
 from onboard.filters.estimation import expectation_maximisation, maximum_likelihood
 from onboard.filters.families import method
 from onboard.filters.mode_smoothing import smooth_modes
+from onboard.filters.particle_smoothing import smooth_particles
 from onboard.filters.runs import Run, log_likelihood, run
+from onboard.filters.simulation import simulate
 from onboard.filters.smoothers import smooth
 from onboard.filters.state_space import LinearModel, Model, Step
 
@@ -29,8 +31,10 @@ __all__ = [
     "methods",
     "modules",
     "run",
+    "simulate",
     "smooth",
     "smooth_modes",
+    "smooth_particles",
 ]
 
 def modules() -> Iterator[ModuleType]: ...

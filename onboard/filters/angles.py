@@ -9,7 +9,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters.belief import mask
-from onboard.filters.errors import ANGLE, FARTHEST, raise_status
+from onboard.filters.errors import ANGLE, FARTHEST, check_members
 from onboard.filters.kernels import linearisation
 from onboard.filters.kernels.calls import call
 
@@ -42,5 +42,4 @@ def check_spread(points: Array, angular_states: tuple[int, ...]) -> None:
     """
     if angular_states:
         far = np.abs(points - points[..., :1, :]) > FARTHEST
-        if far[..., mask(angular_states, points.shape[-1])].any():
-            raise_status(ANGLE)
+        check_members(far[..., mask(angular_states, points.shape[-1])].any(axis=(-2, -1)), ANGLE)

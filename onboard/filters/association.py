@@ -15,10 +15,11 @@ from scipy.optimize import linear_sum_assignment
 
 from onboard.arrays import Array
 from onboard.filters.compiled import CUBE, INDICES, MAKING, ROWS, out
+from onboard.filters.errors import FilterError
 
 Places = NDArray[np.int64]
 
-FORBIDDEN: Final = 1e9  # the cost of a pair outside the gate
+FORBIDDEN: Final = 1e9  # at least, the cost of a pair outside the gate
 
 
 def candidates(
@@ -34,9 +35,14 @@ def candidates(
 
 def assign(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places]:
     """The assignment with the most pairs and, among those, the least cost. Each track and each echo is in one
-    pair at most."""
+    pair at most. Costs may be of any size, but must be finite.
+
+    Raises FilterError.
+    """
     if not len(tracks):
         return tracks, echoes
+    if not np.isfinite(costs).all():
+        raise FilterError("costs: not finite; a pair that cannot be is left out")
     alone = (np.bincount(tracks)[tracks] == 1) & (np.bincount(echoes)[echoes] == 1)
     pairs = [(tracks[alone], echoes[alone])]
     contested = np.flatnonzero(~alone)
@@ -51,11 +57,15 @@ def assign(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places
 def _solve(tracks: Places, echoes: Places, costs: Array) -> tuple[Places, Places]:
     t, rows = np.unique(tracks, return_inverse=True)
     e, columns = np.unique(echoes, return_inverse=True)
-    matrix = np.full((len(t), len(e)), FORBIDDEN)
-    matrix[rows, columns] = costs
+    # above what a pair more can cost, so that none is saved
+    least, most = float(costs.min()), float(costs.max())
+    enough = most + min(len(t), len(e)) * (most - least) + abs(most)
+    matrix = np.full((len(t), len(e)), max(FORBIDDEN, enough))
+    allowed = np.zeros(matrix.shape, bool)
+    matrix[rows, columns], allowed[rows, columns] = costs, True
     row, column = linear_sum_assignment(matrix)
-    allowed = matrix[row, column] < FORBIDDEN
-    return t[row[allowed]], e[column[allowed]]
+    chosen = allowed[row, column]
+    return t[row[chosen]], e[column[chosen]]
 
 
 GROWING: Final = [(out(kind, 1),) for kind in (types.int64, types.float64)]

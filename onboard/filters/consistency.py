@@ -6,14 +6,18 @@
 NEES is the squared error in units of the covariance, and NIS the same of the innovation: on average the number of
 states, and of measured components. Below the bounds a filter is too pessimistic, above them too sure. Runs are
 independent, so a batch has narrow bounds at each time; the innovations of one run are, too, its errors are not.
+
+Errors of angles wrap. A `Run` in place of its beliefs says which states are angles; for beliefs alone they are
+named, `angular_states=(2,)`. A filter of a batch that was lost does not count.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import Belief, FilterError
+from onboard.filters.angles import beside
+from onboard.filters.belief import Belief, FilterError, Indices
 from onboard.filters.gating import chi_square_threshold, normalised_squared
 from onboard.filters.runs import Run
 
@@ -30,14 +34,19 @@ class Consistency(NamedTuple):
     inside: float
 
 
-def nees(beliefs: Belief, truth: Array, probability: float = 0.95) -> Consistency:
+def nees(
+    beliefs: Belief | Run, truth: Array, probability: float = 0.95, angular_states: Indices | None = None
+) -> Consistency:
     """Normalised estimation error squared of beliefs, mean (T, n) or (T, B, n), against a truth of the same
-    shape."""
-    errors = _errors(beliefs, truth)
-    each = normalised_squared(
-        errors.reshape(-1, errors.shape[-1]), beliefs.covariance.reshape(-1, *_square(errors))
-    )
-    return _judged(each.reshape(len(errors), -1), np.full(errors.shape[:-1], errors.shape[-1]), probability)
+    shape. `angular_states` are the states that are angles, by default those of the run.
+
+    Raises FilterError.
+    """
+    error, n = errors(beliefs, truth, angular_states), np.shape(truth)[-1]
+    known: Any = np.isfinite(error).all(axis=-1)
+    P = np.where(known[..., None, None], of_run(beliefs).covariance, np.eye(n))
+    each = normalised_squared(np.where(known[..., None], error, 0).reshape(-1, n), P.reshape(-1, n, n))
+    return _judged(each.reshape(len(error), -1), n * known, probability)
 
 
 def nis(found: Run, probability: float = 0.95) -> Consistency:
@@ -45,12 +54,43 @@ def nis(found: Run, probability: float = 0.95) -> Consistency:
     return _judged(found.nis.reshape(len(found.ts), -1), found.degrees, probability)
 
 
-def rms(beliefs: Belief, truth: Array, states: tuple[int, ...] | None = None) -> Array:
-    """Root mean square (T,) over the runs of the length of the error in these states, by default in all."""
-    errors = _errors(beliefs, truth)
-    chosen = errors if states is None else errors[..., list(states)]
-    squared: Array = np.sum(chosen**2, axis=-1).reshape(len(errors), -1)
-    return np.asarray(np.sqrt(np.mean(squared, axis=1)))
+def rms(
+    beliefs: Belief | Run,
+    truth: Array,
+    states: tuple[int, ...] | None = None,
+    angular_states: Indices | None = None,
+) -> Array:
+    """Root mean square (T,) over the runs of the length of the error in these states, by default in all;
+    `angular_states` as in `nees`. NaN where no run is left.
+
+    Raises FilterError.
+    """
+    error = errors(beliefs, truth, angular_states)
+    chosen = error if states is None else error[..., list(states)]
+    squared: Array = np.sum(chosen**2, axis=-1).reshape(len(error), -1)
+    known = np.isfinite(squared)
+    count = known.sum(axis=1)
+    mean = np.where(known, squared, 0).sum(axis=1) / np.maximum(count, 1)
+    return np.asarray(np.where(count, np.sqrt(mean), np.nan))
+
+
+def errors(beliefs: Belief | Run, truth: Array, angular_states: Indices | None = None) -> Array:
+    """What beliefs, mean (T, n) or (T, B, n), are off a truth of the same shape; `angular_states` as in `nees`.
+
+    Raises FilterError.
+    """
+    mean, angles = of_run(beliefs).mean, angular_states
+    if angles is None:
+        angles = beliefs.angular_states if isinstance(beliefs, Run) else ()
+    if np.shape(truth) != mean.shape:
+        raise FilterError(f"truth: must have the shape of the means, {mean.shape}, not {np.shape(truth)}")
+    off = np.asarray(mean - truth)
+    return beside(off, np.zeros_like(off), angles)
+
+
+def of_run(beliefs: Belief | Run) -> Belief:
+    """Beliefs, or those of a run."""
+    return beliefs.beliefs if isinstance(beliefs, Run) else beliefs
 
 
 def _judged(values: Array, degrees: Array, probability: float) -> Consistency:
@@ -64,13 +104,3 @@ def _judged(values: Array, degrees: Array, probability: float) -> Consistency:
     inside = (mean >= bounds[0]) & (mean <= bounds[1])
     share = float(np.mean(inside[measured])) if measured.any() else float("nan")
     return Consistency(mean, np.where(measured, total / runs, np.nan), bounds[0], bounds[1], share)
-
-
-def _errors(beliefs: Belief, truth: Array) -> Array:
-    if np.shape(truth) != beliefs.mean.shape:
-        raise FilterError(f"truth: must have the shape of the means, {beliefs.mean.shape}, not {np.shape(truth)}")
-    return np.asarray(beliefs.mean - truth)
-
-
-def _square(errors: Array) -> tuple[int, int]:
-    return errors.shape[-1], errors.shape[-1]

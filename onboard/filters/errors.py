@@ -8,7 +8,14 @@ from onboard.arrays import Array
 
 
 class FilterError(ValueError):
-    """An argument cannot be used; the message says which one and why. Nothing passed in has been changed."""
+    """An argument cannot be used; the message says which one and why. Nothing passed in has been changed.
+
+    `member`: which filter of a batch, None for one filter or for all. `found`: what `runs.run` has found before
+    the measurement that failed, a `Run`; None from any other function, and where the first measurement failed.
+    """
+
+    member: tuple[int, ...] | None = None
+    found: Any = None
 
 
 class NotPositiveDefiniteError(FilterError):
@@ -90,8 +97,12 @@ def status_error(status: int, lead: tuple[int, ...] = (), **arrays: Any) -> Filt
     if reason == SHAPE and arrays:
         return shape_error(**arrays)
     kind = NotPositiveDefiniteError if reason in MATRICES else SpreadError if reason == ANGLE else FilterError
-    where = f"filter {'.'.join(str(i) for i in np.unravel_index(member, lead))} of the batch: " if lead else ""
-    return kind(where + REASONS[reason])
+    if not lead:
+        return kind(REASONS[reason])
+    at = tuple(int(i) for i in np.unravel_index(member, lead))
+    error = kind(f"filter {'.'.join(str(i) for i in at)} of the batch: {REASONS[reason]}")
+    error.member = at
+    return error
 
 
 def check_members(bad: Any, reason: int) -> None:

@@ -19,30 +19,36 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from onboard.arrays import Array
-from onboard.filters.belief import Belief, FilterError
+from onboard.filters.belief import Belief, FilterError, NotPositiveDefiniteError
 from onboard.filters.runs import Run, run
 from onboard.filters.smoothers import smooth
 from onboard.filters.state_space import LinearModel
 
 PARTS: Final = ("F", "Q", "R", "start")
+ROUNDING: Final = 1e-9  # relative, of a sum of log-likelihoods
 STEP: Final = 1e-3  # of the second differences, in units of theta
 
 
 class Maximum(NamedTuple):
     """The parameters (p,) of the greatest likelihood, their covariance (p, p) by its curvature (NaN where the
-    likelihood has no maximum in some direction), and the log-likelihood there."""
+    likelihood has no maximum in some direction), the log-likelihood there, and whether the search converged."""
 
     theta: Array
     covariance: Array
     log_likelihood: float
+    converged: bool = True
 
 
 class Fit(NamedTuple):
-    """A model and a first belief, and the log-likelihood before each iteration, which never decreases."""
+    """A model and a first belief, and the log-likelihood before each iteration, which never decreases.
+    `converged`: the last iteration gained less than the tolerance. It is False after the last iteration, and where
+    the model fits the record exactly: variances then fall towards zero, and the likelihood has no bound. The model
+    is then the last that a filter takes."""
 
     model: LinearModel
     start: Belief
     log_likelihood: Array
+    converged: bool = True
 
 
 def maximum_likelihood(log_likelihood: Callable[[Array], float], guess: ArrayLike) -> Maximum:
@@ -73,7 +79,7 @@ def maximum_likelihood(log_likelihood: Callable[[Array], float], guess: ArrayLik
     best = min((coarse, found), key=lambda one: float(one.fun))
     if not np.isfinite(best.fun) or not np.isfinite(best.x).all():
         raise FilterError(f"log_likelihood: no maximum found from {first}: {found.message}")
-    return Maximum(best.x, _curvature(cost, best.x), -float(best.fun))
+    return Maximum(best.x, _curvature(cost, best.x), -float(best.fun), bool(best.success))
 
 
 def _curvature(cost: Callable[[Array], float], theta: Array) -> Array:
@@ -110,13 +116,24 @@ def expectation_maximisation(
         wanted = f"must be of {', '.join(PARTS)}, of a model that does not change"
         raise FilterError(f"estimate: {wanted}, not {sorted(estimate)}")
     history: list[float] = []
+    before, found = (model, start), None
     for _ in range(iterations):
-        found = run("kalman", model, start, ys)
-        history.append(float(found.log_likelihood.sum()))
+        try:
+            found = run("kalman", model, start, ys)
+            assert isinstance(found.model, LinearModel)  # noqa: S101 - for mypy; its arrays fit the record
+            after = _maximised(found, found.model, start, estimate)
+        except NotPositiveDefiniteError:
+            if not history:
+                raise
+            return Fit(*before, np.array(history), converged=False)
+        value = float(found.log_likelihood.sum())
+        if history and value < history[-1]:  # by rounding
+            return Fit(*before, np.array(history), history[-1] - value < max(tolerance, ROUNDING) * abs(value))
+        history.append(value)
         if len(history) > 1 and history[-1] - history[-2] < tolerance * abs(history[-1]):
-            break
-        model, start = _maximised(found, model, start, estimate)
-    return Fit(model, start, np.array(history))
+            return Fit(model, start, np.array(history), converged=True)
+        before, (model, start) = (model, start), after
+    return Fit(model, start, np.array(history), converged=False)
 
 
 def _maximised(
@@ -125,12 +142,16 @@ def _maximised(
     """The model that maximises the expected likelihood of states and measurements, by the smoothed record."""
     mean, P = smooth(found)
     u = 0 if model.inputs is None else model.inputs.reshape(len(mean) - 1, *(1,) * (mean.ndim - 2), -1)
+    if len(mean) < 2 and {"F", "Q"} & set(estimate):
+        raise FilterError("ys: F and Q need at least two measurements")
     filtered, forecast = found.beliefs.covariance[:-1], found.predictions.covariance[1:]
-    gain_t = np.linalg.solve(forecast, model.F @ filtered)  # the smoother's gain, transposed
+    try:
+        gain_t = np.linalg.solve(forecast, model.F @ filtered)  # the smoother's gain, transposed
+    except np.linalg.LinAlgError as error:
+        raise NotPositiveDefiniteError("Q: leaves a prediction without noise in some direction") from error
     second = P + mean[..., :, None] * mean[..., None, :]
     moved = mean[1:] - u
     axes = tuple(range(mean.ndim - 1))
-    next_next = np.sum(P[1:] + moved[..., :, None] * moved[..., None, :], axis=axes)
     next_now = np.sum(P[1:] @ gain_t + moved[..., :, None] * mean[:-1, ..., None, :], axis=axes)
     now_now = np.sum(second[:-1], axis=axes)
     changes: dict[str, Any] = {}
@@ -138,7 +159,12 @@ def _maximised(
     if "F" in estimate:
         changes["F"] = F
     if "Q" in estimate:
-        total = next_next - F @ next_now.T - next_now @ F.T + F @ now_now @ F.T
+        # as a sum of squares, which rounding leaves positive: of what the means moved, and of the smoother's error
+        gain, n = _t(gain_t), mean.shape[-1]
+        off = moved - mean[:-1] @ F.T
+        left, right = np.eye(n) - F @ gain, F @ (np.eye(n) - gain @ model.F)
+        parts = left @ P[1:] @ _t(left) + right @ filtered @ _t(right) + F @ gain @ model.Q @ _t(F @ gain)
+        total = np.sum(off[..., :, None] * off[..., None, :] + parts, axis=axes)
         changes["Q"] = _symmetric(total / moved[..., 0].size)
     if "R" in estimate:
         changes["R"] = _noise(found, model, Belief(mean, P))
@@ -167,6 +193,10 @@ def _noise(found: Run, model: LinearModel, smoothed: Belief) -> Array:
     if not count:
         raise FilterError("ys: nothing is measured")
     return _symmetric(total / count)
+
+
+def _t(A: Any) -> Any:
+    return np.swapaxes(A, -1, -2)
 
 
 def _symmetric(A: Array) -> Array:

@@ -24,6 +24,7 @@ MODULES: Final = {  # the module of this folder in which each filter is
     "gauss-hermite": "gauss_hermite",
     "imm": "multiple_model",
     "kalman": "kalman",
+    "particle": "particle",
     "posterior-linearisation": "posterior_linearisation",
     "square-root": "square_root",
     "square-root-cubature": "square_root",
@@ -55,5 +56,6 @@ def method(name: str) -> Method:
     Raises KeyError, with the known names, for any other.
     """
     family = import_module(module_name(name))
-    found: Method = next(one for one in family.METHODS if one.name == name)
+    own = (family.METHOD,) if hasattr(family, "METHOD") else ()  # the particle filter, apart from `methods()`
+    found: Method = next(one for one in (*getattr(family, "METHODS", ()), *own) if one.name == name)
     return found

@@ -14,7 +14,7 @@ from onboard.arrays import Array
 from onboard.filters import kalman
 from onboard.filters.angles import beside, check_spread
 from onboard.filters.belief import Belief, Method, Rows, Update, images_of, mask, start
-from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, POINTS, FilterError, check_members, status_error
+from onboard.filters.errors import ANGLE, FARTHEST, IMAGES, POINTS, FilterError, check_members
 from onboard.filters.kernels import factors
 from onboard.filters.kernels.calls import call, check_like, noise_factor
 
@@ -106,8 +106,7 @@ def centred(images: Array, weights: Array, angular: tuple[int, ...]) -> tuple[Ar
     if angular:
         angles = mask(angular, off.shape[-1])
         off = beside(off, np.zeros_like(off), angular)
-        if (np.abs(off) > FARTHEST)[..., angles].any():
-            raise status_error(ANGLE)
+        check_members((np.abs(off) > FARTHEST)[..., angles].any(axis=(-2, -1)), ANGLE)
     shift = weights @ off
     return middle + shift, off - shift[..., None, :]
 

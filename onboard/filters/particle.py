@@ -3,7 +3,7 @@
     state = start(mean, covariance, particles=2000, seed=1)
     state = predict(state, process, Q)
     found = update(state, y, measure, R, angular)     # found.belief: a Cloud again; found.log_evidence
-    run(particle.METHOD, model, Belief(mean, covariance), ys)
+    found = run("particle", model, Belief(mean, covariance), ys)   # smooth_particles(found)
 
 It has no line and no Gaussian, so it follows several hypotheses at once. Where a measurement is much sharper than
 the prediction only a few particles would count, and the next cloud would be copies of them. So a measurement is
@@ -11,10 +11,15 @@ taken in parts, each of which leaves half of the particles counting (progressive
 and each resampling (systematic: Kitagawa 1996) spreads the copies by a kernel that keeps the cloud's mean and
 covariance (Musso, Oudjane & Le Gland 2001; shrunk as by Liu & West 2001).
 
+Of a measurement beyond the cloud, as an outlier is, no particle says anything: the nearest ones only seem to. The
+cloud is then moved and shrunk as a whole by its regression, as the members of an ensemble Kalman filter are
+(`ensemble`), and has the mean and covariance of a Kalman filter. A measurement is beyond where its NIS, and its
+squared distance from the nearest particle in units of R, are above what one of N particles would have by chance.
+
 Where it is wrong: the kernel is as wide as a third of the whole cloud. Modes that are sharp and far apart are
 smeared; take `bandwidth` 0.1, or 0 for the plain bootstrap filter, which needs noise in every state. Beyond some
-six states it needs more particles than there is time for. 500 of them follow two measurements that are 30 times as
-sharp as the cloud, and none that are 100 times as sharp. R must be positive definite.
+six states it needs more particles than there is time for. 500 of them follow a measurement that is 1000 times as
+sharp as the cloud, if it is within two deviations of the mean. R must be positive definite.
 
 Random numbers are a function of the seed and of how often they were drawn: the same run gives the same bits.
 """
@@ -28,10 +33,12 @@ from onboard.filters.angles import beside
 from onboard.filters.belief import Belief, Indices, Method, Rows, Update, images_of, mask
 from onboard.filters.belief import start as checked
 from onboard.filters.errors import FilterError, NotPositiveDefiniteError, require_plain
+from onboard.filters.gating import chi_square_threshold
 
 PARTICLES: Final = 1000
 COUNTING: Final = 0.5  # of the particles, after a part of a measurement
-LEAST: Final = 0.02  # of what is left of a measurement, in one part
+MOST_PARTS: Final = 100  # of a measurement; the last one is all that is left
+HALVINGS: Final = 60  # of what is left of a measurement, in search of a part's share
 RESAMPLED: Final = 0.7  # below this share of counting particles
 TOLERANCE: Final = 1e-9  # of a negative eigenvalue, relative to the largest
 
@@ -101,13 +108,20 @@ def update(
     log_w, rows = state.log_weights.reshape(-1, count).astype(float), y.reshape(-1, m).astype(float)
     noise = np.broadcast_to(R, (*lead, m, m)).reshape(-1, m, m).astype(float)
     root = _factor(noise)
-    left, evidence, first = np.ones(len(x)), np.zeros(len(x)), None
-    rng, bandwidth = _rng(state.seed, state.draws, stream=1), state.bandwidth
+    rng, bandwidth, parts = _rng(state.seed, state.draws, stream=1), state.bandwidth, 0
+    off = _off(measure, x[:], rows, angular)  # a view: what the function sees is read-only
+    innovation, spread = _moments(off, log_w)
+    S = spread + noise
+    nis = np.sum(innovation * np.linalg.solve(S, innovation[..., None])[..., 0], axis=-1)
+    beyond = _beyond(off, root, nis)
+    x[beyond] = _moved(x[beyond], log_w[beyond], off[beyond], S[beyond], root[beyond])
+    left = np.where(beyond, 0.0, 1.0)
+    evidence = np.where(beyond, -0.5 * (nis + np.linalg.slogdet(2 * np.pi * S)[1]), 0.0)
     while (open_ := np.flatnonzero(left > 0)).size:
-        off = _off(measure, x[open_], rows[open_], angular)
-        first = _moments(off, log_w) if first is None else first
-        fit = _log_density(off, root[open_])
-        share = _share(log_w[open_], fit, left[open_])
+        # of all members: a function may know which rows are whose
+        off = off if parts == 0 else _off(measure, x[:], rows, angular)
+        fit, parts = _log_density(off[open_], root[open_]), parts + 1
+        share = _share(log_w[open_], fit, left[open_]) if parts < MOST_PARTS else left[open_]
         joint = log_w[open_] + share[:, None] * fit
         gained = np.logaddexp.reduce(joint, axis=-1)
         log_w[open_], evidence[open_] = joint - gained[:, None], evidence[open_] + gained
@@ -115,9 +129,6 @@ def update(
         for b in open_:
             if left[b] > 0 or effective(log_w[b]) < RESAMPLED * count:
                 x[b], log_w[b] = _resampled(x[b], log_w[b], rng, bandwidth), -np.log(count)
-    innovation, spread = first if first is not None else (np.empty((0, m)), np.empty((0, m, m)))
-    S = spread + noise
-    nis = np.sum(innovation * np.linalg.solve(S, innovation[..., None])[..., 0], axis=-1)
     after = Cloud(x.reshape(*lead, count, n).astype(dtype), log_w.reshape(*lead, count).astype(dtype), *state[2:])
     shown = innovation.reshape(y.shape).astype(dtype)
     covariance = S.reshape(*lead, m, m).astype(dtype)
@@ -159,14 +170,35 @@ def _log_density(off: Array, root: Array) -> Array:
 def _share(log_w: Array, fit: Array, left: Array) -> Array:
     """How much (B,) of what is left of a measurement leaves enough particles counting."""
     low, high = np.zeros_like(left), left.copy()
-    for k in range(16):
+    for k in range(HALVINGS):
         at = high if k == 0 else 0.5 * (low + high)
         enough = effective(log_w + at[:, None] * fit) >= COUNTING * log_w.shape[-1]
         low, high = np.where(enough, at, low), np.where(enough, high, at)
-        if (low == left).all():
+        if (high - low <= 0.01 * low).all():
             break
-    share = np.maximum(low, LEAST * left)
-    return np.where(share > 0.99 * left, left, share)
+    return np.where(low > 0.99 * left, left, np.maximum(low, left * 0.5**HALVINGS))
+
+
+def _beyond(off: Array, root: Array, nis: Array) -> Any:
+    """Which of a batch (B,) is measured where no particle is, by what the particles are off (B, N, m), the factor
+    of R, and the cloud's NIS (B,)."""
+    count, m = off.shape[-2:]
+    if not m:
+        return np.zeros(len(off), bool)
+    farthest = chi_square_threshold(1 - 1 / count, m)
+    nearest = np.sum(np.linalg.solve(root, _t(off)) ** 2, axis=-2).min(axis=-1)
+    return (nis > farthest) & (nearest > farthest)
+
+
+def _moved(x: Array, log_w: Array, off: Array, S: Array, root: Array) -> Array:
+    """Particles (B, N, n) of these weights with the mean and covariance of a Kalman filter, by the regression of
+    the measurement over them: the gain of Andrews (1968) for the deviations, as in `ensemble.update`."""
+    w, mean, error = np.exp(log_w)[..., None], _mean(x, log_w)[..., None, :], _mean(off, log_w)[..., None, :]
+    X, Y = x - mean, error - off
+    L = np.linalg.cholesky(S)
+    scaled = np.linalg.solve(L, _t(Y) @ (w * X))
+    mean = mean + np.linalg.solve(L, _t(error)).swapaxes(-1, -2) @ scaled
+    return np.asarray(mean + X - Y @ np.linalg.solve(_t(L + root), scaled))
 
 
 def _resampled(x: Array, log_w: Array, rng: np.random.Generator, bandwidth: float) -> Array:
@@ -228,7 +260,8 @@ def _t(A: Array) -> Array:
     return np.swapaxes(A, -1, -2)
 
 
-# Not among METHODS: what it estimates is right on average over its particles, and not to the last digit.
+# `run` has it by its name. It is not among METHODS: what it estimates is right on average over its particles, and
+# not to the last digit.
 METHOD: Final = Method(
     "particle",
     start,

@@ -1,9 +1,9 @@
-"""Figures of a run in a line each, with matplotlib (`pip install 'wingline[filters]'`).
+"""Figures of a run in a line each, with matplotlib (`pip install matplotlib`).
 
     plots.track(found.beliefs, truth)      # a path with its ellipses
     plots.nis(found)                       # with bounds
-    plots.nees(found.beliefs, truth)
-    plots.errors(found.beliefs, truth)     # each state's, within its sigmas
+    plots.nees(found, truth)
+    plots.errors(found, truth)             # each state's, within its sigmas; angles wrap
 
 Each draws on `axes`, or on new ones, and returns them: `.figure.savefig(...)`.
 """
@@ -14,7 +14,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters import consistency
-from onboard.filters.belief import Belief, FilterError
+from onboard.filters.belief import Belief, FilterError, Indices
 from onboard.filters.gating import chi_square_threshold
 from onboard.filters.runs import Run
 
@@ -56,19 +56,35 @@ def nis(found: Run, probability: float = 0.95, axes: Any = None) -> Any:
     return _judged(consistency.nis(found, probability), found.ts, "NIS", axes)
 
 
-def nees(beliefs: Belief, truth: Array, ts: Array | None = None, axes: Any = None) -> Any:
-    """NEES over time, the mean of a batch, with its 95 % bounds."""
-    return _judged(consistency.nees(beliefs, truth), ts, "NEES", axes)
+def nees(
+    beliefs: Belief | Run,
+    truth: Array,
+    ts: Array | None = None,
+    axes: Any = None,
+    angular_states: Indices | None = None,
+) -> Any:
+    """NEES over time, the mean of a batch, with its 95 % bounds; `angular_states` as in `consistency.nees`."""
+    found = consistency.nees(beliefs, truth, angular_states=angular_states)
+    return _judged(found, _of_run(ts, beliefs), "NEES", axes)
 
 
-def errors(beliefs: Belief, truth: Array, ts: Array | None = None, sigmas: float = 2.0) -> Any:
-    """Each state's error in one run, mean (T, n), within its band of `sigmas`; an array of axes (n,)."""
+def errors(
+    beliefs: Belief | Run,
+    truth: Array,
+    ts: Array | None = None,
+    sigmas: float = 2.0,
+    angular_states: Indices | None = None,
+) -> Any:
+    """Each state's error in one run, mean (T, n), within its band of `sigmas`; an array of axes (n,).
+    `angular_states` as in `consistency.nees`."""
     from matplotlib import pyplot  # noqa: PLC0415 - an extra
 
+    error, ts = consistency.errors(beliefs, truth, angular_states), _of_run(ts, beliefs)
+    beliefs = consistency.of_run(beliefs)
     _one_run(beliefs)
     n = beliefs.mean.shape[1]
     _, made = pyplot.subplots(n, 1, sharex=True, squeeze=False, layout="constrained")
-    time, error = _times(ts, len(beliefs.mean)), beliefs.mean - truth
+    time = _times(ts, len(beliefs.mean))
     for i, axes in enumerate(made[:, 0]):
         band = sigmas * np.sqrt(beliefs.covariance[:, i, i])
         axes.fill_between(time, -band, band, color="tab:blue", alpha=0.2)
@@ -92,6 +108,10 @@ def _one_run(beliefs: Belief) -> None:
         raise FilterError(
             f"beliefs: must be of one run, mean (T, n), not {beliefs.mean.shape}: take one, mean[:, 0]"
         )
+
+
+def _of_run(ts: Array | None, beliefs: Belief | Run) -> Array | None:
+    return beliefs.ts if ts is None and isinstance(beliefs, Run) else ts
 
 
 def _times(ts: Array | None, count: int) -> Array:

@@ -9,6 +9,9 @@
   and Durbin & Koopman): y[0] updates it, and a prediction leads from each measurement to the next.
 - What is missing is NaN, or masked in a masked array: a component, or all of a measurement. In a batch (mean (B,
   n), ys (T, B, m)) each member has its own. `None` in a list is a time without measurement, too.
+- A filter of a batch that fails after the first measurement, by a belief too wide for its angles or without a
+  factor, is left out: its beliefs are NaN from there on, `lost` says why, and the others go on. Where none is left
+  an error is raised, whose `found` is the run up to there.
 - A model that changes is a function of the `Step`, which returns that step's Model: inputs, times between
   measurements, changing sensors, and so measurements of varying size, in a list. Late measurements are put in
   the order of `ts` first: `order = np.argsort(ts, kind="stable")`.
@@ -20,18 +23,31 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from onboard.arrays import Array
-from onboard.filters.belief import Belief, FilterError, Method, Rows, Update, mask, raise_status
+from onboard.filters import extended
+from onboard.filters.belief import Belief, FilterError, Method, NotPositiveDefiniteError, Rows, Update, mask
 from onboard.filters.belief import start as checked
+from onboard.filters.errors import MEMBER, SpreadError, status_error
 from onboard.filters.families import method as method_of
 from onboard.filters.state_space import AnyModel, LinearModel, Model, model_at
 
 LOG_TWO_PI: Final = float(np.log(2 * np.pi))
 
 
+class Lost(NamedTuple):
+    """Which filter of a batch failed, at which measurement, and what it said."""
+
+    member: int
+    k: int
+    error: FilterError
+
+
 class Run(NamedTuple):
     """A filter over T measurements, of one filter or of a batch (..., of B). What belongs to a missing
     measurement is NaN, its NIS and log-likelihood are zero; measurements of varying size are filled with NaN up
     to the largest.
+
+    What belongs to a filter of a batch that is `lost` is NaN, from the measurement where it failed; its NIS is
+    zero, of no degrees of freedom, and its state is another's.
 
     `predictions` and `beliefs`, before and after each update: mean (T, ..., n) and covariance (T, ..., n, n);
     `innovation` (T, ..., m), its covariance (T, ..., m, m), and the predicted measurement; `nis` (T, ...), of so
@@ -51,6 +67,7 @@ class Run(NamedTuple):
     method: Method
     model: AnyModel
     ts: Array
+    lost: tuple[Lost, ...] = ()
 
     def at(self, k: int) -> Model:
         """The model of step k."""
@@ -66,27 +83,18 @@ def run(method: str | Method, model: AnyModel, start: Belief, ys: Any, ts: Any =
     """Run a filter, by itself or by its name, over measurements ys (T, m), or (T, B, m) with a batch of beliefs,
     at times ts (T,) that do not decrease (default 0, 1, ...). Where a time repeats, nothing is predicted.
 
-    Raises FilterError, NotPositiveDefiniteError: the message begins with the measurement that failed.
+    Raises FilterError, NotPositiveDefiniteError: the message begins with the measurement that failed, and `found`
+    is the run up to there.
     """
     chosen = method_of(method) if isinstance(method, str) else method
     checked(*start)
     seen = _measurements(ys, start)
     times = _times(ts, len(seen))
-    if isinstance(model, LinearModel) and chosen.name == "kalman":
-        return _compiled(chosen, model, start, seen, times)
-    state, made = chosen.start(*start), []
-    for k, y in enumerate(seen):
-        try:
-            step = model_at(model, times, k)
-            if k and times[k] > times[k - 1]:
-                state = chosen.predict(state, step.process, step.Q, step.angular_states)
-            prediction = chosen.belief(state)
-            found = _updated(chosen, state, y, step)
-            state = found.belief
-        except FilterError as error:
-            raise type(error)(f"ys[{k}], t = {times[k]:g}: {error}") from error
-        made.append((prediction, chosen.belief(state), found))
-    return _collected(made, chosen, model, times)
+    if isinstance(model, LinearModel):
+        model = _fitted(model, start, seen, times)
+        if chosen.name == "kalman":
+            return _compiled(chosen, model, start, seen, times)
+    return _stepped(chosen, model, start, seen, times)
 
 
 def log_likelihood(update: Any) -> Any:
@@ -137,6 +145,16 @@ def _updated(method: Method, state: Any, y: Array, model: Model) -> Any:
     )
 
 
+def _with_jacobians(method: Method, model: Model, missing: Array) -> Method:
+    """The extended filter with the model's Jacobians, if it has any: zero where y (..., m) is missing."""
+    if method.name != "extended" or (model.process_jacobian is None and model.measure_jacobian is None):
+        return method
+    of_y = model.measure_jacobian
+    if of_y is not None and missing.any():
+        of_y = _blank(of_y, missing[..., None])
+    return extended.method(model.process_jacobian, of_y)
+
+
 def _kept(before: Any, after: Any, gone: Any) -> Any:
     """A state of a batch, with that before where nothing was measured (B,): a filter that counts its updates
     does not count those."""
@@ -149,16 +167,96 @@ def _kept(before: Any, after: Any, gone: Any) -> Any:
 
 
 def _blank(measure: Rows, missing: Array) -> Rows:
-    """A measurement function with zero in place of the missing components (m,), or (B, m) of each filter."""
+    """A measurement function with zero in place of the missing components (m,), or (B, m) of each filter; of its
+    Jacobian (m, 1) or (B, m, 1)."""
 
     def blank(rows: Array) -> Array:
         images = measure(rows)
-        if missing.ndim == 1:
+        if missing.ndim == images.ndim - 1:
             return np.where(missing, 0, images).astype(images.dtype)
-        each = images.reshape(len(missing), -1, images.shape[-1])
+        each = images.reshape(len(missing), -1, *images.shape[1:])
         return np.where(missing[:, None], 0, each).astype(images.dtype).reshape(images.shape)
 
     return blank
+
+
+def _stepped(method: Method, model: AnyModel, start: Belief, ys: list[Array], ts: Array) -> Run:
+    """Any filter, step by step."""
+    state, made, losses = method.start(*start), [], _Losses(start)
+    for k, y in enumerate(ys):
+        while True:
+            try:
+                step = model_at(model, ts, k)
+                own, ahead = _with_jacobians(method, step, np.isnan(losses.replaced(y))), state
+                if k and ts[k] > ts[k - 1]:
+                    ahead = own.predict(state, step.process, step.Q, step.angular_states)
+                found = _updated(own, ahead, losses.replaced(y), step)
+                made.append((method.belief(ahead), method.belief(found.belief), found))
+                break
+            except FilterError as error:
+                if not losses.take(error, k):
+                    before = losses.blanked(_collected(made, method, model, ts[:k])) if k else None
+                    raise _placed(error, k, ts, before) from error
+                state = losses.replaced(state)
+        state = found.belief
+    return losses.blanked(_collected(made, method, model, ts))
+
+
+class _Losses:
+    """The filters of a batch that failed. The first of those left stands in for them, so that the batch keeps its
+    size; what it gives for them is blanked in the end. Where a stand-in fails, it has failed itself."""
+
+    def __init__(self, start: Belief) -> None:
+        self._left = [*range(len(start.mean))] if start.mean.ndim == 2 else []
+        self._members = len(self._left)
+        self._lost: list[Lost] = []
+
+    def take(self, error: FilterError, k: int) -> bool:
+        """Whether the batch can go on without the filter that failed at measurement k. What fails at the first one
+        is not a filter's but an argument's."""
+        if not k or not error.member or not isinstance(error, SpreadError | NotPositiveDefiniteError):
+            return False
+        if len(self._left) < 2:
+            return False
+        member = error.member[0] if error.member[0] in self._left else self._left[0]
+        self._left.remove(member)
+        self._lost.append(Lost(member, k, error))
+        return True
+
+    @property
+    def last(self) -> Lost:
+        """The one that failed last."""
+        return self._lost[-1]
+
+    def replaced(self, state: Any) -> Any:
+        """A state, or an array (B, ...), of a batch, with the rows of those that failed replaced."""
+        if not self._lost:
+            return state
+        if isinstance(state, tuple):
+            each = [self.replaced(part) for part in state]
+            return type(state)(*each) if hasattr(state, "_fields") else tuple(each)
+        if not isinstance(state, np.ndarray) or state.shape[:1] != (self._members,):
+            return state
+        rows = np.full(self._members, self._left[0])
+        rows[self._left] = self._left
+        return state[rows]
+
+    def blanked(self, found: Run) -> Run:
+        """The run, without what stood in for those that failed."""
+        if not self._lost:
+            return found
+        for b, k, _ in self._lost:
+            for array in (*found.predictions, *found.beliefs, *found[2:5], found.log_likelihood):
+                array[k:, b] = np.nan
+            found.nis[k:, b] = found.degrees[k:, b] = 0
+        return found._replace(lost=tuple(self._lost))
+
+
+def _placed(error: FilterError, k: int, ts: Array, found: Run | None) -> FilterError:
+    """The error with the measurement that failed, and what was found before it."""
+    placed = type(error)(f"ys[{k}], t = {ts[k]:g}: {error}")
+    placed.member, placed.found = error.member, found
+    return placed
 
 
 def _collected(made: list[Any], method: Method, model: AnyModel, ts: Array) -> Run:
@@ -201,23 +299,33 @@ def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array]
 
     lead, dtype = start.mean.shape[:-1], start.mean.dtype
     n, m, steps = start.mean.shape[-1], ys[0].shape[-1], len(ys)
-    y = np.stack(ys) if all(one.shape == ys[0].shape for one in ys) else np.empty((0, 0))
-    H, R, F, Q, u = _matrices(model, n, m, steps, dtype)
-    if y.size == 0:
-        raise FilterError("ys: must be of one size for a LinearModel, with NaN where a component is missing")
-    if not np.all(np.diff(ts) > 0):
-        raise FilterError("ts: must increase for a LinearModel, whose F leads from each measurement to the next")
     mean, P = (start.mean, start.covariance) if lead else (start.mean[None], start.covariance[None])
-    y = y.reshape(steps, len(mean), m)
+    y = np.stack(ys).reshape(steps, len(mean), m)
+    H, R, F, Q = (a if a.ndim == 3 else a[None] for a in (model.H, model.R, model.F, model.Q))
+    u = np.zeros((1, n), dtype) if model.inputs is None else model.inputs
     kernel: Any = records.filter_record
-    *found, k, member, status = kernel(mean, P, F, Q, u, H, R, y, mask(model.angular, m))
-    if status:
-        try:
-            raise_status(status)
-        except FilterError as error:
-            where = f"ys[{k}], t = {ts[k]:g}" + (f", filter {member} of the batch" if lead else "")
-            raise type(error)(f"{where}: {error}") from error
-    shaped = [a if lead else a[:, 0] for a in found]
+    losses, saved = _Losses(start), []
+    while True:
+        *found, k, member, status = kernel(mean, P, F, Q, u, H, R, y, mask(model.angular, m))
+        if not status:
+            break
+        error = status_error(status + MEMBER * member, lead)
+        if not losses.take(error, k):
+            parts = [a[:k] for a in found]
+            raise _placed(error, k, ts, losses.blanked(_run_of(parts, lead, method, model, ts[:k])) if k else None)
+        lost = losses.last.member
+        saved.append((lost, k, [a[:k, lost].copy() for a in found]))
+        mean, P = losses.replaced(mean), losses.replaced(P)
+        y = np.stack([losses.replaced(one) for one in y])
+    for member, k, parts in saved:
+        for array, part in zip(found, parts, strict=True):
+            array[:k, member] = part
+    return losses.blanked(_run_of(found, lead, method, model, ts))
+
+
+def _run_of(found: list[Array], lead: tuple[int, ...], method: Method, model: AnyModel, ts: Array) -> Run:
+    """The run of the compiled loop's arrays, of a batch of shape `lead`."""
+    shaped = [a.reshape(len(a), *lead, *a.shape[2:]) for a in found]
     prior, prior_P, after, after_P, innovation, S, predicted, nis, log_l = shaped
     degrees = np.sum(~np.isnan(innovation), axis=-1)
     states = tuple(Belief(*one) for one in zip(after, after_P, strict=True))
@@ -227,25 +335,15 @@ def _compiled(method: Method, model: LinearModel, start: Belief, ys: list[Array]
     )  # fmt: skip
 
 
-def _matrices(model: LinearModel, n: int, m: int, steps: int, dtype: Any) -> list[Array]:
-    """H, R, F, Q and inputs as the kernel takes them, one or one for each step. Raises FilterError."""
-    u = np.zeros(n) if model.inputs is None else model.inputs
-    wanted = {
-        "H": (model.H, (m, n), steps),
-        "R": (model.R, (m, m), steps),
-        "F": (model.F, (n, n), steps - 1),
-        "Q": (model.Q, (n, n), steps - 1),
-        "inputs": (u, (n,), steps - 1),
-    }
-    found = []
-    for name, (given, shape, count) in wanted.items():
-        array = np.asarray(given, dtype)
-        if array.shape not in {shape, (count, *shape)} or not np.isfinite(array).all():
-            raise FilterError(f"{name}: must be finite and {shape}, or {(count, *shape)}, not {array.shape}")
-        found.append(array if array.ndim > len(shape) else array[None])
-    if not len(found[2]):  # one measurement: nothing leads anywhere
-        found[2:] = [np.zeros((1, n, n), dtype), np.zeros((1, n, n), dtype), np.zeros((1, n), dtype)]
-    return found
+def _fitted(model: LinearModel, start: Belief, ys: list[Array], ts: Array) -> LinearModel:
+    """The model in the belief's precision, and of the record's shapes. Raises FilterError."""
+    n, m = start.mean.shape[-1], ys[0].shape[-1]
+    made = model.fitted(n, m, len(ys), start.mean.dtype)
+    if m == 0 or any(one.shape != ys[0].shape for one in ys):
+        raise FilterError("ys: must be of one size for a LinearModel, with NaN where a component is missing")
+    if not np.all(np.diff(ts) > 0):
+        raise FilterError("ts: must increase for a LinearModel, whose F leads from each measurement to the next")
+    return made
 
 
 def _measurements(ys: Any, start: Belief) -> list[Array]:

@@ -5,7 +5,7 @@
     delayed = smooth(found, lag=5)            # what a filter knows five measurements later
 
 Gaussian families: "kalman" by its matrices, "extended" by Jacobians, and all that draw points by the regression
-of the process over them. Several modes: `mode_smoothing`.
+of the process over them. Several modes: `mode_smoothing`; particles: `particle_smoothing`.
 """
 
 from typing import Any, NamedTuple
@@ -15,11 +15,12 @@ import numpy as np
 from onboard.arrays import Array
 from onboard.filters import cubature, extended, kalman
 from onboard.filters.belief import Belief, FilterError, Weights
+from onboard.filters.errors import SpreadError
 from onboard.filters.multiple_model import ModesState
 from onboard.filters.posterior_linearisation import regression
 from onboard.filters.runs import Run
 from onboard.filters.smoothing import rauch_tung_striebel
-from onboard.filters.state_space import LinearModel, Model
+from onboard.filters.state_space import AnyModel, LinearModel, Model
 
 
 class Lines(NamedTuple):
@@ -39,18 +40,52 @@ def smooth(found: Run, lag: int | None = None, weights: Weights | None = None) -
     """
     if found.states and isinstance(found.states[0], ModesState):
         raise FilterError("smooth: takes one filter; that of several modes has `smooth_modes`")
+    if found.method.name == "particle":
+        raise FilterError("smooth: takes a Gaussian filter; a cloud of particles has `smooth_particles`")
     reason = found.method.exempt.get("kalman")
     if reason:
         raise FilterError(f"smooth: {found.method.name} cannot be smoothed by its covariance: {reason}")
     steps = len(found.ts)
     if steps < 2:
         return found.beliefs
+    if found.lost:
+        return _of_those_left(found, lag, weights)
     lines = lines_of(found, weights)
     if lag is None or lag >= steps - 1:
         return rauch_tung_striebel(found.beliefs, *lines, found.angular_states)
     if lag < 0:
         raise FilterError(f"lag: must be 0 or more measurements, not {lag}")
     return found.beliefs if lag == 0 else _fixed_lag(found, lines, lag)
+
+
+def _of_those_left(found: Run, lag: int | None, weights: Weights | None) -> Belief:
+    """A batch of which filters were lost: each of these is smoothed up to its last measurement, or NaN where its
+    beliefs are too wide to be."""
+    made = Belief(*(np.full_like(part, np.nan) for part in found.beliefs))
+    gone = [one.member for one in found.lost]
+    parts: list[tuple[Any, int]] = [(np.setdiff1d(np.arange(made.mean.shape[1]), gone), len(found.ts))]
+    for at, upto in parts + [(np.array([one.member]), one.k) for one in found.lost]:
+        beliefs = Belief(*(part[:upto, at] for part in found.beliefs))
+        # the ends of the record are what decides which step has which model
+        alone = found._replace(beliefs=beliefs, ts=found.ts[:upto], model=_upto(found.model, upto), lost=())
+        try:
+            smoothed = smooth(alone, lag, weights)
+        except SpreadError:
+            if upto == len(found.ts):
+                raise
+            continue
+        for array, part in zip(made, smoothed, strict=True):
+            array[:upto, at] = part
+    return made
+
+
+def _upto(model: AnyModel, steps: int) -> AnyModel:
+    """The model of the first steps of a record."""
+    if not isinstance(model, LinearModel):
+        return model
+    F, Q = (a[: steps - 1] if a.ndim == 3 else a for a in (model.F, model.Q))
+    H, R = (a[:steps] if a.ndim == 3 else a for a in (model.H, model.R))
+    return model._replace(F=F, Q=Q, H=H, R=R, inputs=None if model.inputs is None else model.inputs[: steps - 1])
 
 
 def lines_of(found: Run, weights: Weights | None = None) -> Lines:
@@ -91,7 +126,8 @@ def line_of(name: str, belief: Belief, model: Model, weights: Weights | None = N
     if name == "kalman":
         (F, value), rest = kalman.affine(process, belief.mean, None, angles), 0 * belief.covariance
     elif name == "extended":
-        (value, F), rest = extended.tangent(belief, process, None, None, angles), 0 * belief.covariance
+        value, F = extended.tangent(belief, process, model.process_jacobian, None, angles)
+        rest = 0 * belief.covariance
     else:
         rule = weights or cubature.weights(belief.mean.shape[-1])
         F, value, rest = regression(belief, process, rule, None, angles, angles)

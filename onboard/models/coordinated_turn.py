@@ -18,7 +18,7 @@ UNITS: Final = ("m", "m", "m/s", "m/s", "rad/s")
 
 
 def process(rows: Array, dt: float) -> Array:
-    """State rows (k, 5) after `dt` seconds, in the precision of the rows."""
+    """State rows (k, 5) after `dt` seconds, in the precision of the rows; they may be integers or complex."""
     x, y, vx, vy, rate = rows.T
     half = (0.5 * dt) * rate
     chord = dt * np.sinc(half / np.pi)  # of the circle, over the speed
@@ -33,7 +33,7 @@ def process(rows: Array, dt: float) -> Array:
         ],
         axis=1,
     )
-    return turned.astype(rows.dtype, copy=False)
+    return turned.astype(rows.dtype, copy=False) if rows.dtype.kind == "f" else turned
 
 
 def noise(dt: float, q_acceleration: float, q_rate: float) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import onboard.filters
-from onboard.filters import FilterError, Method, consistency, families, run, smooth
+from onboard.filters import FilterError, Method, consistency, families, particle, run, smooth
 from tests.support import documents
 from tests.support.programs import ROOT
 
@@ -78,7 +78,8 @@ def test_dir_lists_what_there_is_and_each_of_it_is_there() -> None:
 
 
 def test_each_method_is_in_the_module_that_the_table_says() -> None:
-    assert {name: families.method(name) for name in families.MODULES} == onboard.filters.methods()
+    named = {name: families.method(name) for name in families.MODULES}
+    assert named == onboard.filters.methods() | {"particle": particle.METHOD}
     with pytest.raises(KeyError, match="no filter named 'kalmann'; there are: augmented, "):
         families.method("kalmann")
 
@@ -99,6 +100,17 @@ def loaded(code: str) -> set[str]:
 
 def test_importing_the_package_loads_no_compiler() -> None:
     assert "numba" not in loaded("import onboard.filters")
+
+
+def test_no_filter_loads_what_the_daemon_needs() -> None:
+    """The page says so to whoever wants the filters alone."""
+    code = (
+        "import onboard.filters as f; f.methods(); f.run; f.smooth; f.simulate; f.smooth_modes; f.smooth_particles"
+    )
+    others = {"zenoh", "pymavlink", "rerun", "serial", "mcap", "pyulog", "lxml", "msgspec", "matplotlib"}
+    found = loaded(code)
+    assert "onboard.filters.particle_smoothing" in found
+    assert not found & others
 
 
 def test_one_method_loads_no_other_family() -> None:

@@ -3,11 +3,14 @@
 import re
 from pathlib import Path
 
+import msgspec
+import numpy as np
 import pytest
 
 from onboard.commands.cli import main
 from onboard.commands.log_replay import ReplayResult, replay
-from onboard.commands.report_page import summary
+from onboard.commands.report_figures import figures
+from onboard.commands.report_page import FlightReport, _table_pages, summary, write_pdf
 from onboard.commands.report_series import FlightSeries
 from onboard.commands.report_verdict import Check, Grade, judge, worst
 from onboard.config import Config
@@ -92,11 +95,49 @@ def test_the_page_needs_no_other_file_and_is_the_same_every_time(
     text = pages[0].read_text("utf-8")
     assert capsys.readouterr().out.startswith("AMBER: leader: valid")
     assert re.findall(r"<b>(PASS|AMBER|FAIL)</b>", text) == ["AMBER"]
-    assert text.count("<svg") == 3
+    assert text.count("<svg") == 4
+    assert "Our own vehicle, as the autopilot has it" in text
     assert not re.search(r"(src|href)=['\"](?!#)", text)
     assert "size_prior_m" in text
     assert text == pages[1].read_text("utf-8")
     assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_pdf_has_the_tables_that_the_page_has(tmp_path: Path) -> None:
+    rows = [(str(k), "of our own motion", "12.5") for k in range(60)]
+    tables = {"Streams": [("message", "what", "rate, Hz"), *rows], "Faults": [("fault", "from, s")]}
+    pages = [[text.get_text() for text in page.texts] for page in _table_pages(tables)]
+    assert [page[0] for page in pages] == ["Streams", "Streams, from row 53"]
+    assert [page[1] for page in pages] == ["message"] * 2
+    shown = [cell for page in pages for cell in page[4::3]]
+    assert shown == [row[0] for row in rows]
+    report = FlightReport("a", [], [], {}, tables, "")
+    write_pdf(report, tmp_path / "a.pdf")
+    assert len(re.findall(rb"/Type /Page\b", (tmp_path / "a.pdf").read_bytes())) == 3
+
+
+def test_advice_is_that_of_who_wrote_the_log(log: Path) -> None:
+    """A .bin has no `rates_hz`: nobody asked for it."""
+    series, _, replayed = collected(log, make_config())
+    streams = {name: msgspec.structs.replace(s, count=1) for name, s in replayed.health.streams.items()}
+    slow = replayed._replace(health=msgspec.structs.replace(replayed.health, streams=streams))
+    for of_autopilot, named, other in ((True, "LOG_BITMASK", "rates_hz"), (False, "rates_hz", "LOG_BITMASK")):
+        score = LeaderScorer(None).score(replayed.end)
+        advice = [c.advice for c in judge(series, score, slow, of_autopilot=of_autopilot) if "rate:" in c.name]
+        assert len(advice) == 2
+        assert all(named in one and other not in one for one in advice)
+
+
+def test_own_motion_and_how_far_our_own_state_is_off_are_drawn(log: Path) -> None:
+    series, _, _ = collected(log, make_config())
+    own = series.own.table()
+    assert own.shape[1] == 10
+    assert np.abs(own[:, 7:9]).max() < 90.0
+    drawn = figures(series, None, None)["Our own vehicle, as the autopilot has it"]
+    np.testing.assert_allclose(drawn.axes[0].lines[0].get_ydata(), -own[:, 3])
+    series.own_state.append(own[5, 0], 1.0, 1.0, *(own[5, 4:7] + [0.3, 0.0, 0.4]))
+    below = figures(series, None, None)["Our own state: do its sensors agree?"].axes[1]
+    np.testing.assert_allclose(below.lines[0].get_ydata(), [0.5])
 
 
 def test_a_fail_is_exit_code_1(tmp_path: Path) -> None:

@@ -24,5 +24,5 @@ def test_our_own_state_is_graded_by_what_it_was_in_flight(
 ) -> None:
     series = FlightSeries("leader")
     for k, one in enumerate(valid):
-        series.own_state.append(0.1 * k, one, nis if one else math.nan)
+        series.own_state.append(0.1 * k, one, nis if one else math.nan, 0.0, 0.0, 0.0)
     assert [check.grade for check in _own_state(series)] == [*grades, Grade.PASS]  # the last: no faults

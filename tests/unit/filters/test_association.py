@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
+from onboard.filters import FilterError
 from onboard.filters.association import assign, candidates
 
 
@@ -55,6 +56,25 @@ def test_the_assignment_is_that_of_the_whole_problem(seed: int) -> None:
     allowed = matrix[row, column] < 1e9
     assert len(t) == allowed.sum() > 15
     assert matrix[t, e].sum() == pytest.approx(matrix[row, column][allowed].sum())
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3, 1e9, 1e16, 1e100, -1.0, -1e9, -1e16])
+@pytest.mark.parametrize("offset", [0.0, 1e9, -1e9])
+def test_costs_of_any_size_are_assigned(scale: float, offset: float) -> None:
+    """Two pairs are more than one, whatever they cost; costs of 1e9 were taken for pairs outside of the gate."""
+    tracks, echoes = np.array([0, 0, 1]), np.array([0, 1, 0])
+    costs = offset + scale * np.array([1.0, 8.0, 8.0])
+    t, e = assign(tracks, echoes, costs)
+    assert sorted(zip(t.tolist(), e.tolist(), strict=True)) == [(0, 1), (1, 0)]
+    whole = assign(np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]), scale * np.array([1.0, 5.0, 2.0, 3.0]))
+    best = [(0, 0), (1, 1)] if scale > 0 else [(0, 1), (1, 0)]
+    assert sorted(zip(*(a.tolist() for a in whole), strict=True)) == best
+
+
+@pytest.mark.parametrize("cost", [np.nan, np.inf, -np.inf])
+def test_a_cost_that_is_not_finite_is_refused(cost: float) -> None:
+    with pytest.raises(FilterError, match="costs: not finite"):
+        assign(np.array([0, 0, 1]), np.array([0, 1, 0]), np.array([1.0, cost, 2.0]))
 
 
 def test_nothing_to_assign() -> None:

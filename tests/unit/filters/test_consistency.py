@@ -4,7 +4,19 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from onboard.filters import Belief, FilterError, LinearModel, consistency, discretisation, gating, plots, run
+from onboard.filters import (
+    Belief,
+    FilterError,
+    LinearModel,
+    Model,
+    consistency,
+    discretisation,
+    gating,
+    plots,
+    run,
+    simulate,
+    smooth,
+)
 from onboard.filters.runs import Run
 
 RUNS, STEPS = 200, 40
@@ -53,6 +65,33 @@ def test_the_error_of_some_states(flown: tuple[Run, np.ndarray]) -> None:
     )
     with pytest.raises(FilterError, match="truth: must have the shape of the means"):
         consistency.rms(found.beliefs, truth[:, :1])
+
+
+def test_errors_of_angles_wrap_everywhere_seed_3() -> None:
+    """A heading near pi, whose estimate is on the other side of the seam: the NEES was 6577, for 1."""
+    rng, P = np.random.default_rng(3), np.diag([1e-2, 0.25])
+    model = Model(lambda r: r.copy(), 1e-6 * np.eye(2), lambda r: r.copy(), P, angular=(0,), angular_states=(0,))
+    start = Belief(np.tile([np.pi, 1.0], (RUNS, 1)), np.tile(P, (RUNS, 1, 1)))
+    truth, ys = simulate(model, start, STEPS, rng)
+    truth[..., 0] = (truth[..., 0] + np.pi) % (2 * np.pi) - np.pi  # kept in [-pi, pi], as a log keeps it
+    found = run("unscented", model, start, ys)
+    named = {"angular_states": (0,)}
+    assert consistency.nees(found, truth).inside > 0.8
+    assert consistency.nees(found.beliefs, truth, **named).inside > 0.8
+    assert consistency.nees(smooth(found), truth, **named).mean.max() < 3.0
+    assert consistency.nees(found, truth, angular_states=()).mean.min() > 100.0  # as of any other state
+    sigma = np.sqrt(found.beliefs.covariance[..., 0, 0].mean(axis=1))
+    np.testing.assert_allclose(consistency.rms(found, truth, (0,)), sigma, rtol=0.25)
+    np.testing.assert_array_equal(
+        consistency.rms(found.beliefs, truth, (0,), **named), consistency.rms(found, truth, (0,))
+    )
+    mpl.use("agg")
+    one = found._replace(beliefs=Belief(found.beliefs.mean[:, 0], found.beliefs.covariance[:, 0]))
+    for axes in (plots.errors(one, truth[:, 0]), plots.errors(one.beliefs, truth[:, 0], **named)):
+        assert np.abs(axes[0].lines[0].get_ydata()).max() < 1.0
+    assert plots.nees(found, truth).lines[0].get_ydata().max() < 4.0
+    assert plots.nees(found.beliefs, truth, **named).lines[0].get_ydata().max() < 4.0
+    mpl.pyplot.close("all")
 
 
 def test_figures_are_drawn_in_a_line_each(flown: tuple[Run, np.ndarray]) -> None:

@@ -95,3 +95,51 @@ def test_a_function_without_a_maximum_and_parts_that_are_none_are_refused() -> N
     flat = maximum_likelihood(lambda theta: -float(theta[0] ** 2), [1.0, 1.0])  # says nothing of the second
     assert np.isnan(flat.covariance).all()
     assert flat.theta[0] == pytest.approx(0.0, abs=1e-4)
+
+
+CV, PLACE = np.array([[1.0, 1.0], [0.0, 1.0]]), np.eye(1, 2)
+EXACT = {  # records that a model fits to the last digit: the model, the record, and its first belief
+    "constant": (LinearModel(ONE, ONE, ONE, ONE), np.full((50, 1), 3.0), Belief(np.zeros(1), 100 * ONE)),
+    "nothing": (LinearModel(ONE, ONE, ONE, ONE), np.zeros((50, 1)), Belief(np.zeros(1), 100 * ONE)),
+    "geometric": (LinearModel(ONE, ONE, ONE, ONE), 0.9 ** np.arange(50.0)[:, None], Belief(np.zeros(1), ONE)),
+    "line": (
+        LinearModel(CV, np.eye(2), PLACE, ONE),
+        np.arange(50.0)[:, None],
+        Belief(np.zeros(2), 100 * np.eye(2)),
+    ),
+    "two": (LinearModel(ONE, ONE, ONE, ONE), np.ones((2, 1)), Belief(np.zeros(1), 100 * ONE)),
+    "a batch": (
+        LinearModel(CV, np.eye(2), PLACE, ONE),
+        np.arange(50.0)[:, None, None] * np.array([[1.0], [2.0]]),
+        Belief(np.zeros((2, 2)), np.tile(100 * np.eye(2), (2, 1, 1))),
+    ),
+}
+
+
+@pytest.mark.parametrize("parts", [("Q", "R"), ("F", "Q", "R", "start")], ids="-".join)
+@pytest.mark.parametrize("record", EXACT)
+def test_a_record_that_the_model_fits_exactly_is_fitted(record: str, parts: tuple[str, ...]) -> None:
+    """Variances fall towards zero, and rounding left Q without a factor: an error for a fit, on the line."""
+    model, ys, start = EXACT[record]
+    fit = expectation_maximisation(model, start, ys, parts, iterations=300)
+    assert np.all(np.diff(fit.log_likelihood) >= 0)
+    found = run("kalman", fit.model, fit.start, ys)
+    assert found.log_likelihood.sum() == pytest.approx(fit.log_likelihood[-1], rel=0.2)
+    if "F" in parts or record in {"constant", "line", "nothing", "a batch"}:
+        assert not fit.converged or fit.log_likelihood[-1] > 10 * ys.size
+        assert np.trace(fit.model.R) < 1e-8
+
+
+def test_a_fit_says_whether_it_converged() -> None:
+    first = LinearModel(ONE, 10_000 * ONE, ONE, 10_000 * ONE)
+    assert expectation_maximisation(first, DIFFUSE, FLOW, iterations=2000).converged
+    assert not expectation_maximisation(first, DIFFUSE, FLOW, iterations=3).converged
+    assert maximum_likelihood(nile, np.log([10_000.0, 10_000.0])).converged
+
+
+def test_one_measurement_leaves_what_leads_to_the_next_open() -> None:
+    model, start = LinearModel(ONE, ONE, ONE, ONE), Belief(np.zeros(1), ONE)
+    for parts in (("Q",), ("F",)):
+        with pytest.raises(FilterError, match="ys: F and Q need at least two measurements"):
+            expectation_maximisation(model, start, np.ones((1, 1)), parts)
+    assert expectation_maximisation(model, start, np.ones((1, 1)), ("R",), 5).model.R[0, 0] < 1.0

@@ -11,16 +11,22 @@ from onboard.filters import (
     FilterError,
     LinearModel,
     Model,
+    NotPositiveDefiniteError,
     Step,
+    consistency,
+    expectation_maximisation,
     extended,
     kalman,
     log_likelihood,
     methods,
     multiple_model,
     run,
+    simulate,
+    smooth,
     unscented,
 )
 from onboard.filters.belief import Method
+from onboard.filters.errors import SpreadError
 from tests.conformance.problems import cases
 from tests.support.filter_problems import spd
 from tests.support.nile import FLOW
@@ -195,3 +201,211 @@ def test_what_does_not_fit_is_refused_and_where() -> None:
     one = run("kalman", model, start, ys[:1])  # nothing leads anywhere
     np.testing.assert_allclose(one.beliefs.covariance, [[[0.5]]])
     assert extended.METHODS[0].name == run("extended", model, start, ys).method.name
+
+
+PER_STEP = {"F": T - 1, "Q": T - 1, "H": T, "R": T, "inputs": T - 1}
+
+
+def misfits(name: str, model: LinearModel) -> list[Any]:
+    """What does not fit a record of T measurements, though a loop that takes what it needs step by step would not
+    notice: one too many, too few, another shape, and what is no number."""
+    given = np.asarray(getattr(model, name))
+    one = given[0] if name == "inputs" else given
+    each = np.repeat(one[None], PER_STEP[name], axis=0)
+    wrong = [np.concatenate([each, each[:1]]), each[:-1], each[:, :1], each[..., :1], one[..., :1], each * np.nan]
+    return [*wrong, np.ma.masked_array(each, each > 0), each.astype(complex), each[0].astype(str)]
+
+
+@pytest.mark.parametrize("method", ["kalman", "extended", "unscented", "particle", "imm"])
+@pytest.mark.parametrize("name", PER_STEP)
+def test_every_loop_checks_a_linear_model_alike_seed_7(method: str, name: str) -> None:
+    """Of inputs with a row too many NIS was 608 for 0 in all loops but one; a row too few was an IndexError."""
+    model, start, ys = problem(7)
+    start, ys = Belief(start.mean[0], start.covariance[0]), ys[:, 0]
+    for wrong in misfits(name, model):
+        with pytest.raises(FilterError, match=rf"^{name}: must be "):
+            run(method, model._replace(**{name: wrong}), start, ys)
+    with pytest.raises(FilterError, match="ts: must increase for a LinearModel"):
+        run(method, model, start, ys, np.repeat(np.arange(T / 2), 2))
+    with pytest.raises(FilterError, match="ys: must be of one size for a LinearModel"):
+        run(method, model, start, [*ys[:-1], ys[-1, :1]])
+
+
+@pytest.mark.parametrize("method", ["kalman", "extended", "unscented", "imm"])
+def test_every_loop_takes_matrices_by_step_lists_and_integers_alike_seed_8(method: str) -> None:
+    model, start, ys = problem(8)
+    start, ys = Belief(start.mean[0], start.covariance[0]), ys[:, 0]
+    F, Q, H, R = (np.rint(a) for a in (model.F, 9 * model.Q, 9 * model.H, 9 * model.R))
+    whole = LinearModel(F, Q, H, R, np.ones(N))
+    want = run("kalman", whole, start, ys)
+    each = {name: np.repeat(getattr(whole, name)[None], count, axis=0) for name, count in PER_STEP.items()}
+    for given in (
+        whole,
+        LinearModel(**each),
+        LinearModel(**{name: a.astype(int) for name, a in each.items()}),
+        LinearModel(**{name: a.tolist() for name, a in each.items()}),
+    ):
+        found = run(method, given, start, ys)
+        np.testing.assert_allclose(found.beliefs.mean, want.beliefs.mean, rtol=1e-7, atol=1e-7)
+        if method != "imm":
+            np.testing.assert_allclose(smooth(found).mean, smooth(want).mean, rtol=1e-7, atol=1e-7)
+        if method == "kalman":
+            fit = expectation_maximisation(whole._replace(inputs=given.inputs), start, ys, iterations=2)
+            assert np.isfinite(fit.model.Q).all()
+    nowhere = {name: a[: count - T + 1] for (name, a), count in zip(each.items(), PER_STEP.values(), strict=True)}
+    for given in (whole, LinearModel(**nowhere)):  # of one measurement, none leads to another
+        one = run(method, given, start, ys[:1])
+        np.testing.assert_allclose(one.beliefs.mean[0], want.beliefs.mean[0], rtol=1e-7)
+
+
+def turning(rows: Array) -> Array:
+    """A tenth of a second of x, y, speed, heading and its rate."""
+    x, y, v, heading, rate = rows.T
+    moved = [x + 0.1 * v * np.cos(heading), y + 0.1 * v * np.sin(heading), v, heading + 0.1 * rate, rate]
+    return np.stack(moved, 1)
+
+
+TURNING = Model(
+    turning,
+    np.diag([1e-4, 1e-4, 1e-3, 1e-4, 1e-3]),
+    lambda rows: rows[:, [0, 1, 3]],
+    np.diag([0.25, 0.25, 0.01]),
+    angular=(2,),
+    angular_states=(3,),
+)
+
+
+def gap(members: int, silent: tuple[int, ...]) -> tuple[Belief, Array, Array]:
+    """Truth and measurements of a batch, of which some have none for 22 s after the tenth."""
+    first = np.array([0.0, 0.0, 10.0, 0.0, 0.1])
+    P = np.diag([0.01, 0.01, 0.01, 0.01, 0.01])
+    start = Belief(np.tile(first, (members, 1)), np.tile(P, (members, 1, 1)))
+    truth, ys = simulate(TURNING, start, 260, np.random.default_rng(9))
+    ys[10:230, list(silent)] = np.nan
+    return start, truth, ys
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        *("unscented", "cubature", "square-root", "gauss-hermite", "ensemble", "augmented"),
+        *("posterior-linearisation", "csvsf-robust", "imm", "unscented-scaled-1"),
+    ],
+)
+def test_a_member_that_fails_does_not_stop_the_batch_seed_9(method: str) -> None:
+    """A heading that is not measured for 22 s is too wide for sigma points: of members 1 and 3 alone."""
+    start, truth, ys = gap(5, (1, 3))
+    found = run(method, TURNING, start, ys)
+    assert sorted(one.member for one in found.lost) == [1, 3]
+    for b in range(5):
+        only = Belief(start.mean[b], start.covariance[b])
+        upto = next((one.k for one in found.lost if one.member == b), len(ys))
+        assert upto > 30
+        assert np.isnan(found.beliefs.mean[upto:, b]).all()
+        assert np.isnan(found.log_likelihood[upto:, b]).all()
+        if method == "ensemble":  # each of a batch has its own numbers
+            continue
+        if upto < len(ys):
+            with pytest.raises(SpreadError, match=rf"^ys\[{upto}\], t = {upto}: angle: ") as failed:
+                run(method, TURNING, only, ys[:, b])
+            alone = failed.value.found
+            assert len(alone.ts) == upto
+        else:
+            alone = run(method, TURNING, only, ys[:, b])
+        np.testing.assert_allclose(alone.beliefs.mean, found.beliefs.mean[:upto, b], rtol=1e-8, atol=1e-8)
+        if method in ("unscented", "square-root"):
+            weights = unscented.julier_weights(5) if method == "unscented" else None  # the filter's own
+            want = smooth(alone, weights=weights).mean
+            np.testing.assert_allclose(want, smooth(found, None, weights).mean[:upto, b], rtol=1e-7, atol=1e-7)
+    if method == "unscented":  # by points that are farther out it is too wide, but the others are smoothed
+        assert np.isnan(smooth(found).mean[:, 1]).all()
+        assert np.isfinite(smooth(found).mean[:, 0]).all()
+    assert consistency.nees(found, truth).expected[-1] == 3.0  # of five states, three of five filters are left
+    assert np.isfinite(consistency.rms(found, truth)).all()
+    assert consistency.nis(found).expected[-1] == pytest.approx(3 * 3 / 5)
+
+
+def test_where_no_filter_is_left_the_good_steps_are_in_the_error_seed_9() -> None:
+    start, _, ys = gap(2, (0, 1))
+    with pytest.raises(SpreadError, match=r"filter [01] of the batch") as failed:
+        run("unscented", TURNING, start, ys)
+    found = failed.value.found
+    assert len(found.lost) == 1
+    assert 50 < len(found.ts) < 230
+    assert np.isfinite(found.beliefs.mean[:50]).all()
+
+
+def test_one_that_stands_in_for_others_may_fail_too_seed_9() -> None:
+    """Of five, the first three: each stood in for those before it."""
+    start, _, ys = gap(5, (0, 1, 2))
+    found = run("unscented", TURNING, start, ys)
+    assert sorted(one.member for one in found.lost) == [0, 1, 2]
+    assert np.isfinite(found.beliefs.mean[:, 3:]).all()
+    assert np.isnan(found.beliefs.mean[-1, :3]).all()
+
+
+def test_the_compiled_loop_leaves_out_a_member_too_seed_10() -> None:
+    """Known exactly and measured exactly, from the fourth measurement on: its innovation has no width."""
+    _, start, ys = problem(10)
+    H, R = np.tile(np.eye(1, N), (T, 1, 1)), np.ones((T, 1, 1))
+    F, Q = np.tile(np.eye(N), (T - 1, 1, 1)), np.zeros((T - 1, N, N))
+    R[4] = 0
+    P = start.covariance.copy()
+    P[2] = 0
+    exact, ys = LinearModel(F, Q, H, R), np.nan_to_num(ys[..., :1])
+    for method in ("kalman", "extended"):
+        found = run(method, exact, Belief(start.mean, P), ys)
+        assert [(one.member, one.k) for one in found.lost] == [(2, 4)]
+        assert np.isfinite(found.beliefs.mean[:4, 2]).all()
+        assert np.isnan(found.beliefs.mean[4:, 2]).all()
+        np.testing.assert_array_equal(found.beliefs.mean[:4, 2], np.tile(start.mean[2], (4, 1)))
+        alone = run(method, exact, Belief(start.mean[3], P[3]), ys[:, 3])
+        np.testing.assert_allclose(alone.beliefs.mean, found.beliefs.mean[:, 3], atol=1e-9)
+        with pytest.raises(NotPositiveDefiniteError, match=r"^ys\[4\], t = 4: ") as failed:
+            run(method, exact, Belief(start.mean[2], P[2]), ys[:, 2])
+        assert len(failed.value.found.ts) == 4
+    with pytest.raises(FilterError, match="R") as at_once:  # an argument, and no member's fault
+        run("kalman", exact._replace(R=-R[0]), start, ys)
+    assert at_once.value.found is None
+
+
+def test_jacobians_of_one_s_own_are_taken_in_runs_and_smoothers_seed_11() -> None:
+    calls = {"process": 0, "measure": 0}
+
+    def of_process(rows: Array) -> Array:
+        calls["process"] += 1
+        v, heading, n = rows[:, 2], rows[:, 3], len(rows)
+        slope = np.tile(np.eye(5), (n, 1, 1))
+        slope[:, 0, 2], slope[:, 0, 3] = 0.1 * np.cos(heading), -0.1 * v * np.sin(heading)
+        slope[:, 1, 2], slope[:, 1, 3] = 0.1 * np.sin(heading), 0.1 * v * np.cos(heading)
+        slope[:, 3, 4] = 0.1
+        return slope
+
+    def of_measure(rows: Array) -> Array:
+        calls["measure"] += 1
+        return np.tile(np.eye(5)[[0, 1, 3]], (len(rows), 1, 1))
+
+    start, _, ys = gap(3, (1,))
+    ys = ys[:60]
+    ys[7, 0, 1] = ys[30:40, 2, 0] = np.nan
+    own = TURNING._replace(process_jacobian=of_process, measure_jacobian=of_measure)
+    stepped = TURNING._replace(process_jacobian=extended.complex_step(turning))
+    want = run("extended", TURNING, start, ys)
+    for model in (own, stepped, lambda _: own):
+        found = run("extended", model, start, ys)
+        np.testing.assert_allclose(found.beliefs.mean, want.beliefs.mean, rtol=1e-6, atol=1e-6)
+        np.testing.assert_allclose(found.log_likelihood, want.log_likelihood, rtol=1e-5, atol=1e-5)
+        before = dict(calls)
+        np.testing.assert_allclose(smooth(found).mean, smooth(want).mean, rtol=1e-5, atol=1e-5)
+        assert model is stepped or calls["process"] > before["process"] > 0 < calls["measure"]
+    with pytest.raises(FilterError, match=r"ys\[1\], t = 1: jacobian: gave"):
+        run("extended", TURNING._replace(process_jacobian=lambda rows: rows), start, ys)
+
+
+def test_complex_steps_are_the_derivatives_to_the_last_digits() -> None:
+    rows = np.array([[0.3, 2.0], [1.0, 0.5]])
+    found = extended.complex_step(lambda x: np.stack([np.sin(x[:, 0]) * x[:, 1], x[:, 1] ** 3], 1))(rows)
+    want = [[[np.cos(a) * b, np.sin(a)], [0.0, 3 * b * b]] for a, b in rows]
+    np.testing.assert_allclose(found, want, rtol=1e-15)
+    with pytest.raises(FilterError, match="model: gave float64"):
+        extended.complex_step(lambda x: x.real)(rows)

@@ -4,6 +4,7 @@ import numpy as np
 
 from onboard.arrays import Array
 from onboard.filters.discretisation import rk4, white_acceleration
+from onboard.filters.extended import complex_step
 from onboard.models import coordinated_turn
 
 
@@ -22,6 +23,20 @@ def test_one_step_equals_an_accurate_integration_seed_1() -> None:
     single = coordinated_turn.process(rows.astype(np.float32), 2.0)
     assert single.dtype == np.float32
     np.testing.assert_allclose(single, fine, rtol=1e-3, atol=1e-2)
+
+
+def test_integer_rows_are_numbers_and_complex_ones_differentiate() -> None:
+    """Integers were truncated: [0, 0, 1, 1, 0] for a point that has moved by a tenth."""
+    rows = np.array([[0, 0, 1, 1, 1], [5, -3, 10, 0, 0]])
+    want = coordinated_turn.process(rows.astype(float), 0.1)
+    np.testing.assert_array_equal(coordinated_turn.process(rows, 0.1), want)
+    slope = complex_step(lambda x: coordinated_turn.process(x, 0.1))(rows.astype(float))
+    for i in range(5):
+        step = 1e-6 * np.eye(5)[i]
+        by_difference = (
+            coordinated_turn.process(rows + step, 0.1) - coordinated_turn.process(rows - step, 0.1)
+        ) / 2e-6
+        np.testing.assert_allclose(slope[:, :, i], by_difference, atol=1e-8)
 
 
 def test_a_full_circle_comes_back() -> None:

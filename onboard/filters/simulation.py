@@ -1,0 +1,64 @@
+"""Records drawn from a model: what `run` is tried on.
+
+    truth, ys = simulate(model, start, 100, np.random.default_rng(1))          # (T, n), (T, m)
+    found = run("unscented", model, start, ys)
+    consistency.nees(found, truth).inside
+
+The first state is drawn from the belief `start`, which is that of the first measurement's time, as in `run`.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from onboard.arrays import Array
+from onboard.filters.angles import beside
+from onboard.filters.belief import Belief, FilterError, over_rows
+from onboard.filters.belief import start as checked
+from onboard.filters.kernels.calls import noise_factor
+from onboard.filters.state_space import AnyModel, LinearModel, model_at
+
+
+class Simulated(NamedTuple):
+    """States (T, ..., n), and measurements of them (T, ..., m): a list of (..., m) where their size changes."""
+
+    truth: Array
+    ys: Any
+
+
+def simulate(
+    model: AnyModel, start: Belief, ts: int | Sequence[float] | Array, rng: np.random.Generator
+) -> Simulated:
+    """States and measurements of a model at times ts (T,), or of so many at 0, 1, ...: one record, or as many as
+    the belief `start` has filters, mean (B, n). Measured angles are in [-pi, pi].
+
+    Raises FilterError, NotPositiveDefiniteError.
+    """
+    mean, covariance = checked(*start)
+    times = np.arange(float(ts)) if isinstance(ts, int) else np.asarray(ts, float)
+    if times.ndim != 1 or not len(times) or not np.all(np.diff(times) >= 0):
+        raise FilterError(f"ts: must be times that do not decrease, or a number of at least 1, not {ts}")
+    if isinstance(model, LinearModel):
+        model = model.fitted(mean.shape[-1], np.shape(model.H)[-2], len(times), mean.dtype)
+    x = mean + _drawn("covariance", covariance, mean.shape, rng)
+    truth, ys = [], []
+    for k in range(len(times)):
+        step = model_at(model, times, k)
+        if isinstance(step.process, tuple) or isinstance(step.measure, tuple) or isinstance(step.Q, tuple):
+            raise FilterError("model: has several modes; simulate each stretch by the model of its mode")
+        if k and times[k] > times[k - 1]:
+            x = over_rows(step.process, x[..., None, :])[..., 0, :]
+            x = x + _drawn("Q", step.Q, x.shape, rng)
+        image = over_rows(step.measure, x[..., None, :], x)[..., 0, :]
+        y = image + _drawn("R", step.R, image.shape, rng)
+        truth.append(x)
+        ys.append(beside(y, np.zeros_like(y), step.angular))
+    same = all(y.shape == ys[0].shape for y in ys)
+    return Simulated(np.stack(truth), np.stack(ys) if same else ys)
+
+
+def _drawn(name: str, covariance: Array, shape: tuple[int, ...], rng: np.random.Generator) -> Array:
+    """Noise (..., m) of a covariance (..., m, m), which may be singular."""
+    z = rng.standard_normal(shape).astype(covariance.dtype)
+    return np.asarray((noise_factor(name, covariance) @ z[..., None])[..., 0])
