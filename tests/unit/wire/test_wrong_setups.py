@@ -20,7 +20,7 @@ def refused(data: bytes, encoding: Encoding, times: int, key: bytes | None = Non
     """Why each of so many pieces of one channel is refused."""
     reasons: list[str] = []
     keys = {} if key is None else {"a": key}
-    decoder = DatagramDecoder(on_refused=lambda _, reason, __: reasons.append(reason), keys=keys)
+    decoder = DatagramDecoder(on_refused=lambda _, why, __: reasons.append(why.words), keys=keys)
     for _ in range(times):
         decoder.decode(Datagram(channel="a", encoding=encoding, t_recv_ns=NOW, data=data))
     return reasons
